@@ -1,0 +1,14 @@
+//! The built-in node packs of maquette, written with its public API alone.
+
+use maquette::Pack;
+
+pub mod image;
+pub mod mesh;
+pub mod nurbs;
+pub mod range;
+pub mod subdivision;
+
+mod laplace;
+
+/// All built-in packs, in pipeline order.
+pub const PACKS: &[Pack] = &[image::PACK, range::PACK, nurbs::PACK, subdivision::PACK, mesh::PACK];

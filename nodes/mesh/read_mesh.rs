@@ -1,0 +1,74 @@
+//! Reads a mesh from a file.
+
+use maquette::format::{obj, ply};
+use maquette::value::Mesh;
+use maquette::{Context, Error, FilePath, Node};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Reads a mesh: an OBJ or PLY file. Coordinates are taken as they are: mm, y up.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct ReadMesh {
+    /// The file; its ending says of which format it is.
+    pub path: FilePath,
+}
+
+/// Why there is no mesh.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ReadMeshError {
+    /// A file of another format.
+    #[error("no mesh can be read from `.{ending}`; known are {}", endings())]
+    Ending {
+        /// The ending of the file's name, without the dot.
+        ending: String,
+    },
+}
+
+impl Node for ReadMesh {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let file = cx.file(&self.path)?;
+        Ok((read_mesh(file.bytes(), &file.ending())?,))
+    }
+}
+
+type Reader = fn(&[u8]) -> Result<Mesh, Error>;
+
+/// What reads the files of each ending.
+const READERS: &[(&str, Reader)] =
+    &[("obj", |bytes| Ok(obj::read(bytes)?)), ("ply", |bytes| Ok(ply::read(bytes)?))];
+
+/// The mesh in a file whose name ends in `ending`: `obj` or `ply`.
+///
+/// # Errors
+/// If the ending is another one, or the bytes are no such file.
+pub fn read_mesh(bytes: &[u8], ending: &str) -> Result<Mesh, Error> {
+    let reader = READERS.iter().find(|reader| reader.0 == ending);
+    let (_, read) = reader.ok_or_else(|| ReadMeshError::Ending { ending: ending.to_owned() })?;
+    read(bytes)
+}
+
+fn endings() -> String {
+    READERS.iter().map(|reader| reader.0).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ending_says_what_is_read() {
+        let triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        assert_eq!(read_mesh(triangle, "obj").unwrap().faces().len(), 1);
+        assert!(read_mesh(triangle, "ply").is_err());
+    }
+
+    #[test]
+    fn another_ending_is_an_error_that_lists_the_known_ones() {
+        let error = read_mesh(b"", "stl").unwrap_err();
+        assert_eq!(error.to_string(), "no mesh can be read from `.stl`; known are obj, ply");
+        assert!(matches!(error.downcast(), Some(ReadMeshError::Ending { .. })));
+    }
+}

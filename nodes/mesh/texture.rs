@@ -1,0 +1,312 @@
+//! Puts a picture on a mesh.
+
+use maquette::value::{Attribute, CaptureFrame, Image, Mesh, MeshError, RangeError, RangeImage};
+use maquette::{Context, Error, In, Node};
+use nalgebra::Point3;
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Puts a picture on a mesh.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Texture {
+    /// The mesh.
+    pub mesh: In<Mesh>,
+    /// The picture.
+    pub image: In<Image>,
+    /// The capture before any change, from which `Planar` takes extents and camera; if left out, those of the mesh.
+    pub range: Option<In<RangeImage>>,
+    /// Where on the picture each vertex lies.
+    #[serde(default)]
+    pub mapping: Mapping,
+}
+
+/// Where on a picture the vertices of a mesh lie.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub enum Mapping {
+    /// Where the mesh's own texture coordinates say. A mesh out of a capture brings them along from before any change, so that
+    /// the picture sticks to what it shows.
+    #[default]
+    Bound,
+    /// Projected along z, without perspective.
+    Planar {
+        /// Half the picture's width and height, measured in half extents of the object: 1 if the object fills the picture.
+        /// 0 takes it from the camera; without a camera it is 1.
+        #[schemars(range(min = 0.0))]
+        #[serde(default)]
+        scale: (f64, f64),
+    },
+}
+
+/// Why a picture cannot be put on a mesh.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TextureError {
+    /// A mesh without texture coordinates.
+    #[error(
+        "the mesh has no texture coordinates `uv` to be bound by: triangulate a capture first, or use `Planar`"
+    )]
+    Unbound,
+    /// A picture of no size.
+    #[error("the picture has no pixels")]
+    Empty,
+    /// An object that has no width or no height.
+    #[error("the object has no extent along {axis}, by which the picture could be scaled")]
+    Flat {
+        /// The axis: x or y.
+        axis: char,
+    },
+    /// A range image without points.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+    /// A projection that leaves the numbers.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}
+
+impl Node for Texture {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let (mesh, image) = (cx.get(&self.mesh), cx.get(&self.image));
+        let range = self.range.as_ref().map(|range| cx.get(range));
+        let size = [image.width(), image.height()];
+        if let Some(picture) = mesh.frame().map(|frame| frame.picture)
+            && picture != size
+        {
+            cx.warn(format!(
+                "the picture has {} x {} pixels, but that of the mesh's capture has {} x {}",
+                size[0], size[1], picture[0], picture[1]
+            ));
+        }
+        Ok((texture(mesh, image, range, self.mapping)?,))
+    }
+}
+
+/// The same mesh with `image` on it, and with texture coordinates by `mapping`.
+///
+/// # Errors
+/// If the picture is empty, `Bound` finds no texture coordinates, or `Planar` no extents.
+pub fn texture(
+    mesh: &Mesh,
+    image: &Image,
+    range: Option<&RangeImage>,
+    mapping: Mapping,
+) -> Result<Mesh, TextureError> {
+    if image.pixels().is_empty() {
+        return Err(TextureError::Empty);
+    }
+    let mapped = match mapping {
+        Mapping::Bound => {
+            let bound = [mesh.vertex(), mesh.corner()].map(|attributes| attributes.pairs("uv"));
+            if bound == [None; 2] {
+                return Err(TextureError::Unbound);
+            }
+            mesh.clone()
+        }
+        Mapping::Planar { scale } => {
+            let window = Window::new(mesh, range, scale.into())?;
+            let uv = mesh.positions().par_iter().with_min_len(4096).map(|&p| window.uv(p));
+            let uv: Vec<[f64; 2]> = uv.collect();
+            mesh.clone().without("uv").with_vertex("uv", Attribute::Pair(uv.into()))?
+        }
+    };
+    Ok(mapped.with_texture(Some(image.clone())))
+}
+
+/// What a picture covers of the object's x-y plane.
+///
+/// The planar mapping of the range-data redesign method: `s = (x + alpha a) / (2 alpha a)` and
+/// `t = (y + beta b) / (2 beta b)`, with x and y measured from the axis of projection, y up, and `a`, `b` half the extents of
+/// the object; `alpha a` and `beta b` are half the picture's width and height in the object's unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// Where the axis of projection is, in the object's x and y.
+    pub axis: [f64; 2],
+    /// The texture coordinate there.
+    pub center: [f64; 2],
+    /// Half the picture's width and height (`alpha a`, `beta b`), in mm; not 0.
+    pub half: [f64; 2],
+    /// Whether y points down in the picture, as it does in captures.
+    pub y_down: bool,
+}
+
+impl Window {
+    /// The window of the capture that `mesh` comes from, or of `range` if given.
+    ///
+    /// With a camera the axis is the camera's, at its principal point, and the size is what the camera sees at the median
+    /// depth: `alpha a = (W / 2) z / fx`. Without one the axis goes through the middle of the object, and the object fills
+    /// the picture. A `scale` (alpha, beta) other than 0 sets the size by the object's half extents.
+    ///
+    /// # Errors
+    /// If the object has no points, or no extent by which to scale.
+    pub fn new(
+        mesh: &Mesh,
+        range: Option<&RangeImage>,
+        scale: [f64; 2],
+    ) -> Result<Self, TextureError> {
+        let frame = match range {
+            Some(range) => Some(range.capture_frame()?),
+            None => mesh.frame().copied(),
+        };
+        let (low, high) = match range {
+            Some(range) => bounds((0..range.points().len()).filter_map(|cell| range.point(cell))),
+            None => mesh.bounds(),
+        }
+        .unwrap_or_default();
+        let middle = [0, 1].map(|k| low[k] / 2.0 + high[k] / 2.0);
+        let extent = [0, 1].map(|k| high[k] / 2.0 - low[k] / 2.0);
+        let seen = frame.as_ref().and_then(seen);
+        let mut half = extent;
+        for k in 0..2 {
+            half[k] = match (scale[k], &seen) {
+                (0.0, Some(seen)) => seen.half[k],
+                (0.0, None) => extent[k],
+                (scale, _) => scale * extent[k],
+            };
+            if half[k].is_nan() || half[k] <= 0.0 {
+                return Err(TextureError::Flat { axis: ['x', 'y'][k] });
+            }
+        }
+        let y_down = frame.is_some();
+        Ok(match seen {
+            Some(seen) => Self { half, ..seen },
+            None => Self { axis: middle, center: [0.5; 2], half, y_down },
+        })
+    }
+
+    /// The texture coordinate of a point; outside of 0 to 1 where the point is outside of the window.
+    pub fn uv(&self, point: Point3<f64>) -> [f64; 2] {
+        let [x, y] = [0, 1].map(|k| (point[k] - self.axis[k]) / (2.0 * self.half[k]));
+        [self.center[0] + x, self.center[1] + if self.y_down { -y } else { y }]
+    }
+}
+
+/// What the camera of a capture sees at its median depth, if the camera is known.
+fn seen(frame: &CaptureFrame) -> Option<Window> {
+    let camera = frame.camera?;
+    let size = frame.picture.map(|size| size as f64);
+    let half = [0, 1].map(|k| size[k] / 2.0 * frame.depth / camera.focal[k]);
+    let [s, t] = [0, 1].map(|k| (camera.center[k] + 0.5) / size[k]);
+    Some(Window { axis: [0.0; 2], center: [s, 1.0 - t], half, y_down: true })
+}
+
+fn bounds(points: impl Iterator<Item = Point3<f64>>) -> Option<(Point3<f64>, Point3<f64>)> {
+    points.map(|point| (point, point)).reduce(|(low, high), (point, _)| {
+        (low.coords.inf(&point.coords).into(), high.coords.sup(&point.coords).into())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::{Faces, Pinhole, Registration};
+
+    use super::*;
+
+    fn mesh(points: &[[f64; 3]]) -> Mesh {
+        let positions: Vec<Point3<f64>> = points.iter().map(|&point| point.into()).collect();
+        Mesh::new(positions, Faces::triangles(vec![])).unwrap()
+    }
+
+    fn picture(width: usize, height: usize) -> Image {
+        Image::new(width, height, vec![[9; 3]; width * height]).unwrap()
+    }
+
+    fn planar(mesh: &Mesh, range: Option<&RangeImage>, scale: (f64, f64)) -> Vec<[f64; 2]> {
+        let textured = texture(mesh, &picture(4, 4), range, Mapping::Planar { scale }).unwrap();
+        textured.vertex().pairs("uv").unwrap().to_vec()
+    }
+
+    // T-TEX-01.
+    #[test]
+    fn a_planar_picture_spans_alpha_times_the_object() {
+        // Half extents 3 and 2 around (10, 20).
+        let box_corners = [[7., 18., 0.], [13., 22., 5.]];
+        assert_eq!(planar(&mesh(&box_corners), None, (0., 0.)), [[0., 0.], [1., 1.]]);
+        let probes =
+            [box_corners[0], box_corners[1], [4., 12., 0.], [16., 28., 0.], [10., 20., 9.]];
+        let window = Window::new(&mesh(&box_corners), None, [2., 4.]).unwrap();
+        let uv: Vec<_> = probes.iter().map(|&probe| window.uv(probe.into())).collect();
+        assert_eq!(uv, [[0.25, 0.375], [0.75, 0.625], [0., 0.], [1., 1.], [0.5, 0.5]]);
+    }
+
+    /// A capture of a slanted plane, 40 x 40 cells and 80 x 80 pixels, with its camera off the middle.
+    fn capture(camera: Option<Pinhole>) -> RangeImage {
+        let sees = Pinhole { focal: [140.; 2], center: [17., 22.] };
+        let points = (0..1600).map(|i| {
+            let cell = [f64::from(i % 40), f64::from(i / 40)];
+            sees.unproject(cell, 700. + 0.1 * cell[0])
+        });
+        let map = Registration { scale: [2.; 2], offset: [0.5; 2], picture: [80, 80] };
+        RangeImage::new(40, 40, points.collect())
+            .unwrap()
+            .with_camera(camera)
+            .with_registration(map)
+    }
+
+    // T-TEX-01: upright, and within some pixels of the registration.
+    #[test]
+    fn a_planar_picture_lies_where_the_camera_saw_it() {
+        let camera = Pinhole { focal: [140.; 2], center: [17., 22.] };
+        let range = capture(Some(camera));
+        let frame = range.capture_frame().unwrap();
+        let mesh = Mesh::new(range.points().to_vec(), Faces::triangles(vec![])).unwrap();
+        for (mesh, range) in
+            [(mesh.clone(), Some(&range)), (mesh.clone().with_frame(Some(frame)), None)]
+        {
+            for (cell, uv) in planar(&mesh, range, (0., 0.)).into_iter().enumerate() {
+                let cell = [(cell % 40) as f64, (cell / 40) as f64];
+                let expected = capture(None).registration().uv_from_range(cell);
+                let error = [0, 1].map(|k| (uv[k] - expected[k]) * 80.);
+                assert!(error.iter().all(|error| error.abs() < 0.3), "{cell:?} {error:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn without_a_camera_a_capture_fills_the_picture_upright() {
+        let range = capture(None);
+        let mesh = Mesh::new(range.points().to_vec(), Faces::triangles(vec![])).unwrap();
+        let uv = planar(&mesh, Some(&range), (0., 0.));
+        let span = |k: usize| {
+            uv.iter().fold([1., 0.], |[low, high]: [f64; 2], uv| [low.min(uv[k]), high.max(uv[k])])
+        };
+        assert!([span(0), span(1)].iter().all(|[low, high]| low.abs() + (high - 1.).abs() < 1e-12));
+        assert!(uv[0][1] > 0.9 && uv[1599][1] < 0.1, "row 0 is on top");
+    }
+
+    // T-TEX-02.
+    #[test]
+    fn bound_coordinates_do_not_change_when_vertices_move() {
+        let uv = vec![[0.1, 0.7], [0.3, 0.2]];
+        let bound =
+            mesh(&[[0.; 3], [1.; 3]]).with_vertex("uv", Attribute::Pair(uv.into())).unwrap();
+        let moved = bound.with_positions(vec![Point3::new(5., 6., 7.); 2]).unwrap();
+        let textured = texture(&moved, &picture(2, 2), None, Mapping::Bound).unwrap();
+        assert_eq!(textured.vertex().pairs("uv"), bound.vertex().pairs("uv"));
+        assert_eq!(textured.texture(), Some(&picture(2, 2)));
+    }
+
+    #[test]
+    fn planar_coordinates_replace_those_at_corners() {
+        let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
+        let mesh = Mesh::new(positions, Faces::triangles(vec![[0, 1, 2]])).unwrap();
+        let mesh = mesh.with_corner("uv", Attribute::Pair(vec![[0.; 2]; 3].into())).unwrap();
+        assert!(texture(&mesh, &picture(1, 1), None, Mapping::Bound).is_ok());
+        let planar = Mapping::Planar { scale: (0., 0.) };
+        let planar = texture(&mesh, &picture(1, 1), None, planar).unwrap();
+        assert_eq!(planar.corner().pairs("uv"), None);
+    }
+
+    #[test]
+    fn what_gives_no_coordinates_is_an_error() {
+        let line = mesh(&[[0.; 3], [1., 0., 0.]]);
+        let error = |image: Image, mapping| texture(&line, &image, None, mapping).unwrap_err();
+        let flat = Mapping::Planar { scale: (0., 0.) };
+        assert_eq!(error(picture(1, 1), Mapping::Bound), TextureError::Unbound);
+        assert_eq!(error(picture(0, 1), flat), TextureError::Empty);
+        assert_eq!(error(picture(1, 1), flat), TextureError::Flat { axis: 'y' });
+        let scale = (1., f64::NAN);
+        assert!(texture(&line, &picture(1, 1), None, Mapping::Planar { scale }).is_err());
+    }
+}

@@ -1,0 +1,326 @@
+//! Moves, turns and scales.
+
+use maquette::value::{Attribute, SizeError};
+use maquette::value::{ControlNet, ControlNetError, Faces, Mesh, MeshError, RangeImage};
+use maquette::{Context, Error, In, Node};
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Moves, turns and scales a mesh, a range image or a control net.
+///
+/// It is scaled first, about the origin, then turned about the x, the y and the z axis in this order, then moved. The result
+/// has the type of what came in. A mirrored mesh (one or three negative scales) has its faces turned round, so that its
+/// outside stays outside. Normals turn along; other attributes stay as they are.
+///
+/// What has moved is no longer where its camera saw it: the camera is forgotten, unless nothing moved. Texture coordinates
+/// and the registration of a range image stay.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Transform {
+    /// What is moved: a mesh, a range image or a control net.
+    pub mesh: In<Movable>,
+    /// How far, along x, y and z.
+    #[schemars(extend("unit" = "mm"))]
+    #[serde(default)]
+    pub translate: [f64; 3],
+    /// Angles about x, y and z; seen against an axis, a positive angle turns counter-clockwise.
+    #[schemars(extend("unit" = "deg"))]
+    #[serde(default)]
+    pub rotate: [f64; 3],
+    /// Factors along x, y and z; not 0, and negative ones mirror.
+    #[serde(default = "ones")]
+    pub scale: [f64; 3],
+}
+
+fn ones() -> [f64; 3] {
+    [1.0; 3]
+}
+
+maquette::union! {
+    /// What can be moved.
+    pub enum Movable { Mesh(Mesh), RangeImage(RangeImage), ControlNet(ControlNet) }
+}
+
+/// Why something cannot be moved.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TransformError {
+    /// A scale that makes everything flat.
+    #[error("the scale along {axis} is {scale}, but it must be a number other than 0")]
+    Flat {
+        /// The axis: x, y or z.
+        axis: char,
+        /// Its scale.
+        scale: f64,
+    },
+    /// A mesh that has moved out of the numbers.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// A range image that changed its size; never happens.
+    #[error(transparent)]
+    RangeImage(#[from] SizeError),
+    /// A net that has moved out of the numbers.
+    #[error(transparent)]
+    ControlNet(#[from] ControlNetError),
+}
+
+/// A linear map and a shift: `moved = linear * point + shift`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Turns and scales.
+    pub linear: Matrix3<f64>,
+    /// Moves, in mm.
+    pub shift: Vector3<f64>,
+}
+
+impl Motion {
+    /// Scales, then turns about x, y and z by degrees, then moves. Multiples of 90 degrees are exact.
+    ///
+    /// # Errors
+    /// If a scale is 0 or not finite.
+    pub fn new(
+        translate: [f64; 3],
+        rotate: [f64; 3],
+        scale: [f64; 3],
+    ) -> Result<Self, TransformError> {
+        let flat =
+            ['x', 'y', 'z'].into_iter().zip(scale).find(|(_, s)| *s == 0.0 || !s.is_finite());
+        if let Some((axis, scale)) = flat {
+            return Err(TransformError::Flat { axis, scale });
+        }
+        let [[cx, sx], [cy, sy], [cz, sz]] = rotate.map(cosine_and_sine);
+        let x = Matrix3::new(1.0, 0.0, 0.0, 0.0, cx, -sx, 0.0, sx, cx);
+        let y = Matrix3::new(cy, 0.0, sy, 0.0, 1.0, 0.0, -sy, 0.0, cy);
+        let z = Matrix3::new(cz, -sz, 0.0, sz, cz, 0.0, 0.0, 0.0, 1.0);
+        let linear = z * y * x * Matrix3::from_diagonal(&scale.into());
+        Ok(Self { linear, shift: translate.into() })
+    }
+
+    /// Where a point goes.
+    pub fn apply(&self, point: Point3<f64>) -> Point3<f64> {
+        Point3::from(self.linear * point.coords + self.shift)
+    }
+
+    fn apply_all(&self, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+        points.par_iter().with_min_len(4096).map(|&point| self.apply(point)).collect()
+    }
+
+    fn is_identity(&self) -> bool {
+        self.linear == Matrix3::identity() && self.shift == Vector3::zeros()
+    }
+}
+
+fn cosine_and_sine(degrees: f64) -> [f64; 2] {
+    let turned = degrees.rem_euclid(360.0);
+    match [0.0, 90.0, 180.0, 270.0].iter().position(|&quarter| quarter == turned) {
+        Some(quarters) => [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]][quarters],
+        None => {
+            let (sine, cosine) = libm::sincos(turned.to_radians());
+            [cosine, sine]
+        }
+    }
+}
+
+impl Node for Transform {
+    type Outputs = (Movable,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let motion = Motion::new(self.translate, self.rotate, self.scale)?;
+        Ok((transform(&cx.get(&self.mesh), &motion)?,))
+    }
+}
+
+/// Moves the points of anything; see [`Transform`] for what goes along.
+///
+/// # Errors
+/// If a place becomes infinite.
+pub fn transform(what: &Movable, motion: &Motion) -> Result<Movable, TransformError> {
+    if motion.is_identity() {
+        return Ok(what.clone());
+    }
+    Ok(match what {
+        Movable::Mesh(mesh) => Movable::Mesh(moved_mesh(mesh, motion)?),
+        Movable::RangeImage(range) => Movable::RangeImage(
+            range
+                .with_points(motion.apply_all(range.points()))?
+                .with_camera(None)
+                .with_world_from_camera(None),
+        ),
+        Movable::ControlNet(net) => Movable::ControlNet(moved_net(net, motion)?),
+    })
+}
+
+fn moved_net(net: &ControlNet, motion: &Motion) -> Result<ControlNet, ControlNetError> {
+    let moved = ControlNet::new(net.rows(), net.columns(), motion.apply_all(net.base()))?
+        .with_points(motion.apply_all(net.points()))?
+        .with_weights(net.weights().to_vec())?
+        .with_fixed(net.fixed().to_vec())?;
+    Ok(match net.chart() {
+        Some(chart) => moved.with_chart(chart.clone()),
+        None => moved,
+    })
+}
+
+fn moved_mesh(mesh: &Mesh, motion: &Motion) -> Result<Mesh, MeshError> {
+    let mut moved = mesh.with_positions(motion.apply_all(mesh.positions()))?;
+    if let Some(frame) = mesh.frame() {
+        moved = moved.with_frame(Some(maquette::value::CaptureFrame { camera: None, ..*frame }));
+    }
+    // Normals stand on the surface, not along it: they move by the inverse transpose.
+    if let Some(inverse) = motion.linear.try_inverse() {
+        let turn = |normal: &[f64; 3]| {
+            let turned = inverse.tr_mul(&Vector3::from(*normal));
+            turned.try_normalize(0.0).unwrap_or_default().into()
+        };
+        if let Some(normals) = mesh.vertex().vectors("normal") {
+            let normals = normals.iter().map(turn).collect();
+            moved = moved.with_vertex("normal", Attribute::Vector(normals))?;
+        }
+        if let Some(normals) = mesh.corner().vectors("normal") {
+            let normals = normals.iter().map(turn).collect();
+            moved = moved.with_corner("normal", Attribute::Vector(normals))?;
+        }
+    }
+    if motion.linear.determinant() < 0.0 { turned_round(&moved) } else { Ok(moved) }
+}
+
+/// The same mesh with the corners of each face in the opposite order, behind the first.
+fn turned_round(mesh: &Mesh) -> Result<Mesh, MeshError> {
+    let faces = mesh.faces();
+    let mut places: Vec<u32> = Vec::with_capacity(faces.corners().len());
+    for face in faces.iter() {
+        let first = places.len() as u32;
+        places.push(first);
+        places.extend((first + 1..first + face.len() as u32).rev());
+    }
+    let corners: Vec<u32> = places.iter().map(|&place| faces.corners()[place as usize]).collect();
+    let turned = match faces.sides() {
+        Some(sides) => Faces::uniform(sides, corners)?,
+        None => Faces::polygons(&faces.iter().map(<[u32]>::len).collect::<Vec<_>>(), corners)?,
+    };
+    let mut round = Mesh::new(mesh.positions().clone(), turned)?
+        .with_creases(mesh.creases())
+        .with_texture(mesh.texture().cloned())
+        .with_frame(mesh.frame().copied());
+    for (name, attribute) in mesh.vertex().iter() {
+        round = round.with_vertex(name, attribute.clone())?;
+    }
+    for (name, attribute) in mesh.corner().iter() {
+        round = round.with_corner(name, attribute.select(&places))?;
+    }
+    for (name, attribute) in mesh.face().iter() {
+        round = round.with_face(name, attribute.clone())?;
+    }
+    Ok(round)
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::Pinhole;
+
+    use super::*;
+
+    /// The tetrahedron at the origin, its faces seen from outside.
+    fn tetrahedron() -> Mesh {
+        let at = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
+        let positions = vec![at(0., 0., 0.), at(1., 0., 0.), at(0., 1., 0.), at(0., 0., 1.)];
+        let faces = Faces::triangles(vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]);
+        let mesh = Mesh::new(positions, faces).unwrap();
+        let normals = mesh.vertex_normals().into_iter().map(Into::into).collect();
+        mesh.with_vertex("normal", Attribute::Vector(normals))
+            .unwrap()
+            .with_corner("uv", Attribute::Pair((0..12).map(|k| [f64::from(k), 0.0]).collect()))
+            .unwrap()
+    }
+
+    fn moved(mesh: &Mesh, translate: [f64; 3], rotate: [f64; 3], scale: [f64; 3]) -> Mesh {
+        let motion = Motion::new(translate, rotate, scale).unwrap();
+        match transform(&Movable::Mesh(mesh.clone()), &motion) {
+            Ok(Movable::Mesh(mesh)) => mesh,
+            other => panic!("a mesh became {other:?}"),
+        }
+    }
+
+    /// Six times the signed volume.
+    fn volume(mesh: &Mesh) -> f64 {
+        let at = |vertex: u32| mesh.positions()[vertex as usize].coords;
+        mesh.faces().iter().map(|face| at(face[0]).cross(&at(face[1])).dot(&at(face[2]))).sum()
+    }
+
+    #[test]
+    fn scaling_comes_first_then_x_y_z_then_moving() {
+        let motion = Motion::new([0., 0., 5.], [90., 90., 0.], [2., 3., 1.]).unwrap();
+        let corner = |x, y, z| motion.apply(Point3::new(x, y, z));
+        assert_eq!(corner(1., 0., 0.), Point3::new(0., 0., 3.));
+        assert_eq!(corner(0., 1., 0.), Point3::new(3., 0., 5.));
+        let turned = Motion::new([0.; 3], [0., 0., 30.], [1.; 3]).unwrap();
+        let expected = Point3::new(f64::sqrt(0.75), 0.5, 0.);
+        assert!((turned.apply(Point3::new(1., 0., 0.)) - expected).norm() < 1e-15);
+    }
+
+    #[test]
+    fn a_mirrored_mesh_stays_right_side_out() {
+        let mesh = tetrahedron();
+        let mirrored = moved(&mesh, [0.; 3], [10., 20., 30.], [-1., 2., 1.]);
+        assert!((volume(&mirrored) - 2.0 * volume(&mesh)).abs() < 1e-12);
+        assert_eq!(mirrored.corner().pairs("uv").unwrap()[..3], [[0., 0.], [2., 0.], [1., 0.]]);
+        assert_eq!(moved(&mirrored, [0.; 3], [0.; 3], [1., 1., -1.]).faces(), mesh.faces());
+    }
+
+    #[test]
+    fn normals_stay_normal_to_what_is_stretched_or_mirrored() {
+        let face = Faces::triangles(vec![[0, 1, 2]]);
+        let positions =
+            vec![Point3::new(1., 0., 0.), Point3::new(0., 1., 0.), Point3::new(0., 0., 1.)];
+        let mesh = Mesh::new(positions, face).unwrap();
+        let normals = mesh.vertex_normals().into_iter().map(Into::into).collect();
+        let mesh = mesh.with_vertex("normal", Attribute::Vector(normals)).unwrap();
+        for scale in [[3., 1., 0.5], [-1., 1., 1.]] {
+            let stretched = moved(&mesh, [1., 2., 3.], [40., 0., 7.], scale);
+            let expected = stretched.vertex_normals()[0];
+            let normal = Vector3::from(stretched.vertex().vectors("normal").unwrap()[0]);
+            assert!((normal - expected).norm() < 1e-14, "{normal} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_scale_of_zero_is_an_error() {
+        let error = Motion::new([0.; 3], [0.; 3], [1., 0., 1.]).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "the scale along y is 0, but it must be a number other than 0"
+        );
+    }
+
+    #[test]
+    fn a_range_image_forgets_its_camera_only_if_it_moves() {
+        let camera = Pinhole { focal: [1.; 2], center: [0.; 2] };
+        let points = vec![Point3::new(0., 0., 5.), Point3::new(f64::NAN, 0., 0.)];
+        let range = RangeImage::new(2, 1, points).unwrap().with_camera(Some(camera));
+        let moved = |shift: f64| {
+            let motion = Motion::new([0., 0., shift], [0.; 3], [1.; 3]).unwrap();
+            match transform(&Movable::RangeImage(range.clone()), &motion) {
+                Ok(Movable::RangeImage(range)) => range,
+                other => panic!("a range image became {other:?}"),
+            }
+        };
+        assert_eq!(moved(0.), range);
+        assert_eq!((moved(2.).point(0), moved(2.).point(1)), (Some(Point3::new(0., 0., 7.)), None));
+        assert_eq!(moved(2.).camera(), None);
+    }
+
+    #[test]
+    fn a_net_moves_with_its_base() {
+        let net = ControlNet::new(1, 2, vec![Point3::origin(); 2]).unwrap();
+        let net = net.with_points(vec![Point3::new(0., 0., 1.); 2]).unwrap();
+        let net = net.with_weights(vec![1., 2.]).unwrap();
+        let motion = Motion::new([1., 0., 0.], [0.; 3], [1., 1., 4.]).unwrap();
+        let Ok(Movable::ControlNet(moved)) = transform(&Movable::ControlNet(net), &motion) else {
+            panic!("a net stays a net");
+        };
+        assert_eq!(moved.base()[1], Point3::new(1., 0., 0.));
+        assert_eq!(moved.points()[1], Point3::new(1., 0., 4.));
+        assert_eq!(moved.weights(), [1., 2.]);
+    }
+}

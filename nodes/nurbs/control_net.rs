@@ -1,0 +1,271 @@
+//! Makes a rectangular net of control points of a region of a range grid.
+
+use maquette::value::{self, Chart, ControlNetError, RangeImage, Region};
+use maquette::{Context, Error, In, Node};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::rows;
+use crate::laplace::{self, NotConverged};
+
+/// Makes a rectangular net of control points of a region of a range grid. Points on the region's border are fixed: an offset
+/// leaves them where they are.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct ControlNet {
+    /// The cells that are to be redesigned.
+    pub region: In<Region>,
+    /// The range image that the region is part of.
+    pub range: In<RangeImage>,
+    /// How the net is laid over the region.
+    #[serde(default)]
+    pub method: NetMethod,
+    /// Rows of the net, 2 or more; 0 takes those of the region. For the method `Rows`.
+    #[schemars(range(max = 4096))]
+    #[serde(default)]
+    pub rows: usize,
+    /// Columns of the net, 2 or more; 0 takes the median length of the region's rows. For the method `Rows`.
+    #[schemars(range(max = 4096))]
+    #[serde(default)]
+    pub columns: usize,
+}
+
+/// How a net is laid over a region.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum NetMethod {
+    /// `Grid`.
+    #[default]
+    Auto,
+    /// The range grid itself, in a rectangle around the region: keeps the sampling, and takes regions of any shape.
+    Grid,
+    /// The rows of the region, each divided evenly by its length in space: for surfaces that replace the scan.
+    Rows,
+}
+
+/// Why a region does not make a net.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NetError {
+    /// A region of another range image.
+    #[error("the region is part of a grid of {region:?} cells, the range image has {range:?}")]
+    Size {
+        /// Size of the region's grid.
+        region: [usize; 2],
+        /// Size of the range image.
+        range: [usize; 2],
+    },
+    /// A region that is a point.
+    #[error("the region has {rows} rows and {columns} columns of cells, too few for a surface")]
+    DegenerateRegion {
+        /// Rows that the region touches.
+        rows: usize,
+        /// Columns that it touches.
+        columns: usize,
+    },
+    /// A number of rows or columns that this method does not take.
+    #[error("`rows` and `columns` are for the method `Rows`")]
+    FixedSize,
+    /// A net of one line.
+    #[error("a net has at least 2 rows and 2 columns")]
+    OneLine,
+    /// Invalid cells could not be filled.
+    #[error(transparent)]
+    Fill(#[from] NotConverged),
+    /// Points that make no net.
+    #[error(transparent)]
+    Net(#[from] ControlNetError),
+}
+
+impl Node for ControlNet {
+    type Outputs = (value::ControlNet,);
+    const OUTPUTS: [&'static str; 1] = ["net"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let (region, range) = (cx.get(&self.region), cx.get(&self.range));
+        let net = control_net(region, range, self.method, self.rows, self.columns)?;
+        if !net.fixed().contains(&0) {
+            cx.warn("every point of the net is on the region's border: no offset will move it");
+        }
+        Ok((net,))
+    }
+}
+
+/// The control net of a region of `range`, with the place of each of the region's cells on it. `rows` and `columns` are for
+/// [`NetMethod::Rows`]; 0 means as many as the region has.
+///
+/// # Errors
+/// If the region is of another grid or has one cell only, or a size is given that the method does not take.
+pub fn control_net(
+    region: &Region,
+    range: &RangeImage,
+    method: NetMethod,
+    rows: usize,
+    columns: usize,
+) -> Result<value::ControlNet, NetError> {
+    let sizes = [[region.width(), region.height()], [range.width(), range.height()]];
+    if sizes[0] != sizes[1] {
+        return Err(NetError::Size { region: sizes[0], range: sizes[1] });
+    }
+    if region.cells().len() == 1 {
+        return Err(NetError::DegenerateRegion { rows: 1, columns: 1 });
+    }
+    let net = match method {
+        NetMethod::Auto | NetMethod::Grid if (rows, columns) != (0, 0) => Err(NetError::FixedSize),
+        NetMethod::Auto | NetMethod::Grid => grid(region, range),
+        NetMethod::Rows if rows == 1 || columns == 1 => Err(NetError::OneLine),
+        NetMethod::Rows => rows::net(region, range, rows, columns),
+    }?;
+    Ok(net.with_frame(range.capture_frame().ok()))
+}
+
+/// Cells around the region's bounding rectangle that belong to the net, on each side: the degree up to which a moved point's
+/// effect ends inside the net. With fewer, a clamped end of the knots would lie in the region; more cost time.
+const PADDING: usize = 3;
+
+/// The range grid in the region's bounding rectangle, padded; free is each cell whose four neighbors are in the region too.
+fn grid(region: &Region, range: &RangeImage) -> Result<value::ControlNet, NetError> {
+    let width = range.width();
+    let (low, high) = region.bounds();
+    let [left, top] = low.map(|low| low.saturating_sub(PADDING));
+    let right = (high[0] + PADDING).min(width - 1);
+    let bottom = (high[1] + PADDING).min(range.height() - 1);
+    let (rows, columns) = (bottom - top + 1, right - left + 1);
+    let place = |cell: u32| [cell as usize / width - top, cell as usize % width - left];
+
+    let mut points: Vec<Point3<f64>> = (top..=bottom)
+        .flat_map(|row| &range.points()[row * width + left..=row * width + right])
+        .copied()
+        .collect();
+    let mut inside = vec![false; points.len()];
+    for (&cell, &point) in region.cells().iter().zip(region.points()) {
+        let [row, column] = place(cell);
+        points[row * columns + column] = point;
+        inside[row * columns + column] = true;
+    }
+    fill(&mut points, rows, columns)?;
+
+    let free = |at: usize| {
+        let (row, column) = (at / columns, at % columns);
+        let interior = 0 < row && row + 1 < rows && 0 < column && column + 1 < columns;
+        interior && [at, at - columns, at - 1, at + 1, at + columns].iter().all(|&at| inside[at])
+    };
+    let fixed = (0..points.len()).map(|at| u8::from(!free(at))).collect();
+    let coordinates = region.cells().iter().map(|&cell| place(cell).map(|at| at as f64));
+    let chart = Chart {
+        grid: [width, range.height()],
+        cells: region.cells().to_vec().into(),
+        coordinates: coordinates.collect(),
+    };
+    Ok(value::ControlNet::new(rows, columns, points)?.with_fixed(fixed)?.with_chart(chart))
+}
+
+/// Gives the invalid points of a grid the smoothest values that fit the valid ones.
+fn fill(points: &mut [Point3<f64>], rows: usize, columns: usize) -> Result<(), NotConverged> {
+    let free: Vec<u8> = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
+    if !free.contains(&1) {
+        return Ok(());
+    }
+    for axis in 0..3 {
+        let mut values: Vec<f64> = points.iter().map(|point| point[axis]).collect();
+        laplace::solve(columns, rows, &free, 0.0, &mut values)?;
+        points.iter_mut().zip(values).for_each(|(point, value)| point[axis] = value);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A range image of points (column, row, depth), invalid where the depth is NaN.
+    pub(crate) fn range(
+        width: usize,
+        height: usize,
+        depth: impl Fn(f64, f64) -> f64,
+    ) -> RangeImage {
+        let point = |cell: usize| {
+            let (x, y) = ((cell % width) as f64, (cell / width) as f64);
+            Point3::new(x, y, depth(x, y))
+        };
+        RangeImage::new(width, height, (0..width * height).map(point).collect()).unwrap()
+    }
+
+    /// The cells of `range` that `inside` takes; those without a point get one of depth 0, and the flag.
+    pub(crate) fn region(range: &RangeImage, inside: impl Fn(usize, usize) -> bool) -> Region {
+        let (width, height) = (range.width(), range.height());
+        let cells: Vec<u32> = (0..width * height)
+            .filter(|cell| inside(cell % width, cell / width))
+            .map(|cell| cell as u32)
+            .collect();
+        let filled = |&cell: &u32| u8::from(range.point(cell as usize).is_none());
+        let point = |&cell: &u32| {
+            let (x, y) = (cell as usize % width, cell as usize / width);
+            range.point(cell as usize).unwrap_or(Point3::new(x as f64, y as f64, 0.0))
+        };
+        let (points, flags) =
+            (cells.iter().map(point).collect(), cells.iter().map(filled).collect());
+        Region::new(width, height, cells, points, flags, Vec::new()).unwrap()
+    }
+
+    fn net(region: &Region, range: &RangeImage) -> value::ControlNet {
+        control_net(region, range, NetMethod::Auto, 0, 0).unwrap()
+    }
+
+    // T-RNG-03, the method Grid.
+    #[test]
+    fn a_rectangle_is_its_own_net_with_padding() {
+        let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
+        let rectangle = region(&range, |x, y| (5..12).contains(&x) && (6..11).contains(&y));
+        let net = net(&rectangle, &range);
+        assert_eq!((net.rows(), net.columns()), (5 + 6, 7 + 6));
+        for row in 0..11 {
+            for column in 0..13 {
+                let cell = (row + 3) * 20 + column + 2;
+                assert_eq!(net.points()[row * 13 + column], range.points()[cell]);
+                let free = (4..7).contains(&row) && (4..9).contains(&column);
+                assert_eq!(net.fixed()[row * 13 + column] == 0, free, "({row}, {column})");
+            }
+        }
+        let chart = net.chart().unwrap();
+        assert_eq!(&*chart.cells, rectangle.cells());
+        assert_eq!((chart.grid, chart.coordinates[0]), ([20, 16], [3.0, 3.0]));
+    }
+
+    #[test]
+    fn the_net_ends_where_the_grid_ends() {
+        let range = range(6, 5, |_, _| 1.0);
+        let net = net(&region(&range, |x, y| x < 4 && y < 3), &range);
+        assert_eq!((net.rows(), net.columns()), (5, 6));
+        assert_eq!(net.chart().unwrap().coordinates[0], [0.0, 0.0]);
+        // Cells on the grid's own border have no neighbor beyond it and stay.
+        let free: Vec<usize> = (0..30).filter(|&at| net.fixed()[at] == 0).collect();
+        assert_eq!(free, [7, 8]);
+    }
+
+    #[test]
+    fn invalid_cells_around_the_region_are_filled_smoothly_and_its_own_points_are_kept() {
+        let hole = |x: f64, y: f64| (x, y) == (3.0, 3.0) || (x, y) == (1.0, 4.0);
+        let range = range(9, 9, |x, y| if hole(x, y) { f64::NAN } else { 2.0 * x });
+        let region = region(&range, |x, y| (2..7).contains(&x) && (2..7).contains(&y));
+        let net = net(&region, &range);
+        assert_eq!(net.points()[3 * 9 + 3], Point3::new(3.0, 3.0, 0.0));
+        assert!((net.points()[4 * 9 + 1] - Point3::new(1.0, 4.0, 2.0)).norm() <= 1e-11);
+    }
+
+    #[test]
+    fn regions_and_sizes_that_do_not_fit_are_refused() {
+        let (range, turned) = (range(6, 5, |_, _| 1.0), range(5, 6, |_, _| 1.0));
+        let refused = |region: &Region, method, rows, columns| {
+            control_net(region, &range, method, rows, columns).unwrap_err()
+        };
+        let point = region(&range, |x, y| (x, y) == (2, 2));
+        let all = region(&range, |_, _| true);
+        let degenerate = NetError::DegenerateRegion { rows: 1, columns: 1 };
+        assert_eq!(refused(&point, NetMethod::Grid, 0, 0), degenerate);
+        assert_eq!(refused(&point, NetMethod::Rows, 0, 0), degenerate);
+        assert_eq!(refused(&all, NetMethod::Auto, 0, 9), NetError::FixedSize);
+        assert_eq!(refused(&all, NetMethod::Rows, 1, 0), NetError::OneLine);
+        let other = region(&turned, |_, _| true);
+        let size = NetError::Size { region: [5, 6], range: [6, 5] };
+        assert_eq!(refused(&other, NetMethod::Auto, 0, 0), size);
+    }
+}

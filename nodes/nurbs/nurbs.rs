@@ -1,0 +1,119 @@
+//! Makes a rational B-spline surface of a control net.
+
+use maquette::value::{self, KnotVector, Surface, SurfaceError};
+use maquette::{Context, Error, In, Node};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::knots::{Along, KnotsError, KnotsKind, knots};
+
+/// Makes a rational B-spline surface (NURBS) of a control net.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Nurbs {
+    /// The control net.
+    pub net: In<value::ControlNet>,
+    /// Knots along u, from row to row; evenly spaced if left out.
+    pub u: Option<In<KnotVector>>,
+    /// Knots along v, from column to column; evenly spaced if left out.
+    pub v: Option<In<KnotVector>>,
+    /// Orders along u and v, one more than the degrees: 2 is straight, 3 quadratic, 4 cubic. Left out: that of the linked knots,
+    /// else 3.
+    #[schemars(inner(range(min = 2, max = 10)))]
+    #[serde(default)]
+    pub order: Option<[usize; 2]>,
+}
+
+/// Why a net does not make a surface.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NurbsError {
+    /// Two orders for one direction.
+    #[error("`order` is {order} along {along:?}, but the linked knots are of order {knots}")]
+    Order {
+        /// The direction.
+        along: Along,
+        /// The parameter.
+        order: usize,
+        /// The order of the linked knots.
+        knots: usize,
+    },
+    /// No knots for this net.
+    #[error(transparent)]
+    Knots(#[from] KnotsError),
+    /// Knots or weights that do not fit.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
+}
+
+impl Node for Nurbs {
+    type Outputs = (Surface,);
+    const OUTPUTS: [&'static str; 1] = ["surface"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let [u, v] = [&self.u, &self.v].map(|knots| knots.as_ref().map(|knots| cx.get(knots)));
+        Ok((nurbs(cx.get(&self.net), u, v, self.order)?,))
+    }
+}
+
+/// The surface of a net: with the given knots, or evenly spaced ones of the given order, 3 if there is none.
+///
+/// # Errors
+/// If knots and an order are given that differ, knots are for another number of control points, the net is too small, or
+/// weights vanish together.
+pub fn nurbs(
+    net: &value::ControlNet,
+    u: Option<&KnotVector>,
+    v: Option<&KnotVector>,
+    order: Option<[usize; 2]>,
+) -> Result<Surface, NurbsError> {
+    let choose = |given: Option<&KnotVector>, order: Option<usize>, along| match (given, order) {
+        (Some(knots), Some(order)) if knots.degree() + 1 != order => {
+            Err(NurbsError::Order { along, order, knots: knots.degree() + 1 })
+        }
+        (Some(knots), _) => Ok(knots.clone()),
+        (None, order) => Ok(knots(net, along, order.unwrap_or(3), &KnotsKind::Uniform)?),
+    };
+    let u = choose(u, order.map(|[u, _]| u), Along::U)?;
+    let v = choose(v, order.map(|[_, v]| v), Along::V)?;
+    Ok(Surface::new(net.clone(), u, v)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    fn net() -> value::ControlNet {
+        value::ControlNet::new(4, 5, vec![Point3::origin(); 20]).unwrap()
+    }
+
+    #[test]
+    fn a_surface_is_quadratic_unless_told_otherwise() {
+        let orders = |order| {
+            let surface = nurbs(&net(), None, None, order).unwrap();
+            [surface.u().degree() + 1, surface.v().degree() + 1]
+        };
+        assert_eq!(orders(None), [3, 3]);
+        assert_eq!(orders(Some([2, 5])), [2, 5]);
+    }
+
+    #[test]
+    fn linked_knots_and_another_order_contradict_each_other() {
+        let knots = KnotVector::uniform(4, 4).unwrap();
+        assert!(nurbs(&net(), Some(&knots), None, None).is_ok());
+        assert!(nurbs(&net(), Some(&knots), None, Some([4, 2])).is_ok());
+        assert_eq!(
+            nurbs(&net(), Some(&knots), None, Some([3, 3])),
+            Err(NurbsError::Order { along: Along::U, order: 3, knots: 4 })
+        );
+    }
+
+    #[test]
+    fn knots_for_another_net_are_refused() {
+        let knots = KnotVector::uniform(4, 3).unwrap();
+        let error = nurbs(&net(), None, Some(&knots), None).unwrap_err();
+        assert_eq!(error, SurfaceError::Count { along: 'v', knots: 4, points: 5 }.into());
+        let small = nurbs(&net(), None, None, Some([5, 3])).unwrap_err();
+        assert!(matches!(small, NurbsError::Knots(KnotsError::TooFew { points: 4, .. })));
+    }
+}

@@ -1,0 +1,352 @@
+//! Moves the free points of a control net.
+
+use maquette::value::{self, ControlNetError, Direction, DirectionError, Field, Region};
+use maquette::{Context, Error, In, Node};
+use nalgebra::{Matrix3, Point3, Unit, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::profile::{Profile, ProfileError};
+
+/// Moves the free points of a control net in one or several steps, each in the direction of the one before it, turned by an
+/// angle. Fixed points stay.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct OffsetNet {
+    /// The net.
+    pub net: In<value::ControlNet>,
+    /// The first direction; the mean normal of the net before any offset if left out.
+    pub normal: Option<In<Direction>>,
+    /// Gray levels that shape the offset, for the profile `Picture`.
+    pub picture: Option<In<Field>>,
+    /// Moves only those points that lie in this part of the range grid; all free points if left out.
+    pub region: Option<In<Region>>,
+    /// The steps, one after the other.
+    pub steps: Vec<OffsetStep>,
+    /// How the offset fades towards the points that stay.
+    #[serde(default)]
+    pub profile: Profile,
+}
+
+/// One step of an offset.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct OffsetStep {
+    /// How far, in the unit of the model; negative goes back.
+    #[schemars(extend("unit" = "mm"))]
+    pub distance: f64,
+    /// How far the direction turns before this step.
+    #[schemars(range(min = -360.0, max = 360.0), extend("unit" = "deg"))]
+    #[serde(default)]
+    pub angle: f64,
+    /// What it turns around, counter-clockwise seen against this vector. (0, 0, 0) chooses: a positive angle leans the offset along
+    /// the longest extent of the net, towards growing coordinates.
+    #[serde(default)]
+    pub axis: [f64; 3],
+}
+
+/// Why a net cannot be offset.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum OffsetError {
+    /// An axis that turns nothing.
+    #[error("step {step} has no axis to turn around: it must not be parallel to the direction")]
+    Singular {
+        /// Index of the step.
+        step: usize,
+    },
+    /// The net has no mean normal.
+    #[error("the net has no mean normal, link one to the port `normal`")]
+    Normal(#[source] DirectionError),
+    /// A net that does not know the range grid.
+    #[error("`region` needs a net that was made from a region")]
+    NoChart,
+    /// A region of another grid.
+    #[error("the region is part of a grid of {region:?} cells, the net of one of {net:?}")]
+    Size {
+        /// Size of the region's grid.
+        region: [usize; 2],
+        /// Size of the net's range grid.
+        net: [usize; 2],
+    },
+    /// No profile.
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+    /// A point was moved out of all bounds.
+    #[error(transparent)]
+    Net(#[from] ControlNetError),
+}
+
+impl Node for OffsetNet {
+    type Outputs = (value::ControlNet,);
+    const OUTPUTS: [&'static str; 1] = ["net"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let normal = self.normal.as_ref().map(|normal| cx.get(normal).vector());
+        let picture = self.picture.as_ref().map(|picture| cx.get(picture));
+        let region = self.region.as_ref().map(|region| cx.get(region));
+        if picture.is_some() && self.profile != Profile::Picture {
+            cx.warn("the field at the port `picture` is not used: the profile is not `Picture`");
+        }
+        let net = cx.get(&self.net);
+        Ok((offset_net(net, normal, picture, region, &self.steps, self.profile)?,))
+    }
+}
+
+/// The net with its free points (in `region`, if given) moved by the sum of all steps, times the profile. A point that is moved
+/// by 0 keeps its bits. The first direction is `normal`, or the mean normal of the net's base.
+///
+/// # Errors
+/// If a step has no axis to turn around, there is no direction or no profile, or the region does not fit the net.
+pub fn offset_net(
+    net: &value::ControlNet,
+    normal: Option<Unit<Vector3<f64>>>,
+    picture: Option<&Field>,
+    region: Option<&Region>,
+    steps: &[OffsetStep],
+    profile: Profile,
+) -> Result<value::ControlNet, OffsetError> {
+    let mut free: Vec<u8> = net.fixed().iter().map(|&fixed| u8::from(fixed == 0)).collect();
+    if let Some(region) = region {
+        free.iter_mut().zip(within(net, region)?).for_each(|(free, within)| *free &= within);
+    }
+    let normal = match normal {
+        Some(normal) => normal,
+        None => mean_normal(net).map_err(OffsetError::Normal)?.vector(),
+    };
+    let offset = sum_of_steps(net, normal, steps)?;
+    let factors = profile.factors(net, &free, picture)?;
+    let moved = (net.points().iter().zip(factors).zip(free)).map(|((point, factor), free)| {
+        let offset = offset * factor;
+        // Adding 0 would turn -0 into 0.
+        if free == 0 || offset == Vector3::zeros() { *point } else { point + offset }
+    });
+    Ok(net.clone().with_points(moved.collect::<Vec<_>>())?)
+}
+
+/// `sum_r s_r n_r`, each direction `n_r` turned from the one before it by Rodrigues' formula
+/// `n cos + (axis x n) sin + axis (axis . n) (1 - cos)`.
+fn sum_of_steps(
+    net: &value::ControlNet,
+    normal: Unit<Vector3<f64>>,
+    steps: &[OffsetStep],
+) -> Result<Vector3<f64>, OffsetError> {
+    let mut direction = normal.into_inner();
+    let mut sum = Vector3::zeros();
+    for (index, step) in steps.iter().enumerate() {
+        if step.angle != 0.0 {
+            let singular = OffsetError::Singular { step: index };
+            let axis = match Vector3::from(step.axis) {
+                axis if axis == Vector3::zeros() => leaning_axis(net, normal),
+                axis => Unit::try_new(axis, 0.0),
+            };
+            let axis = axis.filter(|axis| axis.cross(&direction).norm() > PARALLEL);
+            let axis = axis.ok_or(singular)?.into_inner();
+            let angle = step.angle * (std::f64::consts::PI / 180.0);
+            let (sin, cos) = (libm::sin(angle), libm::cos(angle));
+            direction = direction * cos
+                + axis.cross(&direction) * sin
+                + axis * (axis.dot(&direction) * (1.0 - cos));
+        }
+        sum += direction * step.distance;
+    }
+    Ok(sum)
+}
+
+/// Below this sine two vectors count as parallel: what is left of their angle would be rounding.
+const PARALLEL: f64 = 1e-9;
+
+/// The axis around which a positive angle leans the normal along the first principal axis of the net's base, towards the growing
+/// one of its coordinates that changes most.
+///
+/// With U the principal axis of the opposite sign, it is `U x normal`.
+fn leaning_axis(net: &value::ControlNet, normal: Unit<Vector3<f64>>) -> Option<Unit<Vector3<f64>>> {
+    let count = net.base().len() as f64;
+    let center = net.base().iter().map(|point| point.coords / count).sum::<Vector3<f64>>();
+    let spread = |sum: Matrix3<f64>, point: &Point3<f64>| {
+        let spoke = point.coords - center;
+        sum + spoke * spoke.transpose() / count
+    };
+    let covariance = net.base().iter().fold(Matrix3::zeros(), spread);
+    if !covariance.iter().all(|x| x.is_finite()) {
+        return None;
+    }
+    let eigen = covariance.try_symmetric_eigen(f64::EPSILON, 1000)?;
+    // Of equals the first.
+    let first =
+        |a: usize, b: usize| if eigen.eigenvalues[a] < eigen.eigenvalues[b] { b } else { a };
+    let principal = eigen.eigenvectors.column(first(first(0, 1), 2)).into_owned();
+    let largest = |a: usize, b: usize| if principal[a].abs() < principal[b].abs() { b } else { a };
+    let sign = principal[largest(largest(0, 1), 2)].signum();
+    Unit::try_new(normal.cross(&(principal * sign)), PARALLEL)
+}
+
+/// The mean of the unit normals of the base's quads, on the side of "along u" x "along v".
+fn mean_normal(net: &value::ControlNet) -> Result<Direction, DirectionError> {
+    let (columns, base) = (net.columns(), net.base());
+    let mut sum = Vector3::zeros();
+    let mut count = 0.0;
+    for row in 1..net.rows() {
+        for column in 1..columns {
+            let at = row * columns + column;
+            let falling = base[at] - base[at - columns - 1];
+            let rising = base[at - columns] - base[at - 1];
+            if let Some(normal) = falling.cross(&rising).try_normalize(0.0) {
+                sum += normal;
+                count += 1.0;
+            }
+        }
+    }
+    Direction::mean(if count == 0.0 { sum } else { sum / count })
+}
+
+/// 1 for each point of the net whose cell lies in `region`. A point's cell is the one next to it on the net's chart.
+fn within(net: &value::ControlNet, region: &Region) -> Result<Vec<u8>, OffsetError> {
+    let chart = net.chart().ok_or(OffsetError::NoChart)?;
+    let grid = [region.width(), region.height()];
+    if grid != chart.grid {
+        return Err(OffsetError::Size { region: grid, net: chart.grid });
+    }
+    let columns = net.columns();
+    let distance_sq = |at: usize, [a, b]: [f64; 2]| {
+        let (a, b) = (a - (at / columns) as f64, b - (at % columns) as f64);
+        a * a + b * b
+    };
+    let cells = || chart.cells.iter().zip(chart.coordinates.iter());
+    let mut nearest: Vec<Option<(f64, u32)>> = vec![None; net.points().len()];
+    for (&cell, &[a, b]) in cells() {
+        let (row, column) = (a.round() as usize, b.round() as usize);
+        if row < net.rows() && column < columns {
+            let at = row * columns + column;
+            let distance = distance_sq(at, [a, b]);
+            if nearest[at].is_none_or(|(least, _)| distance < least) {
+                nearest[at] = Some((distance, cell));
+            }
+        }
+    }
+    // Where cells are sparser than the net, a point may have no cell of its own.
+    let search = |at: usize| {
+        let distances = cells().map(|(&cell, &at_cell)| (distance_sq(at, at_cell), cell));
+        distances.min_by(|a, b| a.0.total_cmp(&b.0))
+    };
+    let is_within = |at: usize| {
+        let free = net.fixed()[at] == 0;
+        let cell = free.then(|| nearest[at].or_else(|| search(at))).flatten();
+        u8::from(cell.is_some_and(|(_, cell)| region.find(cell as usize).is_some()))
+    };
+    Ok((0..net.points().len()).map(is_within).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::control_net::tests::{range, region};
+    use super::super::control_net::{NetMethod, control_net};
+    use super::*;
+
+    const TOWARDS_SENSOR: [f64; 3] = [0.0, 0.0, -1.0];
+
+    fn up() -> Option<Unit<Vector3<f64>>> {
+        Some(Unit::new_unchecked(TOWARDS_SENSOR.into()))
+    }
+
+    /// The net of a wide rectangle on a plane with signed zeros.
+    fn net() -> value::ControlNet {
+        let range = range(24, 14, |_, _| -0.0);
+        let inside = |x, y| (4..20).contains(&x) && (4..10).contains(&y);
+        control_net(&region(&range, inside), &range, NetMethod::Grid, 0, 0).unwrap()
+    }
+
+    fn step(distance: f64, angle: f64, axis: [f64; 3]) -> OffsetStep {
+        OffsetStep { distance, angle, axis }
+    }
+
+    fn moved(steps: &[OffsetStep]) -> Result<Vector3<f64>, OffsetError> {
+        let net = net();
+        let free = net.fixed().iter().position(|&fixed| fixed == 0).unwrap();
+        let after = offset_net(&net, up(), None, None, steps, Profile::Plateau)?;
+        Ok(after.points()[free] - net.points()[free])
+    }
+
+    // T-RNG-05.
+    #[test]
+    fn an_offset_of_zero_keeps_every_bit() {
+        let net = net();
+        let bits = |net: &value::ControlNet| -> Vec<[u64; 3]> {
+            net.points().iter().map(|point| [0, 1, 2].map(|k| point[k].to_bits())).collect()
+        };
+        for steps in [
+            &[][..],
+            &[step(0.0, 0.0, [0.0; 3])],
+            &[step(3.0, 0.0, [0.0; 3]), step(-3.0, 0.0, [0.0; 3])],
+        ] {
+            for profile in [Profile::Cosine, Profile::Plateau] {
+                let same = offset_net(&net, up(), None, None, steps, profile).unwrap();
+                assert_eq!(bits(&same), bits(&net));
+            }
+        }
+    }
+
+    // T-RNG-05.
+    #[test]
+    fn a_plateau_moves_free_points_the_whole_way_and_no_others() {
+        let net = net();
+        let steps = [step(12.0, 0.0, [0.0; 3])];
+        let after = offset_net(&net, up(), None, None, &steps, Profile::Plateau).unwrap();
+        let whole = Vector3::from(TOWARDS_SENSOR) * 12.0;
+        for (at, point) in net.points().iter().enumerate() {
+            let expected = if net.fixed()[at] == 1 { *point } else { point + whole };
+            assert_eq!(after.points()[at], expected);
+        }
+        assert_eq!(after.base(), net.points());
+    }
+
+    // T-RNG-06.
+    #[test]
+    fn a_second_direction_at_a_right_angle_is_the_axis_times_the_first() {
+        let axis = [1.0, 0.0, 0.0];
+        let offset = moved(&[step(5.0, 0.0, axis), step(2.0, 90.0, axis)]).unwrap();
+        let first = Vector3::from(TOWARDS_SENSOR);
+        let expected = first * 5.0 + Vector3::from(axis).cross(&first) * 2.0;
+        assert!((offset - expected).norm() <= 1e-12, "{offset}");
+    }
+
+    #[test]
+    fn the_chosen_axis_leans_the_offset_along_the_net() {
+        let offset = moved(&[step(1.0, 0.0, [0.0; 3]), step(1.0, 30.0, [0.0; 3])]).unwrap();
+        let expected = Vector3::new(0.5, 0.0, -1.0 - 0.75f64.sqrt());
+        assert!((offset - expected).norm() <= 1e-12, "{offset}");
+    }
+
+    #[test]
+    fn an_axis_along_the_direction_turns_nothing() {
+        let parallel = moved(&[step(1.0, 0.0, [0.0; 3]), step(1.0, 10.0, [0.0, 0.0, 2.0])]);
+        assert_eq!(parallel, Err(OffsetError::Singular { step: 1 }));
+        let along_x = Some(Unit::new_unchecked(Vector3::x()));
+        let steps = [step(1.0, 10.0, [0.0; 3])];
+        let chosen = offset_net(&net(), along_x, None, None, &steps, Profile::Plateau);
+        assert_eq!(chosen, Err(OffsetError::Singular { step: 0 }));
+    }
+
+    #[test]
+    fn without_a_normal_a_capture_grows_towards_the_sensor() {
+        let steps = [step(2.0, 0.0, [0.0; 3])];
+        let after = offset_net(&net(), None, None, None, &steps, Profile::Plateau).unwrap();
+        let lowest = after.points().iter().map(|point| point.z).fold(0.0, f64::min);
+        assert!((lowest + 2.0).abs() <= 1e-12);
+        let point = value::ControlNet::new(2, 2, vec![Point3::origin(); 4]).unwrap();
+        let none = offset_net(&point, None, None, None, &steps, Profile::Plateau);
+        assert!(matches!(none, Err(OffsetError::Normal(_))));
+    }
+
+    #[test]
+    fn a_region_restricts_the_offset() {
+        let net = net();
+        let left = region(&range(24, 14, |_, _| 0.0), |x, _| x < 10);
+        let steps = [step(1.0, 0.0, [0.0; 3])];
+        let after = offset_net(&net, up(), None, Some(&left), &steps, Profile::Plateau).unwrap();
+        for (at, point) in after.points().iter().enumerate() {
+            let expected = net.fixed()[at] == 0 && point.x < 10.0;
+            assert_eq!(point.z != 0.0, expected, "{point}");
+        }
+        let other = region(&range(5, 5, |_, _| 0.0), |_, _| true);
+        let refused = offset_net(&net, up(), None, Some(&other), &steps, Profile::Plateau);
+        assert!(matches!(refused, Err(OffsetError::Size { .. })));
+    }
+}

@@ -1,0 +1,58 @@
+//! Makes a control net of points that stand in the graph file.
+
+use maquette::value::{self, ControlNetError};
+use maquette::{Context, Error, Node};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A control net of given points.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct PointNet {
+    /// The points (x, y, z), in the unit of the model: a list of equally long rows. Rows lie along u, the points of a row along v.
+    #[schemars(extend("unit" = "mm"))]
+    pub points: Vec<Vec<[f64; 3]>>,
+}
+
+impl Node for PointNet {
+    type Outputs = (value::ControlNet,);
+    const OUTPUTS: [&'static str; 1] = ["net"];
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((point_net(&self.points)?,))
+    }
+}
+
+/// The control net of some rows of points; all weights 1, no point fixed.
+///
+/// # Errors
+/// If the rows are not equally long, there is no point, or one is not finite.
+pub fn point_net(points: &[Vec<[f64; 3]>]) -> Result<value::ControlNet, ControlNetError> {
+    let expected = points.first().map_or(0, Vec::len);
+    if let Some(row) = points.iter().position(|row| row.len() != expected) {
+        return Err(ControlNetError::Ragged { row, length: points[row].len(), expected });
+    }
+    let all = points.iter().flatten().copied().map(Point3::from);
+    value::ControlNet::new(points.len(), expected, all.collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_become_rows() {
+        let net = point_net(&[vec![[0.0; 3], [1.0, 2.0, 3.0]], vec![[4.0; 3], [5.0; 3]]]).unwrap();
+        assert_eq!((net.rows(), net.columns()), (2, 2));
+        assert_eq!(net.points()[1], Point3::new(1.0, 2.0, 3.0));
+    }
+
+    #[test]
+    fn rows_that_make_no_net_are_refused() {
+        let ragged = point_net(&[vec![[0.0; 3]; 2], vec![[0.0; 3]]]);
+        assert_eq!(ragged, Err(ControlNetError::Ragged { row: 1, length: 1, expected: 2 }));
+        assert!(point_net(&[]).is_err());
+        assert!(point_net(&[vec![], vec![]]).is_err());
+        assert!(point_net(&[vec![[f64::NAN; 3]]]).is_err());
+    }
+}

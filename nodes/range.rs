@@ -1,0 +1,35 @@
+//! Nodes on range images.
+
+use maquette::{Pack, node};
+
+mod average_normal;
+mod contour;
+mod extract_region;
+mod footprint;
+mod foreground;
+mod grid_triangles;
+mod range_holes;
+mod read_capture;
+mod triangulate;
+
+pub use average_normal::{
+    AverageNormal, AverageNormalError, Weight, average_normal, principal_normal,
+};
+pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, extract_region};
+pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
+pub use read_capture::{ReadCapture, ReadCaptureError, Unit, read_capture};
+pub use triangulate::{Triangulate, TriangulateError, triangulate};
+
+/// Nodes on range images.
+pub const PACK: Pack = Pack {
+    name: "range",
+    nodes: &[
+        node::<ReadCapture>(),
+        node::<Foreground>(),
+        node::<ExtractRegion>(),
+        node::<AverageNormal>(),
+        node::<Triangulate>(),
+    ],
+    values: &[],
+    formats: &[],
+};

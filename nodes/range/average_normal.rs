@@ -1,0 +1,360 @@
+//! The direction that a region looks in.
+
+use maquette::value::{Direction, DirectionError, RangeImage, Region};
+use maquette::{Context, Error, In, Node};
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::grid_triangles::{Rays, double_area, grid_triangles};
+
+/// The mean of the normals of a region's triangles, towards the sensor.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct AverageNormal {
+    /// The region, with its filled cells.
+    pub region: In<Region>,
+    /// The range image that the region was taken from.
+    pub range: In<RangeImage>,
+    /// How much each triangle counts.
+    #[serde(default)]
+    pub weight: Weight,
+}
+
+/// How much each triangle counts in an average normal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Weight {
+    /// All the same.
+    #[default]
+    Unit,
+    /// By its area. The direction then depends on the region's border alone, not on what is inside.
+    Area,
+}
+
+/// Why a region has no average normal.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum AverageNormalError {
+    /// The region was taken from another range image.
+    #[error("the region has a grid of {region:?} cells, the range image one of {range:?}")]
+    Size {
+        /// The region's grid.
+        region: [usize; 2],
+        /// The range image's grid.
+        range: [usize; 2],
+    },
+    /// There is no surface.
+    #[error("the region has no triangle: nowhere does it hold three cells that share a corner")]
+    NoTriangle,
+    /// There is not even a plane.
+    #[error("the region's points lie on a line or in one place, which has no normal")]
+    Line,
+    /// The normals cancel out.
+    #[error(transparent)]
+    Direction(#[from] DirectionError),
+}
+
+impl Node for AverageNormal {
+    type Outputs = (Direction,);
+    const OUTPUTS: [&'static str; 1] = ["normal"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let (region, range) = (cx.get(&self.region), cx.get(&self.range));
+        match average_normal(region, range, self.weight) {
+            Err(AverageNormalError::NoTriangle) => {
+                let normal = principal_normal(region, range)?;
+                cx.warn("the region has no triangle; its normal is that of the plane nearest to its points");
+                Ok((normal,))
+            }
+            normal => Ok((normal?,)),
+        }
+    }
+}
+
+/// The mean of the normals of the triangles between the region's cells, and as its resultant the length of that mean: 1 if
+/// all normals agree. It is turned to the side on which the sensor sees the region.
+///
+/// With [`Weight::Unit`] the mean of the unit normals `t / |t|`, with [`Weight::Area`] the sum of all `t` over the sum of their
+/// lengths; `t` is the cross product of two edges. Triangles without area are left out.
+///
+/// # Errors
+/// If the region's grid is not that of `range`, there is no triangle with area, or the normals cancel out.
+pub fn average_normal(
+    region: &Region,
+    range: &RangeImage,
+    weight: Weight,
+) -> Result<Direction, AverageNormalError> {
+    check_size(region, range)?;
+    let (width, height, points) = grid_of(region);
+    // Twice the area at which a triangle is only rounding.
+    let least = 1e-18 * square(size_of(region.points()));
+    let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+    for triangle in grid_triangles(width, height, &points, |_| true) {
+        let normal = double_area(triangle.cells(width).map(|cell| points[cell]));
+        let length = normal.norm();
+        if length <= least {
+            continue;
+        }
+        match weight {
+            Weight::Unit => {
+                sum += normal / length;
+                total += 1.0;
+            }
+            Weight::Area => {
+                sum += normal;
+                total += length;
+            }
+        }
+    }
+    if total == 0.0 {
+        return Err(AverageNormalError::NoTriangle);
+    }
+    Ok(Direction::mean(towards_sensor(sum / total, region, range))?)
+}
+
+/// The normal of the plane nearest to the region's points: the axis along which they spread least, towards the sensor. For a
+/// region without triangles.
+///
+/// Pearson, "On lines and planes of closest fit to systems of points in space" (1901).
+///
+/// # Errors
+/// If the region's grid is not that of `range`, or the points lie on a line.
+pub fn principal_normal(
+    region: &Region,
+    range: &RangeImage,
+) -> Result<Direction, AverageNormalError> {
+    check_size(region, range)?;
+    let (center, size) = (centroid(region.points()), size_of(region.points()));
+    if size == 0.0 || !size.is_finite() {
+        return Err(AverageNormalError::Line);
+    }
+    let spread = |point: &Point3<f64>| {
+        let offset = (point - center) / size;
+        offset * offset.transpose()
+    };
+    let covariance: Matrix3<f64> = region.points().iter().map(spread).sum();
+    let axes = SymmetricEigen::new(covariance);
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| axes.eigenvalues[a].total_cmp(&axes.eigenvalues[b]));
+    let [least, middle, most] = order;
+    if axes.eigenvalues[middle] <= LEAST_SPREAD * axes.eigenvalues[most] {
+        return Err(AverageNormalError::Line);
+    }
+    let axis = axes.eigenvectors.column(least).into_owned();
+    Ok(Direction::mean(towards_sensor(axis, region, range))?)
+}
+
+/// Least spread across a line of points, squared and relative to that along it, at which they still have a plane: one part in
+/// ten thousand. Files with single precision have some 6e-6 of rounding; a scan's row over a curved part has some 1e-2.
+const LEAST_SPREAD: f64 = 1e-8;
+
+fn check_size(region: &Region, range: &RangeImage) -> Result<(), AverageNormalError> {
+    let region = [region.width(), region.height()];
+    let range = [range.width(), range.height()];
+    if region == range { Ok(()) } else { Err(AverageNormalError::Size { region, range }) }
+}
+
+/// The smallest grid that holds the region: width, height, and the points, NaN outside of the region.
+fn grid_of(region: &Region) -> (usize, usize, Vec<Point3<f64>>) {
+    let (low, high) = region.bounds();
+    let [width, height] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
+    let mut points = vec![Point3::from(Vector3::repeat(f64::NAN)); width * height];
+    for (&cell, &point) in region.cells().iter().zip(region.points()) {
+        let (column, row) = (cell as usize % region.width(), cell as usize / region.width());
+        points[(row - low[1]) * width + column - low[0]] = point;
+    }
+    (width, height, points)
+}
+
+fn square(x: f64) -> f64 {
+    x * x
+}
+
+/// The diagonal of the box around some points.
+fn size_of(points: &[Point3<f64>]) -> f64 {
+    let start = Vector3::repeat(f64::INFINITY);
+    let (low, high) = points.iter().fold((start, -start), |(low, high), point| {
+        (low.inf(&point.coords), high.sup(&point.coords))
+    });
+    (high - low).norm()
+}
+
+fn centroid(points: &[Point3<f64>]) -> Point3<f64> {
+    let sum: Vector3<f64> = points.iter().map(|point| point.coords).sum();
+    Point3::from(sum / points.len() as f64)
+}
+
+/// The vector or its opposite: the one that points to the side of the sensor.
+fn towards_sensor(vector: Vector3<f64>, region: &Region, range: &RangeImage) -> Vector3<f64> {
+    let ray = Rays::of(range).at(centroid(region.points()));
+    if vector.dot(&ray) > 0.0 { -vector } else { vector }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const BOTH: [Weight; 2] = [Weight::Unit, Weight::Area];
+
+    /// A region of all cells of a grid whose points are `at(column, row)`, and its range image.
+    fn whole(
+        width: usize,
+        height: usize,
+        at: impl Fn(f64, f64) -> Point3<f64>,
+    ) -> (Region, RangeImage) {
+        part(width, height, at, |_, _| true)
+    }
+
+    /// A region of the cells that `inside` takes.
+    fn part(
+        width: usize,
+        height: usize,
+        at: impl Fn(f64, f64) -> Point3<f64>,
+        inside: impl Fn(usize, usize) -> bool,
+    ) -> (Region, RangeImage) {
+        let place = |cell: usize| (cell % width, cell / width);
+        let points: Vec<Point3<f64>> = (0..width * height)
+            .map(|cell| at(place(cell).0 as f64, place(cell).1 as f64))
+            .collect();
+        let cells: Vec<u32> = (0..width * height)
+            .filter(|&cell| inside(place(cell).0, place(cell).1))
+            .map(|cell| cell as u32)
+            .collect();
+        let inner: Vec<Point3<f64>> = cells.iter().map(|&cell| points[cell as usize]).collect();
+        let filled = vec![0; cells.len()];
+        let region = Region::new(width, height, cells, inner, filled, vec![]).unwrap();
+        (region, RangeImage::new(width, height, points).unwrap())
+    }
+
+    // T-RNG-01.
+    proptest! {
+        #[test]
+        fn a_plane_has_its_normal_whatever_the_grid(
+            tilt in prop::array::uniform2(-2.0..2.0f64),
+            shifts in prop::collection::vec(prop::array::uniform2(-0.3..0.3f64), 42),
+            missing in prop::collection::vec(prop::bool::weighted(0.2), 42),
+        ) {
+            let at = |column: f64, row: f64| {
+                let [dx, dy] = shifts[row as usize * 7 + column as usize];
+                let (x, y) = (column + dx - 3.0, row + dy - 2.0);
+                Point3::new(x, y, 100.0 + tilt[0] * x + tilt[1] * y)
+            };
+            let block = |column: usize, row: usize| column < 3 && row < 3;
+            let inside = |column, row| block(column, row) || !missing[row * 7 + column];
+            let (region, range) = part(7, 6, at, inside);
+            let expected = Vector3::new(tilt[0], tilt[1], -1.0).normalize();
+            for weight in BOTH {
+                let normal = average_normal(&region, &range, weight).unwrap();
+                prop_assert!((normal.vector().into_inner() - expected).norm() < 1e-12);
+                prop_assert!((normal.resultant() - 1.0).abs() < 1e-12);
+            }
+            let normal = principal_normal(&region, &range).unwrap();
+            prop_assert!((normal.vector().into_inner() - expected).norm() < 1e-10);
+        }
+    }
+
+    // T-RNG-01.
+    #[test]
+    fn a_symmetric_hemisphere_has_its_axis() {
+        let at = |column: f64, row: f64| {
+            let (x, y) = (column - 10.0, row - 10.0);
+            Point3::new(x, y, 500.0 - (400.0 - x * x - y * y).sqrt())
+        };
+        let in_disk =
+            |column: usize, row: usize| column.abs_diff(10).pow(2) + row.abs_diff(10).pow(2) <= 100;
+        let (region, range) = part(21, 21, at, in_disk);
+        for weight in BOTH {
+            let normal = average_normal(&region, &range, weight).unwrap();
+            assert!((normal.vector().into_inner() + Vector3::z()).norm() < 1e-12);
+            assert!(0.8 < normal.resultant() && normal.resultant() < 0.99);
+        }
+    }
+
+    // T-RNG-02.
+    proptest! {
+        #[test]
+        fn by_area_the_normal_depends_on_the_border_alone(
+            moves in prop::collection::vec(prop::array::uniform3(-0.4..0.4f64), 2 * 81),
+        ) {
+            let in_disk = |column: usize, row: usize| {
+                column.abs_diff(4).pow(2) + row.abs_diff(4).pow(2) <= 17
+            };
+            let on_border = |column: usize, row: usize| {
+                let near = [(column + 1, row), (column, row + 1), (column.wrapping_sub(1), row), (column, row.wrapping_sub(1))];
+                near.iter().any(|&(column, row)| column > 8 || row > 8 || !in_disk(column, row))
+            };
+            let normal = |set: usize| {
+                let at = |column: f64, row: f64| {
+                    let (c, r) = (column as usize, row as usize);
+                    let set = if on_border(c, r) { 0 } else { set };
+                    let moved = Vector3::from(moves[set * 81 + r * 9 + c]);
+                    Point3::new(column, row, 300.0 + column * 0.2) + moved
+                };
+                let (region, range) = part(9, 9, at, in_disk);
+                average_normal(&region, &range, Weight::Area).unwrap().vector().into_inner()
+            };
+            prop_assert!((normal(0) - normal(1)).norm() < 1e-10);
+        }
+    }
+
+    #[test]
+    fn a_large_triangle_counts_more_by_area() {
+        // Two frontal cells of 1 mm, and a roof of 3 mm beside them.
+        let at = |column: f64, row: f64| match column as u32 {
+            2 => Point3::new(1.0, row, 103.0),
+            _ => Point3::new(column, row, 100.0),
+        };
+        let (region, range) = whole(3, 2, at);
+        let turned = |weight| average_normal(&region, &range, weight).unwrap().vector().x.abs();
+        assert!((turned(Weight::Unit) - 0.5f64.sqrt()).abs() < 1e-12);
+        assert!((turned(Weight::Area) - 3.0 / 10f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn one_row_has_no_triangle_and_falls_back_to_the_nearest_plane() {
+        let bent = |column: f64, _: f64| Point3::new(column, column * column * 0.1, 100.0);
+        let (region, range) = whole(5, 1, bent);
+        for weight in BOTH {
+            let error = average_normal(&region, &range, weight);
+            assert_eq!(error, Err(AverageNormalError::NoTriangle));
+        }
+        let normal = principal_normal(&region, &range).unwrap();
+        assert!((normal.vector().into_inner() + Vector3::z()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_line_and_a_point_have_no_normal() {
+        for width in [1, 5] {
+            let (region, range) =
+                whole(width, 1, |column, _| Point3::new(column, 0.3 * column, 9.0));
+            assert_eq!(principal_normal(&region, &range), Err(AverageNormalError::Line));
+        }
+    }
+
+    #[test]
+    fn points_too_far_apart_to_be_measured_are_an_error() {
+        let at = |column: f64, row: f64| Point3::new(column * 1e307, row * 1e307, 1e307);
+        let (region, range) = whole(9, 9, at);
+        assert_eq!(principal_normal(&region, &range), Err(AverageNormalError::Line));
+        assert!(average_normal(&region, &range, Weight::Unit).is_err());
+    }
+
+    #[test]
+    fn a_region_that_turns_back_on_itself_has_no_direction() {
+        let folded = |column: f64, row: f64| Point3::new((column - 1.0).abs(), row, 100.0);
+        let (region, range) = whole(3, 2, folded);
+        let error = average_normal(&region, &range, Weight::Unit);
+        assert!(matches!(
+            error,
+            Err(AverageNormalError::Direction(DirectionError::Vanishes { .. }))
+        ));
+    }
+
+    #[test]
+    fn a_region_of_another_grid_is_an_error() {
+        let at = |column: f64, row: f64| Point3::new(column, row, 9.0);
+        let ((region, _), (_, range)) = (whole(3, 2, at), whole(2, 3, at));
+        let error = average_normal(&region, &range, Weight::Unit);
+        assert!(matches!(error, Err(AverageNormalError::Size { .. })));
+    }
+}

@@ -1,0 +1,215 @@
+//! The borders of a connected part of a grid.
+//!
+//! Border following: Suzuki and Abe, "Topological structural analysis of digitized binary images by border following",
+//! Computer Vision, Graphics, and Image Processing 30 (1985), algorithm 1, whose step numbers are kept.
+
+use maquette::value::Contour;
+
+/// The eight neighbors as (column, row) steps, counter-clockwise as one sees the grid (rows run downward), from the right.
+const AROUND: [(isize, isize); 8] =
+    [(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1)];
+const RIGHT: usize = 0;
+const LEFT: usize = 4;
+
+/// The borders of the cells with entry 1 in a `width` x `height` grid: the outer one first, then those of holes (parts of the
+/// rest that hang together by sides and do not reach the rim of the grid), in the order in which they are met row by row from
+/// the top. Seen with y up, the outer border runs counter-clockwise and the others clockwise. A cell may come twice in a
+/// border where the part is one cell wide.
+///
+/// The cells must hang together; otherwise each part has an outer border, not only the first.
+///
+/// # Panics
+/// If `inside` does not have `width * height` entries.
+pub(crate) fn contours(width: usize, height: usize, inside: &[u8]) -> Vec<Contour> {
+    assert_eq!(inside.len(), width * height, "one entry per cell");
+    let mut borders = Borders::new(width, height, inside);
+    let mut contours = Vec::new();
+    for row in 0..height {
+        for column in 0..width {
+            let cell = borders.framed(column, row);
+            if borders.marks[cell] == 0 {
+                continue;
+            }
+            let (left, right) = (borders.marks[cell - 1], borders.marks[cell + 1]);
+            // Step 1.
+            if borders.marks[cell] == 1 && left == 0 {
+                contours.push(Contour { hole: false, cells: borders.follow(cell, LEFT) });
+            } else if borders.marks[cell] >= 1 && right == 0 {
+                contours.push(Contour { hole: true, cells: borders.follow(cell, RIGHT) });
+            }
+        }
+    }
+    contours.sort_by_key(|contour| contour.hole);
+    contours
+}
+
+/// The grid within a frame of background.
+struct Borders {
+    width: usize,
+    /// 0 outside; inside 1, later [`SEEN`], and [`SEEN_RIGHT`] where a border passed with background to the right.
+    marks: Vec<i8>,
+    steps: [isize; 8],
+}
+
+const SEEN: i8 = 2;
+const SEEN_RIGHT: i8 = -2;
+
+impl Borders {
+    fn new(width: usize, height: usize, inside: &[u8]) -> Self {
+        let wide = width + 2;
+        let mut marks = vec![0; wide * (height + 2)];
+        for row in 0..height {
+            let marks = &mut marks[(row + 1) * wide + 1..][..width];
+            marks.iter_mut().zip(&inside[row * width..]).for_each(|(mark, &in_it)| {
+                *mark = i8::from(in_it == 1);
+            });
+        }
+        Self { width, marks, steps: AROUND.map(|(x, y)| y * wide as isize + x) }
+    }
+
+    fn framed(&self, column: usize, row: usize) -> usize {
+        (row + 1) * (self.width + 2) + column + 1
+    }
+
+    fn unframed(&self, cell: usize) -> u32 {
+        let wide = self.width + 2;
+        ((cell / wide - 1) * self.width + cell % wide - 1) as u32
+    }
+
+    fn next(&self, cell: usize, direction: usize) -> usize {
+        cell.wrapping_add_signed(self.steps[direction])
+    }
+
+    /// The border through `start` that has background in the direction `background`: step 3.
+    fn follow(&mut self, start: usize, background: usize) -> Vec<u32> {
+        // Step 3.1: the cell before the start, clockwise from the background.
+        let clockwise = (1..8).map(|turn| (background + 8 - turn) % 8);
+        let inside = |direction: &usize| self.marks[self.next(start, *direction)] != 0;
+        let Some(mut from) = { clockwise }.find(inside) else {
+            self.marks[start] = SEEN_RIGHT;
+            return vec![self.unframed(start)];
+        };
+        let last = self.next(start, from);
+        let mut cells = Vec::new();
+        let mut cell = start;
+        loop {
+            cells.push(self.unframed(cell));
+            // Step 3.3: the next cell, counter-clockwise from the one before; at the latest that one itself.
+            let mut to = (from + 1) % 8;
+            let mut right_is_outside = false;
+            while self.marks[self.next(cell, to)] == 0 {
+                right_is_outside |= to == RIGHT;
+                to = (to + 1) % 8;
+            }
+            // Step 3.4.
+            if right_is_outside {
+                self.marks[cell] = SEEN_RIGHT;
+            } else if self.marks[cell] == 1 {
+                self.marks[cell] = SEEN;
+            }
+            // Step 3.5.
+            let next = self.next(cell, to);
+            if next == start && cell == last {
+                return cells;
+            }
+            cell = next;
+            from = (to + 4) % 8;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::Mask;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::image::{Connectivity, label};
+
+    fn cells_of(rows: &[&str]) -> Vec<(bool, Vec<u32>)> {
+        let mask = Mask::drawn(rows);
+        let contours = contours(mask.width(), mask.height(), mask.pixels());
+        contours.into_iter().map(|contour| (contour.hole, contour.cells)).collect()
+    }
+
+    /// Twice the area inside a chain of cells, seen with y up; negative if it runs clockwise.
+    fn area(cells: &[u32], width: usize) -> i64 {
+        let at = |cell: u32| (i64::from(cell) % width as i64, -(i64::from(cell) / width as i64));
+        let pairs = cells.iter().zip(cells.iter().cycle().skip(1));
+        pairs.map(|(&a, &b)| at(a).0 * at(b).1 - at(a).1 * at(b).0).sum()
+    }
+
+    #[test]
+    fn the_border_of_a_square_runs_counter_clockwise_seen_with_y_up() {
+        assert_eq!(cells_of(&["###", "###", "###"]), [(false, vec![0, 3, 6, 7, 8, 5, 2, 1])]);
+    }
+
+    #[test]
+    fn one_cell_is_its_own_border() {
+        assert_eq!(cells_of(&["...", ".#."]), [(false, vec![4])]);
+    }
+
+    #[test]
+    fn a_line_is_passed_on_both_sides() {
+        assert_eq!(cells_of(&["###"]), [(false, vec![0, 1, 2, 1])]);
+    }
+
+    #[test]
+    fn a_hole_has_a_border_that_runs_clockwise() {
+        let contours = cells_of(&["####", "#.##", "####"]);
+        assert_eq!(contours.len(), 2);
+        assert_eq!(contours[1], (true, vec![4, 1, 6, 9]));
+        assert!(area(&contours[0].1, 4) > 0 && area(&contours[1].1, 4) < 0);
+    }
+
+    proptest! {
+        #[test]
+        fn a_part_lies_between_its_outer_border_and_those_of_its_holes(
+            (width, pixels) in (1usize..20, 1usize..20).prop_flat_map(|(width, height)| {
+                (Just(width), prop::collection::vec(prop::bool::weighted(0.65), width * height))
+            }),
+        ) {
+            let height = pixels.len() / width;
+            let mask = Mask::new(width, height, pixels.into_iter().map(u8::from).collect()).unwrap();
+            let parts = label(&mask, Connectivity::Four);
+            prop_assume!(!parts.statistics().is_empty());
+            let largest = parts.by_area()[0];
+            let inside: Vec<u8> = parts.pixels().iter().map(|&part| u8::from(part == largest)).collect();
+            let contours = contours(width, height, &inside);
+
+            // The rest within a frame, by its parts: the first one holds the frame, the others are the holes.
+            let (wide, high) = (width + 2, height + 2);
+            let framed = |pixels: &[u8]| {
+                let rest = (0..wide * high).map(|index| {
+                    let (column, row) = (index % wide, index / wide);
+                    let on_frame = [0, wide - 1].contains(&column) || [0, high - 1].contains(&row);
+                    u8::from(on_frame || pixels[(row - 1) * width + column - 1] == 0)
+                });
+                label(&Mask::new(wide, high, rest.collect()).unwrap(), Connectivity::Four)
+            };
+            let rest = framed(&inside);
+            prop_assert_eq!(contours.len(), rest.statistics().len());
+
+            for (index, contour) in contours.iter().enumerate() {
+                prop_assert_eq!(contour.hole, index > 0);
+                let turned = area(&contour.cells, width);
+                prop_assert_eq!(turned < 0, contour.hole);
+                let next = contour.cells.iter().cycle().skip(1);
+                for (&a, &b) in contour.cells.iter().zip(next) {
+                    let distance = |by: fn(usize, usize) -> usize| by(a as usize, width).abs_diff(by(b as usize, width));
+                    prop_assert!(distance(|a, width| a % width) <= 1 && distance(|a, width| a / width) <= 1);
+                    prop_assert_eq!(inside[a as usize], 1);
+                }
+            }
+
+            // What the outer border shuts off from the frame is the part with its holes.
+            let mut chain = vec![0; inside.len()];
+            contours[0].cells.iter().for_each(|&cell| chain[cell as usize] = 1);
+            let shut = framed(&chain);
+            for cell in 0..inside.len() {
+                let index = (cell / width + 1) * wide + cell % width + 1;
+                prop_assert_eq!(shut.pixels()[index] != 1, rest.pixels()[index] != 1);
+            }
+        }
+    }
+}

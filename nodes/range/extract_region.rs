@@ -1,0 +1,459 @@
+//! Takes one labelled part of a picture as a region of the range grid.
+
+use maquette::value::{Labels, RangeImage, Region, RegionError};
+use maquette::{Context, Error, In, Node};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::contour::contours;
+use super::footprint::covered_cells;
+use super::range_holes::{fill_points, usable_cells};
+use crate::image::{Connectivity, close, label};
+use crate::laplace::NotConverged;
+
+/// Takes one labelled part of a picture as a region of the range grid, ready to be redesigned.
+///
+/// A range cell belongs to the region if at least half of what it sees of the picture does. Cells inside for which the scanner
+/// has no point are filled smoothly from those around them; a hole that reaches the region's border is left out instead. If
+/// the region falls apart, its largest piece is taken.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct ExtractRegion {
+    /// The labelled picture.
+    pub labels: In<Labels>,
+    /// The range image taken with the picture.
+    pub range: In<RangeImage>,
+    /// Which part is taken.
+    #[serde(default)]
+    pub pick: Pick,
+    /// Fills cells without a point that the region surrounds. Without it they are holes of the region.
+    #[serde(default = "yes")]
+    pub fill_holes: bool,
+    /// Radius of a square that closes gaps of the region, in range cells; 0 closes none.
+    #[schemars(range(max = 50), extend("unit" = "cells"))]
+    #[serde(default = "one")]
+    pub close: u32,
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn one() -> u32 {
+    1
+}
+
+/// Which labelled part is taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Pick {
+    /// The one with the most pixels; of several, the one met first, row by row from the top.
+    #[default]
+    Largest,
+    /// The one with the fewest pixels; of several, the one met first.
+    Smallest,
+    /// The one in this place by size: 1 is the largest; of equal ones, the one met first comes first.
+    Rank(#[schemars(range(min = 1))] u32),
+    /// The one with this number.
+    Label(#[schemars(range(min = 1))] u32),
+    /// The one at this pixel of the picture: column, row.
+    At(u32, u32),
+}
+
+/// Why there is no region.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ExtractRegionError {
+    /// The labels are for another picture.
+    #[error(
+        "the labels have {labels:?} pixels, but the range image is registered to a picture of {picture:?}"
+    )]
+    Size {
+        /// The labels' size.
+        labels: [usize; 2],
+        /// The size that the range image's registration has.
+        picture: [usize; 2],
+    },
+    /// There is nothing to choose from.
+    #[error("the labels are empty: look at the threshold or the mask that they were made of")]
+    NoLabels,
+    /// There are not so many parts.
+    #[error("there is no {what} {number}: the labels have {count} parts, numbered from 1")]
+    NoSuchPart {
+        /// `rank` or `label`.
+        what: &'static str,
+        /// What was asked for.
+        number: u32,
+        /// How many parts there are.
+        count: usize,
+    },
+    /// The pixel is not in the picture.
+    #[error("pixel ({column}, {row}) is outside of the picture, which has {size:?} pixels")]
+    Outside {
+        /// Its column.
+        column: u32,
+        /// Its row.
+        row: u32,
+        /// The picture's width and height.
+        size: [usize; 2],
+    },
+    /// The pixel has no label.
+    #[error(
+        "pixel ({column}, {row}) is background; the nearest part is label {label} at {nearest:?}"
+    )]
+    Background {
+        /// Its column.
+        column: u32,
+        /// Its row.
+        row: u32,
+        /// The nearest pixel that has a label: column, row.
+        nearest: [usize; 2],
+        /// That pixel's label.
+        label: u32,
+    },
+    /// The part is too small for the range grid, or beside it.
+    #[error("label {label} has {area} pixels, but they cover no cell of the range grid by half")]
+    NoCell {
+        /// The label.
+        label: u32,
+        /// Its pixels.
+        area: usize,
+    },
+    /// The scanner saw nothing of the part.
+    #[error(
+        "label {label} covers {cells} cells of the range grid, but none that can be used has a point"
+    )]
+    NoPoint {
+        /// The label.
+        label: u32,
+        /// The cells.
+        cells: usize,
+    },
+    /// Points of holes could not be computed.
+    #[error(transparent)]
+    Fill(#[from] NotConverged),
+    /// The region is none.
+    #[error(transparent)]
+    Region(#[from] RegionError),
+}
+
+impl Node for ExtractRegion {
+    type Outputs = (Region,);
+    const OUTPUTS: [&'static str; 1] = ["region"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let (labels, range) = (cx.get(&self.labels), cx.get(&self.range));
+        let close = self.close as usize;
+        let region = extract_region(labels, range, self.pick, self.fill_holes, close)?;
+        let (low, high) = region.bounds();
+        let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
+        if columns < 3 || rows < 3 {
+            cx.warn(format!("the region is only {columns} x {rows} cells: it has no inside"));
+        }
+        Ok((region,))
+    }
+}
+
+/// The part of `labels` that `pick` chooses, as a region of the range grid with its points and contours.
+///
+/// A cell is inside if at least half of the area that it sees of the picture is; then gaps are closed with a square of radius
+/// `close_radius` in cells. With `fill` the invalid cells that hang together by sides and touch no cell outside the region get
+/// points by Laplace's equation, coordinate by coordinate, from the valid cells around them; they are flagged, as are the cells
+/// that `range` has as filled. Other invalid cells leave the region. Beyond the grid's rim is outside. Of what remains the
+/// largest part that hangs together by sides is taken, of several the first.
+///
+/// # Errors
+/// If the labels are not those of the range image's picture, there is no such part, or nothing of it remains.
+pub fn extract_region(
+    labels: &Labels,
+    range: &RangeImage,
+    pick: Pick,
+    fill: bool,
+    close_radius: usize,
+) -> Result<Region, ExtractRegionError> {
+    let size = [labels.width(), labels.height()];
+    let picture = range.registration().picture;
+    if size != picture {
+        return Err(ExtractRegionError::Size { labels: size, picture });
+    }
+    let number = choose(labels, pick)?;
+    let covered = covered_cells(labels, number, range);
+    let cells = covered.count();
+    if cells == 0 {
+        let area = labels.statistics()[number as usize - 1].area;
+        return Err(ExtractRegionError::NoCell { label: number, area });
+    }
+    let usable = usable_cells(&close(&covered, close_radius), range, fill);
+    let pieces = label(&usable, Connectivity::Four);
+    let Some(&largest) = pieces.by_area().first() else {
+        return Err(ExtractRegionError::NoPoint { label: number, cells });
+    };
+    finish(&pieces, largest, range)
+}
+
+/// The number of the part that `pick` chooses.
+fn choose(labels: &Labels, pick: Pick) -> Result<u32, ExtractRegionError> {
+    let count = labels.statistics().len();
+    if count == 0 {
+        return Err(ExtractRegionError::NoLabels);
+    }
+    let missing = |what, number| ExtractRegionError::NoSuchPart { what, number, count };
+    let rank = |rank: u32| {
+        let place = (rank as usize).checked_sub(1);
+        place.and_then(|place| labels.by_area().get(place).copied())
+    };
+    match pick {
+        Pick::Largest => rank(1).ok_or(missing("rank", 1)),
+        Pick::Smallest => {
+            let area = |label: &u32| labels.statistics()[*label as usize - 1].area;
+            (1..=count as u32).min_by_key(area).ok_or(ExtractRegionError::NoLabels)
+        }
+        Pick::Rank(number) => rank(number).ok_or(missing("rank", number)),
+        Pick::Label(label) if (1..=count).contains(&(label as usize)) => Ok(label),
+        Pick::Label(label) => Err(missing("label", label)),
+        Pick::At(column, row) => label_at(labels, column, row),
+    }
+}
+
+fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, ExtractRegionError> {
+    let at = [column as usize, row as usize];
+    let size = [labels.width(), labels.height()];
+    if size[0] <= at[0] || size[1] <= at[1] {
+        return Err(ExtractRegionError::Outside { column, row, size });
+    }
+    let label = labels.at(at);
+    if label != 0 {
+        return Ok(label);
+    }
+    let place = |index: usize| [index % size[0], index / size[0]];
+    let distance_sq = |index: &usize| {
+        let [x, y] = [0, 1].map(|axis| place(*index)[axis].abs_diff(at[axis]) as u64);
+        x * x + y * y
+    };
+    let labelled = (0..labels.pixels().len()).filter(|&index| labels.pixels()[index] != 0);
+    let index = labelled.min_by_key(distance_sq).ok_or(ExtractRegionError::NoLabels)?;
+    let (nearest, label) = (place(index), labels.pixels()[index]);
+    Err(ExtractRegionError::Background { column, row, nearest, label })
+}
+
+/// The region of the cells labelled `number` in `pieces`, with points for those that have none.
+fn finish(pieces: &Labels, number: u32, range: &RangeImage) -> Result<Region, ExtractRegionError> {
+    let (width, height) = (pieces.width(), pieces.height());
+    let grid: Vec<u8> = pieces.pixels().iter().map(|&piece| u8::from(piece == number)).collect();
+    let cells: Vec<u32> =
+        (0..).zip(&grid).filter(|(_, inside)| **inside == 1).map(|(cell, _)| cell).collect();
+    let mut points: Vec<Point3<f64>> =
+        cells.iter().map(|&cell| range.points()[cell as usize]).collect();
+    let filled = |(&cell, point): (&u32, &Point3<f64>)| {
+        u8::from(point.x.is_nan() || range.is_filled(cell as usize))
+    };
+    let filled = cells.iter().zip(&points).map(filled).collect();
+    if points.iter().any(|point| point.x.is_nan()) {
+        let component = &pieces.statistics()[number as usize - 1];
+        fill_points([component.low, component.high], width, &cells, &mut points)?;
+    }
+    let contours = contours(width, height, &grid);
+    Ok(Region::new(width, height, cells, points, filled, contours)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::{Expect, expect};
+    use maquette::value::{Mask, Registration};
+
+    use super::*;
+
+    const HOLE: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
+
+    /// Labels of the parts of a drawing.
+    fn spots(rows: &[&str]) -> Labels {
+        label(&Mask::drawn(rows), Connectivity::Eight)
+    }
+
+    /// Cells with a point on a tilted plane where the drawing has `#`.
+    fn scan(rows: &[&str]) -> RangeImage {
+        let mask = Mask::drawn(rows);
+        let point = |(index, &valid): (usize, &u8)| {
+            let (x, y) = ((index % mask.width()) as f64, (index / mask.width()) as f64);
+            if valid == 1 { Point3::new(x, y, 700.0 + 0.5 * x - 0.25 * y) } else { HOLE }
+        };
+        let points = mask.pixels().iter().enumerate().map(point).collect();
+        RangeImage::new(mask.width(), mask.height(), points).unwrap()
+    }
+
+    fn full(width: usize, height: usize) -> RangeImage {
+        let row = "#".repeat(width);
+        scan(&vec![row.as_str(); height])
+    }
+
+    fn draw(region: &Region) -> String {
+        Mask::new(region.width(), region.height(), region.grid()).unwrap().draw()
+    }
+
+    fn check(labels: &[&str], range: &[&str], fill: bool, expected: Expect) {
+        let region = extract_region(&spots(labels), &scan(range), Pick::Largest, fill, 0).unwrap();
+        expected.assert_eq(&draw(&region));
+    }
+
+    /// The cells that a chain of cells shuts off from the rim, itself included.
+    fn fill_contour(width: usize, height: usize, chain: &[u32]) -> String {
+        let mut rest = vec![1; width * height];
+        chain.iter().for_each(|&cell| rest[cell as usize] = 0);
+        let parts = label(&Mask::new(width, height, rest).unwrap(), Connectivity::Four);
+        let shut = parts.pixels().iter().map(|&part| {
+            u8::from(part == 0 || !parts.statistics()[part as usize - 1].touches_border)
+        });
+        Mask::new(width, height, shut.collect()).unwrap().draw()
+    }
+
+    fn disk(size: usize, radius_sq: usize, hole_sq: usize) -> Mask {
+        let inside = |index: usize| {
+            let distance_sq = [index % size, index / size]
+                .map(|at| (2 * at).abs_diff(size - 1).pow(2))
+                .iter()
+                .sum::<usize>();
+            (4 * hole_sq..4 * radius_sq).contains(&distance_sq)
+        };
+        let pixels = (0..size * size).map(|index| u8::from(inside(index)));
+        Mask::new(size, size, pixels.collect()).unwrap()
+    }
+
+    // T-IMG-06.
+    #[test]
+    fn the_filled_contour_of_a_disk_is_the_disk() {
+        for radius in 2..12 {
+            let disk = disk(26, radius * radius, 0);
+            let labels = label(&disk, Connectivity::Eight);
+            let region = extract_region(&labels, &full(26, 26), Pick::Largest, true, 1).unwrap();
+            assert_eq!(draw(&region), disk.draw());
+            assert_eq!(region.contours().len(), 1);
+            assert_eq!(fill_contour(26, 26, &region.contours()[0].cells), disk.draw());
+        }
+    }
+
+    // T-IMG-06.
+    #[test]
+    fn an_annulus_keeps_its_hole() {
+        let annulus = disk(26, 120, 30);
+        let labels = label(&annulus, Connectivity::Eight);
+        let region = extract_region(&labels, &full(26, 26), Pick::Largest, true, 1).unwrap();
+        assert_eq!(draw(&region), annulus.draw());
+        let holes: Vec<bool> = region.contours().iter().map(|contour| contour.hole).collect();
+        assert_eq!(holes, [false, true]);
+    }
+
+    // T-IMG-06.
+    #[test]
+    fn a_rectangle_aligned_to_two_pixels_is_transferred_exactly() {
+        let (width, height) = (20, 12);
+        let map = Registration::corners([width, height], [2 * width, 2 * height]);
+        let range = full(width, height).with_registration(map);
+        for ([left, top], [right, bottom]) in
+            [([0, 0], [20, 12]), ([0, 3], [1, 4]), ([5, 2], [19, 11]), ([7, 7], [8, 12])]
+        {
+            let inside = |column: usize, row: usize| {
+                (left..right).contains(&column) && (top..bottom).contains(&row)
+            };
+            let pixels = (0..4 * width * height)
+                .map(|index| u32::from(inside(index % (2 * width) / 2, index / (2 * width) / 2)));
+            let labels = Labels::new(2 * width, 2 * height, pixels.collect()).unwrap();
+            let region = extract_region(&labels, &range, Pick::Label(1), true, 1).unwrap();
+            let expected: Vec<u32> = (0..(width * height) as u32)
+                .filter(|&cell| inside(cell as usize % width, cell as usize / width))
+                .collect();
+            assert_eq!(region.cells(), expected);
+        }
+    }
+
+    #[test]
+    fn a_surrounded_hole_of_the_scan_is_filled_from_around() {
+        let range = ["######", "##..##", "##.###", "######"];
+        check(&["######"; 4], &range, true, expect![["######\n######\n######\n######\n"]]);
+        check(&["######"; 4], &range, false, expect![["######\n##..##\n##.###\n######\n"]]);
+        let region =
+            extract_region(&spots(&["######"; 4]), &scan(&range), Pick::Largest, true, 0).unwrap();
+        let truth = full(6, 4);
+        for (index, &cell) in region.cells().iter().enumerate() {
+            let distance = (region.points()[index] - truth.points()[cell as usize]).norm();
+            assert!(distance < 1e-8, "{cell} {distance}");
+            assert_eq!(region.filled()[index], u8::from([8, 9, 14].contains(&cell)));
+        }
+    }
+
+    #[test]
+    fn a_hole_that_reaches_the_border_leaves_the_region() {
+        check(
+            &["......", ".####.", ".####.", ".####.", "......"],
+            &["######", "###.##", "###.##", "######", "######"],
+            true,
+            expect![["......\n.##.#.\n.##.#.\n.####.\n......\n"]],
+        );
+        check(&["###", "###"], &["#.#", "###"], true, expect![["#.#\n###\n"]]);
+    }
+
+    #[test]
+    fn of_a_region_that_falls_apart_the_largest_piece_is_taken() {
+        check(&["#####", "#####"], &["#.###", "#.###"], true, expect![["..###\n..###\n"]]);
+    }
+
+    #[test]
+    fn cells_filled_before_stay_flagged() {
+        let range = full(2, 2).with_filled(vec![0, 1, 0, 0]).unwrap();
+        let region = extract_region(&spots(&["##", "##"]), &range, Pick::Largest, true, 0).unwrap();
+        assert_eq!(region.filled(), [0, 1, 0, 0]);
+    }
+
+    #[test]
+    fn a_gap_is_closed() {
+        let labels = spots(&["......", ".##.#.", ".##.#.", ".###..", "......"]);
+        let region = |radius| {
+            draw(&extract_region(&labels, &full(6, 5), Pick::Largest, true, radius).unwrap())
+        };
+        assert_eq!(region(0), "......\n.##...\n.##...\n.###..\n......\n");
+        assert_eq!(region(1), "......\n.####.\n.####.\n.###..\n......\n");
+    }
+
+    #[test]
+    fn parts_are_picked_by_size_number_and_place() {
+        let labels = spots(&["##.#.", "##...", "...##"]);
+        let first = |pick| {
+            extract_region(&labels, &full(5, 3), pick, true, 0).map(|region| region.cells()[0])
+        };
+        assert_eq!(first(Pick::Largest), Ok(0));
+        assert_eq!(first(Pick::Smallest), Ok(3));
+        assert_eq!(first(Pick::Rank(1)), Ok(0));
+        assert_eq!(first(Pick::Rank(2)), Ok(13));
+        assert_eq!(first(Pick::Label(2)), Ok(3));
+        assert_eq!(first(Pick::At(4, 2)), Ok(13));
+    }
+
+    #[test]
+    fn what_cannot_be_picked_is_explained() {
+        let labels = spots(&["##.#.", "##...", "...##"]);
+        let message = |labels: &Labels, pick| {
+            extract_region(labels, &full(5, 3), pick, true, 0).unwrap_err().to_string()
+        };
+        expect!["there is no rank 4: the labels have 3 parts, numbered from 1"]
+            .assert_eq(&message(&labels, Pick::Rank(4)));
+        expect!["there is no label 0: the labels have 3 parts, numbered from 1"]
+            .assert_eq(&message(&labels, Pick::Label(0)));
+        expect!["pixel (2, 1) is background; the nearest part is label 1 at [1, 1]"]
+            .assert_eq(&message(&labels, Pick::At(2, 1)));
+        expect!["pixel (5, 1) is outside of the picture, which has [5, 3] pixels"]
+            .assert_eq(&message(&labels, Pick::At(5, 1)));
+        expect!["the labels are empty: look at the threshold or the mask that they were made of"]
+            .assert_eq(&message(&spots(&["....."; 3]), Pick::Largest));
+        expect!["the labels have [2, 1] pixels, but the range image is registered to a picture of [5, 3]"]
+            .assert_eq(&message(&spots(&["##"]), Pick::Largest));
+    }
+
+    #[test]
+    fn a_part_without_cells_or_points_is_explained() {
+        let message = |range: &RangeImage, rows: &[&str]| {
+            extract_region(&spots(rows), range, Pick::Largest, true, 1).unwrap_err().to_string()
+        };
+        let map = Registration::corners([2, 1], [4, 2]);
+        expect!["label 1 has 1 pixels, but they cover no cell of the range grid by half"]
+            .assert_eq(&message(&full(2, 1).with_registration(map), &["#...", "...."]));
+        expect!["label 1 covers 2 cells of the range grid, but none that can be used has a point"]
+            .assert_eq(&message(&scan(&["..#"]), &["##."]));
+    }
+}

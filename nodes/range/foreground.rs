@@ -1,0 +1,291 @@
+//! Tells the object from its background.
+
+use maquette::value::{Color, Image, Mask, RangeImage};
+use maquette::{Context, Error, In, Node};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::image::{Channel, Connectivity, Select, close, label, level, threshold};
+
+/// Marks the pixels of the picture on which the object is seen.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Foreground {
+    /// The range image, for `Valid`.
+    pub range: Option<In<RangeImage>>,
+    /// The picture, for `KeyColor` and `Luma`.
+    pub image: Option<In<Image>>,
+    /// What tells the object from the background.
+    #[serde(default)]
+    pub by: ForegroundBy,
+    /// Adds what the object surrounds: places where the scanner saw nothing, or paint of the background's color.
+    #[serde(default = "yes")]
+    pub fill_holes: bool,
+    /// Radius of a square that closes gaps, before holes are filled: in range cells for `Valid`, else in pixels of the picture.
+    /// It keeps the shadow beside a feature from cutting it off.
+    #[schemars(range(max = 50), extend("unit" = "px"))]
+    #[serde(default = "two")]
+    pub close: u32,
+}
+
+/// What tells the object from the background.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub enum ForegroundBy {
+    /// The scanner measured a point there. Needs `range`.
+    #[default]
+    Valid,
+    /// The color is not the background's. Needs `image`.
+    KeyColor {
+        /// The background's color, as in `"#00ff00"`.
+        color: Color,
+        /// Largest distance from it that still counts as background, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
+        #[schemars(range(min = 0.0, max = 100.0))]
+        #[serde(default = "twelve")]
+        distance: f64,
+    },
+    /// The picture is bright there. Needs `image`.
+    Luma {
+        /// Brightest level of the background, of 0.299 red + 0.587 green + 0.114 blue; if left out, the one that divides the
+        /// picture best (Otsu).
+        #[serde(default)]
+        above: Option<u8>,
+    },
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn two() -> u32 {
+    2
+}
+
+fn twelve() -> f64 {
+    12.0
+}
+
+/// Why the object cannot be told from the background.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ForegroundError {
+    /// What the choice needs is not linked.
+    #[error("`by: {by}` needs the port `{port}`, which is not linked")]
+    Missing {
+        /// The choice.
+        by: &'static str,
+        /// The port.
+        port: &'static str,
+    },
+    /// The range image belongs to another picture.
+    #[error("`image` has {image:?} pixels, but `range` is registered to a picture of {picture:?}")]
+    Size {
+        /// The picture's size.
+        image: [usize; 2],
+        /// The size that the range image's registration has.
+        picture: [usize; 2],
+    },
+}
+
+impl Node for Foreground {
+    type Outputs = (Mask,);
+    const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let range = self.range.as_ref().map(|range| cx.get(range));
+        let image = self.image.as_ref().map(|image| cx.get(image));
+        let mask = foreground(range, image, &self.by, self.fill_holes, self.close as usize)?;
+        if mask.count() == 0 {
+            cx.warn("nothing is foreground");
+        }
+        Ok((mask,))
+    }
+}
+
+/// Marks the pixels of the picture on which the object is seen. Gaps are closed with a square of radius `close`, then, if
+/// `fill` says so, what the object surrounds is added: background from which no path along sides leads to the border.
+///
+/// With [`ForegroundBy::Valid`] both happen on the range grid; a pixel is then marked if the cell nearest to it is.
+///
+/// # Errors
+/// If the port that `by` needs is empty, or both are given and `range` is registered to a picture of another size.
+pub fn foreground(
+    range: Option<&RangeImage>,
+    image: Option<&Image>,
+    by: &ForegroundBy,
+    fill: bool,
+    close_radius: usize,
+) -> Result<Mask, ForegroundError> {
+    if let (Some(range), Some(image)) = (range, image) {
+        let (image, picture) = ([image.width(), image.height()], range.registration().picture);
+        if image != picture {
+            return Err(ForegroundError::Size { image, picture });
+        }
+    }
+    let whole = |mask: Mask| {
+        let closed = close(&mask, close_radius);
+        if fill { fill_holes(&closed) } else { closed }
+    };
+    let need_image = |by| image.ok_or(ForegroundError::Missing { by, port: "image" });
+    match *by {
+        ForegroundBy::Valid => {
+            let range = range.ok_or(ForegroundError::Missing { by: "Valid", port: "range" })?;
+            Ok(lift(&whole(valid(range)), range))
+        }
+        ForegroundBy::KeyColor { color, distance } => {
+            let background = Select::Near { color, distance, lightness: 1.0 };
+            Ok(whole(select(need_image("KeyColor")?, &background, true)))
+        }
+        ForegroundBy::Luma { above: None } => {
+            let bright = Select::Otsu { channel: Channel::Luma };
+            Ok(whole(select(need_image("Luma")?, &bright, false)))
+        }
+        ForegroundBy::Luma { above: Some(above) } => {
+            let image = need_image("Luma")?;
+            let bright = |&pixel| u8::from(level(Channel::Luma, pixel) > u32::from(above));
+            let bright = image.pixels().iter().map(bright).collect();
+            Ok(whole(mask(image.width(), image.height(), bright)))
+        }
+    }
+}
+
+fn mask(width: usize, height: usize, pixels: Vec<u8>) -> Mask {
+    Mask::new(width, height, pixels).expect("one entry per pixel")
+}
+
+fn select(image: &Image, select: &Select, invert: bool) -> Mask {
+    threshold(image, None, select, invert).expect("no pixel is sampled and no mask given")
+}
+
+/// The valid cells.
+fn valid(range: &RangeImage) -> Mask {
+    let valid = range.points().iter().map(|point| u8::from(!point.x.is_nan()));
+    mask(range.width(), range.height(), valid.collect())
+}
+
+/// Adds the parts of the background that hang together by sides and do not reach the border.
+fn fill_holes(object: &Mask) -> Mask {
+    let (width, height) = (object.width(), object.height());
+    let background = object.pixels().iter().map(|pixel| 1 - pixel).collect();
+    let parts = label(&mask(width, height, background), Connectivity::Four);
+    let is_object = |&part: &u32| {
+        part.checked_sub(1).is_none_or(|part| !parts.statistics()[part as usize].touches_border)
+    };
+    let filled = parts.pixels().iter().map(|part| u8::from(is_object(part)));
+    mask(width, height, filled.collect())
+}
+
+/// A mask of range cells as a mask of the picture's pixels: each pixel is what the cell nearest to it is. A pixel that no cell
+/// sees is outside.
+fn lift(cells: &Mask, range: &RangeImage) -> Mask {
+    let map = range.registration();
+    let [width, height] = map.picture;
+    let grid = [cells.width(), cells.height()];
+    let nearest = |axis: usize| {
+        (0..map.picture[axis]).map(move |pixel| {
+            let at = map.range_from_picture([pixel as f64; 2])[axis];
+            // The outermost cells see half a cell beyond their centers.
+            let seen = -0.5 <= at && at <= grid[axis] as f64 - 0.5;
+            seen.then(|| (at.round() as usize).min(grid[axis] - 1))
+        })
+    };
+    let columns: Vec<Option<usize>> = nearest(0).collect();
+    let rows: Vec<Option<usize>> = nearest(1).collect();
+    let mut pixels = vec![0; width * height];
+    pixels.par_chunks_mut(width.max(1)).zip(&rows).with_min_len(64).for_each(|(pixels, &row)| {
+        let Some(row) = row else { return };
+        let cells = &cells.pixels()[row * grid[0]..][..grid[0]];
+        for (pixel, column) in pixels.iter_mut().zip(&columns) {
+            *pixel = column.map_or(0, |column| cells[column]);
+        }
+    });
+    mask(width, height, pixels)
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::{Expect, expect};
+    use maquette::value::Registration;
+    use nalgebra::Point3;
+
+    use super::*;
+
+    /// A range image that is valid where the drawing has `#`.
+    fn scan(rows: &[&str]) -> RangeImage {
+        let valid = Mask::drawn(rows);
+        let z = |&valid: &u8| if valid == 1 { 700.0 } else { f64::NAN };
+        let points = valid.pixels().iter().map(|valid| Point3::new(0.0, 0.0, z(valid)));
+        RangeImage::new(valid.width(), valid.height(), points.collect()).unwrap()
+    }
+
+    fn check(rows: &[&str], fill: bool, close: usize, expected: Expect) {
+        let mask = foreground(Some(&scan(rows)), None, &ForegroundBy::Valid, fill, close).unwrap();
+        expected.assert_eq(&mask.draw());
+    }
+
+    #[test]
+    fn holes_are_filled_and_bays_are_not() {
+        let rows = ["#####", "#...#", "###.#", "#.###", "#.###"];
+        check(&rows, true, 0, expect![["#####\n#####\n#####\n#.###\n#.###\n"]]);
+        check(&rows, false, 0, expect![["#####\n#...#\n###.#\n#.###\n#.###\n"]]);
+    }
+
+    #[test]
+    fn a_shadow_that_cuts_a_feature_off_is_closed() {
+        let rows = ["##.##", "#...#", "##.##"];
+        check(&rows, true, 1, expect![["#####\n#####\n#####\n"]]);
+    }
+
+    #[test]
+    fn a_pixel_is_what_its_nearest_cell_is() {
+        let lifted = |scale: f64, offset: f64, picture: [usize; 2]| {
+            let map = Registration { scale: [scale; 2], offset: [offset; 2], picture };
+            let range = scan(&["#.", ".#"]).with_registration(map);
+            foreground(Some(&range), None, &ForegroundBy::Valid, false, 0).unwrap().draw()
+        };
+        assert_eq!(lifted(2.0, 0.5, [4, 4]), "##..\n##..\n..##\n..##\n");
+        // The last pixel lies on the last cell's rim; the one in the middle is as near to both and taken to the second.
+        assert_eq!(lifted(2.0, 0.0, [4, 4]), "#...\n.###\n.###\n.###\n");
+        // No cell sees the pixels at the rim.
+        assert_eq!(lifted(2.0, 1.5, [6, 4]), "......\n.##...\n.##...\n...##.\n");
+        assert_eq!(lifted(0.5, 0.0, [1, 1]), "#\n");
+        assert_eq!(lifted(f64::NAN, 0.0, [2, 1]), "..\n");
+    }
+
+    fn picture() -> Image {
+        let pixels = [[0, 255, 0], [0, 250, 0], [200, 0, 0], [30, 30, 30]];
+        Image::new(4, 1, pixels.to_vec()).unwrap()
+    }
+
+    #[test]
+    fn colors_unlike_the_background_are_foreground() {
+        let by = ForegroundBy::KeyColor { color: Color([0, 255, 0]), distance: 12.0 };
+        let mask = foreground(None, Some(&picture()), &by, true, 0).unwrap();
+        assert_eq!(mask.draw(), "..##\n");
+    }
+
+    #[test]
+    fn bright_pixels_are_foreground() {
+        let draw = |above| {
+            let by = ForegroundBy::Luma { above };
+            foreground(None, Some(&picture()), &by, true, 0).unwrap().draw()
+        };
+        assert_eq!(draw(None), "##..\n");
+        assert_eq!(draw(Some(30)), "###.\n");
+        assert_eq!(draw(Some(29)), "####\n");
+    }
+
+    #[test]
+    fn a_missing_port_is_named() {
+        let message = |by| foreground(None, None, &by, true, 0).unwrap_err().to_string();
+        expect!["`by: Valid` needs the port `range`, which is not linked"]
+            .assert_eq(&message(ForegroundBy::Valid));
+        expect!["`by: Luma` needs the port `image`, which is not linked"]
+            .assert_eq(&message(ForegroundBy::Luma { above: None }));
+    }
+
+    #[test]
+    fn a_picture_of_another_size_is_an_error() {
+        let range = scan(&["##"]);
+        let error = foreground(Some(&range), Some(&picture()), &ForegroundBy::Valid, true, 0);
+        assert_eq!(error, Err(ForegroundError::Size { image: [4, 1], picture: [2, 1] }));
+    }
+}

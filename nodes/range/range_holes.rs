@@ -1,0 +1,60 @@
+//! Cells of a region for which the scanner has no point.
+
+use maquette::value::{Mask, RangeImage};
+use nalgebra::Point3;
+
+use crate::image::{Connectivity, label};
+use crate::laplace::{NotConverged, solve};
+
+/// The cells of `region` that have a point, or will have one: with `fill` the invalid ones whose part lies wholly inside.
+pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mask {
+    let (width, height) = (region.width(), region.height());
+    let mask = |pixels| Mask::new(width, height, pixels).expect("one entry per cell");
+    let valid = |cell: usize| range.point(cell).is_some();
+    let inside = |cell: usize| region.pixels()[cell] == 1;
+    let invalid = (0..width * height).map(|cell| u8::from(inside(cell) && !valid(cell)));
+    let holes = label(&mask(invalid.collect()), Connectivity::Four);
+    let mut closed: Vec<bool> =
+        holes.statistics().iter().map(|hole| fill && !hole.touches_border).collect();
+    for (cell, &hole) in holes.pixels().iter().enumerate().filter(|(_, hole)| **hole != 0) {
+        let hole = &mut closed[hole as usize - 1];
+        // A hole that is still closed does not touch the rim, so that each of its cells has four neighbors.
+        *hole = *hole && [cell - width, cell - 1, cell + 1, cell + width].into_iter().all(inside);
+    }
+    let usable = |cell: usize| match holes.pixels()[cell] {
+        0 => inside(cell),
+        hole => closed[hole as usize - 1],
+    };
+    mask((0..width * height).map(|cell| u8::from(usable(cell))).collect())
+}
+
+/// Computes the points that are NaN from the others, inside the box (both corners included) that holds all `cells` of a grid of
+/// this width: Laplace's equation, coordinate by coordinate.
+///
+/// # Errors
+/// If the equation is not solved, which points of a sane size never cause.
+pub(crate) fn fill_points(
+    [low, high]: [[usize; 2]; 2],
+    width: usize,
+    cells: &[u32],
+    points: &mut [Point3<f64>],
+) -> Result<(), NotConverged> {
+    let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
+    let place =
+        |cell: u32| (cell as usize / width - low[1]) * columns + cell as usize % width - low[0];
+    let mut free = vec![0; columns * rows];
+    for (&cell, _) in cells.iter().zip(&*points).filter(|(_, point)| point.x.is_nan()) {
+        free[place(cell)] = 1;
+    }
+    for axis in 0..3 {
+        let mut values = vec![f64::NAN; columns * rows];
+        for (&cell, point) in cells.iter().zip(&*points) {
+            values[place(cell)] = point[axis];
+        }
+        solve(columns, rows, &free, 0.0, &mut values)?;
+        for (&cell, point) in cells.iter().zip(&mut *points) {
+            point[axis] = values[place(cell)];
+        }
+    }
+    Ok(())
+}

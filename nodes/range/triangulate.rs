@@ -1,0 +1,359 @@
+//! Makes a mesh of a range image.
+
+use maquette::value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
+use maquette::{Context, Error, In, Node};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::grid_triangles::{GridTriangle, Rays, double_area, grid_triangles};
+
+/// Joins neighboring cells of a range image to a mesh of triangles that look towards the sensor.
+///
+/// Each vertex is a cell and keeps its texture coordinate in the picture. Where two parts of the mesh touch in one cell only,
+/// the cell gets a vertex for each, so that the mesh is manifold.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Triangulate {
+    /// The range image.
+    pub range: In<RangeImage>,
+    /// Longest edge of a triangle, in multiples of the grid's median spacing: longer ones bridge the gap between an object and
+    /// what is behind it.
+    #[schemars(range(min = 0.0))]
+    #[serde(default = "six")]
+    pub jump: f64,
+    /// Largest angle between the line of sight and a triangle's normal, to either side: steeper triangles bridge such a gap, too.
+    /// 90 keeps all.
+    #[schemars(range(min = 0.0, max = 90.0), extend("unit" = "deg"))]
+    #[serde(default = "eighty_five")]
+    pub grazing: f64,
+}
+
+fn six() -> f64 {
+    6.0
+}
+
+fn eighty_five() -> f64 {
+    85.0
+}
+
+/// Why a range image makes no mesh.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TriangulateError {
+    /// There is nothing to join.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+    /// Too many cells for a mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}
+
+impl Node for Triangulate {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let mesh = triangulate(cx.get(&self.range), self.jump, self.grazing)?;
+        if mesh.faces().is_empty() {
+            cx.warn(
+                "no triangle is left: raise `jump` or `grazing`, or look for holes in the range",
+            );
+        }
+        Ok((mesh,))
+    }
+}
+
+/// Joins neighboring cells of `range` to triangles, counter-clockwise seen from the sensor.
+///
+/// Left out are triangles with an edge longer than `jump` times the median distance of valid cells that share a side, triangles
+/// whose normal makes an angle of more than `grazing` degrees with the line of sight (on whichever side they are seen: a
+/// changed surface may hang over), and triangles without area.
+///
+/// Vertices are the cells of the triangles, row by row from the top; a cell in which several fans of triangles meet that share
+/// no edge comes once for each fan, so that the mesh is manifold. Vertex attributes are `uv`, `filled` if a vertex is a filled
+/// cell, and `color` if the range image has colors.
+///
+/// # Errors
+/// If no cell is valid, or the grid has more cells than a mesh can hold.
+pub fn triangulate(range: &RangeImage, jump: f64, grazing: f64) -> Result<Mesh, TriangulateError> {
+    let frame = range.capture_frame()?;
+    let (width, height, points) = (range.width(), range.height(), range.points());
+    let longest_sq = jump * jump * median_spacing_sq(range);
+    let least_cosine = libm::cos(grazing.to_radians());
+    let rays = Rays::of(range);
+    let triangles = grid_triangles(width, height, points, |corners| {
+        let [a, b, c] = corners;
+        let ray = rays.at(Point3::from((a.coords + b.coords + c.coords) / 3.0));
+        let normal = double_area(corners);
+        let length = normal.norm();
+        [b - a, c - b, a - c].iter().all(|edge| edge.norm_squared() <= longest_sq)
+            && length > 0.0
+            && normal.dot(&ray).abs() >= least_cosine * length * ray.norm()
+    });
+    let fans = Fans::new(width, height, &triangles);
+    let cells = fans.vertices();
+    let faces = triangles.iter().map(|triangle| fans.face(width, *triangle)).collect();
+    let positions: Vec<Point3<f64>> = cells.iter().map(|&cell| points[cell]).collect();
+    let mesh = Mesh::new(positions, Faces::triangles(faces))?.with_frame(Some(frame));
+    with_attributes(mesh, range, &cells)
+}
+
+/// Adds what the cells of the vertices know.
+fn with_attributes(
+    mesh: Mesh,
+    range: &RangeImage,
+    cells: &[usize],
+) -> Result<Mesh, TriangulateError> {
+    let (width, map) = (range.width(), range.registration());
+    let uv = |&cell: &usize| map.uv_from_range([(cell % width) as f64, (cell / width) as f64]);
+    let mut mesh = mesh.with_vertex("uv", Attribute::Pair(cells.iter().map(uv).collect()))?;
+    if cells.iter().any(|&cell| range.is_filled(cell)) {
+        let filled = cells.iter().map(|&cell| u8::from(range.is_filled(cell))).collect();
+        mesh = mesh.with_vertex("filled", Attribute::Flag(filled))?;
+    }
+    if let Some(colors) = range.colors() {
+        let colors = cells.iter().map(|&cell| colors[cell]).collect();
+        mesh = mesh.with_vertex("color", Attribute::Color(colors))?;
+    }
+    Ok(mesh)
+}
+
+/// The squared median distance of valid cells that share a side, of an even number the upper of the middle two; 0 if no two do.
+fn median_spacing_sq(range: &RangeImage) -> f64 {
+    let (width, points) = (range.width(), range.points());
+    let mut spacings = Vec::with_capacity(2 * points.len());
+    for (row, cells) in points.chunks(width.max(1)).enumerate() {
+        spacings.extend(cells.windows(2).map(|pair| (pair[1] - pair[0]).norm_squared()));
+        if row > 0 {
+            let above = &points[(row - 1) * width..];
+            spacings.extend(cells.iter().zip(above).map(|(a, b)| (b - a).norm_squared()));
+        }
+    }
+    spacings.retain(|spacing| !spacing.is_nan());
+    let middle = spacings.len() / 2;
+    if spacings.is_empty() {
+        return 0.0;
+    }
+    *spacings.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Which triangles around a cell hang together: a cell is a vertex of each such fan.
+struct Fans {
+    /// For each cell, which of the eight wedges around it are filled; see [`GridTriangle::wedges`].
+    wedges: Vec<u8>,
+    /// For each cell the index of its first vertex.
+    first: Vec<u32>,
+}
+
+impl Fans {
+    fn new(width: usize, height: usize, triangles: &[GridTriangle]) -> Self {
+        let mut wedges = vec![0; width * height];
+        for triangle in triangles {
+            for (cell, filled) in triangle.cells(width).into_iter().zip(triangle.wedges()) {
+                wedges[cell] |= filled;
+            }
+        }
+        let mut count = 0;
+        let first = wedges.iter().map(|&filled| {
+            count += fan_count(filled);
+            count - fan_count(filled)
+        });
+        Self { first: first.collect(), wedges }
+    }
+
+    /// The cell of each vertex.
+    fn vertices(&self) -> Vec<usize> {
+        let cells = self.wedges.iter().enumerate();
+        cells.flat_map(|(cell, &filled)| (0..fan_count(filled)).map(move |_| cell)).collect()
+    }
+
+    fn face(&self, width: usize, triangle: GridTriangle) -> [u32; 3] {
+        let (cells, wedges) = (triangle.cells(width), triangle.wedges());
+        [0, 1, 2].map(|k| self.first[cells[k]] + fan_of(self.wedges[cells[k]], wedges[k]))
+    }
+}
+
+/// The wedges at which a fan begins: filled, and the one before it is not.
+fn fan_starts(filled: u8) -> u8 {
+    filled & !filled.rotate_left(1)
+}
+
+/// The number of fans in these wedges.
+fn fan_count(filled: u8) -> u32 {
+    if filled == u8::MAX { 1 } else { fan_starts(filled).count_ones() }
+}
+
+/// Which of the fans in `filled` a triangle in the wedges `wedge` belongs to.
+fn fan_of(filled: u8, wedge: u8) -> u32 {
+    let starts = fan_starts(filled);
+    if starts.count_ones() < 2 {
+        return 0;
+    }
+    let up_to_wedge = u8::MAX >> (7 - wedge.trailing_zeros());
+    match (starts & up_to_wedge).count_ones() {
+        // A fan that runs over the last wedge to the first ones is the last of the fans.
+        0 => starts.count_ones() - 1,
+        begun => begun - 1,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::{Mask, Registration};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const HOLE: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
+
+    /// Cells with a point where the drawing has `#`, 1 mm apart, 500 mm away.
+    fn drawn(rows: &[&str]) -> RangeImage {
+        let mask = Mask::drawn(rows);
+        let point = |(index, &valid): (usize, &u8)| match valid {
+            1 => Point3::new((index % mask.width()) as f64, (index / mask.width()) as f64, 500.0),
+            _ => HOLE,
+        };
+        let points = mask.pixels().iter().enumerate().map(point).collect();
+        RangeImage::new(mask.width(), mask.height(), points).unwrap()
+    }
+
+    fn plain(range: &RangeImage) -> Mesh {
+        triangulate(range, 6.0, 85.0).unwrap()
+    }
+
+    /// How many fans of faces meet at each vertex: faces around a vertex hang together if they share an edge at it.
+    fn fans_per_vertex(mesh: &Mesh) -> Vec<usize> {
+        let mut around = vec![Vec::new(); mesh.positions().len()];
+        for face in mesh.faces().as_triangles().unwrap() {
+            for k in 0..3 {
+                around[face[k] as usize].push([face[(k + 1) % 3], face[(k + 2) % 3]]);
+            }
+        }
+        let count = |spokes: Vec<[u32; 2]>| {
+            let mut fans: Vec<Vec<u32>> = Vec::new();
+            for pair in spokes {
+                let (joined, apart): (Vec<_>, Vec<_>) =
+                    fans.into_iter().partition(|fan| pair.iter().any(|spoke| fan.contains(spoke)));
+                fans = apart;
+                fans.push(joined.into_iter().flatten().chain(pair).collect());
+            }
+            fans.len()
+        };
+        around.into_iter().map(count).collect()
+    }
+
+    #[test]
+    fn vertices_stand_row_by_row_and_look_at_the_sensor() {
+        let mesh = plain(&drawn(&["#####", "#####", "#..#.", "...#."]));
+        assert_eq!(mesh.positions().len(), 12);
+        let in_order = |pair: &[Point3<f64>]| (pair[0].y, pair[0].x) < (pair[1].y, pair[1].x);
+        assert!(mesh.positions().windows(2).all(in_order));
+        assert!(mesh.vertex_normals().iter().all(|normal| normal.z < -0.999));
+        assert_eq!(mesh.frame().unwrap().depth, 500.0);
+    }
+
+    #[test]
+    fn parts_that_touch_in_one_cell_get_a_vertex_each() {
+        let mesh = plain(&drawn(&["#..", "###", "..#"]));
+        assert_eq!(mesh.faces().as_triangles().unwrap(), [[0, 1, 3], [2, 5, 4]]);
+        assert_eq!(mesh.positions()[2], mesh.positions()[3]);
+        let mesh = plain(&drawn(&["##.", "###", "..#"]));
+        assert_eq!((mesh.faces().len(), mesh.positions().len()), (4, 6));
+    }
+
+    #[test]
+    fn every_set_of_wedges_has_as_many_fans_as_runs() {
+        for filled in 0..=u8::MAX {
+            let starts: Vec<u32> = (0..8)
+                .filter(|k| filled >> k & 1 == 1 && filled >> ((k + 7) % 8) & 1 == 0)
+                .collect();
+            let expected = if filled == u8::MAX { 1 } else { starts.len() as u32 };
+            assert_eq!(fan_count(filled), expected);
+            for wedge in (0..8).filter(|k| filled >> k & 1 == 1) {
+                let fan = fan_of(filled, 1 << wedge);
+                assert!(fan < expected, "{filled:b} {wedge}");
+                let next = (wedge + 1) % 8;
+                if filled >> next & 1 == 1 {
+                    assert_eq!(fan_of(filled, 1 << next), fan, "{filled:b} {wedge}");
+                }
+            }
+            let mut fans: Vec<u32> =
+                starts.iter().map(|start| fan_of(filled, 1 << start)).collect();
+            fans.sort_unstable();
+            fans.dedup();
+            assert_eq!(fans.len(), starts.len(), "{filled:b}");
+        }
+    }
+
+    #[test]
+    fn a_step_is_not_bridged() {
+        let flat = drawn(&["####", "####"]);
+        let step = |depth: f64| {
+            let points = flat.points().iter().enumerate().map(|(index, &point)| {
+                if index % 4 < 2 { point } else { point + nalgebra::Vector3::z() * depth }
+            });
+            flat.with_points(points.collect()).unwrap()
+        };
+        assert_eq!(plain(&step(4.0)).faces().len(), 6);
+        assert_eq!(plain(&step(7.0)).faces().len(), 4);
+        assert_eq!(triangulate(&step(7.0), 8.0, 85.0).unwrap().faces().len(), 6);
+        assert_eq!(triangulate(&step(7.0), 8.0, 80.0).unwrap().faces().len(), 4);
+    }
+
+    #[test]
+    fn an_overhang_is_kept() {
+        let flat = drawn(&["##", "##"]);
+        let [a, b, c, d] = [0, 1, 2, 3].map(|cell| flat.points()[cell]);
+        let turned = flat.with_points(vec![b, a, d, c]).unwrap();
+        let mesh = plain(&turned);
+        assert_eq!(mesh.faces().len(), 2);
+        assert!(mesh.vertex_normals().iter().all(|normal| normal.z > 0.999));
+    }
+
+    #[test]
+    fn vertices_keep_what_their_cells_know() {
+        let map = Registration::corners([2, 2], [4, 4]);
+        let range = drawn(&["##", "##"]).with_registration(map);
+        assert!(plain(&range).vertex().get("filled").is_none());
+        let range = range.with_filled(vec![0, 0, 1, 0]).unwrap();
+        let range = range.with_colors(vec![[1; 3], [2; 3], [3; 3], [4; 3]]).unwrap();
+        let mesh = plain(&range);
+        let uv = mesh.vertex().pairs("uv").unwrap();
+        assert_eq!(uv[..], [[0.25, 0.75], [0.75, 0.75], [0.25, 0.25], [0.75, 0.25]]);
+        let filled = Attribute::Flag(vec![0, 0, 1, 0].into());
+        assert_eq!(mesh.vertex().get("filled"), Some(&filled));
+        assert_eq!(mesh.vertex().colors("color").unwrap()[2], [3; 3]);
+    }
+
+    #[test]
+    fn a_range_image_without_points_is_an_error_and_one_point_makes_no_face() {
+        let none = triangulate(&drawn(&["...", "..."]), 6.0, 85.0);
+        assert_eq!(none, Err(TriangulateError::Range(RangeError::NoValidRange)));
+        let one = plain(&drawn(&["...", ".#."]));
+        assert!(one.faces().is_empty() && one.positions().is_empty());
+        let coincident = RangeImage::new(2, 2, vec![Point3::new(0.0, 0.0, 5.0); 4]).unwrap();
+        assert!(plain(&coincident).faces().is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn the_mesh_of_any_grid_is_manifold_and_oriented(
+            (width, depths) in (1usize..14, 1usize..14).prop_flat_map(|(width, height)| {
+                let depth = prop_oneof![1 => Just(f64::NAN), 3 => 500.0..508.0f64];
+                (Just(width), prop::collection::vec(depth, width * height))
+            }),
+            jump in 1.0..8.0f64,
+        ) {
+            let point = |(index, &z): (usize, &f64)| {
+                Point3::new((index % width) as f64, (index / width) as f64, z)
+            };
+            let points: Vec<_> = depths.iter().enumerate().map(point).collect();
+            let range = RangeImage::new(width, depths.len() / width, points).unwrap();
+            prop_assume!(range.n_valid() > 0);
+            let mesh = triangulate(&range, jump, 89.0).unwrap();
+            let edges = mesh.edges();
+            prop_assert!(edges.faces.iter().all(|&faces| faces <= 2));
+            prop_assert_eq!(edges.misoriented, 0);
+            prop_assert!(fans_per_vertex(&mesh).iter().all(|&fans| fans == 1));
+        }
+    }
+}

@@ -1,0 +1,454 @@
+use maquette::value::{Attribute, Column};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::*;
+
+fn of(levels: u32, limit: bool, boundary: Boundary) -> Subdivision {
+    Subdivision { scheme: Scheme::Loop, levels, limit, boundary }
+}
+
+fn refine(mesh: &Mesh, levels: u32) -> Mesh {
+    subdivide(mesh, of(levels, false, Boundary::EdgeAndCorner)).unwrap()
+}
+
+fn limit(mesh: &Mesh, levels: u32) -> Mesh {
+    subdivide(mesh, of(levels, true, Boundary::EdgeAndCorner)).unwrap()
+}
+
+/// A mesh with scattered vertices: the tests are about topology, or hold for any places.
+fn scattered(faces: Vec<[u32; 3]>) -> Mesh {
+    let vertices = faces.iter().flatten().max().map_or(0, |&vertex| vertex + 1);
+    let mut state = 7u32;
+    let mut random = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(state >> 8) / f64::from(1 << 24) - 0.5
+    };
+    let positions: Vec<_> =
+        (0..vertices).map(|_| Point3::new(random(), random(), random())).collect();
+    Mesh::new(positions, Faces::triangles(faces)).unwrap()
+}
+
+fn placed(faces: Vec<[u32; 3]>, positions: &[[f64; 3]]) -> Mesh {
+    let positions: Vec<Point3<f64>> = positions.iter().map(|&point| point.into()).collect();
+    Mesh::new(positions, Faces::triangles(faces)).unwrap()
+}
+
+fn tetrahedron() -> Vec<[u32; 3]> {
+    vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+}
+
+/// Two poles (the last two vertices) over a ring of `n`.
+fn bipyramid(n: u32) -> Vec<[u32; 3]> {
+    (0..n).flat_map(|i| [[i, (i + 1) % n, n], [(i + 1) % n, i, n + 1]]).collect()
+}
+
+/// The octahedron with corners on the axes, seen from outside.
+fn octahedron() -> Mesh {
+    let ring = [[1., 0., 0.], [0., 1., 0.], [-1., 0., 0.], [0., -1., 0.]];
+    placed(bipyramid(4), &[&ring[..], &[[0., 0., 1.], [0., 0., -1.]]].concat())
+}
+
+fn icosahedron() -> Vec<[u32; 3]> {
+    let ring = |i: u32| [1 + i % 5, 1 + (i + 1) % 5, 6 + i % 5, 6 + (i + 1) % 5];
+    (0..5)
+        .map(ring)
+        .flat_map(|[a, b, c, d]| [[0, a, b], [a, c, b], [b, c, d], [11, d, c]])
+        .collect()
+}
+
+/// A sheet of `m` x `n` squares, each in two triangles; closed to a torus if `around`.
+fn sheet(m: u32, n: u32, around: bool) -> Vec<[u32; 3]> {
+    let (rows, columns) = if around { (m, n) } else { (m + 1, n + 1) };
+    let at = |i: u32, j: u32| i % rows * columns + j % columns;
+    (0..m * n)
+        .map(|k| (k / n, k % n))
+        .flat_map(|(i, j)| {
+            let [a, b, c, d] = [at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)];
+            [[a, b, c], [a, c, d]]
+        })
+        .collect()
+}
+
+/// A sheet of `n` x `n` squares in the plane z = 0 on the unit lattice.
+fn flat_sheet(n: u32) -> Mesh {
+    let at = |k: u32| [f64::from(k % (n + 1)), f64::from(k / (n + 1)), 0.0];
+    placed(sheet(n, n, false), &(0..(n + 1) * (n + 1)).map(at).collect::<Vec<_>>())
+}
+
+/// Vertex 0 at the middle of `n` triangles.
+fn wheel(n: u32) -> Vec<[u32; 3]> {
+    (0..n).map(|i| [0, 1 + i, 1 + (i + 1) % n]).collect()
+}
+
+/// A wheel on the unit circle, with heights by x and y.
+fn hexagon(height: fn(f64, f64) -> f64) -> Mesh {
+    let mut positions = vec![[0.0, 0.0, height(0.0, 0.0)]];
+    positions.extend((0..6).map(|i| {
+        let (y, x) = libm::sincos(f64::from(i) * std::f64::consts::FRAC_PI_3);
+        [x, y, height(x, y)]
+    }));
+    placed(wheel(6), &positions)
+}
+
+fn farthest(a: &[Point3<f64>], b: &[Point3<f64>]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+}
+
+// T-SUB-01.
+#[test]
+fn each_step_has_its_counts_and_keeps_the_euler_characteristic() {
+    let cases = [
+        (tetrahedron(), 2),
+        (bipyramid(4), 2),
+        (icosahedron(), 2),
+        (sheet(3, 4, true), 0),
+        (sheet(2, 3, false), 1),
+    ];
+    for (faces, euler) in cases {
+        let mut mesh = scattered(faces);
+        for _ in 0..5 {
+            let (v, e, f) =
+                (mesh.positions().len(), mesh.edges().vertices.len(), mesh.faces().len());
+            assert_eq!(v as i64 - e as i64 + f as i64, euler);
+            mesh = refine(&mesh, 1);
+            let edges = mesh.edges();
+            assert_eq!((mesh.positions().len(), mesh.faces().len()), (v + e, 4 * f));
+            assert_eq!((edges.vertices.len(), edges.misoriented), (2 * e + 3 * f, 0));
+        }
+    }
+}
+
+#[test]
+fn new_vertices_are_the_edges_midpoints_in_order_and_new_faces_begin_at_their_corner() {
+    let mesh = placed(vec![[0, 1, 2]], &[[0., 0., 0.], [4., 0., 0.], [0., 4., 0.]]);
+    let mesh = refine(&mesh, 1);
+    assert_eq!(mesh.positions()[3..], [[2., 0., 0.], [2., 2., 0.], [0., 2., 0.]].map(Point3::from));
+    let faces: Vec<_> = mesh.faces().iter().collect();
+    assert_eq!(faces, [[0, 3, 5], [1, 4, 3], [2, 5, 4], [3, 4, 5]]);
+}
+
+// T-SUB-02.
+#[test]
+fn the_limit_is_the_same_from_every_level() {
+    for n in 3..=12 {
+        for faces in [bipyramid(n), wheel(n), sheet(1, n, false)] {
+            for boundary in [Boundary::EdgeAndCorner, Boundary::EdgeOnly] {
+                let mesh = scattered(faces.clone());
+                let direct = subdivide(&mesh, of(0, true, boundary)).unwrap();
+                for levels in 1..=3 {
+                    let later = subdivide(&mesh, of(levels, true, boundary)).unwrap();
+                    let error = farthest(direct.positions(), later.positions());
+                    assert!(error < 1e-14, "{n} {boundary:?} {levels} {error}");
+                }
+            }
+        }
+    }
+}
+
+// T-SUB-02.
+#[test]
+fn the_limit_weighs_the_center_as_loop_does() {
+    let weights = [
+        (3, 0.4),
+        (4, 0.4363636364),
+        (5, 0.4714217269),
+        (6, 0.5),
+        (7, 0.5221572621),
+        (8, 0.5391475166),
+        (9, 0.5522297731),
+        (10, 0.5624064725),
+        (12, 0.5768163776),
+    ];
+    for (n, weight) in weights {
+        let mut heights = vec![[0.0; 3]; n as usize + 1];
+        heights[0] = [0.0, 0.0, 1.0];
+        let center = limit(&placed(wheel(n), &heights), 0).positions()[0].z;
+        assert!((center - weight).abs() < 1e-10, "{n} {center}");
+    }
+}
+
+// T-SUB-03.
+#[test]
+fn a_regular_vertex_is_a_box_splines() {
+    let height = |mesh: Mesh| limit(&mesh, 0).positions()[0].z;
+    assert!((height(hexagon(|x, y| f64::from(x == 0.0 && y == 0.0))) - 0.5).abs() < 1e-14);
+    assert!((height(hexagon(|x, _| f64::from(x == 1.0))) - 1.0 / 12.0).abs() < 1e-14);
+    assert!((height(hexagon(|x, _| x * x)) - 0.25).abs() < 1e-14);
+    assert!((height(hexagon(|_, y| y * y)) - 0.25).abs() < 1e-14);
+    assert!(height(hexagon(|x, y| x * y)).abs() < 1e-14);
+}
+
+// T-SUB-05.
+#[test]
+fn subdividing_and_an_affine_map_can_be_exchanged() {
+    let linear = Matrix3::new(1., 2., -1., 0.5, 1., 0., 3., -2., 1.);
+    let map = |points: &[Point3<f64>]| {
+        points.iter().map(|point| linear * point + Vector3::new(5., -1., 2.)).collect::<Vec<_>>()
+    };
+    for faces in [icosahedron(), sheet(3, 3, false)] {
+        let mesh = scattered(faces);
+        let mapped = mesh.with_positions(map(mesh.positions())).unwrap();
+        let (first, then) = (limit(&mapped, 2), map(limit(&mesh, 2).positions()));
+        assert!(farthest(first.positions(), &then) < 1e-13);
+    }
+}
+
+// T-SUB-05, T-SUB-08.
+#[test]
+fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
+    let fan = |faces: u32| {
+        let angle = |i: u32| std::f64::consts::PI * f64::from(i) / f64::from(faces);
+        let rim = (0..=faces).map(|i| [libm::cos(angle(i)), libm::sin(angle(i)), 0.0]);
+        let positions = std::iter::once([0.0; 3]).chain(rim).collect::<Vec<_>>();
+        placed((1..=faces).map(|i| [0, i, i + 1]).collect(), &positions)
+    };
+    let meshes = (2..8).map(fan).chain([flat_sheet(3), hexagon(|_, _| 0.0)]);
+    for mesh in meshes {
+        for boundary in [Boundary::EdgeAndCorner, Boundary::EdgeOnly] {
+            for levels in [0, 2] {
+                let limit = subdivide(&mesh, of(levels, true, boundary)).unwrap();
+                assert!(limit.positions().iter().all(|point| point.z == 0.0));
+                let normals = limit.vertex().vectors("normal").unwrap();
+                assert!(
+                    normals.iter().all(|normal| (normal[2] - 1.0).abs() < 1e-12),
+                    "{normals:?}"
+                );
+            }
+        }
+    }
+}
+
+// T-SUB-05.
+#[test]
+fn the_limit_stays_within_the_hull_of_its_neighbors() {
+    for faces in [bipyramid(3), bipyramid(40), icosahedron(), sheet(3, 3, false)] {
+        let mesh = scattered(faces);
+        let topology = Topology {
+            scheme: Scheme::Loop,
+            boundary: Boundary::EdgeAndCorner,
+            vertices: mesh.positions().len(),
+            faces: mesh.faces().clone(),
+            creases: vec![],
+        };
+        let limit = Limit::new(&topology).unwrap();
+        for vertex in 0..topology.vertices {
+            let (_, weights) = limit.positions.row(vertex);
+            assert!(weights.iter().all(|&weight| weight >= 0.0));
+            assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-14);
+        }
+    }
+}
+
+// T-SUB-08.
+#[test]
+fn normals_of_a_closed_surface_point_outward() {
+    let mesh = limit(&octahedron(), 3);
+    let normals = mesh.vertex().vectors("normal").unwrap();
+    for (normal, point) in normals.iter().zip(mesh.positions().iter()) {
+        assert!(Vector3::from(*normal).dot(&point.coords.normalize()) > 0.8);
+    }
+}
+
+// T-SUB-09.
+#[test]
+fn an_ear_follows_its_boundary_edges() {
+    let mesh = scattered(vec![[0, 1, 2], [1, 3, 2]]);
+    let [v0, v1, _, v3] = std::array::from_fn(|i| mesh.positions()[i].coords);
+    let refined = refine(&mesh, 1);
+    let expected = 0.75 * v1 + 0.125 * (v0 + v3);
+    assert!((refined.positions()[1].coords - expected).norm() < 1e-15);
+    assert_eq!(refined.positions()[0], mesh.positions()[0]);
+}
+
+// T-SUB-10.
+#[test]
+fn a_plan_serves_every_mesh_of_its_topology() {
+    let mesh = scattered(sheet(3, 4, false));
+    let topology = Topology {
+        scheme: Scheme::Loop,
+        boundary: Boundary::EdgeOnly,
+        vertices: mesh.positions().len(),
+        faces: mesh.faces().clone(),
+        creases: vec![],
+    };
+    let step = Step::new(&topology).unwrap();
+    let turned = mesh.positions().iter().map(|point| Point3::new(point.y, point.z, point.x));
+    let moved = mesh.with_positions(turned.collect()).unwrap();
+    let anew = subdivide(&moved, of(1, false, Boundary::EdgeOnly)).unwrap();
+    assert_eq!(step.apply(&moved).unwrap(), anew);
+}
+
+// T-SUB-10.
+#[test]
+fn other_numbers_for_the_vertices_give_the_same_surface() {
+    let mesh = scattered(icosahedron());
+    let renamed = |vertex: u32| (vertex * 5 + 3) % 12;
+    let faces = mesh.faces().as_triangles().unwrap().iter().map(|face| face.map(renamed)).collect();
+    let mut positions = vec![Point3::origin(); 12];
+    (0..).zip(mesh.positions().iter()).for_each(|(i, &p)| positions[renamed(i) as usize] = p);
+    let other = refine(&Mesh::new(positions, Faces::triangles(faces)).unwrap(), 2);
+    let mesh = refine(&mesh, 2);
+    for (corner, twin) in mesh.faces().corners().iter().zip(other.faces().corners().iter()) {
+        let points = (mesh.positions()[*corner as usize], other.positions()[*twin as usize]);
+        assert!((points.0 - points.1).norm() < 1e-15);
+    }
+}
+
+#[test]
+fn the_bytes_do_not_depend_on_the_number_of_threads() {
+    let mesh = scattered(sheet(60, 60, true));
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| limit(&mesh, 1))
+    };
+    let one = with(1);
+    assert_eq!([with(2), with(8)], [one.clone(), one]);
+}
+
+/// A cube, its sides in two triangles each, its 12 edges sharp.
+fn cube(sharpness: f64) -> Mesh {
+    let corner = |i: u32| [i & 1, i >> 1 & 1, i >> 2].map(f64::from);
+    let sides =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    let mesh = placed(faces, &(0..8).map(corner).collect::<Vec<_>>());
+    let edges = (0..8u32).flat_map(|a| [1, 2, 4].map(|bit| [a, a | bit])).filter(|[a, b]| a != b);
+    mesh.with_creases(edges.map(|edge| (edge, sharpness)).collect::<Vec<_>>())
+}
+
+// T-SUB-06, for triangles.
+#[test]
+fn a_cube_with_sharp_edges_stays_a_cube() {
+    let mesh = limit(&cube(10.0), 3);
+    let on_a_side = |point: &Point3<f64>| {
+        point.coords.iter().any(|x| x.abs() < 1e-14 || (x - 1.0).abs() < 1e-14)
+    };
+    assert!(mesh.positions().iter().all(on_a_side));
+    assert_eq!(mesh.positions()[..8], cube(0.0).positions()[..]);
+    assert_eq!(mesh.creases().len(), 12 * 8);
+}
+
+// T-SUB-06, for triangles.
+#[test]
+fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_half_way() {
+    let first = refine(&cube(1.0), 1);
+    assert_eq!(first.positions()[..], refine(&cube(10.0), 1).positions()[..]);
+    assert_eq!(first.creases().len(), 0);
+    assert_eq!(refine(&cube(1.0), 2).positions()[..], refine(&first, 1).positions()[..]);
+    let [smooth, half, sharp] = [0.0, 0.5, 10.0].map(|sharpness| refine(&cube(sharpness), 1));
+    for i in 0..half.positions().len() {
+        let middle = nalgebra::center(&smooth.positions()[i], &sharp.positions()[i]);
+        assert!((half.positions()[i] - middle).norm() < 1e-15);
+    }
+}
+
+// T-SUB-07.
+#[test]
+fn a_crease_is_the_cubic_spline_of_its_edges() {
+    let mesh = scattered(sheet(4, 4, false));
+    let line: Vec<u32> = (0..5).map(|j| 10 + j).collect();
+    let creases: Vec<_> = line.windows(2).map(|ends| ([ends[0], ends[1]], 10.0)).collect();
+    let limit = limit(&mesh.clone().with_creases(creases), 2);
+    let [left, middle, right] = [11, 12, 13].map(|i| mesh.positions()[i].coords);
+    let expected = (left + 4.0 * middle + right) / 6.0;
+    assert!((limit.positions()[12].coords - expected).norm() < 1e-14);
+}
+
+#[test]
+fn without_boundary_the_outer_faces_only_support() {
+    let mesh = subdivide(&flat_sheet(4), of(1, true, Boundary::None)).unwrap();
+    assert_eq!((mesh.faces().len(), mesh.positions().len()), (4 * 8, 25));
+    let on_lattice = |point: &Point3<f64>| {
+        [point.x, point.y].iter().all(|x| (2.0 * x - (2.0 * x).round()).abs() < 1e-13)
+    };
+    assert!(mesh.positions().iter().all(on_lattice));
+    let (low, high) = mesh.bounds().unwrap();
+    assert!((low.x - 1.0).abs() < 1e-13 && (high.y - 3.0).abs() < 1e-13);
+}
+
+#[test]
+fn attributes_run_straight_along_edges_and_within_faces() {
+    let mesh = scattered(vec![[0, 1, 2]])
+        .with_vertex("uv", Attribute::Pair(vec![[0., 0.], [1., 0.], [0., 1.]].into()))
+        .and_then(|m| m.with_vertex("filled", Attribute::Flag(vec![1, 0, 0].into())))
+        .and_then(|m| m.with_vertex("label", Attribute::Index(vec![7, 8, 9].into())))
+        .and_then(|m| {
+            m.with_vertex("color", Attribute::Color(vec![[0; 3], [255; 3], [9; 3]].into()))
+        })
+        .and_then(|m| m.with_vertex("normal", Attribute::Vector(vec![[0., 0., 1.]; 3].into())))
+        .and_then(|m| m.with_corner("heat", Attribute::Number(vec![0., 4., 8.].into())))
+        .and_then(|m| m.with_face("part", Attribute::Index(vec![5].into())))
+        .unwrap();
+    let refined = refine(&mesh, 1);
+    let vertex = |name| refined.vertex().get(name).cloned();
+    let uv = vec![[0., 0.], [1., 0.], [0., 1.], [0.5, 0.], [0.5, 0.5], [0., 0.5]];
+    assert_eq!(vertex("uv"), Some(Attribute::Pair(uv.into())));
+    assert_eq!(vertex("filled"), Some(Attribute::Flag(vec![1, 0, 0, 1, 0, 1].into())));
+    assert_eq!(vertex("label"), Some(Attribute::Index(vec![7, 8, 9, 7, 8, 7].into())));
+    let grays = [0, 255, 9, 128, 132, 5].map(|gray| [gray; 3]);
+    assert_eq!(vertex("color"), Some(Attribute::Color(grays.to_vec().into())));
+    assert_eq!(vertex("normal"), None);
+    let heat = [0., 2., 4., 4., 6., 2., 8., 4., 6., 2., 6., 4.];
+    assert_eq!(refined.corner().get("heat"), Some(&Attribute::Number(heat.to_vec().into())));
+    assert_eq!(refined.face().get("part"), Some(&Attribute::Index(Column::from(vec![5; 4]))));
+}
+
+// T-TEX-04.
+#[test]
+fn a_seam_keeps_both_of_its_texture_coordinates() {
+    let uv = vec![[0., 0.], [0.4, 0.], [0.4, 1.], [0.6, 0.], [1., 0.], [0.6, 1.]];
+    let mesh = scattered(vec![[0, 1, 2], [1, 3, 2]]);
+    let mesh = mesh.with_corner("uv", Attribute::Pair(uv.into())).unwrap();
+    let refined = refine(&mesh, 3);
+    let (uv, corners) = (refined.corner().pairs("uv").unwrap(), refined.faces().corners());
+    let at = |vertex: u32, first_half: bool| {
+        let half = corners.len() / 2;
+        (0..corners.len())
+            .filter(move |&c| corners[c] == vertex && (c < half) == first_half)
+            .map(|c| uv[c])
+            .collect::<Vec<_>>()
+    };
+    assert!(at(2, true).iter().all(|&uv| uv == [0.4, 1.]) && !at(2, true).is_empty());
+    assert!(at(2, false).iter().all(|&uv| uv == [0.6, 1.]) && !at(2, false).is_empty());
+}
+
+#[test]
+fn what_is_no_triangle_or_no_surface_is_an_error() {
+    let error = |mesh: &Mesh| subdivide(mesh, of(1, false, Boundary::EdgeOnly)).unwrap_err();
+    let points = vec![Point3::origin(); 7];
+    let mixed = Faces::polygons(&[3, 4], vec![0, 1, 2, 0, 2, 3, 4]).unwrap();
+    assert_eq!(
+        error(&Mesh::new(points, mixed).unwrap()),
+        SubdivideError::NotTriangles { face: 1, corners: 4 }
+    );
+    let three = error(&scattered(vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]));
+    assert!(
+        matches!(&three, SubdivideError::NonManifold { edges: 1, vertices: 0, first } if first == "edges (0, 1)")
+    );
+    let turned = error(&scattered(vec![[0, 1, 2], [0, 1, 3]]));
+    assert!(matches!(turned, SubdivideError::NonManifold { edges: 1, .. }));
+    let bow_tie = error(&scattered(vec![[0, 1, 2], [0, 3, 4]]));
+    assert!(
+        matches!(&bow_tie, SubdivideError::NonManifold { edges: 0, vertices: 1, first } if first == "vertices 0")
+    );
+}
+
+#[test]
+fn a_result_that_is_too_large_is_an_error_before_it_is_made() {
+    let mesh = scattered(sheet(100, 100, true));
+    let error = subdivide(&mesh, of(8, false, Boundary::EdgeOnly)).unwrap_err();
+    assert_eq!(error, SubdivideError::TooLarge { levels: 8, faces: 20_000 });
+    assert!(subdivide(&mesh, of(u32::MAX, false, Boundary::EdgeOnly)).is_err());
+}
+
+#[test]
+fn a_mesh_without_faces_or_with_loose_vertices_is_refined_as_it_is() {
+    let loose = placed(vec![[1, 2, 3]], &[[9.; 3], [0.; 3], [1., 0., 0.], [0., 1., 0.]]);
+    for boundary in [Boundary::EdgeAndCorner, Boundary::EdgeOnly] {
+        let refined = subdivide(&loose, of(2, true, boundary)).unwrap();
+        assert_eq!(refined.positions()[0], Point3::new(9., 9., 9.));
+    }
+    let gone = subdivide(&loose, of(2, true, Boundary::None)).unwrap();
+    assert_eq!((gone.positions().len(), gone.faces().len()), (0, 0));
+    assert_eq!(limit(&placed(vec![], &[]), 3).faces().len(), 0);
+}

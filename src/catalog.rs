@@ -1,0 +1,291 @@
+//! All that the packs of a program offer: nodes, values and file formats, by name.
+
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+use indexmap::IndexMap;
+use serde_json::{Value as Json, json};
+
+use crate::format::FORMATS;
+use crate::graph::{inside_option, variants};
+use crate::node::{NodeType, Output};
+use crate::pack::{Format, Pack};
+use crate::value::ValueType;
+
+/// What the packs of a program offer, by name.
+///
+/// Where two packs have a node of the same name, the first one has it; [`conformance`](crate::conformance) reports that.
+pub struct Catalog {
+    entries: IndexMap<String, Entry>,
+    formats: Vec<Format>,
+}
+
+/// One node of a catalog.
+pub(crate) struct Entry {
+    pub(crate) name: String,
+    pub(crate) pack: &'static str,
+    pub(crate) node: NodeType,
+    schema: OnceLock<Json>,
+    outputs: OnceLock<Vec<Output>>,
+}
+
+impl Entry {
+    /// The JSON schema of the node's fields, ports included.
+    pub(crate) fn schema(&self) -> &Json {
+        self.schema.get_or_init(|| Json::from((self.node.schema)()))
+    }
+
+    pub(crate) fn outputs(&self) -> &[Output] {
+        self.outputs.get_or_init(|| (self.node.outputs)())
+    }
+
+    /// Its ports, in order.
+    pub(crate) fn ports(&self) -> Vec<PortDescription> {
+        let properties = self.schema().get("properties").and_then(Json::as_object);
+        let required = self.schema().get("required").and_then(Json::as_array);
+        let is_optional = |name: &str| {
+            !required
+                .is_some_and(|required| required.iter().any(|field| field.as_str() == Some(name)))
+        };
+        let port = |(name, field): (&String, &Json)| port(name, field, is_optional(name));
+        properties.into_iter().flatten().filter_map(port).collect()
+    }
+
+    /// The node's description as `maquette nodes --json` prints it.
+    pub(crate) fn to_json(&self) -> Json {
+        let ports = self.ports();
+        let mut parameters = self.schema().clone();
+        if let Some(properties) = parameters.get_mut("properties").and_then(Json::as_object_mut) {
+            properties.retain(|name, _| ports.iter().all(|port| port.name != *name));
+        }
+        if let Some(required) = parameters.get_mut("required").and_then(Json::as_array_mut) {
+            required.retain(|name| ports.iter().all(|port| name.as_str() != Some(&port.name)));
+        }
+        let outputs = self.outputs().iter().map(|output| {
+            let types: Vec<&str> = output.types.iter().map(|kind| kind.name).collect();
+            json!({ "name": output.name, "types": types })
+        });
+        json!({
+            "name": self.name,
+            "pack": self.pack,
+            "doc": self.schema().get("description").cloned().unwrap_or_default(),
+            "inputs": ports.iter().map(PortDescription::to_json).collect::<Vec<_>>(),
+            "outputs": outputs.collect::<Vec<_>>(),
+            "parameters": parameters,
+        })
+    }
+}
+
+/// A port, as it is described to people and programs.
+pub(crate) struct PortDescription {
+    pub(crate) name: String,
+    pub(crate) types: Vec<String>,
+    pub(crate) optional: bool,
+    pub(crate) many: bool,
+    pub(crate) doc: String,
+}
+
+impl PortDescription {
+    fn to_json(&self) -> Json {
+        json!({
+            "name": self.name,
+            "types": self.types,
+            "optional": self.optional,
+            "many": self.many,
+            "doc": self.doc,
+        })
+    }
+}
+
+fn port(name: &str, field: &Json, optional: bool) -> Option<PortDescription> {
+    let items = field.get("items").filter(|items| items.get("port").is_some());
+    let types = items.unwrap_or(field).get("types")?.as_array()?;
+    Some(PortDescription {
+        name: name.to_owned(),
+        types: types.iter().filter_map(Json::as_str).map(str::to_owned).collect(),
+        optional,
+        many: items.is_some(),
+        doc: field["description"].as_str().unwrap_or_default().to_owned(),
+    })
+}
+
+impl Catalog {
+    /// What these packs offer, beside the engine's own file formats.
+    pub fn new(packs: &[Pack]) -> Self {
+        let mut entries = IndexMap::new();
+        for pack in packs {
+            for node in pack.nodes {
+                let name = (node.name)().into_owned();
+                entries.entry(name.clone()).or_insert(Entry {
+                    name,
+                    pack: pack.name,
+                    node: *node,
+                    schema: OnceLock::new(),
+                    outputs: OnceLock::new(),
+                });
+            }
+        }
+        let brought = packs.iter().flat_map(|pack| pack.formats);
+        Self { entries, formats: FORMATS.iter().chain(brought).copied().collect() }
+    }
+
+    /// Whether some pack has a node of this name.
+    pub fn has(&self, node: &str) -> bool {
+        self.entries.contains_key(node)
+    }
+
+    pub(crate) fn find(&self, name: &str) -> Option<&Entry> {
+        self.entries.get(name)
+    }
+
+    pub(crate) fn entries(&self) -> impl Iterator<Item = &Entry> {
+        self.entries.values()
+    }
+
+    pub(crate) fn names(&self) -> Vec<&str> {
+        self.entries.keys().map(String::as_str).collect()
+    }
+
+    /// The format that writes a value of this type to a file with this ending.
+    pub(crate) fn format(&self, kind: &ValueType, ending: &str) -> Option<&Format> {
+        self.formats.iter().find(|format| (format.kind)() == kind && format.ending == ending)
+    }
+
+    /// The endings of the files that this type of value can be written to; of all types without one.
+    pub(crate) fn endings(&self, kind: Option<&ValueType>) -> Vec<&'static str> {
+        let fitting =
+            self.formats.iter().filter(|format| kind.is_none_or(|kind| (format.kind)() == kind));
+        let mut endings: Vec<&str> = fitting.map(|format| format.ending).collect();
+        endings.sort_unstable();
+        endings.dedup();
+        endings
+    }
+
+    /// Nodes that take a value of the first type and give one of the second.
+    pub(crate) fn converters(&self, from: &str, to: &str) -> Vec<&str> {
+        let converts = |entry: &&Entry| {
+            entry
+                .outputs()
+                .first()
+                .is_some_and(|output| output.types.iter().any(|kind| kind.name == to))
+                && entry
+                    .ports()
+                    .first()
+                    .is_some_and(|port| port.types.iter().any(|kind| kind == from))
+        };
+        self.entries().filter(converts).map(|entry| entry.name.as_str()).collect()
+    }
+}
+
+/// A parameter as the reference prints it: name, what it takes, default, and what it is for.
+pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
+    let resolved = resolve(schema, root);
+    let schema =
+        &inside_option(&resolved).map_or_else(|| resolved.clone(), |inner| resolve(&inner, root));
+    let variants = variants(schema);
+    if !variants.is_empty() {
+        return variants
+            .iter()
+            .map(|(name, content)| match content {
+                None => name.clone(),
+                Some(content) => format!("{name}{}", describe_content(content, root)),
+            })
+            .collect::<Vec<_>>()
+            .join(" | ");
+    }
+    match schema.get("type").and_then(Json::as_str) {
+        Some("array") => {
+            let fixed = schema.get("prefixItems").and_then(Json::as_array);
+            let count = fixed.map(Vec::len).or_else(|| {
+                let bound = |name: &str| schema.get(name).and_then(Json::as_u64);
+                bound("minItems")
+                    .filter(|least| bound("maxItems") == Some(*least))
+                    .map(|n| n as usize)
+            });
+            let item =
+                |k: usize| fixed.and_then(|fixed| fixed.get(k)).or_else(|| schema.get("items"));
+            let words = |k| item(k).map_or_else(String::new, |item| describe_parameter(item, root));
+            match count {
+                Some(count) => {
+                    format!("({})", (0..count).map(words).collect::<Vec<_>>().join(", "))
+                }
+                None => format!("[{}, ..]", words(0)),
+            }
+        }
+        Some("object") => describe_content(schema, root),
+        Some("string") => schema.get("format").and_then(Json::as_str).unwrap_or("text").to_owned(),
+        Some("boolean") => "true | false".into(),
+        Some(kind @ ("number" | "integer")) => {
+            let limit =
+                |names: [&str; 2]| names.into_iter().find_map(|name| schema.get(name)?.as_f64());
+            let (least, most) =
+                (limit(["minimum", "exclusiveMinimum"]), limit(["maximum", "exclusiveMaximum"]));
+            let unit = schema
+                .get("unit")
+                .and_then(Json::as_str)
+                .map_or_else(String::new, |unit| format!(" {unit}"));
+            match (least, most) {
+                (Some(least), Some(most)) => format!("{kind} {least} to {most}{unit}"),
+                (Some(least), None) => format!("{kind} from {least}{unit}"),
+                (None, Some(most)) => format!("{kind} up to {most}{unit}"),
+                (None, None) => format!("{kind}{unit}"),
+            }
+        }
+        _ => "value".into(),
+    }
+}
+
+/// The documented choices of an enum: each as a graph file has it, and what it is for.
+pub(crate) fn describe_choices(schema: &Json, root: &Json) -> Vec<(String, String)> {
+    let resolved = resolve(schema, root);
+    let choices = resolved.get("oneOf").and_then(Json::as_array).cloned().unwrap_or_default();
+    let describe = |choice: &Json| {
+        let doc = choice.get("description").and_then(Json::as_str).unwrap_or_default();
+        let whole = json!({ "oneOf": [choice] });
+        (describe_parameter(&whole, root), doc.to_owned())
+    };
+    choices.iter().map(describe).collect()
+}
+
+fn describe_content(content: &Json, root: &Json) -> String {
+    let content = resolve(content, root);
+    match content.get("properties").and_then(Json::as_object) {
+        Some(fields) => {
+            let fields = fields.iter().map(|(name, field)| {
+                format!("{name}: {}{}", describe_parameter(field, root), describe_default(field))
+            });
+            format!("({})", fields.collect::<Vec<_>>().join(", "))
+        }
+        None => {
+            let inner = describe_parameter(&content, root);
+            if inner.starts_with('(') { inner } else { format!("({inner})") }
+        }
+    }
+}
+
+/// ` = default`, if the schema has one.
+pub(crate) fn describe_default(schema: &Json) -> String {
+    schema.get("default").map_or_else(String::new, |default| format!(" = {}", as_ron(default)))
+}
+
+/// A default as a graph file would have it.
+fn as_ron(value: &Json) -> String {
+    match value {
+        Json::Array(items) => {
+            format!("({})", items.iter().map(as_ron).collect::<Vec<_>>().join(", "))
+        }
+        Json::Object(fields) => {
+            let fields: BTreeMap<_, _> = fields.iter().collect();
+            fields.iter().map(|(name, value)| format!("{name}{}", as_ron(value))).collect()
+        }
+        Json::String(text) if text.starts_with(|c: char| c.is_ascii_uppercase()) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+fn resolve(schema: &Json, root: &Json) -> Json {
+    match schema.get("$ref").and_then(Json::as_str) {
+        Some(target) => root["$defs"][target.rsplit('/').next().unwrap_or_default()].clone(),
+        None => schema.clone(),
+    }
+}

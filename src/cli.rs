@@ -1,0 +1,178 @@
+//! The command line: one file per subcommand.
+//!
+//! Results go to stdout, messages to stderr. Exit codes: 0 done, 1 the graph failed, 2 the command line is wrong.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
+use clap::{Args, CommandFactory, Parser, Subcommand};
+
+use crate::catalog::Catalog;
+use crate::error::{Problem, Severity, Span};
+use crate::graph::{Checked, Graph, Options};
+use crate::pack::Pack;
+
+mod check;
+mod inspect;
+mod nodes;
+mod progress;
+mod run;
+
+/// A node-based geometry graph for redesigning scanned objects.
+#[derive(Parser)]
+#[command(name = "maquette", version, propagate_version = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Evaluate a graph and write its outputs.
+    Run(run::Run),
+    /// Find every problem of some graphs; run nothing.
+    Check(check::Check),
+    /// Print the reference of all nodes, or of one.
+    Nodes(nodes::Nodes),
+    /// Show what a node gives: counts, bounds, topology, or what is under a pixel.
+    Inspect(inspect::Inspect),
+    /// Print a script that completes commands in a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// What shapes the reading of a graph.
+#[derive(Args)]
+struct GraphOptions {
+    /// Put a value in place of a parameter's default (NAME=VALUE) or of a node's field (NODE.FIELD=VALUE). A value that is no
+    /// RON is text.
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    set: Vec<(String, String)>,
+    /// Let the graph read files of this folder, too.
+    #[arg(long = "root", value_name = "DIR")]
+    roots: Vec<PathBuf>,
+}
+
+fn assignment(text: &str) -> Result<(String, String), String> {
+    let (name, value) = text.split_once('=').ok_or("write NAME=VALUE or NODE.FIELD=VALUE")?;
+    Ok((name.trim().to_owned(), value.trim().to_owned()))
+}
+
+impl GraphOptions {
+    fn load(&self, path: &std::path::Path, catalog: &Catalog) -> Checked {
+        let options = Options { roots: self.roots.clone(), set: self.set.clone() };
+        Graph::load(path, catalog, &options)
+    }
+}
+
+/// How a command ends.
+enum Exit {
+    Done,
+    /// The graph, or something that it names, failed; the reasons have been printed.
+    Failed,
+    /// The command line is wrong: why.
+    Usage(String),
+}
+
+/// The whole program, with these packs.
+pub fn main(packs: &[Pack]) -> ExitCode {
+    let cli = Cli::parse();
+    let catalog = Catalog::new(packs);
+    let exit = match cli.command {
+        Command::Run(command) => command.run(&catalog),
+        Command::Check(command) => command.run(&catalog),
+        Command::Nodes(command) => command.run(&catalog),
+        Command::Inspect(command) => command.run(&catalog),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "maquette", &mut script);
+            print(&String::from_utf8_lossy(&script));
+            Exit::Done
+        }
+    };
+    match exit {
+        Exit::Done => ExitCode::SUCCESS,
+        Exit::Failed => ExitCode::from(1),
+        Exit::Usage(why) => {
+            eprint(&format!("error: {why}\n"));
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Writes to stdout; a reader that has gone away is no error.
+fn print(text: &str) {
+    let _ = std::io::stdout().lock().write_all(text.as_bytes());
+}
+
+/// Writes to stderr.
+fn eprint(text: &str) {
+    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+}
+
+fn print_json(document: &serde_json::Value) {
+    print(&format!("{document:#}\n"));
+}
+
+/// Whether a stream shows colors: a terminal, unless NO_COLOR is set (no-color.org).
+fn shows_color(stream: &impl IsTerminal) -> bool {
+    stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+}
+
+/// Prints problems to stderr as people read them, then how many there are.
+fn report(problems: &[Problem]) {
+    let stderr = std::io::stderr();
+    let renderer = if shows_color(&stderr) { Renderer::styled() } else { Renderer::plain() };
+    for problem in problems {
+        eprint(&format!("{}\n\n", renderer.render(&[snippet(problem)])));
+    }
+}
+
+fn snippet(problem: &Problem) -> Group<'_> {
+    let level = match problem.severity {
+        Severity::Error => Level::ERROR,
+        Severity::Warning => Level::WARNING,
+    };
+    let group = level.primary_title(&problem.message).id(problem.code);
+    let text = &problem.source.text;
+    let path = problem.source.name.display().to_string();
+    let group = if problem.span == Span::default() || text.is_empty() {
+        group.element(annotate_snippets::Origin::path(path))
+    } else {
+        // A long call is shown by its first line.
+        let first_line = text[problem.span.start..]
+            .find('\n')
+            .map_or(text.len(), |end| problem.span.start + end);
+        let end = problem.span.end.min(first_line);
+        let mut snippet = Snippet::source(text)
+            .path(path)
+            .annotation(AnnotationKind::Primary.span(problem.span.start..end));
+        if let Some((span, words)) = &problem.note {
+            snippet =
+                snippet.annotation(AnnotationKind::Context.span(span.start..span.end).label(words));
+        }
+        group.element(snippet)
+    };
+    match &problem.help[..] {
+        "" => group,
+        help => group.element(Level::HELP.message(help)),
+    }
+}
+
+/// `4.1 MB`.
+fn in_bytes(bytes: usize) -> String {
+    match bytes {
+        0..1_000 => format!("{bytes} B"),
+        1_000..1_000_000 => format!("{:.1} kB", bytes as f64 / 1e3),
+        _ => format!("{:.1} MB", bytes as f64 / 1e6),
+    }
+}
+
+/// `3 errors`, `1 error`.
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}

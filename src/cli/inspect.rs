@@ -1,0 +1,175 @@
+//! `maquette inspect`: any value of a graph, and the eyedropper.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::{Value as Json, json};
+
+use super::progress::Progress;
+use super::run::{MEMORY, write_whole};
+use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
+use crate::catalog::Catalog;
+use crate::error::Problem;
+use crate::eval::Evaluator;
+use crate::graph::{Graph, nearest};
+use crate::node::{CancelToken, ending};
+use crate::value::{AnyValue, Summary};
+
+#[derive(Args)]
+pub(super) struct Inspect {
+    /// The graph file.
+    graph: PathBuf,
+    /// The node, or one of its outputs: NODE.OUTPUT.
+    #[arg(value_name = "NODE[.OUTPUT]")]
+    node: String,
+    /// What is under this pixel of the capture's picture: color, label, point.
+    #[arg(long, value_name = "X,Y", value_parser = pixel)]
+    at: Option<[usize; 2]>,
+    /// Write the value to this file, too; its ending chooses the format.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    options: GraphOptions,
+    /// How many threads to use; 0 is all.
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+fn pixel(text: &str) -> Result<[usize; 2], String> {
+    let parse = |part: &str| part.trim().parse::<usize>().ok();
+    let (x, y) = text.split_once(',').ok_or("write COLUMN,ROW")?;
+    parse(x).zip(parse(y)).map(|(x, y)| [x, y]).ok_or_else(|| "write COLUMN,ROW".into())
+}
+
+impl Inspect {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let checked = self.options.load(&self.graph, catalog);
+        let Some(graph) = checked.graph else {
+            report(&checked.problems);
+            return Exit::Failed;
+        };
+        let (node, outputs) = match self.find(&graph) {
+            Ok(found) => found,
+            Err(why) => return Exit::Usage(why),
+        };
+        let mut evaluator = match Evaluator::new(self.threads, MEMORY) {
+            Ok(evaluator) => evaluator,
+            Err(error) => return Exit::Usage(error.to_string()),
+        };
+        let progress = Progress::new(graph.nodes.len());
+        let evaluation = evaluator.evaluate(&graph, &[node], &progress, &CancelToken::default());
+        progress.end();
+        if !self.json {
+            report(&evaluation.problems);
+        }
+        let found: Vec<(&str, &AnyValue)> = outputs
+            .iter()
+            .filter_map(|&output| {
+                Some((graph.nodes[node].outputs[output], evaluation.value(node, output)?))
+            })
+            .collect();
+        self.print(&graph.nodes[node].name, &found, &evaluation.problems);
+        let Some((_, value)) = found.first() else { return Exit::Failed };
+        match &self.out {
+            Some(path) => write(value, path, catalog),
+            None => Exit::Done,
+        }
+    }
+
+    /// The node that is meant, and the outputs of it.
+    fn find(&self, graph: &Graph) -> Result<(usize, Vec<usize>), String> {
+        let (name, output) = match self.node.split_once('.') {
+            Some((name, output)) => (name, Some(output)),
+            None => (&self.node[..], None),
+        };
+        let node = graph.find(name).ok_or_else(|| {
+            format!("the graph has no node `{name}`; {}", nearest(name, graph.node_names()))
+        })?;
+        let names = &graph.nodes[node].outputs;
+        let Some(output) = output else { return Ok((node, (0..names.len()).collect())) };
+        let found = names.iter().position(|name| *name == output);
+        found.map(|output| (node, vec![output])).ok_or_else(|| {
+            format!("`{name}` has no output `{output}`; its outputs: {}", names.join(", "))
+        })
+    }
+
+    fn print(&self, node: &str, found: &[(&str, &AnyValue)], problems: &[Problem]) {
+        let summary = |value: &AnyValue| match self.at {
+            Some(at) => value.probe(at),
+            None => value.describe(),
+        };
+        if self.json {
+            let outputs = found.iter().map(|(name, value)| {
+                let facts: serde_json::Map<String, Json> = summary(value).0.into_iter().collect();
+                let (kind, hash) = (value.kind().name, value.hash().to_string());
+                json!({ "name": name, "type": kind, "hash": hash, "bytes": value.size(), "facts": facts })
+            });
+            let problems: Vec<_> = problems.iter().map(Problem::to_json).collect();
+            print_json(&json!({
+                "node": node,
+                "outputs": outputs.collect::<Vec<_>>(),
+                "problems": problems,
+            }));
+            return;
+        }
+        let mut text = String::new();
+        for (name, value) in found {
+            let (kind, size) = (value.kind().name, in_bytes(value.size()));
+            let _ = match self.at {
+                Some([x, y]) => writeln!(text, "{node}.{name}: {kind} at ({x}, {y})"),
+                None => writeln!(text, "{node}.{name}: {kind}, {size}, {}", value.hash().short()),
+            };
+            text += &table(&summary(value));
+        }
+        print(&text);
+    }
+}
+
+fn write(value: &AnyValue, path: &Path, catalog: &Catalog) -> Exit {
+    let Some(format) = catalog.format(value.kind(), &ending(path)) else {
+        let kind = value.kind();
+        let known = catalog.endings(Some(kind)).join(", ");
+        return Exit::Usage(format!("a {} can be written to: {known}", kind.name));
+    };
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let written = format.write(value, &name).map_err(|error| error.to_string()).and_then(|files| {
+        files.iter().try_for_each(|file| {
+            write_whole(&folder.join(&file.name), &file.bytes).map_err(|error| error.to_string())
+        })
+    });
+    match written {
+        Ok(()) => Exit::Done,
+        Err(error) => Exit::Usage(format!("cannot write {}: {error}", path.display())),
+    }
+}
+
+/// Facts in two columns.
+fn table(summary: &Summary) -> String {
+    let longest = summary.0.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
+    let mut text = String::new();
+    for (label, fact) in &summary.0 {
+        let _ = writeln!(text, "  {label:<longest$}  {}", in_words(fact));
+    }
+    text
+}
+
+fn in_words(fact: &Json) -> String {
+    match fact {
+        Json::String(text) => text.clone(),
+        Json::Number(number) if number.is_f64() => {
+            format!("{:.6}", number.as_f64().unwrap_or_default())
+                .trim_end_matches('0')
+                .trim_end_matches('.')
+                .to_owned()
+        }
+        Json::Array(items) => {
+            format!("({})", items.iter().map(in_words).collect::<Vec<_>>().join(", "))
+        }
+        other => other.to_string(),
+    }
+}

@@ -1,0 +1,63 @@
+//! A progress bar on stderr, if it is a terminal and the work takes longer than half a second.
+
+use std::io::IsTerminal;
+use std::sync::mpsc::{Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::eval::{NodeTrace, Observer};
+
+/// Work shorter than this needs no bar.
+const PATIENCE: Duration = Duration::from_millis(500);
+
+pub(super) struct Progress {
+    bar: ProgressBar,
+    /// Ends the thread that waits to show the bar.
+    shower: Option<(Sender<()>, JoinHandle<()>)>,
+}
+
+impl Progress {
+    pub(super) fn new(nodes: usize) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(nodes as u64), ProgressDrawTarget::hidden());
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {pos}/{len} {elapsed} {msg}") {
+            bar.set_style(style);
+        }
+        let shower = std::io::stderr().is_terminal().then(|| {
+            let (sender, receiver) = channel();
+            let shown = bar.clone();
+            let thread = std::thread::spawn(move || {
+                if receiver.recv_timeout(PATIENCE).is_err() {
+                    shown.set_draw_target(ProgressDrawTarget::stderr());
+                    shown.enable_steady_tick(Duration::from_millis(100));
+                }
+            });
+            (sender, thread)
+        });
+        Self { bar, shower }
+    }
+
+    /// Takes the bar away.
+    pub(super) fn end(self) {
+        if let Some((sender, thread)) = self.shower {
+            let _ = sender.send(());
+            let _ = thread.join();
+        }
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Observer for Progress {
+    fn started(&self, node: &str) {
+        self.bar.set_message(node.to_owned());
+    }
+
+    fn progress(&self, node: &str, share: f64) {
+        self.bar.set_message(format!("{node} {:.0} %", share * 100.0));
+    }
+
+    fn finished(&self, _: &NodeTrace) {
+        self.bar.inc(1);
+    }
+}

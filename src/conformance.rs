@@ -1,0 +1,330 @@
+//! The laws that every pack keeps, as a function to call from a pack's own tests.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::Mutex;
+
+use serde_json::Value as Json;
+
+use crate::catalog::{Catalog, Entry};
+use crate::error::Error;
+use crate::eval::Evaluator;
+use crate::graph::{Graph, Options, check_default, inside_option, is_name, variants};
+use crate::node::{Context, Progress};
+use crate::pack::Pack;
+use crate::value::AnyValue;
+
+mod hostile;
+
+/// How much memory the evaluators of a check may hold.
+const MEMORY: usize = 1 << 30;
+
+/// Checks that `pack` keeps the laws:
+///
+/// 1. Names of nodes, values, ports and outputs are unique and well formed.
+/// 2. Every node, port, parameter and choice is documented.
+/// 3. Every default is valid.
+/// 4. The node's example `<examples>/<Node>.ron` exists and runs.
+/// 5. Changing any parameter changes the key.
+/// 6. Equal inputs give equal bytes for 1, 2 and 8 threads.
+/// 7. Hostile values of the input types cause errors, not panics.
+///
+/// `others` are the packs whose nodes the examples use beside those of `pack`.
+///
+/// # Errors
+/// Every law that is broken, in words.
+pub fn check(pack: &Pack, others: &[Pack], examples: &Path) -> Result<(), Vec<String>> {
+    let mut broken = Vec::new();
+    names(pack, others, &mut broken);
+    let packs: Vec<Pack> = std::iter::once(*pack).chain(others.iter().copied()).collect();
+    let catalog = Catalog::new(&packs);
+    for node in pack.nodes {
+        let name = (node.name)();
+        let Some(entry) = catalog.find(&name) else { continue };
+        documentation(entry, &mut broken);
+        defaults(entry, &mut broken);
+        example(entry, &catalog, examples, &mut broken);
+    }
+    if broken.is_empty() { Ok(()) } else { Err(broken) }
+}
+
+fn is_camel_case(name: &str) -> bool {
+    name.starts_with(|c: char| c.is_ascii_uppercase())
+        && name.chars().all(|c| c.is_ascii_alphanumeric())
+}
+
+fn names(pack: &Pack, others: &[Pack], broken: &mut Vec<String>) {
+    let mut seen = BTreeSet::new();
+    let strangers = others.iter().filter(|other| other.name != pack.name);
+    for (pack, is_own) in strangers.map(|other| (other, false)).chain([(pack, true)]) {
+        let nodes = pack.nodes.iter().map(|node| (node.name)().into_owned());
+        let values = pack.values.iter().map(|value| value.name.to_owned());
+        // A node may be called like the value that it makes: ControlNet is both.
+        let names = nodes.map(|name| ("node", name)).chain(values.map(|name| ("value", name)));
+        for (what, name) in names {
+            if is_own && !is_camel_case(&name) {
+                broken.push(format!("{what} `{name}` is not in CamelCase"));
+            }
+            if !seen.insert((what, name.clone())) && is_own {
+                broken.push(format!("there are two {what}s `{name}`"));
+            }
+        }
+    }
+    for node in pack.nodes {
+        let name = (node.name)();
+        let outputs = (node.outputs)();
+        let distinct: BTreeSet<_> = outputs.iter().map(|output| output.name).collect();
+        if distinct.len() != outputs.len() {
+            broken.push(format!("{name} has two outputs of the same name"));
+        }
+        for output in outputs.iter().filter(|output| !is_name(output.name)) {
+            broken.push(format!("output `{}` of {name} is not in lower case", output.name));
+        }
+    }
+}
+
+fn is_sentence(schema: &Json) -> bool {
+    let doc = schema.get("description").and_then(Json::as_str).unwrap_or_default().trim();
+    doc.ends_with(['.', ':', ')', '?', '`', '|'])
+}
+
+fn documentation(entry: &Entry, broken: &mut Vec<String>) {
+    let schema = entry.schema();
+    let mut undocumented =
+        |what: String| broken.push(format!("{} has no documentation: {what}", entry.name));
+    if !is_sentence(schema) {
+        undocumented("the node itself".into());
+    }
+    let definitions = schema.get("$defs").and_then(Json::as_object).into_iter().flatten();
+    for (owner, content) in
+        definitions.map(|(name, content)| (&name[..], content)).chain([("", schema)])
+    {
+        for (name, field) in
+            content.get("properties").and_then(Json::as_object).into_iter().flatten()
+        {
+            if !is_sentence(field) {
+                undocumented(format!("field {owner} {name}"));
+            }
+        }
+        for choice in content.get("oneOf").and_then(Json::as_array).into_iter().flatten() {
+            if !is_sentence(choice) {
+                undocumented(format!(
+                    "choice {} of {owner}",
+                    variants(&serde_json::json!({"oneOf": [choice]}))
+                        .into_iter()
+                        .map(|(name, _)| name)
+                        .collect::<String>()
+                ));
+            }
+            for content in choice.get("properties").and_then(Json::as_object).into_iter().flatten()
+            {
+                for (name, field) in
+                    content.1.get("properties").and_then(Json::as_object).into_iter().flatten()
+                {
+                    if !is_sentence(field) {
+                        undocumented(format!("field {name} of {}", content.0));
+                    }
+                }
+            }
+        }
+        // Words without a sentence each come as one list.
+        if content.get("enum").is_some() {
+            undocumented(format!("the choices of {owner}"));
+        }
+    }
+}
+
+fn defaults(entry: &Entry, broken: &mut Vec<String>) {
+    let schema = entry.schema();
+    for (name, field) in schema.get("properties").and_then(Json::as_object).into_iter().flatten() {
+        if let Some(default) = field.get("default") {
+            for message in check_default(default, field, schema) {
+                broken
+                    .push(format!("the default of `{name}` of {} is wrong: {message}", entry.name));
+            }
+        }
+    }
+}
+
+/// Everything that needs a graph with the node in it.
+fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<String>) {
+    let path = examples.join(format!("{}.ron", entry.name));
+    let load = |set: Vec<(String, String)>| {
+        Graph::load(&path, catalog, &Options { roots: Vec::new(), set })
+    };
+    let checked = load(Vec::new());
+    let Some(graph) = checked.graph else {
+        let why = checked.problems.into_iter().map(|problem| problem.message);
+        broken.push(format!(
+            "the example {} does not check: {}",
+            path.display(),
+            Vec::from_iter(why).join("; ")
+        ));
+        return;
+    };
+    let Some(index) = graph.nodes.iter().position(|node| node.kind == entry.name) else {
+        broken.push(format!("the example {} has no {}", path.display(), entry.name));
+        return;
+    };
+    let mut hashes = Vec::new();
+    for threads in [1, 2, 8] {
+        match run(&graph, threads) {
+            Ok(values) => hashes.push(
+                values.iter().map(|value| value.as_ref().map(AnyValue::hash)).collect::<Vec<_>>(),
+            ),
+            Err(why) => broken.push(format!("the example {} does not run: {why}", path.display())),
+        }
+    }
+    if hashes.windows(2).any(|pair| pair[0] != pair[1]) {
+        broken.push(format!("{} gives other bytes for another number of threads", entry.name));
+    }
+    for path in changes(&graph.nodes[index].parameters, entry.schema()) {
+        let set = vec![(format!("{}.{}", graph.nodes[index].name, path.0), path.1.clone())];
+        let Some(changed) = load(set).graph else { continue };
+        let changed_node =
+            changed.find(&graph.nodes[index].name).map(|index| &changed.nodes[index]);
+        if changed_node.is_some_and(|node| node.parameters == graph.nodes[index].parameters) {
+            broken.push(format!(
+                "{}: setting `{}` to {} does not change the key",
+                entry.name, path.0, path.1
+            ));
+        }
+    }
+    hostile_inputs(entry, &graph, index, broken);
+}
+
+/// The first output of every node.
+fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
+    let mut evaluator = Evaluator::new(threads, MEMORY).map_err(|error| error.to_string())?;
+    let evaluation = evaluator.evaluate_all(graph);
+    let errors =
+        evaluation.problems.iter().filter(|problem| problem.severity == crate::Severity::Error);
+    let errors: Vec<&str> = errors.map(|problem| &problem.message[..]).collect();
+    if errors.is_empty() {
+        Ok((0..graph.nodes.len()).map(|node| evaluation.value(node, 0).cloned()).collect())
+    } else {
+        Err(errors.join("; "))
+    }
+}
+
+/// Another value for each parameter: its path and the value as RON.
+fn changes(parameters: &Json, schema: &Json) -> Vec<(String, String)> {
+    let mut changes = Vec::new();
+    for (name, value) in parameters.as_object().into_iter().flatten() {
+        let field = &schema["properties"][name];
+        change(value, field, schema, name, &mut changes);
+    }
+    changes
+}
+
+fn change(
+    value: &Json,
+    field: &Json,
+    root: &Json,
+    path: &str,
+    changes: &mut Vec<(String, String)>,
+) {
+    let target = field.get("$ref").and_then(Json::as_str).unwrap_or_default();
+    let resolved = match target.rsplit('/').next() {
+        Some(name) if !name.is_empty() => &root["$defs"][name],
+        _ => field,
+    };
+    let inner = inside_option(resolved);
+    let schema = inner.as_ref().unwrap_or(resolved);
+    match value {
+        Json::Bool(value) => changes.push((path.into(), (!value).to_string())),
+        Json::Number(number) => {
+            let x = number.as_f64().unwrap_or_default();
+            let step = if schema.get("type").and_then(Json::as_str) == Some("integer") {
+                1.0
+            } else {
+                0.125
+            };
+            changes.extend([x + step, x - step].map(|x| (path.to_owned(), x.to_string())));
+        }
+        Json::String(word) => {
+            let others = variants(schema)
+                .into_iter()
+                .filter(|(name, content)| content.is_none() && name != word);
+            changes.extend(others.map(|(name, _)| (path.to_owned(), name)));
+        }
+        Json::Object(entries) => {
+            for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
+                let chosen = variants(schema).into_iter().find(|(known, _)| known == name);
+                let content = chosen.and_then(|(_, content)| content);
+                match (&content, value) {
+                    // The fields of a chosen variant stand directly behind its name in the file.
+                    (Some(content), Json::Object(fields)) => {
+                        for (field, value) in fields {
+                            change(
+                                value,
+                                &content["properties"][field],
+                                root,
+                                &format!("{path}.{field}"),
+                                changes,
+                            );
+                        }
+                    }
+                    (Some(_), _) => {}
+                    (None, _) => change(
+                        value,
+                        &schema["properties"][name],
+                        root,
+                        &format!("{path}.{name}"),
+                        changes,
+                    ),
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Runs the node with one input after the other replaced by values that are hard to treat.
+fn hostile_inputs(entry: &Entry, graph: &Graph, index: usize, broken: &mut Vec<String>) {
+    let Ok(values) = run_all(graph) else { return };
+    let node = &graph.nodes[index];
+    let good: Option<Vec<AnyValue>> =
+        node.links.iter().map(|link| values.get(&(link.node, link.output)).cloned()).collect();
+    let Some(good) = good else { return };
+    let ports = entry.ports();
+    for (slot, link) in node.links.iter().enumerate() {
+        let Some(port) = ports.iter().find(|port| port.name == link.port) else { continue };
+        for hostile in port.types.iter().flat_map(|kind| hostile::values(kind)) {
+            let mut inputs = good.clone();
+            let what = format!("{hostile:?}");
+            inputs[slot] = hostile;
+            if let Err(panic) = call(node, &inputs) {
+                broken.push(format!(
+                    "{} panics on a hostile {what} at `{}`: {panic}",
+                    entry.name, link.port
+                ));
+            }
+        }
+    }
+}
+
+/// All outputs of all nodes, by node and output.
+fn run_all(graph: &Graph) -> Result<BTreeMap<(usize, usize), AnyValue>, String> {
+    let mut evaluator = Evaluator::new(0, MEMORY).map_err(|error| error.to_string())?;
+    let evaluation = evaluator.evaluate_all(graph);
+    let places = (0..graph.nodes.len())
+        .flat_map(|node| (0..graph.nodes[node].outputs.len()).map(move |output| (node, output)));
+    let value = |place: (usize, usize)| Some((place, evaluation.value(place.0, place.1)?.clone()));
+    Ok(places.filter_map(value).collect())
+}
+
+/// Evaluates a node by itself; an error is what a panic said.
+fn call(node: &crate::graph::GraphNode, inputs: &[AnyValue]) -> Result<(), String> {
+    let files = BTreeMap::new();
+    let cx = Context {
+        inputs,
+        files: &files,
+        progress: Progress::none(),
+        memos: None,
+        warnings: Mutex::default(),
+    };
+    let eval = AssertUnwindSafe(|| -> Result<_, Error> { node.node.eval(&cx) });
+    catch_unwind(eval).map(|_| ()).map_err(|panic| crate::eval::in_words(&*panic))
+}

@@ -1,0 +1,202 @@
+//! What went wrong ([`Error`]), and where and what to do ([`Problem`]).
+
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use serde_json::json;
+
+/// What went wrong in a node or a file format; the engine says where.
+///
+/// Made by `?` from any error type. Messages are lower case, without a full stop, and do not name the node.
+#[derive(Clone)]
+pub struct Error(Arc<dyn std::error::Error + Send + Sync>);
+
+impl Error {
+    /// The error as the type that it was made of, if it is an `E`.
+    pub fn downcast<E: std::error::Error + 'static>(&self) -> Option<&E> {
+        self.0.downcast_ref()
+    }
+}
+
+impl<E: std::error::Error + Send + Sync + 'static> From<E> for Error {
+    fn from(error: E) -> Self {
+        Self(Arc::new(error))
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0)?;
+        let mut source = self.0.source();
+        while let Some(cause) = source {
+            write!(f, ": {cause}")?;
+            source = cause.source();
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Debug for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// The evaluation was told to stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("cancelled")]
+pub struct Cancelled;
+
+/// Whether a problem keeps a graph from running.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// It does.
+    Error,
+    /// It does not, but the result may not be what was meant.
+    Warning,
+}
+
+impl Severity {
+    /// The word in messages: `error` or `warning`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Error => "error",
+            Self::Warning => "warning",
+        }
+    }
+}
+
+/// A part of a text, by bytes; the end is exclusive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Span {
+    /// First byte.
+    pub start: usize,
+    /// The byte behind the last one.
+    pub end: usize,
+}
+
+/// A place in a text as people count: from 1, columns in Unicode scalars.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Line.
+    pub line: usize,
+    /// Column.
+    pub column: usize,
+}
+
+impl Place {
+    /// The place of a byte offset; past the end it is the place behind the last character.
+    pub fn of(text: &str, offset: usize) -> Self {
+        let mut offset = offset.min(text.len());
+        while !text.is_char_boundary(offset) {
+            offset -= 1;
+        }
+        let before = &text[..offset];
+        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+        Self {
+            line: before.bytes().filter(|&byte| byte == b'\n').count() + 1,
+            column: before[line_start..].chars().count() + 1,
+        }
+    }
+}
+
+/// A graph file's name and text, for messages.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    /// The name as it was given.
+    pub name: PathBuf,
+    /// Its text.
+    pub text: String,
+}
+
+/// Something wrong at a place of a graph file: where, what, and what to do.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// Whether it keeps the graph from running.
+    pub severity: Severity,
+    /// `G001` and so on; see [`code`].
+    pub code: &'static str,
+    /// The file.
+    pub source: Arc<Source>,
+    /// Where in the file.
+    pub span: Span,
+    /// What is wrong.
+    pub message: String,
+    /// What to do; may be empty.
+    pub help: String,
+    /// Another place that explains it, with a few words.
+    pub note: Option<(Span, String)>,
+}
+
+/// The codes of problems. They keep their meaning.
+pub mod code {
+    /// The text is not RON.
+    pub const SYNTAX: &str = "G001";
+    /// The format version is unknown.
+    pub const FORMAT: &str = "G002";
+    /// A node type that no pack has.
+    pub const UNKNOWN_NODE: &str = "G003";
+    /// A field that a node, or the graph, does not have.
+    pub const UNKNOWN_FIELD: &str = "G004";
+    /// A field or a port that must be given.
+    pub const MISSING_FIELD: &str = "G005";
+    /// A name that is used twice, or is no name.
+    pub const BAD_NAME: &str = "G006";
+    /// A link to nothing.
+    pub const UNKNOWN_LINK: &str = "G007";
+    /// Nodes that hang on each other.
+    pub const CYCLE: &str = "G008";
+    /// A value of the wrong kind.
+    pub const WRONG_VALUE: &str = "G009";
+    /// A value out of its range.
+    pub const OUT_OF_RANGE: &str = "G010";
+    /// A parameter or an expression that cannot be computed.
+    pub const EXPRESSION: &str = "G011";
+    /// A link of the wrong type.
+    pub const WRONG_TYPE: &str = "G012";
+    /// A file that is not there.
+    pub const MISSING_FILE: &str = "G013";
+    /// A path that leaves the project.
+    pub const OUTSIDE: &str = "G014";
+    /// An output that no file format can hold.
+    pub const OUTPUT_FORMAT: &str = "G015";
+    /// A node failed.
+    pub const FAILED: &str = "G016";
+    /// A node has doubts about its result.
+    pub const WARNING: &str = "G017";
+    /// A panic: our bug.
+    pub const PANIC: &str = "G018";
+}
+
+impl Problem {
+    /// The problem as `--json` prints it.
+    pub fn to_json(&self) -> serde_json::Value {
+        let start = Place::of(&self.source.text, self.span.start);
+        let end = Place::of(&self.source.text, self.span.end);
+        json!({
+            "severity": self.severity.word(),
+            "code": self.code,
+            "file": self.source.name.display().to_string(),
+            "line": start.line,
+            "column": start.column,
+            "end_line": end.line,
+            "end_column": end.column,
+            "message": self.message,
+            "help": self.help,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_count_characters_not_bytes() {
+        let text = "ab\näöx";
+        assert_eq!(Place::of(text, 0), Place { line: 1, column: 1 });
+        assert_eq!(Place::of(text, 7), Place { line: 2, column: 3 });
+        assert_eq!(Place::of(text, 99), Place { line: 2, column: 4 });
+    }
+}

@@ -1,0 +1,110 @@
+//! Files: what reads bytes into values, and what writes values to bytes.
+//!
+//! Readers are functions from bytes to a value or a typed error. They never panic, and never reserve more memory than a small
+//! multiple of the bytes that are there, whatever a header promises. Writers are [`FileFormat`](crate::FileFormat)s; [`FORMATS`]
+//! lists them, one line for each type of values and ending.
+
+use std::fmt;
+
+use crate::pack::{Format, format};
+
+pub mod camera;
+mod corners;
+mod glb;
+mod json;
+pub mod obj;
+pub mod pcd;
+mod picture;
+pub mod ply;
+pub mod png;
+mod rows;
+mod surface;
+
+/// The files that the engine's own values can be written to.
+pub const FORMATS: &[Format] = &[
+    format::<png::ImagePng>(),
+    format::<png::MaskPng>(),
+    format::<png::LabelsPng>(),
+    format::<png::FieldPng>(),
+    format::<pcd::RangePcd>(),
+    format::<ply::MeshPly>(),
+    format::<ply::ControlNetPly>(),
+    format::<ply::RegionPly>(),
+    format::<ply::RangePly>(),
+    format::<obj::MeshObj>(),
+    format::<glb::MeshGlb>(),
+    format::<surface::SurfacePly>(),
+    format::<surface::SurfaceObj>(),
+    format::<surface::SurfaceGlb>(),
+    format::<picture::MeshPng>(),
+    format::<picture::SurfacePng>(),
+    format::<json::DirectionJson>(),
+    format::<json::KnotVectorJson>(),
+    format::<json::LabelsJson>(),
+    format::<json::ControlNetJson>(),
+];
+
+/// A place in a file: a line of a text, or a byte of anything else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum At {
+    /// A line, counted from 1.
+    Line(usize),
+    /// A byte, counted from 0.
+    Byte(usize),
+}
+
+impl fmt::Display for At {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::Byte(byte) => write!(f, "byte {byte}"),
+        }
+    }
+}
+
+/// The first part of some bytes as text, for a message: whatever a hostile file holds, short and on one line.
+fn excerpt(bytes: &[u8]) -> String {
+    let start = &bytes[..bytes.len().min(40)];
+    start.iter().flat_map(|byte| byte.escape_ascii()).map(char::from).collect()
+}
+
+/// A number in a text, if it is one.
+fn parse<T: std::str::FromStr>(token: &[u8]) -> Option<T> {
+    std::str::from_utf8(token).ok()?.parse().ok()
+}
+
+/// The words of a line.
+fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
+}
+
+#[cfg(test)]
+mod hostile {
+    //! Files that lie: valid ones, cut and bent.
+
+    /// Calls `read` with `file` cut at every length, and with some thousand versions of it in which a few bytes are others:
+    /// by any result but a panic the reader passes.
+    pub(super) fn survive<T>(file: &[u8], read: impl Fn(&[u8]) -> T) {
+        (0..file.len()).for_each(|length| drop(read(&file[..length])));
+        for case in 0..3000 {
+            let mut bent = file.to_vec();
+            for change in 0..1 + case % 4 {
+                let random = scramble(case * 8 + change);
+                let at = random as usize % bent.len();
+                let byte = (random >> 40) as u8;
+                // Digits make other numbers of numbers, other bytes break them.
+                bent[at] = if random >> 63 == 0 { byte } else { b'0' + byte % 10 };
+            }
+            drop(read(&bent));
+        }
+    }
+
+    /// The output function of the generator SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number
+    /// generators", 2014).
+    fn scramble(counter: u64) -> u64 {
+        let z = counter.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+}

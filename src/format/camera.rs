@@ -1,0 +1,186 @@
+//! The file beside a capture that says which cameras took it.
+
+use nalgebra::{Matrix3, Matrix4};
+use serde_json::Value;
+use thiserror::Error;
+
+use crate::value::Pinhole;
+
+/// The cameras of a capture: both see along the same axes from the same place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraFile {
+    /// The camera of the picture.
+    pub color: View,
+    /// The camera of the range grid.
+    pub range: View,
+    /// The unit of the range file, if the file names one: `mm`, `m` and so on.
+    pub units: Option<String>,
+    /// The rigid motion from the sensor's frame to the world's, in mm, if the file has one.
+    pub world_from_camera: Option<Matrix4<f64>>,
+}
+
+/// One camera of a capture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// How it sees.
+    pub pinhole: Pinhole,
+    /// What it gives, if the file says so: width, height.
+    pub size: Option<[usize; 2]>,
+}
+
+/// Why bytes are not a camera file.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum CameraError {
+    /// Something else than JSON.
+    #[error("line {line}, column {column}: the file is not JSON")]
+    NotJson {
+        /// The line, from 1.
+        line: usize,
+        /// The column, from 1.
+        column: usize,
+    },
+    /// A camera without its pinhole.
+    #[error("the file does not say how the {camera} camera sees: `{key}` is missing")]
+    NoPinhole {
+        /// `color` or `range`.
+        camera: &'static str,
+        /// The missing number.
+        key: &'static str,
+    },
+    /// A number that cannot be one.
+    #[error("`{camera}.{key}` is {value}: {wanted}")]
+    Number {
+        /// `color` or `range`.
+        camera: &'static str,
+        /// The number's key.
+        key: &'static str,
+        /// What is there, as text.
+        value: String,
+        /// What must be there.
+        wanted: &'static str,
+    },
+    /// A pose that is no rigid motion.
+    #[error(
+        "`world_from_camera_mm` is not a rigid motion: 4 rows of 4 numbers, a rotation and a translation"
+    )]
+    Pose,
+}
+
+/// The cameras in a camera file: a JSON object with `color` (or `colour`) and `range`, each with the pinhole `fx fy cx cy` and, if
+/// known, `width` and `height`; if known, `units` and `world_from_camera_mm`, a rigid motion as 4 rows of 4 numbers. A
+/// file that has a pinhole at its top means both cameras by it. Other keys are passed over.
+///
+/// # Errors
+/// If the bytes are not JSON, a pinhole is missing, or a number cannot be one.
+pub fn read(bytes: &[u8]) -> Result<CameraFile, CameraError> {
+    let file: Value = serde_json::from_slice(bytes)
+        .map_err(|error| CameraError::NotJson { line: error.line(), column: error.column() })?;
+    let color = file.get("color").or_else(|| file.get("colour"));
+    let pose_rows = file.get("world_from_camera_mm").filter(|rows| !rows.is_null());
+    Ok(CameraFile {
+        color: view(color.unwrap_or(&file), "color")?,
+        range: view(file.get("range").unwrap_or(&file), "range")?,
+        units: file.get("units").and_then(Value::as_str).map(str::to_owned),
+        world_from_camera: pose_rows.map(pose).transpose()?,
+    })
+}
+
+fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
+    let wrong = |key, value: &Value, wanted| {
+        let value = value.to_string();
+        CameraError::Number { camera: name, key, value, wanted }
+    };
+    let number = |key| match camera.get(key) {
+        None => Err(CameraError::NoPinhole { camera: name, key }),
+        Some(value) => value.as_f64().ok_or_else(|| wrong(key, value, "a number is needed")),
+    };
+    let focal = |key| match number(key)? {
+        length if length > 0.0 => Ok(length),
+        length => Err(wrong(key, &length.into(), "a focal length is greater than 0")),
+    };
+    let size = |key| match camera.get(key) {
+        None => Ok(None),
+        Some(value) => match value.as_u64().and_then(|size| usize::try_from(size).ok()) {
+            Some(size) => Ok(Some(size)),
+            None => Err(wrong(key, value, "a whole number is needed")),
+        },
+    };
+    let pinhole =
+        Pinhole { focal: [focal("fx")?, focal("fy")?], center: [number("cx")?, number("cy")?] };
+    let size = size("width")?.zip(size("height")?).map(|(width, height)| [width, height]);
+    Ok(View { pinhole, size })
+}
+
+/// How far a rotation in a file may be from orthonormal: files round to 6 digits and fewer, other matrices are off by far more.
+const ROTATION_TOLERANCE: f64 = 1e-3;
+
+fn pose(rows: &Value) -> Result<Matrix4<f64>, CameraError> {
+    let rows: [[f64; 4]; 4] =
+        serde_json::from_value(rows.clone()).map_err(|_| CameraError::Pose)?;
+    let pose = Matrix4::from_fn(|row, column| rows[row][column]);
+    let rotation = pose.fixed_view::<3, 3>(0, 0).into_owned();
+    let error = (rotation * rotation.transpose() - Matrix3::identity()).amax();
+    let rigid = error <= ROTATION_TOLERANCE
+        && rotation.determinant() > 0.0
+        && rows[3] == [0.0, 0.0, 0.0, 1.0];
+    if rigid { Ok(pose) } else { Err(CameraError::Pose) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::hostile;
+
+    const FILE: &str = r#"{
+        "units": "mm",
+        "colour": { "file": "colour.png", "width": 400, "height": 300, "fx": 2800.0, "fy": 2700, "cx": 199.5, "cy": 149.5 },
+        "range": { "fx": 1400.0, "fy": 1350.0, "cx": 99.5, "cy": 74.5 },
+        "range_to_colour": "colour column = 2 * range column + 0.5; same for rows",
+        "world_from_camera_mm": [[0, -1, 0, 5], [1, 0, 0, 6.5], [0, 0, 1, -7], [0, 0, 0, 1]]
+    }"#;
+
+    #[test]
+    fn both_cameras_and_the_pose_are_read() {
+        let file = read(FILE.as_bytes()).unwrap();
+        assert_eq!(file.color.size, Some([400, 300]));
+        assert_eq!(file.color.pinhole, Pinhole { focal: [2800.0, 2700.0], center: [199.5, 149.5] });
+        assert_eq!(file.range.pinhole, Pinhole { focal: [1400.0, 1350.0], center: [99.5, 74.5] });
+        assert_eq!((file.range.size, file.units.as_deref()), (None, Some("mm")));
+        assert_eq!(file.world_from_camera.unwrap().column(3).as_slice(), [5.0, 6.5, -7.0, 1.0]);
+    }
+
+    #[test]
+    fn american_spelling_and_one_pinhole_for_both_are_understood() {
+        assert_eq!(read(FILE.replace("colour", "color").as_bytes()), read(FILE.as_bytes()));
+        let one = br#"{"width": 640, "height": 480, "fx": 1, "fy": 2, "cx": 3, "cy": 4}"#;
+        let file = read(one).unwrap();
+        assert_eq!(file.color, file.range);
+        assert_eq!(file.range.size, Some([640, 480]));
+        assert_eq!(file.world_from_camera, None);
+    }
+
+    fn error(from: &str, to: &str) -> String {
+        assert!(FILE.contains(from));
+        read(FILE.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_is_missing_or_wrong_is_named() {
+        let missing = "the file does not say how the range camera sees: `fx` is missing";
+        assert_eq!(error("\"range\"", "\"grid\""), missing);
+        assert_eq!(error("{ \"fx\": 1400.0,", "{"), missing);
+        assert_eq!(error("1400.0", "-1"), "`range.fx` is -1.0: a focal length is greater than 0");
+        assert_eq!(error("1400.0", "\"a\""), "`range.fx` is \"a\": a number is needed");
+        assert_eq!(error("400", "0.5"), "`color.width` is 0.5: a whole number is needed");
+        assert_eq!(error(": \"mm\"", " \"mm\""), "line 2, column 17: the file is not JSON");
+        let pose = "`world_from_camera_mm` is not a rigid motion: 4 rows of 4 numbers, a rotation and a translation";
+        assert_eq!(error("-1, 0, 5", "1, 0, 5"), pose);
+        assert_eq!(error("[0, -1, 0, 5]", "[0, -2, 0, 5]"), pose);
+        assert_eq!(error("[0, -1, 0, 5], ", ""), pose);
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        hostile::survive(FILE.as_bytes(), read);
+    }
+}

@@ -1,0 +1,417 @@
+//! GLB, the binary form of glTF 2.0: meshes for viewers and engines.
+//!
+//! Khronos Group, "glTF 2.0 Specification", 2.0.1 (2021). glTF has meters, y up, +z towards the viewer, so a root node scales
+//! millimeters, and turns a mesh with a capture's frame (y down, z away) by 180 degrees about x; positions are the mesh's own.
+
+use bytemuck::NoUninit;
+use nalgebra::Vector3;
+use serde_json::{Value, json};
+use thiserror::Error;
+
+use super::corners::{Split, split};
+use super::png;
+use super::rows::{Rows, floats, indices};
+use crate::error;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{Mesh, Rgb, linear_from_srgb};
+
+/// Why a mesh cannot be written as GLB.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub(super) enum GlbError {
+    #[error("a mesh without vertices cannot be written as GLB")]
+    Empty,
+    #[error("a position is too far away for single precision, which GLB has")]
+    TooFar,
+    #[error("{bytes} bytes are more than the 4 GiB of a GLB file")]
+    TooLarge { bytes: usize },
+}
+
+// Numbers of the specification.
+const UNSIGNED_SHORT: u32 = 5123;
+const UNSIGNED_INT: u32 = 5125;
+const FLOAT: u32 = 5126;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+const POINTS: u32 = 0;
+const TRIANGLES: u32 = 4;
+const LINEAR: u32 = 9729;
+const LINEAR_MIPMAP_LINEAR: u32 = 9987;
+const CLAMP_TO_EDGE: u32 = 33071;
+
+/// Writes a mesh with normals, texture or colors.
+pub(super) struct MeshGlb;
+
+impl FileFormat for MeshGlb {
+    type Value = Mesh;
+    const ENDING: &'static str = "glb";
+
+    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        Ok(NewFile::only(name, encode(mesh)?))
+    }
+}
+
+fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
+    if mesh.positions().is_empty() {
+        return Err(GlbError::Empty.into());
+    }
+    let vertices = Vertices::new(mesh);
+    let mut file = Buffers::default();
+    let mut attributes = json!({ "POSITION": file.positions(&vertices)? });
+    if !mesh.faces().is_empty() {
+        attributes["NORMAL"] = file.normals(&vertices).into();
+    }
+    let texture = mesh.texture().filter(|_| vertices.has_uv());
+    if vertices.has_uv() {
+        attributes["TEXCOORD_0"] = file.uv(&vertices).into();
+    }
+    let colors = mesh.vertex().colors("color").filter(|_| texture.is_none());
+    if let Some(colors) = colors {
+        attributes["COLOR_0"] = file.colors(&vertices, colors).into();
+    }
+    let mut primitive = json!({ "attributes": attributes, "material": 0, "mode": POINTS });
+    if !mesh.faces().is_empty() {
+        primitive["mode"] = TRIANGLES.into();
+        primitive["indices"] = file.triangles(&vertices).into();
+    }
+    let mut shading = json!({ "metallicFactor": 0.0, "roughnessFactor": 0.9 });
+    let mut images = None;
+    if let Some(texture) = texture {
+        shading["baseColorTexture"] = json!({ "index": 0 });
+        let view = file.view(png::encode_rgb(texture)?, None);
+        images = Some(json!([{ "bufferView": view, "mimeType": "image/png" }]));
+    }
+    let mut root = json!({ "name": "root", "children": [1], "scale": [0.001, 0.001, 0.001] });
+    if mesh.frame().is_some() {
+        // The quaternion x, y, z, w of half a turn about x.
+        root["rotation"] = json!([1.0, 0.0, 0.0, 0.0]);
+    }
+    let mut document = json!({
+        "asset": { "version": "2.0", "generator": "maquette" },
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [root, { "name": "mesh", "mesh": 0 }],
+        "meshes": [{ "primitives": [primitive] }],
+        "materials": [{ "pbrMetallicRoughness": shading, "doubleSided": true }],
+        "accessors": file.accessors,
+        "bufferViews": file.views,
+        "buffers": [{ "byteLength": file.bytes.len() }],
+    });
+    if let Some(images) = images {
+        document["images"] = images;
+        document["samplers"] = json!([{
+            "magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR,
+            "wrapS": CLAMP_TO_EDGE, "wrapT": CLAMP_TO_EDGE,
+        }]);
+        document["textures"] = json!([{ "sampler": 0, "source": 0 }]);
+    }
+    Ok(container(&document, file.bytes)?)
+}
+
+/// The file around the document and its buffer: a header of 12 bytes, and two chunks with headers of 8, padded to 4.
+fn container(document: &Value, mut buffer: Vec<u8>) -> Result<Vec<u8>, GlbError> {
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    buffer.resize(buffer.len().next_multiple_of(4), 0);
+    let size = 12 + 8 + text.len() + 8 + buffer.len();
+    let total = u32::try_from(size).map_err(|_| GlbError::TooLarge { bytes: size })?;
+    let mut bytes = Vec::with_capacity(size);
+    bytes.extend_from_slice(b"glTF");
+    bytes.extend_from_slice(&2u32.to_le_bytes());
+    bytes.extend_from_slice(&total.to_le_bytes());
+    for (kind, chunk) in [(b"JSON", &text), (b"BIN\0", &buffer)] {
+        bytes.extend_from_slice(&(chunk.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(kind);
+        bytes.extend_from_slice(chunk);
+    }
+    Ok(bytes)
+}
+
+/// The vertices of a glTF mesh: those of the mesh, or more where data of corners differ.
+struct Vertices<'a> {
+    mesh: &'a Mesh,
+    split: Option<Split>,
+}
+
+impl<'a> Vertices<'a> {
+    fn new(mesh: &'a Mesh) -> Self {
+        let uv = mesh.corner().pairs("uv").filter(|_| mesh.vertex().pairs("uv").is_none());
+        let normals = mesh.corner().vectors("normal");
+        let normals = normals.filter(|_| mesh.vertex().vectors("normal").is_none());
+        let same = |a: usize, b: usize| {
+            uv.is_none_or(|uv| uv[a] == uv[b])
+                && normals.is_none_or(|normals| normals[a] == normals[b])
+        };
+        let cut = !mesh.faces().is_empty() && (uv.is_some() || normals.is_some());
+        Self { mesh, split: cut.then(|| split(mesh, same)) }
+    }
+
+    fn has_uv(&self) -> bool {
+        self.mesh.vertex().pairs("uv").is_some()
+            || self.split.is_some() && self.mesh.corner().pairs("uv").is_some()
+    }
+
+    /// For each vertex of the file the data of its vertex in the mesh, or else those of its corner.
+    fn gather<T: Copy>(&self, per_vertex: Option<&[T]>, per_corner: Option<&[T]>) -> Vec<T> {
+        let corners = self.mesh.faces().corners();
+        match (per_vertex, per_corner, &self.split) {
+            (Some(data), _, None) => data.to_vec(),
+            (Some(data), _, Some(split)) => split
+                .corners
+                .iter()
+                .map(|&corner| data[corners[corner as usize] as usize])
+                .collect(),
+            (None, Some(data), Some(split)) => {
+                split.corners.iter().map(|&corner| data[corner as usize]).collect()
+            }
+            _ => unreachable!("data are asked for only where there are some"),
+        }
+    }
+}
+
+/// The bytes behind the document, and what says what they are.
+#[derive(Default)]
+struct Buffers {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Buffers {
+    /// Adds bytes, aligned to 4; gives the index of their view.
+    fn view(&mut self, bytes: Vec<u8>, target: Option<u32>) -> usize {
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        let mut view = json!({
+            "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len(),
+        });
+        if let Some(target) = target {
+            view["target"] = target.into();
+        }
+        self.views.push(view);
+        self.bytes.extend_from_slice(&bytes);
+        self.views.len() - 1
+    }
+
+    /// Adds an accessor; gives its index.
+    fn accessor(&mut self, accessor: Value) -> usize {
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    /// Adds an attribute of vertices; gives the index of its accessor.
+    fn attribute<T: Sync, B: NoUninit>(
+        &mut self,
+        items: &[T],
+        kind: (u32, &str),
+        entry: impl Fn(&T) -> B + Sync,
+    ) -> usize {
+        let mut rows = Rows::new(items.len(), size_of::<B>());
+        rows.fill(0, items, entry);
+        let view = self.view(rows.into_bytes(), Some(ARRAY_BUFFER));
+        self.accessor(json!({
+            "bufferView": view, "componentType": kind.0, "type": kind.1, "count": items.len(),
+        }))
+    }
+
+    fn positions(&mut self, vertices: &Vertices<'_>) -> Result<usize, GlbError> {
+        let points = vertices.gather(Some(&**vertices.mesh.positions()), None);
+        let single = |x: f64| x as f32;
+        let first = points[0].map(single);
+        let (low, high) = points.iter().fold((first, first), |(low, high), point| {
+            let point = point.map(single);
+            (low.inf(&point), high.sup(&point))
+        });
+        if !low.iter().chain(high.iter()).all(|x| x.is_finite()) {
+            return Err(GlbError::TooFar);
+        }
+        let accessor =
+            self.attribute(&points, (FLOAT, "VEC3"), |point| floats(point.coords.into()));
+        self.accessors[accessor]["min"] = json!(low.coords.as_slice());
+        self.accessors[accessor]["max"] = json!(high.coords.as_slice());
+        Ok(accessor)
+    }
+
+    fn normals(&mut self, vertices: &Vertices<'_>) -> usize {
+        let mesh = vertices.mesh;
+        let (per_vertex, per_corner) =
+            (mesh.vertex().vectors("normal"), mesh.corner().vectors("normal"));
+        let computed: Vec<[f64; 3]> = match (per_vertex, per_corner) {
+            (None, None) => mesh.vertex_normals().into_iter().map(Into::into).collect(),
+            _ => Vec::new(),
+        };
+        let per_vertex = per_vertex.map(|column| &**column);
+        let per_vertex = per_vertex.or((!computed.is_empty()).then_some(&computed[..]));
+        let normals = vertices.gather(per_vertex, per_corner.map(|column| &**column));
+        self.attribute(&normals, (FLOAT, "VEC3"), |&normal| {
+            // glTF has unit normals only; a vertex of no face gets any.
+            let unit = Vector3::from(normal).try_normalize(0.0).filter(|unit| unit.x.is_finite());
+            floats(unit.unwrap_or(Vector3::z()).into())
+        })
+    }
+
+    fn uv(&mut self, vertices: &Vertices<'_>) -> usize {
+        let mesh = vertices.mesh;
+        let per_vertex = mesh.vertex().pairs("uv").map(|column| &**column);
+        let per_corner = mesh.corner().pairs("uv").map(|column| &**column);
+        let uv = vertices.gather(per_vertex, per_corner);
+        // In glTF (0, 0) is the picture's upper left corner.
+        self.attribute(&uv, (FLOAT, "VEC2"), |&[s, t]| floats([s, 1.0 - t]))
+    }
+
+    /// Colors in linear light, as glTF has them: 16 bits, because 8 are too few in the dark.
+    fn colors(&mut self, vertices: &Vertices<'_>, colors: &[Rgb]) -> usize {
+        let colors = vertices.gather(Some(colors), None);
+        let accessor = self.attribute(&colors, (UNSIGNED_SHORT, "VEC4"), |&color| {
+            let [red, green, blue] =
+                color.map(|channel| (linear_from_srgb(channel) * 65535.0).round() as u16);
+            [red, green, blue, u16::MAX].map(u16::to_le_bytes)
+        });
+        self.accessors[accessor]["normalized"] = true.into();
+        accessor
+    }
+
+    /// Faces with more than three corners become fans.
+    fn triangles(&mut self, vertices: &Vertices<'_>) -> usize {
+        let faces = vertices.mesh.faces();
+        let corners = match &vertices.split {
+            Some(split) => &split.of_corner[..],
+            None => faces.corners(),
+        };
+        let mut fans = Vec::new();
+        let triangles: &[[u32; 3]] = if faces.sides() == Some(3) {
+            corners.as_chunks().0
+        } else {
+            fans.reserve_exact(corners.len() - 2 * faces.len());
+            for face in 0..faces.len() {
+                let corners = &corners[faces.first_corner(face)..faces.first_corner(face + 1)];
+                fans.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
+            }
+            &fans
+        };
+        let mut rows = Rows::new(triangles.len(), 12);
+        rows.fill(0, triangles, |&triangle| indices(triangle));
+        let view = self.view(rows.into_bytes(), Some(ELEMENT_ARRAY_BUFFER));
+        self.accessor(json!({
+            "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR",
+            "count": 3 * triangles.len(),
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::value::{Attribute, CaptureFrame, Faces, Image};
+
+    /// A quad beside a triangle.
+    fn mesh() -> Mesh {
+        let at = |x: f64, y: f64| Point3::new(x, y, 0.25);
+        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
+        let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
+        Mesh::new(positions, faces).unwrap()
+    }
+
+    fn uv(count: u32) -> Attribute {
+        Attribute::Pair((0..count).map(|i| [f64::from(i) / 8.0, 0.25]).collect())
+    }
+
+    /// The document and the buffer of a file, whose outer form is checked.
+    fn parts(mesh: &Mesh) -> (Value, Vec<u8>) {
+        let bytes = encode(mesh).unwrap();
+        let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        assert_eq!((&bytes[..4], number(4), number(8)), (&b"glTF"[..], 2, bytes.len()));
+        let length = number(12);
+        assert_eq!((&bytes[16..20], length % 4), (&b"JSON"[..], 0));
+        let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+        let binary = &bytes[20 + length..];
+        assert_eq!((&binary[4..8], binary.len() % 4), (&b"BIN\0"[..], 0));
+        assert_eq!(number(20 + length), binary.len() - 8);
+        for view in document["bufferViews"].as_array().unwrap() {
+            let [offset, length] =
+                ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap());
+            assert_eq!(offset % 4, 0);
+            assert!(offset + length <= document["buffers"][0]["byteLength"].as_u64().unwrap());
+        }
+        (document, binary[8..].to_vec())
+    }
+
+    /// The bytes behind an accessor.
+    fn data<'a>((document, buffer): &'a (Value, Vec<u8>), accessor: &Value) -> &'a [u8] {
+        let accessor = &document["accessors"][accessor.as_u64().unwrap() as usize];
+        let view = &document["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
+        let [offset, length] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap());
+        &buffer[offset as usize..][..length as usize]
+    }
+
+    #[test]
+    fn polygons_become_fans() {
+        let parts = parts(&mesh());
+        let primitive = &parts.0["meshes"][0]["primitives"][0];
+        let expected = [[0, 1, 2], [0, 2, 3], [1, 4, 2]].as_flattened().iter();
+        let expected = Vec::from_iter(expected.flat_map(|index: &u32| index.to_le_bytes()));
+        assert_eq!(data(&parts, &primitive["indices"]), expected);
+        let accessor = &parts.0["accessors"][0];
+        assert_eq!(accessor["min"], json!([0.0, 0.0, 0.25]));
+        assert_eq!(accessor["max"], json!([2.0, 1.0, 0.25]));
+    }
+
+    #[test]
+    fn a_mesh_of_a_capture_is_turned_upright_and_all_are_scaled_to_meters() {
+        let plain = parts(&mesh()).0;
+        assert_eq!(plain["nodes"][0]["scale"], json!([0.001, 0.001, 0.001]));
+        assert_eq!(plain["nodes"][0]["rotation"], Value::Null);
+        let frame = CaptureFrame { camera: None, picture: [2, 2], depth: 700.0 };
+        let captured = parts(&mesh().with_frame(Some(frame))).0;
+        assert_eq!(captured["nodes"][0]["rotation"], json!([1.0, 0.0, 0.0, 0.0]));
+    }
+
+    #[test]
+    fn corners_with_different_texture_coordinates_become_vertices() {
+        let image = Image::new(2, 2, vec![[9; 3]; 4]).unwrap();
+        let mesh = mesh().with_corner("uv", uv(7)).unwrap().with_texture(Some(image.clone()));
+        let parts = parts(&mesh);
+        let primitive = &parts.0["meshes"][0]["primitives"][0];
+        let expected = [0, 1, 2, 0, 2, 3, 4, 5, 6];
+        let expected = Vec::from_iter(expected.iter().flat_map(|index: &u32| index.to_le_bytes()));
+        assert_eq!(data(&parts, &primitive["indices"]), expected);
+        let coordinates = data(&parts, &primitive["attributes"]["TEXCOORD_0"]);
+        assert_eq!(coordinates[8..16], *floats([0.125, 0.75]).as_flattened());
+        let view = parts.0["bufferViews"].as_array().unwrap().last().unwrap();
+        let picture = &parts.1[view["byteOffset"].as_u64().unwrap() as usize..];
+        assert_eq!(png::read(picture).unwrap(), image);
+    }
+
+    #[test]
+    fn colors_are_linear_and_a_texture_takes_their_place() {
+        let colors = Attribute::Color(vec![[255, 0, 128]; 5].into());
+        let mesh = mesh().with_vertex("color", colors).unwrap();
+        let colored = parts(&mesh);
+        let accessor = &colored.0["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"];
+        // 128 of sRGB is 0.2158605 of light.
+        let expected = [65535, 0, 14146, 65535].map(u16::to_le_bytes);
+        assert_eq!(data(&colored, accessor)[..8], *expected.as_flattened());
+        let image = Image::new(1, 1, vec![[9; 3]]).unwrap();
+        let textured = mesh.with_vertex("uv", uv(5)).unwrap().with_texture(Some(image));
+        let textured = parts(&textured).0;
+        assert_eq!(textured["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"], Value::Null);
+        assert_eq!(textured["textures"], json!([{ "sampler": 0, "source": 0 }]));
+    }
+
+    #[test]
+    fn a_mesh_without_faces_is_points() {
+        let mesh = Mesh::new(vec![Point3::origin()], Faces::triangles(vec![])).unwrap();
+        let document = parts(&mesh).0;
+        let primitive = &document["meshes"][0]["primitives"][0];
+        assert_eq!((&primitive["mode"], &primitive["indices"]), (&json!(0), &Value::Null));
+    }
+
+    #[test]
+    fn what_glb_cannot_hold_is_refused() {
+        let no_faces = || Faces::triangles(vec![]);
+        let empty = Mesh::new(vec![], no_faces()).unwrap();
+        assert_eq!(encode(&empty).unwrap_err().downcast(), Some(&GlbError::Empty));
+        let far = Mesh::new(vec![Point3::new(1e300, 0.0, 0.0)], no_faces()).unwrap();
+        assert_eq!(encode(&far).unwrap_err().downcast(), Some(&GlbError::TooFar));
+    }
+}

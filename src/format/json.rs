@@ -1,0 +1,269 @@
+//! JSON, for values that are a few numbers: to read by eye and by scripts.
+
+use serde_json::{Value, json};
+
+use crate::error::Error;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{ControlNet, Direction, KnotVector, Labels};
+
+/// Writes a direction.
+pub(super) struct DirectionJson;
+
+impl FileFormat for DirectionJson {
+    type Value = Direction;
+    const ENDING: &'static str = "json";
+
+    fn write(direction: &Direction, name: &str) -> Result<Vec<NewFile>, Error> {
+        let document = json!({
+            "direction": direction.vector().as_slice(),
+            "resultant": direction.resultant(),
+        });
+        Ok(NewFile::only(name, print(&document)))
+    }
+}
+
+/// Writes a knot vector.
+pub(super) struct KnotVectorJson;
+
+impl FileFormat for KnotVectorJson {
+    type Value = KnotVector;
+    const ENDING: &'static str = "json";
+
+    fn write(knots: &KnotVector, name: &str) -> Result<Vec<NewFile>, Error> {
+        let document = json!({
+            "degree": knots.degree(),
+            "control_points": knots.n_control(),
+            "domain": knots.domain(),
+            "knots": knots.knots(),
+        });
+        Ok(NewFile::only(name, print(&document)))
+    }
+}
+
+/// Writes what is known of each component.
+pub(super) struct LabelsJson;
+
+impl FileFormat for LabelsJson {
+    type Value = Labels;
+    const ENDING: &'static str = "json";
+
+    fn write(labels: &Labels, name: &str) -> Result<Vec<NewFile>, Error> {
+        let components = labels.statistics().iter().zip(1..).map(|(component, label): (_, u32)| {
+            json!({
+                "label": label,
+                "area": component.area,
+                "first": component.first,
+                "low": component.low,
+                "high": component.high,
+                "centroid": component.centroid,
+                "touches_border": component.touches_border,
+            })
+        });
+        let components = Vec::from_iter(components);
+        let document = json!({
+            "width": labels.width(),
+            "height": labels.height(),
+            "components": components,
+        });
+        Ok(NewFile::only(name, print(&document)))
+    }
+}
+
+/// Writes a control net, row by row.
+pub(super) struct ControlNetJson;
+
+impl FileFormat for ControlNetJson {
+    type Value = ControlNet;
+    const ENDING: &'static str = "json";
+
+    fn write(net: &ControlNet, name: &str) -> Result<Vec<NewFile>, Error> {
+        let columns = net.columns();
+        let points = |points: &[nalgebra::Point3<f64>]| {
+            let row = |row: &[nalgebra::Point3<f64>]| {
+                Value::from_iter(row.iter().map(|point| json!(point.coords.as_slice())))
+            };
+            Value::from_iter(points.chunks(columns).map(row))
+        };
+        let document = json!({
+            "rows": net.rows(),
+            "columns": columns,
+            "points": points(net.points()),
+            "base": points(net.base()),
+            "weights": Value::from_iter(net.weights().chunks(columns).map(|row| json!(row))),
+            "fixed": Value::from_iter(net.fixed().chunks(columns).map(|row| json!(row))),
+        });
+        Ok(NewFile::only(name, print(&document)))
+    }
+}
+
+/// The document as text. Lists of plain values stay on one line: a point, a row of weights.
+fn print(document: &Value) -> Vec<u8> {
+    let mut text = String::new();
+    push(&mut text, document, 0);
+    text.push('\n');
+    text.into_bytes()
+}
+
+fn push(text: &mut String, value: &Value, depth: usize) {
+    let is_plain = |value: &Value| !value.is_array() && !value.is_object();
+    match value {
+        Value::Array(items) if items.iter().all(is_plain) => {
+            let items = Vec::from_iter(items.iter().map(Value::to_string));
+            text.push_str(&format!("[{}]", items.join(", ")));
+        }
+        Value::Array(items) => {
+            text.push('[');
+            for (index, item) in items.iter().enumerate() {
+                break_line(text, index, depth + 1);
+                push(text, item, depth + 1);
+            }
+            break_line(text, 0, depth);
+            text.push(']');
+        }
+        Value::Object(entries) if !entries.is_empty() => {
+            text.push('{');
+            for (index, (key, entry)) in entries.iter().enumerate() {
+                break_line(text, index, depth + 1);
+                text.push_str(&format!("{}: ", json!(key)));
+                push(text, entry, depth + 1);
+            }
+            break_line(text, 0, depth);
+            text.push('}');
+        }
+        plain => text.push_str(&plain.to_string()),
+    }
+}
+
+/// Begins a new line, behind a comma unless the entry that follows is the first one.
+fn break_line(text: &mut String, index: usize, depth: usize) {
+    text.push_str(if index > 0 { ",\n" } else { "\n" });
+    (0..depth).for_each(|_| text.push_str("  "));
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::{Expect, expect};
+    use nalgebra::{Point3, Vector3};
+
+    use super::*;
+
+    fn check<F: FileFormat>(value: &F::Value, expected: Expect) {
+        let bytes = F::write(value, "a.json").unwrap().remove(0).bytes;
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(serde_json::from_str::<Value>(&text).is_ok());
+        expected.assert_eq(&text);
+    }
+
+    #[test]
+    fn a_direction_is_a_list_of_three() {
+        let direction = Direction::mean(Vector3::new(0.0, 0.5, 0.0)).unwrap();
+        check::<DirectionJson>(
+            &direction,
+            expect![[r#"
+            {
+              "direction": [0.0, 1.0, 0.0],
+              "resultant": 0.5
+            }
+        "#]],
+        );
+    }
+
+    #[test]
+    fn a_knot_vector_is_one_line_of_knots() {
+        let knots = KnotVector::new(1, vec![0.0, 0.0, 0.5, 1.0, 1.0]).unwrap();
+        check::<KnotVectorJson>(
+            &knots,
+            expect![[r#"
+            {
+              "degree": 1,
+              "control_points": 3,
+              "domain": [0.0, 1.0],
+              "knots": [0.0, 0.0, 0.5, 1.0, 1.0]
+            }
+        "#]],
+        );
+    }
+
+    #[test]
+    fn labels_list_their_components() {
+        let labels = Labels::new(3, 2, vec![0, 9, 9, 4, 0, 0]).unwrap();
+        check::<LabelsJson>(
+            &labels,
+            expect![[r#"
+            {
+              "width": 3,
+              "height": 2,
+              "components": [
+                {
+                  "label": 1,
+                  "area": 2,
+                  "first": [1, 0],
+                  "low": [1, 0],
+                  "high": [2, 0],
+                  "centroid": [1.5, 0.0],
+                  "touches_border": true
+                },
+                {
+                  "label": 2,
+                  "area": 1,
+                  "first": [0, 1],
+                  "low": [0, 1],
+                  "high": [0, 1],
+                  "centroid": [0.0, 1.0],
+                  "touches_border": true
+                }
+              ]
+            }
+        "#]],
+        );
+        check::<LabelsJson>(
+            &Labels::new(1, 1, vec![0]).unwrap(),
+            expect![[r#"
+            {
+              "width": 1,
+              "height": 1,
+              "components": []
+            }
+        "#]],
+        );
+    }
+
+    #[test]
+    fn a_net_has_a_point_on_each_line() {
+        let points = vec![Point3::origin(), Point3::new(1.0, 0.1, 2.5)];
+        let net = ControlNet::new(2, 1, points).unwrap();
+        check::<ControlNetJson>(
+            &net,
+            expect![[r#"
+            {
+              "rows": 2,
+              "columns": 1,
+              "points": [
+                [
+                  [0.0, 0.0, 0.0]
+                ],
+                [
+                  [1.0, 0.1, 2.5]
+                ]
+              ],
+              "base": [
+                [
+                  [0.0, 0.0, 0.0]
+                ],
+                [
+                  [1.0, 0.1, 2.5]
+                ]
+              ],
+              "weights": [
+                [1.0],
+                [1.0]
+              ],
+              "fixed": [
+                [0],
+                [0]
+              ]
+            }
+        "#]],
+        );
+    }
+}

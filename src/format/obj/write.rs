@@ -1,0 +1,210 @@
+//! Writes OBJ files, with a material and a picture for a mesh with a texture.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::format::corners::split;
+use crate::format::png;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{Mesh, Rgb};
+
+/// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
+pub(in crate::format) struct MeshObj;
+
+impl FileFormat for MeshObj {
+    type Value = Mesh;
+    const ENDING: &'static str = "obj";
+
+    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
+        let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
+        let Some(texture) = mesh.texture() else {
+            return Ok(NewFile::only(name, encode(mesh, String::new())));
+        };
+        let [material, picture] = ["mtl", "png"].map(|ending| format!("{stem}.{ending}"));
+        let text =
+            format!("newmtl material\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture}\n");
+        let start = format!("mtllib {material}\nusemtl material\n");
+        Ok(vec![
+            NewFile { name: name.to_owned(), bytes: encode(mesh, start) },
+            NewFile { name: material, bytes: text.into_bytes() },
+            NewFile { name: picture, bytes: png::encode_rgb(texture)? },
+        ])
+    }
+}
+
+/// What the corners of a face refer to, beside the vertex: one number per corner, from 0.
+enum Reference {
+    None,
+    /// The vertex' own number.
+    Vertex,
+    /// A number of its own.
+    Corner(Vec<u32>),
+}
+
+impl Reference {
+    fn number(&self, corner: usize, vertex: u32) -> Option<u32> {
+        match self {
+            Self::None => None,
+            Self::Vertex => Some(vertex),
+            Self::Corner(numbers) => Some(numbers[corner]),
+        }
+    }
+}
+
+fn encode(mesh: &Mesh, start: String) -> Vec<u8> {
+    let mut text = start.into_bytes();
+    let colors = mesh.vertex().colors("color").filter(|_| mesh.texture().is_none());
+    text.extend(lines(mesh.positions(), |text, index, point| {
+        push_floats(text, "v", point.coords.as_slice());
+        if let Some(colors) = colors {
+            push_color(text, colors[index]);
+        }
+    }));
+    let uv = per_vertex_or_corner(mesh, mesh.vertex().pairs("uv"), mesh.corner().pairs("uv"));
+    let normals = per_vertex_or_corner(
+        mesh,
+        mesh.vertex().vectors("normal"),
+        mesh.corner().vectors("normal"),
+    );
+    text.extend(lines(&uv.0, |text, _, uv| push_floats(text, "vt", uv)));
+    text.extend(lines(&normals.0, |text, _, normal| push_floats(text, "vn", normal)));
+    let faces = Vec::from_iter(0..mesh.faces().len());
+    text.extend(lines(&faces, |text, _, &face| {
+        text.push(b'f');
+        for (corner, &vertex) in (mesh.faces().first_corner(face)..).zip(mesh.faces().face(face)) {
+            text.push(b' ');
+            push_index(text, vertex);
+            let (uv, normal) = (uv.1.number(corner, vertex), normals.1.number(corner, vertex));
+            if uv.is_some() || normal.is_some() {
+                text.push(b'/');
+                uv.into_iter().for_each(|index| push_index(text, index));
+            }
+            if let Some(index) = normal {
+                text.push(b'/');
+                push_index(text, index);
+            }
+        }
+    }));
+    text
+}
+
+/// The entries to list, and how corners refer to them: data of vertices as they are, else data of corners, each different one of a
+/// vertex once.
+fn per_vertex_or_corner<T: Copy + PartialEq>(
+    mesh: &Mesh,
+    vertices: Option<&crate::value::Column<T>>,
+    corners: Option<&crate::value::Column<T>>,
+) -> (Vec<T>, Reference) {
+    if let Some(vertices) = vertices {
+        return (vertices.to_vec(), Reference::Vertex);
+    }
+    let Some(corners) = corners else { return (Vec::new(), Reference::None) };
+    let split = split(mesh, |a, b| corners[a] == corners[b]);
+    let entries = split.corners.iter().map(|&corner| corners[corner as usize]).collect();
+    (entries, Reference::Corner(split.of_corner))
+}
+
+/// One line per item, with its end.
+fn lines<T: Sync>(items: &[T], line: impl Fn(&mut Vec<u8>, usize, &T) + Sync) -> Vec<u8> {
+    const CHUNK: usize = 4096;
+    let chunks = items.par_chunks(CHUNK).enumerate().map(|(chunk, items)| {
+        let mut text = Vec::with_capacity(32 * items.len());
+        for (index, item) in (chunk * CHUNK..).zip(items) {
+            line(&mut text, index, item);
+            text.push(b'\n');
+        }
+        text
+    });
+    chunks.collect::<Vec<_>>().concat()
+}
+
+fn push_floats(text: &mut Vec<u8>, keyword: &str, numbers: &[f64]) {
+    text.extend_from_slice(keyword.as_bytes());
+    numbers.iter().for_each(|&number| push_float(text, number));
+}
+
+fn push_color(text: &mut Vec<u8>, color: Rgb) {
+    color.into_iter().for_each(|channel| push_float(text, f64::from(channel) / 255.0));
+}
+
+/// A blank and the shortest text that reads as the same single precision number; 0 for what is no number.
+fn push_float(text: &mut Vec<u8>, number: f64) {
+    let number = number as f32;
+    text.push(b' ');
+    serde_json::to_writer(text, if number.is_finite() { &number } else { &0.0 })
+        .expect("numbers are JSON, and a vector takes all bytes");
+}
+
+/// A number from 0 as OBJ counts: from 1.
+fn push_index(text: &mut Vec<u8>, index: u32) {
+    serde_json::to_writer(text, &(u64::from(index) + 1))
+        .expect("numbers are JSON, and a vector takes all bytes");
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::format::obj::read;
+    use crate::value::{Attribute, Faces, Image};
+
+    fn mesh() -> Mesh {
+        let at = |x: f64, y: f64| Point3::new(x, y, -0.125);
+        let positions = vec![at(0., 0.), at(0.5, 0.), at(1., 1.), at(0., 1e9), at(2.5, 0.)];
+        let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
+        Mesh::new(positions, faces).unwrap()
+    }
+
+    fn written(mesh: &Mesh) -> Vec<NewFile> {
+        MeshObj::write(mesh, "my.model.obj").unwrap()
+    }
+
+    #[test]
+    fn a_mesh_that_was_written_reads_the_same() {
+        let uv = |count| Attribute::Pair((0..count).map(|i| [f64::from(i), 0.5]).collect());
+        let normals =
+            |count| Attribute::Vector((0..count).map(|i| [f64::from(i), 0., 1.]).collect());
+        let colors = (0..5).map(|i| [i * 60, 255, 1 + i]).collect();
+        let plain = mesh();
+        let colored = mesh().with_vertex("color", Attribute::Color(colors)).unwrap();
+        let textured = mesh().with_vertex("uv", uv(5)).unwrap();
+        let cut = mesh().with_corner("uv", uv(7)).unwrap();
+        let shaded = mesh().with_vertex("normal", normals(5)).unwrap();
+        let both = cut.clone().with_corner("normal", normals(7)).unwrap();
+        for mesh in [plain, colored, textured, cut, shaded, both] {
+            assert_eq!(read(&written(&mesh)[0].bytes).unwrap(), mesh);
+        }
+    }
+
+    #[test]
+    fn single_precision_survives() {
+        let single = [1e-7f32, -1.0 / 3.0, 3.4e38, 16_777_217.0, f32::MIN_POSITIVE, 0.1];
+        let points = single.chunks(3).map(|x| Point3::new(x[0], x[1], x[2]).map(f64::from));
+        let mesh = Mesh::new(points.collect::<Vec<_>>(), Faces::triangles(vec![])).unwrap();
+        let again = read(&written(&mesh)[0].bytes).unwrap();
+        let numbers = again.positions().iter().flat_map(|point| Vec::from(point.coords.as_slice()));
+        assert_eq!(numbers.map(|x| x as f32).collect::<Vec<_>>(), single);
+    }
+
+    #[test]
+    fn a_texture_comes_with_a_material_and_a_picture() {
+        let image = Image::new(1, 1, vec![[1, 2, 3]]).unwrap();
+        let mesh = mesh().with_texture(Some(image.clone()));
+        let files = written(&mesh);
+        let names = Vec::from_iter(files.iter().map(|file| &*file.name));
+        assert_eq!(names, ["my.model.obj", "my.model.mtl", "my.model.png"]);
+        assert!(files[0].bytes.starts_with(b"mtllib my.model.mtl\nusemtl material\nv "));
+        assert!(files[1].bytes.ends_with(b"map_Kd my.model.png\n"));
+        assert_eq!(png::read(&files[2].bytes).unwrap(), image);
+    }
+
+    #[test]
+    fn many_vertices_keep_their_order() {
+        let positions = Vec::from_iter((0..10_000).map(|i| Point3::new(f64::from(i), 0., 0.)));
+        let mesh = Mesh::new(positions, Faces::triangles(vec![[0, 1, 9999]])).unwrap();
+        assert_eq!(read(&written(&mesh)[0].bytes).unwrap(), mesh);
+    }
+}

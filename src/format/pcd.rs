@@ -1,0 +1,395 @@
+//! PCD 0.7, the point clouds of the Point Cloud Library: grids of points, with or without colors.
+//!
+//! Read in all three encodings, with fields of any type in any order. Written `binary`, with fields x y z as `float` and, if
+//! there are colors, `rgb` packed into a fourth one. Units and axes are the file's own; whoever reads it must know them.
+
+use nalgebra::Point3;
+use thiserror::Error;
+
+use super::{At, excerpt, parse, words};
+use crate::error;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{RangeImage, Rgb};
+use header::{Encoding, Field, Header, Scalar};
+
+mod header;
+mod lzf;
+
+/// Why bytes are not a grid of points in a PCD file.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum PcdError {
+    /// The header lacks a line.
+    #[error("the header has no line {keyword}")]
+    Missing {
+        /// The line's first word.
+        keyword: &'static str,
+    },
+    /// A line of the header that begins with no known word.
+    #[error("line {line}: `{text}` is no keyword of a PCD header")]
+    Keyword {
+        /// The line, from 1.
+        line: usize,
+        /// Its first word.
+        text: String,
+    },
+    /// A word that is not a possible value.
+    #[error("line {line}: `{text}` is not a possible value")]
+    Value {
+        /// The line, from 1.
+        line: usize,
+        /// The word.
+        text: String,
+    },
+    /// A line with too many or too few words.
+    #[error("line {line}: {found} values, where there must be {expected}")]
+    Count {
+        /// The line, from 1.
+        line: usize,
+        /// Values in it.
+        found: usize,
+        /// Values that there must be.
+        expected: usize,
+    },
+    /// No coordinates.
+    #[error("the points have no field {name}")]
+    NoField {
+        /// The missing field.
+        name: &'static str,
+    },
+    /// A list of points instead of a grid.
+    #[error(
+        "line {line}: HEIGHT is 1: the {width} points are a list, not the rows of a grid (the cloud is not organized)"
+    )]
+    NotOrganised {
+        /// The line, from 1.
+        line: usize,
+        /// Points in the list.
+        width: usize,
+    },
+    /// A size that is 0 or cannot be counted.
+    #[error("line {line}: the size is 0, or too large for any file")]
+    TooLarge {
+        /// The line, from 1.
+        line: usize,
+    },
+    /// A number of points that contradicts the size.
+    #[error("line {line}: POINTS is {points}, but the grid is {width} x {height}")]
+    Points {
+        /// The line, from 1.
+        line: usize,
+        /// What POINTS says.
+        points: usize,
+        /// What WIDTH says.
+        width: usize,
+        /// What HEIGHT says.
+        height: usize,
+    },
+    /// Fewer data than the header promises.
+    #[error("{at}: the data end too early: {found} bytes, where at least {expected} are needed")]
+    CutOff {
+        /// Where the data begin.
+        at: At,
+        /// Bytes that are there.
+        found: usize,
+        /// Bytes that the header promises.
+        expected: usize,
+    },
+    /// Fewer lines of points than the header promises.
+    #[error("line {line}: {found} points follow, where there must be {expected}")]
+    TooFew {
+        /// Where the points begin: the line, from 1.
+        line: usize,
+        /// Points that are there.
+        found: usize,
+        /// Points that the header promises.
+        expected: usize,
+    },
+    /// Compressed data that contradict the header or themselves.
+    #[error("byte {byte}: {what}")]
+    Compressed {
+        /// The byte, from 0.
+        byte: usize,
+        /// What is wrong.
+        what: &'static str,
+    },
+}
+
+/// The grid of points in a PCD file. A cell is invalid if a coordinate is NaN or infinite, or z is 0.
+///
+/// # Errors
+/// If the bytes are not a PCD file, its points are not organized as a grid, or it ends too early.
+pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
+    let header = header::read(bytes)?;
+    let body = &bytes[header.start..];
+    let (points, colors) = match header.encoding {
+        Encoding::Ascii => ascii(&header, body)?,
+        Encoding::Binary => {
+            need(&header, body, header.stride)?;
+            let rows = |index: usize, field: &Field| &body[index * header.stride + field.offset..];
+            gather(&header, rows)
+        }
+        Encoding::Compressed => {
+            let columns = unpack(&header, body)?;
+            let count = header.width * header.height;
+            gather(&header, |index, field| &columns[field.offset * count + index * field.bytes..])
+        }
+    };
+    let range = RangeImage::new(header.width, header.height, points)
+        .expect("a point was read for each cell");
+    Ok(match header.color {
+        Some(_) => range.with_colors(colors).expect("a color was read for each cell"),
+        None => range,
+    })
+}
+
+/// Checks that `body` holds at least this many bytes per point, before memory is reserved for the points.
+fn need(header: &Header, body: &[u8], bytes_per_point: usize) -> Result<(), PcdError> {
+    let expected = (header.width * header.height).saturating_mul(bytes_per_point);
+    if body.len() < expected {
+        let at = match header.encoding {
+            Encoding::Ascii => At::Line(header.start_line),
+            Encoding::Binary | Encoding::Compressed => At::Byte(header.start),
+        };
+        return Err(PcdError::CutOff { at, found: body.len(), expected });
+    }
+    Ok(())
+}
+
+/// The columns of a compressed body: all of the first field, then all of the second, and so on.
+fn unpack(header: &Header, body: &[u8]) -> Result<Vec<u8>, PcdError> {
+    let cut_off =
+        |found, expected| PcdError::CutOff { at: At::Byte(header.start), found, expected };
+    let (sizes, rest) = body.split_first_chunk::<8>().ok_or(cut_off(body.len(), 8))?;
+    let [packed, unpacked] =
+        [0, 4].map(|at| u32::from_le_bytes(header::first(&sizes[at..])) as usize);
+    if unpacked != header.width * header.height * header.stride {
+        let what = "the size of the data is not that of the points in the header";
+        return Err(PcdError::Compressed { byte: header.start + 4, what });
+    }
+    let stream = rest.get(..packed).ok_or(cut_off(body.len(), packed.saturating_add(8)))?;
+    lzf::unpack(stream, unpacked).map_err(|broken| PcdError::Compressed {
+        byte: header.start + 8 + broken.byte,
+        what: broken.what,
+    })
+}
+
+/// All points and colors; `bytes` gives where the field of a point begins.
+fn gather<'a>(
+    header: &Header,
+    bytes: impl Fn(usize, &Field) -> &'a [u8],
+) -> (Vec<Point3<f64>>, Vec<Rgb>) {
+    let count = header.width * header.height;
+    let coordinate = |index, field: &Field| field.scalar.read(bytes(index, field));
+    let points = (0..count).map(|index| {
+        let [x, y, z] = &header.place;
+        valid_point([coordinate(index, x), coordinate(index, y), coordinate(index, z)])
+    });
+    let color = |field: &Field| {
+        Vec::from_iter((0..count).map(|index| unpack_color(header::first(bytes(index, field)))))
+    };
+    (points.collect(), header.color.as_ref().map_or_else(Vec::new, color))
+}
+
+/// A sensor that sees nothing says NaN or zero depth.
+fn valid_point([x, y, z]: [f64; 3]) -> Point3<f64> {
+    if z == 0.0 { Point3::new(f64::NAN, f64::NAN, f64::NAN) } else { Point3::new(x, y, z) }
+}
+
+fn unpack_color([blue, green, red, _]: [u8; 4]) -> Rgb {
+    [red, green, blue]
+}
+
+/// The points of an ascii body, one a line.
+fn ascii(header: &Header, body: &[u8]) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), PcdError> {
+    // Each number takes a digit and a blank, but the last line may lack its end.
+    need(header, body, 1)?;
+    let count = header.width * header.height;
+    let mut points = Vec::with_capacity(count);
+    let mut colors = Vec::new();
+    let lines = body.split(|&byte| byte == b'\n').zip(header.start_line..);
+    for (text, line) in lines.filter(|(text, _)| words(text).next().is_some()).take(count) {
+        let numbers = Vec::from_iter(words(text));
+        if numbers.len() != header.numbers {
+            let (found, expected) = (numbers.len(), header.numbers);
+            return Err(PcdError::Count { line, found, expected });
+        }
+        let [x, y, z] = header.place.map(|field| number(&field, numbers[field.index], line));
+        points.push(valid_point([x?, y?, z?]));
+        if let Some(field) = &header.color {
+            colors.push(color(field, numbers[field.index], line)?);
+        }
+    }
+    if points.len() < count {
+        let (line, found) = (header.start_line, points.len());
+        return Err(PcdError::TooFew { line, found, expected: count });
+    }
+    Ok((points, colors))
+}
+
+fn number(field: &Field, word: &[u8], line: usize) -> Result<f64, PcdError> {
+    let number = match field.scalar {
+        // Single precision is read as such: twice rounded is not always rightly rounded.
+        Scalar::F32 => parse::<f32>(word).map(f64::from),
+        _ => parse(word),
+    };
+    number.ok_or_else(|| PcdError::Value { line, text: excerpt(word) })
+}
+
+fn color(field: &Field, word: &[u8], line: usize) -> Result<Rgb, PcdError> {
+    let bits = match field.scalar {
+        // A packed color that is a NaN has lost its bits in a text.
+        Scalar::F32 => parse::<f32>(word).map(|x| if x.is_nan() { 0 } else { x.to_bits() }),
+        Scalar::I32 => parse::<i32>(word).map(|bits| bits as u32),
+        _ => parse(word),
+    };
+    let bits = bits.ok_or_else(|| PcdError::Value { line, text: excerpt(word) })?;
+    Ok(unpack_color(bits.to_le_bytes()))
+}
+
+/// Writes a range image as a binary PCD file: single precision, NaN where a cell is invalid.
+pub(super) struct RangePcd;
+
+impl FileFormat for RangePcd {
+    type Value = RangeImage;
+    const ENDING: &'static str = "pcd";
+
+    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        Ok(NewFile::only(name, encode(range)))
+    }
+}
+
+fn encode(range: &RangeImage) -> Vec<u8> {
+    let (width, height) = (range.width(), range.height());
+    let (names, per_field) = match range.colors() {
+        Some(_) => ("x y z rgb", 4),
+        None => ("x y z", 3),
+    };
+    let repeated = |word: &str| vec![word; per_field].join(" ");
+    let header = format!(
+        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {names}\nSIZE {}\nTYPE {}\nCOUNT {}\n\
+         WIDTH {width}\nHEIGHT {height}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {}\nDATA binary\n",
+        repeated("4"),
+        repeated("F"),
+        repeated("1"),
+        range.points().len(),
+    );
+    let mut bytes = Vec::with_capacity(header.len() + 4 * per_field * range.points().len());
+    bytes.extend_from_slice(header.as_bytes());
+    for (index, point) in range.points().iter().enumerate() {
+        let coordinate = |x: &f64| if x.is_nan() { f32::NAN } else { *x as f32 };
+        bytes.extend(point.iter().flat_map(|x| coordinate(x).to_le_bytes()));
+        if let Some(colors) = range.colors() {
+            let [red, green, blue] = colors[index];
+            bytes.extend([blue, green, red, 0]);
+        }
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::hostile;
+
+    const ASCII: &[u8] = include_bytes!("../../tests/data/formats/ascii.pcd");
+    const BINARY: &[u8] = include_bytes!("../../tests/data/formats/binary.pcd");
+    const NO_COLOR: &[u8] = include_bytes!("../../tests/data/formats/binary_norgb.pcd");
+    const COMPRESSED: &[u8] = include_bytes!("../../tests/data/formats/compressed_rgba.pcd");
+    const ODD_FIELDS: &[u8] = include_bytes!("../../tests/data/formats/odd_fields.pcd");
+    const GRID: &str = include_str!("../../tests/data/formats/grid.json");
+
+    /// The points that every file holds; None for a hole.
+    fn grid() -> Vec<Option<[f64; 3]>> {
+        let grid: serde_json::Value = serde_json::from_str(GRID).unwrap();
+        let rows: Vec<Vec<Option<[f64; 3]>>> = serde_json::from_value(grid["xyz"].clone()).unwrap();
+        rows.concat()
+    }
+
+    fn points(range: &RangeImage) -> Vec<Option<[f64; 3]>> {
+        (0..range.points().len()).map(|cell| range.point(cell).map(Into::into)).collect()
+    }
+
+    #[test]
+    fn every_encoding_and_field_order_gives_the_same_grid_and_colors() {
+        let colors = read(BINARY).unwrap().colors().unwrap().to_vec();
+        for (file, colored) in [
+            (ASCII, true),
+            (BINARY, true),
+            (NO_COLOR, false),
+            (COMPRESSED, true),
+            (ODD_FIELDS, true),
+        ] {
+            let range = read(file).unwrap();
+            assert_eq!((range.width(), range.height()), (8, 6));
+            assert_eq!(points(&range), grid());
+            assert_eq!(range.colors(), colored.then_some(&colors[..]));
+        }
+    }
+
+    #[test]
+    fn a_grid_that_was_written_reads_the_same() {
+        for file in [BINARY, NO_COLOR] {
+            let range = read(file).unwrap();
+            let again = read(&encode(&range)).unwrap();
+            assert_eq!(points(&again), points(&range));
+            assert_eq!(again.colors(), range.colors());
+        }
+    }
+
+    #[test]
+    fn a_cell_of_zero_depth_is_invalid() {
+        let file =
+            b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 2\nDATA ascii\n1 2 0\n1 2 3\n";
+        assert_eq!(points(&read(file).unwrap()), [None, Some([1.0, 2.0, 3.0])]);
+    }
+
+    /// The error of a header with one line replaced.
+    fn error(from: &str, to: &str) -> String {
+        let text = String::from_utf8(ASCII.to_vec()).unwrap();
+        assert!(text.contains(from));
+        read(text.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn headers_that_lie_are_refused_with_their_line() {
+        assert_eq!(
+            error("HEIGHT 6", "HEIGHT 1"),
+            "line 8: HEIGHT is 1: the 8 points are a list, not the rows of a grid (the cloud is not organized)"
+        );
+        assert_eq!(error("POINTS 48", "POINTS 47"), "line 10: POINTS is 47, but the grid is 8 x 6");
+        assert_eq!(error("WIDTH 8", "WIDTH 9"), "line 10: POINTS is 48, but the grid is 9 x 6");
+        assert_eq!(error("SIZE 4 4 4 4", "SIZE 4 4 4"), "line 4: 3 values, where there must be 4");
+        assert_eq!(error("SIZE 4", "SIZE 3"), "line 5: `F of 3 bytes` is not a possible value");
+        assert_eq!(error("FIELDS x", "FIELDS a"), "the points have no field x");
+        assert_eq!(error("WIDTH", "BREADTH"), "line 7: `BREADTH` is no keyword of a PCD header");
+        assert_eq!(error("DATA ascii", "DATA morse"), "line 11: `morse` is not a possible value");
+        assert_eq!(
+            error("WIDTH 8\nHEIGHT 6\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 48", "WIDTH 8\nHEIGHT 7"),
+            "line 10: 48 points follow, where there must be 56"
+        );
+        let huge = error("WIDTH 8", "WIDTH 18446744073709551615");
+        assert_eq!(huge, "line 7: the size is 0, or too large for any file");
+    }
+
+    #[test]
+    fn a_grid_that_is_promised_but_not_there_takes_no_memory() {
+        for (encoding, expected) in [
+            ("ascii", "line 7: the data end too early: 5 bytes, where at least 1000000000000 are"),
+            ("binary", "byte 76: the data end too early: 5 bytes, where at least 12000000000000"),
+            ("binary_compressed", "byte 87: the data end too early: 5 bytes, where at least 8 are"),
+        ] {
+            let file = format!(
+                "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1000000\nHEIGHT 1000000\nDATA {encoding}\n1 2 3"
+            );
+            let error = read(file.as_bytes()).unwrap_err().to_string();
+            assert!(error.starts_with(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        for file in [ASCII, BINARY, COMPRESSED, ODD_FIELDS] {
+            hostile::survive(file, |bytes| read(bytes).map(|range| range.n_valid()));
+        }
+    }
+}

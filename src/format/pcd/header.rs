@@ -1,0 +1,257 @@
+//! The header of a PCD file.
+
+use super::PcdError;
+use crate::format::{excerpt, parse, words};
+
+/// How one number is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scalar {
+    F32,
+    F64,
+    I8,
+    I16,
+    I32,
+    I64,
+    U8,
+    U16,
+    U32,
+    U64,
+}
+
+impl Scalar {
+    fn new(kind: u8, size: usize) -> Option<Self> {
+        Some(match (kind, size) {
+            (b'F', 4) => Self::F32,
+            (b'F', 8) => Self::F64,
+            (b'I', 1) => Self::I8,
+            (b'I', 2) => Self::I16,
+            (b'I', 4) => Self::I32,
+            (b'I', 8) => Self::I64,
+            (b'U', 1) => Self::U8,
+            (b'U', 2) => Self::U16,
+            (b'U', 4) => Self::U32,
+            (b'U', 8) => Self::U64,
+            _ => return None,
+        })
+    }
+
+    /// The number that begins at the first of `bytes`, which are enough.
+    pub(super) fn read(self, bytes: &[u8]) -> f64 {
+        match self {
+            Self::F32 => f32::from_le_bytes(first(bytes)).into(),
+            Self::F64 => f64::from_le_bytes(first(bytes)),
+            Self::I8 => i8::from_le_bytes(first(bytes)).into(),
+            Self::I16 => i16::from_le_bytes(first(bytes)).into(),
+            Self::I32 => i32::from_le_bytes(first(bytes)).into(),
+            Self::I64 => i64::from_le_bytes(first(bytes)) as f64,
+            Self::U8 => bytes[0].into(),
+            Self::U16 => u16::from_le_bytes(first(bytes)).into(),
+            Self::U32 => u32::from_le_bytes(first(bytes)).into(),
+            Self::U64 => u64::from_le_bytes(first(bytes)) as f64,
+        }
+    }
+}
+
+/// The first bytes of more.
+pub(super) fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    *bytes.first_chunk().expect("the size of the data was checked against the header")
+}
+
+/// One of the fields that are read.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Field {
+    pub(super) scalar: Scalar,
+    /// Bytes of a point before it.
+    pub(super) offset: usize,
+    /// Numbers of a point before it.
+    pub(super) index: usize,
+    /// Bytes of this field in a point: more than one number's if it has several.
+    pub(super) bytes: usize,
+}
+
+/// How the points are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    Binary,
+    Compressed,
+}
+
+/// What the header says. As many points as width x height, which is checked not to overflow, nor their size in bytes.
+#[derive(Debug)]
+pub(super) struct Header {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// x, y and z.
+    pub(super) place: [Field; 3],
+    /// Four bytes with blue first.
+    pub(super) color: Option<Field>,
+    /// Bytes per point.
+    pub(super) stride: usize,
+    /// Numbers per point.
+    pub(super) numbers: usize,
+    pub(super) encoding: Encoding,
+    /// Where the points begin: byte and line.
+    pub(super) start: usize,
+    pub(super) start_line: usize,
+}
+
+/// The lines of a header.
+#[derive(Default)]
+struct Lines<'a> {
+    entries: Vec<Line<'a>>,
+}
+
+struct Line<'a> {
+    keyword: &'a [u8],
+    number: usize,
+    words: Vec<&'a [u8]>,
+}
+
+impl<'a> Lines<'a> {
+    fn find(&self, keyword: &'static str) -> Result<(usize, &[&'a [u8]]), PcdError> {
+        let entry = self.entries.iter().find(|entry| entry.keyword == keyword.as_bytes());
+        let entry = entry.ok_or(PcdError::Missing { keyword })?;
+        Ok((entry.number, &entry.words))
+    }
+
+    /// The only number behind a keyword.
+    fn number(&self, keyword: &'static str) -> Result<(usize, usize), PcdError> {
+        let (line, words) = self.find(keyword)?;
+        match words {
+            [word] => Ok((line, number(line, word)?)),
+            _ => Err(PcdError::Count { line, found: words.len(), expected: 1 }),
+        }
+    }
+}
+
+fn number(line: usize, word: &[u8]) -> Result<usize, PcdError> {
+    parse(word).ok_or_else(|| PcdError::Value { line, text: excerpt(word) })
+}
+
+pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
+    let mut lines = Lines::default();
+    let mut start = 0;
+    for line in 1.. {
+        let rest = &bytes[start..];
+        let Some(end) = rest.iter().position(|&byte| byte == b'\n') else {
+            return Err(PcdError::Missing { keyword: "DATA" });
+        };
+        start += end + 1;
+        let mut words = words(&rest[..end]);
+        match words.next() {
+            Some(b"DATA") => {
+                let encoding = match words.next() {
+                    Some(b"ascii") => Encoding::Ascii,
+                    Some(b"binary") => Encoding::Binary,
+                    Some(b"binary_compressed") => Encoding::Compressed,
+                    other => {
+                        let text = excerpt(other.unwrap_or_default());
+                        return Err(PcdError::Value { line, text });
+                    }
+                };
+                return layout(&lines, encoding, start, line + 1);
+            }
+            Some(comment) if comment.starts_with(b"#") => {}
+            Some(
+                keyword @ (b"VERSION" | b"FIELDS" | b"SIZE" | b"TYPE" | b"COUNT" | b"WIDTH"
+                | b"HEIGHT" | b"VIEWPOINT" | b"POINTS"),
+            ) => lines.entries.push(Line { keyword, number: line, words: words.collect() }),
+            Some(other) => return Err(PcdError::Keyword { line, text: excerpt(other) }),
+            None => {}
+        }
+    }
+    unreachable!("lines are counted without end")
+}
+
+/// Checks all lines against each other.
+fn layout(
+    lines: &Lines<'_>,
+    encoding: Encoding,
+    start: usize,
+    start_line: usize,
+) -> Result<Header, PcdError> {
+    let (_, names) = lines.find("FIELDS")?;
+    let fields = fields(lines, names)?;
+    let (width_line, width) = lines.number("WIDTH")?;
+    let (line, height) = lines.number("HEIGHT")?;
+    if height == 1 {
+        return Err(PcdError::NotOrganised { line, width });
+    }
+    let overflow = || PcdError::TooLarge { line: width_line };
+    let count = width.checked_mul(height).filter(|&count| count > 0).ok_or_else(overflow)?;
+    match lines.number("POINTS") {
+        Ok((line, points)) if points != count => {
+            return Err(PcdError::Points { line, points, width, height });
+        }
+        Ok(_) | Err(PcdError::Missing { .. }) => {}
+        Err(error) => return Err(error),
+    }
+    let find = |name: &'static str| {
+        let index = names.iter().position(|given| *given == name.as_bytes());
+        index.map(|index| fields[index]).filter(|field| field.bytes > 0)
+    };
+    let place = |name| find(name).ok_or(PcdError::NoField { name });
+    let last = fields.last().ok_or(PcdError::NoField { name: "x" })?;
+    let color = find("rgb").or_else(|| find("rgba"));
+    let header = Header {
+        width,
+        height,
+        place: [place("x")?, place("y")?, place("z")?],
+        color: color.filter(|field| {
+            matches!(field.scalar, Scalar::F32 | Scalar::U32 | Scalar::I32) && field.bytes == 4
+        }),
+        stride: last.offset + last.bytes,
+        numbers: last.index + last.bytes / size(last.scalar),
+        encoding,
+        start,
+        start_line,
+    };
+    count.checked_mul(header.stride).ok_or_else(overflow)?;
+    Ok(header)
+}
+
+/// The layout of all fields, in their order.
+fn fields(lines: &Lines<'_>, names: &[&[u8]]) -> Result<Vec<Field>, PcdError> {
+    let per_field = |keyword| {
+        let (line, words) = lines.find(keyword)?;
+        match words.len() == names.len() {
+            true => Ok((line, words)),
+            false => Err(PcdError::Count { line, found: words.len(), expected: names.len() }),
+        }
+    };
+    let (size_line, sizes) = per_field("SIZE")?;
+    let (type_line, types) = per_field("TYPE")?;
+    let counts = match per_field("COUNT") {
+        Err(PcdError::Missing { .. }) => None,
+        counts => Some(counts?),
+    };
+    let (mut offset, mut index) = (0usize, 0usize);
+    let mut fields = Vec::with_capacity(names.len());
+    for (k, (&size_word, &kind)) in sizes.iter().zip(types).enumerate() {
+        let size = number(size_line, size_word)?;
+        let scalar = (kind.len() == 1).then(|| Scalar::new(kind[0], size)).flatten();
+        let scalar = scalar.ok_or_else(|| PcdError::Value {
+            line: type_line,
+            text: format!("{} of {size} bytes", excerpt(kind)),
+        })?;
+        let (line, count) = match counts {
+            Some((line, counts)) => (line, number(line, counts[k])?),
+            None => (size_line, 1),
+        };
+        let bytes = count.checked_mul(size).ok_or(PcdError::TooLarge { line })?;
+        fields.push(Field { scalar, offset, index, bytes });
+        offset = offset.checked_add(bytes).ok_or(PcdError::TooLarge { line })?;
+        index += count;
+    }
+    Ok(fields)
+}
+
+fn size(scalar: Scalar) -> usize {
+    match scalar {
+        Scalar::I8 | Scalar::U8 => 1,
+        Scalar::I16 | Scalar::U16 => 2,
+        Scalar::F32 | Scalar::I32 | Scalar::U32 => 4,
+        Scalar::F64 | Scalar::I64 | Scalar::U64 => 8,
+    }
+}

@@ -1,0 +1,32 @@
+//! Writes meshes and surfaces as pictures: rendered from the front, PNG.
+
+use crate::error::Error;
+use crate::format::png;
+use crate::pack::{FileFormat, NewFile};
+use crate::render::{View, render};
+use crate::value::{Mesh, Surface};
+
+/// A rendered mesh.
+pub(super) struct MeshPng;
+
+impl FileFormat for MeshPng {
+    type Value = Mesh;
+    const ENDING: &'static str = "png";
+
+    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
+        let picture = render(mesh, &View::front());
+        Ok(NewFile::only(name, png::encode_rgb(&picture)?))
+    }
+}
+
+/// A rendered surface.
+pub(super) struct SurfacePng;
+
+impl FileFormat for SurfacePng {
+    type Value = Surface;
+    const ENDING: &'static str = "png";
+
+    fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
+        MeshPng::write(&surface.tessellate(0, 0)?, name)
+    }
+}

@@ -1,0 +1,390 @@
+//! PLY, the polygon file format of Stanford: meshes and point clouds with data per vertex.
+//!
+//! Read in all three encodings. Written `binary_little_endian` with `float` positions.
+
+use nalgebra::Point3;
+use thiserror::Error;
+
+use super::At;
+use super::corners::{FaceList, with_corners};
+use crate::value::{Attribute, Faces, Mesh, MeshError};
+use body::Body;
+use header::{Element, Property, Scalar};
+
+mod body;
+mod header;
+mod write;
+
+pub(super) use write::{ControlNetPly, MeshPly, RangePly, RegionPly};
+
+/// Why bytes are not a mesh in a PLY file.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum PlyError {
+    /// Something else.
+    #[error("this is not a PLY file: its first line is not `ply`")]
+    NotPly,
+    /// A line of the header that says nothing known.
+    #[error("line {line}: `{text}` is not a line of a PLY header")]
+    Header {
+        /// The line, from 1.
+        line: usize,
+        /// The line itself.
+        text: String,
+    },
+    /// A header without end.
+    #[error("the header has no line `end_header`")]
+    EndlessHeader,
+    /// A header that does not say how numbers are stored.
+    #[error("the header has no line `format`")]
+    NoFormat,
+    /// No positions.
+    #[error("the file has no vertices with x, y and z")]
+    NoVertices,
+    /// Fewer data than the header promises.
+    #[error(
+        "line {line}: {count} of `{name}` take at least {expected} bytes, but only {found} are left"
+    )]
+    CutOff {
+        /// The line of the header that promises them, from 1.
+        line: usize,
+        /// What is promised.
+        name: String,
+        /// How many are promised.
+        count: usize,
+        /// Bytes left.
+        found: usize,
+        /// Bytes that are needed.
+        expected: usize,
+    },
+    /// The file ends inside an element.
+    #[error("{at}: the file ends too early")]
+    Ends {
+        /// Its end.
+        at: At,
+    },
+    /// A word that is no number.
+    #[error("{at}: `{text}` is not a number")]
+    Number {
+        /// Where.
+        at: At,
+        /// The word.
+        text: String,
+    },
+    /// A list whose length is not a whole number.
+    #[error("{at}: a list cannot have {length} entries")]
+    Length {
+        /// Where.
+        at: At,
+        /// Its length.
+        length: f64,
+    },
+    /// A corner of a face that is not the number of a vertex.
+    #[error("{at}: there is no vertex {index}")]
+    Index {
+        /// Where.
+        at: At,
+        /// What the file says.
+        index: f64,
+    },
+    /// Vertices and faces that make no mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}
+
+/// The mesh in a PLY file; a point cloud is a mesh without faces.
+///
+/// Properties of vertices become attributes: `nx ny nz` the vectors `normal`; `s t`, `u v` or `texture_u texture_v` the pairs
+/// `uv`; `red green blue` (whole numbers, or floats from 0 to 1) the colors `color`; `filled` as `uchar` flags; every other
+/// floating point property numbers, every other `uint` indices. Lists `texcoord` of faces become the pairs `uv` per corner if all
+/// faces have them. Elements other than `vertex` and `face` are passed over.
+///
+/// # Errors
+/// If the bytes are not a PLY file, it ends too early, or vertices and faces make no mesh.
+pub fn read(bytes: &[u8]) -> Result<Mesh, PlyError> {
+    let header = header::read(bytes)?;
+    let mut body = Body::new(&header, bytes);
+    let mut vertices = None;
+    let mut faces = None;
+    for element in &header.elements {
+        body.check_room(element)?;
+        let is_list = |property: &Property| property.length.is_some();
+        match &*element.name {
+            "vertex" if vertices.is_none() => vertices = Some(Table::read(element, &mut body)?),
+            "face" if faces.is_none() && element.properties.iter().any(is_list) => {
+                faces = Some(FaceTable::read(element, &mut body)?);
+            }
+            _ => skip(element, &mut body)?,
+        }
+    }
+    let vertices = vertices.ok_or(PlyError::NoVertices)?;
+    vertices.into_mesh(faces.unwrap_or_default())
+}
+
+fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
+    // Rows of nothing take no bytes, and a header may promise any number of them.
+    if element.properties.is_empty() {
+        return Ok(());
+    }
+    for _ in 0..element.count {
+        for property in &element.properties {
+            match property.length {
+                Some(length) => body.skip_list(length, property.scalar)?,
+                None => drop(body.number(property.scalar)?),
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The scalar properties of an element, a column for each.
+struct Table {
+    columns: Vec<(Property, Vec<f64>)>,
+    count: usize,
+}
+
+impl Table {
+    fn read(element: &Element, body: &mut Body<'_>) -> Result<Self, PlyError> {
+        if element.properties.is_empty() {
+            return Ok(Self { columns: Vec::new(), count: 0 });
+        }
+        let column = |property: &Property| {
+            let capacity = if property.length.is_some() { 0 } else { element.count };
+            (property.clone(), Vec::with_capacity(capacity))
+        };
+        let mut columns = Vec::from_iter(element.properties.iter().map(column));
+        for _ in 0..element.count {
+            for (property, column) in &mut columns {
+                match property.length {
+                    Some(length) => body.skip_list(length, property.scalar)?,
+                    None => column.push(body.number(property.scalar)?),
+                }
+            }
+        }
+        columns.retain(|(property, _)| property.length.is_none());
+        Ok(Self { columns, count: element.count })
+    }
+
+    /// Takes several columns out, if all are there.
+    fn take<const N: usize>(&mut self, names: [&str; N]) -> Option<Columns<N>> {
+        let find = |name: &str| self.columns.iter().position(|(property, _)| property.name == name);
+        let mut places = [0; N];
+        for (place, name) in places.iter_mut().zip(names) {
+            *place = find(name)?;
+        }
+        let scalar = self.columns[places[0]].0.scalar;
+        let columns = places.map(|place| std::mem::take(&mut self.columns[place].1));
+        self.columns.retain(|(property, _)| !names.contains(&&*property.name));
+        Some(Columns { columns, scalar, count: self.count })
+    }
+
+    fn into_mesh(mut self, faces: FaceTable) -> Result<Mesh, PlyError> {
+        let places = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
+        let positions = Vec::from_iter(places.rows().map(Point3::from));
+        let (list, uv) = (faces.list, faces.uv);
+        let (faces, origins) = list.finish()?;
+        let mut mesh = Mesh::new(positions, faces)?;
+        if let Some(normals) = self.take(["nx", "ny", "nz"]) {
+            mesh = mesh.with_vertex("normal", Attribute::Vector(normals.rows().collect()))?;
+        }
+        let pairs = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
+        if let Some(uv) = pairs.into_iter().find_map(|names| self.take(names)) {
+            mesh = mesh.with_vertex("uv", Attribute::Pair(uv.rows().collect()))?;
+        } else if let Some(uv) = uv {
+            let corners = Vec::from_iter(origins.into_iter().map(|origin| uv[origin]));
+            mesh = with_corners(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
+        }
+        if let Some(colors) = self.take(["red", "green", "blue"]) {
+            let scale = if colors.scalar.is_float() { 255.0 } else { 1.0 };
+            let byte = |channel: f64| (channel * scale).round() as u8;
+            let colors = colors.rows().map(|color| color.map(byte)).collect();
+            mesh = mesh.with_vertex("color", Attribute::Color(colors))?;
+        }
+        for (property, column) in self.columns {
+            let attribute = match property.scalar {
+                Scalar::U8 if property.name == "filled" => {
+                    Attribute::Flag(column.iter().map(|&flag| u8::from(flag != 0.0)).collect())
+                }
+                Scalar::U32 => Attribute::Index(column.iter().map(|&index| index as u32).collect()),
+                Scalar::F32 | Scalar::F64 => Attribute::Number(column.into()),
+                _ => continue,
+            };
+            mesh = mesh.with_vertex(&property.name, attribute)?;
+        }
+        Ok(mesh)
+    }
+}
+
+/// Columns that belong together.
+struct Columns<const N: usize> {
+    columns: [Vec<f64>; N],
+    /// How the first of them was stored.
+    scalar: Scalar,
+    count: usize,
+}
+
+impl<const N: usize> Columns<N> {
+    fn rows(&self) -> impl Iterator<Item = [f64; N]> {
+        (0..self.count).map(|row| std::array::from_fn(|k| self.columns[k][row]))
+    }
+}
+
+/// The corners of all faces, and their texture coordinates.
+#[derive(Default)]
+struct FaceTable {
+    list: FaceList,
+    uv: Option<Vec<[f64; 2]>>,
+}
+
+impl FaceTable {
+    fn read(element: &Element, body: &mut Body<'_>) -> Result<Self, PlyError> {
+        let mut table = Self { list: FaceList::with_capacity(element.count), uv: Some(Vec::new()) };
+        let (mut corners, mut uv) = (Vec::new(), Vec::new());
+        for _ in 0..element.count {
+            corners.clear();
+            uv.clear();
+            for Property { name, length, scalar } in &element.properties {
+                match (length, &**name) {
+                    (Some(length), "vertex_indices" | "vertex_index") => {
+                        read_corners(body, *length, *scalar, &mut corners)?;
+                    }
+                    (Some(length), "texcoord") => {
+                        for _ in 0..body.length(*length)? {
+                            uv.push(body.number(*scalar)?);
+                        }
+                    }
+                    (Some(length), _) => body.skip_list(*length, *scalar)?,
+                    (None, _) => drop(body.number(*scalar)?),
+                }
+            }
+            table.list.push(&corners);
+            match &mut table.uv {
+                Some(all) if uv.len() == 2 * corners.len() => {
+                    all.extend_from_slice(uv.as_chunks::<2>().0);
+                }
+                _ => table.uv = None,
+            }
+        }
+        table.uv = table.uv.filter(|uv| !uv.is_empty());
+        Ok(table)
+    }
+}
+
+fn read_corners(
+    body: &mut Body<'_>,
+    length: Scalar,
+    scalar: Scalar,
+    corners: &mut Vec<u32>,
+) -> Result<(), PlyError> {
+    for _ in 0..body.length(length)? {
+        let index = body.number(scalar)?;
+        if !(0.0..f64::from(u32::MAX)).contains(&index) || index.fract() != 0.0 {
+            return Err(PlyError::Index { at: body.at(), index });
+        }
+        corners.push(index as u32);
+    }
+    Ok(())
+}
+
+/// A mesh without faces.
+fn no_faces() -> Faces {
+    Faces::triangles(Vec::new())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::hostile;
+
+    const GRIDS: [&[u8]; 4] = [
+        include_bytes!("../../tests/data/formats/range_grid_ascii.ply"),
+        include_bytes!("../../tests/data/formats/range_grid_crlf.ply"),
+        include_bytes!("../../tests/data/formats/range_grid_le.ply"),
+        include_bytes!("../../tests/data/formats/range_grid_be.ply"),
+    ];
+
+    /// A square of two triangles and a face that a lazy exporter left behind.
+    const SQUARE: &str = "ply\nformat ascii 1.0\nelement camera 1\nproperty list uchar float view\nproperty int id\n\
+        element vertex 4\nproperty uchar blue\nproperty uchar green\nproperty uchar red\nproperty double y\n\
+        property float x\nproperty float z\nproperty float s\nproperty float t\nproperty uchar filled\n\
+        property float weight\nproperty uint group\nproperty short ignored\nelement face 3\n\
+        property float area\nproperty list uchar int vertex_index\nend_header\n\
+        2 0.5 0.25 7\n\
+        1 2 3 0 0 0 0 0 1 0.5 9 -4\n4 5 6 0 1 0 1 0 0 1.5 8 -4\n7 8 9 1 1 0 1 1 0 2.5 7 -4\n0 0 0 1 0 0 0 1 0 3.5 6 -4\n\
+        1 3 0 1 2\n1 3 2 3 0\n0 3 1 1 2\n";
+
+    #[test]
+    fn properties_become_attributes_and_unknown_elements_are_passed_over() {
+        let mesh = read(SQUARE.as_bytes()).unwrap();
+        assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [2, 3, 0]]);
+        assert_eq!(mesh.positions()[1], Point3::new(1.0, 0.0, 0.0));
+        let vertex = mesh.vertex();
+        assert_eq!(vertex.colors("color").unwrap()[0], [3, 2, 1]);
+        assert_eq!(vertex.pairs("uv").unwrap()[2], [1.0, 1.0]);
+        assert_eq!(vertex.get("filled"), Some(&Attribute::Flag(vec![1, 0, 0, 0].into())));
+        assert_eq!(vertex.get("group"), Some(&Attribute::Index(vec![9, 8, 7, 6].into())));
+        let weights = Attribute::Number(vec![0.5, 1.5, 2.5, 3.5].into());
+        assert_eq!(vertex.get("weight"), Some(&weights));
+        assert_eq!(vertex.iter().count(), 5);
+    }
+
+    #[test]
+    fn every_encoding_gives_the_same_points() {
+        let [ascii, crlf, little, big] = GRIDS.map(|file| read(file).unwrap());
+        assert_eq!(ascii.positions().len(), 43);
+        assert_eq!(ascii.positions(), crlf.positions());
+        assert_eq!(little.positions(), big.positions());
+        let far = |(a, b): (&Point3<f64>, &Point3<f64>)| (a - b).norm();
+        let farthest = ascii.positions().iter().zip(&**little.positions()).map(far);
+        assert!(farthest.fold(0.0, f64::max) < 1e-4);
+    }
+
+    #[test]
+    fn colors_may_be_floats() {
+        let file = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+            property float red\nproperty float green\nproperty float blue\nend_header\n0 0 0 0 0.5 1";
+        let mesh = read(file.as_bytes()).unwrap();
+        assert_eq!(mesh.vertex().colors("color").unwrap()[..], [[0, 128, 255]]);
+    }
+
+    fn error(from: &str, to: &str) -> String {
+        assert!(SQUARE.contains(from));
+        read(SQUARE.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn files_that_lie_are_refused_with_their_line() {
+        assert_eq!(error("ply", "plx"), "this is not a PLY file: its first line is not `ply`");
+        assert_eq!(
+            error("ascii", "utf8"),
+            "line 2: `format utf8 1.0` is not a line of a PLY header"
+        );
+        assert_eq!(
+            error("double y", "real y"),
+            "line 10: `property real y` is not a line of a PLY header"
+        );
+        assert_eq!(error("list uchar int", "list float int").split(':').next(), Some("line 21"));
+        assert_eq!(error("float z", "float w"), "the file has no vertices with x, y and z");
+        assert_eq!(error("1 2 3 0 0", "1 2 c 0 0"), "line 24: `c` is not a number");
+        assert_eq!(error("3 0 1 2\n", "-3 0 1 2\n"), "line 28: a list cannot have -3 entries");
+        assert_eq!(error("3 0 1 2\n", "3 0 -1 2\n"), "line 28: there is no vertex -1");
+        assert_eq!(error("0 1 2\n", "0 1 9\n"), "face 0 names vertex 9, but there are only 4");
+        assert_eq!(error("0 3 1 1 2\n", "0 3 1"), "line 30: the file ends too early");
+        assert_eq!(
+            error("vertex 4", "vertex 4000000000000000000"),
+            "line 6: 4000000000000000000 of `vertex` take at least 18446744073709551615 bytes, but only 139 are left"
+        );
+    }
+
+    #[test]
+    fn rows_without_properties_take_no_time() {
+        let file = "ply\nformat ascii 1.0\nelement nothing 18446744073709551615\nelement vertex 18446744073709551615\nend_header\n";
+        assert_eq!(read(file.as_bytes()), Err(PlyError::NoVertices));
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        for file in GRIDS.into_iter().chain([SQUARE.as_bytes()]) {
+            hostile::survive(file, read);
+        }
+    }
+}

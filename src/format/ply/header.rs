@@ -1,0 +1,152 @@
+//! The header of a PLY file.
+
+use super::PlyError;
+use crate::format::{excerpt, parse, words};
+
+/// How one number is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn new(word: &[u8]) -> Option<Self> {
+        Some(match word {
+            b"char" | b"int8" => Self::I8,
+            b"uchar" | b"uint8" => Self::U8,
+            b"short" | b"int16" => Self::I16,
+            b"ushort" | b"uint16" => Self::U16,
+            b"int" | b"int32" => Self::I32,
+            b"uint" | b"uint32" => Self::U32,
+            b"float" | b"float32" => Self::F32,
+            b"double" | b"float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    pub(super) fn is_float(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+}
+
+/// What an element has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Property {
+    pub(super) name: String,
+    /// For a list, how its length is stored.
+    pub(super) length: Option<Scalar>,
+    pub(super) scalar: Scalar,
+}
+
+/// A table of the file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Element {
+    pub(super) name: String,
+    pub(super) count: usize,
+    pub(super) properties: Vec<Property>,
+    /// The line that promises it.
+    pub(super) line: usize,
+}
+
+/// How the numbers are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+impl Encoding {
+    /// The fewest bytes that a number takes: in a text a digit and a blank, though the last blank may be missing.
+    fn least_size(self, scalar: Scalar) -> usize {
+        match self {
+            Self::Ascii => 1,
+            Self::LittleEndian | Self::BigEndian => scalar.size(),
+        }
+    }
+
+    /// The fewest bytes that a row of an element takes.
+    pub(super) fn least_row(self, element: &Element) -> usize {
+        let least =
+            |property: &Property| self.least_size(property.length.unwrap_or(property.scalar));
+        element.properties.iter().map(least).sum()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Header {
+    pub(super) encoding: Encoding,
+    pub(super) elements: Vec<Element>,
+    /// Where the body begins: byte and line.
+    pub(super) start: usize,
+    pub(super) start_line: usize,
+}
+
+pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
+    let mut encoding = None;
+    let mut elements: Vec<Element> = Vec::new();
+    let mut start = 0;
+    for line in 1.. {
+        let rest = &bytes[start..];
+        let end = rest.iter().position(|&byte| byte == b'\n');
+        let words = Vec::from_iter(words(&rest[..end.unwrap_or(rest.len())]));
+        if line == 1 && words != [b"ply"] {
+            return Err(PlyError::NotPly);
+        }
+        start += end.ok_or(PlyError::EndlessHeader)? + 1;
+        let wrong = || PlyError::Header { line, text: excerpt(&words.join(&b' ')) };
+        match words[..] {
+            [b"ply"] if line == 1 => {}
+            [] | [b"comment" | b"obj_info", ..] => {}
+            [b"format", kind, _] => {
+                encoding = Some(match kind {
+                    b"ascii" => Encoding::Ascii,
+                    b"binary_little_endian" => Encoding::LittleEndian,
+                    b"binary_big_endian" => Encoding::BigEndian,
+                    _ => return Err(wrong()),
+                });
+            }
+            [b"element", name, count] => {
+                let name = String::from_utf8_lossy(name).into_owned();
+                let count = parse(count).ok_or_else(wrong)?;
+                elements.push(Element { name, count, properties: Vec::new(), line });
+            }
+            [b"property", ref kind @ .., name] => {
+                let name = String::from_utf8_lossy(name).into_owned();
+                let (length, scalar) = match kind {
+                    [scalar] => (None, Scalar::new(scalar)),
+                    [b"list", length, scalar] => {
+                        let length = Scalar::new(length).filter(|length| !length.is_float());
+                        (Some(length.ok_or_else(wrong)?), Scalar::new(scalar))
+                    }
+                    _ => return Err(wrong()),
+                };
+                let element = elements.last_mut().ok_or_else(wrong)?;
+                let scalar = scalar.ok_or_else(wrong)?;
+                element.properties.push(Property { name, length, scalar });
+            }
+            [b"end_header"] => {
+                let encoding = encoding.ok_or(PlyError::NoFormat)?;
+                return Ok(Header { encoding, elements, start, start_line: line + 1 });
+            }
+            _ => return Err(wrong()),
+        }
+    }
+    unreachable!("lines are counted without end")
+}

@@ -1,0 +1,398 @@
+//! Writes PLY files: binary little endian, `float` positions.
+
+use bytemuck::NoUninit;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::no_faces;
+use crate::error::Error;
+use crate::format::rows::{Rows, floats, indices};
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, RangeImage, Region, Rgb};
+
+/// Writes a mesh with all attributes of its vertices, and the colors of its texture, if it has no others.
+pub(in crate::format) struct MeshPly;
+
+impl FileFormat for MeshPly {
+    type Value = Mesh;
+    const ENDING: &'static str = "ply";
+
+    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
+        Ok(NewFile::only(name, encode(mesh)))
+    }
+}
+
+/// Writes a control net as quads, with weights and fixed flags.
+pub(in crate::format) struct ControlNetPly;
+
+impl FileFormat for ControlNetPly {
+    type Value = ControlNet;
+    const ENDING: &'static str = "ply";
+
+    fn write(net: &ControlNet, name: &str) -> Result<Vec<NewFile>, Error> {
+        let (rows, columns) = (net.rows(), net.columns());
+        let quads = (0..rows - 1).flat_map(|row| {
+            (0..columns - 1).flat_map(move |column| {
+                let first = row * columns + column;
+                [first, first + columns, first + columns + 1, first + 1].map(|index| index as u32)
+            })
+        });
+        let faces = Faces::uniform(4, quads.collect::<Vec<u32>>())?;
+        let mesh = Mesh::new(net.points().to_vec(), faces)?
+            .with_vertex("weight", Attribute::Number(net.weights().to_vec().into()))?
+            .with_vertex("fixed", Attribute::Flag(net.fixed().to_vec().into()))?;
+        Ok(NewFile::only(name, encode(&mesh)))
+    }
+}
+
+/// Writes the points of a region.
+pub(in crate::format) struct RegionPly;
+
+impl FileFormat for RegionPly {
+    type Value = Region;
+    const ENDING: &'static str = "ply";
+
+    fn write(region: &Region, name: &str) -> Result<Vec<NewFile>, Error> {
+        let mesh = Mesh::new(region.points().to_vec(), no_faces())?
+            .with_vertex("filled", Attribute::Flag(region.filled().to_vec().into()))?;
+        Ok(NewFile::only(name, encode(&mesh)))
+    }
+}
+
+/// Writes the points of the valid cells of a range image, with their colors.
+pub(in crate::format) struct RangePly;
+
+impl FileFormat for RangePly {
+    type Value = RangeImage;
+    const ENDING: &'static str = "ply";
+
+    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, Error> {
+        let cells = 0..range.points().len();
+        let valid = Vec::from_iter(cells.filter(|&cell| range.point(cell).is_some()));
+        let points = Vec::from_iter(valid.iter().map(|&cell| range.points()[cell]));
+        let mut mesh = Mesh::new(points, no_faces())?;
+        if let Some(colors) = range.colors() {
+            let colors = valid.iter().map(|&cell| colors[cell]).collect();
+            mesh = mesh.with_vertex("color", Attribute::Color(colors))?;
+        }
+        let filled: Vec<u8> = valid.iter().map(|&cell| range.is_filled(cell).into()).collect();
+        if filled.contains(&1) {
+            mesh = mesh.with_vertex("filled", Attribute::Flag(filled.into()))?;
+        }
+        Ok(NewFile::only(name, encode(&mesh)))
+    }
+}
+
+/// A column of the vertices' table: how its properties read in the header, their bytes, and how they are filled in.
+struct Part<'a> {
+    properties: String,
+    size: usize,
+    fill: Fill<'a>,
+}
+
+/// Fills a column in at an offset of each row.
+type Fill<'a> = Box<dyn Fn(&mut Rows, usize) + 'a>;
+
+impl<'a> Part<'a> {
+    fn new<T: Sync, B: NoUninit>(
+        kind: &str,
+        names: &[&str],
+        items: &'a [T],
+        entry: impl Fn(&T) -> B + Sync + 'a,
+    ) -> Self {
+        Self {
+            properties: names.iter().map(|name| format!("property {kind} {name}\n")).collect(),
+            size: size_of::<B>(),
+            fill: Box::new(move |rows, offset| rows.fill(offset, items, &entry)),
+        }
+    }
+
+    /// An attribute under its own name.
+    fn attribute(name: &str, attribute: &'a Attribute) -> Self {
+        let name: String = name
+            .chars()
+            .map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '_' })
+            .collect();
+        let [x, y, z, first, second] =
+            ["x", "y", "z", "0", "1"].map(|suffix| format!("{name}_{suffix}"));
+        match attribute {
+            Attribute::Number(numbers) => {
+                Self::new("float", &[&name], numbers, |&number| floats([number]))
+            }
+            Attribute::Index(numbers) => {
+                Self::new("uint", &[&name], numbers, |&number| indices([number]))
+            }
+            Attribute::Flag(flags) => Self::new("uchar", &[&name], flags, |&flag| [flag]),
+            Attribute::Pair(pairs) => {
+                Self::new("float", &[&first, &second], pairs, |&pair| floats(pair))
+            }
+            Attribute::Vector(vectors) => {
+                Self::new("float", &[&x, &y, &z], vectors, |&vector| floats(vector))
+            }
+            Attribute::Color(colors) => {
+                let names = ["red", "green", "blue"].map(|channel| format!("{name}_{channel}"));
+                Self::new("uchar", &names.each_ref().map(|name| &**name), colors, |&color| color)
+            }
+        }
+    }
+}
+
+fn encode(mesh: &Mesh) -> Vec<u8> {
+    let vertex = mesh.vertex();
+    let computed = match vertex.vectors("normal") {
+        None if !mesh.faces().is_empty() => mesh.vertex_normals(),
+        _ => Vec::new(),
+    };
+    let sampled = sample_texture(mesh);
+    let mut parts = vec![Part::new("float", &["x", "y", "z"], mesh.positions(), |point| {
+        floats(point.coords.into())
+    })];
+    let normals = ["nx", "ny", "nz"];
+    if let Some(given) = vertex.vectors("normal") {
+        parts.push(Part::new("float", &normals, given, |&normal| floats(normal)));
+    } else if !computed.is_empty() {
+        let entry = |&normal: &Vector3<f64>| floats(normal.into());
+        parts.push(Part::new("float", &normals, &computed, entry));
+    }
+    if let Some(uv) = vertex.pairs("uv") {
+        parts.push(Part::new("float", &["s", "t"], uv, |&uv| floats(uv)));
+    }
+    if let Some(colors) = vertex.colors("color").or(sampled.as_ref()) {
+        parts.push(Part::new("uchar", &["red", "green", "blue"], colors, |&color| color));
+    }
+    for (name, attribute) in vertex.iter() {
+        let written = match name {
+            "normal" => vertex.vectors(name).is_some(),
+            "uv" => vertex.pairs(name).is_some(),
+            "color" => vertex.colors(name).is_some(),
+            _ => false,
+        };
+        if !written {
+            parts.push(Part::attribute(name, attribute));
+        }
+    }
+    let corner_uv = mesh.corner().pairs("uv").filter(|_| vertex.pairs("uv").is_none());
+    let faces = FaceRows::new(mesh.faces(), corner_uv);
+
+    let mut bytes = Vec::new();
+    let properties: String = parts.iter().map(|part| &*part.properties).collect();
+    let (n_vertices, n_faces) = (mesh.positions().len(), mesh.faces().len());
+    bytes.extend_from_slice(
+        format!(
+            "ply\nformat binary_little_endian 1.0\nelement vertex {n_vertices}\n{properties}\
+             element face {n_faces}\n{}end_header\n",
+            faces.properties()
+        )
+        .as_bytes(),
+    );
+    let mut rows = Rows::new(n_vertices, parts.iter().map(|part| part.size).sum());
+    let mut offset = 0;
+    for part in parts {
+        (part.fill)(&mut rows, offset);
+        offset += part.size;
+    }
+    let (vertices, faces) = (rows.into_bytes(), faces.into_bytes());
+    bytes.reserve_exact(vertices.len() + faces.len());
+    bytes.extend_from_slice(&vertices);
+    bytes.extend_from_slice(&faces);
+    bytes
+}
+
+/// The texture's color at each vertex, if the mesh has a texture and no colors: so that it is colored in every viewer. A vertex
+/// on a seam takes the color of one side.
+fn sample_texture(mesh: &Mesh) -> Option<Column<Rgb>> {
+    let texture = mesh.texture().filter(|texture| !texture.pixels().is_empty())?;
+    if mesh.vertex().colors("color").is_some() {
+        return None;
+    }
+    let seams;
+    let uv: &[[f64; 2]] = match mesh.vertex().pairs("uv") {
+        Some(uv) => uv,
+        None => {
+            let corners = mesh.corner().pairs("uv")?;
+            let mut first = vec![[0.0; 2]; mesh.positions().len()];
+            for (&vertex, &uv) in mesh.faces().corners().iter().zip(&**corners) {
+                first[vertex as usize] = uv;
+            }
+            seams = first;
+            &seams
+        }
+    };
+    let sample = |&uv: &[f64; 2]| texture.sample(uv).map(|channel| channel.round() as u8);
+    Some(uv.par_iter().with_min_len(4096).map(sample).collect::<Vec<_>>().into())
+}
+
+/// The table of faces: for each its corners, and their texture coordinates if vertices have none.
+struct FaceRows<'a> {
+    faces: &'a Faces,
+    uv: Option<&'a [[f64; 2]]>,
+    /// Whether lists are too long for a length of one byte.
+    long: bool,
+}
+
+impl<'a> FaceRows<'a> {
+    fn new(faces: &'a Faces, uv: Option<&'a Column<[f64; 2]>>) -> Self {
+        let entries = if uv.is_some() { 2 } else { 1 };
+        let longest = match faces.sides() {
+            Some(sides) => sides,
+            None => faces.iter().map(<[u32]>::len).max().unwrap_or(0),
+        };
+        Self { faces, uv: uv.map(|uv| &**uv), long: entries * longest > usize::from(u8::MAX) }
+    }
+
+    fn properties(&self) -> String {
+        let length = if self.long { "uint" } else { "uchar" };
+        let mut text = format!("property list {length} uint vertex_indices\n");
+        if self.uv.is_some() {
+            text += &format!("property list {length} float texcoord\n");
+        }
+        text
+    }
+
+    fn into_bytes(self) -> Vec<u8> {
+        if let (Some(triangles), None) = (self.faces.as_triangles(), self.uv) {
+            let mut rows = Rows::new(triangles.len(), 13);
+            rows.fill(0, triangles, |_| 3u8);
+            rows.fill(1, triangles, |&triangle| indices(triangle));
+            return rows.into_bytes();
+        }
+        let per_corner = if self.uv.is_some() { 12 } else { 4 };
+        let per_face = if self.long { 8 } else { 2 };
+        let size = per_corner * self.faces.corners().len() + per_face * self.faces.len();
+        let mut bytes = Vec::with_capacity(size);
+        for (index, face) in self.faces.iter().enumerate() {
+            self.push_length(&mut bytes, face.len());
+            face.iter().for_each(|vertex| bytes.extend_from_slice(&vertex.to_le_bytes()));
+            if let Some(uv) = self.uv {
+                self.push_length(&mut bytes, 2 * face.len());
+                let uv = &uv[self.faces.first_corner(index)..][..face.len()];
+                uv.iter().for_each(|&uv| bytes.extend_from_slice(floats(uv).as_flattened()));
+            }
+        }
+        bytes
+    }
+
+    fn push_length(&self, bytes: &mut Vec<u8>, length: usize) {
+        let length = (length as u32).to_le_bytes();
+        bytes.extend_from_slice(if self.long { &length } else { &length[..1] });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::format::ply::read;
+    use crate::value::Image;
+
+    /// A quad beside a triangle.
+    fn mesh() -> Mesh {
+        let at = |x: f64, y: f64| Point3::new(x, y, 0.25);
+        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
+        let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
+        Mesh::new(positions, faces).unwrap()
+    }
+
+    fn pairs(count: usize) -> Vec<[f64; 2]> {
+        (0..count).map(|i| [i as f64 / 8.0, 1.0 - i as f64 / 16.0]).collect()
+    }
+
+    #[test]
+    fn a_mesh_that_was_written_reads_the_same_and_has_normals() {
+        let mesh = mesh()
+            .with_vertex("uv", Attribute::Pair(pairs(5).into()))
+            .and_then(|mesh| mesh.with_vertex("color", Attribute::Color(vec![[1, 2, 3]; 5].into())))
+            .and_then(|mesh| {
+                mesh.with_vertex("filled", Attribute::Flag(vec![0, 1, 0, 0, 1].into()))
+            })
+            .and_then(|mesh| mesh.with_vertex("h", Attribute::Number(vec![0.5; 5].into())))
+            .and_then(|mesh| mesh.with_vertex("part", Attribute::Index(vec![7; 5].into())))
+            .unwrap();
+        let again = read(&encode(&mesh)).unwrap();
+        let normals = Attribute::Vector(vec![[0.0, 0.0, 1.0]; 5].into());
+        assert_eq!(again, mesh.with_vertex("normal", normals).unwrap());
+    }
+
+    #[test]
+    fn texture_coordinates_of_corners_are_kept_where_vertices_have_none() {
+        let mesh = mesh().with_corner("uv", Attribute::Pair(pairs(7).into())).unwrap();
+        let again = read(&encode(&mesh)).unwrap();
+        assert_eq!(again.corner(), mesh.corner());
+        assert_eq!(again.faces(), mesh.faces());
+    }
+
+    #[test]
+    fn triangles_are_written_as_other_faces_are() {
+        let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
+        let faces = Faces::triangles(vec![[0, 1, 2], [2, 1, 0]]);
+        let mesh = Mesh::new(positions, faces).unwrap();
+        assert_eq!(read(&encode(&mesh)).unwrap().faces(), mesh.faces());
+    }
+
+    #[test]
+    fn a_face_of_three_hundred_corners_is_written() {
+        let positions = Vec::from_iter((0..300).map(|i| Point3::new(f64::from(i), 0.0, 0.0)));
+        let faces = Faces::uniform(300, Vec::from_iter(0..300)).unwrap();
+        let mesh = Mesh::new(positions, faces).unwrap();
+        assert_eq!(read(&encode(&mesh)).unwrap().faces(), mesh.faces());
+    }
+
+    #[test]
+    fn a_texture_colors_the_vertices() {
+        let image = Image::new(2, 1, vec![[10, 20, 30], [40, 50, 60]]).unwrap();
+        let uv = vec![[0.0, 0.5], [1.0, 0.5], [1.0, 0.5], [0.0, 0.5], [0.5, 0.5]];
+        let mesh = mesh().with_vertex("uv", Attribute::Pair(uv.into())).unwrap();
+        let again = read(&encode(&mesh.with_texture(Some(image)))).unwrap();
+        let colors = again.vertex().colors("color").unwrap();
+        assert_eq!(colors[..2], [[10, 20, 30], [40, 50, 60]]);
+        assert_eq!(colors[4], [25, 35, 45]);
+    }
+
+    #[test]
+    fn vectors_and_pairs_are_written_by_coordinate() {
+        let mesh = mesh()
+            .with_vertex("along it", Attribute::Vector(vec![[1.0, 2.0, 3.0]; 5].into()))
+            .and_then(|mesh| mesh.with_vertex("at", Attribute::Pair(vec![[4.0, 5.0]; 5].into())))
+            .unwrap();
+        let again = read(&encode(&mesh)).unwrap();
+        for (name, number) in
+            [("along_it_x", 1.0), ("along_it_z", 3.0), ("at_0", 4.0), ("at_1", 5.0)]
+        {
+            let expected = Attribute::Number(vec![number; 5].into());
+            assert_eq!(again.vertex().get(name), Some(&expected), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_net_becomes_quads() {
+        let points = Vec::from_iter((0..6).map(|i| Point3::new(f64::from(i), 0.0, 1.0)));
+        let net = ControlNet::new(2, 3, points).unwrap();
+        let net = net.with_weights(vec![1., 2., 3., 4., 5., 6.]).unwrap();
+        let mesh = read(&ControlNetPly::write(&net, "net.ply").unwrap()[0].bytes).unwrap();
+        assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [[0, 3, 4, 1], [1, 4, 5, 2]]);
+        let weights = Attribute::Number(net.weights().to_vec().into());
+        assert_eq!(mesh.vertex().get("weight"), Some(&weights));
+    }
+
+    #[test]
+    fn a_range_image_becomes_its_valid_points() {
+        let points = vec![Point3::new(f64::NAN, 0., 1.), Point3::new(1., 2., 3.)];
+        let range = RangeImage::new(2, 1, points).unwrap();
+        let range = range.with_colors(vec![[1; 3], [2, 3, 4]]).unwrap();
+        let range = range.with_filled(vec![0, 1]).unwrap();
+        let mesh = read(&RangePly::write(&range, "range.ply").unwrap()[0].bytes).unwrap();
+        assert_eq!(mesh.positions()[..], [Point3::new(1., 2., 3.)]);
+        assert_eq!(mesh.vertex().colors("color").unwrap()[..], [[2, 3, 4]]);
+        assert_eq!(mesh.vertex().get("filled"), Some(&Attribute::Flag(vec![1].into())));
+    }
+
+    #[test]
+    fn a_region_becomes_its_points() {
+        let points = vec![Point3::new(1., 2., 3.), Point3::new(4., 5., 6.)];
+        let region = Region::new(2, 1, vec![0, 1], points.clone(), vec![0, 1], vec![]).unwrap();
+        let mesh = read(&RegionPly::write(&region, "region.ply").unwrap()[0].bytes).unwrap();
+        assert_eq!(mesh.positions()[..], points);
+        assert_eq!(mesh.vertex().get("filled"), Some(&Attribute::Flag(vec![0, 1].into())));
+    }
+}

@@ -1,0 +1,293 @@
+//! PNG, the pictures.
+//!
+//! Read to 8-bit sRGB whatever their color type: palettes are expanded, gray becomes three equal channels, 16 bits are cut to the
+//! upper 8, alpha is dropped. Written with a fast compression: pictures are written far more often than they are kept.
+
+use std::io::Cursor;
+
+use thiserror::Error;
+
+use crate::error;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{Field, Image, Labels, Mask};
+use ::png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits, Transformations};
+
+/// A picture takes at most this many bytes when it is read: a small file can unpack to a thousand times its size.
+const MOST_BYTES: usize = 512 << 20;
+
+/// Why bytes are not a picture, or a value cannot be written as one.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum PngError {
+    /// Something else, or a damaged file.
+    #[error("this is not a readable PNG file: {reason}")]
+    Broken {
+        /// What the decoder says.
+        reason: String,
+    },
+    /// More pixels than are read.
+    #[error("{width} x {height} pixels are more than the {most} bytes that a picture may take")]
+    TooLarge {
+        /// The picture's width.
+        width: u32,
+        /// The picture's height.
+        height: u32,
+        /// Bytes that a picture may take.
+        most: usize,
+    },
+    /// A picture without pixels, or with more in a row than PNG can say.
+    #[error("a picture of {width} x {height} pixels cannot be written as PNG")]
+    Size {
+        /// The picture's width.
+        width: usize,
+        /// The picture's height.
+        height: usize,
+    },
+    /// More labels than 16 bits can tell apart.
+    #[error("{count} labels are more than the 65535 of a 16-bit picture")]
+    TooManyLabels {
+        /// How many there are.
+        count: usize,
+    },
+}
+
+/// The picture in a PNG file.
+///
+/// # Errors
+/// If the bytes are not a PNG file, it is damaged, or the picture takes more than 512 MB.
+pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
+    let broken = |reason: ::png::DecodingError| PngError::Broken { reason: reason.to_string() };
+    let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MOST_BYTES });
+    decoder.set_transformations(Transformations::EXPAND | Transformations::STRIP_16);
+    decoder.set_ignore_text_chunk(true);
+    decoder.set_ignore_iccp_chunk(true);
+    let mut reader = decoder.read_info().map_err(broken)?;
+    let (width, height) = (reader.info().width, reader.info().height);
+    let fits = |size: &usize| *size <= MOST_BYTES && 3 * pixels(width, height) <= MOST_BYTES as u64;
+    let size = reader.output_buffer_size().filter(fits);
+    let size = size.ok_or(PngError::TooLarge { width, height, most: MOST_BYTES })?;
+    let mut buffer = vec![0; size];
+    let frame = reader.next_frame(&mut buffer).map_err(broken)?;
+    buffer.truncate(frame.buffer_size());
+    let pixels: Vec<[u8; 3]> = match frame.color_type.samples() {
+        1 => buffer.iter().map(|&gray| [gray; 3]).collect(),
+        2 => buffer.as_chunks::<2>().0.iter().map(|&[gray, _]| [gray; 3]).collect(),
+        3 => buffer.as_chunks::<3>().0.to_vec(),
+        _ => buffer
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|&[red, green, blue, _]| [red, green, blue])
+            .collect(),
+    };
+    Image::new(width as usize, height as usize, pixels)
+        .map_err(|error| PngError::Broken { reason: error.to_string() })
+}
+
+fn pixels(width: u32, height: u32) -> u64 {
+    u64::from(width) * u64::from(height)
+}
+
+/// The PNG file of a picture.
+///
+/// # Errors
+/// If the picture has no pixels.
+pub fn encode_rgb(image: &Image) -> Result<Vec<u8>, PngError> {
+    let pixels = image.pixels().as_flattened();
+    encode([image.width(), image.height()], ColorType::Rgb, BitDepth::Eight, pixels)
+}
+
+fn encode(
+    [width, height]: [usize; 2],
+    color: ColorType,
+    depth: BitDepth,
+    samples: &[u8],
+) -> Result<Vec<u8>, PngError> {
+    let wrong_size = PngError::Size { width, height };
+    let (Ok(columns), Ok(rows)) = (u32::try_from(width), u32::try_from(height)) else {
+        return Err(wrong_size);
+    };
+    let mut bytes = Vec::with_capacity(samples.len() / 2 + 1024);
+    let mut encoder = Encoder::new(&mut bytes, columns, rows);
+    encoder.set_color(color);
+    encoder.set_depth(depth);
+    encoder.set_compression(Compression::Fast);
+    encoder.set_filter(Filter::Up);
+    let written = encoder
+        .write_header()
+        .and_then(|mut writer| writer.write_image_data(samples).and_then(|()| writer.finish()));
+    written.map(|()| bytes).map_err(|_| wrong_size)
+}
+
+/// 16-bit samples as PNG has them: high byte first.
+fn big_endian(samples: impl Iterator<Item = u16>) -> Vec<u8> {
+    samples.flat_map(u16::to_be_bytes).collect()
+}
+
+/// Writes a picture.
+pub(super) struct ImagePng;
+
+impl FileFormat for ImagePng {
+    type Value = Image;
+    const ENDING: &'static str = "png";
+
+    fn write(image: &Image, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        Ok(NewFile::only(name, encode_rgb(image)?))
+    }
+}
+
+/// Writes a mask as a gray picture: 255 inside, 0 outside.
+pub(super) struct MaskPng;
+
+impl FileFormat for MaskPng {
+    type Value = Mask;
+    const ENDING: &'static str = "png";
+
+    fn write(mask: &Mask, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        let samples = Vec::from_iter(mask.pixels().iter().map(|inside| inside * 255));
+        let size = [mask.width(), mask.height()];
+        let bytes = encode(size, ColorType::Grayscale, BitDepth::Eight, &samples)?;
+        Ok(NewFile::only(name, bytes))
+    }
+}
+
+/// Writes labels as a 16-bit gray picture of their numbers.
+pub(super) struct LabelsPng;
+
+impl FileFormat for LabelsPng {
+    type Value = Labels;
+    const ENDING: &'static str = "png";
+
+    fn write(labels: &Labels, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        let count = labels.statistics().len();
+        if count > usize::from(u16::MAX) {
+            return Err(PngError::TooManyLabels { count }.into());
+        }
+        let samples = big_endian(labels.pixels().iter().map(|&label| label as u16));
+        let size = [labels.width(), labels.height()];
+        let bytes = encode(size, ColorType::Grayscale, BitDepth::Sixteen, &samples)?;
+        Ok(NewFile::only(name, bytes))
+    }
+}
+
+/// Writes a field as a 16-bit gray picture, from black at its least number to white at its greatest; NaN is black too.
+pub(super) struct FieldPng;
+
+impl FileFormat for FieldPng {
+    type Value = Field;
+    const ENDING: &'static str = "png";
+
+    fn write(field: &Field, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        let (least, greatest) = field.range().unwrap_or_default();
+        let (least, greatest) = (f64::from(least), f64::from(greatest));
+        let scale = if least < greatest { 65535.0 / (greatest - least) } else { 0.0 };
+        // Infinities are no part of the range and end at its ends; a NaN becomes 0.
+        let level = |&x: &f32| (((f64::from(x) - least) * scale).round()) as u16;
+        let samples = big_endian(field.pixels().iter().map(level));
+        let size = [field.width(), field.height()];
+        let bytes = encode(size, ColorType::Grayscale, BitDepth::Sixteen, &samples)?;
+        Ok(NewFile::only(name, bytes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::hostile;
+
+    const COLOR: &[u8] = include_bytes!("../../tests/data/formats/colour_2x.png");
+    const DEPTH: &[u8] = include_bytes!("../../tests/data/formats/depth16.png");
+
+    fn written<F: FileFormat>(value: &F::Value) -> Vec<u8> {
+        F::write(value, "a.png").unwrap().remove(0).bytes
+    }
+
+    fn grays(file: &[u8]) -> Vec<u8> {
+        read(file).unwrap().pixels().iter().map(|pixel| pixel[0]).collect()
+    }
+
+    #[test]
+    fn a_picture_that_was_written_reads_the_same() {
+        let pixels = Vec::from_iter((0..300).map(|i: u32| [i as u8, (i * 7) as u8, (i / 3) as u8]));
+        let image = Image::new(20, 15, pixels).unwrap();
+        assert_eq!(read(&encode_rgb(&image).unwrap()).unwrap(), image);
+    }
+
+    #[test]
+    fn every_color_type_reads_as_eight_bit_rgb() {
+        let picture = |color, depth, samples: &[u8], palette: &[u8]| {
+            let mut bytes = Vec::new();
+            let mut encoder = Encoder::new(&mut bytes, 2, 1);
+            encoder.set_color(color);
+            encoder.set_depth(depth);
+            if !palette.is_empty() {
+                encoder.set_palette(palette);
+            }
+            encoder.write_header().unwrap().write_image_data(samples).unwrap();
+            read(&bytes).unwrap().pixels().to_vec()
+        };
+        let (eight, sixteen) = (BitDepth::Eight, BitDepth::Sixteen);
+        assert_eq!(picture(ColorType::Grayscale, BitDepth::One, &[0x40], &[]), [[0; 3], [255; 3]]);
+        assert_eq!(picture(ColorType::Grayscale, sixteen, &[7, 255, 9, 0], &[]), [[7; 3], [9; 3]]);
+        assert_eq!(picture(ColorType::GrayscaleAlpha, eight, &[7, 0, 9, 1], &[]), [[7; 3], [9; 3]]);
+        let rgba = [1, 2, 3, 0, 4, 5, 6, 255];
+        assert_eq!(picture(ColorType::Rgba, eight, &rgba, &[]), [[1, 2, 3], [4, 5, 6]]);
+        let palette = [1, 2, 3, 4, 5, 6];
+        assert_eq!(picture(ColorType::Indexed, eight, &[1, 0], &palette), [[4, 5, 6], [1, 2, 3]]);
+    }
+
+    #[test]
+    fn files_of_others_read() {
+        let image = read(COLOR).unwrap();
+        assert_eq!((image.width(), image.height()), (16, 12));
+        let image = read(DEPTH).unwrap();
+        assert_eq!((image.width(), image.height()), (8, 6));
+    }
+
+    #[test]
+    fn a_mask_is_black_and_white() {
+        assert_eq!(grays(&written::<MaskPng>(&Mask::drawn(&["#.", ".#"]))), [255, 0, 0, 255]);
+    }
+
+    #[test]
+    fn a_field_goes_from_black_to_white_and_its_holes_are_black() {
+        let field = Field::new(5, 1, vec![-1.0, 1.0, f32::NAN, 3.0, f32::INFINITY]).unwrap();
+        assert_eq!(grays(&written::<FieldPng>(&field)), [0, 128, 0, 255, 255]);
+        let flat = Field::new(2, 1, vec![5.0, f32::INFINITY]).unwrap();
+        assert_eq!(grays(&written::<FieldPng>(&flat)), [0, 0]);
+    }
+
+    #[test]
+    fn labels_keep_their_numbers_in_sixteen_bits() {
+        let labels = Labels::new(300, 1, (0..300).collect()).unwrap();
+        let bytes = written::<LabelsPng>(&labels);
+        let mut reader = Decoder::new(Cursor::new(&bytes[..])).read_info().unwrap();
+        let mut samples = vec![0; 600];
+        reader.next_frame(&mut samples).unwrap();
+        assert_eq!(samples, big_endian(0..300));
+        let many = Labels::new(65536, 1, (1..=65536).collect()).unwrap();
+        assert!(LabelsPng::write(&many, "a.png").is_err());
+    }
+
+    #[test]
+    fn a_picture_without_pixels_cannot_be_written() {
+        let empty = Image::new(0, 0, vec![]).unwrap();
+        assert_eq!(encode_rgb(&empty), Err(PngError::Size { width: 0, height: 0 }));
+    }
+
+    #[test]
+    fn a_picture_that_would_fill_the_memory_is_refused() {
+        let mut bytes = Vec::new();
+        let mut writer = Encoder::new(&mut bytes, 1 << 15, 1 << 15).write_header().unwrap();
+        writer.write_chunk(::png::chunk::IDAT, &[]).unwrap();
+        drop(writer);
+        let error = PngError::TooLarge { width: 1 << 15, height: 1 << 15, most: MOST_BYTES };
+        assert_eq!(read(&bytes), Err(error));
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        for file in [COLOR, DEPTH] {
+            hostile::survive(file, read);
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! Writes surfaces as meshes fine enough that chords stay within a thousandth of the surface's size.
+
+use super::glb::MeshGlb;
+use super::obj::MeshObj;
+use super::ply::MeshPly;
+use crate::error::Error;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::Surface;
+
+/// A surface as a mesh, PLY.
+pub(super) struct SurfacePly;
+
+impl FileFormat for SurfacePly {
+    type Value = Surface;
+    const ENDING: &'static str = "ply";
+
+    fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
+        MeshPly::write(&surface.tessellate(0, 0)?, name)
+    }
+}
+
+/// A surface as a mesh, OBJ.
+pub(super) struct SurfaceObj;
+
+impl FileFormat for SurfaceObj {
+    type Value = Surface;
+    const ENDING: &'static str = "obj";
+
+    fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
+        MeshObj::write(&surface.tessellate(0, 0)?, name)
+    }
+}
+
+/// A surface as a mesh, GLB.
+pub(super) struct SurfaceGlb;
+
+impl FileFormat for SurfaceGlb {
+    type Value = Surface;
+    const ENDING: &'static str = "glb";
+
+    fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
+        MeshGlb::write(&surface.tessellate(0, 0)?, name)
+    }
+}

@@ -1,0 +1,134 @@
+//! A graph: read from its file, checked, and ready to be evaluated.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::Value as Json;
+
+use crate::error::{Problem, Source, Span};
+use crate::node::AnyNode;
+use crate::pack::Format;
+
+mod check;
+mod expression;
+mod file;
+mod parameters;
+mod paths;
+mod reader;
+mod schema;
+mod suggest;
+
+pub(crate) use check::is_name;
+pub(crate) use reader::ReadError;
+pub use reader::Reader;
+pub(crate) use schema::{check_default, inside_option, variants};
+pub(crate) use suggest::nearest;
+
+use crate::catalog::Catalog;
+
+/// A graph that has been checked: every name, type, range and path in it is right.
+pub struct Graph {
+    pub(crate) source: Arc<Source>,
+    /// What it is for, in its author's words.
+    pub(crate) doc: String,
+    /// Its nodes, each after those that it hangs on.
+    pub(crate) nodes: Vec<GraphNode>,
+    pub(crate) outputs: Vec<GraphOutput>,
+}
+
+/// A node of a graph.
+pub(crate) struct GraphNode {
+    pub(crate) name: String,
+    /// The type's name: `Threshold`.
+    pub(crate) kind: String,
+    pub(crate) span: Span,
+    pub(crate) node: Box<dyn AnyNode>,
+    /// What its ports are linked to; a port's slot is its index here.
+    pub(crate) links: Vec<Link>,
+    /// The files that its fields name.
+    pub(crate) files: Vec<PathBuf>,
+    /// Its parameters, with links as `{"$link": slot}` and files as `{"$file": path}`.
+    pub(crate) parameters: Json,
+    pub(crate) outputs: Vec<&'static str>,
+}
+
+/// A link from a port to another node's output.
+#[derive(Clone, Debug)]
+pub(crate) struct Link {
+    pub(crate) port: String,
+    pub(crate) node: usize,
+    pub(crate) output: usize,
+}
+
+/// A file that a graph gives.
+pub(crate) struct GraphOutput {
+    /// Relative to the folder of all outputs.
+    pub(crate) name: String,
+    pub(crate) node: usize,
+    pub(crate) output: usize,
+    pub(crate) format: Format,
+    pub(crate) span: Span,
+}
+
+/// What shapes the reading of a graph, beside its file.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Folders outside of the project that the graph may read.
+    pub roots: Vec<PathBuf>,
+    /// Values in place of defaults and fields: (`name` or `node.field`, RON).
+    pub set: Vec<(String, String)>,
+}
+
+/// A graph, if it can be evaluated, and all problems of its file.
+pub struct Checked {
+    /// The graph; none if a problem is an error.
+    pub graph: Option<Graph>,
+    /// All problems, in the order of their places.
+    pub problems: Vec<Problem>,
+}
+
+impl Graph {
+    /// Reads and checks a graph file. Runs no node and opens no other file.
+    pub fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
+        check::load(path, catalog, options)
+    }
+
+    /// What it is for, in its author's words.
+    pub fn doc(&self) -> &str {
+        &self.doc
+    }
+
+    /// The names of its nodes, each after those that it hangs on.
+    pub fn node_names(&self) -> impl Iterator<Item = &str> {
+        self.nodes.iter().map(|node| node.name.as_str())
+    }
+
+    /// The names of its outputs.
+    pub fn output_names(&self) -> impl Iterator<Item = &str> {
+        self.outputs.iter().map(|output| output.name.as_str())
+    }
+
+    /// The place of a node, by name.
+    pub(crate) fn find(&self, name: &str) -> Option<usize> {
+        self.nodes.iter().position(|node| node.name == name)
+    }
+
+    /// All files that evaluating it may read, those that need not be there included.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let optional = self.nodes.iter().flat_map(|node| node.node.files());
+        let optional = optional.map(|file| file.resolved().to_owned());
+        let named = self.nodes.iter().flat_map(|node| node.files.iter().cloned());
+        named.chain(optional).collect()
+    }
+}
+
+/// `a Mask`, `an Image`.
+pub(crate) fn with_article(word: &str) -> String {
+    let vowel = word.starts_with(['A', 'E', 'I', 'O', 'U', 'a', 'e', 'i', 'o', 'u']);
+    format!("{} {word}", if vowel { "an" } else { "a" })
+}
+
+/// The names of some types, for a message: `Mesh or Surface`.
+pub(crate) fn any_of<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    Vec::from_iter(names).join(" or ")
+}

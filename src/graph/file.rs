@@ -1,0 +1,441 @@
+//! The text of a graph file as a tree of values with their places.
+//!
+//! `ronin-core` parses it without losing a byte and recovers from mistakes; this module is the only one that knows it. What
+//! comes out is [`Tree`], small enough to be substituted into, checked against a schema and read by serde.
+
+use ronin_core::{SyntaxElement, SyntaxKind, SyntaxNode, SyntaxToken, TextRange};
+
+use crate::error::{Place, Span};
+
+/// One value of the file, and where it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Tree {
+    pub(crate) span: Span,
+    pub(crate) kind: Kind,
+    /// Where a value that stands in for a `Param` comes from.
+    pub(crate) origin: Option<Origin>,
+}
+
+/// Where a parameter's value comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Origin {
+    /// The default in the file.
+    Default(Span),
+    /// `--set` with this text.
+    Set(String),
+}
+
+/// What kind of value it is.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Kind {
+    /// A finite number, and whether it was written as a whole one.
+    Number { value: f64, whole: bool },
+    /// `true` or `false`.
+    Bool(bool),
+    /// A string without its quotes and escapes.
+    Text(String),
+    /// A bare word.
+    Word(String),
+    /// `Name(..)` or `(..)`.
+    Call { name: Option<Name>, body: Body },
+    /// `[..]`.
+    List(Vec<Tree>),
+    /// `{..}`: keys and values.
+    Map(Vec<(Tree, Tree)>),
+    /// Something that has been reported already.
+    Broken,
+}
+
+/// What stands between parentheses.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Body {
+    Empty,
+    Fields(Vec<Field>),
+    Items(Vec<Tree>),
+}
+
+/// A word with its place.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Name {
+    pub(crate) text: String,
+    pub(crate) span: Span,
+}
+
+/// `name: value`.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Field {
+    pub(crate) name: Name,
+    pub(crate) value: Tree,
+}
+
+/// A mistake in the text itself: where, what, and what to do.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Mistake {
+    pub(crate) span: Span,
+    pub(crate) message: String,
+    pub(crate) help: String,
+}
+
+impl Tree {
+    pub(crate) fn new(span: Span, kind: Kind) -> Self {
+        Self { span, kind, origin: None }
+    }
+
+    pub(crate) fn is_broken(&self) -> bool {
+        self.kind == Kind::Broken
+    }
+
+    pub(crate) fn text(&self) -> Option<&str> {
+        match &self.kind {
+            Kind::Text(text) => Some(text),
+            _ => None,
+        }
+    }
+
+    /// The name before the parentheses, or the bare word.
+    pub(crate) fn name(&self) -> Option<Name> {
+        match &self.kind {
+            Kind::Call { name, .. } => name.clone(),
+            Kind::Word(text) => Some(Name { text: text.clone(), span: self.span }),
+            _ => None,
+        }
+    }
+
+    /// The fields between the parentheses; none if there are no parentheses, or items in them.
+    pub(crate) fn fields(&self) -> Option<&[Field]> {
+        match &self.kind {
+            Kind::Call { body: Body::Fields(fields), .. } => Some(fields),
+            Kind::Call { body: Body::Empty, .. } => Some(&[]),
+            _ => None,
+        }
+    }
+
+    /// The only item between the parentheses of `name(..)`.
+    pub(crate) fn call_of(&self, wanted: &str) -> Option<&Self> {
+        match &self.kind {
+            Kind::Call { name: Some(name), body: Body::Items(items) } if name.text == wanted => {
+                match &items[..] {
+                    [item] => Some(item),
+                    _ => None,
+                }
+            }
+            _ => None,
+        }
+    }
+
+    /// What kind of value it is, in words, with its text where that is short.
+    pub(crate) fn in_words(&self) -> String {
+        match &self.kind {
+            Kind::Number { value, .. } => format!("the number {value}"),
+            Kind::Bool(value) => value.to_string(),
+            Kind::Text(text) => format!("the text \"{text}\""),
+            Kind::Word(word) => format!("`{word}`"),
+            Kind::Call { name: Some(name), .. } => format!("`{}(..)`", name.text),
+            Kind::Call { body: Body::Fields(_), .. } => "a group of fields".into(),
+            Kind::Call { .. } => "a tuple".into(),
+            Kind::List(_) => "a list".into(),
+            Kind::Map(_) => "a map".into(),
+            Kind::Broken => "something unreadable".into(),
+        }
+    }
+}
+
+/// The value of a whole text, as far as it can be read, and the mistakes in it.
+pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
+    let document = ronin_core::parse(text);
+    let mut mistakes: Vec<Mistake> = document
+        .diagnostics()
+        .iter()
+        .map(|found| explain(text, span(found.range), &found.message))
+        .collect();
+    if let Some(unclosed) = unclosed(text, &document.root()) {
+        // Whatever the parser finds behind it follows from it.
+        mistakes.retain(|mistake| mistake.span.end <= unclosed.span.start);
+        mistakes.push(unclosed);
+    }
+    let mut reader = TreeReader { mistakes: Vec::new() };
+    let value = document.root().children().find(|node| is_value(node.kind()));
+    let tree = match value {
+        Some(node) => reader.value(&node),
+        None => {
+            if mistakes.is_empty() {
+                mistakes.push(Mistake {
+                    span: Span { start: 0, end: text.len().min(1) },
+                    message: "the file is empty".into(),
+                    help: "a graph begins with `Graph(format: 1, ..)`".into(),
+                });
+            }
+            Tree::new(Span::default(), Kind::Broken)
+        }
+    };
+    mistakes.extend(reader.mistakes);
+    mistakes.sort_by_key(|mistake| mistake.span);
+    (tree, mistakes)
+}
+
+/// Says of a parser's finding what was found, not only what was missed.
+fn explain(text: &str, found: Span, message: &str) -> Mistake {
+    let found_text = text.get(found.start..found.end).unwrap_or_default();
+    let (message, help) = if message.contains("trailing") {
+        let end = found_text.find('\n').map_or(found.end, |line| found.start + line);
+        return Mistake {
+            span: Span { end, ..found },
+            message: "there is something behind the end of the graph".into(),
+            help: "a file holds one `Graph(..)` and nothing behind it".into(),
+        };
+    } else if found_text.chars().count() <= 24 && !found_text.is_empty() {
+        (
+            format!("{message}, but here is `{found_text}`"),
+            "is a comma, colon or parenthesis missing before it?",
+        )
+    } else {
+        (message.to_owned(), "is a comma, colon or parenthesis missing before it?")
+    };
+    Mistake { span: found, message, help: help.into() }
+}
+
+/// The parenthesis, bracket or brace that is not closed, or closed by another one.
+fn unclosed(text: &str, root: &SyntaxNode) -> Option<Mistake> {
+    use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
+    let closer = |open| match open {
+        LParen => (RParen, ')'),
+        LBracket => (RBracket, ']'),
+        _ => (RBrace, '}'),
+    };
+    let mut open: Vec<(SyntaxKind, Span)> = Vec::new();
+    for token in root.descendant_tokens() {
+        let (kind, at) = (token.kind(), span(token.text_range()));
+        if matches!(kind, LParen | LBracket | LBrace) {
+            open.push((kind, at));
+        } else if matches!(kind, RParen | RBracket | RBrace) {
+            let Some((opener, opened)) = open.pop() else {
+                let message = format!("this `{}` closes nothing", token.text());
+                return Some(Mistake { span: at, message, help: "is it one too many?".into() });
+            };
+            if closer(opener).0 != kind {
+                let Place { line, column } = Place::of(text, at.start);
+                let (found, opener_text) = (token.text(), &text[opened.start..opened.end]);
+                let message = format!(
+                    "this `{opener_text}` is not closed before the `{found}` at {line}:{column}"
+                );
+                let help = format!("put a `{}` where it ends", closer(opener).1);
+                return Some(Mistake { span: opened, message, help });
+            }
+        }
+    }
+    let (opener, opened) = open.pop()?;
+    let message = format!("this `{}` is never closed", &text[opened.start..opened.end]);
+    Some(Mistake {
+        span: opened,
+        message,
+        help: format!("put a `{}` where it ends", closer(opener).1),
+    })
+}
+
+fn span(range: TextRange) -> Span {
+    Span { start: range.start(), end: range.end() }
+}
+
+fn is_value(kind: SyntaxKind) -> bool {
+    use SyntaxKind::{EnumVariant, Error, List, Literal, Map, Struct, Tuple, Unit};
+    matches!(kind, Struct | Tuple | List | Map | EnumVariant | Unit | Literal | Error)
+}
+
+struct TreeReader {
+    mistakes: Vec<Mistake>,
+}
+
+impl TreeReader {
+    fn value(&mut self, node: &SyntaxNode) -> Tree {
+        let at = span(node.text_range());
+        let kind = match node.kind() {
+            SyntaxKind::Struct => {
+                let fields =
+                    node.children().filter(|child| child.kind() == SyntaxKind::StructField);
+                let fields = fields.filter_map(|field| self.field(&field)).collect();
+                Kind::Call { name: word(node), body: Body::Fields(fields) }
+            }
+            SyntaxKind::Tuple => {
+                Kind::Call { name: word(node), body: Body::Items(self.values(node)) }
+            }
+            SyntaxKind::Unit => Kind::Call { name: word(node), body: Body::Empty },
+            SyntaxKind::List => Kind::List(self.values(node)),
+            SyntaxKind::Map => {
+                let entries = node.children().filter(|child| child.kind() == SyntaxKind::MapEntry);
+                Kind::Map(entries.filter_map(|entry| self.entry(&entry)).collect())
+            }
+            SyntaxKind::EnumVariant => match word(node) {
+                Some(name) if name.span == at => Kind::Word(name.text),
+                _ => self.mistake(at, "names are followed by `(`, not by `{`", "write `Name(..)`"),
+            },
+            SyntaxKind::Literal => match first_token(node) {
+                Some(token) => self.literal(&token),
+                None => Kind::Broken,
+            },
+            _ => Kind::Broken,
+        };
+        Tree::new(at, kind)
+    }
+
+    fn values(&mut self, node: &SyntaxNode) -> Vec<Tree> {
+        node.children()
+            .filter(|child| is_value(child.kind()))
+            .map(|child| self.value(&child))
+            .collect()
+    }
+
+    fn field(&mut self, node: &SyntaxNode) -> Option<Field> {
+        let name = word(node)?;
+        let value = node.children().find(|child| is_value(child.kind()));
+        let value = match value {
+            Some(value) => self.value(&value),
+            None => {
+                let message = format!("field `{}` has no value", name.text);
+                let kind = self.mistake(name.span, &message, "write a value behind the colon");
+                Tree::new(name.span, kind)
+            }
+        };
+        Some(Field { name, value })
+    }
+
+    fn entry(&mut self, node: &SyntaxNode) -> Option<(Tree, Tree)> {
+        let mut values = self.values(node).into_iter();
+        Some((values.next()?, values.next()?))
+    }
+
+    fn literal(&mut self, token: &SyntaxToken) -> Kind {
+        let (at, text) = (span(token.text_range()), token.text());
+        match token.kind() {
+            SyntaxKind::TrueKw => Kind::Bool(true),
+            SyntaxKind::FalseKw => Kind::Bool(false),
+            SyntaxKind::Integer | SyntaxKind::Float => match number(text) {
+                Some(value) if value.is_finite() => {
+                    Kind::Number { value, whole: token.kind() == SyntaxKind::Integer }
+                }
+                Some(_) => self.mistake(at, &format!("`{text}` is too large for a number"), ""),
+                None => self.mistake(at, &format!("`{text}` is not a number"), ""),
+            },
+            SyntaxKind::String => match unescape(text) {
+                Some(text) => Kind::Text(text),
+                None => self.mistake(
+                    at,
+                    "this text has an unknown escape or no end",
+                    r#"known escapes: \" \\ \n \r \t \0 \u{..}"#,
+                ),
+            },
+            SyntaxKind::RawString => {
+                let inner = text.trim_start_matches('r').trim_matches('#');
+                Kind::Text(inner.trim_matches('"').to_owned())
+            }
+            _ => self.mistake(at, &format!("`{text}` is no value of a graph"), ""),
+        }
+    }
+
+    fn mistake(&mut self, span: Span, message: &str, help: &str) -> Kind {
+        self.mistakes.push(Mistake { span, message: message.into(), help: help.into() });
+        Kind::Broken
+    }
+}
+
+/// The identifier that stands directly in a node: a struct's, field's or variant's name.
+fn word(node: &SyntaxNode) -> Option<Name> {
+    let token = node.first_token_of(SyntaxKind::Ident)?;
+    Some(Name { text: token.text().to_string(), span: span(token.text_range()) })
+}
+
+fn first_token(node: &SyntaxNode) -> Option<SyntaxToken> {
+    node.children_with_tokens().find_map(|element| match element {
+        SyntaxElement::Token(token) if !token.is_trivia() => Some(token),
+        _ => None,
+    })
+}
+
+fn number(text: &str) -> Option<f64> {
+    let digits = text.replace('_', "");
+    let (negative, magnitude) = match digits.strip_prefix(['-', '+']) {
+        Some(rest) => (digits.starts_with('-'), rest),
+        None => (false, &digits[..]),
+    };
+    let based = [("0x", 16), ("0b", 2), ("0o", 8)].into_iter().find_map(|(prefix, base)| {
+        let digits = magnitude.strip_prefix(prefix)?;
+        u64::from_str_radix(digits, base).ok().map(|value| value as f64)
+    });
+    let value = match based {
+        Some(value) => value,
+        None if magnitude.starts_with(|c: char| c.is_ascii_digit() || c == '.') => {
+            magnitude.parse().ok()?
+        }
+        None => return None,
+    };
+    Some(if negative { -value } else { value })
+}
+
+fn unescape(quoted: &str) -> Option<String> {
+    let inner = quoted.strip_prefix('"')?.strip_suffix('"')?;
+    let mut text = String::with_capacity(inner.len());
+    let mut rest = inner.chars();
+    while let Some(c) = rest.next() {
+        if c != '\\' {
+            text.push(c);
+            continue;
+        }
+        text.push(match rest.next()? {
+            'n' => '\n',
+            'r' => '\r',
+            't' => '\t',
+            '0' => '\0',
+            'u' => {
+                let code = rest.as_str().strip_prefix('{')?.split_once('}')?;
+                rest = code.1.chars();
+                char::from_u32(u32::from_str_radix(code.0, 16).ok()?)?
+            }
+            c @ ('"' | '\\' | '\'') => c,
+            _ => return None,
+        });
+    }
+    Some(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kind(text: &str) -> Kind {
+        let (tree, mistakes) = parse(text);
+        assert!(mistakes.is_empty(), "{mistakes:?}");
+        tree.kind
+    }
+
+    #[test]
+    fn numbers_texts_and_words_are_read() {
+        assert_eq!(kind("-12"), Kind::Number { value: -12.0, whole: true });
+        assert_eq!(kind("1_000.5e1"), Kind::Number { value: 10_005.0, whole: false });
+        assert_eq!(kind("0x1F"), Kind::Number { value: 31.0, whole: true });
+        assert_eq!(kind(r#""a\"\u{e4}\n""#), Kind::Text("a\"ä\n".into()));
+        assert_eq!(kind(r##"r#"a"b"#"##), Kind::Text("a\"b".into()));
+        assert_eq!(kind("Largest"), Kind::Word("Largest".into()));
+        assert_eq!(kind("true"), Kind::Bool(true));
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_mistakes() {
+        assert_eq!(parse("1e999").1[0].message, "`1e999` is too large for a number");
+        // RON's own words for them are bare words here, and no port or parameter takes them.
+        assert_eq!(kind("NaN"), Kind::Word("NaN".into()));
+    }
+
+    #[test]
+    fn places_are_those_of_the_values_without_the_space_around_them() {
+        let (tree, _) = parse("( a : Near( b: 1 ) , )");
+        let field = &tree.fields().unwrap()[0];
+        assert_eq!(
+            (field.name.span, field.value.span),
+            (Span { start: 2, end: 3 }, Span { start: 6, end: 18 })
+        );
+    }
+
+    #[test]
+    fn an_empty_file_is_a_mistake() {
+        assert_eq!(parse("// nothing\n").1[0].message, "the file is empty");
+    }
+}

@@ -1,0 +1,130 @@
+//! Which files a graph may read, and under which names it may write.
+
+use std::path::{Component, Path, PathBuf};
+
+use super::suggest::nearest;
+
+/// Marks the root of a project.
+const MARKER: &str = "maquette.toml";
+
+/// The nearest folder upwards from a graph's folder that holds `maquette.toml`, else the graph's folder itself.
+pub(crate) fn project_root(folder: &Path) -> PathBuf {
+    let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+    let root = folder.ancestors().find(|above| above.join(MARKER).is_file());
+    root.unwrap_or(&folder).to_owned()
+}
+
+/// Why a file cannot be read, and what to do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum PathProblem {
+    Outside { message: String, help: String },
+    Missing { message: String, help: String },
+}
+
+/// Whether a graph may read `given`, which stands for `resolved`; looks only at names, opens nothing.
+pub(crate) fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), PathProblem> {
+    let outside = |what: &str| PathProblem::Outside {
+        message: format!("`{given}` {what} outside of the project"),
+        help: format!(
+            "move the file into {}, put a {MARKER} into a folder above both, or allow its folder with --root",
+            roots.first().map_or_else(String::new, |root| root.display().to_string())
+        ),
+    };
+    if Path::new(given).is_absolute() {
+        return Err(PathProblem::Outside {
+            message: format!("`{given}` is an absolute path, which leads outside of the project"),
+            help: "write the path relative to the graph's file".into(),
+        });
+    }
+    let inside = |path: &Path| roots.iter().any(|root| path.starts_with(root));
+    if !inside(&without_dots(resolved)) {
+        return Err(outside("lies"));
+    }
+    match std::fs::canonicalize(resolved) {
+        Ok(real) if !inside(&real) => Err(outside("is a link to a file")),
+        Ok(real) if !real.is_file() => Err(PathProblem::Missing {
+            message: format!("`{given}` is not a file"),
+            help: String::new(),
+        }),
+        Ok(_) => Ok(()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(PathProblem::Missing {
+            message: format!("there is no file `{given}`"),
+            help: similar(resolved),
+        }),
+        Err(error) => Err(PathProblem::Missing {
+            message: format!("`{given}` cannot be read: {error}"),
+            help: String::new(),
+        }),
+    }
+}
+
+/// The file in the same folder whose name is nearest.
+fn similar(path: &Path) -> String {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return format!("there is no folder {}", folder.display());
+    };
+    let mut names: Vec<String> =
+        entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort_unstable();
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    nearest(&name, names.iter().map(String::as_str))
+}
+
+/// A path without `.` and `..`, by its text alone.
+pub(crate) fn without_dots(path: &Path) -> PathBuf {
+    let mut clean = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir => {
+                clean.pop();
+            }
+            part => clean.push(part),
+        }
+    }
+    clean
+}
+
+/// Whether an output's name stays in the folder of outputs.
+pub(crate) fn stays_inside(name: &str) -> bool {
+    let normal = |part| matches!(part, Component::Normal(_));
+    !name.is_empty()
+        && !name.contains(['\\', '\0'])
+        && !name.ends_with('/')
+        && Path::new(name).components().all(normal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_leave_the_folder_of_outputs_are_known() {
+        for name in ["a.ply", "renders/a.png", "a..b.ply"] {
+            assert!(stays_inside(name), "{name}");
+        }
+        for name in ["", "../a.ply", "/a.ply", "b/../../a.ply", "a/", "..\\a.ply"] {
+            assert!(!stays_inside(name), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_link_to_a_file_outside_is_outside() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = std::fs::canonicalize(folder.path()).unwrap();
+        let (project, secret) = (root.join("project"), root.join("secret.obj"));
+        std::fs::create_dir(&project).unwrap();
+        std::fs::write(&secret, "").unwrap();
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(&secret, project.join("link.obj")).unwrap();
+        let check =
+            |given: &str| may_read(given, &project.join(given), std::slice::from_ref(&project));
+        assert!(matches!(check("../secret.obj"), Err(PathProblem::Outside { .. })));
+        #[cfg(unix)]
+        assert!(matches!(check("link.obj"), Err(PathProblem::Outside { .. })));
+        assert!(
+            matches!(check("lnik.obj"), Err(PathProblem::Missing { help, .. }) if help.contains("link.obj"))
+        );
+    }
+}

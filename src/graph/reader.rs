@@ -1,0 +1,299 @@
+//! Reads a node's struct from the tree of its call, by serde.
+//!
+//! The schema has been checked before ([`super::schema`]), with every problem of every field; what can still go wrong here is
+//! what only the type itself knows.
+
+use std::fmt;
+
+use serde::de::{self, DeserializeOwned, DeserializeSeed, IntoDeserializer, Visitor};
+
+use super::file::{Body, Field, Kind, Tree};
+use super::schema::{FoundFile, FoundLink};
+use crate::error::Span;
+use crate::node::{FILE, LINK};
+
+/// Gives a node its fields: made by the check, read by [`node`](crate::node()).
+pub struct Reader<'a> {
+    pub(super) tree: &'a Tree,
+    pub(super) links: &'a [FoundLink],
+    pub(super) files: &'a [FoundFile],
+}
+
+/// Why a node's fields cannot be read, and where.
+#[derive(Debug)]
+pub(crate) struct ReadError {
+    pub(super) span: Option<Span>,
+    pub(super) message: String,
+}
+
+impl fmt::Display for ReadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for ReadError {}
+
+impl de::Error for ReadError {
+    fn custom<T: fmt::Display>(message: T) -> Self {
+        Self { span: None, message: message.to_string() }
+    }
+}
+
+impl Reader<'_> {
+    pub(crate) fn read<T: DeserializeOwned>(&self) -> Result<T, ReadError> {
+        T::deserialize(Value { tree: self.tree, reader: self })
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Value<'a> {
+    tree: &'a Tree,
+    reader: &'a Reader<'a>,
+}
+
+impl<'a> Value<'a> {
+    fn at(self, tree: &'a Tree) -> Self {
+        Self { tree, ..self }
+    }
+
+    /// Gives an error its place, unless something inside has done so.
+    fn place<T>(self, result: Result<T, ReadError>) -> Result<T, ReadError> {
+        result.map_err(|error| ReadError { span: error.span.or(Some(self.tree.span)), ..error })
+    }
+
+    fn fields<'de, V: Visitor<'de>>(
+        self,
+        fields: &[Field],
+        visitor: V,
+    ) -> Result<V::Value, ReadError> {
+        visitor.visit_map(Fields { value: self, fields, next: 0 })
+    }
+
+    fn items<'de, V: Visitor<'de>>(
+        self,
+        items: &[Tree],
+        visitor: V,
+    ) -> Result<V::Value, ReadError> {
+        visitor.visit_seq(Items { value: self, items })
+    }
+
+    fn body<'de, V: Visitor<'de>>(self, body: &Body, visitor: V) -> Result<V::Value, ReadError> {
+        match body {
+            Body::Empty => self.fields(&[], visitor),
+            Body::Fields(fields) => self.fields(fields, visitor),
+            Body::Items(items) => self.items(items, visitor),
+        }
+    }
+
+    fn any<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        match &self.tree.kind {
+            Kind::Number { value, whole: true } => visitor.visit_i64(*value as i64),
+            Kind::Number { value, .. } => visitor.visit_f64(*value),
+            Kind::Bool(value) => visitor.visit_bool(*value),
+            Kind::Text(text) | Kind::Word(text) => visitor.visit_str(text),
+            Kind::Call { body, .. } => self.body(body, visitor),
+            Kind::List(items) => self.items(items, visitor),
+            Kind::Map(entries) => visitor.visit_map(Entries { value: self, entries, next: 0 }),
+            Kind::Broken => Err(de::Error::custom("unreadable")),
+        }
+    }
+}
+
+macro_rules! integers {
+    ($($method:ident),+) => {
+        $(fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+            match self.tree.kind {
+                Kind::Number { value, .. } if value.fract() == 0.0 => {
+                    self.place(visitor.visit_i64(value as i64))
+                }
+                _ => self.deserialize_any(visitor),
+            }
+        })+
+    };
+}
+
+impl<'de> de::Deserializer<'de> for Value<'_> {
+    type Error = ReadError;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        self.place(self.any(visitor))
+    }
+
+    integers!(
+        deserialize_i8,
+        deserialize_i16,
+        deserialize_i32,
+        deserialize_i64,
+        deserialize_u8,
+        deserialize_u16,
+        deserialize_u32,
+        deserialize_u64
+    );
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        match &self.tree.kind {
+            Kind::Word(word) if word == "None" => visitor.visit_none(),
+            _ => match self.tree.call_of("Some") {
+                Some(inner) => visitor.visit_some(self.at(inner)),
+                None => visitor.visit_some(self),
+            },
+        }
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        name: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, ReadError> {
+        match name {
+            LINK => {
+                let slot = self.reader.links.iter().position(|link| link.span == self.tree.span);
+                let slot = slot.ok_or_else(|| de::Error::custom("this link was not found"));
+                self.place(slot.and_then(|slot| visitor.visit_u64(slot as u64)))
+            }
+            FILE => match self.reader.files.iter().find(|file| file.span == self.tree.span) {
+                Some(file) => {
+                    let paths = [file.given.clone(), file.resolved.to_string_lossy().into_owned()];
+                    visitor.visit_seq(de::value::SeqDeserializer::new(paths.into_iter()))
+                }
+                None => self.deserialize_any(visitor),
+            },
+            _ => visitor.visit_newtype_struct(self),
+        }
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, ReadError> {
+        let Some(name) = self.tree.name() else {
+            return self.place(Err(de::Error::custom("this wants a name")));
+        };
+        self.place(visitor.visit_enum(Variant { value: self, name: name.text }))
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool f32 f64 char str string bytes byte_buf unit unit_struct seq tuple tuple_struct map struct
+        identifier ignored_any i128 u128
+    }
+}
+
+struct Items<'a> {
+    value: Value<'a>,
+    items: &'a [Tree],
+}
+
+impl<'de> de::SeqAccess<'de> for Items<'_> {
+    type Error = ReadError;
+
+    fn next_element_seed<T: DeserializeSeed<'de>>(
+        &mut self,
+        seed: T,
+    ) -> Result<Option<T::Value>, ReadError> {
+        let Some((first, rest)) = self.items.split_first() else { return Ok(None) };
+        self.items = rest;
+        seed.deserialize(self.value.at(first)).map(Some)
+    }
+}
+
+struct Fields<'a> {
+    value: Value<'a>,
+    fields: &'a [Field],
+    next: usize,
+}
+
+impl<'de> de::MapAccess<'de> for Fields<'_> {
+    type Error = ReadError;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(
+        &mut self,
+        seed: K,
+    ) -> Result<Option<K::Value>, ReadError> {
+        let Some(field) = self.fields.get(self.next) else { return Ok(None) };
+        seed.deserialize(field.name.text.as_str().into_deserializer()).map(Some)
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, ReadError> {
+        let field = &self.fields[self.next];
+        self.next += 1;
+        let value = self.value.at(&field.value);
+        value.place(seed.deserialize(value))
+    }
+}
+
+struct Entries<'a> {
+    value: Value<'a>,
+    entries: &'a [(Tree, Tree)],
+    next: usize,
+}
+
+impl<'de> de::MapAccess<'de> for Entries<'_> {
+    type Error = ReadError;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(
+        &mut self,
+        seed: K,
+    ) -> Result<Option<K::Value>, ReadError> {
+        let Some((key, _)) = self.entries.get(self.next) else { return Ok(None) };
+        seed.deserialize(self.value.at(key)).map(Some)
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, ReadError> {
+        let (_, value) = &self.entries[self.next];
+        self.next += 1;
+        seed.deserialize(self.value.at(value))
+    }
+}
+
+struct Variant<'a> {
+    value: Value<'a>,
+    name: String,
+}
+
+impl<'de, 'a> de::EnumAccess<'de> for Variant<'a> {
+    type Error = ReadError;
+    type Variant = Value<'a>;
+
+    fn variant_seed<V: DeserializeSeed<'de>>(
+        self,
+        seed: V,
+    ) -> Result<(V::Value, Value<'a>), ReadError> {
+        let variant = seed.deserialize(self.name.into_deserializer())?;
+        Ok((variant, self.value))
+    }
+}
+
+impl<'de> de::VariantAccess<'de> for Value<'_> {
+    type Error = ReadError;
+
+    fn unit_variant(self) -> Result<(), ReadError> {
+        Ok(())
+    }
+
+    fn newtype_variant_seed<T: DeserializeSeed<'de>>(self, seed: T) -> Result<T::Value, ReadError> {
+        match &self.tree.kind {
+            Kind::Call { body: Body::Items(items), .. } if items.len() == 1 => {
+                seed.deserialize(self.at(&items[0]))
+            }
+            _ => Err(de::Error::custom("this wants one value in parentheses")),
+        }
+    }
+
+    fn tuple_variant<V: Visitor<'de>>(self, _: usize, visitor: V) -> Result<V::Value, ReadError> {
+        self.place(self.any(visitor))
+    }
+
+    fn struct_variant<V: Visitor<'de>>(
+        self,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, ReadError> {
+        match &self.tree.kind {
+            Kind::Call { body, .. } => self.body(body, visitor),
+            _ => self.fields(&[], visitor),
+        }
+    }
+}

@@ -1,0 +1,430 @@
+//! Checks a value of the file against the JSON schema of the field that it is for, and collects links and files on the way.
+//!
+//! Every problem is found, each at its own place, before serde reads the value.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value as Json};
+
+use super::file::{Body, Field, Kind, Name, Origin, Tree};
+use super::suggest::nearest_or_all;
+use super::with_article;
+use crate::error::{Span, code};
+use crate::value::Color;
+
+/// A link that a port holds.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct FoundLink {
+    pub(crate) span: Span,
+    /// `node` or `node.output`.
+    pub(crate) text: String,
+    /// The field that holds it.
+    pub(crate) port: String,
+    /// The value or union that the port wants.
+    pub(crate) wants: String,
+    /// The values that fit.
+    pub(crate) types: Vec<String>,
+}
+
+/// A file that a field names.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct FoundFile {
+    pub(crate) span: Span,
+    pub(crate) given: String,
+    pub(crate) resolved: PathBuf,
+}
+
+/// A problem without its file.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Finding {
+    pub(crate) code: &'static str,
+    pub(crate) span: Span,
+    pub(crate) message: String,
+    pub(crate) help: String,
+    pub(crate) note: Option<(Span, String)>,
+}
+
+/// Checks one node against its schema.
+pub(crate) struct Walk<'a> {
+    /// The node's name, for messages.
+    pub(crate) node: &'a str,
+    /// The schema of the node, which holds the definitions that others refer to.
+    pub(crate) root: &'a Json,
+    /// The folder that paths are relative to.
+    pub(crate) folder: &'a Path,
+    pub(crate) findings: Vec<Finding>,
+    pub(crate) links: Vec<FoundLink>,
+    pub(crate) files: Vec<FoundFile>,
+}
+
+impl Walk<'_> {
+    /// Checks the call of the node itself.
+    pub(crate) fn node(&mut self, tree: &Tree) {
+        let (root, node) = (self.root, self.node);
+        match &tree.kind {
+            Kind::Word(_) => {
+                let help = format!("write `{node}()` for a node without fields");
+                self.find(code::WRONG_VALUE, tree, format!("{node} has no parentheses"), help);
+            }
+            Kind::Call { body: Body::Items(_), .. } => {
+                let help = format!("write `{node}(field: value, ..)`");
+                self.find(code::WRONG_VALUE, tree, format!("{node} wants named fields"), help);
+            }
+            _ => self.fields(tree, root, node),
+        }
+    }
+
+    fn find(&mut self, code: &'static str, tree: &Tree, message: String, help: impl Into<String>) {
+        let note = match &tree.origin {
+            Some(Origin::Default(span)) => Some((*span, "the value comes from here".to_owned())),
+            Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
+            None => None,
+        };
+        self.findings.push(Finding { code, span: tree.span, message, help: help.into(), note });
+    }
+
+    /// The schema behind a reference, with what stands beside the reference on top.
+    fn resolve(&self, schema: &Json) -> Json {
+        let Some(target) = schema.get("$ref").and_then(Json::as_str) else { return schema.clone() };
+        let name = target.rsplit('/').next().unwrap_or_default();
+        let mut resolved = self.root["$defs"][name].clone();
+        if let (Some(resolved), Some(beside)) = (resolved.as_object_mut(), schema.as_object()) {
+            for (key, value) in beside.iter().filter(|(key, _)| *key != "$ref") {
+                resolved.insert(key.clone(), value.clone());
+            }
+        }
+        resolved
+    }
+
+    /// Checks the value of the field `field`.
+    fn value(&mut self, tree: &Tree, schema: &Json, field: &str) {
+        if tree.is_broken() {
+            return;
+        }
+        let schema = self.resolve(schema);
+        if schema.get("port").is_some() {
+            return self.link(tree, &schema, field);
+        }
+        if let Some(inner) = inside_option(&schema) {
+            return match &tree.kind {
+                Kind::Word(word) if word == "None" => {}
+                _ => self.value(tree.call_of("Some").unwrap_or(tree), &inner, field),
+            };
+        }
+        let variants = variants(&schema);
+        if !variants.is_empty() {
+            return self.variant(tree, &variants, field);
+        }
+        match schema.get("type").and_then(Json::as_str) {
+            Some("object") if schema.get("properties").is_some() => match tree.kind {
+                Kind::Call { name: None, .. } => self.fields(tree, &schema, field),
+                _ => self.wrong(tree, field, "a group of fields: `(field: value, ..)`"),
+            },
+            Some("object") => self.map(tree, &schema, field),
+            Some("array") => self.array(tree, &schema, field),
+            Some("number" | "integer") => self.number(tree, &schema, field),
+            Some("boolean") if !matches!(tree.kind, Kind::Bool(_)) => {
+                self.wrong(tree, field, "true or false");
+            }
+            Some("string") => self.text(tree, &schema, field),
+            _ => {}
+        }
+    }
+
+    fn wrong(&mut self, tree: &Tree, field: &str, wanted: &str) {
+        let message =
+            format!("field `{field}` of {} wants {wanted}, not {}", self.node, tree.in_words());
+        let help = match (&tree.kind, wanted) {
+            (Kind::Text(text), _) if wanted.starts_with("a number") => {
+                format!(
+                    "parameters take values; for a parameter of the graph write Param(\"{text}\")"
+                )
+            }
+            _ => String::new(),
+        };
+        self.find(code::WRONG_VALUE, tree, message, help);
+    }
+
+    fn fields(&mut self, tree: &Tree, schema: &Json, owner: &str) {
+        let empty = Map::new();
+        let properties = schema.get("properties").and_then(Json::as_object).unwrap_or(&empty);
+        let Some(fields) = tree.fields() else {
+            return self.wrong(tree, owner, "named fields: `(field: value, ..)`");
+        };
+        let names: Vec<&str> = properties.keys().map(String::as_str).collect();
+        for (index, Field { name, value }) in fields.iter().enumerate() {
+            let at_name = Tree::new(name.span, Kind::Broken);
+            if fields[..index].iter().any(|before| before.name.text == name.text) {
+                let message = format!("field `{}` is given twice", name.text);
+                self.find(code::BAD_NAME, &at_name, message, "keep one of them");
+            } else if let Some(schema) = properties.get(&name.text) {
+                self.value(value, schema, &name.text);
+            } else {
+                let message = format!("{owner} has no field `{}`", name.text);
+                let help = nearest_or_all(&name.text, "its fields", &names);
+                self.find(code::UNKNOWN_FIELD, &at_name, message, help);
+            }
+        }
+        let required = schema.get("required").and_then(Json::as_array).into_iter().flatten();
+        for name in required.filter_map(Json::as_str) {
+            if fields.iter().any(|field| field.name.text == name) {
+                continue;
+            }
+            let (message, help) = match properties.get(name).and_then(|schema| schema.get("port")) {
+                Some(Json::String(wants)) => (
+                    format!("{owner} needs a link at its port `{name}`"),
+                    format!(
+                        "write `{name}: \"node\"` with a node that gives {}",
+                        with_article(wants)
+                    ),
+                ),
+                _ => (format!("{owner} needs a field `{name}`"), format!("write `{name}: ..`")),
+            };
+            self.find(code::MISSING_FIELD, tree, message, help);
+        }
+    }
+
+    fn link(&mut self, tree: &Tree, schema: &Json, field: &str) {
+        let wants = schema["port"].as_str().unwrap_or_default().to_owned();
+        let Some(text) = tree.text() else {
+            let message =
+                format!("port `{field}` of {} wants a link, not {}", self.node, tree.in_words());
+            let help =
+                format!("write the name of a node that gives {}: \"node\"", with_article(&wants));
+            return self.find(code::WRONG_VALUE, tree, message, help);
+        };
+        let types = schema["types"].as_array().into_iter().flatten();
+        self.links.push(FoundLink {
+            span: tree.span,
+            text: text.to_owned(),
+            port: field.to_owned(),
+            wants,
+            types: types.filter_map(Json::as_str).map(str::to_owned).collect(),
+        });
+    }
+
+    fn variant(&mut self, tree: &Tree, variants: &[(String, Option<Json>)], field: &str) {
+        let names: Vec<&str> = variants.iter().map(|(name, _)| name.as_str()).collect();
+        let Some(name) = tree.name() else {
+            return self.wrong(tree, field, &format!("one of {}", names.join(", ")));
+        };
+        let Some((_, content)) = variants.iter().find(|(known, _)| *known == name.text) else {
+            let message = format!("field `{field}` of {} has no choice `{}`", self.node, name.text);
+            let help = nearest_or_all(&name.text, "its choices", &names);
+            let at_name = Tree { span: name.span, ..tree.clone() };
+            return self.find(code::WRONG_VALUE, &at_name, message, help);
+        };
+        let Some(content) = content else {
+            if tree.fields().is_some_and(|fields| !fields.is_empty())
+                || tree.fields().is_none() && !matches!(tree.kind, Kind::Word(_))
+            {
+                self.wrong(tree, field, &format!("`{}` without parentheses", name.text));
+            }
+            return;
+        };
+        let content = self.resolve(content);
+        let is_struct = content.get("properties").is_some();
+        let is_tuple = content.get("prefixItems").is_some();
+        match &tree.kind {
+            Kind::Word(_) if is_struct => {
+                let call = Kind::Call { name: None, body: Body::Empty };
+                self.fields(&Tree { kind: call, ..tree.clone() }, &content, &name.text);
+            }
+            _ if is_struct => self.fields(tree, &content, &name.text),
+            _ if is_tuple => self.array(tree, &content, field),
+            Kind::Call { body: Body::Items(items), .. } if items.len() == 1 => {
+                self.value(&items[0], &content, field);
+            }
+            _ => self.wrong(tree, field, &format!("one value: `{}(..)`", name.text)),
+        }
+    }
+
+    fn map(&mut self, tree: &Tree, schema: &Json, field: &str) {
+        let Kind::Map(entries) = &tree.kind else {
+            return self.wrong(tree, field, "a map: `{\"key\": value, ..}`");
+        };
+        if let Some(content) = schema.get("additionalProperties") {
+            entries.iter().for_each(|(_, value)| self.value(value, content, field));
+        }
+    }
+
+    fn array(&mut self, tree: &Tree, schema: &Json, field: &str) {
+        let fixed = schema.get("prefixItems").and_then(Json::as_array);
+        let least = schema.get("minItems").and_then(Json::as_u64);
+        let most = schema.get("maxItems").and_then(Json::as_u64);
+        let is_tuple = fixed.is_some() || (least.is_some() && least == most);
+        let items: &[Tree] = match &tree.kind {
+            Kind::List(items) => items,
+            Kind::Call { body: Body::Items(items), .. } if is_tuple => items,
+            _ if is_tuple => {
+                let count = least.unwrap_or_default();
+                return self.wrong(tree, field, &format!("{count} values in parentheses"));
+            }
+            _ => return self.wrong(tree, field, "a list: `[.., ..]`"),
+        };
+        let count = items.len() as u64;
+        if least.is_some_and(|least| count < least) || most.is_some_and(|most| most < count) {
+            let wanted = match (least, most) {
+                (Some(least), Some(most)) if least == most => format!("{least} values"),
+                (Some(least), _) if count < least => format!("at least {least} values"),
+                (_, most) => format!("at most {} values", most.unwrap_or_default()),
+            };
+            let message = format!("field `{field}` of {} wants {wanted}, not {count}", self.node);
+            return self.find(code::WRONG_VALUE, tree, message, "");
+        }
+        for (index, item) in items.iter().enumerate() {
+            let schema = fixed.and_then(|fixed| fixed.get(index)).or_else(|| schema.get("items"));
+            if let Some(schema) = schema {
+                self.value(item, schema, field);
+            }
+        }
+    }
+
+    fn number(&mut self, tree: &Tree, schema: &Json, field: &str) {
+        let whole = schema.get("type").and_then(Json::as_str) == Some("integer");
+        let Kind::Number { value, .. } = tree.kind else {
+            let wanted = if whole { "a number without fraction" } else { "a number" };
+            return self.wrong(tree, field, wanted);
+        };
+        if whole && value.fract() != 0.0 {
+            return self.wrong(tree, field, "a number without fraction");
+        }
+        let limit = |name: &str| schema.get(name).and_then(Json::as_f64);
+        let (min, max) = (limit("minimum"), limit("maximum"));
+        let (above, below) = (limit("exclusiveMinimum"), limit("exclusiveMaximum"));
+        let fits = min.is_none_or(|min| min <= value)
+            && max.is_none_or(|max| value <= max)
+            && above.is_none_or(|above| above < value)
+            && below.is_none_or(|below| value < below);
+        if !fits {
+            let lowest = min.map(|min| format!("at least {min}"));
+            let lowest = lowest.or_else(|| above.map(|above| format!("greater than {above}")));
+            let highest = max.map(|max| format!("at most {max}"));
+            let highest = highest.or_else(|| below.map(|below| format!("less than {below}")));
+            let range: Vec<String> = lowest.into_iter().chain(highest).collect();
+            let unit = schema.get("unit").and_then(Json::as_str);
+            let unit = unit.map_or_else(String::new, |unit| format!(" {unit}"));
+            let message = format!(
+                "field `{field}` of {} is {value}{unit}, but must be {}{unit}",
+                self.node,
+                range.join(" and ")
+            );
+            self.find(code::OUT_OF_RANGE, tree, message, "");
+        }
+    }
+
+    fn text(&mut self, tree: &Tree, schema: &Json, field: &str) {
+        let Some(text) = tree.text() else {
+            return self.wrong(tree, field, "a text in double quotes");
+        };
+        match schema.get("format").and_then(Json::as_str) {
+            Some("color") => {
+                if let Err(error) = text.parse::<Color>() {
+                    let message = format!("field `{field}` of {}: {error}", self.node);
+                    self.find(code::WRONG_VALUE, tree, message, "");
+                }
+            }
+            Some("file") if text.is_empty() && schema.get("default").is_some() => {}
+            Some("file") if text.is_empty() => {
+                let message = format!("field `{field}` of {} names no file", self.node);
+                self.find(code::MISSING_FILE, tree, message, "write the path of a file");
+            }
+            Some("file") => self.files.push(FoundFile {
+                span: tree.span,
+                given: text.to_owned(),
+                resolved: self.folder.join(text),
+            }),
+            _ => {}
+        }
+    }
+}
+
+/// What is wrong with a default, by the field's own schema.
+pub(crate) fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<String> {
+    let mut walk = Walk {
+        node: "the node",
+        root,
+        folder: Path::new("."),
+        findings: Vec::new(),
+        links: Vec::new(),
+        files: Vec::new(),
+    };
+    if !default.is_null() {
+        walk.value(&as_tree(default), field, "default");
+    }
+    walk.findings.into_iter().map(|finding| finding.message).collect()
+}
+
+/// A JSON value as the file would have it: an object of one capitalized key is a choice with its content.
+fn as_tree(value: &Json) -> Tree {
+    let fields = |fields: &Map<String, Json>| {
+        let field = |(name, value): (&String, &Json)| Field {
+            name: Name { text: name.clone(), span: Span::default() },
+            value: as_tree(value),
+        };
+        Body::Fields(fields.iter().map(field).collect())
+    };
+    let is_choice = |name: &str| name.starts_with(|c: char| c.is_ascii_uppercase());
+    let kind = match value {
+        Json::Null => Kind::Word("None".into()),
+        Json::Bool(value) => Kind::Bool(*value),
+        Json::Number(number) => {
+            Kind::Number { value: number.as_f64().unwrap_or(f64::NAN), whole: !number.is_f64() }
+        }
+        Json::String(word) if is_choice(word) => Kind::Word(word.clone()),
+        Json::String(text) => Kind::Text(text.clone()),
+        Json::Array(items) => Kind::List(items.iter().map(as_tree).collect()),
+        Json::Object(entries) => match entries.iter().next() {
+            Some((name, content)) if entries.len() == 1 && is_choice(name) => {
+                let name = Some(Name { text: name.clone(), span: Span::default() });
+                let body = match content {
+                    Json::Object(content) => fields(content),
+                    Json::Array(items) => Body::Items(items.iter().map(as_tree).collect()),
+                    other => Body::Items(vec![as_tree(other)]),
+                };
+                Kind::Call { name, body }
+            }
+            _ => Kind::Call { name: None, body: fields(entries) },
+        },
+    };
+    Tree::new(Span::default(), kind)
+}
+
+/// The schema inside an `Option`, if it is one.
+pub(crate) fn inside_option(schema: &Json) -> Option<Json> {
+    let is_null = |schema: &Json| schema.get("type").and_then(Json::as_str) == Some("null");
+    if let Some(any) = schema.get("anyOf").and_then(Json::as_array) {
+        let inner: Vec<&Json> = any.iter().filter(|schema| !is_null(schema)).collect();
+        return match inner[..] {
+            [inner] if any.len() == 2 => Some(inner.clone()),
+            _ => None,
+        };
+    }
+    let types = schema.get("type").and_then(Json::as_array)?;
+    let inner = types.iter().find(|kind| kind.as_str() != Some("null"))?;
+    let mut schema = schema.clone();
+    schema["type"] = inner.clone();
+    if let Some(Json::Array(choices)) = schema.get_mut("enum") {
+        choices.retain(|choice| !choice.is_null());
+    }
+    Some(schema)
+}
+
+/// The choices of an enum: names, and the schema of what stands in parentheses behind them.
+pub(crate) fn variants(schema: &Json) -> Vec<(String, Option<Json>)> {
+    let words = |schema: &Json| -> Vec<String> {
+        let one = schema.get("const").into_iter();
+        let several = schema.get("enum").and_then(Json::as_array).into_iter().flatten();
+        one.chain(several).filter_map(Json::as_str).map(str::to_owned).collect()
+    };
+    let Some(choices) = schema.get("oneOf").and_then(Json::as_array) else {
+        return words(schema).into_iter().map(|word| (word, None)).collect();
+    };
+    let mut variants = Vec::new();
+    for choice in choices {
+        variants.extend(words(choice).into_iter().map(|word| (word, None)));
+        let content = choice.get("properties").and_then(Json::as_object).into_iter().flatten();
+        variants.extend(content.map(|(name, content)| (name.clone(), Some(content.clone()))));
+    }
+    variants
+}

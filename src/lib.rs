@@ -1,0 +1,25 @@
+//! A node-based geometry graph for redesigning scanned objects: the engine and its values.
+
+pub mod cli;
+pub mod conformance;
+pub mod format;
+pub mod render;
+pub mod value;
+
+mod catalog;
+mod error;
+mod eval;
+mod graph;
+mod node;
+mod pack;
+
+pub use catalog::Catalog;
+pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
+pub use eval::{Evaluation, Evaluator, NodeTrace, Observer, State, ThreadsError, Trace};
+pub use graph::{Checked, Graph, Options, Reader};
+pub use node::{
+    CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
+    ReadError, node,
+};
+pub use pack::{FileFormat, Format, NewFile, Pack, format};
+pub use value::{AnyValue, Encoder, Hash, Summary, Value, ValueType, hash_of, value_type};

@@ -1,0 +1,524 @@
+//! What a step is: a struct whose fields are its ports and parameters, and a pure function from inputs to outputs.
+
+use std::any::type_name;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use serde_json::json;
+
+use crate::error::{Cancelled, Error};
+use crate::graph::Reader;
+use crate::value::{AnyValue, Hash, Value, ValueType, hash_of, value_type};
+
+/// One step of a graph, and its whole description.
+///
+/// A field of type [`In<T>`], `Option<In<T>>` or `Vec<In<T>>` is a port, a field of type [`FilePath`] a file to read, every
+/// other field a parameter. The doc comments of the type and its fields are the user's manual.
+pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'static {
+    /// What it gives: a tuple of values.
+    type Outputs: Outputs;
+
+    /// The names of its outputs, the first being the one that a link without a name means.
+    const OUTPUTS: <Self::Outputs as Outputs>::Names;
+
+    /// Files that it reads if they are there, beside those that its fields name.
+    fn files(&self) -> Vec<FilePath> {
+        Vec::new()
+    }
+
+    /// Computes the outputs: a pure function of the parameters, the inputs and the files, the same bytes for any number of
+    /// threads.
+    ///
+    /// # Errors
+    /// Whatever is wrong with the inputs; the message says what, not where.
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error>;
+}
+
+/// A type that a port takes or an output gives: a [`Value`], or a [`union`](crate::union) of some.
+pub trait PortType: Sized + 'static {
+    /// The name of the value or of the union.
+    const NAME: &'static str;
+
+    /// What [`Context::get`] gives: `&T` for a value, the union itself for a union.
+    type Ref<'a>;
+
+    /// The values that fit.
+    fn types() -> Vec<&'static ValueType>;
+
+    /// The value as this type, if it fits.
+    fn get(value: &AnyValue) -> Option<Self::Ref<'_>>;
+
+    /// The value for a link.
+    fn into_any(self) -> AnyValue;
+}
+
+impl<T: Value> PortType for T {
+    const NAME: &'static str = T::NAME;
+
+    type Ref<'a> = &'a T;
+
+    fn types() -> Vec<&'static ValueType> {
+        vec![value_type::<T>()]
+    }
+
+    fn get(value: &AnyValue) -> Option<&T> {
+        value.get()
+    }
+
+    fn into_any(self) -> AnyValue {
+        AnyValue::new(self)
+    }
+}
+
+/// Declares a union of values, for a port that takes one of several types:
+/// `union! { /// Doc. pub enum Solid { Mesh(Mesh), Surface(Surface) } }`.
+///
+/// An output of the same union has the type that came in.
+#[macro_export]
+macro_rules! union {
+    ($(#[$doc:meta])* $vis:vis enum $name:ident { $($variant:ident($value:ty)),+ $(,)? }) => {
+        $(#[$doc])*
+        #[derive(Clone, Debug)]
+        $vis enum $name {
+            $(#[doc = concat!("A `", stringify!($variant), "`.")] $variant($value)),+
+        }
+
+        impl $crate::PortType for $name {
+            const NAME: &'static str = stringify!($name);
+
+            type Ref<'a> = Self;
+
+            fn types() -> Vec<&'static $crate::ValueType> {
+                vec![$($crate::value_type::<$value>()),+]
+            }
+
+            fn get(value: &$crate::AnyValue) -> Option<Self> {
+                $(if let Some(value) = value.get::<$value>() {
+                    return Some(Self::$variant(value.clone()));
+                })+
+                None
+            }
+
+            fn into_any(self) -> $crate::AnyValue {
+                match self {
+                    $(Self::$variant(value) => $crate::AnyValue::new(value)),+
+                }
+            }
+        }
+    };
+}
+
+/// The outputs of a node: a tuple of one to four values.
+pub trait Outputs: Sized + 'static {
+    /// One name per output: `[&'static str; N]`.
+    type Names: AsRef<[&'static str]>;
+
+    /// The type of each output: the name of a value or union, and the values it may be.
+    fn types() -> Vec<(&'static str, Vec<&'static ValueType>)>;
+
+    /// The values for links, in order.
+    fn into_any(self) -> Vec<AnyValue>;
+}
+
+macro_rules! outputs {
+    ($count:literal: $($type:ident $index:tt),+) => {
+        impl<$($type: PortType),+> Outputs for ($($type,)+) {
+            type Names = [&'static str; $count];
+
+            fn types() -> Vec<(&'static str, Vec<&'static ValueType>)> {
+                vec![$(($type::NAME, $type::types())),+]
+            }
+
+            fn into_any(self) -> Vec<AnyValue> {
+                vec![$(self.$index.into_any()),+]
+            }
+        }
+    };
+}
+
+outputs!(1: A 0);
+outputs!(2: A 0, B 1);
+outputs!(3: A 0, B 1, C 2);
+outputs!(4: A 0, B 1, C 2, D 3);
+
+/// Keys of the JSON objects that stand for links and files in a node's serialized parameters. No parameter has such a key,
+/// because a field's name has no dollar sign.
+pub(crate) const LINK: &str = "$link";
+pub(crate) const FILE: &str = "$file";
+
+/// A port: takes a link to a `T`.
+pub struct In<T> {
+    slot: usize,
+    marker: PhantomData<fn() -> T>,
+}
+
+impl<T> Clone for In<T> {
+    fn clone(&self) -> Self {
+        Self { slot: self.slot, marker: PhantomData }
+    }
+}
+
+impl<T> fmt::Debug for In<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "In({})", self.slot)
+    }
+}
+
+impl<T> Serialize for In<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        BTreeMap::from([(LINK, self.slot)]).serialize(serializer)
+    }
+}
+
+impl<'de, T> Deserialize<'de> for In<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Slot;
+        impl<'de> de::Visitor<'de> for Slot {
+            type Value = usize;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a link")
+            }
+
+            fn visit_u64<E: de::Error>(self, slot: u64) -> Result<usize, E> {
+                usize::try_from(slot).map_err(E::custom)
+            }
+        }
+        let slot = deserializer.deserialize_newtype_struct(LINK, Slot)?;
+        Ok(Self { slot, marker: PhantomData })
+    }
+}
+
+impl<T: PortType> JsonSchema for In<T> {
+    fn schema_name() -> Cow<'static, str> {
+        format!("In<{}>", T::NAME).into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let types = Vec::from_iter(T::types().iter().map(|kind| kind.name));
+        json_schema!({ "port": T::NAME, "types": types })
+    }
+}
+
+/// A file that a node reads: a path relative to the graph's file. Empty means none.
+///
+/// The evaluator reads it; its content, not its path, is part of the node's key.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FilePath {
+    given: String,
+    resolved: PathBuf,
+}
+
+impl FilePath {
+    /// Whether no file is named.
+    pub fn is_empty(&self) -> bool {
+        self.given.is_empty()
+    }
+
+    /// The path as the graph has it.
+    pub fn given(&self) -> &str {
+        &self.given
+    }
+
+    /// The file of that name in the same folder.
+    #[must_use]
+    pub fn beside(&self, name: &str) -> Self {
+        let given = Path::new(&self.given).with_file_name(name);
+        Self {
+            given: given.to_string_lossy().into_owned(),
+            resolved: self.resolved.with_file_name(name),
+        }
+    }
+
+    pub(crate) fn resolved(&self) -> &Path {
+        &self.resolved
+    }
+}
+
+impl Serialize for FilePath {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if self.is_empty() {
+            return "".serialize(serializer);
+        }
+        json!({ FILE: self.resolved.to_string_lossy() }).serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for FilePath {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Paths;
+        impl<'de> de::Visitor<'de> for Paths {
+            type Value = FilePath;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a path")
+            }
+
+            fn visit_str<E: de::Error>(self, path: &str) -> Result<FilePath, E> {
+                Ok(FilePath { given: path.to_owned(), resolved: path.into() })
+            }
+
+            fn visit_seq<A: de::SeqAccess<'de>>(self, mut paths: A) -> Result<FilePath, A::Error> {
+                let mut next =
+                    || paths.next_element::<String>()?.ok_or_else(|| de::Error::custom("no path"));
+                Ok(FilePath { given: next()?, resolved: next()?.into() })
+            }
+        }
+        deserializer.deserialize_newtype_struct(FILE, Paths)
+    }
+}
+
+impl JsonSchema for FilePath {
+    fn schema_name() -> Cow<'static, str> {
+        "FilePath".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "format": "file" })
+    }
+}
+
+/// A file that the evaluator has read for a node.
+#[derive(Clone, Debug)]
+pub struct File {
+    pub(crate) name: String,
+    pub(crate) bytes: Arc<[u8]>,
+    pub(crate) hash: Hash,
+}
+
+impl File {
+    /// The path as the graph has it, for messages.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its content.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// What stands behind the last dot of its name, in lower case; empty if nothing does.
+    pub fn ending(&self) -> String {
+        ending(Path::new(&self.name))
+    }
+}
+
+pub(crate) fn ending(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
+}
+
+/// A file could not be read.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("cannot read {name}: {reason}")]
+pub struct ReadError {
+    pub(crate) name: String,
+    pub(crate) reason: String,
+}
+
+/// How far a node is, and whether it should stop.
+#[derive(Clone, Default)]
+pub struct Progress<'a> {
+    pub(crate) report: Option<&'a (dyn Fn(f64) + Sync)>,
+    pub(crate) cancel: Option<&'a CancelToken>,
+}
+
+impl Progress<'_> {
+    /// Nobody listens and nobody stops it: for calling an algorithm without a graph.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// Says that this share of the work (0 to 1) is done. Call it at least every 50 ms.
+    ///
+    /// # Errors
+    /// If the evaluation was told to stop.
+    pub fn tick(&self, share: f64) -> Result<(), Cancelled> {
+        if self.cancel.is_some_and(CancelToken::is_cancelled) {
+            return Err(Cancelled);
+        }
+        if let Some(report) = self.report {
+            report(share);
+        }
+        Ok(())
+    }
+}
+
+/// Tells an evaluation to stop.
+#[derive(Clone, Debug, Default)]
+pub struct CancelToken(Arc<std::sync::atomic::AtomicBool>);
+
+impl CancelToken {
+    /// Stops every evaluation that holds this token.
+    pub fn cancel(&self) {
+        self.0.store(true, std::sync::atomic::Ordering::Relaxed);
+    }
+
+    /// Whether somebody did.
+    pub fn is_cancelled(&self) -> bool {
+        self.0.load(std::sync::atomic::Ordering::Relaxed)
+    }
+}
+
+/// Where memoized results live.
+pub(crate) trait Memos: Sync {
+    fn find(&self, key: Hash) -> Option<AnyValue>;
+    fn keep(&self, key: Hash, value: &AnyValue);
+}
+
+/// What a node sees of the world while it is evaluated.
+pub struct Context<'a> {
+    pub(crate) inputs: &'a [AnyValue],
+    pub(crate) files: &'a BTreeMap<PathBuf, Option<File>>,
+    pub(crate) progress: Progress<'a>,
+    pub(crate) memos: Option<&'a dyn Memos>,
+    pub(crate) warnings: Mutex<Vec<String>>,
+}
+
+impl Context<'_> {
+    /// The value at a port.
+    pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
+        let value = &self.inputs[port.slot];
+        T::get(value).unwrap_or_else(|| {
+            panic!("a {value:?} came to a port for {}; the check lets no such graph run", T::NAME)
+        })
+    }
+
+    /// A file that a field of the node names.
+    ///
+    /// # Errors
+    /// If the file is not there or cannot be read.
+    pub fn file(&self, path: &FilePath) -> Result<&File, Error> {
+        match self.files.get(path.resolved()) {
+            Some(Some(file)) => Ok(file),
+            _ => Err(ReadError { name: path.given.clone(), reason: "no such file".into() }.into()),
+        }
+    }
+
+    /// A file that the node may do without: one that [`Node::files`] lists.
+    pub fn file_if_any(&self, path: &FilePath) -> Option<&File> {
+        self.files.get(path.resolved()).and_then(Option::as_ref)
+    }
+
+    /// Progress and cancel, for an algorithm that runs long.
+    pub fn progress(&self) -> &Progress<'_> {
+        &self.progress
+    }
+
+    /// Says that this share of the work (0 to 1) is done.
+    ///
+    /// # Errors
+    /// If the evaluation was told to stop.
+    pub fn tick(&self, share: f64) -> Result<(), Cancelled> {
+        self.progress.tick(share)
+    }
+
+    /// Tells the user of a doubt about the result.
+    pub fn warn(&self, message: impl Into<String>) {
+        self.warnings.lock().unwrap_or_else(|broken| broken.into_inner()).push(message.into());
+    }
+
+    /// The result of `make(part)`, computed once for equal parts, in this node and every other that asks the same function.
+    ///
+    /// `make` must be a plain `fn`, by its name: it cannot capture anything, so that the result depends on `part` alone.
+    ///
+    /// # Errors
+    /// Those of `make`.
+    pub fn memo<P, T, F>(&self, part: &P, make: F) -> Result<T, Error>
+    where
+        P: Value,
+        T: Value,
+        F: Fn(&P) -> Result<T, Error>,
+    {
+        const { assert!(size_of::<F>() == 0, "the function of a memo must not capture anything") };
+        let function = type_name::<F>();
+        assert!(
+            !function.contains("{{closure}}"),
+            "the function of a memo must have a name: closures in one function cannot be told apart"
+        );
+        let key = Hash::of(format!("memo {function} {}", hash_of(part)).as_bytes());
+        let found = self.memos.and_then(|memos| memos.find(key));
+        if let Some(value) = found.as_ref().and_then(AnyValue::get::<T>) {
+            return Ok(value.clone());
+        }
+        let value = make(part)?;
+        if let Some(memos) = self.memos {
+            memos.keep(key, &AnyValue::new(value.clone()));
+        }
+        Ok(value)
+    }
+}
+
+/// What the engine knows of a node. Made by [`node`].
+#[derive(Clone, Copy)]
+pub struct NodeType {
+    pub(crate) name: fn() -> Cow<'static, str>,
+    pub(crate) schema: fn() -> Schema,
+    pub(crate) outputs: fn() -> Vec<Output>,
+    pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, crate::graph::ReadError>,
+}
+
+/// One output of a node.
+#[derive(Clone, Debug)]
+pub struct Output {
+    /// Its name.
+    pub name: &'static str,
+    /// The name of its type: a value, or a union.
+    pub kind: &'static str,
+    /// The values that it may be.
+    pub types: Vec<&'static ValueType>,
+}
+
+/// The description of the node `T` for the engine.
+pub const fn node<T: Node>() -> NodeType {
+    NodeType {
+        name: T::schema_name,
+        schema: || {
+            schemars::generate::SchemaSettings::draft2020_12()
+                .into_generator()
+                .into_root_schema_for::<T>()
+        },
+        outputs: || {
+            let types = <T::Outputs as Outputs>::types();
+            let names = T::OUTPUTS;
+            let pairs = names.as_ref().iter().zip(types);
+            pairs.map(|(name, (kind, types))| Output { name, kind, types }).collect()
+        },
+        read: |reader| Ok(Box::new(reader.read::<T>()?)),
+    }
+}
+
+/// A node of a graph, of whatever type.
+pub(crate) trait AnyNode: Send + Sync {
+    fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error>;
+    fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
+    fn files(&self) -> Vec<FilePath>;
+}
+
+impl<T: Node> AnyNode for T {
+    fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
+        Node::eval(self, cx).map(Outputs::into_any)
+    }
+
+    fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
+        serde_json::to_value(self)
+    }
+
+    fn files(&self) -> Vec<FilePath> {
+        Node::files(self)
+    }
+}

@@ -1,0 +1,133 @@
+//! From the mesh's space to the picture.
+//!
+//! *View space* has x right, y up and z towards the viewer, its origin in the middle of the mesh, and lengths such that the
+//! mesh reaches from -1 to 1 along its longest side.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::{Projection, SAMPLES, View};
+use crate::value::Mesh;
+
+/// Parts of a sample that a vertex's place is rounded to.
+pub(super) const PARTS: i32 = 16;
+
+/// The tangent of half the lens's angle along the picture's shorter side: 13 degrees, that of a portrait lens.
+const LENS: f64 = 0.230_868_191_125_563_1;
+
+/// The share of the picture that the mesh fills.
+const FILLED: f64 = 0.92;
+
+/// Farther from the picture's origin than this (in parts of samples) no vertex is drawn, so that products of two distances
+/// stay in 64 bits.
+const FARTHEST: f64 = (1 << 29) as f64;
+
+/// Where a vertex is in the picture.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Spot {
+    /// Column and row, in parts of samples.
+    pub(super) at: [i32; 2],
+    /// How near it is; straight in the picture between two vertices of a face.
+    pub(super) near: f32,
+}
+
+/// A view onto one mesh.
+pub(super) struct Camera {
+    view_from_mesh: Matrix3<f64>,
+    center: Point3<f64>,
+    radius: f64,
+    /// The middle of what is seen, in view space.
+    aim: Vector3<f64>,
+    /// From the viewer to the aim; none without perspective.
+    distance: Option<f64>,
+    /// Parts of samples per length of view space (per tangent with perspective).
+    scale: f64,
+    /// The middle of the picture, in parts of samples.
+    middle: [f64; 2],
+}
+
+impl Camera {
+    pub(super) fn new(mesh: &Mesh, view: &View) -> Self {
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        let half = high.coords / 2.0 - low.coords / 2.0;
+        let parts = f64::from(PARTS) * SAMPLES as f64;
+        let mut camera = Self {
+            view_from_mesh: rotation(mesh, view),
+            center: Point3::from(low.coords / 2.0 + high.coords / 2.0),
+            radius: if half.amax() > 0.0 { half.amax() } else { 1.0 },
+            aim: Vector3::zeros(),
+            distance: None,
+            scale: 1.0,
+            middle: view.size.map(|size| size as f64 / 2.0 * parts),
+        };
+        camera.frame(mesh, view);
+        camera
+    }
+
+    /// Aims at the middle of what is seen, and goes so far away that all of it fits.
+    fn frame(&mut self, mesh: &Mesh, view: &View) {
+        let seen = |point: &Point3<f64>| self.view(*point);
+        let mut points = mesh.positions().iter().map(seen);
+        let first = points.next().unwrap_or_default();
+        let (low, high) =
+            points.fold((first, first), |(low, high), point| (low.inf(&point), high.sup(&point)));
+        self.aim = (low + high) / 2.0;
+        let zoom = if view.zoom.is_nan() { 1.0 } else { view.zoom.clamp(1e-3, 1e3) };
+        let shorter = self.middle[0].min(self.middle[1]);
+        // Half the picture that is to be filled, measured by half its shorter side.
+        let [right, top] = self.middle.map(|middle| FILLED * middle / shorter);
+        let reach = |point: &Point3<f64>| {
+            let [x, y, z]: [f64; 3] = (self.view(*point) - self.aim).into();
+            ((x.abs() / right).max(y.abs() / top), z)
+        };
+        let reaches = mesh.positions().iter().map(reach);
+        match view.projection {
+            Projection::Orthographic => {
+                let widest = reaches.fold(0.0, |widest, (reach, _)| f64::max(widest, reach));
+                self.scale = shorter * zoom / widest.max(1e-6);
+            }
+            Projection::Perspective => {
+                // The nearest vertex stays clear of the viewer even where the mesh is a mere line towards it.
+                let away = |(reach, z): (f64, f64)| z + (reach / LENS).max(0.1);
+                self.distance = Some(reaches.map(away).fold(0.1, f64::max));
+                self.scale = shorter * zoom / LENS;
+            }
+        }
+    }
+
+    /// A point in view space.
+    pub(super) fn view(&self, point: Point3<f64>) -> Vector3<f64> {
+        self.view_from_mesh * ((point - self.center) / self.radius)
+    }
+
+    /// A direction of the mesh's space in view space.
+    pub(super) fn turn(&self, direction: Vector3<f64>) -> Vector3<f64> {
+        self.view_from_mesh * direction
+    }
+
+    /// Where a point of view space is in the picture.
+    pub(super) fn spot(&self, view: Vector3<f64>) -> Spot {
+        let from_aim = view - self.aim;
+        let near = self.distance.map_or(1.0, |distance| 1.0 / (distance - from_aim.z));
+        let [x, y] = [from_aim.x, -from_aim.y].map(|length| length * near * self.scale);
+        let place = |x: f64| x.clamp(-FARTHEST, FARTHEST).round() as i32;
+        let near = if self.distance.is_some() { near } else { from_aim.z };
+        Spot { at: [place(self.middle[0] + x), place(self.middle[1] + y)], near: near as f32 }
+    }
+
+    /// How far a point weighs that is `near`, when corners are mixed: with perspective the nearer half of an edge takes more
+    /// than half of its length in the picture.
+    pub(super) fn weighs_by_nearness(&self) -> bool {
+        self.distance.is_some()
+    }
+}
+
+/// From the mesh's axes to the viewer's.
+fn rotation(mesh: &Mesh, view: &View) -> Matrix3<f64> {
+    let turn =
+        |degrees: f64| libm::sincos(if degrees.is_finite() { degrees.to_radians() } else { 0.0 });
+    let ((sy, cy), (sp, cp)) = (turn(view.yaw), turn(view.pitch));
+    let yaw = Matrix3::new(cy, 0.0, -sy, 0.0, 1.0, 0.0, sy, 0.0, cy);
+    let pitch = Matrix3::new(1.0, 0.0, 0.0, 0.0, cp, -sp, 0.0, sp, cp);
+    let upright = if mesh.frame().is_some() { -1.0 } else { 1.0 };
+    pitch * yaw * Matrix3::from_diagonal(&Vector3::new(1.0, upright, upright))
+}

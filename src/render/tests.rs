@@ -1,0 +1,221 @@
+use nalgebra::Point3;
+
+use super::*;
+use crate::value::{Attribute, CaptureFrame, Faces};
+
+fn mesh(points: &[[f64; 3]], faces: &[[u32; 3]]) -> Mesh {
+    let positions: Vec<Point3<f64>> = points.iter().map(|&point| point.into()).collect();
+    Mesh::new(positions, Faces::triangles(faces.to_vec())).unwrap()
+}
+
+fn view(width: usize, height: usize) -> View {
+    View { size: [width, height], projection: Projection::Orthographic, ..View::front() }
+}
+
+/// The color that is farthest above the others, pixel by pixel: r, g, b, w for light grays, `.` for the background.
+fn draw(image: &Image) -> String {
+    let letter = |&[r, g, b]: &Rgb| match [r, g, b].map(i32::from) {
+        [r, g, b] if r > g + 25 && r > b + 25 => 'r',
+        [r, g, b] if g > r + 25 && g > b + 25 => 'g',
+        [r, g, b] if b > r + 25 && b > g + 25 => 'b',
+        [r, ..] if r > 90 => 'w',
+        _ => '.',
+    };
+    let rows = image.pixels().chunks(image.width());
+    rows.map(|row| row.iter().map(letter).chain(['\n']).collect::<String>()).collect()
+}
+
+/// A square of two triangles at a height z, in one color, seen from +z.
+fn square(low: [f64; 2], high: [f64; 2], z: f64, color: Rgb) -> ([[f64; 3]; 4], Rgb) {
+    let corners = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]];
+    (corners.map(|[x, y]| [x, y, z]), color)
+}
+
+fn squares(squares: &[([[f64; 3]; 4], Rgb)]) -> Mesh {
+    let points = squares.iter().flat_map(|(points, _)| *points).collect::<Vec<_>>();
+    let faces = (0..squares.len() as u32)
+        .flat_map(|i| [[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]]);
+    let colors = squares.iter().flat_map(|(_, color)| [*color; 4]).collect();
+    mesh(&points, &faces.collect::<Vec<_>>())
+        .with_vertex("color", Attribute::Color(colors))
+        .unwrap()
+}
+
+const RED: Rgb = [255, 0, 0];
+const GREEN: Rgb = [0, 255, 0];
+const BLUE: Rgb = [0, 0, 255];
+
+#[test]
+fn a_triangle_covers_its_pixels() {
+    let triangle = mesh(&[[0., 0., 0.], [8., 0., 0.], [0., 8., 0.]], &[[0, 1, 2]]);
+    // The triangle ends 0.32 pixels from the border; the pixels on its diagonal are covered by half.
+    let expected = concat!(
+        "w.......\n",
+        "ww......\n",
+        "www.....\n",
+        "wwww....\n",
+        "wwwww...\n",
+        "wwwwww..\n",
+        "wwwwwww.\n",
+        "wwwwwww.\n",
+    );
+    assert_eq!(draw(&render(&triangle, &view(8, 8))), expected);
+}
+
+#[test]
+fn the_nearer_face_is_seen_whichever_comes_first() {
+    let far = square([0., 0.], [6., 6.], 0., RED);
+    let near = square([2., 2.], [4., 4.], 1., GREEN);
+    for faces in [[far, near], [near, far]] {
+        for projection in [Projection::Orthographic, Projection::Perspective] {
+            let view = View { projection, ..view(30, 30) };
+            let image = render(&squares(&faces), &view);
+            let picture = draw(&image);
+            let row = |k: usize| picture.lines().nth(k).unwrap().trim_matches('.').to_owned();
+            assert!(
+                row(15).starts_with('r') && row(15).ends_with('r') && row(15).contains("ggggg")
+            );
+            assert!(row(4).contains('r') && !row(4).contains('g'));
+        }
+    }
+}
+
+#[test]
+fn inner_sides_are_red() {
+    let points = [[0., 0., 0.], [8., 0., 0.], [0., 8., 0.]];
+    let outer = draw(&render(&mesh(&points, &[[0, 1, 2]]), &view(8, 8)));
+    let inner = draw(&render(&mesh(&points, &[[0, 2, 1]]), &view(8, 8)));
+    // The first row is covered too little to tell.
+    assert_eq!(outer.replace('w', "r")[9..], inner[9..]);
+}
+
+/// Red is left, green is right, blue is above both; z tells them apart from the sides.
+fn signpost() -> Mesh {
+    squares(&[
+        square([0., 0.], [4., 4.], 0., RED),
+        square([4., 0.], [8., 4.], 0., GREEN),
+        square([0., 4.], [8., 8.], 0., BLUE),
+    ])
+}
+
+#[test]
+fn a_mesh_has_x_right_and_y_up_and_a_capture_y_down() {
+    // The middles of the four quarters.
+    let quarters = |mesh: &Mesh| {
+        let picture = draw(&render(mesh, &view(10, 10)));
+        [(2, 2), (2, 7), (7, 2), (7, 7)].map(|(row, column)| picture.as_bytes()[11 * row + column])
+    };
+    assert_eq!(&quarters(&signpost()), b"bbrg");
+    let frame = CaptureFrame { camera: None, picture: [1, 1], depth: 1.0 };
+    // A sensor looks along +z with y down, so that it sees this side of faces that turn the other way.
+    let post = signpost();
+    let turned = post.faces().as_triangles().unwrap().iter().map(|&[a, b, c]| [a, c, b]);
+    let turned = Mesh::new(post.positions().clone(), Faces::triangles(turned.collect()))
+        .unwrap()
+        .with_vertex("color", post.vertex().get("color").unwrap().clone())
+        .unwrap()
+        .with_frame(Some(frame));
+    assert_eq!(&quarters(&turned), b"rgbb");
+}
+
+#[test]
+fn walking_to_the_right_shows_the_right_side_and_rising_the_top() {
+    // A cube whose right side is green, whose top is blue, and whose other sides are left out.
+    let right = [[1., 0., 1.], [1., 0., 0.], [1., 1., 0.], [1., 1., 1.]];
+    let top = [[0., 1., 1.], [1., 1., 1.], [1., 1., 0.], [0., 1., 0.]];
+    let cube = squares(&[(right, GREEN), (top, BLUE)]);
+    let middle = |yaw, pitch| {
+        let view = View { yaw, pitch, ..view(11, 11) };
+        draw(&render(&cube, &view)).chars().nth(12 * 5 + 5).unwrap()
+    };
+    assert_eq!([middle(90., 0.), middle(0., 90.), middle(-90., 0.)], ['g', 'b', 'r']);
+}
+
+#[test]
+fn a_texture_lies_upright_and_without_a_bend_at_the_diagonal() {
+    let image = Image::new(2, 2, vec![RED, GREEN, BLUE, [255; 3]]).unwrap();
+    let uv = vec![[0., 0.], [1., 0.], [1., 1.], [0., 1.]];
+    let board =
+        mesh(&[[0., 0., 0.], [4., 0., -9.], [4., 4., -9.], [0., 4., 0.]], &[[0, 1, 2], [0, 2, 3]]);
+    let by_vertex = board.clone().with_vertex("uv", Attribute::Pair(uv.clone().into())).unwrap();
+    let corners = [0, 1, 2, 0, 2, 3].map(|vertex: usize| uv[vertex]).to_vec();
+    let by_corner = board.with_corner("uv", Attribute::Pair(corners.into())).unwrap();
+    let [by_vertex, by_corner] = [by_vertex, by_corner].map(|mesh| {
+        let view = View { projection: Projection::Perspective, ..view(60, 60) };
+        render(&mesh.with_texture(Some(image.clone())), &view)
+    });
+    assert_eq!(by_vertex, by_corner);
+    let picture = draw(&by_vertex);
+    let row = |k: usize| picture.lines().nth(k).unwrap().trim_matches('.').to_owned();
+    assert!(row(24).starts_with('r') && row(24).ends_with('g'), "{picture}");
+    assert!(row(35).starts_with('b') && row(35).ends_with('w'), "{picture}");
+    // In perspective the near half of the board is wider than the far one.
+    let red = row(24).chars().filter(|&c| c == 'r').count();
+    let green = row(24).chars().filter(|&c| c == 'g').count();
+    assert!(red > green, "{red} {green}");
+}
+
+/// A wavy sheet of `n` x `n` squares.
+fn waves(n: u32) -> Mesh {
+    let at = |k: u32| {
+        let (x, y) = (f64::from(k % (n + 1)) / f64::from(n), f64::from(k / (n + 1)) / f64::from(n));
+        [x, y, 0.1 * libm::sin(20.0 * x) * libm::cos(17.0 * y)]
+    };
+    let square = |k: u32| {
+        let a = k / n * (n + 1) + k % n;
+        [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]]
+    };
+    let points = (0..(n + 1) * (n + 1)).map(at).collect::<Vec<_>>();
+    mesh(&points, &(0..n * n).flat_map(square).collect::<Vec<_>>())
+}
+
+#[test]
+fn a_sheet_has_no_cracks() {
+    let image = render(&waves(90), &View { size: [70, 70], ..View::front() });
+    let picture = draw(&image);
+    for row in picture.lines().take(65).skip(5) {
+        assert!(!row[6..64].contains('.'), "{picture}");
+    }
+}
+
+#[test]
+fn the_bytes_do_not_depend_on_the_number_of_threads() {
+    let sheet = waves(150);
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| render(&sheet, &View { size: [90, 83], yaw: 30.0, ..View::front() }))
+    };
+    let one = with(1);
+    assert_eq!([with(2), with(8)], [one.clone(), one]);
+}
+
+#[test]
+fn nothing_to_see_gives_the_background() {
+    let empty = render(&mesh(&[], &[]), &view(4, 3));
+    let line = render(&mesh(&[[0.; 3], [1.; 3], [2.; 3]], &[[0, 1, 2]]), &view(4, 3));
+    let point = render(&mesh(&[[5.; 3]; 3], &[[0, 1, 2]]), &View { size: [4, 3], ..View::front() });
+    assert!(empty.pixels().iter().all(|pixel| pixel.iter().all(|&channel| channel < 90)));
+    assert_eq!([&line, &point], [&empty, &empty]);
+    assert_eq!(render(&signpost(), &view(0, 7)).pixels().len(), 0);
+}
+
+#[test]
+fn wild_numbers_do_no_harm() {
+    let huge = f64::MAX;
+    let triangles = [
+        [[-huge, 0., 0.], [huge, 0., 0.], [0., huge, 0.]],
+        [[0.; 3], [1e-320, 0., 0.], [0., 1e-320, 0.]],
+    ];
+    for points in triangles {
+        let wild = mesh(&points, &[[0, 1, 2]]);
+        let wild = wild.with_vertex("normal", Attribute::Vector(vec![[f64::NAN; 3]; 3].into()));
+        for zoom in [1.0, 1e300, f64::NAN] {
+            let view = View { zoom, yaw: f64::INFINITY, ..View::front() };
+            render(wild.as_ref().unwrap(), &view);
+        }
+    }
+    let uv = Attribute::Pair(vec![[f64::NAN, f64::INFINITY]; 3].into());
+    let textured = mesh(&triangles[0], &[[0, 1, 2]]).with_vertex("uv", uv).unwrap();
+    let image = Image::new(1, 1, vec![GREEN]).unwrap();
+    render(&textured.with_texture(Some(image)), &view(9, 9));
+}

@@ -1,0 +1,166 @@
+//! Named data on the elements of a mesh.
+
+use std::collections::BTreeMap;
+
+use thiserror::Error;
+
+use super::{Column, Encoder, Rgb};
+
+/// Why an attribute does not fit.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("attribute `{name}` has {count} entries for {elements} elements")]
+pub struct AttributeError {
+    pub(super) name: String,
+    pub(super) count: usize,
+    pub(super) elements: usize,
+}
+
+/// One column of data: an entry per vertex, corner or face.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Attribute {
+    /// Real numbers.
+    Number(Column<f64>),
+    /// Whole numbers.
+    Index(Column<u32>),
+    /// 0 or 1.
+    Flag(Column<u8>),
+    /// Pairs, such as texture coordinates.
+    Pair(Column<[f64; 2]>),
+    /// Vectors, such as normals.
+    Vector(Column<[f64; 3]>),
+    /// Colors in 8-bit sRGB.
+    Color(Column<Rgb>),
+}
+
+impl Attribute {
+    /// Number of entries.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Number(column) => column.len(),
+            Self::Index(column) => column.len(),
+            Self::Flag(column) => column.len(),
+            Self::Pair(column) => column.len(),
+            Self::Vector(column) => column.len(),
+            Self::Color(column) => column.len(),
+        }
+    }
+
+    /// Whether there is no entry.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The entries at these places, in this order.
+    ///
+    /// # Panics
+    /// If a place is behind the last entry.
+    #[must_use]
+    pub fn select(&self, places: &[u32]) -> Self {
+        fn select<T: Copy>(column: &[T], places: &[u32]) -> Column<T> {
+            places.iter().map(|&place| column[place as usize]).collect()
+        }
+        match self {
+            Self::Number(column) => Self::Number(select(column, places)),
+            Self::Index(column) => Self::Index(select(column, places)),
+            Self::Flag(column) => Self::Flag(select(column, places)),
+            Self::Pair(column) => Self::Pair(select(column, places)),
+            Self::Vector(column) => Self::Vector(select(column, places)),
+            Self::Color(column) => Self::Color(select(column, places)),
+        }
+    }
+
+    fn size(&self) -> usize {
+        match self {
+            Self::Number(column) => column.size(),
+            Self::Index(column) => column.size(),
+            Self::Flag(column) => column.size(),
+            Self::Pair(column) => column.size(),
+            Self::Vector(column) => column.size(),
+            Self::Color(column) => column.size(),
+        }
+    }
+
+    fn encode(&self, to: &mut Encoder) {
+        match self {
+            Self::Number(column) => to.plain(&0u8).column(column),
+            Self::Index(column) => to.plain(&1u8).column(column),
+            Self::Flag(column) => to.plain(&2u8).column(column),
+            Self::Pair(column) => to.plain(&3u8).column(column),
+            Self::Vector(column) => to.plain(&4u8).column(column),
+            Self::Color(column) => to.plain(&5u8).column(column),
+        };
+    }
+}
+
+/// Attributes by name, in the order of their names.
+///
+/// The names that nodes agree on: `uv` (pairs, (0, 0) the picture's lower left corner), `normal` (unit vectors), `color`,
+/// `filled` (flags: computed, not measured).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Attributes(BTreeMap<String, Attribute>);
+
+impl Attributes {
+    /// The attribute of that name.
+    pub fn get(&self, name: &str) -> Option<&Attribute> {
+        self.0.get(name)
+    }
+
+    /// Pairs under that name, if it holds pairs.
+    pub fn pairs(&self, name: &str) -> Option<&Column<[f64; 2]>> {
+        match self.0.get(name) {
+            Some(Attribute::Pair(column)) => Some(column),
+            _ => None,
+        }
+    }
+
+    /// Vectors under that name, if it holds vectors.
+    pub fn vectors(&self, name: &str) -> Option<&Column<[f64; 3]>> {
+        match self.0.get(name) {
+            Some(Attribute::Vector(column)) => Some(column),
+            _ => None,
+        }
+    }
+
+    /// Colors under that name, if it holds colors.
+    pub fn colors(&self, name: &str) -> Option<&Column<Rgb>> {
+        match self.0.get(name) {
+            Some(Attribute::Color(column)) => Some(column),
+            _ => None,
+        }
+    }
+
+    /// All of them, by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Attribute)> {
+        self.0.iter().map(|(name, attribute)| (name.as_str(), attribute))
+    }
+
+    pub(super) fn insert(
+        &mut self,
+        name: &str,
+        attribute: Attribute,
+        elements: usize,
+    ) -> Result<(), AttributeError> {
+        if attribute.len() != elements {
+            let count = attribute.len();
+            return Err(AttributeError { name: name.to_owned(), count, elements });
+        }
+        self.0.insert(name.to_owned(), attribute);
+        Ok(())
+    }
+
+    pub(super) fn remove(&mut self, name: &str) {
+        self.0.remove(name);
+    }
+
+    pub(super) fn size(&self) -> usize {
+        self.0.values().map(Attribute::size).sum()
+    }
+
+    pub(super) fn encode(&self, to: &mut Encoder) {
+        to.counts(&[self.0.len()]);
+        for (name, attribute) in &self.0 {
+            to.text(name);
+            attribute.encode(to);
+        }
+    }
+}

@@ -1,0 +1,290 @@
+//! A rectangular net of control points.
+
+use nalgebra::Point3;
+use thiserror::Error;
+
+use super::{CaptureFrame, Column, Encoder, Summary, Value};
+
+/// Why points do not make a control net.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum ControlNetError {
+    /// Lists that do not fill the net.
+    #[error("{count} entries do not fill a net of {rows} rows and {columns} columns")]
+    Size {
+        /// Rows of the net.
+        rows: usize,
+        /// Columns of the net.
+        columns: usize,
+        /// Entries given.
+        count: usize,
+    },
+    /// A point or weight is NaN or infinite.
+    #[error("control point ({row}, {column}) is not finite")]
+    NotFinite {
+        /// Row of the point.
+        row: usize,
+        /// Column of the point.
+        column: usize,
+    },
+    /// A weight is negative.
+    #[error(
+        "the weight of control point ({row}, {column}) is {weight}; weights must not be negative"
+    )]
+    NegativeWeight {
+        /// Row of the point.
+        row: usize,
+        /// Column of the point.
+        column: usize,
+        /// Its weight.
+        weight: f64,
+    },
+    /// Rows of a net that are not equally long.
+    #[error("row {row} has {length} points, the first row has {expected}")]
+    Ragged {
+        /// The offending row.
+        row: usize,
+        /// Its length.
+        length: usize,
+        /// The first row's length.
+        expected: usize,
+    },
+}
+
+/// Where the cells of a range grid lie on a control net.
+///
+/// A *net coordinate* is a pair of real numbers (a, b): control point (row, column) is at (row, column), and between the
+/// points it is interpolated. It becomes a surface's (u, v) by [`Surface::parameters`](super::Surface::parameters).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chart {
+    /// The range grid's size: width, height.
+    pub grid: [usize; 2],
+    /// The cells on the net, by index, row by row from the top.
+    pub cells: Column<u32>,
+    /// Each cell's net coordinate.
+    pub coordinates: Column<[f64; 2]>,
+}
+
+/// A rectangular net of control points: rows along u, columns along v.
+///
+/// ```text
+///            columns, v ->
+///        P(0,0)  P(0,1)  P(0,2)
+/// rows   P(1,0)  P(1,1)  P(1,2)
+/// u |    P(2,0)  P(2,1)  P(2,2)
+///   v
+/// ```
+///
+/// Invariant, checked by [`ControlNet::new`] and the `with_` methods: as many points, weights, flags and base points as
+/// rows x columns; all finite; no weight negative.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ControlNet {
+    rows: usize,
+    columns: usize,
+    points: Column<Point3<f64>>,
+    base: Column<Point3<f64>>,
+    weights: Column<f64>,
+    fixed: Column<u8>,
+    chart: Option<Chart>,
+    frame: Option<CaptureFrame>,
+}
+
+impl ControlNet {
+    /// A net of points, row by row; all weights 1, none fixed, the base points the points themselves.
+    ///
+    /// # Errors
+    /// If the points do not fill the net or one is not finite.
+    pub fn new(
+        rows: usize,
+        columns: usize,
+        points: impl Into<Column<Point3<f64>>>,
+    ) -> Result<Self, ControlNetError> {
+        let points = points.into();
+        let net = Self {
+            rows,
+            columns,
+            base: points.clone(),
+            weights: vec![1.0; points.len()].into(),
+            fixed: vec![0; points.len()].into(),
+            points,
+            chart: None,
+            frame: None,
+        };
+        net.check_points(&net.points)?;
+        Ok(net)
+    }
+
+    /// The same net with its points moved; the base points stay.
+    ///
+    /// # Errors
+    /// If the points do not fill the net or one is not finite.
+    pub fn with_points(
+        mut self,
+        points: impl Into<Column<Point3<f64>>>,
+    ) -> Result<Self, ControlNetError> {
+        let points = points.into();
+        self.check_points(&points)?;
+        self.points = points;
+        Ok(self)
+    }
+
+    /// The same net with other weights, row by row.
+    ///
+    /// # Errors
+    /// If the weights do not fill the net, or one is negative or not finite.
+    pub fn with_weights(mut self, weights: Vec<f64>) -> Result<Self, ControlNetError> {
+        self.check_size(weights.len())?;
+        for (index, &weight) in weights.iter().enumerate() {
+            let (row, column) = (index / self.columns, index % self.columns);
+            if !weight.is_finite() {
+                return Err(ControlNetError::NotFinite { row, column });
+            }
+            if weight < 0.0 {
+                return Err(ControlNetError::NegativeWeight { row, column, weight });
+            }
+        }
+        self.weights = weights.into();
+        Ok(self)
+    }
+
+    /// The same net with these points fixed (1): an offset does not move them.
+    ///
+    /// # Errors
+    /// If the flags do not fill the net.
+    pub fn with_fixed(mut self, fixed: Vec<u8>) -> Result<Self, ControlNetError> {
+        self.check_size(fixed.len())?;
+        self.fixed = fixed.into();
+        Ok(self)
+    }
+
+    /// The same net with the place of a range grid's cells on it.
+    #[must_use]
+    pub fn with_chart(mut self, chart: Chart) -> Self {
+        self.chart = Some(chart);
+        self
+    }
+
+    /// The same net in a capture's frame, or none.
+    #[must_use]
+    pub fn with_frame(mut self, frame: Option<CaptureFrame>) -> Self {
+        self.frame = frame;
+        self
+    }
+
+    fn check_size(&self, count: usize) -> Result<(), ControlNetError> {
+        let (rows, columns) = (self.rows, self.columns);
+        match rows.checked_mul(columns) {
+            Some(expected) if expected == count && count > 0 => Ok(()),
+            _ => Err(ControlNetError::Size { rows, columns, count }),
+        }
+    }
+
+    fn check_points(&self, points: &[Point3<f64>]) -> Result<(), ControlNetError> {
+        self.check_size(points.len())?;
+        match points.iter().position(|point| !point.coords.iter().all(|x| x.is_finite())) {
+            None => Ok(()),
+            Some(index) => Err(ControlNetError::NotFinite {
+                row: index / self.columns,
+                column: index % self.columns,
+            }),
+        }
+    }
+
+    /// Number of rows: control points along u.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Number of columns: control points along v.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// All points, row by row.
+    pub fn points(&self) -> &[Point3<f64>] {
+        &self.points
+    }
+
+    /// The points before any offset, row by row.
+    pub fn base(&self) -> &[Point3<f64>] {
+        &self.base
+    }
+
+    /// All weights, row by row.
+    pub fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// 1 for each point that an offset does not move, row by row.
+    pub fn fixed(&self) -> &[u8] {
+        &self.fixed
+    }
+
+    /// Where a range grid's cells lie on the net, if it came from a region.
+    pub fn chart(&self) -> Option<&Chart> {
+        self.chart.as_ref()
+    }
+
+    /// The frame of the capture that it came from, if any: it has the sensor's axes then, and y up otherwise.
+    pub fn frame(&self) -> Option<&CaptureFrame> {
+        self.frame.as_ref()
+    }
+}
+
+impl Value for ControlNet {
+    const NAME: &'static str = "ControlNet";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.counts(&[self.rows, self.columns])
+            .column(&self.points)
+            .column(&self.base)
+            .column(&self.weights)
+            .column(&self.fixed)
+            .option(self.chart.as_ref(), |to, chart| {
+                to.counts(&chart.grid).column(&chart.cells).column(&chart.coordinates);
+            })
+            .option(self.frame.as_ref(), |to, frame| frame.encode(to));
+    }
+
+    fn size(&self) -> usize {
+        let chart = self.chart.as_ref();
+        self.points.size()
+            + self.base.size()
+            + self.weights.size()
+            + self.fixed.size()
+            + chart.map_or(0, |chart| chart.cells.size() + chart.coordinates.size())
+    }
+
+    fn describe(&self) -> Summary {
+        let moved = self.points.iter().zip(&*self.base).filter(|(point, base)| point != base);
+        let farthest = moved.clone().map(|(point, base)| (point - base).norm()).fold(0.0, f64::max);
+        let summary = Summary::default()
+            .with("net", format!("{} rows x {} columns", self.rows, self.columns))
+            .with("fixed", self.fixed.iter().filter(|&&fixed| fixed == 1).count())
+            .with("moved", moved.count())
+            .with("farthest move", farthest);
+        super::mesh::describe_bounds(summary, self.points.iter())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_net_keeps_its_base_when_its_points_move() {
+        let net = ControlNet::new(1, 2, vec![Point3::origin(); 2]).unwrap();
+        let moved = net.clone().with_points(vec![Point3::new(0.0, 0.0, 1.0); 2]).unwrap();
+        assert_eq!(moved.base(), net.points());
+        assert_eq!(moved.points()[1].z, 1.0);
+    }
+
+    #[test]
+    fn a_net_with_bad_numbers_is_refused() {
+        let net = ControlNet::new(1, 1, vec![Point3::origin()]).unwrap();
+        assert!(ControlNet::new(2, 1, vec![Point3::origin()]).is_err());
+        assert!(ControlNet::new(0, 0, vec![]).is_err());
+        assert!(net.clone().with_points(vec![Point3::new(f64::NAN, 0.0, 0.0)]).is_err());
+        assert!(net.clone().with_weights(vec![-1.0]).is_err());
+        assert!(net.with_weights(vec![f64::INFINITY]).is_err());
+    }
+}

@@ -1,0 +1,80 @@
+//! A number per pixel.
+
+use super::image::{SizeError, check_size};
+use super::{Column, Encoder, Summary, Value};
+
+/// A number per pixel, such as a gradient's length; row 0 on top. Numbers may be NaN, which means: not known there.
+///
+/// Invariant, checked by [`Field::new`]: as many numbers as width x height.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
+    width: usize,
+    height: usize,
+    pixels: Column<f32>,
+}
+
+impl Field {
+    /// A field of `width` x `height` numbers, row by row from the top.
+    ///
+    /// # Errors
+    /// If there are more or fewer numbers than that.
+    pub fn new(
+        width: usize,
+        height: usize,
+        pixels: impl Into<Column<f32>>,
+    ) -> Result<Self, SizeError> {
+        let pixels = pixels.into();
+        check_size(width, height, pixels.len())?;
+        Ok(Self { width, height, pixels })
+    }
+
+    /// Numbers in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All numbers, row by row from the top.
+    pub fn pixels(&self) -> &[f32] {
+        &self.pixels
+    }
+
+    /// The least and the greatest number; none if no number is finite.
+    pub fn range(&self) -> Option<(f32, f32)> {
+        self.pixels.iter().filter(|x| x.is_finite()).fold(None, |range, &x| match range {
+            None => Some((x, x)),
+            Some((lo, hi)) => Some((lo.min(x), hi.max(x))),
+        })
+    }
+}
+
+impl Value for Field {
+    const NAME: &'static str = "Field";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.counts(&[self.width, self.height]).column(&self.pixels);
+    }
+
+    fn size(&self) -> usize {
+        self.pixels.size()
+    }
+
+    fn describe(&self) -> Summary {
+        let summary = Summary::default().with("size", format!("{} x {}", self.width, self.height));
+        match self.range() {
+            Some((lo, hi)) => summary.with("least", lo).with("greatest", hi),
+            None => summary.with("finite numbers", 0),
+        }
+    }
+
+    fn probe(&self, [column, row]: [usize; 2]) -> Summary {
+        if self.width <= column || self.height <= row {
+            return Summary::default();
+        }
+        Summary::default().with("value", self.pixels[row * self.width + column])
+    }
+}

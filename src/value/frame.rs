@@ -1,0 +1,148 @@
+//! Where a capture's picture and range grid lie, and how they belong together.
+
+use nalgebra::Point3;
+
+use super::Encoder;
+
+/// A pinhole camera: column = `focal[0] * x / z + center[0]`, row = `focal[1] * y / z + center[1]`, in pixels, with pixel
+/// centers at integers. Camera axes: x right, y down, z away from the camera.
+///
+/// ```text
+///        z (away)
+///       /
+///      o----> x (columns)
+///      |
+///      v y (rows)
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pinhole {
+    /// Focal lengths in pixels: columns, rows.
+    pub focal: [f64; 2],
+    /// Principal point in pixels: column, row.
+    pub center: [f64; 2],
+}
+
+impl Pinhole {
+    /// The pixel (column, row) at which the camera sees `point`; not finite for a point in the camera's own plane.
+    pub fn project(&self, point: Point3<f64>) -> [f64; 2] {
+        [
+            self.focal[0] * point.x / point.z + self.center[0],
+            self.focal[1] * point.y / point.z + self.center[1],
+        ]
+    }
+
+    /// The point seen at a pixel (column, row) at the depth `z`.
+    pub fn unproject(&self, [column, row]: [f64; 2], z: f64) -> Point3<f64> {
+        Point3::new(
+            (column - self.center[0]) / self.focal[0] * z,
+            (row - self.center[1]) / self.focal[1] * z,
+            z,
+        )
+    }
+
+    pub(super) fn encode(&self, to: &mut Encoder) {
+        to.plain(&self.focal).plain(&self.center);
+    }
+}
+
+/// From a range grid to the picture taken with it: picture = `scale * cell + offset`, columns and rows apart, both with
+/// centers at integers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Registration {
+    /// Picture pixels per range cell: columns, rows. Greater than 0.
+    pub scale: [f64; 2],
+    /// The picture's pixel at cell (0, 0): column, row.
+    pub offset: [f64; 2],
+    /// The picture's size: width, height.
+    pub picture: [usize; 2],
+}
+
+impl Registration {
+    /// Aligns the corners of both grids (not the centers of their corner pixels): what is right without a camera file.
+    pub fn corners(range: [usize; 2], picture: [usize; 2]) -> Self {
+        let scale = [0, 1].map(|axis| picture[axis] as f64 / range[axis].max(1) as f64);
+        Self { scale, offset: scale.map(|scale| (scale - 1.0) / 2.0), picture }
+    }
+
+    /// K_picture K_range^-1: two pinholes at the same place.
+    pub fn pinholes(range: &Pinhole, color: &Pinhole, picture: [usize; 2]) -> Self {
+        let scale = [0, 1].map(|axis| color.focal[axis] / range.focal[axis]);
+        let offset = [0, 1].map(|axis| color.center[axis] - range.center[axis] * scale[axis]);
+        Self { scale, offset, picture }
+    }
+
+    /// The picture's pixel (column, row) that a range cell (column, row) sees.
+    pub fn picture_from_range(&self, cell: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|axis| self.scale[axis] * cell[axis] + self.offset[axis])
+    }
+
+    /// The range cell (column, row) that sees a pixel of the picture (column, row).
+    pub fn range_from_picture(&self, pixel: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|axis| (pixel[axis] - self.offset[axis]) / self.scale[axis])
+    }
+
+    /// The texture coordinate of a range cell (column, row): (0, 0) is the picture's lower left corner, (1, 1) its upper right one.
+    pub fn uv_from_range(&self, cell: [f64; 2]) -> [f64; 2] {
+        let [column, row] = self.picture_from_range(cell);
+        let [width, height] = self.picture.map(|size| size as f64);
+        [(column + 0.5) / width, 1.0 - (row + 0.5) / height]
+    }
+
+    pub(super) fn encode(&self, to: &mut Encoder) {
+        to.plain(&self.scale).plain(&self.offset).counts(&self.picture);
+    }
+}
+
+/// The frame of a mesh that came out of a capture: axes as in [`Pinhole`] (x right, y down, z away from the sensor).
+///
+/// A mesh without one has y up, as meshes from files do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CaptureFrame {
+    /// The camera of the picture, where it is known.
+    pub camera: Option<Pinhole>,
+    /// The picture's size: width, height.
+    pub picture: [usize; 2],
+    /// Median depth of the capture's valid cells, in mm.
+    pub depth: f64,
+}
+
+impl CaptureFrame {
+    pub(super) fn encode(&self, to: &mut Encoder) {
+        to.option(self.camera.as_ref(), |to, camera| camera.encode(to))
+            .counts(&self.picture)
+            .plain(&self.depth);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corners_aligned_at_double_size_see_the_corner_shared_by_four_pixels() {
+        let map = Registration::corners([200, 200], [400, 400]);
+        assert_eq!(map.picture_from_range([0.0, 10.0]), [0.5, 20.5]);
+        assert_eq!(map.range_from_picture([0.5, 20.5]), [0.0, 10.0]);
+    }
+
+    #[test]
+    fn pinholes_at_one_place_give_the_published_doubling() {
+        let range = Pinhole { focal: [1400.0; 2], center: [99.5; 2] };
+        let color = Pinhole { focal: [2800.0; 2], center: [199.0; 2] };
+        let map = Registration::pinholes(&range, &color, [400, 400]);
+        assert_eq!(map.picture_from_range([7.0, 9.0]), [14.0, 18.0]);
+    }
+
+    #[test]
+    fn a_point_projects_back_onto_its_pixel() {
+        let camera = Pinhole { focal: [1400.0, 1390.0], center: [99.5, 98.0] };
+        let pixel = camera.project(camera.unproject([12.25, 170.5], 733.0));
+        assert!((pixel[0] - 12.25).abs() < 1e-12 && (pixel[1] - 170.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_upper_left_texel_has_the_upper_left_texture_coordinate() {
+        let map = Registration { scale: [1.0; 2], offset: [0.0; 2], picture: [4, 2] };
+        assert_eq!(map.uv_from_range([0.0, 0.0]), [0.125, 0.75]);
+    }
+}

@@ -1,0 +1,314 @@
+//! Pictures and colors.
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::LazyLock;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use thiserror::Error;
+
+use super::{Column, Encoder, Pinhole, Summary, Value};
+
+/// Why numbers do not make a picture.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{count} pixels do not fill {width} x {height}")]
+pub struct SizeError {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) count: usize,
+}
+
+pub(super) fn check_size(width: usize, height: usize, count: usize) -> Result<(), SizeError> {
+    match width.checked_mul(height) {
+        Some(pixels) if pixels == count => Ok(()),
+        _ => Err(SizeError { width, height, count }),
+    }
+}
+
+/// A color as files and screens have it: 8-bit sRGB, not linear in light.
+pub type Rgb = [u8; 3];
+
+/// A picture: 8-bit sRGB pixels, row 0 on top.
+///
+/// Invariant, checked by [`Image::new`]: as many pixels as width x height.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    width: usize,
+    height: usize,
+    pixels: Column<Rgb>,
+    camera: Option<Pinhole>,
+}
+
+impl Image {
+    /// A picture of `width` x `height` pixels, row by row from the top.
+    ///
+    /// # Errors
+    /// If there are more or fewer pixels than that.
+    pub fn new(
+        width: usize,
+        height: usize,
+        pixels: impl Into<Column<Rgb>>,
+    ) -> Result<Self, SizeError> {
+        let pixels = pixels.into();
+        check_size(width, height, pixels.len())?;
+        Ok(Self { width, height, pixels, camera: None })
+    }
+
+    /// The same picture, taken with this camera.
+    #[must_use]
+    pub fn with_camera(mut self, camera: Option<Pinhole>) -> Self {
+        self.camera = camera;
+        self
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All pixels, row by row from the top.
+    pub fn pixels(&self) -> &[Rgb] {
+        &self.pixels
+    }
+
+    /// The camera that took it, if known.
+    pub fn camera(&self) -> Option<&Pinhole> {
+        self.camera.as_ref()
+    }
+
+    /// The pixel at `[column, row]`.
+    ///
+    /// # Panics
+    /// If it is outside.
+    pub fn at(&self, [column, row]: [usize; 2]) -> Rgb {
+        assert!(column < self.width, "column {column} is outside of {}", self.width);
+        self.pixels[row * self.width + column]
+    }
+
+    /// The color at the texture coordinate `uv`, blended from the four nearest texels in sRGB; outside, the border's color.
+    /// (0, 0) is the lower left corner of the lower left texel, so the center of the texel at column c and row r
+    /// of a W x H picture is at ((c + 0.5) / W, 1 - (r + 0.5) / H), and there the color is exactly the texel's.
+    ///
+    /// # Panics
+    /// If the picture is empty.
+    pub fn sample(&self, uv: [f64; 2]) -> [f64; 3] {
+        let column = (uv[0] * self.width as f64 - 0.5).clamp(0.0, (self.width - 1) as f64);
+        let row = ((1.0 - uv[1]) * self.height as f64 - 0.5).clamp(0.0, (self.height - 1) as f64);
+        let (left, top) = (column as usize, row as usize);
+        let (right, below) = ((left + 1).min(self.width - 1), (top + 1).min(self.height - 1));
+        let (x, y) = (column - left as f64, row - top as f64);
+        let [a, b, c, d] = [[left, top], [right, top], [left, below], [right, below]]
+            .map(|at| self.at(at).map(f64::from));
+        [0, 1, 2]
+            .map(|k| (a[k] * (1.0 - x) + b[k] * x) * (1.0 - y) + (c[k] * (1.0 - x) + d[k] * x) * y)
+    }
+}
+
+impl Value for Image {
+    const NAME: &'static str = "Image";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.counts(&[self.width, self.height])
+            .column(&self.pixels)
+            .option(self.camera.as_ref(), |to, camera| camera.encode(to));
+    }
+
+    fn size(&self) -> usize {
+        self.pixels.size()
+    }
+
+    fn describe(&self) -> Summary {
+        let count = self.pixels.len().max(1) as f64;
+        let mean = [0, 1, 2].map(|k| {
+            (self.pixels.iter().map(|pixel| f64::from(pixel[k])).sum::<f64>() / count).round()
+        });
+        Summary::default()
+            .with("size", format!("{} x {}", self.width, self.height))
+            .with("mean color", Color(mean.map(|channel| channel as u8)).to_string())
+    }
+
+    fn probe(&self, [column, row]: [usize; 2]) -> Summary {
+        if self.width <= column || self.height <= row {
+            return Summary::default();
+        }
+        let color = Color(self.at([column, row]));
+        let lab = color.lab();
+        let rounded = [lab.l, lab.a, lab.b].map(|x| (f64::from(x) * 10.0).round() / 10.0);
+        Summary::default().with("sRGB", color.to_string()).with("Lab", rounded.to_vec())
+    }
+}
+
+/// A color in CIE L*a*b* with white D65: L from 0 to 100; distances are about those that people see (CIE76).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lab {
+    /// Lightness, 0 to 100.
+    pub l: f32,
+    /// From green (negative) to red.
+    pub a: f32,
+    /// From blue (negative) to yellow.
+    pub b: f32,
+}
+
+impl Lab {
+    /// Converts from 8-bit sRGB: IEC 61966-2-1 for the curve, CIE 15 for L*a*b*, white (0.95047, 1, 1.08883).
+    /// Exact to some 1e-5 (single precision).
+    pub fn from_srgb(color: Rgb) -> Self {
+        let [r, g, b] = color.map(linear_from_srgb);
+        let x = (0.4124564 * r + 0.3575761 * g + 0.1804375 * b) / 0.95047;
+        let y = 0.2126729 * r + 0.7151522 * g + 0.0721750 * b;
+        let z = (0.0193339 * r + 0.119_192 * g + 0.9503041 * b) / 1.08883;
+        let [fx, fy, fz] = [x, y, z].map(|t| {
+            // (6/29)^3 and 3 (6/29)^2: where the cube root goes over into a line.
+            if t > 0.008_856_452 { libm::cbrtf(t) } else { t / 0.128_418_55 + 4.0 / 29.0 }
+        });
+        Self { l: 116.0 * fy - 16.0, a: 500.0 * (fx - fy), b: 200.0 * (fy - fz) }
+    }
+
+    /// The squared distance to another color, with differences of lightness weighed by `lightness` (1 is CIE76).
+    pub fn distance_sq(self, other: Self, lightness: f32) -> f32 {
+        let l = (self.l - other.l) * lightness;
+        let (a, b) = (self.a - other.a, self.b - other.b);
+        l * l + a * a + b * b
+    }
+}
+
+/// The light of an 8-bit sRGB channel, 0 to 1 (IEC 61966-2-1).
+pub(crate) fn linear_from_srgb(channel: u8) -> f32 {
+    static TABLE: LazyLock<[f32; 256]> = LazyLock::new(|| {
+        std::array::from_fn(|i| {
+            let c = i as f64 / 255.0;
+            let light = if c <= 0.04045 { c / 12.92 } else { libm::pow((c + 0.055) / 1.055, 2.4) };
+            light as f32
+        })
+    });
+    TABLE[usize::from(channel)]
+}
+
+/// The 8-bit sRGB channel of a light from 0 to 1, clamped: the inverse of [`linear_from_srgb`].
+pub(crate) fn srgb_from_linear(light: f64) -> u8 {
+    let light = light.clamp(0.0, 1.0);
+    let c = if light <= 0.0031308 {
+        light * 12.92
+    } else {
+        1.055 * libm::pow(light, 1.0 / 2.4) - 0.055
+    };
+    (c * 255.0).round() as u8
+}
+
+/// A color parameter: `"#rrggbb"` in graph files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Color(pub Rgb);
+
+impl Color {
+    /// The same color in CIE L*a*b*.
+    pub fn lab(self) -> Lab {
+        Lab::from_srgb(self.0)
+    }
+}
+
+/// Why a text is not a color.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("`{0}` is not a color; write six hexadecimal digits, as in \"#c33923\"")]
+pub struct ColorError(String);
+
+impl FromStr for Color {
+    type Err = ColorError;
+
+    fn from_str(text: &str) -> Result<Self, ColorError> {
+        let error = || ColorError(text.to_owned());
+        let digits = text.strip_prefix('#').ok_or_else(error)?;
+        if digits.len() != 6 || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+            return Err(error());
+        }
+        let number = u32::from_str_radix(digits, 16).map_err(|_| error())?;
+        let [_, r, g, b] = number.to_be_bytes();
+        Ok(Self([r, g, b]))
+    }
+}
+
+impl fmt::Display for Color {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [r, g, b] = self.0;
+        write!(f, "#{r:02x}{g:02x}{b:02x}")
+    }
+}
+
+impl Serialize for Color {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Color {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(de::Error::custom)
+    }
+}
+
+impl JsonSchema for Color {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Color".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "format": "color" })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn white_and_black_have_their_lab_values() {
+        let white = Lab::from_srgb([255; 3]);
+        assert!((white.l - 100.0).abs() < 1e-2 && white.a.abs() < 1e-2 && white.b.abs() < 1e-2);
+        let black = Lab::from_srgb([0; 3]);
+        assert!(black.l.abs() < 1e-4 && black.a.abs() < 1e-4 && black.b.abs() < 1e-4);
+    }
+
+    #[test]
+    fn linear_light_and_srgb_round_trip_for_every_channel_value() {
+        for channel in 0..=255 {
+            assert_eq!(srgb_from_linear(f64::from(linear_from_srgb(channel))), channel);
+        }
+    }
+
+    #[test]
+    fn a_color_reads_and_prints_the_same() {
+        assert_eq!("#c33923".parse::<Color>().unwrap().to_string(), "#c33923");
+        for wrong in ["c33923", "#c3392", "#c3392g", "#c339231", "red", "#+12345"] {
+            assert!(wrong.parse::<Color>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_texel_center_has_exactly_its_texels_color() {
+        let pixels: Vec<Rgb> = (0..12).map(|i| [i * 20, 255 - i * 20, i]).collect();
+        let image = Image::new(4, 3, pixels).unwrap();
+        for row in 0..3 {
+            for column in 0..4 {
+                let uv = [(column as f64 + 0.5) / 4.0, 1.0 - (row as f64 + 0.5) / 3.0];
+                let expected = image.at([column, row]).map(f64::from);
+                let difference = (0..3).map(|k| (image.sample(uv)[k] - expected[k]).abs());
+                assert!(difference.fold(0.0, f64::max) < 1e-9, "{column} {row}");
+            }
+        }
+    }
+
+    #[test]
+    fn pixels_that_do_not_fill_the_size_are_refused() {
+        assert!(Image::new(2, 2, vec![[0; 3]; 3]).is_err());
+        assert!(Image::new(usize::MAX, 2, vec![[0; 3]; 3]).is_err());
+    }
+}

@@ -1,0 +1,254 @@
+//! The basis functions of a knot vector, their derivatives, and the parameters at which they reproduce a line.
+//!
+//! Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), chapter 2; the names `left`, `right` and `saved` are theirs. Every
+//! function takes any number: a parameter outside of the domain counts as the nearest end, NaN as the start.
+
+use super::KnotVector;
+
+/// Most basis functions that meet in one span: one more than the highest degree.
+pub(in crate::value) const MOST: usize = 10;
+
+/// The basis functions that can be nonzero at one parameter, or their derivatives.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::value) struct Basis {
+    /// The control point that the first one weighs.
+    pub(in crate::value) first: usize,
+    /// The first degree + 1 entries count, the others are 0.
+    pub(in crate::value) values: [f64; MOST],
+}
+
+impl KnotVector {
+    /// The index `s` of the span that holds `u`: `knots[s] <= u < knots[s + 1]`, at the end of the domain the last span that
+    /// is not empty. `u` is clamped to the domain; NaN counts as its start.
+    ///
+    /// The NURBS Book, algorithm A2.1.
+    pub fn span(&self, u: f64) -> usize {
+        let u = self.clamp(u);
+        let knots = self.knots();
+        let (first, last) = (self.degree(), self.n_control() - 1);
+        let mut span = first + knots[first + 1..=last].partition_point(|&knot| knot <= u);
+        // Only at the end of the domain can the span be empty.
+        while knots[span + 1] <= knots[span] {
+            span -= 1;
+        }
+        span
+    }
+
+    /// The degree + 1 basis functions that can be nonzero at `u`, and the index of the control point that the first one
+    /// weighs. They are not negative and their sum is 1. `u` is clamped to the domain; NaN counts as its start.
+    ///
+    /// Cox-de Boor recurrence, bottom up: The NURBS Book, algorithm A2.2.
+    pub fn basis(&self, u: f64) -> (usize, Vec<f64>) {
+        let basis = self.basis_derivative(u, 0);
+        (basis.first, basis.values[..=self.degree()].to_vec())
+    }
+
+    /// The basis functions at `u` and their derivatives up to `order`: entry `k` holds the `k`-th derivatives of the degree + 1
+    /// functions, the first of which weighs the control point of the returned index. Derivatives above the degree are 0; at a
+    /// knot they are those of the span that [`span`](Self::span) finds. `u` is clamped to the domain; NaN counts as its start.
+    ///
+    /// The NURBS Book, eq. 2.7, applied to the basis functions of lower degree.
+    pub fn basis_derivatives(&self, u: f64, order: usize) -> (usize, Vec<Vec<f64>>) {
+        let derivative = |k| self.basis_derivative(u, k).values[..=self.degree()].to_vec();
+        (self.span(u) - self.degree(), (0..=order).map(derivative).collect())
+    }
+
+    /// For each control point the mean of the degree inner knots of its basis function. A B-spline whose control points are an
+    /// affine function of these abscissae is that function.
+    pub fn greville(&self) -> Vec<f64> {
+        (0..self.n_control()).map(|control| self.greville_at(control)).collect()
+    }
+
+    /// The parameter of a net coordinate `a`, a real number from 0 to the last control point's index: the root `u` of
+    /// `sum_i i N_i(u) = a`. With it an evenly spaced row of control points is reproduced evenly spaced, ends included, which
+    /// the abscissae of [`greville`](Self::greville) do not achieve near a clamped end.
+    ///
+    /// A coordinate outside of what the sum reaches gives the nearest end of the domain, NaN the start. The sum never decreases,
+    /// so that Newton steps from the Greville abscissa, replaced by bisection where they leave the bracket, always arrive.
+    pub fn parameter(&self, a: f64) -> f64 {
+        let (mut low, mut high) = self.domain();
+        let above_start = a > self.coordinate(low, 0);
+        if !above_start {
+            return low;
+        }
+        if self.coordinate(high, 0) <= a {
+            return high;
+        }
+        let precision = (high - low) * 1e-16;
+        let control = (a as usize).min(self.n_control() - 2);
+        let (before, after) = (self.greville_at(control), self.greville_at(control + 1));
+        let mut u = self.clamp(before + (a - control as f64) * (after - before));
+        // Bisection alone needs fewer steps than a number has bits; the bound only guards against overflowing knots.
+        for _ in 0..128 {
+            let excess = self.coordinate(u, 0) - a;
+            if excess == 0.0 {
+                break;
+            }
+            if excess < 0.0 {
+                low = u;
+            } else {
+                high = u;
+            }
+            let newton = u - excess / self.coordinate(u, 1);
+            let inside = low < newton && newton < high;
+            let next = if inside { newton } else { low + (high - low) / 2.0 };
+            let step = (next - u).abs();
+            u = next;
+            if step <= precision {
+                break;
+            }
+        }
+        u
+    }
+
+    /// The `order`-th derivative of `sum_i i N_i` at `u`.
+    fn coordinate(&self, u: f64, order: usize) -> f64 {
+        let basis = self.basis_derivative(u, order);
+        let terms = basis.values[..=self.degree()].iter().enumerate();
+        terms.map(|(k, value)| (basis.first + k) as f64 * value).sum()
+    }
+
+    fn greville_at(&self, control: usize) -> f64 {
+        let inner = &self.knots()[control + 1..=control + self.degree()];
+        inner.iter().sum::<f64>() / self.degree() as f64
+    }
+
+    fn clamp(&self, u: f64) -> f64 {
+        let (start, end) = self.domain();
+        u.max(start).min(end)
+    }
+
+    /// The `order`-th derivatives of the basis functions at `u`.
+    pub(in crate::value) fn basis_derivative(&self, u: f64, order: usize) -> Basis {
+        let u = self.clamp(u);
+        let (span, degree) = (self.span(u), self.degree());
+        let first = span - degree;
+        if degree < order {
+            return Basis { first, values: [0.0; MOST] };
+        }
+        let mut values = self.basis_of_degree(span, u, degree - order);
+        for d in degree - order + 1..=degree {
+            values = self.differentiate(span, d, &values);
+        }
+        Basis { first, values }
+    }
+
+    /// The basis functions of degree `d` that can be nonzero in a span that is not empty. No denominator is below the length
+    /// of the span.
+    fn basis_of_degree(&self, span: usize, u: f64, d: usize) -> [f64; MOST] {
+        let knots = self.knots();
+        let mut values = [0.0; MOST];
+        values[0] = 1.0;
+        for j in 1..=d {
+            let mut saved = 0.0;
+            for r in 0..j {
+                let right = knots[span + r + 1] - u;
+                let left = u - knots[span + 1 + r - j];
+                let share = values[r] / (right + left);
+                values[r] = saved + right * share;
+                saved = left * share;
+            }
+            values[j] = saved;
+        }
+        values
+    }
+
+    /// From the basis functions of degree `d - 1`, or some derivative of them, to the next derivative for degree `d`:
+    /// `N'_i = d (N_i / (t_{i+d} - t_i) - N_{i+1} / (t_{i+d+1} - t_{i+1}))`.
+    fn differentiate(&self, span: usize, d: usize, lower: &[f64; MOST]) -> [f64; MOST] {
+        let knots = self.knots();
+        let mut values = [0.0; MOST];
+        for (j, lower) in lower[..d].iter().enumerate() {
+            let quotient = d as f64 * lower / (knots[span + j + 1] - knots[span + 1 + j - d]);
+            values[j] -= quotient;
+            values[j + 1] += quotient;
+        }
+        values
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Random knots with repetitions, of any degree.
+    fn any_knots() -> impl Strategy<Value = KnotVector> {
+        let steps = prop::collection::vec(prop_oneof![Just(0.0), 0.01..3.0f64], 4..20);
+        (1usize..=9, steps, any::<bool>()).prop_filter_map(
+            "no knots",
+            |(degree, steps, clamped)| {
+                let mut knots = vec![0.0; if clamped { degree + 1 } else { 1 }];
+                for step in steps {
+                    knots.push(knots.last().unwrap() + step);
+                }
+                let end = knots.last().unwrap() + 1.0;
+                knots.extend(vec![end; if clamped { degree + 1 } else { 1 }]);
+                KnotVector::new(degree, knots).ok()
+            },
+        )
+    }
+
+    // T-NUR-02.
+    proptest! {
+        #[test]
+        fn basis_functions_are_not_negative_and_sum_to_one(knots in any_knots(), share in 0.0..=1.0f64) {
+            let (start, end) = knots.domain();
+            for u in [start, start + share * (end - start), end] {
+                let (first, values) = knots.basis(u);
+                prop_assert!(first + values.len() <= knots.n_control());
+                prop_assert!(values.iter().all(|&value| value >= 0.0), "{values:?}");
+                prop_assert!((values.iter().sum::<f64>() - 1.0).abs() <= 1e-14, "{values:?}");
+            }
+        }
+
+        #[test]
+        fn the_span_at_every_knot_is_not_empty(knots in any_knots()) {
+            for &u in knots.knots() {
+                let span = knots.span(u);
+                prop_assert!(knots.knots()[span] < knots.knots()[span + 1]);
+            }
+        }
+
+        #[test]
+        fn a_parameter_has_its_net_coordinate(knots in any_knots(), share in 0.0..=1.0f64) {
+            let (start, end) = knots.domain();
+            let (low, high) = (knots.coordinate(start, 0), knots.coordinate(end, 0));
+            let a = low + share * (high - low);
+            let u = knots.parameter(a);
+            prop_assert!((knots.coordinate(u, 0) - a).abs() <= 1e-12 * high, "{u}");
+        }
+    }
+
+    #[test]
+    fn the_last_control_point_rules_the_end_of_a_clamped_domain() {
+        let knots = KnotVector::new(2, vec![0., 0., 0., 1., 1., 2., 2., 2.]).unwrap();
+        assert_eq!(knots.basis(2.0), (2, vec![0.0, 0.0, 1.0]));
+        assert_eq!(knots.basis(9.0), knots.basis(2.0));
+        assert_eq!(knots.basis(f64::NAN), (0, vec![1.0, 0.0, 0.0]));
+    }
+
+    #[test]
+    fn derivatives_of_the_cubic_bernstein_polynomials_are_known() {
+        let knots = KnotVector::new(3, vec![0., 0., 0., 0., 1., 1., 1., 1.]).unwrap();
+        let (first, rows) = knots.basis_derivatives(0.5, 4);
+        assert_eq!(first, 0);
+        assert_eq!(rows[0], [0.125, 0.375, 0.375, 0.125]);
+        assert_eq!(rows[1], [-0.75, -0.75, 0.75, 0.75]);
+        assert_eq!(rows[2], [3.0, -3.0, -3.0, 3.0]);
+        assert_eq!(rows[3], [-6.0, 18.0, -18.0, 6.0]);
+        assert_eq!(rows[4], [0.0; 4]);
+    }
+
+    #[test]
+    fn greville_abscissae_of_the_uniform_quadratic_start_at_half_steps() {
+        let knots = KnotVector::uniform(5, 3).unwrap();
+        assert_eq!(knots.greville(), [0.0, 0.5, 1.5, 2.5, 3.0]);
+        // Far from the ends the parameter of a control point is its Greville abscissa.
+        let long = KnotVector::uniform(12, 4).unwrap();
+        assert!((long.parameter(5.0) - long.greville()[5]).abs() <= 1e-14);
+        assert_eq!([long.parameter(-1.0), long.parameter(99.0)], [0.0, 9.0]);
+        assert_eq!(long.parameter(f64::NAN), 0.0);
+    }
+}

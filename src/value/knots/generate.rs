@@ -1,0 +1,113 @@
+//! Ways to make a knot vector.
+
+use super::{KnotVector, KnotVectorError};
+
+impl KnotVector {
+    /// Evenly spaced knots, the ends repeated `order` times: the domain goes from 0 to `n_control - order + 1`. With
+    /// `n_control == order` the pieces are one Bezier curve.
+    ///
+    /// # Errors
+    /// If `order` is not from 2 to 10 or there are fewer control points than that.
+    pub fn uniform(n_control: usize, order: usize) -> Result<Self, KnotVectorError> {
+        check(n_control, order)?;
+        let pieces = n_control - order + 1;
+        let knot = |i: usize| (i + 1).saturating_sub(order).min(pieces) as f64;
+        Self::new(order - 1, (0..n_control + order).map(knot).collect())
+    }
+
+    /// The knots of an exact circle of nine control points on a square: order 3, `0 0 0 1 1 2 2 3 3 4 4 4`. Its weights are
+    /// 1 and `sqrt(1/2)` in turn.
+    pub fn cylinder() -> Self {
+        let knots = vec![0., 0., 0., 1., 1., 2., 2., 3., 3., 4., 4., 4.];
+        Self::new(2, knots).expect("the knots of the circle keep the invariant")
+    }
+
+    /// Knots that follow the parameters of data points, one control point for each: the ends repeated, each inner knot the mean
+    /// of `degree` successive parameters.
+    ///
+    /// De Boor's averaging; Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eq. 9.8.
+    ///
+    /// # Errors
+    /// If the degree is not from 1 to 9, there are at most `degree` parameters, they decrease, or too many of them are equal.
+    pub fn averaged(parameters: &[f64], degree: usize) -> Result<Self, KnotVectorError> {
+        check(parameters.len(), degree.saturating_add(1))?;
+        let mean = |window: &[f64]| window.iter().sum::<f64>() / degree as f64;
+        let last = parameters.len() - 1;
+        let mut knots = vec![parameters[0]; degree + 1];
+        knots.extend(parameters[1..last].windows(degree).map(mean));
+        knots.extend(vec![parameters[last]; degree + 1]);
+        Self::new(degree, knots)
+    }
+
+    /// Evenly spaced knots without repeated ends: the domain goes from 0 to `n_control - order + 1`. A net whose last
+    /// `order - 1` rows repeat its first ones closes smoothly on it; any other net does not reach its first and last points.
+    ///
+    /// # Errors
+    /// If `order` is not from 2 to 10 or there are fewer control points than that.
+    pub fn periodic(n_control: usize, order: usize) -> Result<Self, KnotVectorError> {
+        check(n_control, order)?;
+        let degree = order - 1;
+        Self::new(degree, (0..n_control + order).map(|i| i as f64 - degree as f64).collect())
+    }
+}
+
+fn check(n_control: usize, order: usize) -> Result<(), KnotVectorError> {
+    if !(2..=10).contains(&order) {
+        return Err(KnotVectorError::Degree { degree: order.saturating_sub(1) });
+    }
+    if n_control < order {
+        let (count, degree) = (n_control.saturating_add(order), order - 1);
+        return Err(KnotVectorError::TooFew { count, degree, least: 2 * order });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // T-NUR-03.
+    #[test]
+    fn uniform_knots_are_the_published_ones() {
+        let knots =
+            |n_control, order| KnotVector::uniform(n_control, order).unwrap().knots().to_vec();
+        assert_eq!(knots(5, 3), [0., 0., 0., 1., 2., 3., 3., 3.]);
+        assert_eq!(knots(9, 3), [0., 0., 0., 1., 2., 3., 4., 5., 6., 7., 7., 7.]);
+        assert_eq!(knots(4, 4), [0., 0., 0., 0., 1., 1., 1., 1.]);
+    }
+
+    #[test]
+    fn averaged_knots_are_means_of_parameters() {
+        let knots = KnotVector::averaged(&[0.0, 1.0, 2.0, 4.0, 8.0], 3).unwrap();
+        assert_eq!(knots.knots()[3..6], [0.0, 7.0 / 3.0, 8.0]);
+        let line = KnotVector::averaged(&[0.0, 1.0, 3.0], 1).unwrap();
+        assert_eq!(line.knots(), [0.0, 0.0, 1.0, 3.0, 3.0]);
+        let bezier = KnotVector::averaged(&[0.0, 1.0, 3.0], 2).unwrap();
+        assert_eq!(bezier.knots(), [0.0, 0.0, 0.0, 3.0, 3.0, 3.0]);
+    }
+
+    #[test]
+    fn reversed_parameters_give_reversed_knots() {
+        let parameters = [0.0, 0.25, 0.375, 0.75, 0.875, 1.0];
+        let reversed: Vec<f64> = parameters.iter().rev().map(|u| 1.0 - u).collect();
+        let there = KnotVector::averaged(&parameters, 2).unwrap();
+        let back = KnotVector::averaged(&reversed, 2).unwrap();
+        let mirrored: Vec<f64> = back.knots().iter().rev().map(|u| 1.0 - u).collect();
+        assert_eq!(there.knots(), mirrored);
+    }
+
+    #[test]
+    fn periodic_knots_have_the_domain_of_uniform_ones() {
+        let knots = KnotVector::periodic(7, 4).unwrap();
+        assert_eq!((knots.n_control(), knots.domain()), (7, (0.0, 4.0)));
+    }
+
+    #[test]
+    fn too_few_control_points_are_refused() {
+        assert!(matches!(KnotVector::uniform(2, 3), Err(KnotVectorError::TooFew { .. })));
+        assert!(matches!(KnotVector::averaged(&[], 3), Err(KnotVectorError::TooFew { .. })));
+        assert!(matches!(KnotVector::averaged(&[0.0], 0), Err(KnotVectorError::Degree { .. })));
+        assert!(matches!(KnotVector::periodic(20, 11), Err(KnotVectorError::Degree { .. })));
+        assert!(KnotVector::averaged(&[1.0; 4], 2).is_err());
+    }
+}

@@ -1,0 +1,312 @@
+//! A number per pixel that says to which component it belongs.
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+use thiserror::Error;
+
+use super::image::{SizeError, check_size};
+use super::{Column, Encoder, Summary, Value};
+
+/// Which component each pixel of a picture belongs to: 0 is background, components count from 1 in the order in which
+/// their first pixels are met, row by row from the top.
+///
+/// Invariant, checked by [`Labels::new`] and [`Labels::from_runs`]: as many entries as width x height; no entry above the
+/// number of components, and each component has a pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Labels {
+    width: usize,
+    height: usize,
+    pixels: Column<u32>,
+    statistics: Vec<LabelStatistics>,
+}
+
+/// What is known of one component.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LabelStatistics {
+    /// Number of pixels.
+    pub area: usize,
+    /// The first pixel met row by row from the top: column, row.
+    pub first: [usize; 2],
+    /// Upper left pixel of the bounding box: column, row.
+    pub low: [usize; 2],
+    /// Lower right pixel of the bounding box, itself inside: column, row.
+    pub high: [usize; 2],
+    /// Mean of the pixels' centers: column, row.
+    pub centroid: [f64; 2],
+    /// Whether a pixel lies in the outermost rows or columns of the picture.
+    pub touches_border: bool,
+}
+
+/// Pixels side by side in one row that have the same label.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LabelRun {
+    /// The row.
+    pub row: u32,
+    /// The first column.
+    pub start: u32,
+    /// The column behind the last one.
+    pub end: u32,
+    /// The component, from 1.
+    pub label: u32,
+}
+
+/// Why runs do not make labels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum LabelsError {
+    /// A run in the wrong place.
+    #[error("run {run} is empty, outside of the picture, or not behind the run before it")]
+    Place {
+        /// The offending run.
+        run: usize,
+    },
+    /// A run that leaves out a number.
+    #[error("run {run} has label {label}, but only {components} components were met before it")]
+    Label {
+        /// The offending run.
+        run: usize,
+        /// Its label.
+        label: u32,
+        /// How many components the runs before it have.
+        components: usize,
+    },
+}
+
+/// Rows that one thread writes at a time: enough work to be worth waking it.
+const STRIP_ROWS: usize = 64;
+
+impl Labels {
+    /// Labels of `width` x `height` pixels, row by row from the top; renumbered into the order described above.
+    ///
+    /// # Errors
+    /// If there are more or fewer entries than that.
+    pub fn new(width: usize, height: usize, pixels: Vec<u32>) -> Result<Self, SizeError> {
+        check_size(width, height, pixels.len())?;
+        let mut runs = Vec::new();
+        for (row, pixels) in (0..).zip(pixels.chunks(width.max(1))) {
+            let mut start = 0;
+            for same in pixels.chunk_by(|a, b| a == b) {
+                let end = start + same.len() as u32;
+                if same[0] != 0 {
+                    runs.push(LabelRun { row, start, end, label: same[0] });
+                }
+                start = end;
+            }
+        }
+        renumber(&mut runs);
+        Ok(Self::assemble(width, height, pixels, &runs))
+    }
+
+    /// Labels of `width` x `height` pixels: background, and these runs, row by row from the top, already numbered in the
+    /// order described above.
+    ///
+    /// # Errors
+    /// If a run is empty or outside, starts before the end of the one before it, or its label is 0 or leaves out a number.
+    pub fn from_runs(width: usize, height: usize, runs: &[LabelRun]) -> Result<Self, LabelsError> {
+        let (mut behind, mut components) = ((0, 0), 0);
+        for (index, run) in runs.iter().enumerate() {
+            let inside = (run.row as usize) < height && run.end as usize <= width;
+            if !inside || run.end <= run.start || (run.row, run.start) < behind {
+                return Err(LabelsError::Place { run: index });
+            }
+            if run.label == 0 || components + 1 < run.label {
+                let (label, components) = (run.label, components as usize);
+                return Err(LabelsError::Label { run: index, label, components });
+            }
+            behind = (run.row, run.end);
+            components = components.max(run.label);
+        }
+        Ok(Self::assemble(width, height, vec![0; width * height], runs))
+    }
+
+    /// Writes the runs over `pixels`, which has nothing but background outside of them.
+    fn assemble(width: usize, height: usize, mut pixels: Vec<u32>, runs: &[LabelRun]) -> Self {
+        let strips = pixels.par_chunks_mut(STRIP_ROWS * width.max(1)).enumerate();
+        strips.for_each(|(strip, pixels)| {
+            let rows = STRIP_ROWS * strip..STRIP_ROWS * (strip + 1);
+            let first = runs.partition_point(|run| (run.row as usize) < rows.start);
+            for run in runs[first..].iter().take_while(|run| (run.row as usize) < rows.end) {
+                let row = &mut pixels[(run.row as usize - rows.start) * width..][..width];
+                row[run.start as usize..run.end as usize].fill(run.label);
+            }
+        });
+        Self { width, height, pixels: pixels.into(), statistics: statistics(width, height, runs) }
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All pixels, row by row from the top.
+    pub fn pixels(&self) -> &[u32] {
+        &self.pixels
+    }
+
+    /// The label at `[column, row]`; 0 outside the picture.
+    pub fn at(&self, [column, row]: [usize; 2]) -> u32 {
+        if column < self.width && row < self.height {
+            self.pixels[row * self.width + column]
+        } else {
+            0
+        }
+    }
+
+    /// What is known of each component; the one labelled `n` stands at `n - 1`.
+    pub fn statistics(&self) -> &[LabelStatistics] {
+        &self.statistics
+    }
+
+    /// The labels from the largest component to the smallest; of two equal ones, the lower label first.
+    pub fn by_area(&self) -> Vec<u32> {
+        let mut labels: Vec<u32> = (1..=self.statistics.len() as u32).collect();
+        labels.sort_by_key(|&label| std::cmp::Reverse(self.statistics[label as usize - 1].area));
+        labels
+    }
+}
+
+/// Numbers the labels, whatever they are, in the order in which the runs meet them.
+fn renumber(runs: &mut [LabelRun]) {
+    let mut count = 0;
+    let mut number = |seen: &mut u32| {
+        if *seen == 0 {
+            count += 1;
+            *seen = count;
+        }
+        *seen
+    };
+    let most = runs.iter().map(|run| run.label as usize).max().unwrap_or(0);
+    if most <= 4 * runs.len() {
+        let mut seen = vec![0; most + 1];
+        runs.iter_mut().for_each(|run| run.label = number(&mut seen[run.label as usize]));
+    } else {
+        let mut seen = HashMap::new();
+        runs.iter_mut().for_each(|run| run.label = number(seen.entry(run.label).or_insert(0)));
+    }
+}
+
+/// What is known of each component of runs that are numbered in the order in which they meet them.
+fn statistics(width: usize, height: usize, runs: &[LabelRun]) -> Vec<LabelStatistics> {
+    let mut statistics: Vec<LabelStatistics> = Vec::new();
+    let mut sums: Vec<[u64; 2]> = Vec::new();
+    for run in runs {
+        let [start, last, row] = [run.start, run.end - 1, run.row].map(|at| at as usize);
+        let component = run.label as usize - 1;
+        if component == statistics.len() {
+            sums.push([0; 2]);
+            statistics.push(LabelStatistics {
+                area: 0,
+                first: [start, row],
+                low: [start, row],
+                high: [last, row],
+                centroid: [0.0; 2],
+                touches_border: false,
+            });
+        }
+        let (component, sum) = (&mut statistics[component], &mut sums[component]);
+        let count = last + 1 - start;
+        component.area += count;
+        component.low[0] = component.low[0].min(start);
+        component.high = [component.high[0].max(last), row];
+        sum[0] += (count * (start + last) / 2) as u64;
+        sum[1] += (count * row) as u64;
+    }
+    for (component, sum) in statistics.iter_mut().zip(sums) {
+        component.centroid = sum.map(|sum| sum as f64 / component.area as f64);
+        component.touches_border = component.low.contains(&0)
+            || component.high[0] + 1 == width
+            || component.high[1] + 1 == height;
+    }
+    statistics
+}
+
+impl Value for Labels {
+    const NAME: &'static str = "Labels";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.counts(&[self.width, self.height]).column(&self.pixels);
+    }
+
+    fn size(&self) -> usize {
+        self.pixels.size() + size_of_val(&self.statistics[..])
+    }
+
+    fn describe(&self) -> Summary {
+        let summary = Summary::default()
+            .with("size", format!("{} x {}", self.width, self.height))
+            .with("components", self.statistics.len());
+        self.by_area().into_iter().take(8).fold(summary, |summary, label| {
+            let component = &self.statistics[label as usize - 1];
+            let ([left, top], [right, bottom]) = (component.low, component.high);
+            let [x, y] = component.centroid;
+            let fact = format!(
+                "{} pixels in ({left}, {top})-({right}, {bottom}), center ({x:.1}, {y:.1})",
+                component.area
+            );
+            summary.with(&format!("label {label}"), fact)
+        })
+    }
+
+    fn probe(&self, at: [usize; 2]) -> Summary {
+        Summary::default().with("label", self.at(at))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn components_are_numbered_as_they_are_met() {
+        let labels = Labels::new(3, 2, vec![0, 9, 9, 4, 9, 0]).unwrap();
+        assert_eq!(labels.pixels(), [0, 1, 1, 2, 1, 0]);
+        let first = labels.statistics()[0];
+        assert_eq!((first.area, first.first, first.low, first.high), (3, [1, 0], [1, 0], [2, 1]));
+        assert_eq!(first.centroid, [4.0 / 3.0, 1.0 / 3.0]);
+        assert!(first.touches_border);
+        assert_eq!(labels.by_area(), [1, 2]);
+    }
+
+    #[test]
+    fn of_two_equal_components_the_lower_label_comes_first() {
+        assert_eq!(Labels::new(3, 1, vec![5, 0, 2]).unwrap().by_area(), [1, 2]);
+    }
+
+    #[test]
+    fn labels_may_be_any_numbers() {
+        let far = vec![u32::MAX, u32::MAX, 7, 0, 7, u32::MAX - 1];
+        assert_eq!(Labels::new(3, 2, far).unwrap().pixels(), [1, 1, 2, 0, 2, 3]);
+        let near = vec![3, 3, 2, 0, 2, 1];
+        assert_eq!(Labels::new(3, 2, near).unwrap().pixels(), [1, 1, 2, 0, 2, 3]);
+        assert_eq!(Labels::new(0, 5, vec![]).unwrap().statistics(), []);
+    }
+
+    #[test]
+    fn runs_make_the_same_labels_as_their_pixels() {
+        let run = |row, start, end, label| LabelRun { row, start, end, label };
+        let runs = [run(0, 1, 3, 1), run(1, 0, 1, 2), run(1, 1, 2, 1)];
+        let labels = Labels::from_runs(3, 2, &runs).unwrap();
+        assert_eq!(labels, Labels::new(3, 2, vec![0, 9, 9, 4, 9, 0]).unwrap());
+    }
+
+    #[test]
+    fn runs_out_of_order_are_refused() {
+        let run = |start, end, label| LabelRun { row: 0, start, end, label };
+        for (runs, first_wrong) in [
+            (vec![run(0, 4, 1)], 0),
+            (vec![run(1, 1, 1)], 0),
+            (vec![run(0, 2, 1), run(1, 3, 1)], 1),
+            (vec![LabelRun { row: 1, ..run(0, 1, 1) }], 0),
+        ] {
+            let error = Labels::from_runs(3, 1, &runs);
+            assert_eq!(error, Err(LabelsError::Place { run: first_wrong }));
+        }
+        let wrong = LabelsError::Label { run: 1, label: 3, components: 1 };
+        assert_eq!(Labels::from_runs(3, 1, &[run(0, 1, 1), run(2, 3, 3)]), Err(wrong));
+    }
+}

@@ -1,0 +1,110 @@
+//! Which pixels belong to something.
+
+use super::image::{SizeError, check_size};
+use super::{Column, Encoder, Summary, Value};
+
+/// Which pixels of a picture belong to something; row 0 on top.
+///
+/// Invariant, checked by [`Mask::new`]: as many entries as width x height, each 0 (outside) or 1 (inside).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mask {
+    width: usize,
+    height: usize,
+    pixels: Column<u8>,
+}
+
+impl Mask {
+    /// A mask of `width` x `height` pixels, row by row from the top; every entry that is not 0 counts as inside.
+    ///
+    /// # Errors
+    /// If there are more or fewer entries than that.
+    pub fn new(width: usize, height: usize, mut pixels: Vec<u8>) -> Result<Self, SizeError> {
+        check_size(width, height, pixels.len())?;
+        pixels.iter_mut().for_each(|pixel| *pixel = u8::from(*pixel != 0));
+        Ok(Self { width, height, pixels: pixels.into() })
+    }
+
+    /// A mask drawn as text, one line a row: `#` is inside, everything else outside. For tests and examples.
+    ///
+    /// # Panics
+    /// If the lines are not equally long.
+    pub fn drawn(rows: &[&str]) -> Self {
+        let width = rows.first().map_or(0, |row| row.len());
+        let pixels = rows.iter().flat_map(|row| row.bytes().map(|c| u8::from(c == b'#')));
+        Self::new(width, rows.len(), pixels.collect())
+            .expect("rows of a drawn mask are equally long")
+    }
+
+    /// The mask as text, the inverse of [`Mask::drawn`] with `.` outside.
+    pub fn draw(&self) -> String {
+        let mut text = String::new();
+        for row in 0..self.height {
+            let pixels = &self.pixels[row * self.width..][..self.width];
+            text.extend(pixels.iter().map(|&inside| if inside == 1 { '#' } else { '.' }));
+            text.push('\n');
+        }
+        text
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All pixels, row by row from the top: 1 inside, 0 outside.
+    pub fn pixels(&self) -> &[u8] {
+        &self.pixels
+    }
+
+    /// Whether the pixel at `[column, row]` is inside; a pixel outside the picture is not.
+    pub fn contains(&self, [column, row]: [usize; 2]) -> bool {
+        column < self.width && row < self.height && self.pixels[row * self.width + column] == 1
+    }
+
+    /// How many pixels are inside.
+    pub fn count(&self) -> usize {
+        self.pixels.iter().map(|&pixel| usize::from(pixel)).sum()
+    }
+}
+
+impl Value for Mask {
+    const NAME: &'static str = "Mask";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.counts(&[self.width, self.height]).column(&self.pixels);
+    }
+
+    fn size(&self) -> usize {
+        self.pixels.size()
+    }
+
+    fn describe(&self) -> Summary {
+        let inside = self.count();
+        let share = 100.0 * inside as f64 / self.pixels.len().max(1) as f64;
+        Summary::default()
+            .with("size", format!("{} x {}", self.width, self.height))
+            .with("inside", format!("{inside} pixels ({share:.2} %)"))
+    }
+
+    fn probe(&self, at: [usize; 2]) -> Summary {
+        Summary::default().with("inside", self.contains(at))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drawn_mask_draws_the_same() {
+        let mask = Mask::drawn(&["#.#", "..."]);
+        assert_eq!(mask.draw(), "#.#\n...\n");
+        assert_eq!(mask.count(), 2);
+        assert!(mask.contains([2, 0]) && !mask.contains([3, 0]));
+    }
+}

@@ -1,0 +1,431 @@
+//! Polygon meshes.
+
+use nalgebra::{Point3, Vector3};
+use thiserror::Error;
+
+use super::{
+    Attribute, AttributeError, Attributes, CaptureFrame, Column, Encoder, Image, Summary, Value,
+};
+
+mod faces;
+
+pub use faces::{Edges, Faces};
+
+/// Why vertices and faces do not make a mesh.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum MeshError {
+    /// A face with fewer than three corners.
+    #[error("face {face} has {corners} corners; a face has at least 3")]
+    FewCorners {
+        /// The offending face.
+        face: usize,
+        /// Its corners.
+        corners: usize,
+    },
+    /// Faces whose list of corners is cut off.
+    #[error("{corners} corners do not make faces of {sides} corners each")]
+    CutOff {
+        /// Corners given.
+        corners: usize,
+        /// Corners per face.
+        sides: usize,
+    },
+    /// A corner that names no vertex.
+    #[error("face {face} names vertex {vertex}, but there are only {vertices}")]
+    NoVertex {
+        /// The offending face.
+        face: usize,
+        /// The vertex it names.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// A face that meets a vertex twice.
+    #[error("face {face} meets vertex {vertex} twice")]
+    RepeatedVertex {
+        /// The offending face.
+        face: usize,
+        /// The vertex it repeats.
+        vertex: u32,
+    },
+    /// A position that is NaN or infinite.
+    #[error("vertex {vertex} is not at a finite place")]
+    NotFinite {
+        /// The offending vertex.
+        vertex: usize,
+    },
+    /// An attribute of the wrong length.
+    #[error(transparent)]
+    Attribute(#[from] AttributeError),
+    /// More vertices or corners than a 32-bit index can tell apart.
+    #[error("{count} {what} are more than a mesh can hold")]
+    TooLarge {
+        /// What there is too much of.
+        what: &'static str,
+        /// How many.
+        count: usize,
+    },
+}
+
+fn check_count(what: &'static str, count: usize) -> Result<(), MeshError> {
+    if count < u32::MAX as usize { Ok(()) } else { Err(MeshError::TooLarge { what, count }) }
+}
+
+/// A polygon mesh: faces counter-clockwise seen from outside; right-handed axes, lengths in mm.
+///
+/// A mesh with a [`CaptureFrame`] has the sensor's axes (x right, y down, z away); one without has y up.
+///
+/// Invariant, checked by [`Mesh::new`] and the `with_` methods: positions finite; each corner names a vertex; no face
+/// meets a vertex twice; each attribute has an entry per element.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mesh {
+    positions: Column<Point3<f64>>,
+    faces: Faces,
+    vertex: Attributes,
+    corner: Attributes,
+    face: Attributes,
+    /// Sharpness of the creased edges, by vertices (a < b), sorted.
+    creases: Column<Crease>,
+    texture: Option<Image>,
+    frame: Option<CaptureFrame>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C)]
+struct Crease {
+    vertices: [u32; 2],
+    sharpness: f64,
+}
+
+impl Mesh {
+    /// A mesh without attributes, in a frame with y up.
+    ///
+    /// # Errors
+    /// If a position is not finite, a corner names no vertex, or a face meets a vertex twice.
+    pub fn new(positions: impl Into<Column<Point3<f64>>>, faces: Faces) -> Result<Self, MeshError> {
+        let positions = positions.into();
+        check_count("vertices", positions.len())?;
+        check_positions(&positions)?;
+        let vertices = positions.len();
+        for (index, face) in faces.iter().enumerate() {
+            if let Some(&vertex) = face.iter().find(|&&vertex| vertices <= vertex as usize) {
+                return Err(MeshError::NoVertex { face: index, vertex, vertices });
+            }
+            let repeated = |(k, vertex): &(usize, &u32)| face[..*k].contains(vertex);
+            if let Some((_, &vertex)) = face.iter().enumerate().find(repeated) {
+                return Err(MeshError::RepeatedVertex { face: index, vertex });
+            }
+        }
+        Ok(Self {
+            positions,
+            faces,
+            vertex: Attributes::default(),
+            corner: Attributes::default(),
+            face: Attributes::default(),
+            creases: Column::default(),
+            texture: None,
+            frame: None,
+        })
+    }
+
+    /// The same mesh with its vertices moved; faces and attributes are shared, and the attribute `normal` is dropped.
+    ///
+    /// # Errors
+    /// If there are more or fewer positions than vertices, or one is not finite.
+    pub fn with_positions(&self, positions: Vec<Point3<f64>>) -> Result<Self, MeshError> {
+        if positions.len() != self.positions.len() {
+            let (count, elements) = (positions.len(), self.positions.len());
+            return Err(AttributeError { name: "position".into(), count, elements }.into());
+        }
+        check_positions(&positions)?;
+        let mut moved = Self { positions: positions.into(), ..self.clone() };
+        moved.vertex.remove("normal");
+        moved.corner.remove("normal");
+        Ok(moved)
+    }
+
+    /// The same mesh with an attribute per vertex.
+    ///
+    /// # Errors
+    /// If there are more or fewer entries than vertices.
+    pub fn with_vertex(mut self, name: &str, attribute: Attribute) -> Result<Self, MeshError> {
+        self.vertex.insert(name, attribute, self.positions.len())?;
+        Ok(self)
+    }
+
+    /// The same mesh with an attribute per corner, in the order of [`Faces::corners`].
+    ///
+    /// # Errors
+    /// If there are more or fewer entries than corners.
+    pub fn with_corner(mut self, name: &str, attribute: Attribute) -> Result<Self, MeshError> {
+        self.corner.insert(name, attribute, self.faces.corners().len())?;
+        Ok(self)
+    }
+
+    /// The same mesh with an attribute per face.
+    ///
+    /// # Errors
+    /// If there are more or fewer entries than faces.
+    pub fn with_face(mut self, name: &str, attribute: Attribute) -> Result<Self, MeshError> {
+        self.face.insert(name, attribute, self.faces.len())?;
+        Ok(self)
+    }
+
+    /// The same mesh without the vertex and corner attributes of that name.
+    #[must_use]
+    pub fn without(mut self, name: &str) -> Self {
+        self.vertex.remove(name);
+        self.corner.remove(name);
+        self
+    }
+
+    /// The same mesh with these creases: vertex pairs and sharpness, 0 to 10 (10 and more never softens).
+    #[must_use]
+    pub fn with_creases(mut self, creases: impl IntoIterator<Item = ([u32; 2], f64)>) -> Self {
+        let mut creases: Vec<Crease> = creases
+            .into_iter()
+            .map(|([a, b], sharpness)| Crease { vertices: [a.min(b), a.max(b)], sharpness })
+            .collect();
+        creases.sort_by_key(|crease| crease.vertices);
+        self.creases = creases.into();
+        self
+    }
+
+    /// The same mesh with a picture on it.
+    #[must_use]
+    pub fn with_texture(mut self, texture: Option<Image>) -> Self {
+        self.texture = texture;
+        self
+    }
+
+    /// The same mesh in a capture's frame, or none.
+    #[must_use]
+    pub fn with_frame(mut self, frame: Option<CaptureFrame>) -> Self {
+        self.frame = frame;
+        self
+    }
+
+    /// The vertices' places.
+    pub fn positions(&self) -> &Column<Point3<f64>> {
+        &self.positions
+    }
+
+    /// The faces.
+    pub fn faces(&self) -> &Faces {
+        &self.faces
+    }
+
+    /// Attributes per vertex.
+    pub fn vertex(&self) -> &Attributes {
+        &self.vertex
+    }
+
+    /// Attributes per corner.
+    pub fn corner(&self) -> &Attributes {
+        &self.corner
+    }
+
+    /// Attributes per face.
+    pub fn face(&self) -> &Attributes {
+        &self.face
+    }
+
+    /// The creased edges (a < b) with their sharpness, sorted by vertices.
+    pub fn creases(&self) -> impl ExactSizeIterator<Item = ([u32; 2], f64)> {
+        self.creases.iter().map(|crease| (crease.vertices, crease.sharpness))
+    }
+
+    /// The picture on it, if any.
+    pub fn texture(&self) -> Option<&Image> {
+        self.texture.as_ref()
+    }
+
+    /// The frame of the capture that it came from, if any.
+    pub fn frame(&self) -> Option<&CaptureFrame> {
+        self.frame.as_ref()
+    }
+
+    /// Its edges.
+    pub fn edges(&self) -> Edges {
+        self.faces.edges()
+    }
+
+    /// A unit normal per vertex: the mean of the faces' normals, each weighed by its area. Zero for a vertex of no face.
+    pub fn vertex_normals(&self) -> Vec<Vector3<f64>> {
+        let mut normals = vec![Vector3::zeros(); self.positions.len()];
+        for face in self.faces.iter() {
+            let area = self.area_vector(face);
+            face.iter().for_each(|&vertex| normals[vertex as usize] += area);
+        }
+        for normal in &mut normals {
+            *normal = normal.try_normalize(0.0).unwrap_or_default();
+        }
+        normals
+    }
+
+    /// Half the sum of the cross products of neighboring corners: as long as the face's area, pointing outward.
+    pub fn area_vector(&self, face: &[u32]) -> Vector3<f64> {
+        let origin = self.positions[face[0] as usize];
+        let spoke = |k: usize| self.positions[face[k] as usize] - origin;
+        (1..face.len() - 1).map(|k| spoke(k).cross(&spoke(k + 1))).sum::<Vector3<f64>>() / 2.0
+    }
+
+    /// Lowest and highest coordinates; none without vertices.
+    pub fn bounds(&self) -> Option<(Point3<f64>, Point3<f64>)> {
+        bounds(self.positions.iter())
+    }
+}
+
+fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
+    match positions.iter().position(|point| !point.coords.iter().all(|x| x.is_finite())) {
+        None => Ok(()),
+        Some(vertex) => Err(MeshError::NotFinite { vertex }),
+    }
+}
+
+fn bounds<'a>(
+    mut points: impl Iterator<Item = &'a Point3<f64>>,
+) -> Option<(Point3<f64>, Point3<f64>)> {
+    let first = *points.next()?;
+    Some(points.fold((first, first), |(low, high), point| {
+        (low.coords.inf(&point.coords).into(), high.coords.sup(&point.coords).into())
+    }))
+}
+
+/// Adds the box around some points to a summary.
+pub(super) fn describe_bounds<'a>(
+    summary: Summary,
+    points: impl Iterator<Item = &'a Point3<f64>>,
+) -> Summary {
+    match bounds(points) {
+        None => summary,
+        Some((low, high)) => summary
+            .with("lowest", low.coords.as_slice().to_vec())
+            .with("highest", high.coords.as_slice().to_vec()),
+    }
+}
+
+impl Value for Mesh {
+    const NAME: &'static str = "Mesh";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.column(&self.positions);
+        self.faces.encode(to);
+        self.vertex.encode(to);
+        self.corner.encode(to);
+        self.face.encode(to);
+        to.column(&self.creases)
+            .option(self.texture.as_ref(), |to, texture| {
+                to.value(texture);
+            })
+            .option(self.frame.as_ref(), |to, frame| frame.encode(to));
+    }
+
+    fn size(&self) -> usize {
+        self.positions.size()
+            + self.faces.size()
+            + self.vertex.size()
+            + self.corner.size()
+            + self.face.size()
+            + self.creases.size()
+            + self.texture.as_ref().map_or(0, Value::size)
+    }
+
+    fn describe(&self) -> Summary {
+        let edges = self.edges();
+        let (vertices, faces) = (self.positions.len(), self.faces.len());
+        let euler = vertices as i64 - edges.vertices.len() as i64 + faces as i64;
+        let count = |wanted: fn(&u32) -> bool| edges.faces.iter().filter(|n| wanted(n)).count();
+        let area: f64 = self.faces.iter().map(|face| self.area_vector(face).norm()).sum();
+        let attributes: Vec<&str> = [&self.vertex, &self.corner, &self.face]
+            .into_iter()
+            .flat_map(Attributes::iter)
+            .map(|(name, _)| name)
+            .collect();
+        let summary = Summary::default()
+            .with("vertices", vertices)
+            .with("faces", faces)
+            .with("edges", edges.vertices.len())
+            .with("boundary edges", count(|&n| n == 1))
+            .with("non-manifold edges", count(|&n| n > 2))
+            .with("misoriented edges", edges.misoriented)
+            .with("Euler characteristic", euler)
+            .with("area", area)
+            .with("attributes", attributes.join(", "));
+        let summary = match &self.texture {
+            Some(texture) => {
+                summary.with("texture", format!("{} x {}", texture.width(), texture.height()))
+            }
+            None => summary,
+        };
+        describe_bounds(summary, self.positions.iter())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn quad_and_triangle() -> Mesh {
+        let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
+        let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
+        Mesh::new(positions, faces).unwrap()
+    }
+
+    #[test]
+    fn faces_of_several_sizes_keep_their_corners() {
+        let mesh = quad_and_triangle();
+        assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [&[0, 1, 2, 3][..], &[1, 4, 2]]);
+        assert_eq!((mesh.faces().len(), mesh.faces().sides()), (2, None));
+        let edges = mesh.edges();
+        assert_eq!((edges.vertices.len(), edges.misoriented), (6, 0));
+        assert_eq!(edges.faces, [1, 2, 1, 1, 1, 1]);
+        assert_eq!(edges.of_corner, [0, 1, 2, 3, 4, 5, 1]);
+    }
+
+    #[test]
+    fn counter_clockwise_faces_look_towards_the_viewer() {
+        let mesh = quad_and_triangle();
+        assert_eq!(mesh.area_vector(mesh.faces().face(0)), Vector3::new(0.0, 0.0, 1.0));
+        assert!(mesh.vertex_normals().iter().all(|normal| *normal == Vector3::z()));
+    }
+
+    #[test]
+    fn two_faces_through_one_edge_in_the_same_direction_are_noticed() {
+        let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
+        let faces = Faces::triangles(vec![[0, 1, 2], [0, 1, 2]]);
+        assert_eq!(Mesh::new(positions, faces).unwrap().edges().misoriented, 3);
+    }
+
+    #[test]
+    fn the_edges_of_a_large_fan_are_found_fast_and_in_order() {
+        let rim = 60_000;
+        let positions = (0..=rim).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect::<Vec<_>>();
+        let faces = (1..rim).map(|i| [0, i, i + 1]).collect();
+        let edges = Mesh::new(positions, Faces::triangles(faces)).unwrap().edges();
+        assert_eq!(edges.vertices[..5], [[0, 1], [1, 2], [0, 2], [2, 3], [0, 3]]);
+        assert_eq!(edges.vertices.len(), 2 * rim as usize - 1);
+        assert_eq!((edges.faces[2], edges.misoriented), (2, 0));
+    }
+
+    #[test]
+    fn vertices_and_faces_that_make_no_mesh_are_refused() {
+        let points = |n| vec![Point3::origin(); n];
+        let triangle = |face| Faces::triangles(vec![face]);
+        assert!(matches!(
+            Mesh::new(points(2), triangle([0, 1, 2])),
+            Err(MeshError::NoVertex { vertex: 2, .. })
+        ));
+        assert!(matches!(
+            Mesh::new(points(3), triangle([0, 1, 1])),
+            Err(MeshError::RepeatedVertex { vertex: 1, .. })
+        ));
+        assert!(Faces::uniform(3, vec![0, 1]).is_err());
+        assert!(Faces::polygons(&[2], vec![0, 1]).is_err());
+        let nowhere = vec![Point3::new(f64::NAN, 0.0, 0.0); 3];
+        assert!(Mesh::new(nowhere, triangle([0, 1, 2])).is_err());
+        let mesh = quad_and_triangle();
+        assert!(mesh.with_vertex("filled", Attribute::Flag(vec![1].into())).is_err());
+    }
+}

@@ -1,0 +1,256 @@
+//! A grid of points, as a range finder gives it.
+
+use nalgebra::{Matrix4, Point3};
+use thiserror::Error;
+
+use super::image::{SizeError, check_size};
+use super::{CaptureFrame, Column, Encoder, Pinhole, Registration, Rgb, Summary, Value};
+
+/// Why a range image is not what was asked for.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum RangeError {
+    /// Columns of different sizes.
+    #[error(transparent)]
+    Size(#[from] SizeError),
+    /// No cell has a point.
+    #[error("the range image has no valid cell")]
+    NoValidRange,
+}
+
+/// A grid of points in the sensor's frame: x right, y down, z away from the sensor, in mm; row 0 on top.
+///
+/// Invariant, checked by [`RangeImage::new`]: as many points as width x height; each either finite, which makes its cell
+/// *valid*, or NaN in all three coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RangeImage {
+    width: usize,
+    height: usize,
+    points: Column<Point3<f64>>,
+    /// Empty, or one entry per cell: 1 where the point was computed, not measured.
+    filled: Column<u8>,
+    /// Empty, or one color per cell.
+    colors: Column<Rgb>,
+    camera: Option<Pinhole>,
+    registration: Registration,
+    world_from_camera: Option<Matrix4<f64>>,
+}
+
+const NO_POINT: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
+
+impl RangeImage {
+    /// A grid of `width` x `height` points, row by row from the top; a point that is not finite makes its cell invalid.
+    /// It is registered to a picture of its own size, cell on pixel.
+    ///
+    /// # Errors
+    /// If there are more or fewer points than that.
+    pub fn new(
+        width: usize,
+        height: usize,
+        mut points: Vec<Point3<f64>>,
+    ) -> Result<Self, SizeError> {
+        check_size(width, height, points.len())?;
+        for point in &mut points {
+            if !point.coords.iter().all(|x| x.is_finite()) {
+                *point = NO_POINT;
+            }
+        }
+        Ok(Self {
+            width,
+            height,
+            points: points.into(),
+            filled: Column::default(),
+            colors: Column::default(),
+            camera: None,
+            registration: Registration::corners([width, height], [width, height]),
+            world_from_camera: None,
+        })
+    }
+
+    /// The same grid with other points, and all that travels with it.
+    ///
+    /// # Errors
+    /// If there are more or fewer points than cells.
+    pub fn with_points(&self, points: Vec<Point3<f64>>) -> Result<Self, SizeError> {
+        let moved = Self::new(self.width, self.height, points)?;
+        Ok(Self { points: moved.points, ..self.clone() })
+    }
+
+    /// The same with these cells marked as filled (1) or measured (0).
+    ///
+    /// # Errors
+    /// If there are more or fewer entries than cells.
+    pub fn with_filled(mut self, filled: Vec<u8>) -> Result<Self, SizeError> {
+        check_size(self.width, self.height, filled.len())?;
+        self.filled = if filled.contains(&1) { filled.into() } else { Column::default() };
+        Ok(self)
+    }
+
+    /// The same with a color per cell.
+    ///
+    /// # Errors
+    /// If there are more or fewer colors than cells.
+    pub fn with_colors(mut self, colors: Vec<Rgb>) -> Result<Self, SizeError> {
+        check_size(self.width, self.height, colors.len())?;
+        self.colors = colors.into();
+        Ok(self)
+    }
+
+    /// The same, taken with this camera.
+    #[must_use]
+    pub fn with_camera(mut self, camera: Option<Pinhole>) -> Self {
+        self.camera = camera;
+        self
+    }
+
+    /// The same, registered to its picture.
+    #[must_use]
+    pub fn with_registration(mut self, registration: Registration) -> Self {
+        self.registration = registration;
+        self
+    }
+
+    /// The same, taken from this place: a rigid motion from the sensor's frame to the world's, in mm.
+    #[must_use]
+    pub fn with_world_from_camera(mut self, pose: Option<Matrix4<f64>>) -> Self {
+        self.world_from_camera = pose;
+        self
+    }
+
+    /// Cells in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All points, row by row from the top; NaN where a cell is invalid.
+    pub fn points(&self) -> &[Point3<f64>] {
+        &self.points
+    }
+
+    /// The point of a cell, if it is valid; the index counts row by row from the top.
+    pub fn point(&self, cell: usize) -> Option<Point3<f64>> {
+        self.points.get(cell).copied().filter(|point| !point.x.is_nan())
+    }
+
+    /// Whether a cell's point was computed, not measured.
+    pub fn is_filled(&self, cell: usize) -> bool {
+        self.filled.get(cell) == Some(&1)
+    }
+
+    /// The colors of all cells, row by row from the top, if they have any.
+    pub fn colors(&self) -> Option<&[Rgb]> {
+        (!self.colors.is_empty()).then_some(&*self.colors)
+    }
+
+    /// The camera of the range grid, if known.
+    pub fn camera(&self) -> Option<&Pinhole> {
+        self.camera.as_ref()
+    }
+
+    /// How cells lie on the picture.
+    pub fn registration(&self) -> &Registration {
+        &self.registration
+    }
+
+    /// From the sensor's frame to the world's, if known.
+    pub fn world_from_camera(&self) -> Option<&Matrix4<f64>> {
+        self.world_from_camera.as_ref()
+    }
+
+    /// Number of valid cells.
+    pub fn n_valid(&self) -> usize {
+        self.points.iter().filter(|point| !point.x.is_nan()).count()
+    }
+
+    /// Median depth z of the valid cells, in mm: of an even number of depths the upper of the middle two.
+    ///
+    /// # Errors
+    /// If no cell is valid.
+    pub fn median_depth(&self) -> Result<f64, RangeError> {
+        let mut depths: Vec<f64> =
+            self.points.iter().map(|point| point.z).filter(|z| !z.is_nan()).collect();
+        if depths.is_empty() {
+            return Err(RangeError::NoValidRange);
+        }
+        let middle = depths.len() / 2;
+        Ok(*depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+    }
+
+    /// The frame of meshes made of this grid.
+    ///
+    /// # Errors
+    /// If no cell is valid.
+    pub fn capture_frame(&self) -> Result<CaptureFrame, RangeError> {
+        let map = &self.registration;
+        let camera = self.camera.map(|camera| Pinhole {
+            focal: [0, 1].map(|axis| camera.focal[axis] * map.scale[axis]),
+            center: map.picture_from_range(camera.center),
+        });
+        Ok(CaptureFrame { camera, picture: map.picture, depth: self.median_depth()? })
+    }
+}
+
+impl Value for RangeImage {
+    const NAME: &'static str = "RangeImage";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.counts(&[self.width, self.height])
+            .column(&self.points)
+            .column(&self.filled)
+            .column(&self.colors)
+            .option(self.camera.as_ref(), |to, camera| camera.encode(to))
+            .option(self.world_from_camera.as_ref(), |to, pose| {
+                let pose: [[f64; 4]; 4] = (*pose).into();
+                to.plain(&pose);
+            });
+        self.registration.encode(to);
+    }
+
+    fn size(&self) -> usize {
+        self.points.size() + self.filled.size() + self.colors.size()
+    }
+
+    fn describe(&self) -> Summary {
+        let summary = Summary::default()
+            .with("size", format!("{} x {}", self.width, self.height))
+            .with("valid", self.n_valid())
+            .with("filled", self.filled.iter().filter(|&&filled| filled == 1).count());
+        super::mesh::describe_bounds(summary, self.points.iter().filter(|p| !p.x.is_nan()))
+    }
+
+    fn probe(&self, [column, row]: [usize; 2]) -> Summary {
+        let [x, y] = self.registration.range_from_picture([column as f64, row as f64]);
+        let (x, y) = (x.round(), y.round());
+        if !(0.0 <= x && x < self.width as f64 && 0.0 <= y && y < self.height as f64) {
+            return Summary::default();
+        }
+        let summary = Summary::default().with("range cell", vec![x, y]);
+        match self.point(y as usize * self.width + x as usize) {
+            Some(point) => summary.with("point (mm)", point.coords.as_slice().to_vec()),
+            None => summary.with("point (mm)", "no range here"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_with_one_bad_coordinate_makes_its_cell_invalid() {
+        let points = vec![Point3::new(1.0, f64::INFINITY, 2.0), Point3::new(0.0, 0.0, 5.0)];
+        let range = RangeImage::new(2, 1, points).unwrap();
+        assert_eq!((range.n_valid(), range.point(0), range.median_depth()), (1, None, Ok(5.0)));
+        assert!(range.points()[0].coords.iter().all(|x| x.is_nan()));
+    }
+
+    #[test]
+    fn a_grid_without_valid_cells_has_no_depth() {
+        let range = RangeImage::new(1, 1, vec![NO_POINT]).unwrap();
+        assert_eq!(range.median_depth(), Err(RangeError::NoValidRange));
+    }
+}

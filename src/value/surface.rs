@@ -1,0 +1,114 @@
+//! Rational B-spline surfaces.
+
+use thiserror::Error;
+
+use super::{ControlNet, Encoder, KnotVector, Summary, Value};
+
+mod differentiate;
+mod evaluate;
+mod tessellate;
+
+pub use differentiate::Derivatives;
+
+/// Why a net and two knot vectors do not make a surface, or a surface has no answer.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum SurfaceError {
+    /// A knot vector for another number of control points.
+    #[error("the knot vector along {along} is for {knots} control points, the net has {points}")]
+    Count {
+        /// `u` or `v`.
+        along: char,
+        /// Control points that the knots are for.
+        knots: usize,
+        /// Control points of the net.
+        points: usize,
+    },
+    /// Weights that vanish together.
+    #[error(
+        "all weights around control point ({row}, {column}) are 0: the surface has no point there"
+    )]
+    Weights {
+        /// First row of the window of weights.
+        row: usize,
+        /// First column of the window of weights.
+        column: usize,
+    },
+}
+
+/// A rational B-spline surface: a control net and a knot vector per direction; rows of the net run along u.
+///
+/// ```text
+/// S(u,v) = sum_ab w_ab P_ab N_a(u) N_b(v) / sum_ab w_ab N_a(u) N_b(v)
+/// ```
+///
+/// Invariant, checked by [`Surface::new`]: the knot vectors fit the net; every window of (p + 1) x (q + 1) weights, the ones
+/// that meet in one piece, has a positive one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surface {
+    net: ControlNet,
+    u: KnotVector,
+    v: KnotVector,
+}
+
+impl Surface {
+    /// The surface of a net and its two knot vectors.
+    ///
+    /// # Errors
+    /// If a knot vector is for another number of control points, or weights vanish together.
+    pub fn new(net: ControlNet, u: KnotVector, v: KnotVector) -> Result<Self, SurfaceError> {
+        for (along, knots, points) in [('u', &u, net.rows()), ('v', &v, net.columns())] {
+            if knots.n_control() != points {
+                return Err(SurfaceError::Count { along, knots: knots.n_control(), points });
+            }
+        }
+        let (p, q) = (u.degree(), v.degree());
+        for row in 0..net.rows() - p {
+            for column in 0..net.columns() - q {
+                let positive = (row..=row + p).any(|a| {
+                    net.weights()[a * net.columns() + column..][..=q].iter().any(|&w| w > 0.0)
+                });
+                if !positive {
+                    return Err(SurfaceError::Weights { row, column });
+                }
+            }
+        }
+        Ok(Self { net, u, v })
+    }
+
+    /// The control net.
+    pub fn net(&self) -> &ControlNet {
+        &self.net
+    }
+
+    /// The knots along u: one control point per row.
+    pub fn u(&self) -> &KnotVector {
+        &self.u
+    }
+
+    /// The knots along v: one control point per column.
+    pub fn v(&self) -> &KnotVector {
+        &self.v
+    }
+}
+
+impl Value for Surface {
+    const NAME: &'static str = "Surface";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.value(&self.net).value(&self.u).value(&self.v);
+    }
+
+    fn size(&self) -> usize {
+        self.net.size() + self.u.size() + self.v.size()
+    }
+
+    fn describe(&self) -> Summary {
+        let domain = |knots: &KnotVector| format!("{:?}", knots.domain());
+        let mut summary = Summary::default()
+            .with("order", format!("{} x {}", self.u.degree() + 1, self.v.degree() + 1))
+            .with("domain u", domain(&self.u))
+            .with("domain v", domain(&self.v));
+        summary.0.extend(self.net.describe().0);
+        summary
+    }
+}

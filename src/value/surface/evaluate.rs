@@ -1,0 +1,347 @@
+//! Points of a surface.
+//!
+//! Everything is computed with homogeneous control points (w x, w y, w z, w) and divided at the end: Piegl and Tiller, *The
+//! NURBS Book*, 2nd ed. (1997), algorithms A4.3 and A4.4. A parameter outside of the domain counts as the nearest end, NaN as
+//! the start.
+//!
+//! Where only control points of weight 0 reach a parameter (at a clamped end whose row has weight 0), the quotient is 0/0. The
+//! surface has a limit there, and that is what is given: see [`INWARD`].
+
+use nalgebra::{Point3, Vector4};
+use rayon::prelude::*;
+
+use super::super::knots::Basis;
+use super::{KnotVector, Surface};
+
+/// How far from a parameter at which all weights vanish its limit is taken, as a share of the span. The sums that are divided
+/// there have no cancelling terms, so that a tiny step costs no digits; below 1e-16 it would be lost.
+const INWARD: f64 = 1e-9;
+
+impl Surface {
+    /// The parameters (u, v) of a net coordinate (a, b): see [`KnotVector::parameter`].
+    pub fn parameters(&self, [a, b]: [f64; 2]) -> [f64; 2] {
+        [self.u.parameter(a), self.v.parameter(b)]
+    }
+
+    /// The point at (u, v).
+    pub fn point(&self, u: f64, v: f64) -> Point3<f64> {
+        let homogeneous =
+            |u, v| self.contract(&self.u.basis_derivative(u, 0), &self.v.basis_derivative(v, 0));
+        let sum = homogeneous(u, v);
+        if sum.w > 0.0 {
+            return divide(sum);
+        }
+        divide(homogeneous(inward(&self.u, u, INWARD), inward(&self.v, v, INWARD)))
+    }
+
+    /// The points at all pairs of these parameters: for each of `us` a row of all `vs`. Equal to [`point`](Self::point), and
+    /// the same bits for any number of threads.
+    pub fn grid(&self, us: &[f64], vs: &[f64]) -> Vec<Point3<f64>> {
+        let (along_u, along_v) = (table(&self.u, us, 0), table(&self.v, vs, 0));
+        let sums = self.contract_grid(&self.homogeneous(), &along_u, &along_v);
+        let finish = |(index, sum): (usize, &Vector4<f64>)| {
+            if sum.w > 0.0 {
+                return divide(*sum);
+            }
+            self.point(us[index / vs.len()], vs[index % vs.len()])
+        };
+        sums.par_iter().enumerate().with_min_len(1024).map(finish).collect()
+    }
+
+    /// All control points as (w x, w y, w z, w), row by row.
+    pub(super) fn homogeneous(&self) -> Vec<Vector4<f64>> {
+        let pairs = self.net.points().iter().zip(self.net.weights());
+        pairs.map(|(point, &weight)| (point.coords * weight).push(weight)).collect()
+    }
+
+    /// `sum_ab N_a(u) N_b(v) (w_ab P_ab, w_ab)` for the basis functions at one parameter.
+    pub(super) fn contract(&self, u: &Basis, v: &Basis) -> Vector4<f64> {
+        let columns = self.net.columns();
+        let (p, q) = (self.u.degree(), self.v.degree());
+        let mut sum = Vector4::zeros();
+        for (k, &n_u) in u.values[..=p].iter().enumerate() {
+            let start = (u.first + k) * columns + v.first;
+            let mut along = Vector4::zeros();
+            for (l, &n_v) in v.values[..=q].iter().enumerate() {
+                let weight = self.net.weights()[start + l];
+                along += (self.net.points()[start + l].coords * weight).push(weight) * n_v;
+            }
+            sum += along * n_u;
+        }
+        sum
+    }
+
+    /// The same for all pairs of two tables, in two stages: first along v for each row of the net, then along u. The sums run
+    /// in the order of [`contract`](Self::contract), so that the bits agree.
+    pub(super) fn contract_grid(
+        &self,
+        control: &[Vector4<f64>],
+        u: &[Basis],
+        v: &[Basis],
+    ) -> Vec<Vector4<f64>> {
+        let (p, q) = (self.u.degree(), self.v.degree());
+        if u.is_empty() || v.is_empty() {
+            return Vec::new();
+        }
+        let mut rows = vec![Vector4::zeros(); self.net.rows() * v.len()];
+        rows.par_chunks_mut(v.len()).enumerate().for_each(|(a, row)| {
+            let control = &control[a * self.net.columns()..][..self.net.columns()];
+            for (sum, basis) in row.iter_mut().zip(v) {
+                for (control, &n_v) in control[basis.first..].iter().zip(&basis.values[..=q]) {
+                    *sum += control * n_v;
+                }
+            }
+        });
+        let mut sums = vec![Vector4::zeros(); u.len() * v.len()];
+        sums.par_chunks_mut(v.len()).zip(u).for_each(|(sums, basis)| {
+            for (k, &n_u) in basis.values[..=p].iter().enumerate() {
+                let row = &rows[(basis.first + k) * v.len()..][..v.len()];
+                sums.iter_mut().zip(row).for_each(|(sum, along)| *sum += along * n_u);
+            }
+        });
+        sums
+    }
+}
+
+pub(super) fn table(knots: &KnotVector, at: &[f64], order: usize) -> Vec<Basis> {
+    at.iter().map(|&u| knots.basis_derivative(u, order)).collect()
+}
+
+pub(super) fn divide(sum: Vector4<f64>) -> Point3<f64> {
+    (sum.xyz() / sum.w).into()
+}
+
+/// From `u` a share of its span towards the middle of it; from the middle itself nowhere, since there all basis functions are
+/// positive.
+pub(super) fn inward(knots: &KnotVector, u: f64, share: f64) -> f64 {
+    let (start, end) = knots.domain();
+    let u = u.max(start).min(end);
+    let span = knots.span(u);
+    let [low, high] = [knots.knots()[span], knots.knots()[span + 1]];
+    u + (low + (high - low) / 2.0 - u) * share
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use nalgebra::Vector3;
+
+    use super::super::super::ControlNet;
+    use super::*;
+
+    /// A net of wavy points whose weights go from 0.5 to 2.
+    fn wavy(rows: usize, columns: usize) -> ControlNet {
+        let point = |index: usize| {
+            let (a, b) = ((index / columns) as f64, (index % columns) as f64);
+            Point3::new(b + 0.2 * libm::sin(a), a + 0.1 * libm::cos(3.0 * b), libm::sin(a * b))
+        };
+        let weight = |index: usize| 0.5 + 1.5 * ((index * 7) % 10) as f64 / 9.0;
+        let count = rows * columns;
+        ControlNet::new(rows, columns, (0..count).map(point).collect::<Vec<_>>())
+            .and_then(|net| net.with_weights((0..count).map(weight).collect()))
+            .unwrap()
+    }
+
+    pub(crate) fn surface(orders: [usize; 2]) -> Surface {
+        let u = KnotVector::uniform(8, orders[0]).unwrap();
+        Surface::new(wavy(8, 9), u, KnotVector::uniform(9, orders[1]).unwrap()).unwrap()
+    }
+
+    pub(crate) fn samples(knots: &KnotVector, count: usize) -> Vec<f64> {
+        let (start, end) = knots.domain();
+        (0..=count).map(|k| start + (end - start) * k as f64 / count as f64).collect()
+    }
+
+    fn cylinder() -> Surface {
+        let square = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)];
+        let points = |z: f64| square.map(|(x, y)| Point3::new(f64::from(x), f64::from(y), z));
+        let weights = |_| (0..9).map(|k| if k % 2 == 0 { 1.0 } else { 0.5f64.sqrt() });
+        let net = ControlNet::new(2, 9, [points(0.0), points(2.0)].concat()).unwrap();
+        let net = net.with_weights((0..2).flat_map(weights).collect()).unwrap();
+        Surface::new(net, KnotVector::uniform(2, 2).unwrap(), KnotVector::cylinder()).unwrap()
+    }
+
+    // T-NUR-01, the full circle; T-NUR-07, its exact tangent.
+    #[test]
+    fn the_cylinder_is_round() {
+        let cylinder = cylinder();
+        for v in samples(cylinder.v(), 1000) {
+            let at = cylinder.derivatives(0.25, v);
+            let radius = at.point.coords.xy();
+            assert!((radius.norm() - 1.0).abs() <= 1e-14, "{v}: {}", radius.norm());
+            assert!(radius.dot(&at.v.xy()).abs() <= 1e-13);
+            assert!((at.point.z - 0.5).abs() <= 1e-14);
+        }
+    }
+
+    // T-NUR-01, the quarter.
+    #[test]
+    fn a_quarter_circle_is_round() {
+        let arc = [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+        let points = [0.0, 1.0].map(|z| arc.map(|(x, y)| Point3::new(x, y, z))).concat();
+        let half = 0.5f64.sqrt();
+        let net = ControlNet::new(2, 3, points).unwrap();
+        let net = net.with_weights(vec![1.0, half, 1.0, 1.0, half, 1.0]).unwrap();
+        let v = KnotVector::uniform(3, 3).unwrap();
+        let quarter = Surface::new(net, KnotVector::uniform(2, 2).unwrap(), v).unwrap();
+        for v in samples(quarter.v(), 1000) {
+            assert!((quarter.point(0.5, v).coords.xy().norm() - 1.0).abs() <= 1e-14);
+        }
+    }
+
+    // T-NUR-10.
+    #[test]
+    fn a_grid_is_its_points() {
+        for orders in [[2, 3], [3, 4], [5, 2]] {
+            let surface = surface(orders);
+            let (us, vs) = (samples(surface.u(), 23), samples(surface.v(), 17));
+            let grid = surface.grid(&us, &vs);
+            assert_eq!(grid.len(), us.len() * vs.len());
+            for (index, point) in grid.iter().enumerate() {
+                let alone = surface.point(us[index / vs.len()], vs[index % vs.len()]);
+                assert!((point - alone).norm() <= 1e-13);
+            }
+        }
+        assert!(surface([3, 3]).grid(&[], &[0.0]).is_empty());
+    }
+
+    #[test]
+    fn a_grid_has_the_same_bits_for_any_number_of_threads() {
+        let surface = surface([4, 3]);
+        let (us, vs) = (samples(surface.u(), 60), samples(surface.v(), 50));
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| (surface.grid(&us, &vs), surface.normal_grid(&us, &vs)))
+        };
+        assert_eq!(with(1), with(8));
+        assert_eq!(with(1).0, with(1).1.0);
+    }
+
+    // T-NUR-05.
+    #[test]
+    fn a_moved_net_gives_the_moved_surface() {
+        let surface = surface([4, 3]);
+        let matrix = nalgebra::Matrix3::new(1.0, 0.5, -0.2, 0.3, -1.1, 0.7, 0.2, 0.4, 0.9);
+        let shift = Vector3::new(3.0, -2.0, 0.5);
+        let moved = |point: &Point3<f64>| matrix * point + shift;
+        let points: Vec<_> = surface.net().points().iter().map(moved).collect();
+        let net = surface.net().clone().with_points(points).unwrap();
+        let other = Surface::new(net, surface.u().clone(), surface.v().clone()).unwrap();
+        for u in samples(surface.u(), 9) {
+            for v in samples(surface.v(), 9) {
+                let difference = other.point(u, v) - moved(&surface.point(u, v));
+                assert!(difference.norm() <= 1e-12);
+            }
+        }
+    }
+
+    // T-NUR-05, by support functions.
+    #[test]
+    fn a_point_lies_in_the_hull_of_its_control_points() {
+        let surface = surface([4, 3]);
+        let direction = |k: usize| {
+            let (z, angle) = (2.0 * k as f64 / 99.0 - 1.0, 2.4 * k as f64);
+            let radius = (1.0 - z * z).sqrt();
+            Vector3::new(radius * libm::cos(angle), radius * libm::sin(angle), z)
+        };
+        for u in samples(surface.u(), 7) {
+            for v in samples(surface.v(), 7) {
+                let point = surface.point(u, v);
+                let ((a, values_u), (b, values_v)) = (surface.u().basis(u), surface.v().basis(v));
+                for direction in (0..100).map(direction) {
+                    let local = (a..a + values_u.len()).flat_map(|row| {
+                        let row = &surface.net().points()[row * surface.net().columns() + b..];
+                        &row[..values_v.len()]
+                    });
+                    let support = local.map(|control| direction.dot(&control.coords));
+                    let most = support.fold(f64::NEG_INFINITY, f64::max);
+                    assert!(direction.dot(&point.coords) <= most + 1e-12);
+                }
+            }
+        }
+    }
+
+    // T-NUR-06.
+    #[test]
+    fn an_evenly_spaced_plane_is_reproduced_at_its_net_coordinates() {
+        let at = |a: f64, b: f64| Point3::new(3.0 + 0.5 * b, -1.0 + 0.25 * a + 0.1 * b, a - b);
+        let net = (0..12 * 13).map(|k| at((k / 13) as f64, (k % 13) as f64)).collect::<Vec<_>>();
+        for order in 2..=5 {
+            let net = ControlNet::new(12, 13, net.clone()).unwrap();
+            let [u, v] = [12, 13].map(|count| KnotVector::uniform(count, order).unwrap());
+            let surface = Surface::new(net.clone(), u, v).unwrap();
+            for (index, point) in net.points().iter().enumerate() {
+                let [u, v] = surface.parameters([(index / 13) as f64, (index % 13) as f64]);
+                assert!((surface.point(u, v) - point).norm() <= 1e-12, "order {order}, {index}");
+            }
+            let (u, v) = (surface.u().domain().1, surface.v().domain().1);
+            for (row, column, u, v) in
+                [(0, 0, 0.0, 0.0), (11, 0, u, 0.0), (0, 12, 0.0, v), (11, 12, u, v)]
+            {
+                assert_eq!(surface.point(u, v), net.points()[row * 13 + column]);
+            }
+            // Linear in the Greville abscissae, linear in the parameter.
+            let abscissae = surface.u().greville();
+            let line = |k: usize| Point3::new(abscissae[k / 13], 2.0 * abscissae[k / 13], 0.0);
+            let net = net.with_points((0..12 * 13).map(line).collect::<Vec<_>>()).unwrap();
+            let surface = Surface::new(net, surface.u().clone(), surface.v().clone()).unwrap();
+            for u in samples(surface.u(), 50) {
+                assert!((surface.point(u, 1.3) - Point3::new(u, 2.0 * u, 0.0)).norm() <= 1e-12);
+            }
+        }
+    }
+
+    // T-NUR-08.
+    #[test]
+    fn a_control_point_reaches_its_own_spans_only() {
+        let before = surface([3, 4]);
+        let (row, column) = (3, 4);
+        let mut points = before.net().points().to_vec();
+        points[row * 9 + column].z += 5.0;
+        let net = before.net().clone().with_points(points).unwrap();
+        let after = Surface::new(net, before.u().clone(), before.v().clone()).unwrap();
+        let window = |knots: &KnotVector, control: usize, at: f64| {
+            knots.knots()[control] < at && at < knots.knots()[control + knots.degree() + 1]
+        };
+        let mut reached = 0;
+        for u in samples(before.u(), 40) {
+            for v in samples(before.v(), 40) {
+                let inside = window(before.u(), row, u) && window(before.v(), column, v);
+                assert_eq!(before.point(u, v) != after.point(u, v), inside, "({u}, {v})");
+                reached += usize::from(inside);
+            }
+        }
+        assert!(reached > 0);
+    }
+
+    // T-NUR-09.
+    #[test]
+    fn only_the_ratio_of_weights_counts_and_a_heavy_point_attracts_all() {
+        let surface = surface([3, 3]);
+        let weighted = |weights: Vec<f64>| {
+            let net = surface.net().clone().with_weights(weights).unwrap();
+            Surface::new(net, surface.u().clone(), surface.v().clone()).unwrap()
+        };
+        let scaled = weighted(surface.net().weights().iter().map(|w| 7.0 * w).collect());
+        for (u, v) in [(0.0, 0.0), (0.4, 3.3), (2.5, 6.9), (6.0, 7.0)] {
+            assert!((scaled.point(u, v) - surface.point(u, v)).norm() <= 1e-14);
+        }
+        let mut weights = surface.net().weights().to_vec();
+        weights[3 * 9 + 4] = 1e12;
+        let heavy = weighted(weights);
+        assert!((heavy.point(1.6, 2.4) - surface.net().points()[3 * 9 + 4]).norm() <= 1e-9);
+    }
+
+    #[test]
+    fn a_border_of_weight_zero_has_the_limit_of_the_surface() {
+        let mut weights = vec![1.0; 72];
+        weights[..9].fill(0.0);
+        let net = surface([3, 3]).net().clone().with_weights(weights).unwrap();
+        let [u, v] = [8, 9].map(|count| KnotVector::uniform(count, 3).unwrap());
+        let surface = Surface::new(net, u, v).unwrap();
+        let corner = surface.point(0.0, 0.0);
+        assert!((corner - surface.net().points()[9]).norm() <= 1e-8, "{corner}");
+        assert_eq!(surface.grid(&[0.0], &[0.0]), [corner]);
+        assert!(surface.derivatives(0.0, 2.0).uu.norm().is_finite());
+        assert!(surface.normal(0.0, 2.0).is_some());
+    }
+}

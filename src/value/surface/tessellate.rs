@@ -1,0 +1,227 @@
+//! A surface as quads.
+
+use nalgebra::Point3;
+
+use super::super::{Attribute, Faces, KnotVector, Mesh, MeshError};
+use super::Surface;
+
+/// Largest distance of a chosen mesh from its surface, as a share of the diagonal of the net's box: not to be seen on a
+/// picture of 1000 pixels.
+const CHORD: f64 = 1e-3;
+
+/// Most quads that are chosen in one direction, unless there are more spans. More come from surfaces that no chosen number
+/// would follow, such as a net of noise.
+const MOST: usize = 4096;
+
+impl Surface {
+    /// A mesh of `u` x `v` quads, evenly spaced in the domain; with 0 for one direction its number is chosen: every span that
+    /// is not empty is divided evenly into as many quads as keep all of them within 1/1000 of the diagonal of the net's box.
+    ///
+    /// Vertices come row by row, each row along v. Faces are counter-clockwise seen from the side of `S_u x S_v`: outside, for
+    /// a net from a capture. Vertex attributes: `uv`, the parameters scaled to 0..1; `normal`, exact.
+    ///
+    /// # Errors
+    /// If that is more than a mesh can hold, or a point is not finite because the net's numbers are too large.
+    pub fn tessellate(&self, u: usize, v: usize) -> Result<Mesh, MeshError> {
+        let corners = |u: usize, v: usize| u.saturating_mul(v).saturating_mul(4);
+        let check = |count| match count < u32::MAX as usize {
+            true => Ok(()),
+            false => Err(MeshError::TooLarge { what: "corners", count }),
+        };
+        check(corners(u.max(1), v.max(1)))?;
+        let us = if u == 0 { self.chosen(Along::U) } else { even(&self.u, u) };
+        let vs = if v == 0 { self.chosen(Along::V) } else { even(&self.v, v) };
+        check(corners(us.len(), vs.len()))?;
+        let (points, normals) = self.normal_grid(&us, &vs);
+        let (unit_u, unit_v) = (to_unit(&self.u, &us), to_unit(&self.v, &vs));
+        let uv = unit_u.iter().flat_map(|&u| unit_v.iter().map(move |&v| [u, v]));
+        let normals = normals.into_iter().map(<[f64; 3]>::from);
+        Mesh::new(points, quads(us.len(), vs.len())?)?
+            .with_vertex("uv", Attribute::Pair(uv.collect()))?
+            .with_frame(self.net.frame().copied())
+            .with_vertex("normal", Attribute::Vector(normals.collect()))
+    }
+
+    /// Parameters along one direction that keep the chords within the tolerance.
+    ///
+    /// Chords are measured on two pieces per span; their height falls with the square of the number of pieces.
+    fn chosen(&self, along: Along) -> Vec<f64> {
+        const PIECES: usize = 2;
+        let (knots, across) = match along {
+            Along::U => (&self.u, &self.v),
+            Along::V => (&self.v, &self.u),
+        };
+        let fine = divided(knots, 2 * PIECES);
+        let lines = divided(across, 2);
+        // Either way a line along the direction has all of `fine` and a fixed parameter across.
+        let (grid, step, next_line) = match along {
+            Along::U => (self.grid(&fine, &lines), lines.len(), 1),
+            Along::V => (self.grid(&lines, &fine), 1, fine.len()),
+        };
+        let mut height = 0.0f64;
+        for line in 0..lines.len() {
+            let at = |k: usize| grid[line * next_line + k * step];
+            for k in (0..fine.len() - 1).step_by(2) {
+                height = height.max(distance(at(k + 1), at(k), at(k + 2)));
+            }
+        }
+        let allowed = CHORD * self.diagonal();
+        let pieces = (PIECES as f64 * (height / allowed).sqrt()).ceil();
+        let spans = (fine.len() - 1) / (2 * PIECES);
+        // A flat or collapsed surface gives 0 or NaN, which casts to 0.
+        divided(knots, (pieces as usize).clamp(1, (MOST / spans).max(1)))
+    }
+
+    /// The diagonal of the box around all control points.
+    fn diagonal(&self) -> f64 {
+        let points = self.net.points();
+        let first = points[0].coords;
+        let (low, high) = points.iter().fold((first, first), |(low, high), point| {
+            (low.inf(&point.coords), high.sup(&point.coords))
+        });
+        (high - low).norm()
+    }
+}
+
+enum Along {
+    U,
+    V,
+}
+
+/// Parameters at the ends of `count` equal parts of the domain.
+fn even(knots: &KnotVector, count: usize) -> Vec<f64> {
+    let (start, end) = knots.domain();
+    let at = |k| if k == count { end } else { start + (end - start) * (k as f64 / count as f64) };
+    (0..=count).map(at).collect()
+}
+
+/// Parameters at the ends of `pieces` equal parts of each span that is not empty.
+fn divided(knots: &KnotVector, pieces: usize) -> Vec<f64> {
+    let (start, end) = knots.domain();
+    let domain = &knots.knots()[knots.degree()..=knots.n_control()];
+    let mut at = vec![start];
+    for span in domain.windows(2).filter(|span| span[0] < span[1]) {
+        let inside = |k| span[0] + (span[1] - span[0]) * (k as f64 / pieces as f64);
+        at.extend((1..pieces).map(inside));
+        at.push(span[1].min(end));
+    }
+    at
+}
+
+fn to_unit(knots: &KnotVector, at: &[f64]) -> Vec<f64> {
+    let (start, end) = knots.domain();
+    at.iter().map(|u| (u - start) / (end - start)).collect()
+}
+
+/// The quads of a grid of vertices, each counter-clockwise seen with rows growing down and columns to the *left*: from the side
+/// of "down" x "right".
+fn quads(rows: usize, columns: usize) -> Result<Faces, MeshError> {
+    let mut corners = Vec::with_capacity(4 * (rows - 1) * (columns - 1));
+    for row in 0..rows - 1 {
+        for column in 0..columns - 1 {
+            let a = (row * columns + column) as u32;
+            let below = a + columns as u32;
+            corners.extend([a, below, below + 1, a + 1]);
+        }
+    }
+    Faces::uniform(4, corners)
+}
+
+/// The distance of a point from the line through two others, or from both if they are one.
+fn distance(point: Point3<f64>, a: Point3<f64>, b: Point3<f64>) -> f64 {
+    let spoke = point - a;
+    match (b - a).try_normalize(0.0) {
+        Some(direction) => (spoke - direction * spoke.dot(&direction)).norm(),
+        None => spoke.norm(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::super::super::ControlNet;
+    use super::*;
+
+    /// A capture's net: rows run down (y), columns to the right (x), bulging towards the sensor (-z).
+    fn bulge() -> Surface {
+        let point = |k: usize| {
+            let (y, x) = ((k / 6) as f64 - 2.5, (k % 6) as f64 - 2.5);
+            Point3::new(x, y, 700.0 + 0.1 * (x * x + y * y))
+        };
+        let net = ControlNet::new(6, 6, (0..36).map(point).collect::<Vec<_>>()).unwrap();
+        let knots = KnotVector::uniform(6, 3).unwrap();
+        Surface::new(net, knots.clone(), knots).unwrap()
+    }
+
+    #[test]
+    fn the_outside_of_a_capture_looks_at_the_sensor() {
+        let mesh = bulge().tessellate(4, 5).unwrap();
+        assert_eq!((mesh.positions().len(), mesh.faces().len()), (30, 20));
+        assert!(mesh.faces().iter().all(|face| mesh.area_vector(face).z < 0.0));
+        let normals = mesh.vertex().vectors("normal").unwrap();
+        assert!(normals.iter().all(|normal| normal[2] < -0.5));
+        assert_eq!(mesh.edges().misoriented, 0);
+    }
+
+    #[test]
+    fn normals_and_texture_coordinates_are_exact() {
+        let surface = bulge();
+        let mesh = surface.tessellate(3, 2).unwrap();
+        let uv = mesh.vertex().pairs("uv").unwrap();
+        assert_eq!([uv[0], uv[2], uv[11]], [[0.0, 0.0], [0.0, 1.0], [1.0, 1.0]]);
+        let normals = mesh.vertex().vectors("normal").unwrap();
+        for ((at, normal), point) in uv.iter().zip(normals.iter()).zip(mesh.positions().iter()) {
+            let [u, v] = at.map(|share| 4.0 * share);
+            let exact = surface.normal(u, v).unwrap().into_inner();
+            assert!((Vector3::from(*normal) - exact).norm() <= 1e-12);
+            assert!((surface.point(u, v) - point).norm() <= 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_chosen_mesh_stays_within_a_thousandth() {
+        let surface = bulge();
+        let mesh = surface.tessellate(0, 0).unwrap();
+        let allowed = CHORD * surface.diagonal();
+        let n = 1 + (mesh.faces().len() as f64).sqrt() as usize;
+        assert_eq!(n * n, mesh.positions().len());
+        let us = even(surface.u(), 2 * (n - 1));
+        let fine = surface.grid(&us, &us);
+        let at = |row: usize, column: usize| fine[row * us.len() + column];
+        let mut highest = 0.0f64;
+        for row in (1..us.len()).step_by(2) {
+            for column in 0..us.len() {
+                highest = highest.max(distance(
+                    at(row, column),
+                    at(row - 1, column),
+                    at(row + 1, column),
+                ));
+            }
+        }
+        assert!(highest <= allowed, "{highest} {allowed}");
+        assert!(highest >= allowed / 16.0, "needlessly fine: {highest} {allowed}");
+    }
+
+    #[test]
+    fn a_flat_surface_needs_one_quad_per_span() {
+        let net = (0..16).map(|k| Point3::new((k % 4) as f64, (k / 4) as f64, 0.0));
+        let net = ControlNet::new(4, 4, net.collect::<Vec<_>>()).unwrap();
+        let flat = |order| {
+            let knots = KnotVector::uniform(4, order).unwrap();
+            Surface::new(net.clone(), knots.clone(), knots).unwrap().tessellate(0, 0).unwrap()
+        };
+        assert_eq!([2, 3, 4].map(|order| flat(order).faces().len()), [9, 4, 1]);
+    }
+
+    #[test]
+    fn a_mesh_that_no_index_can_count_is_refused() {
+        assert!(matches!(bulge().tessellate(usize::MAX, 0), Err(MeshError::TooLarge { .. })));
+        assert!(matches!(bulge().tessellate(1 << 20, 1 << 20), Err(MeshError::TooLarge { .. })));
+        let huge = vec![Point3::new(1e308, -1e308, 1e308); 4];
+        let line = KnotVector::uniform(2, 2).unwrap();
+        let net = ControlNet::new(2, 2, huge).unwrap().with_weights(vec![1e300; 4]).unwrap();
+        let surface = Surface::new(net, line.clone(), line).unwrap();
+        assert!(matches!(surface.tessellate(0, 0), Err(MeshError::NotFinite { .. })));
+    }
+}

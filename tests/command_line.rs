@@ -1,0 +1,177 @@
+//! The program as its user sees it.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use expect_test::expect;
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+fn maquette(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_maquette"))
+        .args(arguments)
+        .current_dir(GRAPHS)
+        .env("NO_COLOR", "1")
+        .output()
+        .unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<_> =
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn run_writes_every_output_and_says_what_it_did() {
+    let out = tempfile::tempdir().unwrap();
+    let output = maquette(&["run", "doll.ron", "--out", out.path().to_str().unwrap()]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(
+        names(out.path()),
+        ["blended.pcd", "model.glb", "model.ply", "nose-mask.png", "surface.ply"]
+    );
+    assert!(stdout(&output).contains("computed  red"), "{}", stdout(&output));
+    assert_eq!(stderr(&output), "");
+}
+
+#[test]
+fn run_json_is_one_document_with_nodes_and_outputs() {
+    let out = tempfile::tempdir().unwrap();
+    let folder = out.path().to_str().unwrap();
+    let output =
+        maquette(&["run", "doll.ron", "--out", folder, "--only", "nose-mask.png", "--json"]);
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let node_names: Vec<_> = document["nodes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|node| node["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(node_names, ["scan", "red"], "only what the output needs is evaluated");
+    assert_eq!(document["outputs"][0]["name"], "nose-mask.png");
+    assert_eq!(document["problems"], serde_json::json!([]));
+    assert_eq!(names(out.path()), ["nose-mask.png"]);
+}
+
+#[test]
+fn set_changes_a_parameter_or_a_field() {
+    let out = tempfile::tempdir().unwrap();
+    let folder = out.path().to_str().unwrap();
+    let run = |set: &[&str]| {
+        let base = ["run", "doll.ron", "--out", folder, "--only", "blended.pcd", "--json"];
+        let output = maquette(&[&base, set].concat());
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        document["outputs"][0]["hash"].as_str().map(str::to_owned)
+    };
+    let plain = run(&[]);
+    assert_eq!(run(&["--set", "growth=12.0"]), plain);
+    assert_ne!(run(&["--set", "growth=20"]), plain);
+    assert_ne!(run(&["--set", "blended.mode=Replace"]), plain);
+    assert_eq!(run(&["--set", "growth=99"]), None, "99 is out of range");
+}
+
+#[test]
+fn an_empty_selection_names_the_nearest_pixel() {
+    let out = tempfile::tempdir().unwrap();
+    let folder = out.path().to_str().unwrap();
+    let set = "red.select=Near(color: \"#00ff00\", distance: 5.0)";
+    let output =
+        maquette(&["run", "doll.ron", "--out", folder, "--only", "nose-mask.png", "--set", set]);
+    assert!(output.status.success());
+    let messages = stderr(&output);
+    assert!(
+        messages.contains("warning[G017]: `red`: nothing is selected: the nearest pixel is #"),
+        "{messages}"
+    );
+    assert!(messages.contains(" away where 5.0 is allowed"), "{messages}");
+}
+
+#[test]
+fn a_failed_node_leaves_the_older_file_and_the_other_outputs() {
+    let out = tempfile::tempdir().unwrap();
+    let folder = out.path().to_str().unwrap();
+    std::fs::write(out.path().join("model.ply"), "older").unwrap();
+    let output = maquette(&["run", "doll.ron", "--out", folder, "--set", "nose.pick=Rank(99)"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(names(out.path()), ["model.ply", "nose-mask.png"]);
+    assert_eq!(std::fs::read(out.path().join("model.ply")).unwrap(), b"older");
+    assert!(
+        stderr(&output).contains("error[G016]: `nose` cannot be computed"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_an_error_and_leaves_nothing() {
+    let out = tempfile::tempdir().unwrap();
+    std::fs::create_dir(out.path().join("nose-mask.png")).unwrap();
+    let folder = out.path().to_str().unwrap();
+    let output = maquette(&["run", "doll.ron", "--out", folder, "--only", "nose-mask.png"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("cannot write"), "{}", stderr(&output));
+    assert_eq!(names(out.path()), ["nose-mask.png"], "no temporary file is left");
+}
+
+#[test]
+fn exit_codes_tell_a_wrong_graph_from_a_wrong_command() {
+    assert_eq!(maquette(&["check", "doll.ron"]).status.code(), Some(0));
+    assert_eq!(maquette(&["check", "nowhere.ron"]).status.code(), Some(1));
+    assert_eq!(maquette(&["chekc", "doll.ron"]).status.code(), Some(2));
+    assert_eq!(maquette(&["run", "doll.ron", "--only", "model.gbl"]).status.code(), Some(2));
+    assert_eq!(maquette(&["inspect", "doll.ron", "nsoe"]).status.code(), Some(2));
+    assert_eq!(maquette(&["nodes", "Threshhold"]).status.code(), Some(2));
+    let wrong = maquette(&["run", "doll.ron", "--only", "model.gbl"]);
+    expect![["error: the graph has no output `model.gbl`; did you mean `model.glb`?\n"]]
+        .assert_eq(&stderr(&wrong));
+}
+
+#[test]
+fn the_eyedropper_tells_color_and_point() {
+    let output = maquette(&["inspect", "doll.ron", "scan", "--at", "200,196"]);
+    let text = stdout(&output);
+    for fact in ["scan.color: Image at (200, 196)", "sRGB", "Lab", "range cell", "point (mm)"] {
+        assert!(text.contains(fact), "{fact} is missing:\n{text}");
+    }
+    let label = maquette(&["inspect", "doll.ron", "spots", "--at", "200,196", "--json"]);
+    let document: serde_json::Value = serde_json::from_slice(&label.stdout).unwrap();
+    assert!(document["outputs"][0]["facts"]["label"].as_u64().unwrap() > 0, "{document}");
+}
+
+#[test]
+fn inspect_describes_and_writes_any_value() {
+    let out = tempfile::tempdir().unwrap();
+    let path = out.path().join("grid.png");
+    let output = maquette(&["inspect", "doll.ron", "grid", "--out", path.to_str().unwrap()]);
+    assert!(stdout(&output).contains("non-manifold edges    0"), "{}", stdout(&output));
+    assert!(maquette::format::png::read(&std::fs::read(path).unwrap()).is_ok());
+}
+
+#[test]
+fn nodes_prints_the_reference_for_people_and_programs() {
+    let list = stdout(&maquette(&["nodes"]));
+    let line = list.lines().find(|line| line.starts_with("  Threshold ")).unwrap();
+    assert!(line.ends_with(" Marks the pixels that belong together by their color."), "{line}");
+    let document: serde_json::Value =
+        serde_json::from_slice(&maquette(&["nodes", "--json"]).stdout).unwrap();
+    let nodes = document["nodes"].as_array().unwrap();
+    let threshold = nodes.iter().find(|node| node["name"] == "Threshold").unwrap();
+    assert_eq!(threshold["inputs"][1]["optional"], true);
+    assert_eq!(threshold["outputs"][0]["types"][0], "Mask");
+}
+
+#[test]
+fn completions_are_printed_for_a_shell() {
+    assert!(stdout(&maquette(&["completions", "bash"])).contains("_maquette"));
+}

@@ -1,0 +1,50 @@
+//! Every pack keeps the laws of packs: the built-in ones, and an outsider's.
+
+use std::path::Path;
+
+use maquette::conformance::check;
+use maquette::{Catalog, Graph, Options, Pack};
+
+const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs/nodes");
+
+fn holds(pack: &Pack, others: &[Pack], examples: &str) {
+    if let Err(broken) = check(pack, others, Path::new(examples)) {
+        panic!("pack {} breaks {} laws:\n{}", pack.name, broken.len(), broken.join("\n"));
+    }
+}
+
+#[test]
+fn the_built_in_packs_keep_the_laws() {
+    for pack in maquette_nodes::PACKS {
+        holds(pack, maquette_nodes::PACKS, EXAMPLES);
+    }
+}
+
+#[test]
+fn an_outsiders_pack_keeps_the_laws() {
+    let examples = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/third_party/graphs");
+    holds(&maquette_third_party::PACK, maquette_nodes::PACKS, examples);
+}
+
+#[test]
+fn a_pack_that_breaks_laws_is_found() {
+    // Two packs with the same nodes, and examples that are not there.
+    let broken = Pack { name: "twin", ..maquette_third_party::PACK };
+    let laws = check(&broken, &[maquette_third_party::PACK], Path::new("nowhere")).unwrap_err();
+    assert!(laws.contains(&"there are two nodes `ExtractPalette`".to_owned()), "{laws:?}");
+    assert!(laws.contains(&"there are two values `Palette`".to_owned()), "{laws:?}");
+    assert!(laws.iter().any(|law| law.contains("ApplyPalette.ron does not check")), "{laws:?}");
+}
+
+#[test]
+fn every_example_shows_a_node_and_every_node_has_one() {
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    for entry in std::fs::read_dir(EXAMPLES).unwrap() {
+        let path = entry.unwrap().path();
+        let checked = Graph::load(&path, &catalog, &Options::default());
+        let messages: Vec<_> = checked.problems.iter().map(|problem| &problem.message).collect();
+        assert!(messages.is_empty(), "{}: {messages:?}", path.display());
+        let graph = checked.graph.unwrap();
+        assert!(!graph.doc().is_empty(), "{} has no doc", path.display());
+    }
+}

@@ -1,0 +1,254 @@
+//! Graph files that are wrong: every problem at once, each at its place, in words that help.
+
+#![allow(clippy::print_stderr, reason = "a skipped test says so")]
+
+use std::path::Path;
+
+use expect_test::{Expect, expect};
+use maquette::{Catalog, Graph, Options, Place};
+
+fn problems(path: &Path) -> String {
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let checked = Graph::load(path, &catalog, &Options::default());
+    assert_eq!(checked.graph.is_none(), !checked.problems.is_empty());
+    let lines = checked.problems.iter().map(|problem| {
+        let start = Place::of(&problem.source.text, problem.span.start);
+        let end = Place::of(&problem.source.text, problem.span.end);
+        let help =
+            if problem.help.is_empty() { String::new() } else { format!(" ({})", problem.help) };
+        let (code, message) = (problem.code, &problem.message);
+        format!("{}:{}-{} {code} {message}{help}\n", start.line, start.column, end.column)
+    });
+    lines.collect()
+}
+
+fn check(text: &str, expected: Expect) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("graph.ron");
+    std::fs::write(&path, text).unwrap();
+    std::fs::write(folder.path().join("doll.obj"), "").unwrap();
+    let root = std::fs::canonicalize(folder.path()).unwrap();
+    expected.assert_eq(&problems(&path).replace(root.to_str().unwrap(), "ROOT"));
+}
+
+/// A graph with these nodes and outputs.
+fn check_nodes(nodes: &str, outputs: &str, expected: Expect) {
+    check(
+        &format!("Graph(format: 1, nodes: {{\n{nodes}\n}}, outputs: {{\n{outputs}\n}})"),
+        expected,
+    );
+}
+
+#[test]
+fn a_sound_graph_has_no_problem() {
+    check_nodes(r#""doll": ReadMesh(path: "doll.obj"),"#, r#""doll.ply": "doll""#, expect![[""]]);
+}
+
+#[test]
+fn misspelled_words_are_guessed() {
+    check_nodes(
+        r#""doll": ReadMsh(path: "doll.obj"), "soft": Subdivide(mesh: "dol", scheme: Lop, levls: 2),"#,
+        r#""doll.ply": "doll", "soft.ply": "soft.mseh""#,
+        expect![[r#"
+            2:9-16 G003 there is no node type `ReadMsh` (did you mean `ReadMesh`?)
+            2:60-65 G007 there is no node `dol` (did you mean `doll`?)
+            2:75-78 G009 field `scheme` of Subdivide has no choice `Lop` (did you mean `Loop`?)
+            2:80-85 G004 Subdivide has no field `levls` (did you mean `levels`?)
+            4:33-44 G007 `soft` is a Subdivide, which has no output `mseh` (did you mean `mesh`?)
+        "#]],
+    );
+}
+
+#[test]
+fn values_of_the_wrong_kind_or_out_of_range_are_explained() {
+    check_nodes(
+        r#""doll": ReadMesh(path: "doll.obj"),
+"soft": Subdivide(mesh: doll, scheme: Loop, levels: 40),
+"half": Subdivide(mesh: "doll", scheme: Loop, levels: 1.5, limit: "yes"),
+"turned": Transform(mesh: "doll", rotate: (1, 2), scale: [1, true, 1]),"#,
+        r#""soft.ply": "soft", "half.ply": "half", "turned.ply": "turned""#,
+        expect![[r#"
+            3:25-29 G009 port `mesh` of Subdivide wants a link, not `doll` (write the name of a node that gives a Mesh: "node")
+            3:53-55 G010 field `levels` of Subdivide is 40, but must be at least 0 and at most 8
+            4:55-58 G009 field `levels` of Subdivide wants a number without fraction, not the number 1.5
+            4:67-72 G009 field `limit` of Subdivide wants true or false, not the text "yes"
+            5:43-49 G009 field `rotate` of Transform wants 3 values, not 2
+            5:62-66 G009 field `scale` of Transform wants a number, not true
+        "#]],
+    );
+}
+
+#[test]
+fn links_must_lead_somewhere_and_fit() {
+    check_nodes(
+        r#""doll": ReadMesh(path: "doll.obj"),
+"spots": Label(mask: "doll"),
+"loose": Subdivide(scheme: Loop),
+"a": Subdivide(mesh: "b", scheme: Loop),
+"b": Subdivide(mesh: "a", scheme: Loop),"#,
+        r#""spots.png": "spots", "loose.ply": "loose", "b.ply": "b""#,
+        expect![[r#"
+            3:22-28 G012 port `mask` of Label wants a Mask, but `doll` is a Mesh
+            4:10-33 G005 Subdivide needs a link at its port `mesh` (write `mesh: "node"` with a node that gives a Mesh)
+            5:1-4 G008 nodes hang on each other in a circle: a <- b <- a (a node cannot need its own result: break one of these links)
+        "#]],
+    );
+}
+
+#[test]
+fn files_stay_in_the_project_and_outputs_in_their_folder() {
+    check_nodes(
+        r#""a": ReadMesh(path: "../../etc/passwd"), "b": ReadMesh(path: "dol.obj"),
+"c": ReadMesh(path: "/etc/passwd"), "d": ReadMesh(path: ""), "e": ReadMesh(path: "."),"#,
+        r#""../a.ply": "a", "b.docx": "b", "c": "c", "d.ply": "d", "e.ply": "e""#,
+        expect![[r#"
+            2:21-39 G014 `../../etc/passwd` lies outside of the project (move the file into ROOT, put a maquette.toml into a folder above both, or allow its folder with --root)
+            2:62-71 G013 there is no file `dol.obj` (did you mean `doll.obj`?)
+            3:21-34 G014 `/etc/passwd` is an absolute path, which leads outside of the project (write the path relative to the graph's file)
+            3:57-59 G013 field `path` of ReadMesh names no file (write the path of a file)
+            3:82-85 G013 `.` is not a file
+            5:1-11 G014 output `../a.ply` lies outside of the folder of outputs (name a file, such as "model.ply"; --out chooses the folder)
+            5:18-26 G015 a Mesh cannot be written to a `.docx` file (a Mesh can be written to: glb, obj, ply, png)
+            5:33-36 G015 output `c` has no ending that says how to write a Mesh (a Mesh can be written to: glb, obj, ply, png)
+        "#]],
+    );
+}
+
+#[test]
+fn parameters_and_expressions_are_checked() {
+    check(
+        r#"Graph(
+    format: 1,
+    params: {
+        "growth": Number(default: 12.0, min: 0.0, max: 10.0),
+        "steps": Integer(default: 1.5),
+        "hue": Color(default: "red"),
+        "side": Choice(default: Up, of: [Left, Right]),
+        "size": Numbr(default: 1.0),
+        "none": Toggle(),
+        "levels": Integer(default: 9),
+    },
+    nodes: {
+        "doll": ReadMesh(path: "doll.obj"),
+        "soft": Subdivide(mesh: "doll", scheme: Loop, levels: Param("levels")),
+        "moved": Transform(mesh: "doll", translate: (Expr("levels * "), Expr("lvels"), Param("level"))),
+        "half": Subdivide(mesh: "doll", scheme: Loop, levels: Expr("levels / 2")),
+    },
+    outputs: { "soft.ply": "soft", "moved.ply": "moved", "half.ply": "half" },
+)"#,
+        expect![[r##"
+            4:35-39 G010 parameter `growth` is 12, but must be at least 0 and at most 10
+            5:35-38 G009 parameter `steps` wants a number without fraction, not the number 1.5
+            6:31-36 G009 parameter `hue` wants a color as in "#c33923", not the text "red"
+            7:33-35 G009 parameter `side` wants one of Left, Right, not `Up`
+            8:17-22 G009 there is no type of parameters `Numbr` (did you mean `Number`?)
+            9:17-25 G005 parameter `none` has no default (write `default: ..`)
+            14:63-78 G010 field `levels` of Subdivide is 9, but must be at least 0 and at most 8
+            15:94-101 G011 the graph has no parameter `level` (did you mean `levels`?)
+            16:63-81 G009 field `levels` of Subdivide wants a number without fraction, not the number 4.5
+        "##]],
+    );
+}
+
+#[test]
+fn a_file_of_a_newer_format_is_not_judged() {
+    check(
+        "Graph(format: 99, meshes: {)",
+        expect![[r#"
+        1:15-17 G002 format 99 is unknown: this program reads format 1 (use a newer maquette, or the graph's older version)
+    "#]],
+    );
+}
+
+#[test]
+fn a_broken_text_says_where() {
+    check(
+        "Graph(format: 1, nodes: { \"a\": ReadMesh(path: \"x\" }, outputs: {})",
+        expect![[r#"
+            1:40-41 G001 this `(` is not closed before the `}` at 1:51 (put a `)` where it ends)
+        "#]],
+    );
+    check(
+        "Graph(format: 1, nodes: {}, outputs: {})\nGraph()",
+        expect![[r#"
+        2:1-8 G001 there is something behind the end of the graph (a file holds one `Graph(..)` and nothing behind it)
+    "#]],
+    );
+    check(
+        "",
+        expect![[r#"
+        1:1-1 G001 the file is empty (a graph begins with `Graph(format: 1, ..)`)
+    "#]],
+    );
+    check(
+        "42",
+        expect![[r#"
+        1:1-3 G001 a graph file holds Graph(..), not the number 42 (begin with `Graph(format: 1, nodes: {..}, outputs: {..})`)
+    "#]],
+    );
+    check(
+        "Graph(format: 1, nodes: {\"a\": 5, b: ReadMesh(path: \"doll.obj\"), \"a\": {}}, outputs: [], extra: 1)",
+        expect![[r#"
+            1:31-32 G009 node `a` is the number 5, not a node (write `Type(field: value, ..)`)
+            1:34-35 G006 the name of a node is a text in double quotes, not `b`
+            1:65-68 G006 there is already a node `a` (give one of them another name)
+            1:84-86 G009 field `outputs` of Graph wants a map: {"name": .., ..}, not a list
+            1:88-93 G004 Graph has no field `extra` (its fields: format, doc, params, nodes, outputs)
+        "#]],
+    );
+}
+
+/// The graphs that the project's design says must be refused, where the checkout has them beside it.
+#[test]
+fn the_graphs_of_the_design_are_refused_as_it_says() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/graphs/bad");
+    let Ok(expected) = std::fs::read_to_string(folder.join("expected.json")) else {
+        eprintln!("skipped: {} is not there", folder.display());
+        return;
+    };
+    let expected: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_str(&expected).unwrap();
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let known = |text: &str| {
+        // A graph with a node that is not there yet cannot be judged.
+        ["Ffd(", "FillHoles("]
+            .iter()
+            .all(|node| !text.contains(node) || catalog.has(node.trim_end_matches('(')))
+    };
+    let mut judged = 0;
+    for (name, entries) in &expected {
+        let path = folder.join(name);
+        if !known(&std::fs::read_to_string(&path).unwrap()) {
+            eprintln!("skipped: {name} has a node that is not there yet");
+            continue;
+        }
+        judged += 1;
+        let checked = Graph::load(&path, &catalog, &Options::default());
+        let entries = entries.as_array().unwrap();
+        let fits = |entry: &serde_json::Value, problem: &maquette::Problem| {
+            let place = Place::of(&problem.source.text, problem.span.start);
+            let lines: Vec<u64> = match &entry["line"] {
+                serde_json::Value::Array(lines) => {
+                    lines.iter().filter_map(|line| line.as_u64()).collect()
+                }
+                line => vec![line.as_u64().unwrap()],
+            };
+            let column = |k: usize| entry["column"][k].as_u64().unwrap() as usize;
+            let words = entry["words"].as_array().unwrap();
+            lines.contains(&(place.line as u64))
+                && (column(0)..column(1)).contains(&place.column)
+                && words.iter().all(|word| {
+                    let word = word.as_str().unwrap();
+                    problem.message.contains(word) || problem.help.contains(word)
+                })
+        };
+        for entry in entries {
+            let found = checked.problems.iter().any(|problem| fits(entry, problem));
+            assert!(found, "{name}: nothing fits {entry}\n{}", problems(&path));
+        }
+        if name != "syntax.ron" {
+            assert_eq!(checked.problems.len(), entries.len(), "{name}:\n{}", problems(&path));
+        }
+    }
+    assert!(judged >= 10, "only {judged} graphs were judged");
+}

@@ -1,0 +1,166 @@
+//! What runs again after a change: the trace is the expectation.
+
+use std::path::{Path, PathBuf};
+
+use expect_test::{Expect, expect};
+use maquette::{Catalog, Evaluation, Evaluator, Graph, Options, State};
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
+
+/// The doll's graph, with one evaluator from one evaluation to the next.
+struct Session {
+    catalog: Catalog,
+    evaluator: Evaluator,
+    path: PathBuf,
+}
+
+impl Session {
+    fn new(threads: usize) -> Self {
+        Self {
+            catalog: Catalog::new(maquette_nodes::PACKS),
+            evaluator: Evaluator::new(threads, 1 << 30).unwrap(),
+            path: Path::new(GRAPHS).join("doll.ron"),
+        }
+    }
+
+    fn load(&self, set: &[(&str, &str)]) -> Graph {
+        let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
+        let options = Options { set: set.collect(), roots: vec![GRAPHS.into()] };
+        let checked = Graph::load(&self.path, &self.catalog, &options);
+        let messages: Vec<_> = checked.problems.iter().map(|problem| &problem.message).collect();
+        checked.graph.unwrap_or_else(|| panic!("{messages:?}"))
+    }
+
+    fn run(&mut self, set: &[(&str, &str)]) -> Evaluation {
+        let graph = self.load(set);
+        self.evaluator.evaluate_all(&graph)
+    }
+
+    fn check(&mut self, set: &[(&str, &str)], expected: Expect) {
+        expected.assert_eq(&self.run(set).trace.to_string());
+    }
+}
+
+#[test]
+fn the_first_evaluation_computes_everything_and_the_second_nothing() {
+    let mut session = Session::new(2);
+    let first = session.run(&[]);
+    assert_eq!(first.trace.count(State::Computed), first.trace.0.len());
+    let second = session.run(&[]);
+    assert_eq!(second.trace.count(State::Cached), second.trace.0.len());
+}
+
+#[test]
+fn a_parameter_runs_what_depends_on_it() {
+    let mut session = Session::new(2);
+    session.run(&[]);
+    session.check(
+        &[("growth", "20.0")],
+        expect![[r#"
+        cached   scan     nothing that it depends on changed
+        cached   red      nothing that it depends on changed
+        cached   spots    nothing that it depends on changed
+        cached   nose     nothing that it depends on changed
+        cached   normal   nothing that it depends on changed
+        cached   net      nothing that it depends on changed
+        computed raised   parameter `steps` changed
+        computed knots-u  input `net` changed; came out the same
+        computed knots-v  input `net` changed; came out the same
+        computed surface  input `net` changed
+        computed blended  input `surface` changed
+        computed grid     input `range` changed
+        computed skin     input `mesh` changed
+        computed model    input `mesh` changed
+    "#]],
+    );
+}
+
+#[test]
+fn a_node_that_comes_out_the_same_stops_the_wave() {
+    let mut session = Session::new(2);
+    session.run(&[]);
+    session.check(
+        &[("red.select.distance", "30.001")],
+        expect![[r#"
+        cached   scan     nothing that it depends on changed
+        computed red      parameter `select` changed; came out the same
+        equal    spots    its inputs came out the same
+        equal    nose     its inputs came out the same
+        equal    normal   its inputs came out the same
+        equal    net      its inputs came out the same
+        equal    raised   its inputs came out the same
+        equal    knots-u  its inputs came out the same
+        equal    knots-v  its inputs came out the same
+        equal    surface  its inputs came out the same
+        equal    blended  its inputs came out the same
+        equal    grid     its inputs came out the same
+        equal    skin     its inputs came out the same
+        equal    model    its inputs came out the same
+    "#]],
+    );
+}
+
+/// T-DAG-02.
+#[test]
+fn a_parameter_changed_and_changed_back_runs_nothing() {
+    let mut session = Session::new(2);
+    session.run(&[]);
+    session.run(&[("growth", "20.0")]);
+    let back = session.run(&[]);
+    assert_eq!(back.trace.count(State::Cached), back.trace.0.len());
+}
+
+#[test]
+fn comments_names_and_order_do_not_matter() {
+    let mut session = Session::new(2);
+    session.run(&[]);
+    let text = std::fs::read_to_string(&session.path).unwrap();
+    let renamed =
+        text.replace("\"red\"", "\"crimson\"").replace("format: 1,", "/* moved */ format: 1,");
+    let folder = tempfile::tempdir_in(GRAPHS).unwrap();
+    session.path = folder.path().join("renamed.ron");
+    std::fs::write(&session.path, renamed.replace("\"doll/", "\"../doll/")).unwrap();
+    let moved = session.run(&[]);
+    assert_eq!(moved.trace.count(State::Cached), moved.trace.0.len(), "{}", moved.trace);
+}
+
+/// T-DAG-01.
+#[test]
+fn every_value_has_the_same_bytes_for_any_number_of_threads() {
+    let hashes = [1, 2, 8].map(|threads| {
+        let mut session = Session::new(threads);
+        let graph = session.load(&[]);
+        let evaluation = session.evaluator.evaluate_all(&graph);
+        let names: Vec<_> = graph.node_names().collect();
+        names
+            .iter()
+            .map(|name| evaluation.find(&graph, name, "").unwrap().hash())
+            .collect::<Vec<_>>()
+    });
+    assert_eq!(hashes[0], hashes[1]);
+    assert_eq!(hashes[0], hashes[2]);
+}
+
+#[test]
+fn an_error_stops_only_what_hangs_on_it() {
+    let mut session = Session::new(2);
+    session.check(
+        &[("nose.pick", "Rank(99)")],
+        expect![[r#"
+        computed scan     not computed before
+        computed red      not computed before
+        computed spots    not computed before
+        failed   nose     there is no rank 99: the labels have 1 parts, numbered from 1
+        skipped  normal   hangs on `nose`
+        skipped  net      hangs on `nose`
+        skipped  raised   hangs on `net`
+        skipped  knots-u  hangs on `raised`
+        skipped  knots-v  hangs on `raised`
+        skipped  surface  hangs on `raised`
+        skipped  blended  hangs on `nose`
+        skipped  grid     hangs on `blended`
+        skipped  skin     hangs on `grid`
+        skipped  model    hangs on `skin`
+    "#]],
+    );
+}

@@ -1,0 +1,48 @@
+//! Paints a picture with the colors of a palette.
+
+use maquette::value::{Color, Image};
+use maquette::{Context, Error, In, Node};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::Palette;
+
+/// Paints a picture with the nearest colors of a palette.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct ApplyPalette {
+    /// The picture.
+    pub image: In<Image>,
+    /// The colors to use.
+    pub palette: In<Palette>,
+}
+
+/// There is nothing to paint with.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the palette is empty")]
+pub struct EmptyPalette;
+
+impl Node for ApplyPalette {
+    type Outputs = (Image,);
+    const OUTPUTS: [&'static str; 1] = ["image"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((apply_palette(cx.get(&self.image), cx.get(&self.palette))?,))
+    }
+}
+
+/// Gives each pixel the color of the palette that is nearest in CIE L*a*b*; of equally near ones the first.
+///
+/// # Errors
+/// If the palette is empty.
+pub fn apply_palette(image: &Image, palette: &Palette) -> Result<Image, EmptyPalette> {
+    let colors: Vec<_> = palette.0.iter().map(|&color| (color, Color(color).lab())).collect();
+    let nearest = |pixel| {
+        let lab = Color(pixel).lab();
+        let by_distance = |a: &f32, b: &f32| a.total_cmp(b);
+        let distances = colors.iter().map(|(color, at)| (color, lab.distance_sq(*at, 1.0)));
+        distances.min_by(|a, b| by_distance(&a.1, &b.1)).map(|(color, _)| *color)
+    };
+    let pixels: Option<Vec<_>> = image.pixels().iter().map(|&pixel| nearest(pixel)).collect();
+    let pixels = pixels.ok_or(EmptyPalette)?;
+    Ok(Image::new(image.width(), image.height(), pixels).expect("as many pixels as before"))
+}
