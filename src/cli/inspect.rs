@@ -10,11 +10,14 @@ use super::progress::Progress;
 use super::run::{MEMORY, write_whole};
 use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
 use crate::catalog::Catalog;
-use crate::error::Problem;
+use crate::error::{Error, Problem};
 use crate::eval::Evaluator;
+use crate::format::png;
 use crate::graph::{Graph, nearest};
 use crate::node::{CancelToken, ending};
-use crate::value::{AnyValue, Summary};
+use crate::pack::NewFile;
+use crate::render::{View, render};
+use crate::value::{AnyValue, Mesh, Summary, Surface};
 
 #[derive(Args)]
 pub(super) struct Inspect {
@@ -29,6 +32,10 @@ pub(super) struct Inspect {
     /// Write the value to this file, too; its ending chooses the format.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// From where a mesh or surface is seen in a picture: how far to the right and above, in degrees, and how much nearer than
+    /// what just fits.
+    #[arg(long, value_name = "YAW,PITCH[,ZOOM]", value_parser = view, allow_hyphen_values = true, requires = "out")]
+    view: Option<View>,
     #[command(flatten)]
     options: GraphOptions,
     /// How many threads to use; 0 is all.
@@ -43,6 +50,15 @@ fn pixel(text: &str) -> Result<[usize; 2], String> {
     let parse = |part: &str| part.trim().parse::<usize>().ok();
     let (x, y) = text.split_once(',').ok_or("write COLUMN,ROW")?;
     parse(x).zip(parse(y)).map(|(x, y)| [x, y]).ok_or_else(|| "write COLUMN,ROW".into())
+}
+
+fn view(text: &str) -> Result<View, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[yaw, pitch]) => Ok(View { yaw, pitch, ..View::front() }),
+        Ok(&[yaw, pitch, zoom]) => Ok(View { yaw, pitch, zoom, ..View::front() }),
+        _ => Err("write YAW,PITCH or YAW,PITCH,ZOOM".into()),
+    }
 }
 
 impl Inspect {
@@ -75,7 +91,7 @@ impl Inspect {
         self.print(&graph.nodes[node].name, &found, &evaluation.problems);
         let Some((_, value)) = found.first() else { return Exit::Failed };
         match &self.out {
-            Some(path) => write(value, path, catalog),
+            Some(path) => self.write(value, path, catalog),
             None => Exit::Done,
         }
     }
@@ -127,17 +143,40 @@ impl Inspect {
         }
         print(&text);
     }
+
+    fn write(&self, value: &AnyValue, path: &Path, catalog: &Catalog) -> Exit {
+        let Some(format) = catalog.format(value.kind(), &ending(path)) else {
+            let kind = value.kind();
+            let known = catalog.endings(Some(kind)).join(", ");
+            return Exit::Usage(format!("a {} can be written to: {known}", kind.name));
+        };
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let files = match &self.view {
+            None => format.write(value, &name),
+            Some(view) => picture(value, view, &name),
+        };
+        write_files(files, path)
+    }
 }
 
-fn write(value: &AnyValue, path: &Path, catalog: &Catalog) -> Exit {
-    let Some(format) = catalog.format(value.kind(), &ending(path)) else {
-        let kind = value.kind();
-        let known = catalog.endings(Some(kind)).join(", ");
-        return Exit::Usage(format!("a {} can be written to: {known}", kind.name));
+/// A mesh or surface, seen from somewhere.
+fn picture(value: &AnyValue, view: &View, name: &str) -> Result<Vec<NewFile>, Error> {
+    let mesh = match (value.get::<Mesh>(), value.get::<Surface>()) {
+        (Some(mesh), _) => mesh.clone(),
+        (_, Some(surface)) => surface.tessellate(0, 0)?,
+        _ => return Err(NoShape.into()),
     };
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    Ok(NewFile::only(name, png::encode_rgb(&render(&mesh, view))?))
+}
+
+/// A view was asked for of something flat.
+#[derive(Debug, thiserror::Error)]
+#[error("--view is for meshes and surfaces")]
+struct NoShape;
+
+fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path) -> Exit {
     let folder = path.parent().unwrap_or(Path::new(""));
-    let written = format.write(value, &name).map_err(|error| error.to_string()).and_then(|files| {
+    let written = files.map_err(|error| error.to_string()).and_then(|files| {
         files.iter().try_for_each(|file| {
             write_whole(&folder.join(&file.name), &file.bytes).map_err(|error| error.to_string())
         })
