@@ -6,11 +6,11 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
+use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, Span};
+use crate::error::{Place, Problem, Severity, Span};
 use crate::graph::{Checked, Graph, Options};
 use crate::pack::Pack;
 
@@ -141,26 +141,47 @@ fn snippet(problem: &Problem) -> Group<'_> {
     let text = &problem.source.text;
     let path = problem.source.name.display().to_string();
     let group = if problem.span == Span::default() || text.is_empty() {
-        group.element(annotate_snippets::Origin::path(path))
-    } else {
-        // A long call is shown by its first line.
-        let first_line = text[problem.span.start..]
-            .find('\n')
-            .map_or(text.len(), |end| problem.span.start + end);
-        let end = problem.span.end.min(first_line);
-        let mut snippet = Snippet::source(text)
+        group.element(Origin::path(path))
+    } else if let Some(shown) = shown_lines(problem) {
+        let inside =
+            |span: Span| span.start - shown.start..first_line_end(span, text) - shown.start;
+        let mut snippet = Snippet::source(&text[shown.start..shown.end])
+            .line_start(Place::of(text, shown.start).line)
             .path(path)
-            .annotation(AnnotationKind::Primary.span(problem.span.start..end));
+            .annotation(AnnotationKind::Primary.span(inside(problem.span)));
         if let Some((span, words)) = &problem.note {
-            snippet =
-                snippet.annotation(AnnotationKind::Context.span(span.start..span.end).label(words));
+            snippet = snippet.annotation(AnnotationKind::Context.span(inside(*span)).label(words));
         }
         group.element(snippet)
+    } else {
+        let Place { line, column } = Place::of(text, problem.span.start);
+        group.element(Origin::path(path).line(line).char_column(column))
     };
     match &problem.help[..] {
         "" => group,
         help => group.element(Level::HELP.message(help)),
     }
+}
+
+/// A text longer than this is not shown around a problem: nobody would read it, and drawing marks under it takes long.
+const MOST_SHOWN: usize = 4096;
+
+/// The lines that hold a problem and its note; none if they are too long to show.
+fn shown_lines(problem: &Problem) -> Option<Span> {
+    let text = &problem.source.text;
+    let spans = [Some(problem.span), problem.note.as_ref().map(|(span, _)| *span)];
+    let spans = || spans.into_iter().flatten();
+    let start = spans().map(|span| span.start).min()?;
+    let end = spans().map(|span| first_line_end(span, text)).max()?;
+    let start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
+    let end = text[end..].find('\n').map_or(text.len(), |newline| end + newline);
+    (end - start <= MOST_SHOWN).then_some(Span { start, end })
+}
+
+/// Where the part of a span that lies in its first line ends: a long call is shown by its first line.
+fn first_line_end(span: Span, text: &str) -> usize {
+    let newline = text[span.start..].find('\n');
+    newline.map_or(span.end, |newline| span.end.min(span.start + newline))
 }
 
 /// `4.1 MB`.

@@ -148,6 +148,14 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
         .iter()
         .map(|found| explain(text, span(found.range), &found.message))
         .collect();
+    if let Some(deep) = mistakes.iter().position(|mistake| mistake.message.contains("nesting")) {
+        let place = Span { end: mistakes[deep].span.start + 1, ..mistakes[deep].span };
+        let message = "values are nested more than 128 deep here".to_owned();
+        return (
+            Tree::new(Span::default(), Kind::Broken),
+            vec![Mistake { span: place, message, help: "no node needs that".into() }],
+        );
+    }
     if let Some(unclosed) = unclosed(text, &document.root()) {
         // Whatever the parser finds behind it follows from it.
         mistakes.retain(|mistake| mistake.span.end <= unclosed.span.start);
@@ -432,6 +440,13 @@ mod tests {
             (field.name.span, field.value.span),
             (Span { start: 2, end: 3 }, Span { start: 6, end: 18 })
         );
+    }
+
+    #[test]
+    fn deep_nesting_is_one_mistake() {
+        let (_, mistakes) = parse(&format!("(a: {}{})", "[".repeat(9999), "]".repeat(9999)));
+        assert_eq!(mistakes.len(), 1);
+        assert_eq!(mistakes[0].message, "values are nested more than 128 deep here");
     }
 
     #[test]
