@@ -143,6 +143,17 @@ impl Evaluator {
         self.evaluate(graph, &wanted, &(), &CancelToken::default())
     }
 
+    /// Evaluates every node of a graph, those that no output needs included.
+    pub fn evaluate_all_nodes(
+        &mut self,
+        graph: &Graph,
+        observer: &dyn Observer,
+        cancel: &CancelToken,
+    ) -> Evaluation {
+        let all: Vec<usize> = (0..graph.nodes.len()).collect();
+        self.evaluate(graph, &all, observer, cancel)
+    }
+
     fn finish(&mut self, graph: &Graph, done: Vec<Option<Done>>) -> Evaluation {
         let mut trace = Vec::new();
         let mut problems = Vec::new();

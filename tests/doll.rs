@@ -96,3 +96,25 @@ fn the_mesh_is_manifold_and_looks_towards_the_sensor() {
     assert!(share < 0.01, "{share} of the faces look away from the sensor");
     assert!(doll.get::<Mesh>("model", "").texture().is_some());
 }
+
+/// T-TEX-01.
+#[test]
+fn planar_texture_coordinates_are_near_those_of_the_registration() {
+    let doll = Doll::new();
+    let scan: &RangeImage = doll.get("scan", "range");
+    let image = doll.get("scan", "color");
+    let mesh = maquette_nodes::range::triangulate(scan, 6.0, 85.0).unwrap();
+    let planar = maquette_nodes::mesh::texture(
+        &mesh,
+        image,
+        None,
+        maquette_nodes::mesh::Mapping::Planar { scale: (0.0, 0.0) },
+    );
+    let planar = planar.unwrap();
+    let uv = |mesh: &Mesh| mesh.vertex().pairs("uv").unwrap().to_vec();
+    let off = |axis: usize| {
+        let pairs = uv(&mesh).into_iter().zip(uv(&planar));
+        pairs.map(|(bound, planar)| (bound[axis] - planar[axis]).abs() * 400.0).fold(0.0, f64::max)
+    };
+    assert!(off(0) <= 5.0 && off(1) <= 5.0, "{} and {} pixels", off(0), off(1));
+}

@@ -197,6 +197,18 @@ fn table(summary: &Summary) -> String {
     text
 }
 
+/// `0 ▁▂█▄ 1`: how often numbers fall into parts of their range, each part as high as it is frequent.
+fn histogram(fact: &Json) -> String {
+    const HEIGHTS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+    let counts = fact["counts"].as_array().into_iter().flatten().filter_map(Json::as_u64);
+    let counts: Vec<u64> = counts.collect();
+    let most = counts.iter().copied().max().unwrap_or(0).max(1);
+    // Rounded up: a part with a single number is seen.
+    let bar = |count: &u64| HEIGHTS[(count * 8).div_ceil(most) as usize];
+    let bars: String = counts.iter().map(bar).collect();
+    format!("{} {bars} {}", in_words(&fact["from"]), in_words(&fact["to"]))
+}
+
 fn in_words(fact: &Json) -> String {
     match fact {
         Json::String(text) => text.clone(),
@@ -206,6 +218,7 @@ fn in_words(fact: &Json) -> String {
                 .trim_end_matches('.')
                 .to_owned()
         }
+        Json::Object(entries) if entries.contains_key("counts") => histogram(fact),
         Json::Array(items) => {
             format!("({})", items.iter().map(in_words).collect::<Vec<_>>().join(", "))
         }

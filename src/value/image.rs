@@ -131,6 +131,10 @@ impl Value for Image {
         Summary::default()
             .with("size", format!("{} x {}", self.width, self.height))
             .with("mean color", Color(mean.map(|channel| channel as u8)).to_string())
+            .with_histogram(
+                "lightness",
+                self.pixels.iter().map(|&p| f64::from(Lab::from_srgb(p).l)),
+            )
     }
 
     fn probe(&self, [column, row]: [usize; 2]) -> Summary {

@@ -351,6 +351,12 @@ impl Value for Mesh {
             .with("misoriented edges", edges.misoriented)
             .with("Euler characteristic", euler)
             .with("area", area)
+            .with_histogram(
+                "edge length",
+                edges.vertices.iter().map(|&[a, b]| {
+                    (self.positions[a as usize] - self.positions[b as usize]).norm()
+                }),
+            )
             .with("attributes", attributes.join(", "));
         let summary = match &self.texture {
             Some(texture) => {

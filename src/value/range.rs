@@ -218,7 +218,8 @@ impl Value for RangeImage {
         let summary = Summary::default()
             .with("size", format!("{} x {}", self.width, self.height))
             .with("valid", self.n_valid())
-            .with("filled", self.filled.iter().filter(|&&filled| filled == 1).count());
+            .with("filled", self.filled.iter().filter(|&&filled| filled == 1).count())
+            .with_histogram("depth z", self.points.iter().map(|point| point.z));
         super::mesh::describe_bounds(summary, self.points.iter().filter(|p| !p.x.is_nan()))
     }
 

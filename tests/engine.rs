@@ -1,0 +1,264 @@
+//! What the engine promises to every pack, tried with a small one: each key once, in parallel, panics caught, cancel obeyed.
+
+use std::sync::Barrier;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use expect_test::expect;
+use maquette::{
+    CancelToken, Catalog, Context, Encoder, Error, Evaluation, Evaluator, Graph, In, Node,
+    Observer, Options, Pack, State, Summary, Value, node, value_type,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A number on a link.
+#[derive(Clone, Debug, PartialEq)]
+struct Number(f64);
+
+impl Value for Number {
+    const NAME: &'static str = "Number";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.plain(&self.0);
+    }
+
+    fn size(&self) -> usize {
+        size_of::<Self>()
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default().with("number", self.0)
+    }
+}
+
+/// How often [`Give`] gave this number, which only one test asks for: tests run beside each other.
+const COUNTED: f64 = 7.25;
+static GIVEN: AtomicUsize = AtomicUsize::new(0);
+
+/// Gives a number.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Give {
+    /// The number.
+    number: f64,
+}
+
+impl Node for Give {
+    type Outputs = (Number,);
+    const OUTPUTS: [&'static str; 1] = ["number"];
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        if self.number == COUNTED {
+            GIVEN.fetch_add(1, Ordering::SeqCst);
+        }
+        Ok((Number(self.number),))
+    }
+}
+
+/// Adds any number of numbers; gives their sum and their mean.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Sum {
+    /// The numbers.
+    #[serde(default)]
+    numbers: Vec<In<Number>>,
+    /// Added at the end.
+    more: Option<In<Number>>,
+}
+
+impl Node for Sum {
+    type Outputs = (Number, Number);
+    const OUTPUTS: [&'static str; 2] = ["sum", "mean"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let numbers = self.numbers.iter().chain(&self.more).map(|number| cx.get(number).0);
+        let sum: f64 = numbers.clone().sum();
+        let count = Number(numbers.count() as f64);
+        let half = cx.memo(&count, halve)?;
+        cx.warn(format!("half of {} is {}", count.0, half.0));
+        Ok((Number(sum), Number(sum / count.0)))
+    }
+}
+
+/// How often 3 was halved; only one test has sums of three numbers.
+static HALVED: AtomicUsize = AtomicUsize::new(0);
+
+fn halve(number: &Number) -> Result<Number, Error> {
+    if number.0 == 3.0 {
+        HALVED.fetch_add(1, Ordering::SeqCst);
+    }
+    Ok(Number(number.0 / 2.0))
+}
+
+/// Meets another node of its kind, which only works if both run at once.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Meet {
+    /// Which one it is.
+    name: String,
+}
+
+static MEETING: Barrier = Barrier::new(2);
+
+impl Node for Meet {
+    type Outputs = (Number,);
+    const OUTPUTS: [&'static str; 1] = ["number"];
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        MEETING.wait();
+        Ok((Number(self.name.len() as f64),))
+    }
+}
+
+/// Panics.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Panic {}
+
+impl Node for Panic {
+    type Outputs = (Number,);
+    const OUTPUTS: [&'static str; 1] = ["number"];
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        panic!("nobody expected this");
+    }
+}
+
+/// Works for a long time, unless it is told to stop.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Work {}
+
+impl Node for Work {
+    type Outputs = (Number,);
+    const OUTPUTS: [&'static str; 1] = ["number"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        for step in 0..3000 {
+            cx.tick(f64::from(step) / 3000.0)?;
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        Ok((Number(0.0),))
+    }
+}
+
+const PACK: Pack = Pack {
+    name: "numbers",
+    nodes: &[node::<Give>(), node::<Sum>(), node::<Meet>(), node::<Panic>(), node::<Work>()],
+    values: &[value_type::<Number>()],
+    formats: &[],
+};
+
+fn load(nodes: &str) -> Graph {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("graph.ron");
+    std::fs::write(&path, format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{}})"))
+        .unwrap();
+    let checked = Graph::load(&path, &Catalog::new(&[PACK]), &Options::default());
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+}
+
+fn evaluate(graph: &Graph, threads: usize) -> Evaluation {
+    Evaluator::new(threads, 1 << 20).unwrap().evaluate_all_nodes(
+        graph,
+        &(),
+        &CancelToken::default(),
+    )
+}
+
+fn number(evaluation: &Evaluation, graph: &Graph, node: &str, output: &str) -> f64 {
+    evaluation.find(graph, node, output).unwrap().get::<Number>().unwrap().0
+}
+
+#[test]
+fn equal_nodes_are_computed_once_and_their_results_shared() {
+    let twins: String = (0..50).map(|k| format!("\"n{k}\": Give(number: 7.25),")).collect();
+    let graph = load(&twins);
+    let evaluation = evaluate(&graph, 8);
+    assert_eq!(GIVEN.load(Ordering::SeqCst), 1);
+    assert_eq!(evaluation.trace.count(State::Computed), 1);
+    assert_eq!(evaluation.trace.count(State::Cached), 49);
+    assert_eq!(number(&evaluation, &graph, "n33", ""), 7.25);
+}
+
+#[test]
+fn a_port_takes_many_links_an_optional_one_and_nodes_have_several_outputs() {
+    let graph = load(
+        r#""a": Give(number: 1), "b": Give(number: 2), "all": Sum(numbers: ["a", "b", "a"], more: "b"),
+           "none": Sum(), "again": Sum(numbers: ["all.mean", "all"])"#,
+    );
+    let evaluation = evaluate(&graph, 2);
+    assert_eq!(number(&evaluation, &graph, "all", "sum"), 6.0);
+    assert_eq!(number(&evaluation, &graph, "all", "mean"), 1.5);
+    assert_eq!(number(&evaluation, &graph, "none", "sum"), 0.0);
+    assert_eq!(number(&evaluation, &graph, "again", "sum"), 7.5);
+    let warnings: Vec<_> = evaluation.problems.iter().map(|problem| &problem.message).collect();
+    assert!(warnings.contains(&&"`all`: half of 4 is 2".to_owned()), "{warnings:?}");
+}
+
+#[test]
+fn a_memo_is_computed_once_for_equal_parts() {
+    let graph = load(
+        r#""a": Give(number: 1), "b": Give(number: 2), "c": Give(number: 3),
+           "x": Sum(numbers: ["a", "b", "c"]), "y": Sum(numbers: ["b", "x", "c"]), "z": Sum(numbers: ["y", "x", "a"])"#,
+    );
+    let evaluation = evaluate(&graph, 1);
+    assert_eq!(evaluation.trace.count(State::Computed), 6);
+    assert_eq!(HALVED.load(Ordering::SeqCst), 1);
+}
+
+#[test]
+fn independent_nodes_run_at_the_same_time() {
+    let graph = load(r#""one": Meet(name: "one"), "other": Meet(name: "other")"#);
+    let evaluation = evaluate(&graph, 2);
+    assert_eq!(evaluation.trace.count(State::Computed), 2);
+}
+
+#[test]
+fn a_panic_is_caught_at_its_node_and_reported_as_a_bug() {
+    let graph = load(
+        r#""bad": Panic(), "after": Sum(numbers: ["bad"]), "good": Give(number: 5), "fine": Sum(numbers: ["good"])"#,
+    );
+    let evaluation = evaluate(&graph, 2);
+    expect![[r#"
+        failed   bad    it panicked: nobody expected this
+        skipped  after  hangs on `bad`
+        computed good   not computed before
+        computed fine   not computed before
+    "#]]
+    .assert_eq(&evaluation.trace.to_string());
+    let bug = evaluation.problems.iter().find(|problem| problem.code == "G018").unwrap();
+    assert_eq!(bug.message, "`bad` cannot be computed: it panicked: nobody expected this");
+    assert!(bug.help.contains("bug"));
+}
+
+#[test]
+fn a_cancelled_evaluation_stops_within_a_tenth_of_a_second() {
+    struct Canceller(CancelToken);
+    impl Observer for Canceller {
+        fn progress(&self, _: &str, share: f64) {
+            if share > 0.001 {
+                self.0.cancel();
+            }
+        }
+    }
+    let graph = load(r#""long": Work()"#);
+    let observer = Canceller(CancelToken::default());
+    let start = Instant::now();
+    let mut evaluator = Evaluator::new(2, 1 << 20).unwrap();
+    let evaluation = evaluator.evaluate_all_nodes(&graph, &observer, &observer.0);
+    assert_eq!(evaluation.trace.to_string(), "failed   long  cancelled\n");
+    assert!(start.elapsed() < Duration::from_secs(5), "the work takes 30 s");
+    // Nothing of it is remembered.
+    let again = evaluator.evaluate_all_nodes(
+        &load(r#""n": Give(number: 1)"#),
+        &(),
+        &CancelToken::default(),
+    );
+    assert_eq!(again.trace.count(State::Computed), 1);
+}
+
+#[test]
+fn a_long_chain_is_evaluated_without_a_deep_stack() {
+    let chain: String =
+        (1..20_000).map(|k| format!("\"n{k}\": Sum(numbers: [\"n{}\"]),", k - 1)).collect();
+    let graph = load(&format!("\"n0\": Give(number: 3), {chain}"));
+    let evaluation = evaluate(&graph, 2);
+    assert_eq!(number(&evaluation, &graph, "n19999", "sum"), 3.0);
+}
