@@ -1,5 +1,7 @@
 //! Which pixels belong to something.
 
+use rayon::prelude::*;
+
 use super::image::{SizeError, check_size};
 use super::{Column, Encoder, Summary, Value};
 
@@ -21,6 +23,16 @@ impl Mask {
     pub fn new(width: usize, height: usize, mut pixels: Vec<u8>) -> Result<Self, SizeError> {
         check_size(width, height, pixels.len())?;
         pixels.iter_mut().for_each(|pixel| *pixel = u8::from(*pixel != 0));
+        Ok(Self { width, height, pixels: pixels.into() })
+    }
+
+    /// A mask of `width` x `height` pixels, row by row from the top. As [`Mask::new`], without its pass over the entries.
+    ///
+    /// # Errors
+    /// If there are more or fewer entries than that.
+    pub fn from_bools(width: usize, height: usize, pixels: Vec<bool>) -> Result<Self, SizeError> {
+        check_size(width, height, pixels.len())?;
+        let pixels: Vec<u8> = bytemuck::cast_vec(pixels);
         Ok(Self { width, height, pixels: pixels.into() })
     }
 
@@ -68,7 +80,13 @@ impl Mask {
 
     /// How many pixels are inside.
     pub fn count(&self) -> usize {
-        self.pixels.iter().map(|&pixel| usize::from(pixel)).sum()
+        let count = |pixels: &[u8]| pixels.iter().map(|&pixel| u32::from(pixel)).sum::<u32>();
+        self.pixels.par_chunks(1 << 18).map(|pixels| count(pixels) as usize).sum()
+    }
+
+    /// Whether no pixel is inside.
+    pub fn is_empty(&self) -> bool {
+        !self.pixels.contains(&1)
     }
 }
 
@@ -106,5 +124,18 @@ mod tests {
         assert_eq!(mask.draw(), "#.#\n...\n");
         assert_eq!(mask.count(), 2);
         assert!(mask.contains([2, 0]) && !mask.contains([3, 0]));
+    }
+
+    #[test]
+    fn a_mask_of_bools_is_the_one_of_their_numbers() {
+        let mask = Mask::from_bools(2, 1, vec![false, true]).unwrap();
+        assert_eq!(mask, Mask::new(2, 1, vec![0, 7]).unwrap());
+        assert!(Mask::from_bools(2, 1, vec![true]).is_err());
+    }
+
+    #[test]
+    fn only_a_mask_without_pixels_inside_is_empty() {
+        assert!(Mask::drawn(&["..."]).is_empty() && Mask::drawn(&[]).is_empty());
+        assert!(!Mask::drawn(&["..#"]).is_empty());
     }
 }

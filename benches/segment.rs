@@ -1,0 +1,148 @@
+//! How long does segmenting a large picture take? The work is that of OpenCV's `inRange`, `connectedComponentsWithStats` and
+//! `Canny` on a picture of the same kind; the results are freshly allocated, hash and graph are left out.
+
+use std::sync::LazyLock;
+
+use divan::{Bencher, black_box};
+use maquette::value::{Image, Labels, Mask, Rgb};
+use maquette_nodes::image::{
+    Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
+};
+
+fn main() {
+    rayon::ThreadPoolBuilder::new().num_threads(2).build_global().expect("the first thread pool");
+    divan::main();
+}
+
+const SIZE: usize = 4096;
+
+/// Six thousand blobs of five colors on a textured, noisy ground.
+static PICTURE: LazyLock<Image> = LazyLock::new(|| {
+    let mut random = Random(1);
+    let mut levels = ground(&mut random);
+    (0..6000).for_each(|_| paint_blob(&mut levels, &mut random));
+    let pixel = |level: &[f64; 3]| -> Rgb { level.map(|x| x.round().clamp(0.0, 255.0) as u8) };
+    Image::new(SIZE, SIZE, Vec::from_iter(levels.iter().map(pixel))).expect("a full picture")
+});
+
+/// The same without color.
+static GRAY: LazyLock<Picture> = LazyLock::new(|| {
+    let gray =
+        |[r, g, b]: Rgb| ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b)) >> 8) as u8;
+    let pixels = PICTURE.pixels().iter().map(|&pixel| [gray(pixel); 3]);
+    Picture::Image(Image::new(SIZE, SIZE, Vec::from_iter(pixels)).expect("a full picture"))
+});
+
+const COLORS: [[f64; 3]; 5] = [
+    [205.0, 62.0, 48.0],
+    [60.0, 150.0, 70.0],
+    [50.0, 80.0, 190.0],
+    [230.0, 200.0, 60.0],
+    [150.0, 60.0, 160.0],
+];
+
+/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
+struct Random(u64);
+
+impl Random {
+    /// Evenly between 0 and 1.
+    fn even(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.0;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((bits ^ (bits >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.even()
+    }
+
+    /// About normal, with this deviation: a sum of four even numbers.
+    fn normal(&mut self, deviation: f64) -> f64 {
+        let sum = self.even() + self.even() + self.even() + self.even();
+        (sum - 2.0) * deviation * f64::sqrt(3.0)
+    }
+}
+
+fn ground(random: &mut Random) -> Vec<[f64; 3]> {
+    let mut levels = Vec::with_capacity(SIZE * SIZE);
+    for index in 0..SIZE * SIZE {
+        let (x, y) = ((index % SIZE) as f64, (index / SIZE) as f64);
+        let wave = 24.0 * libm::sin(x * 0.031) * libm::cos(y * 0.027)
+            + 12.0 * libm::sin(0.11 * x + 0.07 * y);
+        levels.push(
+            [(96.0, 0.7), (118.0, 0.9), (104.0, 1.1)]
+                .map(|(base, share)| base + wave * share + random.normal(6.0)),
+        );
+    }
+    levels
+}
+
+fn paint_blob(levels: &mut [[f64; 3]], random: &mut Random) {
+    let center = [random.between(0.0, SIZE as f64), random.between(0.0, SIZE as f64)];
+    let radius = random.between(6.0, 60.0);
+    let (flatness, phase) = (random.between(0.6, 1.0), random.between(0.0, std::f64::consts::TAU));
+    let (lobes, swing) = (random.between(2.0, 7.0).floor(), random.between(0.0, 0.25));
+    let color = COLORS[random.between(0.0, 5.0) as usize];
+    let [columns, rows] = center.map(|c| {
+        let reach = 1.3 * radius;
+        (c - reach).max(0.0) as usize..((c + reach + 1.0) as usize).min(SIZE)
+    });
+    for row in rows {
+        for column in columns.clone() {
+            let dx = (column as f64 - center[0]) / radius;
+            let dy = (row as f64 - center[1]) / (radius * flatness);
+            let distance = (dx * dx + dy * dy).sqrt();
+            if distance < 1.0 + swing * libm::cos(lobes * libm::atan2(dy, dx) + phase) {
+                let shade = 1.0 - 0.06 * distance;
+                levels[row * SIZE + column] = color.map(|c| c * shade + random.normal(5.0));
+            }
+        }
+    }
+}
+
+/// Thirty levels a channel around the first color.
+fn red() -> Mask {
+    let [low, high] = [-30.0, 30.0].map(|step| COLORS[0].map(|c| (c + step).clamp(0.0, 255.0)));
+    let select = Select::Box { space: Space::Rgb, low, high };
+    threshold(&PICTURE, None, &select, false).expect("a box fits every picture")
+}
+
+#[divan::bench(sample_count = 25, sample_size = 1)]
+fn threshold_box(bencher: Bencher<'_, '_>) {
+    LazyLock::force(&PICTURE);
+    bencher.bench(red);
+}
+
+#[divan::bench(sample_count = 25, sample_size = 1)]
+fn label_and_statistics(bencher: Bencher<'_, '_>) {
+    let mask = red();
+    bencher.bench(|| label(&mask, Connectivity::Eight));
+}
+
+/// With the label of every pixel, as OpenCV gives them.
+#[divan::bench(sample_count = 25, sample_size = 1)]
+fn threshold_label_and_statistics(bencher: Bencher<'_, '_>) {
+    LazyLock::force(&PICTURE);
+    bencher.bench(|| -> Labels {
+        let labels = label(&red(), Connectivity::Eight);
+        black_box(labels.pixels());
+        labels
+    });
+}
+
+#[divan::bench(sample_count = 25, sample_size = 1, args = [High::Level(25.0), High::Percentile(90.0)])]
+fn edges_of_gray(bencher: Bencher<'_, '_>, high: High) {
+    LazyLock::force(&GRAY);
+    bencher
+        .bench(|| edges(&GRAY, None, Operator::Central, 0.0, high, 0.4).expect("no mask to fit"));
+}
+
+#[divan::bench(sample_count = 25, sample_size = 1)]
+fn edges_by_sobel(bencher: Bencher<'_, '_>) {
+    LazyLock::force(&GRAY);
+    bencher.bench(|| {
+        edges(&GRAY, None, Operator::Sobel, 0.0, High::Level(25.0), 0.5).expect("no mask to fit")
+    });
+}

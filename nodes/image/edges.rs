@@ -1,0 +1,350 @@
+//! Marks the edges of a picture: where its levels change steeply.
+
+use maquette::value::{Field, Image, Mask};
+use maquette::{Context, Error, In, Node};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::gaussian::blur;
+use super::gradient::{Levels, write_gradient};
+use super::hysteresis::{Bits, WORD, pack, reconstruct};
+use super::percentile::percentile;
+
+/// Marks the edges of a picture or a mask: where its levels change steeply.
+///
+/// Of a picture, the levels are its brightness, 0.299 red + 0.587 green + 0.114 blue, from 0 to 255; of a mask, 0 outside and 1
+/// inside. Edges are wider than one pixel; `Thin` makes lines of them.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Edges {
+    /// The picture, or a mask whose outline is wanted.
+    pub image: In<Picture>,
+    /// Where to search; everywhere if left out.
+    pub within: Option<In<Mask>>,
+    /// How the gradient is taken.
+    #[serde(default)]
+    pub operator: Operator,
+    /// Deviation of a Gaussian that smooths the levels first, against noise; 0 does not.
+    #[schemars(range(min = 0.0, max = 20.0), extend("unit" = "px"))]
+    #[serde(default)]
+    pub blur: f64,
+    /// How steep an edge must be at its steepest.
+    #[serde(default)]
+    pub high: High,
+    /// How steep it must be everywhere else: a share of what `high` asks for.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    #[serde(default = "two_fifths")]
+    pub low: f64,
+}
+
+fn two_fifths() -> f64 {
+    0.4
+}
+
+maquette::union! {
+    /// What has edges.
+    pub enum Picture { Image(Image), Mask(Mask) }
+}
+
+/// How the levels' change is taken, along columns and rows. At the picture's border it is one-sided.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Operator {
+    /// Half the difference of the two neighbors.
+    #[default]
+    Central,
+    /// The difference of the next pixel and this one: finer, but half a pixel off.
+    Forward,
+    /// As `Central`, averaged over three rows or columns with weights 1, 2, 1: less sensitive to noise.
+    Sobel,
+}
+
+/// How steep an edge must be at its steepest. A pixel where nothing changes is never on an edge.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub enum High {
+    /// Steeper than this percentage of the pixels searched.
+    Percentile(#[schemars(range(min = 0.0, max = 100.0), extend("unit" = "%"))] f64),
+    /// As many levels per pixel. The straight edge of a mask has 0.5.
+    Level(#[schemars(range(min = 0.0))] f64),
+}
+
+impl Default for High {
+    fn default() -> Self {
+        Self::Percentile(90.0)
+    }
+}
+
+/// Why edges cannot be found.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum EdgesError {
+    /// The mask is for another picture.
+    #[error("the mask `within` has {mask:?} pixels, the picture {picture:?}")]
+    Size {
+        /// The mask's size.
+        mask: [usize; 2],
+        /// The picture's size.
+        picture: [usize; 2],
+    },
+}
+
+impl Node for Edges {
+    type Outputs = (Mask, Field);
+    const OUTPUTS: [&'static str; 2] = ["mask", "magnitude"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let within = self.within.as_ref().map(|mask| cx.get(mask));
+        let picture = cx.get(&self.image);
+        let (mask, magnitude) =
+            edges(&picture, within, self.operator, self.blur, self.high, self.low)?;
+        if mask.is_empty() {
+            let most = magnitude.range().map_or(0.0, |(_, most)| most);
+            cx.warn(format!("there is no edge: the steepest change is {most:.3} levels per pixel"));
+        }
+        Ok((mask, magnitude))
+    }
+}
+
+/// The edges of `picture` inside `within` (everywhere if left out), and the length of the gradient at every pixel, in levels
+/// per pixel.
+///
+/// A pixel is on an edge if its gradient is at least `low` x `high`, and a path over such pixels, along sides and corners,
+/// leads to one where it is at least `high`: hysteresis, Canny, "A computational approach to edge detection", IEEE
+/// Transactions on Pattern Analysis and Machine Intelligence 8 (1986), section VII. `blur` is in pixels; `low` is taken as 0
+/// or 1 if it lies outside of them. A percentile is one of the gradients inside `within`, the nearest rank.
+///
+/// # Errors
+/// If `within` has another size.
+pub fn edges(
+    picture: &Picture,
+    within: Option<&Mask>,
+    operator: Operator,
+    blur_by: f64,
+    high: High,
+    low: f64,
+) -> Result<(Mask, Field), EdgesError> {
+    let levels = match picture {
+        Picture::Image(image) => Levels::Luma(image),
+        Picture::Mask(mask) => Levels::Inside(mask),
+    };
+    let [width, height] = levels.size();
+    if let Some(within) = within.filter(|mask| [mask.width(), mask.height()] != [width, height]) {
+        let mask = [within.width(), within.height()];
+        return Err(EdgesError::Size { mask, picture: [width, height] });
+    }
+    let within = within.map(Mask::pixels);
+    let blurred = (blur_by > 0.0 && width > 0).then(|| blur(levels, blur_by));
+    let levels = blurred.as_ref().map_or(levels, |levels| Levels::Plane(levels, width));
+    let mut magnitude = vec![0.0; width * height];
+    let write = |first, lengths: &mut [f32]| write_gradient(levels, operator, first, lengths);
+    let [weak, strong] = match high {
+        High::Level(level) => {
+            steep(&mut magnitude, within, width, limits(level as f32, low), write)
+        }
+        High::Percentile(percent) => {
+            let strips = magnitude.par_chunks_mut(STRIP_ROWS * width.max(1)).enumerate();
+            strips.for_each(|(strip, lengths)| write(strip * STRIP_ROWS, lengths));
+            let high = percentile(&magnitude, within, percent).unwrap_or(0.0);
+            steep(&mut magnitude, within, width, limits(high, low), |_, _| {})
+        }
+    };
+    let mask = draw(&reconstruct(&weak, strong), width, height);
+    let magnitude = Field::new(width, height, magnitude).expect("one gradient per pixel");
+    Ok((mask, magnitude))
+}
+
+/// The least gradients of weak and of strong pixels. Where nothing changes there is neither.
+fn limits(high: f32, low: f64) -> [f32; 2] {
+    [high * low.clamp(0.0, 1.0) as f32, high].map(|least| least.max(f32::MIN_POSITIVE))
+}
+
+/// Rows that one thread works on at a time: what it writes of them stays in its cache.
+const STRIP_ROWS: usize = 16;
+
+/// Which pixels inside `within` have at least the first, which at least the second of two gradients. `write` may fill some rows of
+/// `magnitude`, from a given one on, before they are looked at.
+fn steep(
+    magnitude: &mut [f32],
+    within: Option<&[u8]>,
+    width: usize,
+    limits: [f32; 2],
+    write: impl Fn(usize, &mut [f32]) + Sync,
+) -> [Bits; 2] {
+    let bits = || Bits::new(width, magnitude.len() / width.max(1));
+    let [mut weak, mut strong] = [bits(), bits()];
+    let words = weak.words.max(1);
+    let [weak_rows, strong_rows] =
+        [&mut weak, &mut strong].map(|bits| bits.rows.par_chunks_mut(STRIP_ROWS * words));
+    let strips = magnitude.par_chunks_mut(STRIP_ROWS * width.max(1));
+    strips.zip(weak_rows.zip(strong_rows)).enumerate().for_each(|(strip, (lengths, bits))| {
+        write(strip * STRIP_ROWS, lengths);
+        let rows = bits.0.chunks_mut(words).zip(bits.1.chunks_mut(words));
+        for ((row, lengths), bits) in (strip * STRIP_ROWS..).zip(lengths.chunks(width)).zip(rows) {
+            let within = within.map(|within| &within[row * width..][..width]);
+            pulp::Arch::new().dispatch(PackRow { lengths, within, limits, bits });
+        }
+    });
+    [weak, strong]
+}
+
+/// Sets the bits of the pixels of a row that reach two limits; to be compiled for wide instructions.
+struct PackRow<'a> {
+    lengths: &'a [f32],
+    within: Option<&'a [u8]>,
+    limits: [f32; 2],
+    bits: (&'a mut [u64], &'a mut [u64]),
+}
+
+impl pulp::NullaryFnOnce for PackRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let [weak, strong] = self.limits;
+        let words = self.bits.0.iter_mut().zip(self.bits.1);
+        for (k, (words, lengths)) in words.zip(self.lengths.chunks(WORD)).enumerate() {
+            let within =
+                self.within.map_or(u64::MAX, |within| pack(&within[WORD * k..][..lengths.len()]));
+            *words.0 = pack_reaching(lengths, weak) & within;
+            *words.1 = pack_reaching(lengths, strong) & within;
+        }
+    }
+}
+
+#[inline(always)]
+fn pack_reaching(lengths: &[f32], least: f32) -> u64 {
+    let mut marks = [0; WORD];
+    marks.iter_mut().zip(lengths).for_each(|(mark, length)| *mark = u8::from(least <= *length));
+    pack(&marks)
+}
+
+fn draw(bits: &Bits, width: usize, height: usize) -> Mask {
+    let mut pixels = vec![false; width * height];
+    let rows = pixels.par_chunks_mut(width.max(1)).with_min_len(STRIP_ROWS);
+    rows.zip(bits.rows.par_chunks(bits.words.max(1))).for_each(|(pixels, words)| {
+        let bytes = words.iter().flat_map(|word| word.to_le_bytes());
+        for (pixels, byte) in pixels.chunks_mut(8).zip(bytes).filter(|(_, byte)| *byte != 0) {
+            pixels.copy_from_slice(&UNPACKED[usize::from(byte)][..pixels.len()]);
+        }
+    });
+    Mask::from_bools(width, height, pixels).expect("one mark per pixel")
+}
+
+/// The bits of every byte, the lowest first.
+const UNPACKED: [[bool; 8]; 256] = {
+    let mut table = [[false; 8]; 256];
+    let mut index = 0;
+    while index < 8 * 256 {
+        table[index / 8][index % 8] = (index / 8) >> (index % 8) & 1 == 1;
+        index += 1;
+    }
+    table
+};
+
+#[cfg(test)]
+mod tests {
+    use expect_test::{Expect, expect};
+
+    use super::*;
+
+    /// A gray picture, one digit a pixel, ten levels a digit.
+    fn gray(rows: &[&str]) -> Picture {
+        let level = |digit: u8| [(digit - b'0') * 10; 3];
+        let pixels = rows.iter().flat_map(|row| row.bytes()).map(level);
+        Picture::Image(Image::new(rows[0].len(), rows.len(), Vec::from_iter(pixels)).unwrap())
+    }
+
+    fn check(picture: &Picture, high: High, low: f64, expected: Expect) {
+        let (mask, _) = edges(picture, None, Operator::Central, 0.0, high, low).unwrap();
+        expected.assert_eq(&mask.draw());
+    }
+
+    // T-IMG-01.
+    #[test]
+    fn a_gray_plane_has_the_same_gradient_everywhere() {
+        let pixels = (0..30 * 25).map(|index| [(3 * (index / 30) + 4 * (index % 30)) as u8; 3]);
+        let picture = Picture::Image(Image::new(30, 25, Vec::from_iter(pixels)).unwrap());
+        for operator in [Operator::Central, Operator::Forward, Operator::Sobel] {
+            let (mask, magnitude) =
+                edges(&picture, None, operator, 0.0, High::Level(5.0), 1.0).unwrap();
+            assert!(magnitude.pixels().iter().all(|&length| length == 5.0), "{operator:?}");
+            assert_eq!(mask.count(), 750);
+        }
+    }
+
+    #[test]
+    fn the_edge_of_a_mask_is_a_band_of_two_pixels() {
+        let mask = Mask::drawn(&[".....", ".###.", ".###.", ".###.", "....."]);
+        let (band, magnitude) =
+            edges(&Picture::Mask(mask), None, Operator::Central, 0.0, High::Level(0.25), 0.4)
+                .unwrap();
+        expect![[r#"
+            .###.
+            #####
+            ##.##
+            #####
+            .###.
+        "#]]
+        .assert_eq(&band.draw());
+        // One-sided at the picture's border, over two pixels inside.
+        assert_eq!((magnitude.pixels()[2], magnitude.pixels()[7]), (1.0, 0.5));
+    }
+
+    #[test]
+    fn weak_pixels_stay_where_they_touch_a_strong_one() {
+        let picture = gray(&["000000000", "000000000", "003300099", "003300099", "000000000"]);
+        check(
+            &picture,
+            High::Level(40.0),
+            0.3,
+            expect![[r#"
+            .........
+            .......##
+            ......###
+            ......###
+            .......##
+        "#]],
+        );
+    }
+
+    #[test]
+    fn a_flat_picture_has_no_edge_whatever_is_asked_for() {
+        let picture = gray(&["333", "333"]);
+        for high in [High::Level(0.0), High::Percentile(0.0), High::Percentile(90.0)] {
+            for blur in [0.0, 1.3] {
+                let (mask, _) = edges(&picture, None, Operator::Sobel, blur, high, 0.4).unwrap();
+                assert!(mask.is_empty(), "{high:?} {blur}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_percentile_counts_the_pixels_within() {
+        let picture = gray(&["0123456789", "0000000000", "0000000000"]);
+        let within = Mask::drawn(&["..........", "..........", "##########"]);
+        let all = edges(&picture, None, Operator::Forward, 0.0, High::Percentile(50.0), 1.0);
+        assert_eq!(all.unwrap().0.count(), 10);
+        let none =
+            edges(&picture, Some(&within), Operator::Forward, 0.0, High::Percentile(50.0), 1.0);
+        assert!(none.unwrap().0.is_empty());
+    }
+
+    #[test]
+    fn a_mask_of_another_size_is_an_error() {
+        let within = Mask::drawn(&["##"]);
+        let error =
+            edges(&gray(&["000"]), Some(&within), Operator::Central, 0.0, High::default(), 0.4);
+        assert_eq!(error, Err(EdgesError::Size { mask: [2, 1], picture: [3, 1] }));
+    }
+
+    #[test]
+    fn edges_are_the_same_for_any_number_of_threads() {
+        let pixels =
+            (0..150u32 * 200).map(|k| [(k * k % 251) as u8, (k % 199) as u8, (k / 150) as u8]);
+        let picture = Picture::Image(Image::new(150, 200, Vec::from_iter(pixels)).unwrap());
+        let find = || edges(&picture, None, Operator::Sobel, 1.0, High::default(), 0.4).unwrap();
+        let expected = find();
+        for threads in [1, 8] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            assert_eq!(pool.install(find), expected, "{threads}");
+        }
+    }
+}

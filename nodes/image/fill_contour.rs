@@ -1,0 +1,142 @@
+//! Fills closed contours.
+
+use maquette::value::Mask;
+use maquette::{Context, Error, In, Node};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::label::{Connectivity, label};
+use super::morphology::close;
+
+/// Fills the contours of a mask: adds all that they enclose, which is what cannot be reached from the picture's border by
+/// steps up, down, left and right.
+///
+/// If nothing is enclosed, gaps are closed first, see `close`. If still nothing is, the mask stays as it is, with a warning. An
+/// open contour beside a closed one stays open.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct FillContour {
+    /// The contours; they may hang together by corners alone.
+    pub mask: In<Mask>,
+    /// Radius of the square that closes gaps where nothing is enclosed; 0 closes none.
+    #[schemars(range(max = 50), extend("unit" = "px"))]
+    #[serde(default = "one")]
+    pub close: u32,
+}
+
+fn one() -> u32 {
+    1
+}
+
+impl Node for FillContour {
+    type Outputs = (Mask,);
+    const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let mask = cx.get(&self.mask);
+        let filled = fill_contour(mask, self.close as usize);
+        if filled == *mask {
+            cx.warn(match self.close {
+                0 => "nothing is enclosed".to_owned(),
+                radius => format!("nothing is enclosed, not even with gaps closed by {radius} px"),
+            });
+        }
+        Ok((filled,))
+    }
+}
+
+/// `mask` with all that it encloses: the complement of the background that is connected to the picture's border by sides. If it
+/// encloses nothing, of `mask` closed with a square of this radius; if that encloses nothing either, `mask` itself.
+pub fn fill_contour(mask: &Mask, radius: usize) -> Mask {
+    let closed = || fill(&close(mask, radius));
+    fill(mask).or_else(closed).unwrap_or_else(|| mask.clone())
+}
+
+/// The mask with what it encloses, if it encloses anything.
+fn fill(mask: &Mask) -> Option<Mask> {
+    let (width, height) = (mask.width(), mask.height());
+    let make = |pixels| Mask::from_bools(width, height, pixels).expect("as many pixels as before");
+    let outside = mask.pixels().par_iter().with_min_len(4096).map(|&inside| inside == 0);
+    let parts = label(&make(outside.collect()), Connectivity::Four);
+    let mut is_filled = vec![true];
+    is_filled.extend(parts.statistics().iter().map(|part| !part.touches_border));
+    if !is_filled[1..].contains(&true) {
+        return None;
+    }
+    let filled = parts.pixels().par_iter().with_min_len(4096);
+    Some(make(filled.map(|&part| is_filled[part as usize]).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::{Expect, expect};
+
+    use super::super::outline::outline;
+    use super::*;
+
+    fn check(rows: &[&str], radius: usize, expected: Expect) {
+        expected.assert_eq(&fill_contour(&Mask::drawn(rows), radius).draw());
+    }
+
+    #[test]
+    fn a_contour_that_hangs_together_by_corners_is_closed() {
+        check(
+            &["..#..", ".#.#.", "#...#", ".#.#.", "..#.."],
+            0,
+            expect![[r#"
+            ..#..
+            .###.
+            #####
+            .###.
+            ..#..
+        "#]],
+        );
+    }
+
+    #[test]
+    fn a_gap_is_closed_if_nothing_is_enclosed() {
+        let open = [".......", ".##.##.", ".#...#.", ".#...#.", ".#...#.", ".#####."];
+        check(
+            &open,
+            0,
+            expect![[r#"
+                .......
+                .##.##.
+                .#...#.
+                .#...#.
+                .#...#.
+                .#####.
+            "#]],
+        );
+        check(
+            &open,
+            1,
+            expect![[r#"
+                .......
+                .#####.
+                .#####.
+                .#####.
+                .#####.
+                .#####.
+            "#]],
+        );
+    }
+
+    #[test]
+    fn an_open_line_stays_as_it_is() {
+        let line = Mask::drawn(&["#......", ".##....", "...####"]);
+        assert_eq!(fill_contour(&line, 1), line);
+    }
+
+    // T-IMG-06, first half: the filled contour of a disk is the disk.
+    #[test]
+    fn the_outline_of_a_disk_fills_to_the_disk() {
+        for radius in 1..25 {
+            let is_inside =
+                |x: i32, y: i32| (x - 30) * (x - 30) + (y - 27) * (y - 27) <= radius * radius;
+            let pixels = (0..56).flat_map(|y| (0..60).map(move |x| is_inside(x, y)));
+            let disk = Mask::from_bools(60, 56, pixels.collect()).unwrap();
+            assert_eq!(fill_contour(&outline(&disk), 0), disk, "{radius}");
+        }
+    }
+}

@@ -1,0 +1,412 @@
+//! Thins a mask to lines of one pixel.
+//!
+//! Inside pixels hang together by sides and corners, those outside by sides. The neighbors of a pixel are numbered clockwise
+//! from the one above: bit k of a neighborhood is set if neighbor k is inside.
+
+use maquette::value::{Field, Mask};
+use maquette::{Context, Error, In, Node};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Thins a mask to lines of one pixel: takes away pixels from its border as long as no part falls apart or vanishes, no hole
+/// opens or closes, and no line gets shorter.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Thin {
+    /// The mask: edges, for example.
+    pub mask: In<Mask>,
+    /// How much each pixel should be kept, such as the gradient behind the edges: of the pixels on the border, those with the
+    /// least number go first. If left out, those nearest to the outside do. `Ordered` alone heeds it.
+    pub keep: Option<In<Field>>,
+    /// How pixels are chosen.
+    #[serde(default)]
+    pub method: ThinMethod,
+}
+
+/// How thinning chooses pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum ThinMethod {
+    /// One after the other, layer by layer: nothing falls apart or vanishes, and no pixel is left that could go.
+    #[default]
+    Ordered,
+    /// Guo and Hall's, all at once in two alternating passes: for comparison; it may change what hangs together.
+    GuoHall,
+    /// Zhang and Suen's, all at once in two alternating passes: for comparison; it loses squares of two by two pixels.
+    ZhangSuen,
+}
+
+/// Why a mask cannot be thinned.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ThinError {
+    /// The field is for another picture.
+    #[error("the field `keep` has {keep:?} pixels, the mask {mask:?}")]
+    Size {
+        /// The field's size.
+        keep: [usize; 2],
+        /// The mask's size.
+        mask: [usize; 2],
+    },
+}
+
+impl Node for Thin {
+    type Outputs = (Mask,);
+    const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let keep = self.keep.as_ref().map(|field| cx.get(field));
+        Ok((thin(cx.get(&self.mask), keep, self.method)?,))
+    }
+}
+
+/// `mask` thinned to lines of one pixel. Beyond the picture is outside.
+///
+/// [`ThinMethod::Ordered`] takes the pixels of the border, layer by layer, in the order of `keep` (the least first, NaN before
+/// all numbers; without it by their distance from the outside), equal ones from the top row by row, and deletes each that is
+/// simple at that time and no end of a line. A pixel is simple if Yokoi's number is 1: Yokoi, Toriwaki and Fukumura, "An analysis
+/// of topological properties of digitized binary pictures using local features" (1975). It keeps the number of parts and of
+/// holes; thinning its result changes nothing.
+///
+/// [`ThinMethod::GuoHall`]: Guo and Hall, "Parallel thinning with two-subiteration algorithms" (1989), algorithm A1.
+/// [`ThinMethod::ZhangSuen`]: Zhang and Suen, "A fast parallel algorithm for thinning digital patterns" (1984).
+///
+/// # Errors
+/// If `keep` has another size.
+pub fn thin(mask: &Mask, keep: Option<&Field>, method: ThinMethod) -> Result<Mask, ThinError> {
+    let size = [mask.width(), mask.height()];
+    if let Some(keep) = keep.map(|field| [field.width(), field.height()]).filter(|k| *k != size) {
+        return Err(ThinError::Size { keep, mask: size });
+    }
+    let mut canvas = Canvas::new(mask);
+    match method {
+        ThinMethod::Ordered => {
+            let keys = keep.map_or_else(|| canvas.distances(), |field| canvas.ranks(field));
+            canvas.thin_in_order(&keys);
+        }
+        ThinMethod::GuoHall => canvas.thin_at_once(guo_hall),
+        ThinMethod::ZhangSuen => canvas.thin_at_once(zhang_suen),
+    }
+    Ok(canvas.mask())
+}
+
+/// A mask with a margin of one pixel outside.
+struct Canvas {
+    size: [usize; 2],
+    stride: usize,
+    pixels: Vec<u8>,
+}
+
+impl Canvas {
+    fn new(mask: &Mask) -> Self {
+        let size = [mask.width(), mask.height()];
+        let stride = size[0] + 2;
+        let mut pixels = vec![0; stride * (size[1] + 2)];
+        for row in 0..size[1] {
+            let first = (row + 1) * stride + 1;
+            pixels[first..][..size[0]].copy_from_slice(&mask.pixels()[row * size[0]..][..size[0]]);
+        }
+        Self { size, stride, pixels }
+    }
+
+    fn mask(&self) -> Mask {
+        let [width, height] = self.size;
+        let row = |row: usize| &self.pixels[(row + 1) * self.stride + 1..][..width];
+        let pixels = (0..height).flat_map(|k| row(k).iter().map(|&pixel| pixel == 1));
+        Mask::from_bools(width, height, pixels.collect()).expect("as many pixels as before")
+    }
+
+    fn inside(&self) -> impl Iterator<Item = usize> {
+        (0..self.pixels.len()).filter(|&index| self.pixels[index] == 1)
+    }
+
+    fn neighbors(&self, index: usize) -> [usize; 8] {
+        let (above, below) = (index - self.stride, index + self.stride);
+        [above, above + 1, index + 1, below + 1, below, below - 1, index - 1, above - 1]
+    }
+
+    fn neighborhood(&self, index: usize) -> u8 {
+        let bits = self.neighbors(index).map(|neighbor| self.pixels[neighbor]);
+        bits.iter().rev().fold(0, |bits, bit| bits << 1 | bit)
+    }
+
+    fn is_on_border(&self, index: usize) -> bool {
+        self.neighborhood(index) & SIDES != SIDES
+    }
+
+    fn thin_in_order(&mut self, keys: &[u32]) {
+        let mut listed = vec![false; self.pixels.len()];
+        let border = self.inside().filter(|&index| self.is_on_border(index));
+        let mut border: Vec<(u32, usize)> = border.map(|index| (keys[index], index)).collect();
+        while !border.is_empty() {
+            border.sort_unstable();
+            let mut touched = Vec::new();
+            for &(_, index) in &border {
+                if CAN_GO[usize::from(self.neighborhood(index))] {
+                    self.pixels[index] = 0;
+                    touched.extend(self.neighbors(index));
+                }
+            }
+            border.clear();
+            // The others have been tried, and nothing has changed around them.
+            for &index in &touched {
+                if self.pixels[index] == 1 && !listed[index] && self.is_on_border(index) {
+                    listed[index] = true;
+                    border.push((keys[index], index));
+                }
+            }
+            border.iter().for_each(|&(_, index)| listed[index] = false);
+        }
+    }
+
+    /// Deletes all pixels at once whose neighborhoods the pass lets go, pass 0 and pass 1 by turns, until none goes.
+    fn thin_at_once(&mut self, can_go: fn(u8, usize) -> bool) {
+        let tables = [0, 1].map(|pass| -> [bool; 256] {
+            std::array::from_fn(|neighborhood| can_go(neighborhood as u8, pass))
+        });
+        let mut inside: Vec<usize> = self.inside().collect();
+        let mut before = usize::MAX;
+        while inside.len() < before {
+            before = inside.len();
+            for table in &tables {
+                let goes = |index: &usize| table[usize::from(self.neighborhood(*index))];
+                let (gone, kept): (Vec<_>, _) = inside.into_iter().partition(goes);
+                gone.into_iter().for_each(|index| self.pixels[index] = 0);
+                inside = kept;
+            }
+        }
+    }
+
+    /// Three times the distance from the outside, about: the 3-4 chamfer distance, Borgefors, "Distance transformations in digital
+    /// images" (1986).
+    fn distances(&self) -> Vec<u32> {
+        let mut distances: Vec<u32> =
+            self.pixels.iter().map(|&pixel| if pixel == 1 { u32::MAX / 2 } else { 0 }).collect();
+        // Once against neighbors before the pixel, left and above, once against those after it.
+        for (backwards, earlier) in [(false, [6, 7, 0, 1]), (true, [2, 3, 4, 5])] {
+            let count = distances.len();
+            for place in 0..count {
+                let index = if backwards { count - 1 - place } else { place };
+                if self.pixels[index] == 1 {
+                    let neighbors = self.neighbors(index);
+                    for k in earlier {
+                        let step = if k % 2 == 0 { 3 } else { 4 };
+                        distances[index] = distances[index].min(distances[neighbors[k]] + step);
+                    }
+                }
+            }
+        }
+        distances
+    }
+
+    /// Whole numbers in the order of the field's; 0 for NaN.
+    fn ranks(&self, field: &Field) -> Vec<u32> {
+        let mut ranks = vec![0; self.pixels.len()];
+        let rows = ranks.chunks_mut(self.stride).skip(1);
+        for (ranks, numbers) in rows.zip(field.pixels().chunks(self.size[0].max(1))) {
+            ranks[1..].iter_mut().zip(numbers).for_each(|(to, number)| *to = rank(*number));
+        }
+        ranks
+    }
+}
+
+fn rank(number: f32) -> u32 {
+    // Zero has one sign here, so that both zeros are alike.
+    let bits = (number + 0.0).to_bits();
+    match number {
+        _ if number.is_nan() => 0,
+        _ if bits >> 31 == 1 => !bits,
+        _ => bits | 1 << 31,
+    }
+}
+
+/// The neighbors that share a side.
+const SIDES: u8 = 0b0101_0101;
+
+/// Whether a pixel with these neighbors is simple and no end of a line.
+const CAN_GO: [bool; 256] = {
+    let mut table = [false; 256];
+    let mut neighborhood = 0;
+    while neighborhood < 256 {
+        table[neighborhood] = can_go(neighborhood as u8);
+        neighborhood += 1;
+    }
+    table
+};
+
+const fn can_go(neighborhood: u8) -> bool {
+    let outside = !neighborhood;
+    let mut yokoi = 0;
+    let mut k = 0;
+    while k < 8 {
+        // Neighbors k, k + 1 and k + 2 as the lowest three bits.
+        let three = outside.rotate_right(k) & 0b111;
+        if three & 1 == 1 && three != 0b111 {
+            yokoi += 1;
+        }
+        k += 2;
+    }
+    yokoi == 1 && neighborhood.count_ones() > 1
+}
+
+/// The conditions (a) to (d) of Zhang and Suen; their P2 to P9 are bits 0 to 7.
+fn zhang_suen(neighborhood: u8, pass: usize) -> bool {
+    let starts = neighborhood & !neighborhood.rotate_left(1);
+    let has_all = |bits: u8| neighborhood & bits == bits;
+    let (north, east, south, west) = (1, 1 << 2, 1 << 4, 1 << 6);
+    let stays = match pass {
+        0 => has_all(north | east | south) || has_all(east | south | west),
+        _ => has_all(north | east | west) || has_all(north | south | west),
+    };
+    (2..=6).contains(&neighborhood.count_ones()) && starts.count_ones() == 1 && !stays
+}
+
+/// The conditions of Guo and Hall's A1; their P1 to P8 are the bits from the upper left clockwise, here 7, 0, 1, ... 6.
+fn guo_hall(neighborhood: u8, pass: usize) -> bool {
+    let [n, ne, e, se, s, sw, w, nw] = std::array::from_fn(|k| neighborhood >> k & 1 == 1);
+    let count = |conditions: [bool; 4]| conditions.iter().filter(|is_met| **is_met).count();
+    let parts = count([!n && (ne || e), !e && (se || s), !s && (sw || w), !w && (nw || n)]);
+    let pairs = count([nw || n, ne || e, se || s, sw || w]);
+    let other_pairs = count([n || ne, e || se, s || sw, w || nw]);
+    let stays = match pass {
+        0 => (n || ne || !se) && e,
+        _ => (s || sw || !nw) && w,
+    };
+    parts == 1 && (2..=3).contains(&pairs.min(other_pairs)) && !stays
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Connectivity, label};
+    use super::*;
+
+    const ALL: [ThinMethod; 3] = [ThinMethod::Ordered, ThinMethod::GuoHall, ThinMethod::ZhangSuen];
+
+    /// Marsaglia's xorshift.
+    fn random(state: &mut u64) -> u64 {
+        *state ^= *state << 13;
+        *state ^= *state >> 7;
+        *state ^= *state << 17;
+        *state >> 11
+    }
+
+    /// Noise, or blobs where it is smoothed: every seed another size and density.
+    fn blobs(seed: u64) -> Mask {
+        let mut state = (seed + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let [width, height] = [28 - (seed % 5) as usize, 28 - (seed % 3) as usize];
+        let density = 25 + seed % 60;
+        let noise = Vec::from_iter((0..width * height).map(|_| random(&mut state) % 100 < density));
+        let is_inside = |index: usize| {
+            let (column, row) = (index % width, index / width);
+            let near = |x: usize, center: usize| x.abs_diff(center) <= (seed % 3) as usize;
+            let window =
+                (0..width * height).filter(|k| near(k % width, column) && near(k / width, row));
+            let (count, inside) =
+                window.fold((0, 0), |sum, k| (sum.0 + 1, sum.1 + u32::from(noise[k])));
+            count < 2 * inside
+        };
+        Mask::from_bools(width, height, (0..width * height).map(is_inside).collect()).unwrap()
+    }
+
+    /// Parts inside, by sides and corners, and parts outside, by sides, with all beyond the picture as one.
+    fn parts(mask: &Mask) -> [usize; 2] {
+        let inside = label(mask, Connectivity::Eight).statistics().len();
+        let canvas = Canvas::new(mask);
+        let outside = canvas.pixels.iter().map(|&pixel| pixel == 0).collect();
+        let outside = Mask::from_bools(mask.width() + 2, mask.height() + 2, outside).unwrap();
+        [inside, label(&outside, Connectivity::Four).statistics().len()]
+    }
+
+    fn field(mask: &Mask, seed: u64) -> Field {
+        let mut state = seed + 7;
+        let numbers = mask.pixels().iter().map(|_| (random(&mut state) % 9) as f32 - 4.0);
+        Field::new(mask.width(), mask.height(), Vec::from_iter(numbers)).unwrap()
+    }
+
+    // T-IMG-04.
+    #[test]
+    fn thinning_in_order_keeps_parts_and_holes_and_leaves_nothing_that_could_go() {
+        for seed in 0..1000 {
+            let mask = blobs(seed);
+            let keep = (seed % 2 == 0).then(|| field(&mask, seed));
+            let thinned = thin(&mask, keep.as_ref(), ThinMethod::Ordered).unwrap();
+            assert_eq!(parts(&thinned), parts(&mask), "seed {seed}");
+            let canvas = Canvas::new(&thinned);
+            let left = canvas.inside().find(|&index| can_go(canvas.neighborhood(index)));
+            assert_eq!(left, None, "seed {seed}");
+            assert_eq!(thin(&thinned, keep.as_ref(), ThinMethod::Ordered).unwrap(), thinned);
+        }
+    }
+
+    // T-IMG-04.
+    #[test]
+    fn what_is_left_was_there_before() {
+        for (seed, method) in (0..60).flat_map(|seed| ALL.map(|method| (seed, method))) {
+            let mask = blobs(seed);
+            let thinned = thin(&mask, None, method).unwrap();
+            let is_new = |(after, before): (&u8, &u8)| after > before;
+            assert!(!thinned.pixels().iter().zip(mask.pixels()).any(is_new), "{seed} {method:?}");
+        }
+    }
+
+    // T-IMG-04.
+    #[test]
+    fn a_line_of_one_pixel_stays() {
+        for line in [
+            &["......", ".####.", "......"][..],
+            &["#....", ".#...", "..#..", "...##"],
+            &["#"],
+            &["##"],
+            &["..#..", ".#.#.", "#...#", ".#.#.", "..#.."],
+        ] {
+            let mask = Mask::drawn(line);
+            assert_eq!(thin(&mask, None, ThinMethod::Ordered).unwrap(), mask);
+        }
+    }
+
+    #[test]
+    fn of_a_band_the_steeper_side_stays() {
+        let mask = Mask::drawn(&["########", "########"]);
+        for strong in [0, 1] {
+            let numbers = (0..16).map(|index| f32::from(u8::from(index / 8 == strong)));
+            let keep = Field::new(8, 2, Vec::from_iter(numbers)).unwrap();
+            let thinned = thin(&mask, Some(&keep), ThinMethod::Ordered).unwrap();
+            let inner = (1..7).map(|column| thinned.contains([column, strong]));
+            assert!(inner.into_iter().all(|inside| inside), "{}", thinned.draw());
+            assert_eq!(parts(&thinned), [1, 1]);
+        }
+    }
+
+    #[test]
+    fn every_method_makes_a_line_of_a_bar() {
+        let bar = Mask::drawn(&[".........", ".#######.", ".#######.", ".#######.", "........."]);
+        for method in ALL {
+            let thinned = thin(&bar, None, method).unwrap();
+            let middle = (3..6).map(|column| [1, 2, 3].map(|row| thinned.contains([column, row])));
+            assert!(
+                middle.into_iter().all(|rows| rows == [false, true, false]),
+                "{}",
+                thinned.draw()
+            );
+        }
+    }
+
+    #[test]
+    fn zhang_and_suen_lose_a_square_and_thinning_in_order_does_not() {
+        let square = Mask::drawn(&["....", ".##.", ".##.", "...."]);
+        assert!(thin(&square, None, ThinMethod::ZhangSuen).unwrap().is_empty());
+        assert!(!thin(&square, None, ThinMethod::Ordered).unwrap().is_empty());
+    }
+
+    #[test]
+    fn ranks_have_the_order_of_their_numbers() {
+        let numbers =
+            [f32::NAN, f32::NEG_INFINITY, -3.0, -0.5, 0.0, 1e-40, 0.5, 7.0, f32::INFINITY];
+        assert!(numbers.map(rank).is_sorted_by(|a, b| a < b));
+        assert_eq!(rank(-0.0), rank(0.0));
+    }
+
+    #[test]
+    fn a_field_of_another_size_is_an_error() {
+        let keep = Field::new(1, 1, vec![0.0]).unwrap();
+        let error = thin(&Mask::drawn(&["##"]), Some(&keep), ThinMethod::Ordered);
+        assert_eq!(error, Err(ThinError::Size { keep: [1, 1], mask: [2, 1] }));
+    }
+}
