@@ -4,6 +4,7 @@ use maquette::{Pack, node};
 
 mod average_normal;
 mod contour;
+mod denoise;
 mod extract_region;
 mod footprint;
 mod foreground;
@@ -15,6 +16,7 @@ mod triangulate;
 pub use average_normal::{
     AverageNormal, AverageNormalError, Weight, average_normal, principal_normal,
 };
+pub use denoise::{Denoise, Denoising, denoise};
 pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, extract_region};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
 pub use read_capture::{ReadCapture, ReadCaptureError, Unit, read_capture};
@@ -25,6 +27,7 @@ pub const PACK: Pack = Pack {
     name: "range",
     nodes: &[
         node::<ReadCapture>(),
+        node::<Denoise>(),
         node::<Foreground>(),
         node::<ExtractRegion>(),
         node::<AverageNormal>(),

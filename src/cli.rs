@@ -11,10 +11,11 @@ use clap::{Args, CommandFactory, Parser, Subcommand};
 
 use crate::catalog::Catalog;
 use crate::error::{Place, Problem, Severity, Span};
-use crate::graph::{Checked, Graph, Options};
+use crate::graph::{Checked, Files, Graph, Options};
 use crate::pack::Pack;
 
 mod check;
+mod draw;
 mod inspect;
 mod nodes;
 mod progress;
@@ -34,6 +35,8 @@ enum Command {
     Run(run::Run),
     /// Find every problem of some graphs; run nothing.
     Check(check::Check),
+    /// Draw a graph as SVG or for Graphviz; the files that it reads need not be there.
+    Draw(draw::Draw),
     /// Print the reference of all nodes, or of one.
     Nodes(nodes::Nodes),
     /// Show what a node gives: counts, bounds, topology, or what is under a pixel.
@@ -64,7 +67,8 @@ fn assignment(text: &str) -> Result<(String, String), String> {
 
 impl GraphOptions {
     fn load(&self, path: &std::path::Path, catalog: &Catalog) -> Checked {
-        let options = Options { roots: self.roots.clone(), set: self.set.clone() };
+        let options =
+            Options { roots: self.roots.clone(), set: self.set.clone(), files: Files::Needed };
         Graph::load(path, catalog, &options)
     }
 }
@@ -85,6 +89,7 @@ pub fn main(packs: &[Pack]) -> ExitCode {
     let exit = match cli.command {
         Command::Run(command) => command.run(&catalog),
         Command::Check(command) => command.run(&catalog),
+        Command::Draw(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
         Command::Inspect(command) => command.run(&catalog),
         Command::Completions { shell } => {

@@ -151,7 +151,7 @@ fn defaults(entry: &Entry, broken: &mut Vec<String>) {
 fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<String>) {
     let path = examples.join(format!("{}.ron", entry.name));
     let load = |set: Vec<(String, String)>| {
-        Graph::load(&path, catalog, &Options { roots: Vec::new(), set })
+        Graph::load(&path, catalog, &Options { set, ..Options::default() })
     };
     let checked = load(Vec::new());
     let Some(graph) = checked.graph else {

@@ -8,6 +8,7 @@ use serde_json::Value as Json;
 use crate::error::{Problem, Source, Span};
 use crate::node::AnyNode;
 use crate::pack::Format;
+use crate::value::ValueType;
 
 mod check;
 mod expression;
@@ -50,6 +51,8 @@ pub(crate) struct GraphNode {
     /// Its parameters, with links as `{"$link": slot}` and files as `{"$file": path}`.
     pub(crate) parameters: Json,
     pub(crate) outputs: Vec<&'static str>,
+    /// The type of each output; none for that of a union whose port has no link.
+    pub(crate) types: Vec<Option<&'static ValueType>>,
 }
 
 /// A link from a port to another node's output.
@@ -77,6 +80,18 @@ pub struct Options {
     pub roots: Vec<PathBuf>,
     /// Values in place of defaults and fields: (`name` or `node.field`, RON).
     pub set: Vec<(String, String)>,
+    /// Whether the files that the graph reads must be there.
+    pub files: Files,
+}
+
+/// What a check demands of the files that a graph reads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Files {
+    /// They must be there, inside of the project.
+    #[default]
+    Needed,
+    /// Nothing: the graph is looked at, not evaluated.
+    Ignored,
 }
 
 /// A graph, if it can be evaluated, and all problems of its file.

@@ -7,6 +7,7 @@ pub mod render;
 pub mod value;
 
 mod catalog;
+mod draw;
 mod error;
 mod eval;
 mod graph;
@@ -16,7 +17,7 @@ mod pack;
 pub use catalog::Catalog;
 pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
 pub use eval::{Evaluation, Evaluator, NodeTrace, Observer, State, ThreadsError, Trace};
-pub use graph::{Checked, Graph, Options, Reader};
+pub use graph::{Checked, Files, Graph, Options, Reader};
 pub use node::{
     CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
     ReadError, node,

@@ -175,3 +175,32 @@ fn nodes_prints_the_reference_for_people_and_programs() {
 fn completions_are_printed_for_a_shell() {
     assert!(stdout(&maquette(&["completions", "bash"])).contains("_maquette"));
 }
+
+#[test]
+fn draw_needs_no_files_and_writes_svg_or_dot() {
+    let folder = tempfile::tempdir().unwrap();
+    let graph = folder.path().join("doll.ron");
+    std::fs::copy(Path::new(GRAPHS).join("doll.ron"), &graph).unwrap();
+    let graph = graph.to_str().unwrap();
+    assert!(!maquette(&["check", graph]).status.success(), "the capture is not there");
+    let svg = maquette(&["draw", graph]);
+    assert!(svg.status.success() && stdout(&svg).starts_with("<svg "), "{}", stderr(&svg));
+    let file = folder.path().join("doll.dot");
+    let dot = maquette(&["draw", graph, "--out", file.to_str().unwrap()]);
+    assert!(dot.status.success(), "{}", stderr(&dot));
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert!(text.contains("subgraph \"cluster_nurbs\""), "{text}");
+    assert_eq!(stdout(&maquette(&["draw", graph, "--dot"])), text);
+}
+
+#[test]
+fn draw_reports_a_broken_graph_and_unknown_endings() {
+    let folder = tempfile::tempdir().unwrap();
+    let graph = folder.path().join("graph.ron");
+    let text = "Graph(format: 1, nodes: { \"a\": Nothing() }, outputs: {})";
+    std::fs::write(&graph, text).unwrap();
+    let broken = maquette(&["draw", graph.to_str().unwrap()]);
+    assert_eq!((broken.status.code(), stdout(&broken)), (Some(1), String::new()));
+    assert!(stderr(&broken).contains("there is no node type `Nothing`"));
+    assert_eq!(maquette(&["draw", "doll.ron", "--out", "doll.png"]).status.code(), Some(2));
+}

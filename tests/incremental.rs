@@ -25,7 +25,8 @@ impl Session {
 
     fn load(&self, set: &[(&str, &str)]) -> Graph {
         let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
-        let options = Options { set: set.collect(), roots: vec![GRAPHS.into()] };
+        let options =
+            Options { set: set.collect(), roots: vec![GRAPHS.into()], ..Options::default() };
         let checked = Graph::load(&self.path, &self.catalog, &options);
         let messages: Vec<_> = checked.problems.iter().map(|problem| &problem.message).collect();
         checked.graph.unwrap_or_else(|| panic!("{messages:?}"))

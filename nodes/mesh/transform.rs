@@ -1,6 +1,6 @@
 //! Moves, turns and scales.
 
-use maquette::value::{Attribute, SizeError};
+use maquette::value::{Attribute, CaptureFrame, SizeError};
 use maquette::value::{ControlNet, ControlNetError, Faces, Mesh, MeshError, RangeImage};
 use maquette::{Context, Error, In, Node};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 /// has the type of what came in. A mirrored mesh (one or three negative scales) has its faces turned round, so that its
 /// outside stays outside. Normals turn along; other attributes stay as they are.
 ///
-/// What has moved is no longer where its camera saw it: the camera is forgotten, unless nothing moved. Texture coordinates
+/// What has moved is no longer where its camera saw it: the camera and its pose are forgotten, unless nothing moved. Texture coordinates
 /// and the registration of a range image stay.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Transform {
@@ -162,10 +162,14 @@ fn moved_net(net: &ControlNet, motion: &Motion) -> Result<ControlNet, ControlNet
     })
 }
 
-fn moved_mesh(mesh: &Mesh, motion: &Motion) -> Result<Mesh, MeshError> {
+pub(super) fn moved_mesh(mesh: &Mesh, motion: &Motion) -> Result<Mesh, MeshError> {
     let mut moved = mesh.with_positions(motion.apply_all(mesh.positions()))?;
     if let Some(frame) = mesh.frame() {
-        moved = moved.with_frame(Some(maquette::value::CaptureFrame { camera: None, ..*frame }));
+        moved = moved.with_frame(Some(CaptureFrame {
+            camera: None,
+            world_from_camera: None,
+            ..*frame
+        }));
     }
     // Normals stand on the surface, not along it: they move by the inverse transpose.
     if let Some(inverse) = motion.linear.try_inverse() {

@@ -3,6 +3,7 @@
 use maquette::value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
 use maquette::{Context, Error, In, Node};
 use nalgebra::Point3;
+use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -91,8 +92,10 @@ pub fn triangulate(range: &RangeImage, jump: f64, grazing: f64) -> Result<Mesh, 
     });
     let fans = Fans::new(width, height, &triangles);
     let cells = fans.vertices();
-    let faces = triangles.iter().map(|triangle| fans.face(width, *triangle)).collect();
-    let positions: Vec<Point3<f64>> = cells.iter().map(|&cell| points[cell]).collect();
+    let faces = triangles.par_iter().with_min_len(BLOCK);
+    let faces = faces.map(|triangle| fans.face(width, *triangle)).collect();
+    let positions = cells.par_iter().with_min_len(BLOCK);
+    let positions: Vec<Point3<f64>> = positions.map(|&cell| points[cell]).collect();
     let mesh = Mesh::new(positions, Faces::triangles(faces))?.with_frame(Some(frame));
     with_attributes(mesh, range, &cells)
 }
@@ -105,7 +108,8 @@ fn with_attributes(
 ) -> Result<Mesh, TriangulateError> {
     let (width, map) = (range.width(), range.registration());
     let uv = |&cell: &usize| map.uv_from_range([(cell % width) as f64, (cell / width) as f64]);
-    let mut mesh = mesh.with_vertex("uv", Attribute::Pair(cells.iter().map(uv).collect()))?;
+    let uv: Vec<[f64; 2]> = cells.par_iter().with_min_len(BLOCK).map(uv).collect();
+    let mut mesh = mesh.with_vertex("uv", Attribute::Pair(uv.into()))?;
     if cells.iter().any(|&cell| range.is_filled(cell)) {
         let filled = cells.iter().map(|&cell| u8::from(range.is_filled(cell))).collect();
         mesh = mesh.with_vertex("filled", Attribute::Flag(filled))?;
@@ -117,23 +121,74 @@ fn with_attributes(
     Ok(mesh)
 }
 
+/// Elements that one task works on.
+const BLOCK: usize = 8192;
+
 /// The squared median distance of valid cells that share a side, of an even number the upper of the middle two; 0 if no two do.
+///
+/// In two passes over the grid, because a list of all distances would be twice as large as the grid itself: the first counts
+/// them by their leading bits, whose order is that of the numbers; the second collects those that share the median's.
 fn median_spacing_sq(range: &RangeImage) -> f64 {
+    let buckets = rows_of(range)
+        .fold(
+            || vec![0u32; 1 << 16],
+            |mut counts, row| {
+                each_spacing_sq(range, row, |spacing| counts[bucket(spacing)] += 1);
+                counts
+            },
+        )
+        .reduce_with(|mut counts, others| {
+            counts.iter_mut().zip(others).for_each(|(count, other)| *count += other);
+            counts
+        });
+    let buckets = buckets.unwrap_or_default();
+    let middle = buckets.iter().map(|&count| count as usize).sum::<usize>() / 2;
+    let mut before = 0;
+    let found = buckets.iter().position(|&count| {
+        before += count as usize;
+        middle < before
+    });
+    let Some(found) = found else { return 0.0 };
+    let mut candidates: Vec<f64> = rows_of(range)
+        .fold(Vec::new, |mut kept, row| {
+            each_spacing_sq(range, row, |spacing| {
+                if bucket(spacing) == found {
+                    kept.push(spacing);
+                }
+            });
+            kept
+        })
+        .reduce(Vec::new, |mut kept, others| {
+            kept.extend(others);
+            kept
+        });
+    let place = middle - (before - buckets[found] as usize);
+    *candidates.select_nth_unstable_by(place, f64::total_cmp).1
+}
+
+/// Sign, exponent and the first four bits behind the point of a number from 0 on.
+fn bucket(spacing: f64) -> usize {
+    (spacing.to_bits() >> 48) as usize
+}
+
+fn rows_of(range: &RangeImage) -> impl ParallelIterator<Item = usize> {
+    (0..range.height()).into_par_iter().with_min_len(64)
+}
+
+/// The squared distances of the valid cells of a row to those on their right and above them.
+fn each_spacing_sq(range: &RangeImage, row: usize, mut each: impl FnMut(f64)) {
     let (width, points) = (range.width(), range.points());
-    let mut spacings = Vec::with_capacity(2 * points.len());
-    for (row, cells) in points.chunks(width.max(1)).enumerate() {
-        spacings.extend(cells.windows(2).map(|pair| (pair[1] - pair[0]).norm_squared()));
-        if row > 0 {
-            let above = &points[(row - 1) * width..];
-            spacings.extend(cells.iter().zip(above).map(|(a, b)| (b - a).norm_squared()));
+    let cells = &points[row * width..][..width];
+    let mut valid = |spacing: f64| {
+        if !spacing.is_nan() {
+            each(spacing);
         }
+    };
+    cells.windows(2).for_each(|pair| valid((pair[1] - pair[0]).norm_squared()));
+    if row > 0 {
+        let above = &points[(row - 1) * width..];
+        cells.iter().zip(above).for_each(|(a, b)| valid((b - a).norm_squared()));
     }
-    spacings.retain(|spacing| !spacing.is_nan());
-    let middle = spacings.len() / 2;
-    if spacings.is_empty() {
-        return 0.0;
-    }
-    *spacings.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Which triangles around a cell hang together: a cell is a vertex of each such fan.
@@ -282,6 +337,20 @@ mod tests {
             fans.dedup();
             assert_eq!(fans.len(), starts.len(), "{filled:b}");
         }
+    }
+
+    #[test]
+    fn the_median_spacing_is_the_upper_of_the_middle_two() {
+        let spaced = |depths: &[f64]| {
+            let point = |(k, &z): (usize, &f64)| Point3::new(k as f64, 0.0, z);
+            let points = depths.iter().enumerate().map(point).collect();
+            median_spacing_sq(&RangeImage::new(depths.len(), 1, points).unwrap())
+        };
+        assert_eq!(spaced(&[5.0, 5.0, 6.0, 9.0]), 2.0);
+        assert_eq!(spaced(&[5.0, 5.0, 6.0, 9.0, 13.0]), 10.0);
+        assert_eq!(spaced(&[5.0, f64::NAN, 6.0]), 0.0);
+        assert_eq!(spaced(&[5.0, 5.5, f64::NAN, 7.0, 7.25]), 1.25);
+        assert_eq!(median_spacing_sq(&RangeImage::new(0, 0, vec![]).unwrap()), 0.0);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use super::corners::{Split, split};
 use super::png;
-use super::rows::{Rows, floats, indices};
+use super::rows::{fill, floats, indices};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Mesh, Rgb, linear_from_srgb};
@@ -77,7 +77,8 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
     let mut images = None;
     if let Some(texture) = texture {
         shading["baseColorTexture"] = json!({ "index": 0 });
-        let view = file.view(png::encode_rgb(texture)?, None);
+        let picture = png::encode_rgb(texture)?;
+        let view = file.view(picture.len(), None, |bytes| bytes.copy_from_slice(&picture));
         images = Some(json!([{ "bufferView": view, "mimeType": "image/png" }]));
     }
     let mut root = json!({ "name": "root", "children": [1], "scale": [0.001, 0.001, 0.001] });
@@ -177,17 +178,16 @@ struct Buffers {
 }
 
 impl Buffers {
-    /// Adds bytes, aligned to 4; gives the index of their view.
-    fn view(&mut self, bytes: Vec<u8>, target: Option<u32>) -> usize {
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let mut view = json!({
-            "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len(),
-        });
+    /// Adds `length` bytes that `fill` writes, aligned to 4; gives the index of their view.
+    fn view(&mut self, length: usize, target: Option<u32>, fill: impl FnOnce(&mut [u8])) -> usize {
+        let offset = self.bytes.len().next_multiple_of(4);
+        self.bytes.resize(offset + length, 0);
+        let mut view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": length });
         if let Some(target) = target {
             view["target"] = target.into();
         }
         self.views.push(view);
-        self.bytes.extend_from_slice(&bytes);
+        fill(&mut self.bytes[offset..]);
         self.views.len() - 1
     }
 
@@ -204,9 +204,8 @@ impl Buffers {
         kind: (u32, &str),
         entry: impl Fn(&T) -> B + Sync,
     ) -> usize {
-        let mut rows = Rows::new(items.len(), size_of::<B>());
-        rows.fill(0, items, entry);
-        let view = self.view(rows.into_bytes(), Some(ARRAY_BUFFER));
+        let length = size_of::<B>() * items.len();
+        let view = self.view(length, Some(ARRAY_BUFFER), |bytes| fill(bytes, items, entry));
         self.accessor(json!({
             "bufferView": view, "componentType": kind.0, "type": kind.1, "count": items.len(),
         }))
@@ -287,9 +286,9 @@ impl Buffers {
             }
             &fans
         };
-        let mut rows = Rows::new(triangles.len(), 12);
-        rows.fill(0, triangles, |&triangle| indices(triangle));
-        let view = self.view(rows.into_bytes(), Some(ELEMENT_ARRAY_BUFFER));
+        let view = self.view(12 * triangles.len(), Some(ELEMENT_ARRAY_BUFFER), |bytes| {
+            fill(bytes, triangles, |&triangle| indices(triangle));
+        });
         self.accessor(json!({
             "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR",
             "count": 3 * triangles.len(),
@@ -361,7 +360,8 @@ mod tests {
         let plain = parts(&mesh()).0;
         assert_eq!(plain["nodes"][0]["scale"], json!([0.001, 0.001, 0.001]));
         assert_eq!(plain["nodes"][0]["rotation"], Value::Null);
-        let frame = CaptureFrame { camera: None, picture: [2, 2], depth: 700.0 };
+        let frame =
+            CaptureFrame { camera: None, picture: [2, 2], depth: 700.0, world_from_camera: None };
         let captured = parts(&mesh().with_frame(Some(frame))).0;
         assert_eq!(captured["nodes"][0]["rotation"], json!([1.0, 0.0, 0.0, 0.0]));
     }

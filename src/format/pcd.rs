@@ -4,8 +4,10 @@
 //! there are colors, `rgb` packed into a fourth one. Units and axes are the file's own; whoever reads it must know them.
 
 use nalgebra::Point3;
+use rayon::prelude::*;
 use thiserror::Error;
 
+use super::rows::{fill_blocks, fill_column};
 use super::{At, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
@@ -176,19 +178,29 @@ fn unpack(header: &Header, body: &[u8]) -> Result<Vec<u8>, PcdError> {
 /// All points and colors; `bytes` gives where the field of a point begins.
 fn gather<'a>(
     header: &Header,
-    bytes: impl Fn(usize, &Field) -> &'a [u8],
+    bytes: impl Fn(usize, &Field) -> &'a [u8] + Sync,
 ) -> (Vec<Point3<f64>>, Vec<Rgb>) {
-    let count = header.width * header.height;
-    let coordinate = |index, field: &Field| field.scalar.read(bytes(index, field));
-    let points = (0..count).map(|index| {
-        let [x, y, z] = &header.place;
-        valid_point([coordinate(index, x), coordinate(index, y), coordinate(index, z)])
-    });
-    let color = |field: &Field| {
-        Vec::from_iter((0..count).map(|index| unpack_color(header::first(bytes(index, field)))))
+    let cells = || (0..header.width * header.height).into_par_iter().with_min_len(BLOCK);
+    let place = &header.place;
+    let single = |index, field| f64::from(f32::from_le_bytes(header::first(bytes(index, field))));
+    // Most files have single precision; knowing it before the loop makes the loop some 5 times faster.
+    let points = if place.iter().all(|field| field.scalar == Scalar::F32) {
+        cells()
+            .map(|index| valid_point(place.each_ref().map(|field| single(index, field))))
+            .collect()
+    } else {
+        let coordinate = |index, field: &Field| field.scalar.read(bytes(index, field));
+        let point = |index| valid_point(place.each_ref().map(|field| coordinate(index, field)));
+        cells().map(point).collect()
     };
-    (points.collect(), header.color.as_ref().map_or_else(Vec::new, color))
+    let color = |field: &Field| {
+        cells().map(|index| unpack_color(header::first(bytes(index, field)))).collect()
+    };
+    (points, header.color.as_ref().map_or_else(Vec::new, color))
 }
+
+/// Cells that one task reads.
+const BLOCK: usize = 8192;
 
 /// A sensor that sees nothing says NaN or zero depth.
 fn valid_point([x, y, z]: [f64; 3]) -> Point3<f64> {
@@ -258,7 +270,8 @@ impl FileFormat for RangePcd {
     }
 }
 
-fn encode(range: &RangeImage) -> Vec<u8> {
+/// The range image as a binary PCD file: single precision, NaN where a cell is invalid.
+pub fn encode(range: &RangeImage) -> Vec<u8> {
     let (width, height) = (range.width(), range.height());
     let (names, per_field) = match range.colors() {
         Some(_) => ("x y z rgb", 4),
@@ -273,16 +286,20 @@ fn encode(range: &RangeImage) -> Vec<u8> {
         repeated("1"),
         range.points().len(),
     );
-    let mut bytes = Vec::with_capacity(header.len() + 4 * per_field * range.points().len());
-    bytes.extend_from_slice(header.as_bytes());
-    for (index, point) in range.points().iter().enumerate() {
-        let coordinate = |x: &f64| if x.is_nan() { f32::NAN } else { *x as f32 };
-        bytes.extend(point.iter().flat_map(|x| coordinate(x).to_le_bytes()));
+    let stride = 4 * per_field;
+    let mut bytes = vec![0; header.len() + stride * range.points().len()];
+    let (head, body) = bytes.split_at_mut(header.len());
+    head.copy_from_slice(header.as_bytes());
+    let coordinate = |x: f64| if x.is_nan() { f32::NAN } else { x as f32 };
+    fill_blocks(body, stride, |rows, first| {
+        fill_column(rows, stride, 0, &range.points()[first..], |point| {
+            <[f64; 3]>::from(point.coords).map(|x| coordinate(x).to_le_bytes())
+        });
         if let Some(colors) = range.colors() {
-            let [red, green, blue] = colors[index];
-            bytes.extend([blue, green, red, 0]);
+            let packed = |&[red, green, blue]: &Rgb| [blue, green, red, 0];
+            fill_column(rows, stride, 12, &colors[first..], packed);
         }
-    }
+    });
     bytes
 }
 

@@ -2,19 +2,22 @@
 //!
 //! Read in all three encodings. Written `binary_little_endian` with `float` positions.
 
+use std::borrow::Cow;
+
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::At;
 use super::corners::{FaceList, with_corners};
 use crate::value::{Attribute, Faces, Mesh, MeshError};
-use body::Body;
+use body::{Body, Rows};
 use header::{Element, Property, Scalar};
 
 mod body;
 mod header;
 mod write;
 
+pub use write::encode;
 pub(super) use write::{ControlNetPly, MeshPly, RangePly, RegionPly};
 
 /// Why bytes are not a mesh in a PLY file.
@@ -136,76 +139,97 @@ fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
     Ok(())
 }
 
-/// The scalar properties of an element, a column for each.
-struct Table {
-    columns: Vec<(Property, Vec<f64>)>,
-    count: usize,
+/// The scalar properties of an element, row by row.
+struct Table<'a> {
+    columns: Vec<Column>,
+    rows: Rows<'a>,
 }
 
-impl Table {
-    fn read(element: &Element, body: &mut Body<'_>) -> Result<Self, PlyError> {
-        if element.properties.is_empty() {
-            return Ok(Self { columns: Vec::new(), count: 0 });
-        }
-        let column = |property: &Property| {
-            let capacity = if property.length.is_some() { 0 } else { element.count };
-            (property.clone(), Vec::with_capacity(capacity))
+/// A property in a table: how the file has it, and where and how the table has it.
+struct Column {
+    property: Property,
+    offset: usize,
+    stored: Scalar,
+}
+
+impl<'a> Table<'a> {
+    /// Takes the rows as they are if they are binary and all of one length; reads all numbers otherwise.
+    fn read(element: &Element, body: &mut Body<'a>) -> Result<Self, PlyError> {
+        let properties = element.properties.iter();
+        let scalars = properties.clone().filter(|property| property.length.is_none());
+        let raw = if scalars.clone().count() == element.properties.len() {
+            body.take_rows(element)?
+        } else {
+            None
         };
-        let mut columns = Vec::from_iter(element.properties.iter().map(column));
-        for _ in 0..element.count {
-            for (property, column) in &mut columns {
-                match property.length {
-                    Some(length) => body.skip_list(length, property.scalar)?,
-                    None => column.push(body.number(property.scalar)?),
-                }
-            }
-        }
-        columns.retain(|(property, _)| property.length.is_none());
-        Ok(Self { columns, count: element.count })
+        let mut stride = 0;
+        let columns = scalars.map(|property| {
+            let stored = if raw.is_some() { property.scalar } else { Scalar::F64 };
+            let offset = stride;
+            stride += stored.size();
+            Column { property: property.clone(), offset, stored }
+        });
+        let columns = Vec::from_iter(columns);
+        let (bytes, big_endian) = match raw {
+            Some((bytes, big_endian)) => (Cow::Borrowed(bytes), big_endian),
+            None => (Cow::Owned(read_numbers(element, body, stride)?), false),
+        };
+        let count = if columns.is_empty() { 0 } else { element.count };
+        Ok(Self { columns, rows: Rows { bytes, stride, count, big_endian } })
     }
 
     /// Takes several columns out, if all are there.
-    fn take<const N: usize>(&mut self, names: [&str; N]) -> Option<Columns<N>> {
-        let find = |name: &str| self.columns.iter().position(|(property, _)| property.name == name);
-        let mut places = [0; N];
-        for (place, name) in places.iter_mut().zip(names) {
-            *place = find(name)?;
-        }
-        let scalar = self.columns[places[0]].0.scalar;
-        let columns = places.map(|place| std::mem::take(&mut self.columns[place].1));
-        self.columns.retain(|(property, _)| !names.contains(&&*property.name));
-        Some(Columns { columns, scalar, count: self.count })
+    fn take<const N: usize>(&mut self, names: [&str; N]) -> Option<[Column; N]> {
+        let has = |name: &&str| self.columns.iter().any(|column| column.property.name == **name);
+        names.iter().all(has).then(|| {
+            names.map(|name| {
+                let place = self.columns.iter().position(|column| column.property.name == name);
+                self.columns.remove(place.expect("it was found before"))
+            })
+        })
     }
 
     fn into_mesh(mut self, faces: FaceTable) -> Result<Mesh, PlyError> {
         let places = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
-        let positions = Vec::from_iter(places.rows().map(Point3::from));
-        let (list, uv) = (faces.list, faces.uv);
-        let (faces, origins) = list.finish()?;
+        let positions = self.rows.gather(&places, Point3::from);
+        let uv = faces.uv;
+        let (faces, origins) = match faces.triangles {
+            Some(triangles) => (Faces::triangles(triangles), Vec::new()),
+            None => faces.list.finish()?,
+        };
         let mut mesh = Mesh::new(positions, faces)?;
         if let Some(normals) = self.take(["nx", "ny", "nz"]) {
-            mesh = mesh.with_vertex("normal", Attribute::Vector(normals.rows().collect()))?;
+            mesh = mesh.with_vertex(
+                "normal",
+                Attribute::Vector(self.rows.gather(&normals, |normal| normal).into()),
+            )?;
         }
         let pairs = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
         if let Some(uv) = pairs.into_iter().find_map(|names| self.take(names)) {
-            mesh = mesh.with_vertex("uv", Attribute::Pair(uv.rows().collect()))?;
+            mesh =
+                mesh.with_vertex("uv", Attribute::Pair(self.rows.gather(&uv, |uv| uv).into()))?;
         } else if let Some(uv) = uv {
             let corners = Vec::from_iter(origins.into_iter().map(|origin| uv[origin]));
             mesh = with_corners(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
         }
         if let Some(colors) = self.take(["red", "green", "blue"]) {
-            let scale = if colors.scalar.is_float() { 255.0 } else { 1.0 };
+            let scale = if colors[0].property.scalar.is_float() { 255.0 } else { 1.0 };
             let byte = |channel: f64| (channel * scale).round() as u8;
-            let colors = colors.rows().map(|color| color.map(byte)).collect();
-            mesh = mesh.with_vertex("color", Attribute::Color(colors))?;
+            let colors = self.rows.gather(&colors, |color| color.map(byte));
+            mesh = mesh.with_vertex("color", Attribute::Color(colors.into()))?;
         }
-        for (property, column) in self.columns {
+        for column in std::mem::take(&mut self.columns) {
+            let (property, column) = (column.property.clone(), [column]);
             let attribute = match property.scalar {
-                Scalar::U8 if property.name == "filled" => {
-                    Attribute::Flag(column.iter().map(|&flag| u8::from(flag != 0.0)).collect())
+                Scalar::U8 if property.name == "filled" => Attribute::Flag(
+                    self.rows.gather(&column, |[flag]| u8::from(flag != 0.0)).into(),
+                ),
+                Scalar::U32 => {
+                    Attribute::Index(self.rows.gather(&column, |[index]| index as u32).into())
                 }
-                Scalar::U32 => Attribute::Index(column.iter().map(|&index| index as u32).collect()),
-                Scalar::F32 | Scalar::F64 => Attribute::Number(column.into()),
+                Scalar::F32 | Scalar::F64 => {
+                    Attribute::Number(self.rows.gather(&column, |[number]| number).into())
+                }
                 _ => continue,
             };
             mesh = mesh.with_vertex(&property.name, attribute)?;
@@ -214,30 +238,45 @@ impl Table {
     }
 }
 
-/// Columns that belong together.
-struct Columns<const N: usize> {
-    columns: [Vec<f64>; N],
-    /// How the first of them was stored.
-    scalar: Scalar,
-    count: usize,
-}
-
-impl<const N: usize> Columns<N> {
-    fn rows(&self) -> impl Iterator<Item = [f64; N]> {
-        (0..self.count).map(|row| std::array::from_fn(|k| self.columns[k][row]))
+/// All scalars of an element, row by row, in double precision and little endian.
+fn read_numbers(
+    element: &Element,
+    body: &mut Body<'_>,
+    stride: usize,
+) -> Result<Vec<u8>, PlyError> {
+    // Rows of nothing take no bytes, and a header may promise any number of them.
+    if element.properties.is_empty() {
+        return Ok(Vec::new());
     }
+    let mut bytes = Vec::with_capacity(stride * element.count);
+    for _ in 0..element.count {
+        for property in &element.properties {
+            match property.length {
+                Some(length) => body.skip_list(length, property.scalar)?,
+                None => bytes.extend(body.number(property.scalar)?.to_le_bytes()),
+            }
+        }
+    }
+    Ok(bytes)
 }
 
 /// The corners of all faces, and their texture coordinates.
 #[derive(Default)]
 struct FaceTable {
+    /// All faces, if they are triangles without repeated corners in a binary table of nothing else.
+    triangles: Option<Vec<[u32; 3]>>,
+    /// All faces otherwise.
     list: FaceList,
     uv: Option<Vec<[f64; 2]>>,
 }
 
 impl FaceTable {
     fn read(element: &Element, body: &mut Body<'_>) -> Result<Self, PlyError> {
-        let mut table = Self { list: FaceList::with_capacity(element.count), uv: Some(Vec::new()) };
+        if let Some(triangles) = body.take_triangles(element) {
+            return Ok(Self { triangles: Some(triangles), ..Self::default() });
+        }
+        let list = FaceList::with_capacity(element.count);
+        let mut table = Self { triangles: None, list, uv: Some(Vec::new()) };
         let (mut corners, mut uv) = (Vec::new(), Vec::new());
         for _ in 0..element.count {
             corners.clear();

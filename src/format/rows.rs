@@ -3,38 +3,41 @@
 use bytemuck::{NoUninit, bytes_of};
 use rayon::prelude::*;
 
-/// Rows of equal length, one after the other.
-pub(super) struct Rows {
-    bytes: Vec<u8>,
-    stride: usize,
+/// Rows that one task fills: few enough to stay in a core's cache from column to column.
+const BLOCK: usize = 4096;
+
+/// Fills a table with rows of `stride` bytes (at least 1), block by block: `fill` is given a block and the number of its first
+/// row.
+pub(super) fn fill_blocks(bytes: &mut [u8], stride: usize, fill: impl Fn(&mut [u8], usize) + Sync) {
+    bytes
+        .par_chunks_mut(BLOCK * stride)
+        .enumerate()
+        .for_each(|(block, rows)| fill(rows, block * BLOCK));
 }
 
-/// Below this many rows a thread has too little to do to be woken.
-const LEAST_ROWS: usize = 4096;
-
-impl Rows {
-    /// `count` rows of `stride` bytes (at least 1), all zero.
-    pub(super) fn new(count: usize, stride: usize) -> Self {
-        Self { bytes: vec![0; count * stride], stride }
+/// Writes the bytes of `entry(item)` at `offset` of each row of `stride` bytes, one item per row.
+pub(super) fn fill_column<T, B: NoUninit>(
+    rows: &mut [u8],
+    stride: usize,
+    offset: usize,
+    items: &[T],
+    entry: impl Fn(&T) -> B,
+) {
+    for (row, item) in rows.chunks_exact_mut(stride).zip(items) {
+        row[offset..][..size_of::<B>()].copy_from_slice(bytes_of(&entry(item)));
     }
+}
 
-    /// Writes the bytes of `entry(item)` at `offset` of each row, one item per row.
-    pub(super) fn fill<T: Sync, B: NoUninit>(
-        &mut self,
-        offset: usize,
-        items: &[T],
-        entry: impl Fn(&T) -> B + Sync,
-    ) {
-        self.bytes.par_chunks_exact_mut(self.stride).with_min_len(LEAST_ROWS).zip(items).for_each(
-            |(row, item)| {
-                row[offset..][..size_of::<B>()].copy_from_slice(bytes_of(&entry(item)));
-            },
-        );
-    }
-
-    pub(super) fn into_bytes(self) -> Vec<u8> {
-        self.bytes
-    }
+/// Fills a table of one column.
+pub(super) fn fill<T: Sync, B: NoUninit>(
+    bytes: &mut [u8],
+    items: &[T],
+    entry: impl Fn(&T) -> B + Sync,
+) {
+    let stride = size_of::<B>();
+    fill_blocks(bytes, stride, |rows, first| {
+        fill_column(rows, stride, 0, &items[first..], &entry);
+    });
 }
 
 /// Numbers as single precision floats, little endian.

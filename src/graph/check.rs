@@ -12,7 +12,9 @@ use super::parameters::{Parameters, read_set};
 use super::paths::{PathProblem, may_read, project_root, stays_inside};
 use super::schema::{Finding, FoundFile, FoundLink, Walk};
 use super::suggest::nearest_or_all;
-use super::{Checked, Graph, GraphNode, GraphOutput, Link, Options, Reader, any_of, with_article};
+use super::{
+    Checked, Files, Graph, GraphNode, GraphOutput, Link, Options, Reader, any_of, with_article,
+};
 use crate::catalog::{Catalog, Entry};
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::node::{AnyNode, Output, ending};
@@ -274,7 +276,9 @@ impl<'a> Check<'a> {
                 walk.node(&tree);
                 (links, files) = (walk.links, walk.files);
                 self.findings.append(&mut walk.findings);
-                files.iter().for_each(|file| self.may_read(file));
+                if self.options.files == Files::Needed {
+                    files.iter().for_each(|file| self.may_read(file));
+                }
             }
             let types = vec![None; entry.map_or(0, |entry| entry.outputs().len())];
             let reader = Reader { tree: &tree, links: &links, files: &files };
@@ -613,7 +617,11 @@ impl<'a> Check<'a> {
                 return None;
             }
         };
-        for file in node.files() {
+        let files = match self.options.files {
+            Files::Needed => node.files(),
+            Files::Ignored => Vec::new(),
+        };
+        for file in files {
             let (given, resolved) = (file.given(), file.resolved());
             if let Err(PathProblem::Outside { message, help }) =
                 may_read(given, resolved, &self.roots)
@@ -651,6 +659,7 @@ impl<'a> Check<'a> {
             files: draft.files.into_iter().map(|file| file.resolved).collect(),
             parameters,
             outputs: entry.outputs().iter().map(|output| output.name).collect(),
+            types: draft.types,
         })
     }
 }

@@ -106,7 +106,7 @@ fn a_mesh_has_x_right_and_y_up_and_a_capture_y_down() {
         [(2, 2), (2, 7), (7, 2), (7, 7)].map(|(row, column)| picture.as_bytes()[11 * row + column])
     };
     assert_eq!(&quarters(&signpost()), b"bbrg");
-    let frame = CaptureFrame { camera: None, picture: [1, 1], depth: 1.0 };
+    let frame = CaptureFrame { camera: None, picture: [1, 1], depth: 1.0, world_from_camera: None };
     // A sensor looks along +z with y down, so that it sees this side of faces that turn the other way.
     let post = signpost();
     let turned = post.faces().as_triangles().unwrap().iter().map(|&[a, b, c]| [a, c, b]);

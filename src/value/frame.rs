@@ -1,6 +1,6 @@
 //! Where a capture's picture and range grid lie, and how they belong together.
 
-use nalgebra::Point3;
+use nalgebra::{Matrix4, Point3};
 
 use super::Encoder;
 
@@ -104,14 +104,23 @@ pub struct CaptureFrame {
     pub picture: [usize; 2],
     /// Median depth of the capture's valid cells, in mm.
     pub depth: f64,
+    /// From the sensor's frame to the world's, where it is known: a rigid motion, in mm.
+    pub world_from_camera: Option<Matrix4<f64>>,
 }
 
 impl CaptureFrame {
     pub(super) fn encode(&self, to: &mut Encoder) {
         to.option(self.camera.as_ref(), |to, camera| camera.encode(to))
             .counts(&self.picture)
-            .plain(&self.depth);
+            .plain(&self.depth)
+            .option(self.world_from_camera.as_ref(), encode_pose);
     }
+}
+
+/// Writes a motion from one frame to another.
+pub(super) fn encode_pose(to: &mut Encoder, pose: &Matrix4<f64>) {
+    let columns: [[f64; 4]; 4] = (*pose).into();
+    to.plain(&columns);
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Polygon meshes.
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use thiserror::Error;
 
 use super::{
@@ -106,16 +107,7 @@ impl Mesh {
         let positions = positions.into();
         check_count("vertices", positions.len())?;
         check_positions(&positions)?;
-        let vertices = positions.len();
-        for (index, face) in faces.iter().enumerate() {
-            if let Some(&vertex) = face.iter().find(|&&vertex| vertices <= vertex as usize) {
-                return Err(MeshError::NoVertex { face: index, vertex, vertices });
-            }
-            let repeated = |(k, vertex): &(usize, &u32)| face[..*k].contains(vertex);
-            if let Some((_, &vertex)) = face.iter().enumerate().find(repeated) {
-                return Err(MeshError::RepeatedVertex { face: index, vertex });
-            }
-        }
+        check_faces(&faces, positions.len())?;
         Ok(Self {
             positions,
             faces,
@@ -253,14 +245,35 @@ impl Mesh {
     /// A unit normal per vertex: the mean of the faces' normals, each weighed by its area. Zero for a vertex of no face.
     pub fn vertex_normals(&self) -> Vec<Vector3<f64>> {
         let mut normals = vec![Vector3::zeros(); self.positions.len()];
-        for face in self.faces.iter() {
-            let area = self.area_vector(face);
-            face.iter().for_each(|&vertex| normals[vertex as usize] += area);
-        }
-        for normal in &mut normals {
-            *normal = normal.try_normalize(0.0).unwrap_or_default();
-        }
+        // Each thread looks at all faces and adds up the normals of its own vertices, every one in the order of the faces.
+        let threads = rayon::current_num_threads().min(MOST_SCANS);
+        let share = self.positions.len().div_ceil(threads).max(BLOCK);
+        normals.par_chunks_mut(share).enumerate().for_each(|(index, normals)| {
+            let first = (index * share) as u32;
+            match self.faces.as_triangles() {
+                Some(triangles) => {
+                    triangles.iter().for_each(|face| self.add_area(face, first, normals));
+                }
+                None => self.faces.iter().for_each(|face| self.add_area(face, first, normals)),
+            }
+            for normal in normals {
+                *normal = normal.try_normalize(0.0).unwrap_or_default();
+            }
+        });
         normals
+    }
+
+    /// Adds a face's area vector to the normals of its vertices, as far as they are among those from `first` on.
+    fn add_area(&self, face: &[u32], first: u32, normals: &mut [Vector3<f64>]) {
+        let place = |vertex: &u32| vertex.wrapping_sub(first) as usize;
+        if face.iter().any(|vertex| place(vertex) < normals.len()) {
+            let area = self.area_vector(face);
+            for vertex in face {
+                if let Some(normal) = normals.get_mut(place(vertex)) {
+                    *normal += area;
+                }
+            }
+        }
     }
 
     /// Half the sum of the cross products of neighboring corners: as long as the face's area, pointing outward.
@@ -276,10 +289,54 @@ impl Mesh {
     }
 }
 
+/// Elements that one task looks at.
+const BLOCK: usize = 8192;
+
+/// Above this many threads another look at all faces costs more than it saves.
+const MOST_SCANS: usize = 16;
+
 fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
-    match positions.iter().position(|point| !point.coords.iter().all(|x| x.is_finite())) {
+    let nowhere = |point: &Point3<f64>| !point.coords.iter().all(|x| x.is_finite());
+    let bad = positions.par_chunks(BLOCK).enumerate().find_map_first(|(block, positions)| {
+        positions.iter().position(nowhere).map(|place| block * BLOCK + place)
+    });
+    bad.map_or(Ok(()), |vertex| Err(MeshError::NotFinite { vertex }))
+}
+
+/// Finds the first face that names no vertex, or one twice.
+fn check_faces(faces: &Faces, vertices: usize) -> Result<(), MeshError> {
+    let triangles = faces.as_triangles();
+    let check = |index: usize| match triangles.map(|triangles| triangles[index]) {
+        Some([a, b, c]) if a != b && b != c && c != a && (a.max(b).max(c) as usize) < vertices => {
+            None
+        }
+        _ => check_face(index, faces.face(index), vertices).err(),
+    };
+    let blocks = (0..faces.len().div_ceil(BLOCK)).into_par_iter();
+    let bad = blocks.find_map_first(|block| {
+        (block * BLOCK..faces.len().min((block + 1) * BLOCK)).find_map(check)
+    });
+    bad.map_or(Ok(()), Err)
+}
+
+/// Faces up to this many corners are searched for repeated ones pair by pair; larger ones are sorted.
+const FEW_CORNERS: usize = 16;
+
+fn check_face(face: usize, corners: &[u32], vertices: usize) -> Result<(), MeshError> {
+    if let Some(&vertex) = corners.iter().find(|&&vertex| vertices <= vertex as usize) {
+        return Err(MeshError::NoVertex { face, vertex, vertices });
+    }
+    let repeated = if corners.len() <= FEW_CORNERS {
+        (1..corners.len()).find(|&k| corners[..k].contains(&corners[k]))
+    } else {
+        let mut places: Vec<(u32, usize)> = corners.iter().copied().zip(0..).collect();
+        places.sort_unstable();
+        let repeats = places.windows(2).filter(|pair| pair[0].0 == pair[1].0);
+        repeats.map(|pair| pair[1].1).min()
+    };
+    match repeated {
+        Some(place) => Err(MeshError::RepeatedVertex { face, vertex: corners[place] }),
         None => Ok(()),
-        Some(vertex) => Err(MeshError::NotFinite { vertex }),
     }
 }
 
@@ -395,6 +452,43 @@ mod tests {
         let mesh = quad_and_triangle();
         assert_eq!(mesh.area_vector(mesh.faces().face(0)), Vector3::new(0.0, 0.0, 1.0));
         assert!(mesh.vertex_normals().iter().all(|normal| *normal == Vector3::z()));
+    }
+
+    #[test]
+    fn normals_are_the_same_for_any_number_of_threads() {
+        let (width, height) = (150u32, 140u32);
+        let bumpy =
+            |k: u32| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7));
+        let quads =
+            (0..height - 1).flat_map(|row| (0..width - 1).map(move |column| row * width + column));
+        let split = |a: u32| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]];
+        let triangles = Faces::triangles(quads.flat_map(split).collect());
+        let mesh =
+            Mesh::new((0..width * height).map(bumpy).collect::<Vec<_>>(), triangles).unwrap();
+        let normals = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| mesh.vertex_normals())
+        };
+        let mut expected = vec![Vector3::zeros(); mesh.positions().len()];
+        for face in mesh.faces().iter() {
+            face.iter().for_each(|&vertex| expected[vertex as usize] += mesh.area_vector(face));
+        }
+        expected.iter_mut().for_each(|normal| *normal = normal.normalize());
+        for threads in [1, 2, 3, 8] {
+            assert!(normals(threads) == expected, "{threads} threads");
+        }
+    }
+
+    #[test]
+    fn a_face_of_many_corners_is_checked_fast_and_its_repeated_vertex_named() {
+        let count = 300_000;
+        let points = vec![Point3::origin(); count as usize];
+        let face = |corners: Vec<u32>| Faces::uniform(corners.len(), corners).unwrap();
+        assert!(Mesh::new(points.clone(), face((0..count).collect())).is_ok());
+        let mut corners: Vec<u32> = (0..count).collect();
+        (corners[70], corners[90]) = (50, 7);
+        let error = Mesh::new(points, face(corners)).unwrap_err();
+        assert_eq!(error, MeshError::RepeatedVertex { face: 0, vertex: 50 });
     }
 
     #[test]

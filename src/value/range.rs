@@ -1,8 +1,10 @@
 //! A grid of points, as a range finder gives it.
 
 use nalgebra::{Matrix4, Point3};
+use rayon::prelude::*;
 use thiserror::Error;
 
+use super::frame::encode_pose;
 use super::image::{SizeError, check_size};
 use super::{CaptureFrame, Column, Encoder, Pinhole, Registration, Rgb, Summary, Value};
 
@@ -49,11 +51,11 @@ impl RangeImage {
         mut points: Vec<Point3<f64>>,
     ) -> Result<Self, SizeError> {
         check_size(width, height, points.len())?;
-        for point in &mut points {
+        points.par_iter_mut().with_min_len(16384).for_each(|point| {
             if !point.coords.iter().all(|x| x.is_finite()) {
                 *point = NO_POINT;
             }
-        }
+        });
         Ok(Self {
             width,
             height,
@@ -190,7 +192,12 @@ impl RangeImage {
             focal: [0, 1].map(|axis| camera.focal[axis] * map.scale[axis]),
             center: map.picture_from_range(camera.center),
         });
-        Ok(CaptureFrame { camera, picture: map.picture, depth: self.median_depth()? })
+        Ok(CaptureFrame {
+            camera,
+            picture: map.picture,
+            depth: self.median_depth()?,
+            world_from_camera: self.world_from_camera,
+        })
     }
 }
 
@@ -203,10 +210,7 @@ impl Value for RangeImage {
             .column(&self.filled)
             .column(&self.colors)
             .option(self.camera.as_ref(), |to, camera| camera.encode(to))
-            .option(self.world_from_camera.as_ref(), |to, pose| {
-                let pose: [[f64; 4]; 4] = (*pose).into();
-                to.plain(&pose);
-            });
+            .option(self.world_from_camera.as_ref(), encode_pose);
         self.registration.encode(to);
     }
 

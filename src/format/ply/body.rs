@@ -1,7 +1,11 @@
 //! The numbers behind the header of a PLY file.
 
-use super::PlyError;
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
 use super::header::{Element, Encoding, Header, Scalar};
+use super::{Column, PlyError};
 use crate::format::{At, excerpt, parse};
 
 /// Reads numbers one after the other.
@@ -39,30 +43,54 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
+    /// The rows of an element without lists, and whether they are big endian; none in a text.
+    pub(super) fn take_rows(
+        &mut self,
+        element: &Element,
+    ) -> Result<Option<(&'a [u8], bool)>, PlyError> {
+        if self.encoding == Encoding::Ascii {
+            return Ok(None);
+        }
+        self.check_room(element)?;
+        let size = element.count * self.encoding.least_row(element);
+        let rows = &self.bytes[self.next..][..size];
+        self.next += size;
+        Ok(Some((rows, self.encoding == Encoding::BigEndian)))
+    }
+
+    /// The triangles of an element that is nothing but little endian triangles; none, and nothing is taken, if anything else is
+    /// there or a triangle repeats a corner.
+    pub(super) fn take_triangles(&mut self, element: &Element) -> Option<Vec<[u32; 3]>> {
+        let [property] = &element.properties[..] else { return None };
+        let known = matches!(&*property.name, "vertex_indices" | "vertex_index")
+            && property.length.is_some_and(|length| length.size() == 1)
+            && matches!(property.scalar, Scalar::I32 | Scalar::U32)
+            && self.encoding == Encoding::LittleEndian;
+        let size = element.count.checked_mul(TRIANGLE).filter(|_| known)?;
+        let rows = self.bytes.get(self.next..)?.get(..size)?;
+        let corner = |row: &[u8], k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|b| row[k + b]));
+        let triangle = |row: &[u8]| match row[0] {
+            3 => [1, 5, 9].map(|k| corner(row, k)),
+            _ => [0; 3],
+        };
+        let rows = rows.par_chunks_exact(TRIANGLE).with_min_len(BLOCK);
+        let triangles: Vec<[u32; 3]> = rows.map(triangle).collect();
+        let sound = |&[a, b, c]: &[u32; 3]| {
+            a != b && b != c && c != a && a.max(b).max(c) <= i32::MAX as u32
+        };
+        let all = triangles.par_chunks(BLOCK).all(|triangles| triangles.iter().all(sound));
+        all.then(|| {
+            self.next += size;
+            triangles
+        })
+    }
+
     /// The next number.
     pub(super) fn number(&mut self, scalar: Scalar) -> Result<f64, PlyError> {
         match self.encoding {
             Encoding::Ascii => self.word(scalar),
-            Encoding::LittleEndian => Ok(match scalar {
-                Scalar::I8 => i8::from_le_bytes(self.take()?).into(),
-                Scalar::U8 => u8::from_le_bytes(self.take()?).into(),
-                Scalar::I16 => i16::from_le_bytes(self.take()?).into(),
-                Scalar::U16 => u16::from_le_bytes(self.take()?).into(),
-                Scalar::I32 => i32::from_le_bytes(self.take()?).into(),
-                Scalar::U32 => u32::from_le_bytes(self.take()?).into(),
-                Scalar::F32 => f32::from_le_bytes(self.take()?).into(),
-                Scalar::F64 => f64::from_le_bytes(self.take()?),
-            }),
-            Encoding::BigEndian => Ok(match scalar {
-                Scalar::I8 => i8::from_be_bytes(self.take()?).into(),
-                Scalar::U8 => u8::from_be_bytes(self.take()?).into(),
-                Scalar::I16 => i16::from_be_bytes(self.take()?).into(),
-                Scalar::U16 => u16::from_be_bytes(self.take()?).into(),
-                Scalar::I32 => i32::from_be_bytes(self.take()?).into(),
-                Scalar::U32 => u32::from_be_bytes(self.take()?).into(),
-                Scalar::F32 => f32::from_be_bytes(self.take()?).into(),
-                Scalar::F64 => f64::from_be_bytes(self.take()?),
-            }),
+            Encoding::LittleEndian => Ok(little(scalar, self.take(scalar.size())?)),
+            Encoding::BigEndian => Ok(big(scalar, self.take(scalar.size())?)),
         }
     }
 
@@ -89,11 +117,11 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], PlyError> {
-        let taken = self.bytes[self.next..].first_chunk();
-        let taken = *taken.ok_or(PlyError::Ends { at: At::Byte(self.bytes.len()) })?;
+    fn take(&mut self, size: usize) -> Result<&'a [u8], PlyError> {
+        let taken = self.bytes[self.next..].get(..size);
+        let taken = taken.ok_or(PlyError::Ends { at: At::Byte(self.bytes.len()) })?;
         self.last = self.next;
-        self.next += N;
+        self.next += size;
         Ok(taken)
     }
 
@@ -113,5 +141,76 @@ impl<'a> Body<'a> {
             _ => parse(&rest[..length]),
         };
         number.ok_or_else(|| PlyError::Number { at: self.at(), text: excerpt(&rest[..length]) })
+    }
+}
+
+/// Bytes of a triangle: the number of its corners, and three of four bytes each.
+const TRIANGLE: usize = 13;
+
+/// Rows that one task reads.
+const BLOCK: usize = 8192;
+
+/// Numbers in rows of one length.
+pub(super) struct Rows<'a> {
+    pub(super) bytes: Cow<'a, [u8]>,
+    pub(super) stride: usize,
+    pub(super) count: usize,
+    pub(super) big_endian: bool,
+}
+
+impl Rows<'_> {
+    /// What `make` makes of the numbers of each row in these columns.
+    pub(super) fn gather<const N: usize, T: Send>(
+        &self,
+        columns: &[Column; N],
+        make: impl Fn([f64; N]) -> T + Sync,
+    ) -> Vec<T> {
+        let rows = (0..self.count).into_par_iter().with_min_len(BLOCK);
+        let rows = rows.map(|row| &self.bytes[row * self.stride..][..self.stride]);
+        let is = |scalar| columns.iter().all(|column| column.stored == scalar);
+        // Knowing the type before the loop makes the loop several times faster.
+        if is(Scalar::F32) && !self.big_endian {
+            let offsets = columns.each_ref().map(|column| column.offset);
+            let number = |row: &[u8], at: usize| f32::from_le_bytes(bytes(&row[at..]));
+            rows.map(|row| make(offsets.map(|at| number(row, at).into()))).collect()
+        } else {
+            let number = |row: &[u8], column: &Column| {
+                let row = &row[column.offset..];
+                if self.big_endian { big(column.stored, row) } else { little(column.stored, row) }
+            };
+            rows.map(|row| make(columns.each_ref().map(|column| number(row, column)))).collect()
+        }
+    }
+}
+
+fn bytes<const N: usize>(row: &[u8]) -> [u8; N] {
+    *row.first_chunk().expect("a row holds all its columns")
+}
+
+/// The number that begins at the first byte, little endian.
+fn little(scalar: Scalar, row: &[u8]) -> f64 {
+    match scalar {
+        Scalar::I8 => i8::from_le_bytes(bytes(row)).into(),
+        Scalar::U8 => u8::from_le_bytes(bytes(row)).into(),
+        Scalar::I16 => i16::from_le_bytes(bytes(row)).into(),
+        Scalar::U16 => u16::from_le_bytes(bytes(row)).into(),
+        Scalar::I32 => i32::from_le_bytes(bytes(row)).into(),
+        Scalar::U32 => u32::from_le_bytes(bytes(row)).into(),
+        Scalar::F32 => f32::from_le_bytes(bytes(row)).into(),
+        Scalar::F64 => f64::from_le_bytes(bytes(row)),
+    }
+}
+
+/// The number that begins at the first byte, big endian.
+fn big(scalar: Scalar, row: &[u8]) -> f64 {
+    match scalar {
+        Scalar::I8 => i8::from_be_bytes(bytes(row)).into(),
+        Scalar::U8 => u8::from_be_bytes(bytes(row)).into(),
+        Scalar::I16 => i16::from_be_bytes(bytes(row)).into(),
+        Scalar::U16 => u16::from_be_bytes(bytes(row)).into(),
+        Scalar::I32 => i32::from_be_bytes(bytes(row)).into(),
+        Scalar::U32 => u32::from_be_bytes(bytes(row)).into(),
+        Scalar::F32 => f32::from_be_bytes(bytes(row)).into(),
+        Scalar::F64 => f64::from_be_bytes(bytes(row)),
     }
 }

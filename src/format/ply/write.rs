@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::no_faces;
 use crate::error::Error;
-use crate::format::rows::{Rows, floats, indices};
+use crate::format::rows::{fill_blocks, fill_column, floats, indices};
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, RangeImage, Region, Rgb};
 
@@ -90,8 +90,8 @@ struct Part<'a> {
     fill: Fill<'a>,
 }
 
-/// Fills a column in at an offset of each row.
-type Fill<'a> = Box<dyn Fn(&mut Rows, usize) + 'a>;
+/// Fills a column in at an offset of each row: given rows, the number of the first one, their length, the offset.
+type Fill<'a> = Box<dyn Fn(&mut [u8], usize, usize, usize) + Sync + 'a>;
 
 impl<'a> Part<'a> {
     fn new<T: Sync, B: NoUninit>(
@@ -103,7 +103,9 @@ impl<'a> Part<'a> {
         Self {
             properties: names.iter().map(|name| format!("property {kind} {name}\n")).collect(),
             size: size_of::<B>(),
-            fill: Box::new(move |rows, offset| rows.fill(offset, items, &entry)),
+            fill: Box::new(move |rows, first, stride, offset| {
+                fill_column(rows, stride, offset, &items[first..], &entry);
+            }),
         }
     }
 
@@ -137,7 +139,9 @@ impl<'a> Part<'a> {
     }
 }
 
-fn encode(mesh: &Mesh) -> Vec<u8> {
+/// The mesh as a PLY file, binary and little endian, with `float` positions: normals, texture coordinates, colors (of the texture,
+/// if there are no others) and all other attributes of vertices by name; texture coordinates of corners as lists of faces.
+pub fn encode(mesh: &Mesh) -> Vec<u8> {
     let vertex = mesh.vertex();
     let computed = match vertex.vectors("normal") {
         None if !mesh.faces().is_empty() => mesh.vertex_normals(),
@@ -174,27 +178,27 @@ fn encode(mesh: &Mesh) -> Vec<u8> {
     let corner_uv = mesh.corner().pairs("uv").filter(|_| vertex.pairs("uv").is_none());
     let faces = FaceRows::new(mesh.faces(), corner_uv);
 
-    let mut bytes = Vec::new();
     let properties: String = parts.iter().map(|part| &*part.properties).collect();
     let (n_vertices, n_faces) = (mesh.positions().len(), mesh.faces().len());
-    bytes.extend_from_slice(
-        format!(
-            "ply\nformat binary_little_endian 1.0\nelement vertex {n_vertices}\n{properties}\
-             element face {n_faces}\n{}end_header\n",
-            faces.properties()
-        )
-        .as_bytes(),
+    let header = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {n_vertices}\n{properties}\
+         element face {n_faces}\n{}end_header\n",
+        faces.properties()
     );
-    let mut rows = Rows::new(n_vertices, parts.iter().map(|part| part.size).sum());
-    let mut offset = 0;
-    for part in parts {
-        (part.fill)(&mut rows, offset);
-        offset += part.size;
-    }
-    let (vertices, faces) = (rows.into_bytes(), faces.into_bytes());
-    bytes.reserve_exact(vertices.len() + faces.len());
-    bytes.extend_from_slice(&vertices);
-    bytes.extend_from_slice(&faces);
+    let stride: usize = parts.iter().map(|part| part.size).sum();
+    // Zeros that the system gives: memory is touched first by the threads that fill it.
+    let mut bytes = vec![0; header.len() + n_vertices * stride + faces.size()];
+    let (head, body) = bytes.split_at_mut(header.len());
+    head.copy_from_slice(header.as_bytes());
+    let (vertex_rows, face_rows) = body.split_at_mut(n_vertices * stride);
+    fill_blocks(vertex_rows, stride, |rows, first| {
+        let mut offset = 0;
+        for part in &parts {
+            (part.fill)(rows, first, stride, offset);
+            offset += part.size;
+        }
+    });
+    faces.write(face_rows);
     bytes
 }
 
@@ -249,27 +253,34 @@ impl<'a> FaceRows<'a> {
         text
     }
 
-    fn into_bytes(self) -> Vec<u8> {
-        if let (Some(triangles), None) = (self.faces.as_triangles(), self.uv) {
-            let mut rows = Rows::new(triangles.len(), 13);
-            rows.fill(0, triangles, |_| 3u8);
-            rows.fill(1, triangles, |&triangle| indices(triangle));
-            return rows.into_bytes();
-        }
+    /// Bytes that all take.
+    fn size(&self) -> usize {
         let per_corner = if self.uv.is_some() { 12 } else { 4 };
-        let per_face = if self.long { 8 } else { 2 };
-        let size = per_corner * self.faces.corners().len() + per_face * self.faces.len();
-        let mut bytes = Vec::with_capacity(size);
+        let per_list = if self.long { 4 } else { 1 };
+        let per_face = if self.uv.is_some() { 2 * per_list } else { per_list };
+        per_corner * self.faces.corners().len() + per_face * self.faces.len()
+    }
+
+    fn write(&self, bytes: &mut [u8]) {
+        if let (Some(triangles), None) = (self.faces.as_triangles(), self.uv) {
+            return fill_blocks(bytes, 13, |rows, first| {
+                for (row, &triangle) in rows.chunks_exact_mut(13).zip(&triangles[first..]) {
+                    row[0] = 3;
+                    row[1..].copy_from_slice(indices(triangle).as_flattened());
+                }
+            });
+        }
+        let mut rows = Vec::with_capacity(bytes.len());
         for (index, face) in self.faces.iter().enumerate() {
-            self.push_length(&mut bytes, face.len());
-            face.iter().for_each(|vertex| bytes.extend_from_slice(&vertex.to_le_bytes()));
+            self.push_length(&mut rows, face.len());
+            face.iter().for_each(|vertex| rows.extend_from_slice(&vertex.to_le_bytes()));
             if let Some(uv) = self.uv {
-                self.push_length(&mut bytes, 2 * face.len());
+                self.push_length(&mut rows, 2 * face.len());
                 let uv = &uv[self.faces.first_corner(index)..][..face.len()];
-                uv.iter().for_each(|&uv| bytes.extend_from_slice(floats(uv).as_flattened()));
+                uv.iter().for_each(|&uv| rows.extend_from_slice(floats(uv).as_flattened()));
             }
         }
-        bytes
+        bytes.copy_from_slice(&rows);
     }
 
     fn push_length(&self, bytes: &mut Vec<u8>, length: usize) {

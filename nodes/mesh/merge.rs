@@ -1,0 +1,388 @@
+//! Makes one mesh of several.
+
+use std::collections::BTreeSet;
+
+use maquette::value::{Attribute, Attributes, CaptureFrame, Column, Faces, Image, Mesh, MeshError};
+use maquette::{Context, Error, In, Node};
+use nalgebra::{Matrix4, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::transform::{Motion, moved_mesh};
+
+/// Makes one mesh of several: their vertices and faces stand one after the other, and nothing is joined.
+///
+/// Meshes of captures are brought together by the poses of their cameras, if these are known: the result then has the axes of
+/// the world, with y up. Attributes that all meshes have are kept; a flag, such as `filled`, that some do not have counts as not
+/// set there, and other attributes that some do not have, or have as another type, are left out. A picture is kept if it is
+/// the same on all meshes; otherwise it becomes the color of the vertices, and texture coordinates are left out.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Merge {
+    /// The meshes, in the order in which their vertices follow.
+    pub meshes: Vec<In<Mesh>>,
+    /// Whether each mesh is moved from its camera's place to the world's.
+    #[serde(default)]
+    pub poses: Poses,
+}
+
+/// Whether meshes of captures are moved from their cameras' places to the world's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Poses {
+    /// They are if the pose of every mesh is known.
+    #[default]
+    Auto,
+    /// They are; a mesh without a pose is an error.
+    Apply,
+    /// They stay as they lie.
+    Ignore,
+}
+
+/// Why meshes do not make one.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MergeError {
+    /// No mesh at all.
+    #[error("there are no meshes to merge")]
+    Nothing,
+    /// A mesh without a pose.
+    #[error(
+        "mesh {mesh} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved"
+    )]
+    NoPose {
+        /// Its place among the meshes, from 1.
+        mesh: usize,
+    },
+    /// Too many vertices, or places out of the numbers.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}
+
+impl Node for Merge {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let meshes: Vec<&Mesh> = self.meshes.iter().map(|mesh| cx.get(mesh)).collect();
+        let known = meshes.iter().filter(|mesh| pose(mesh).is_some()).count();
+        let stay = self.poses == Poses::Ignore || known < meshes.len();
+        if self.poses == Poses::Auto && 0 < known && known < meshes.len() {
+            cx.warn(format!(
+                "only {known} of {} meshes have a pose, so that all stay as they lie",
+                meshes.len()
+            ));
+        }
+        let in_capture = meshes.iter().filter(|mesh| mesh.frame().is_some()).count();
+        if stay && 0 < in_capture && in_capture < meshes.len() {
+            cx.warn("some meshes have y down, as captures do, and others y up");
+        }
+        Ok((merge(&meshes, self.poses)?,))
+    }
+}
+
+fn pose<'a>(mesh: &&'a Mesh) -> Option<&'a Matrix4<f64>> {
+    mesh.frame()?.world_from_camera.as_ref()
+}
+
+/// One mesh with the vertices and faces of `meshes`, one after the other; see [`Merge`] for their attributes and pictures.
+///
+/// Positions are in mm: with poses in the world's frame (y up), otherwise as they come. The result has no capture frame if the
+/// poses were applied or some mesh has none. If the meshes stay as they lie, it has their frame if all have the same; if they are
+/// those of different captures, it has that of the first mesh without camera and pose, which says no more than that y points
+/// down.
+///
+/// # Errors
+/// If there is no mesh, a pose is missing with [`Poses::Apply`], or the result is too large for a mesh.
+pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
+    let first = *meshes.first().ok_or(MergeError::Nothing)?;
+    let nowhere = meshes.iter().position(|mesh| pose(mesh).is_none());
+    if let (Some(place), Poses::Apply) = (nowhere, poses) {
+        return Err(MergeError::NoPose { mesh: place + 1 });
+    }
+    let applied = nowhere.is_none() && poses != Poses::Ignore;
+    let same_picture = meshes.iter().all(|mesh| mesh.texture() == first.texture());
+    let parts: Vec<Mesh> = meshes
+        .iter()
+        .map(|&mesh| {
+            let part = if same_picture { mesh.clone() } else { painted(mesh)? };
+            match pose(&mesh).filter(|_| applied) {
+                Some(pose) => moved_mesh(&part, &motion(pose)),
+                None => Ok(part),
+            }
+        })
+        .collect::<Result<_, _>>()?;
+    let merged = Mesh::new(positions(&parts)?, faces(&parts)?)?
+        .with_creases(creases(&parts))
+        .with_texture(first.texture().filter(|_| same_picture).cloned())
+        .with_frame(common_frame(meshes).filter(|_| !applied));
+    with_attributes(merged, &parts)
+}
+
+fn motion(pose: &Matrix4<f64>) -> Motion {
+    Motion {
+        linear: pose.fixed_view::<3, 3>(0, 0).into_owned(),
+        shift: Vector3::new(pose[(0, 3)], pose[(1, 3)], pose[(2, 3)]),
+    }
+}
+
+/// The mesh with its picture as the color of its vertices, and without texture coordinates.
+fn painted(mesh: &Mesh) -> Result<Mesh, MeshError> {
+    let colors = mesh.texture().and_then(|picture| vertex_colors(mesh, picture));
+    let plain = mesh.clone().with_texture(None).without("uv");
+    match colors {
+        Some(colors) => plain.with_vertex("color", Attribute::Color(colors)),
+        None => Ok(plain),
+    }
+}
+
+/// The picture's color at each vertex; a vertex on a seam takes that of one side. None without texture coordinates.
+fn vertex_colors(mesh: &Mesh, picture: &Image) -> Option<Column<[u8; 3]>> {
+    if picture.pixels().is_empty() {
+        return None;
+    }
+    let color = |&uv: &[f64; 2]| picture.sample(uv).map(|channel| channel.round() as u8);
+    if let Some(uv) = mesh.vertex().pairs("uv") {
+        return Some(uv.iter().map(color).collect());
+    }
+    let uv = mesh.corner().pairs("uv")?;
+    let mut colors = vec![[0; 3]; mesh.positions().len()];
+    for (&vertex, uv) in mesh.faces().corners().iter().zip(&**uv) {
+        colors[vertex as usize] = color(uv);
+    }
+    Some(colors.into())
+}
+
+/// What is true of the frames of all meshes.
+fn common_frame(meshes: &[&Mesh]) -> Option<CaptureFrame> {
+    let first = *meshes.first()?.frame()?;
+    if meshes.iter().all(|mesh| mesh.frame() == Some(&first)) {
+        return Some(first);
+    }
+    let all = meshes.iter().all(|mesh| mesh.frame().is_some());
+    all.then_some(CaptureFrame { camera: None, world_from_camera: None, ..first })
+}
+
+fn positions(parts: &[Mesh]) -> Result<Vec<nalgebra::Point3<f64>>, MeshError> {
+    let count = parts.iter().map(|part| part.positions().len()).sum();
+    // The corners below are counted in 32 bits.
+    if u32::try_from(count).is_err() {
+        return Err(MeshError::TooLarge { what: "vertices", count });
+    }
+    let mut positions = Vec::with_capacity(count);
+    parts.iter().for_each(|part| positions.extend_from_slice(part.positions()));
+    Ok(positions)
+}
+
+/// How many vertices come before each part.
+fn offsets(parts: &[Mesh]) -> impl Iterator<Item = u32> {
+    parts.iter().scan(0, |end, part| {
+        let begin = *end;
+        *end += part.positions().len() as u32;
+        Some(begin)
+    })
+}
+
+fn faces(parts: &[Mesh]) -> Result<Faces, MeshError> {
+    let corners = parts.iter().map(|part| part.faces().corners().len()).sum();
+    let mut all = Vec::with_capacity(corners);
+    for (part, offset) in parts.iter().zip(offsets(parts)) {
+        all.extend(part.faces().corners().iter().map(|&vertex| vertex + offset));
+    }
+    // A mesh without faces has no number of sides that could differ.
+    let mut sides = parts.iter().filter(|part| !part.faces().is_empty()).map(|p| p.faces().sides());
+    let first = sides.next().unwrap_or(Some(3));
+    match first.filter(|_| sides.all(|sides| sides == first)) {
+        Some(sides) => Faces::uniform(sides, all),
+        None => {
+            let sides = parts.iter().flat_map(|part| part.faces().iter().map(<[u32]>::len));
+            Faces::polygons(&sides.collect::<Vec<_>>(), all)
+        }
+    }
+}
+
+fn creases(parts: &[Mesh]) -> Vec<([u32; 2], f64)> {
+    let shifted = |(part, offset): (&Mesh, u32)| {
+        let shift = |(ends, sharpness): ([u32; 2], f64)| (ends.map(|end| end + offset), sharpness);
+        part.creases().map(shift).collect::<Vec<_>>()
+    };
+    parts.iter().zip(offsets(parts)).flat_map(shifted).collect()
+}
+
+/// Adds the attributes of all parts to the mesh that was made of them.
+fn with_attributes(mut merged: Mesh, parts: &[Mesh]) -> Result<Mesh, MergeError> {
+    let of = |part: fn(&Mesh) -> (&Attributes, usize)| {
+        joined(&parts.iter().map(part).collect::<Vec<_>>())
+    };
+    for (name, attribute) in of(|part| (part.vertex(), part.positions().len())) {
+        merged = merged.with_vertex(name, attribute)?;
+    }
+    for (name, attribute) in of(|part| (part.corner(), part.faces().corners().len())) {
+        merged = merged.with_corner(name, attribute)?;
+    }
+    for (name, attribute) in of(|part| (part.face(), part.faces().len())) {
+        merged = merged.with_face(name, attribute)?;
+    }
+    Ok(merged)
+}
+
+/// The attributes of elements that stand one after the other, each part with the number of its elements.
+fn joined<'a>(parts: &[(&'a Attributes, usize)]) -> Vec<(&'a str, Attribute)> {
+    let names: BTreeSet<&str> =
+        parts.iter().flat_map(|(attributes, _)| attributes.iter().map(|(name, _)| name)).collect();
+    let column = |name: &'a str| {
+        let columns = parts.iter().filter(|(_, count)| *count > 0);
+        let columns = columns.map(|&(attributes, count)| (attributes.get(name), count));
+        join(&columns.collect::<Vec<_>>()).map(|column| (name, column))
+    };
+    names.into_iter().filter_map(column).collect()
+}
+
+/// Columns one after the other, if all are of one type; a column of flags may be absent.
+fn join(columns: &[(Option<&Attribute>, usize)]) -> Option<Attribute> {
+    macro_rules! join {
+        ($kind:ident, $absent:expr) => {{
+            let mut all = Vec::new();
+            for &(column, count) in columns {
+                match (column, $absent) {
+                    (Some(Attribute::$kind(column)), _) => all.extend_from_slice(column),
+                    (None, Some(absent)) => all.resize(all.len() + count, absent),
+                    _ => return None,
+                }
+            }
+            Some(Attribute::$kind(all.into()))
+        }};
+    }
+    match columns.iter().find_map(|(column, _)| *column)? {
+        Attribute::Number(_) => join!(Number, None::<f64>),
+        Attribute::Index(_) => join!(Index, None::<u32>),
+        Attribute::Flag(_) => join!(Flag, Some(0)),
+        Attribute::Pair(_) => join!(Pair, None::<[f64; 2]>),
+        Attribute::Vector(_) => join!(Vector, None::<[f64; 3]>),
+        Attribute::Color(_) => join!(Color, None::<[u8; 3]>),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    /// A square of one quad (or two triangles) in the plane z = 0, its lower left corner at x.
+    fn square(x: f64, triangles: bool) -> Mesh {
+        let at = |dx: f64, y: f64| Point3::new(x + dx, y, 0.0);
+        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.)];
+        let faces = match triangles {
+            true => Faces::triangles(vec![[0, 1, 2], [0, 2, 3]]),
+            false => Faces::uniform(4, vec![0, 1, 2, 3]).unwrap(),
+        };
+        Mesh::new(positions, faces).unwrap()
+    }
+
+    fn with_pose(mesh: Mesh, pose: Option<Matrix4<f64>>) -> Mesh {
+        mesh.with_frame(Some(CaptureFrame {
+            camera: None,
+            picture: [4, 4],
+            depth: 5.0,
+            world_from_camera: pose,
+        }))
+    }
+
+    /// Half a turn about x, then a shift: what makes y point up.
+    fn upright(shift: f64) -> Matrix4<f64> {
+        Matrix4::new(
+            1., 0., 0., shift, //
+            0., -1., 0., 0., //
+            0., 0., -1., 0., //
+            0., 0., 0., 1.,
+        )
+    }
+
+    fn flags(flags: &[u8]) -> Attribute {
+        Attribute::Flag(flags.to_vec().into())
+    }
+
+    #[test]
+    fn vertices_faces_and_creases_follow_each_other() {
+        let first = square(0.0, true).with_creases([([1, 0], 3.0)]);
+        let second = square(5.0, false).with_creases([([2, 3], 1.0)]);
+        let merged = merge(&[&first, &second], Poses::Auto).unwrap();
+        let faces: Vec<&[u32]> = merged.faces().iter().collect();
+        assert_eq!(faces, [&[0, 1, 2][..], &[0, 2, 3], &[4, 5, 6, 7]]);
+        assert_eq!(merged.positions()[4], Point3::new(5.0, 0.0, 0.0));
+        let creases: Vec<_> = merged.creases().collect();
+        assert_eq!(creases, [([0, 1], 3.0), ([6, 7], 1.0)]);
+        assert_eq!(merge(&[&first], Poses::Auto), Ok(first));
+    }
+
+    #[test]
+    fn poses_bring_captures_into_one_world_and_turn_their_normals() {
+        let normals = Attribute::Vector(vec![[0.0, 0.0, -1.0]; 4].into());
+        let capture = |shift| {
+            let mesh = square(0.0, true).with_vertex("normal", normals.clone()).unwrap();
+            with_pose(mesh, Some(upright(shift)))
+        };
+        let (first, second) = (capture(0.0), capture(10.0));
+        for poses in [Poses::Auto, Poses::Apply] {
+            let merged = merge(&[&first, &second], poses).unwrap();
+            assert_eq!(merged.positions()[6], Point3::new(11.0, -1.0, 0.0));
+            assert_eq!(merged.vertex().vectors("normal").unwrap()[6], [0.0, 0.0, 1.0]);
+            assert_eq!((merged.frame(), merged.edges().misoriented), (None, 0));
+        }
+        let ignored = merge(&[&first, &second], Poses::Ignore).unwrap();
+        assert_eq!(ignored.positions()[6], Point3::new(1.0, 1.0, 0.0));
+        let frame = ignored.frame().unwrap();
+        assert_eq!((frame.world_from_camera, frame.picture), (None, [4, 4]));
+    }
+
+    #[test]
+    fn without_all_poses_meshes_stay_and_asking_for_them_is_an_error() {
+        let (first, second) =
+            (with_pose(square(0.0, true), Some(upright(9.0))), with_pose(square(2.0, true), None));
+        let merged = merge(&[&first, &second], Poses::Auto).unwrap();
+        assert_eq!(merged.positions()[0], Point3::origin());
+        let error = merge(&[&first, &second], Poses::Apply).unwrap_err();
+        assert_eq!(error, MergeError::NoPose { mesh: 2 });
+        let mixed = merge(&[&first, &square(0.0, true)], Poses::Auto).unwrap();
+        assert_eq!(mixed.frame(), None);
+        assert_eq!(merge(&[], Poses::Auto), Err(MergeError::Nothing));
+    }
+
+    #[test]
+    fn attributes_of_all_are_kept_flags_are_filled_in_and_others_left_out() {
+        let numbers = |from: u8| Attribute::Number((from..from + 4).map(f64::from).collect());
+        let first = square(0.0, true)
+            .with_vertex("h", numbers(0))
+            .and_then(|mesh| mesh.with_vertex("filled", flags(&[1; 4])))
+            .and_then(|mesh| mesh.with_vertex("only", numbers(0)))
+            .and_then(|mesh| mesh.with_face("mixed", flags(&[1, 0])))
+            .unwrap();
+        let second = square(0.0, true)
+            .with_vertex("h", numbers(4))
+            .and_then(|mesh| mesh.with_face("mixed", Attribute::Index(vec![1, 2].into())))
+            .unwrap();
+        let merged = merge(&[&first, &second], Poses::Auto).unwrap();
+        let expected = Attribute::Number((0..8).map(f64::from).collect());
+        assert_eq!(merged.vertex().get("h"), Some(&expected));
+        assert_eq!(merged.vertex().get("filled"), Some(&flags(&[1, 1, 1, 1, 0, 0, 0, 0])));
+        assert_eq!(merged.vertex().get("only"), None);
+        assert_eq!(merged.face().get("mixed"), None);
+        let points = Mesh::new(vec![], Faces::triangles(vec![])).unwrap();
+        let with_nothing = merge(&[&first, &points], Poses::Auto).unwrap();
+        assert_eq!(with_nothing.vertex(), first.vertex());
+    }
+
+    #[test]
+    fn one_picture_is_kept_and_different_ones_become_colors() {
+        let picture = |red| Image::new(1, 1, vec![[red, 0, 0]]).unwrap();
+        let textured = |red| {
+            let uv = Attribute::Pair(vec![[0.5; 2]; 4].into());
+            square(0.0, true).with_vertex("uv", uv).unwrap().with_texture(Some(picture(red)))
+        };
+        let same = merge(&[&textured(9), &textured(9)], Poses::Auto).unwrap();
+        assert_eq!(same.texture(), Some(&picture(9)));
+        assert_eq!(same.vertex().pairs("uv").unwrap().len(), 8);
+        let different = merge(&[&textured(9), &textured(7)], Poses::Auto).unwrap();
+        assert_eq!((different.texture(), different.vertex().pairs("uv")), (None, None));
+        let colors = different.vertex().colors("color").unwrap();
+        assert_eq!((colors[0], colors[7]), ([9, 0, 0], [7, 0, 0]));
+    }
+}

@@ -1,0 +1,323 @@
+//! A drawing as SVG: its own picture, without scripts and without files beside it.
+//!
+//! Boxes bring their own ground, and what lies between them is of middle lightness: it can be read on white and on black.
+
+use std::fmt::Write;
+
+use super::layout::{End, Layout, Link, Node, Slot, layout};
+use super::{Block, Drawing};
+
+/// Width of a character of the fonts below, in their sizes: 0.602 in most, less in some.
+const ADVANCE: f64 = 0.61;
+const NAME: f64 = 13.0;
+const SMALL: f64 = 10.5;
+
+const FONTS: &str = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace";
+
+/// From the top of a node to its first port, and from port to port.
+const HEADER: f64 = 38.0;
+const ROW: f64 = 18.0;
+const PADDING: f64 = 10.0;
+const FILE_HEIGHT: f64 = 28.0;
+const LEGEND: f64 = 34.0;
+
+/// Space between columns, in which links turn, and around the picture.
+const GUTTER: f64 = 64.0;
+const MARGIN: f64 = 16.0;
+
+/// One color per pack: dark enough for white letters on it, light enough to be seen as a line on black.
+const COLORS: [&str; 10] = [
+    "#2f6fb0", "#2b7f62", "#9a5b1e", "#7a55b3", "#b04a5a", "#3d7680", "#71752a", "#a04a97",
+    "#5566b5", "#8a6150",
+];
+
+/// The color of the pack at this place of the program's list.
+pub(super) fn color(place: usize) -> &'static str {
+    COLORS[place % COLORS.len()]
+}
+
+/// The measures of one box.
+struct Measure {
+    width: f64,
+    height: f64,
+    /// The widest type of its linked outputs, as it stands on the link.
+    label: f64,
+}
+
+impl Drawing {
+    /// The graph as an SVG picture.
+    pub(crate) fn to_svg(&self) -> String {
+        let measures: Vec<Measure> = (0..self.boxes.len()).map(|k| self.measure(k)).collect();
+        let node = |(block, measure): (&Block, &Measure)| Node {
+            height: measure.height,
+            last: block.node.is_none(),
+        };
+        let nodes: Vec<Node> = self.boxes.iter().zip(&measures).map(node).collect();
+        let end = |[node, port]: [usize; 2]| End { node, port, below: self.port_below(node, port) };
+        let link = |wire: &super::Wire| Link { from: end(wire.from), to: end(wire.to) };
+        let links: Vec<Link> = self.wires.iter().map(link).collect();
+        Picture { drawing: self, layout: layout(&nodes, &links), measures }.draw()
+    }
+
+    fn measure(&self, index: usize) -> Measure {
+        let block = &self.boxes[index];
+        let Some(node) = &block.node else {
+            let width = text_width(&block.name, SMALL) + 2.0 * PADDING;
+            return Measure { width, height: FILE_HEIGHT, label: 0.0 };
+        };
+        let rows = block.inputs.len().max(block.outputs.len());
+        let row = |row: usize| {
+            let input = block.inputs.get(row).map_or(0.0, |name| text_width(name, SMALL));
+            let output = block.outputs.get(row).map_or(0.0, |port| text_width(&port.name, SMALL));
+            input + output + PADDING
+        };
+        let header = text_width(&block.name, NAME).max(text_width(&node.kind, SMALL));
+        let width = (0..rows).map(row).fold(header, f64::max) + 2.0 * PADDING;
+        let linked = (0..block.outputs.len()).filter(|&output| self.is_linked([index, output]));
+        let label = linked.map(|output| label_width(&block.outputs[output].kind));
+        Measure {
+            width: width.ceil(),
+            height: HEADER + ROW * rows as f64 + 4.0,
+            label: label.fold(0.0, f64::max).ceil(),
+        }
+    }
+
+    /// How far below its box's top a port is.
+    fn port_below(&self, node: usize, port: usize) -> f64 {
+        match self.boxes[node].node {
+            Some(_) => HEADER + ROW * (port as f64 + 0.5),
+            None => FILE_HEIGHT / 2.0,
+        }
+    }
+}
+
+/// A text's width in a font of this size. Letters beyond Latin, Greek and Cyrillic may be as wide as high.
+fn text_width(text: &str, size: f64) -> f64 {
+    let letter = |letter: char| if letter < '\u{1100}' { ADVANCE } else { 1.05 };
+    text.chars().map(letter).sum::<f64>() * size
+}
+
+/// The width of a type on a link.
+fn label_width(kind: &str) -> f64 {
+    if kind.is_empty() { 0.0 } else { text_width(kind, SMALL) + 12.0 }
+}
+
+/// How a text begins: where, how large, and in which color.
+struct Style<'a> {
+    at: [f64; 2],
+    size: f64,
+    fill: &'a str,
+    more: &'a str,
+}
+
+/// A drawing with places.
+struct Picture<'a> {
+    drawing: &'a Drawing,
+    layout: Layout,
+    measures: Vec<Measure>,
+}
+
+impl Picture<'_> {
+    fn draw(&self) -> String {
+        let columns = self.columns();
+        let right = columns.last().map_or(0.0, |[_, right]| *right);
+        let legend = self.drawing.packs.iter().map(|pack| label_width(&pack.name) + 14.0);
+        let (width, height) = (
+            (right.max(MARGIN + legend.sum::<f64>()) + MARGIN).ceil(),
+            (self.layout.height + 2.0 * MARGIN + LEGEND).ceil(),
+        );
+        let mut svg = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+             viewBox=\"0 0 {width} {height}\" role=\"img\" font-family=\"{FONTS}\">\n"
+        );
+        let _ = writeln!(svg, "<title>{}</title>", escaped(&self.drawing.doc));
+        self.links(&columns, &mut svg);
+        for (index, slot) in self.layout.slots[..self.drawing.boxes.len()].iter().enumerate() {
+            self.block(index, slot, columns[slot.column][0], &mut svg);
+        }
+        self.legend(self.layout.height + 2.0 * MARGIN, &mut svg);
+        svg + "</svg>\n"
+    }
+
+    /// The left and the right end of each column, types on the links included.
+    fn columns(&self) -> Vec<[f64; 2]> {
+        let mut widths = vec![0f64; self.layout.columns];
+        for (slot, measure) in self.layout.slots.iter().zip(&self.measures) {
+            widths[slot.column] = widths[slot.column].max(measure.width + measure.label);
+        }
+        let mut left = MARGIN;
+        let column = |width| {
+            let column = [left, left + width];
+            left += width + GUTTER;
+            column
+        };
+        widths.into_iter().map(column).collect()
+    }
+
+    /// The links: curves between columns, straight through passages and to the right of narrow boxes.
+    fn links(&self, columns: &[[f64; 2]], svg: &mut String) {
+        for segment in &self.layout.segments {
+            let [from, to] = [segment.from, segment.to].map(|slot| &self.layout.slots[slot]);
+            let [y, end] = self.layout.ends(segment).map(|y| y + MARGIN);
+            let [left, right] = columns[from.column];
+            let begin = from.node.map_or(left, |node| left + self.measures[node].width);
+            let next = columns[to.column][0];
+            let middle = (right + next) / 2.0;
+            let pack = self.drawing.boxes[segment.source[0]].node.as_ref().map(|node| node.pack);
+            let _ = writeln!(
+                svg,
+                "<path d=\"M{begin:.1} {y:.1}H{right:.1}C{middle:.1} {y:.1} {middle:.1} {end:.1} {next:.1} {end:.1}\" \
+                 fill=\"none\" stroke=\"{}\" stroke-width=\"1.6\"/>",
+                self.color(pack)
+            );
+        }
+    }
+
+    fn color(&self, pack: Option<usize>) -> &'static str {
+        let pack = pack.and_then(|pack| self.drawing.packs.get(pack));
+        pack.map_or("#767676", |pack| color(pack.place))
+    }
+
+    fn block(&self, index: usize, slot: &Slot, x: f64, svg: &mut String) {
+        let (block, measure) = (&self.drawing.boxes[index], &self.measures[index]);
+        let (y, width, height) = (slot.top + MARGIN, measure.width, measure.height);
+        let Some(node) = &block.node else {
+            rectangle([x, y, width, height], 12.0, "fill=\"#f3f3f3\" stroke=\"#767676\"", svg);
+            let at = [x + PADDING, y + height / 2.0 + 3.6];
+            return text(&block.name, &Style { at, size: SMALL, fill: "#1c1c1c", more: "" }, svg);
+        };
+        let color = self.color(Some(node.pack));
+        rectangle([x, y, width, height], 5.0, &format!("fill=\"{color}\""), svg);
+        let body = [x + 1.2, y + HEADER, width - 2.4, height - HEADER - 1.2];
+        rectangle(body, 4.0, "fill=\"#fbfbfb\"", svg);
+        let bold = "font-weight=\"bold\"";
+        let at = [x + PADDING, y + 16.0];
+        text(&block.name, &Style { at, size: NAME, fill: "#ffffff", more: bold }, svg);
+        let at = [x + PADDING, y + 30.0];
+        text(&node.kind, &Style { at, size: SMALL, fill: "#ffffff", more: "" }, svg);
+        for (port, name) in block.inputs.iter().enumerate() {
+            let at = [x, y + self.drawing.port_below(index, port)];
+            dot(at, color, svg);
+            let at = [at[0] + PADDING, at[1] + 3.6];
+            text(name, &Style { at, size: SMALL, fill: "#1c1c1c", more: "" }, svg);
+        }
+        for (output, port) in block.outputs.iter().enumerate() {
+            let at = [x + width, y + self.drawing.port_below(index, output)];
+            if self.drawing.is_linked([index, output]) {
+                self.label(&port.kind, color, at, svg);
+            }
+            dot(at, color, svg);
+            let at = [at[0] - PADDING - text_width(&port.name, SMALL), at[1] + 3.6];
+            text(&port.name, &Style { at, size: SMALL, fill: "#1c1c1c", more: "" }, svg);
+        }
+    }
+
+    /// The type of a link, on the link where it begins.
+    fn label(&self, kind: &str, color: &str, [x, y]: [f64; 2], svg: &mut String) {
+        if kind.is_empty() {
+            return;
+        }
+        let width = label_width(kind) - 4.0;
+        let look = format!("fill=\"#ffffff\" stroke=\"{color}\" stroke-width=\"0.8\"");
+        rectangle([x + 4.0, y - 7.5, width, 15.0], 7.5, &look, svg);
+        let style = Style { at: [x + 8.0, y + 3.6], size: SMALL, fill: color, more: "" };
+        text(kind, &style, svg);
+    }
+
+    fn legend(&self, y: f64, svg: &mut String) {
+        let mut x = MARGIN;
+        for pack in &self.drawing.packs {
+            let width = label_width(&pack.name) + 4.0;
+            let look = format!("fill=\"{}\"", color(pack.place));
+            rectangle([x, y, width, 18.0], 5.0, &look, svg);
+            let style = Style { at: [x + 8.0, y + 12.8], size: SMALL, fill: "#ffffff", more: "" };
+            text(&pack.name, &style, svg);
+            x += width + 10.0;
+        }
+    }
+}
+
+fn rectangle([x, y, width, height]: [f64; 4], radius: f64, look: &str, svg: &mut String) {
+    let _ = writeln!(
+        svg,
+        "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" rx=\"{radius}\" {look}/>"
+    );
+}
+
+fn dot([x, y]: [f64; 2], color: &str, svg: &mut String) {
+    let _ = writeln!(
+        svg,
+        "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.4\" fill=\"{color}\" stroke=\"#ffffff\"/>"
+    );
+}
+
+fn text(text: &str, style: &Style<'_>, svg: &mut String) {
+    let Style { at: [x, y], size, fill, more } = style;
+    let _ = writeln!(
+        svg,
+        "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"{size}\" fill=\"{fill}\" {more}>{}</text>",
+        escaped(text)
+    );
+}
+
+/// A text for XML, in which control characters have no place.
+fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '&' => escaped += "&amp;",
+            '<' => escaped += "&lt;",
+            '>' => escaped += "&gt;",
+            '"' => escaped += "&quot;",
+            '\u{fffe}' | '\u{ffff}' => escaped.push('\u{fffd}'),
+            letter if letter.is_control() => escaped.push(' '),
+            letter => escaped.push(letter),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::draw::Drawing;
+    use crate::draw::tests::scan;
+
+    /// All numbers of an attribute.
+    fn numbers(svg: &str, attribute: &str) -> Vec<f64> {
+        let name = format!(" {attribute}=\"");
+        let parts = svg.split(&name).skip(1);
+        parts.map(|part| part.split('"').next().unwrap().parse().unwrap()).collect()
+    }
+
+    #[test]
+    fn the_picture_names_nodes_types_ports_and_files() {
+        let svg = scan().to_svg();
+        for word in ["scan", "ReadCapture", "RangeImage", "within", "grid.ply", "image", "mask"] {
+            assert!(svg.contains(&format!(">{word}</text>")), "{word}");
+        }
+        assert_eq!(svg.matches("<path").count(), 7, "5 links, two of which have a passage");
+    }
+
+    #[test]
+    fn texts_are_escaped() {
+        let svg = scan().to_svg();
+        assert!(svg.contains("<title>Finds &quot;red&quot; &amp; more .</title>"));
+        assert!(svg.contains(">a&lt;b&gt;&quot;c\\d.png</text>"));
+    }
+
+    #[test]
+    fn everything_lies_inside_of_the_picture() {
+        let svg = scan().to_svg();
+        let [width, height] = ["width", "height"].map(|size| numbers(&svg, size));
+        let [x, y] = ["x", "y"].map(|place| numbers(&svg, place));
+        let rectangles = svg.matches("<rect").count();
+        assert_eq!((width.len(), height.len()), (rectangles + 1, rectangles + 1));
+        assert!(x.iter().all(|&x| 0.0 < x && x < width[0]));
+        assert!(y.iter().all(|&y| 0.0 < y && y < height[0]));
+    }
+
+    #[test]
+    fn a_graph_of_nothing_is_a_picture() {
+        assert!(Drawing::default().to_svg().ends_with("</svg>\n"));
+    }
+}
