@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use divan::{Bencher, black_box};
 use maquette::value::{Image, Labels, Mask, Rgb};
 use maquette_nodes::image::{
-    Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
+    Connectivity, High, Operator, Picture, Select, Space, ThinMethod, edges, label, thin, threshold,
 };
 
 fn main() {
@@ -145,4 +145,15 @@ fn edges_by_sobel(bencher: Bencher<'_, '_>) {
     bencher.bench(|| {
         edges(&GRAY, None, Operator::Sobel, 0.0, High::Level(25.0), 0.5).expect("no mask to fit")
     });
+}
+
+/// The edges of 400 x 400 pixels, as the doll's picture has.
+#[divan::bench]
+fn thin_edges_of_a_small_picture(bencher: Bencher<'_, '_>) {
+    let row = |row: usize| PICTURE.pixels()[row * SIZE..][..400].iter().copied();
+    let pixels = Vec::from_iter((0..400).flat_map(row));
+    let picture = Picture::Image(Image::new(400, 400, pixels).expect("a full picture"));
+    let (mask, magnitude) =
+        edges(&picture, None, Operator::Sobel, 1.0, High::default(), 0.4).expect("no mask to fit");
+    bencher.bench(|| thin(&mask, Some(&magnitude), ThinMethod::Ordered).expect("equal sizes"));
 }

@@ -89,6 +89,9 @@ fn grow(row: usize, weak: &Bits, kept: &mut Bits) -> bool {
             carry = weak[k] & 1 == 1;
             continue;
         }
+        if here[k] == 0 && !carry {
+            continue;
+        }
         let (seeds, weak) = (here[k].reverse_bits(), weak[k].reverse_bits());
         let grown = run_on(seeds, weak, &mut carry).reverse_bits();
         changed |= grown ^ here[k];
