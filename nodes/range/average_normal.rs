@@ -231,7 +231,8 @@ mod tests {
         #[test]
         fn a_plane_has_its_normal_whatever_the_grid(
             tilt in prop::array::uniform2(-2.0..2.0f64),
-            shifts in prop::collection::vec(prop::array::uniform2(-0.3..0.3f64), 42),
+            // Shifted by a quarter of a cell or more, points could change places, and triangles turn over.
+            shifts in prop::collection::vec(prop::array::uniform2(-0.2..0.2f64), 42),
             missing in prop::collection::vec(prop::bool::weighted(0.2), 42),
         ) {
             let at = |column: f64, row: f64| {
