@@ -1,21 +1,32 @@
-//! Nodes on meshes.
+//! Nodes on meshes, points and curves.
 
 use maquette::{Pack, node};
 
 mod merge;
+mod read_curve;
 mod read_mesh;
+mod read_points;
 mod texture;
 mod transform;
 
 pub use merge::{Merge, MergeError, Poses, merge};
+pub use read_curve::{ReadCurve, ReadCurveError, read_curve};
 pub use read_mesh::{ReadMesh, ReadMeshError, read_mesh};
+pub use read_points::{ReadPoints, ReadPointsError, read_points};
 pub use texture::{Mapping, Texture, TextureError, Window, texture};
 pub use transform::{Motion, Movable, Transform, TransformError, transform};
 
-/// Nodes on meshes.
+/// Nodes on meshes, points and curves.
 pub const PACK: Pack = Pack {
     name: "mesh",
-    nodes: &[node::<ReadMesh>(), node::<Texture>(), node::<Transform>(), node::<Merge>()],
+    nodes: &[
+        node::<ReadMesh>(),
+        node::<ReadPoints>(),
+        node::<ReadCurve>(),
+        node::<Texture>(),
+        node::<Transform>(),
+        node::<Merge>(),
+    ],
     values: &[],
     formats: &[],
 };

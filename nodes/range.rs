@@ -9,8 +9,10 @@ mod extract_region;
 mod footprint;
 mod foreground;
 mod grid_triangles;
+mod range_file;
 mod range_holes;
 mod read_capture;
+mod read_range;
 mod triangulate;
 
 pub use average_normal::{
@@ -19,7 +21,9 @@ pub use average_normal::{
 pub use denoise::{Denoise, Denoising, denoise};
 pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, extract_region};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
-pub use read_capture::{ReadCapture, ReadCaptureError, Unit, read_capture};
+pub use range_file::{Axes, Unit};
+pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
+pub use read_range::{ReadRange, read_range};
 pub use triangulate::{Triangulate, TriangulateError, triangulate};
 
 /// Nodes on range images.
@@ -27,6 +31,7 @@ pub const PACK: Pack = Pack {
     name: "range",
     nodes: &[
         node::<ReadCapture>(),
+        node::<ReadRange>(),
         node::<Denoise>(),
         node::<Foreground>(),
         node::<ExtractRegion>(),

@@ -8,17 +8,27 @@ use std::fmt;
 
 use crate::pack::{Format, format};
 
+pub mod abs;
 pub mod camera;
 mod corners;
-mod glb;
+pub mod depth;
+pub mod glb;
+pub mod jpeg;
 mod json;
 pub mod obj;
 pub mod pcd;
 mod picture;
+pub mod picture_file;
 pub mod ply;
 pub mod png;
+pub mod ptx;
+pub mod range_file;
 mod rows;
+mod step;
+pub mod stl;
 mod surface;
+pub mod tiff;
+pub mod xyz;
 
 /// The files that the engine's own values can be written to.
 pub const FORMATS: &[Format] = &[
@@ -26,15 +36,26 @@ pub const FORMATS: &[Format] = &[
     format::<png::MaskPng>(),
     format::<png::LabelsPng>(),
     format::<png::FieldPng>(),
+    format::<tiff::ImageTiff>(),
+    format::<tiff::MaskTiff>(),
+    format::<tiff::FieldTiff>(),
     format::<pcd::RangePcd>(),
     format::<ply::MeshPly>(),
     format::<ply::ControlNetPly>(),
     format::<ply::RegionPly>(),
     format::<ply::RangePly>(),
+    format::<ply::PointsPly>(),
+    format::<ply::CurvePly>(),
+    format::<ptx::RangePtx>(),
+    format::<xyz::RangeXyz>(),
+    format::<xyz::PointsXyz>(),
     format::<obj::MeshObj>(),
+    format::<obj::CurveObj>(),
+    format::<stl::MeshStl>(),
     format::<glb::MeshGlb>(),
     format::<surface::SurfacePly>(),
-    format::<surface::SurfaceObj>(),
+    format::<obj::SurfaceObj>(),
+    format::<step::SurfaceStep>(),
     format::<surface::SurfaceGlb>(),
     format::<picture::MeshPng>(),
     format::<picture::SurfacePng>(),

@@ -1,12 +1,12 @@
 //! Reads a picture from a file.
 
-use maquette::format::png;
+use maquette::format::picture_file;
 use maquette::value::Image;
 use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Reads a picture: a PNG file of any color type, taken as 8-bit sRGB.
+/// Reads a picture: a PNG, JPEG or TIFF file, taken as 8-bit sRGB. The content says which, not the ending.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadImage {
     /// The file.
@@ -18,6 +18,6 @@ impl Node for ReadImage {
     const OUTPUTS: [&'static str; 1] = ["image"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((png::read(cx.file(&self.path)?.bytes())?,))
+        Ok((picture_file::read(cx.file(&self.path)?.bytes())?,))
     }
 }

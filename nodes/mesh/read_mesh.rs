@@ -1,12 +1,15 @@
 //! Reads a mesh from a file.
 
-use maquette::format::{obj, ply};
+use maquette::format::{glb, obj, ply, stl};
 use maquette::value::Mesh;
 use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Reads a mesh: an OBJ or PLY file. Coordinates are taken as they are: mm, y up.
+/// Reads a mesh: an OBJ, PLY, STL or GLB file.
+///
+/// Coordinates are taken as they are: mm, y up. GLB has meters, which become mm, and its nodes' motions are applied. Corners of STL
+/// and GLB that are at the same place become one vertex.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadMesh {
     /// The file; its ending says of which format it is.
@@ -37,10 +40,14 @@ impl Node for ReadMesh {
 type Reader = fn(&[u8]) -> Result<Mesh, Error>;
 
 /// What reads the files of each ending.
-const READERS: &[(&str, Reader)] =
-    &[("obj", |bytes| Ok(obj::read(bytes)?)), ("ply", |bytes| Ok(ply::read(bytes)?))];
+const READERS: &[(&str, Reader)] = &[
+    ("obj", |bytes| Ok(obj::read(bytes)?)),
+    ("ply", |bytes| Ok(ply::read(bytes)?)),
+    ("stl", |bytes| Ok(stl::read(bytes)?)),
+    ("glb", |bytes| Ok(glb::read(bytes)?)),
+];
 
-/// The mesh in a file whose name ends in `ending`: `obj` or `ply`.
+/// The mesh in a file whose name ends in `ending`: `obj`, `ply`, `stl` or `glb`.
 ///
 /// # Errors
 /// If the ending is another one, or the bytes are no such file.
@@ -63,12 +70,19 @@ mod tests {
         let triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
         assert_eq!(read_mesh(triangle, "obj").unwrap().faces().len(), 1);
         assert!(read_mesh(triangle, "ply").is_err());
+        assert_eq!(
+            read_mesh(&[[0; 80], [0; 80]].as_flattened()[..84], "stl").unwrap().faces().len(),
+            0
+        );
     }
 
     #[test]
     fn another_ending_is_an_error_that_lists_the_known_ones() {
-        let error = read_mesh(b"", "stl").unwrap_err();
-        assert_eq!(error.to_string(), "no mesh can be read from `.stl`; known are obj, ply");
+        let error = read_mesh(b"", "fbx").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "no mesh can be read from `.fbx`; known are obj, ply, stl, glb"
+        );
         assert!(matches!(error.downcast(), Some(ReadMeshError::Ending { .. })));
     }
 }

@@ -1,11 +1,13 @@
 //! Reads what a range finder took in one shot: a picture and a grid of points, registered to each other.
 
 use maquette::format::camera::{self, CameraError, CameraFile};
-use maquette::format::{pcd, png};
+use maquette::format::picture_file::{self, PictureError};
 use maquette::value::{Image, RangeImage, Registration};
 use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use super::range_file::{self, Axes, Unit, doubt_of_unit};
 
 /// Reads a capture: a picture and a range grid that were taken together.
 ///
@@ -13,51 +15,21 @@ use serde::{Deserialize, Serialize};
 /// (centers at integers), `width` and `height`; if known, `world_from_camera_mm`. Without one the corners of both grids are aligned.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadCapture {
-    /// The picture: a PNG file.
+    /// The picture: a PNG, JPEG or TIFF file.
     pub color: FilePath,
-    /// The grid of points: an organized PCD file, with x right, y down, z away from the sensor.
+    /// The grid of points: an organized PCD file, a PLY file with a `range_grid`, a PTX or ABS file, or a depth map, PNG of 16
+    /// bits or TIFF of floats, which needs the camera file.
     pub range: FilePath,
     /// The camera file; if left out, `camera.json` beside the range file, if there is one.
     #[serde(default)]
     pub camera: FilePath,
-    /// The unit of the range file's coordinates; they are converted to mm.
+    /// The unit of the range file's coordinates; they are converted to mm. A file that says its unit itself, as PTX does, is
+    /// taken at its word.
     #[serde(default)]
     pub unit: Unit,
-}
-
-/// A unit of length.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Unit {
-    /// Millimeters.
-    #[default]
-    Mm,
-    /// Centimeters.
-    Cm,
-    /// Meters.
-    M,
-    /// Inches of 25.4 mm.
-    Inch,
-}
-
-impl Unit {
-    fn millimeters(self) -> f64 {
-        match self {
-            Self::Mm => 1.0,
-            Self::Cm => 10.0,
-            Self::M => 1000.0,
-            Self::Inch => 25.4,
-        }
-    }
-
-    /// The word for it in camera files.
-    fn word(self) -> &'static str {
-        match self {
-            Self::Mm => "mm",
-            Self::Cm => "cm",
-            Self::M => "m",
-            Self::Inch => "inch",
-        }
-    }
+    /// How the range file's coordinates lie, unless its format says so, as ABS does.
+    #[serde(default)]
+    pub axes: Axes,
 }
 
 /// Why files make no capture.
@@ -65,13 +37,7 @@ impl Unit {
 pub enum ReadCaptureError {
     /// The picture cannot be read.
     #[error("the picture cannot be read")]
-    Color(#[from] png::PngError),
-    /// A range file of another format.
-    #[error("no range grid can be read from `.{ending}`; known are {}", endings())]
-    Ending {
-        /// The ending of the file's name, without the dot.
-        ending: String,
-    },
+    Color(#[from] PictureError),
     /// The camera file cannot be read.
     #[error("the camera file cannot be read")]
     Camera(#[from] CameraError),
@@ -103,14 +69,11 @@ impl Node for ReadCapture {
             Some(cx.file(&self.camera)?)
         };
         let camera = camera.map(|file| read_camera(file.bytes())).transpose()?;
-        let units = camera.as_ref().and_then(|camera| camera.units.as_deref());
-        if let Some(units) = units.filter(|&units| units != self.unit.word()) {
-            let given = self.unit;
-            cx.warn(format!(
-                "the camera file says that the unit is {units}, but `unit` is {given:?}"
-            ));
+        let (color, bytes, ending) = (color.bytes(), range.bytes(), range.ending());
+        if let Some(doubt) = doubt_of_unit(camera.as_ref(), &ending, self.unit) {
+            cx.warn(doubt);
         }
-        read_capture(color.bytes(), range.bytes(), &range.ending(), camera.as_ref(), self.unit)
+        read_capture(color, bytes, &ending, camera.as_ref(), self.unit, self.axes)
     }
 }
 
@@ -120,21 +83,12 @@ impl ReadCapture {
     }
 }
 
-fn read_camera(bytes: &[u8]) -> Result<CameraFile, ReadCaptureError> {
+pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, ReadCaptureError> {
     Ok(camera::read(bytes)?)
 }
 
-type Reader = fn(&[u8]) -> Result<RangeImage, Error>;
-
-/// What reads the range files of each ending.
-const READERS: &[(&str, Reader)] = &[("pcd", |bytes| Ok(pcd::read(bytes)?))];
-
-fn endings() -> String {
-    READERS.iter().map(|reader| reader.0).collect::<Vec<_>>().join(", ")
-}
-
-/// The picture in a PNG file and the grid in a range file whose name ends in `ending`, in mm, registered to each other: by the
-/// cameras if they are known, K_color K_range^-1, else by the corners of both grids.
+/// The picture in a PNG, JPEG or TIFF file and the grid in a range file whose name ends in `ending`, in mm, x right, y down, z
+/// away, registered to each other: by the cameras if they are known, K_color K_range^-1, else by the corners of both grids.
 ///
 /// # Errors
 /// If a file cannot be read, or the cameras are for grids of other sizes.
@@ -144,11 +98,10 @@ pub fn read_capture(
     ending: &str,
     camera: Option<&CameraFile>,
     unit: Unit,
+    axes: Axes,
 ) -> Result<(Image, RangeImage), Error> {
-    let image = png::read(color).map_err(ReadCaptureError::Color)?;
-    let reader = READERS.iter().find(|reader| reader.0 == ending);
-    let (_, read) = reader.ok_or_else(|| ReadCaptureError::Ending { ending: ending.to_owned() })?;
-    let range = scale(read(range)?, unit)?;
+    let image = picture_file::read(color).map_err(ReadCaptureError::Color)?;
+    let range = range_file::read(range, ending, camera, unit, axes)?;
     let (picture, grid) = ([image.width(), image.height()], [range.width(), range.height()]);
     let Some(camera) = camera else {
         return Ok((image, range.with_registration(Registration::corners(grid, picture))));
@@ -160,24 +113,17 @@ pub fn read_capture(
         }
     }
     let (color_camera, range_camera) = (camera.color.pinhole, camera.range.pinhole);
+    let pose = camera.world_from_camera.or(range.world_from_camera().copied());
     let range = range
         .with_registration(Registration::pinholes(&range_camera, &color_camera, picture))
         .with_camera(Some(range_camera))
-        .with_world_from_camera(camera.world_from_camera);
+        .with_world_from_camera(pose);
     Ok((image.with_camera(Some(color_camera)), range))
-}
-
-/// The same grid in mm.
-fn scale(range: RangeImage, unit: Unit) -> Result<RangeImage, Error> {
-    if unit == Unit::Mm {
-        return Ok(range);
-    }
-    let points = range.points().iter().map(|point| point * unit.millimeters()).collect();
-    Ok(range.with_points(points)?)
 }
 
 #[cfg(test)]
 mod tests {
+    use maquette::format::png;
     use maquette::value::Pinhole;
 
     use super::*;
@@ -199,7 +145,7 @@ mod tests {
 
     fn read(camera: Option<&str>, unit: Unit) -> Result<(Image, RangeImage), Error> {
         let camera = camera.map(|camera| read_camera(camera.as_bytes())).transpose()?;
-        read_capture(&png(), pcd().as_bytes(), "pcd", camera.as_ref(), unit)
+        read_capture(&png(), pcd().as_bytes(), "pcd", camera.as_ref(), unit, Axes::Camera)
     }
 
     #[test]
@@ -245,11 +191,14 @@ mod tests {
 
     #[test]
     fn what_cannot_be_read_is_named() {
-        let error = read_capture(b"", pcd().as_bytes(), "pcd", None, Unit::Mm).unwrap_err();
+        let read_plain = |color: &[u8], range: &[u8], ending| {
+            read_capture(color, range, ending, None, Unit::Mm, Axes::Camera).unwrap_err()
+        };
+        let error = read_plain(b"", pcd().as_bytes(), "pcd");
         assert!(error.to_string().starts_with("the picture cannot be read: "), "{error}");
-        let error = read_capture(&png(), b"", "xyz", None, Unit::Mm).unwrap_err();
-        let expected = "no range grid can be read from `.xyz`; known are pcd";
-        assert_eq!(error.to_string(), expected);
+        let error = read_plain(&png(), b"", "xyz");
+        let expected = "no range grid can be read from `.xyz`; known are pcd, ply";
+        assert!(error.to_string().starts_with(expected), "{error}");
         let error = read(Some("{}"), Unit::Mm).unwrap_err();
         assert!(error.to_string().starts_with("the camera file cannot be read: "), "{error}");
     }

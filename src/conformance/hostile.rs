@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::value::{
-    AnyValue, ControlNet, Direction, Faces, Field, Image, KnotVector, Labels, Mask, Mesh,
-    RangeImage, Region, Surface,
+    AnyValue, ControlNet, Curve, Direction, Faces, Field, Image, KnotVector, Labels, Mask, Mesh,
+    Points, RangeImage, Region, Surface,
 };
 
 /// Hostile values of the type of that name; none for a type that the engine does not know.
@@ -23,6 +23,8 @@ pub(super) fn values(kind: &str) -> Vec<AnyValue> {
         "ControlNet" => nets().into_iter().map(AnyValue::new).collect(),
         "KnotVector" => knots().into_iter().map(AnyValue::new).collect(),
         "Surface" => surfaces().into_iter().map(AnyValue::new).collect(),
+        "Curve" => curves().into_iter().map(AnyValue::new).collect(),
+        "Points" => points().into_iter().map(AnyValue::new).collect(),
         "Mesh" => meshes().into_iter().map(AnyValue::new).collect(),
         _ => Vec::new(),
     }
@@ -121,6 +123,23 @@ fn surfaces() -> Vec<Surface> {
         Surface::new(net, knots().ok()?, knots().ok()?).ok()
     });
     surfaces.flatten().collect()
+}
+
+fn curves() -> Vec<Curve> {
+    let polylines = [2, 3, 7]
+        .into_iter()
+        .flat_map(clouds)
+        .flat_map(|points| [Curve::polyline(points.clone(), false), Curve::polyline(points, true)]);
+    let knots = || KnotVector::new(2, vec![0.0, 0.0, 0.0, 1e-300, 1.0, 1.0, 1.0]);
+    let splines = clouds(4).into_iter().flat_map(|points| {
+        [vec![1.0; 4], vec![1e-300, 1.0, 1e300, 1.0]]
+            .map(|weights| Curve::rational(points.clone(), weights, knots().ok()?).ok())
+    });
+    polylines.map(Result::ok).chain(splines).flatten().collect()
+}
+
+fn points() -> Vec<Points> {
+    [0, 1, 2, 9].into_iter().flat_map(clouds).flat_map(Points::new).collect()
 }
 
 fn meshes() -> Vec<Mesh> {

@@ -17,6 +17,8 @@ pub struct CameraFile {
     pub units: Option<String>,
     /// The rigid motion from the sensor's frame to the world's, in mm, if the file has one.
     pub world_from_camera: Option<Matrix4<f64>>,
+    /// Steps of a depth map of whole numbers in a millimeter, if the file says so.
+    pub depth_per_mm: Option<f64>,
 }
 
 /// One camera of a capture.
@@ -59,6 +61,19 @@ pub enum CameraError {
         /// What must be there.
         wanted: &'static str,
     },
+    /// A matrix of intrinsics that is none.
+    #[error(
+        "`intrinsic_matrix` is no pinhole: 9 numbers, column by column, as in `[fx, 0, 0, 0, fy, 0, cx, cy, 1]`"
+    )]
+    Intrinsics,
+    /// A depth map's scale that cannot be one.
+    #[error("`{key}` is {value}: a number greater than 0 is needed")]
+    DepthScale {
+        /// The number's key.
+        key: &'static str,
+        /// What is there, as text.
+        value: String,
+    },
     /// A pose that is no rigid motion.
     #[error(
         "`world_from_camera_mm` is not a rigid motion: 4 rows of 4 numbers, a rotation and a translation"
@@ -68,21 +83,37 @@ pub enum CameraError {
 
 /// The cameras in a camera file: a JSON object with `color` (or `colour`) and `range`, each with the pinhole `fx fy cx cy` and, if
 /// known, `width` and `height`; if known, `units` and `world_from_camera_mm`, a rigid motion as 4 rows of 4 numbers. A
-/// file that has a pinhole at its top means both cameras by it. Other keys are passed over.
+/// file that has a pinhole at its top, or in `camera`, means both cameras by it. For depth maps `depth_png.units_per_mm` or
+/// `depth_units_per_metre` says how fine their steps are. Other keys are passed over.
+///
+/// Open3D's files of intrinsics are understood too: `width`, `height` and `intrinsic_matrix`, 9 numbers column by column.
 ///
 /// # Errors
 /// If the bytes are not JSON, a pinhole is missing, or a number cannot be one.
 pub fn read(bytes: &[u8]) -> Result<CameraFile, CameraError> {
     let file: Value = serde_json::from_slice(bytes)
         .map_err(|error| CameraError::NotJson { line: error.line(), column: error.column() })?;
+    let both = file.get("camera").unwrap_or(&file);
     let color = file.get("color").or_else(|| file.get("colour"));
     let pose_rows = file.get("world_from_camera_mm").filter(|rows| !rows.is_null());
     Ok(CameraFile {
-        color: view(color.unwrap_or(&file), "color")?,
-        range: view(file.get("range").unwrap_or(&file), "range")?,
+        color: view(color.unwrap_or(both), "color")?,
+        range: view(file.get("range").unwrap_or(both), "range")?,
         units: file.get("units").and_then(Value::as_str).map(str::to_owned),
         world_from_camera: pose_rows.map(pose).transpose()?,
+        depth_per_mm: depth_scale(&file)?,
     })
+}
+
+fn depth_scale(file: &Value) -> Result<Option<f64>, CameraError> {
+    let per_mm = file.get("depth_png").and_then(|depth| depth.get("units_per_mm"));
+    let per_mm = per_mm.map(|value| ("depth_png.units_per_mm", value, 1.0));
+    let per_meter = file.get("depth_units_per_metre");
+    let per_meter = per_meter.map(|value| ("depth_units_per_metre", value, 1000.0));
+    let Some((key, value, unit)) = per_mm.or(per_meter) else { return Ok(None) };
+    let wrong = || CameraError::DepthScale { key, value: value.to_string() };
+    let scale = value.as_f64().filter(|&scale| scale > 0.0);
+    scale.map(|scale| Some(scale / unit)).ok_or_else(wrong)
 }
 
 fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
@@ -90,7 +121,8 @@ fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
         let value = value.to_string();
         CameraError::Number { camera: name, key, value, wanted }
     };
-    let number = |key| match camera.get(key) {
+    let intrinsics = intrinsics(camera)?;
+    let number = |key| match intrinsics.as_ref().unwrap_or(camera).get(key) {
         None => Err(CameraError::NoPinhole { camera: name, key }),
         Some(value) => value.as_f64().ok_or_else(|| wrong(key, value, "a number is needed")),
     };
@@ -111,6 +143,17 @@ fn view(camera: &Value, name: &'static str) -> Result<View, CameraError> {
     Ok(View { pinhole, size })
 }
 
+/// The pinhole of Open3D's matrix, under the keys of ours; none without such a matrix.
+fn intrinsics(camera: &Value) -> Result<Option<Value>, CameraError> {
+    let Some(matrix) = camera.get("intrinsic_matrix") else { return Ok(None) };
+    let matrix: [f64; 9] =
+        serde_json::from_value(matrix.clone()).map_err(|_| CameraError::Intrinsics)?;
+    let [fx, 0.0, 0.0, 0.0, fy, 0.0, cx, cy, 1.0] = matrix else {
+        return Err(CameraError::Intrinsics);
+    };
+    Ok(Some(serde_json::json!({ "fx": fx, "fy": fy, "cx": cx, "cy": cy })))
+}
+
 /// How far a rotation in a file may be from orthonormal: files round to 6 digits and fewer, other matrices are off by far more.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
@@ -118,12 +161,17 @@ fn pose(rows: &Value) -> Result<Matrix4<f64>, CameraError> {
     let rows: [[f64; 4]; 4] =
         serde_json::from_value(rows.clone()).map_err(|_| CameraError::Pose)?;
     let pose = Matrix4::from_fn(|row, column| rows[row][column]);
-    let rotation = pose.fixed_view::<3, 3>(0, 0).into_owned();
+    if is_rigid(&pose) { Ok(pose) } else { Err(CameraError::Pose) }
+}
+
+/// Whether a matrix is a rotation and a translation.
+pub(super) fn is_rigid(motion: &Matrix4<f64>) -> bool {
+    let rotation = motion.fixed_view::<3, 3>(0, 0).into_owned();
     let error = (rotation * rotation.transpose() - Matrix3::identity()).amax();
-    let rigid = error <= ROTATION_TOLERANCE
+    error <= ROTATION_TOLERANCE
         && rotation.determinant() > 0.0
-        && rows[3] == [0.0, 0.0, 0.0, 1.0];
-    if rigid { Ok(pose) } else { Err(CameraError::Pose) }
+        && motion.iter().all(|entry| entry.is_finite())
+        && motion.row(3).iter().eq(&[0.0, 0.0, 0.0, 1.0])
 }
 
 #[cfg(test)]
@@ -157,6 +205,28 @@ mod tests {
         assert_eq!(file.color, file.range);
         assert_eq!(file.range.size, Some([640, 480]));
         assert_eq!(file.world_from_camera, None);
+    }
+
+    #[test]
+    fn the_steps_of_depth_maps_are_read() {
+        let camera = r#""fx": 1, "fy": 2, "cx": 3, "cy": 4"#;
+        let scale = |text: &str| {
+            let file = read(format!("{{{camera}, {text}}}").as_bytes());
+            file.map(|file| file.depth_per_mm).map_err(|error| error.to_string())
+        };
+        assert_eq!(scale(r#""depth_png": {"units_per_mm": 50}"#), Ok(Some(50.0)));
+        assert_eq!(scale(r#""depth_units_per_metre": 10000"#), Ok(Some(10.0)));
+        assert_eq!(scale(r#""depth_png": {}"#), Ok(None));
+        let zero = "`depth_png.units_per_mm` is 0: a number greater than 0 is needed";
+        assert_eq!(scale(r#""depth_png": {"units_per_mm": 0}"#), Err(zero.into()));
+    }
+
+    #[test]
+    fn a_matrix_of_intrinsics_is_read_column_by_column() {
+        let file = read(br#"{"intrinsic_matrix": [1, 0, 0, 0, 2, 0, 3, 4, 1]}"#).unwrap();
+        assert_eq!(file.range.pinhole, Pinhole { focal: [1.0, 2.0], center: [3.0, 4.0] });
+        let rows = br#"{"intrinsic_matrix": [1, 0, 3, 0, 2, 4, 0, 0, 1]}"#;
+        assert_eq!(read(rows), Err(CameraError::Intrinsics));
     }
 
     fn error(from: &str, to: &str) -> String {

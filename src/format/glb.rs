@@ -15,6 +15,12 @@ use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Mesh, Rgb, linear_from_srgb};
 
+mod accessor;
+mod read;
+mod scene;
+
+pub use read::{GlbReadError, read};
+
 /// Why a mesh cannot be written as GLB.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub(super) enum GlbError {

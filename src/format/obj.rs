@@ -1,16 +1,21 @@
 //! OBJ, the text format of Wavefront: vertices, texture coordinates, normals and polygons.
 //!
-//! Lines, groups, materials and free-form geometry are passed over when it is read.
+//! Read as a mesh, lines, groups, materials and free-form geometry are passed over; read as a curve, all but lines and free-form
+//! curves. Surfaces and B-spline curves are written as free-form geometry, which loses nothing.
 
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::corners::{FaceList, with_corners};
 use super::{excerpt, parse, words};
-use crate::value::{Attribute, Mesh, MeshError, Rgb};
+use crate::value::{Attribute, CurveError, KnotVectorError, Mesh, MeshError, Rgb};
 
+mod curve;
+mod free_form;
 mod write;
 
+pub use curve::read_curve;
+pub(super) use free_form::{CurveObj, SurfaceObj};
 pub(super) use write::MeshObj;
 
 /// Why bytes are not a mesh in an OBJ file.
@@ -68,6 +73,31 @@ pub enum ObjError {
     /// A mesh that cannot be.
     #[error(transparent)]
     Mesh(MeshError),
+    /// No line and no free-form curve, where one is wanted.
+    #[error("there is no curve in the file: no line `l` and no `curv`")]
+    NoCurve,
+    /// A second curve.
+    #[error(
+        "line {line}: another curve begins here, which does not go on where the one before it ends"
+    )]
+    SecondCurve {
+        /// The line, from 1.
+        line: usize,
+    },
+    /// A free-form curve of another kind.
+    #[error("line {line}: {what}")]
+    FreeForm {
+        /// The line, from 1.
+        line: usize,
+        /// What is not as it must be.
+        what: &'static str,
+    },
+    /// Points that make no curve.
+    #[error(transparent)]
+    Curve(#[from] CurveError),
+    /// Parameters that are no knots.
+    #[error(transparent)]
+    Knots(#[from] KnotVectorError),
 }
 
 /// The mesh in an OBJ file.
@@ -80,11 +110,20 @@ pub enum ObjError {
 /// If a line cannot be understood, names what is not there yet, or vertices and faces make no mesh.
 pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
     let mut reader = Reader::default();
+    for_lines(bytes, |text, line| reader.read_line(text, line))?;
+    reader.finish()
+}
+
+/// Calls `read` with the words of each line, joined with those that a `\` at its end goes on in, and the number of its first one.
+fn for_lines(
+    bytes: &[u8],
+    mut read: impl FnMut(&[u8], usize) -> Result<(), ObjError>,
+) -> Result<(), ObjError> {
     let mut lines = bytes.split(|&byte| byte == b'\n').enumerate();
     while let Some((index, text)) = lines.next() {
         let text = text.trim_ascii_end();
         let Some(start) = text.strip_suffix(b"\\") else {
-            reader.read_line(text, index + 1)?;
+            read(without_comment(text), index + 1)?;
             continue;
         };
         // Only a line that goes on in the next one is copied.
@@ -98,9 +137,14 @@ pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
                 break;
             }
         }
-        reader.read_line(&joined, index + 1)?;
+        read(without_comment(&joined), index + 1)?;
     }
-    reader.finish()
+    Ok(())
+}
+
+fn without_comment(text: &[u8]) -> &[u8] {
+    let end = text.iter().position(|&byte| byte == b'#').unwrap_or(text.len());
+    &text[..end]
 }
 
 /// Stands for what a corner does not have.
@@ -122,8 +166,7 @@ struct Reader {
 
 impl Reader {
     fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), ObjError> {
-        let end = text.iter().position(|&byte| byte == b'#').unwrap_or(text.len());
-        let mut words = words(&text[..end]);
+        let mut words = words(text);
         match words.next() {
             Some(b"v") => {
                 let (numbers, count) = numbers::<7>(words, 3, line)?;

@@ -1,4 +1,4 @@
-//! PLY, the polygon file format of Stanford: meshes and point clouds with data per vertex.
+//! PLY, the polygon file format of Stanford: meshes, point clouds and range grids with data per vertex.
 //!
 //! Read in all three encodings. Written `binary_little_endian` with `float` positions.
 
@@ -9,16 +9,20 @@ use thiserror::Error;
 
 use super::At;
 use super::corners::{FaceList, with_corners};
-use crate::value::{Attribute, Faces, Mesh, MeshError};
+use crate::value::{Attribute, Faces, Mesh, MeshError, Points, Rgb};
 use body::{Body, Rows};
 use header::{Element, Property, Scalar};
 
 mod body;
 mod header;
+mod points;
+mod range;
 mod write;
 
+pub(super) use points::{CurvePly, PointsPly, RangePly, RegionPly};
+pub use range::read_range;
 pub use write::encode;
-pub(super) use write::{ControlNetPly, MeshPly, RangePly, RegionPly};
+pub(super) use write::{ControlNetPly, MeshPly};
 
 /// Why bytes are not a mesh in a PLY file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -89,6 +93,43 @@ pub enum PlyError {
         /// What the file says.
         index: f64,
     },
+    /// No grid, where one is wanted.
+    #[error("the file has no `range_grid`: its points are no range image")]
+    NoGrid,
+    /// A grid without its size.
+    #[error("the header does not say how large the grid is: `obj_info {key}` is missing")]
+    NoGridSize {
+        /// `num_cols` or `num_rows`.
+        key: &'static str,
+    },
+    /// A grid of another size than it should have.
+    #[error("line {line}: the grid has {found} cells, but it is {columns} x {rows}")]
+    GridSize {
+        /// The line of the header that promises them, from 1.
+        line: usize,
+        /// Cells of the grid.
+        found: usize,
+        /// What `num_cols` says.
+        columns: usize,
+        /// What `num_rows` says.
+        rows: usize,
+    },
+    /// A cell with several points.
+    #[error("{at}: a cell of a grid has one point or none, not {count}")]
+    Cell {
+        /// Where.
+        at: At,
+        /// Its points.
+        count: usize,
+    },
+    /// A cell that names no vertex.
+    #[error("a cell names vertex {vertex}, but there are only {vertices}")]
+    NoVertex {
+        /// The vertex it names.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
     /// Vertices and faces that make no mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -121,6 +162,21 @@ pub fn read(bytes: &[u8]) -> Result<Mesh, PlyError> {
     }
     let vertices = vertices.ok_or(PlyError::NoVertices)?;
     vertices.into_mesh(faces.unwrap_or_default())
+}
+
+/// The points in a PLY file, with the attributes of [`read`]; faces, if there are some, are left out.
+///
+/// # Errors
+/// As for [`read`].
+pub fn read_points(bytes: &[u8]) -> Result<Points, PlyError> {
+    let mesh = read(bytes)?;
+    let mut points = Points::new(mesh.positions().clone()).expect("a mesh has finite positions");
+    for (name, attribute) in mesh.vertex().iter() {
+        points = points
+            .with_attribute(name, attribute.clone())
+            .expect("a mesh has an entry for each vertex");
+    }
+    Ok(points)
 }
 
 fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
@@ -189,6 +245,14 @@ impl<'a> Table<'a> {
         })
     }
 
+    /// Takes the colors out, if there are some.
+    fn take_colors(&mut self) -> Option<Vec<Rgb>> {
+        let colors = self.take(["red", "green", "blue"])?;
+        let scale = if colors[0].property.scalar.is_float() { 255.0 } else { 1.0 };
+        let byte = |channel: f64| (channel * scale).round() as u8;
+        Some(self.rows.gather(&colors, |color| color.map(byte)))
+    }
+
     fn into_mesh(mut self, faces: FaceTable) -> Result<Mesh, PlyError> {
         let places = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
         let positions = self.rows.gather(&places, Point3::from);
@@ -212,10 +276,7 @@ impl<'a> Table<'a> {
             let corners = Vec::from_iter(origins.into_iter().map(|origin| uv[origin]));
             mesh = with_corners(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
         }
-        if let Some(colors) = self.take(["red", "green", "blue"]) {
-            let scale = if colors[0].property.scalar.is_float() { 255.0 } else { 1.0 };
-            let byte = |channel: f64| (channel * scale).round() as u8;
-            let colors = self.rows.gather(&colors, |color| color.map(byte));
+        if let Some(colors) = self.take_colors() {
             mesh = mesh.with_vertex("color", Attribute::Color(colors.into()))?;
         }
         for column in std::mem::take(&mut self.columns) {

@@ -34,6 +34,22 @@ pub enum PngError {
         /// Bytes that a picture may take.
         most: usize,
     },
+    /// A header that promises more than can be there.
+    #[error("{width} x {height} pixels cannot be in the {bytes} bytes of the file")]
+    CutOff {
+        /// The picture's width.
+        width: u32,
+        /// The picture's height.
+        height: u32,
+        /// Bytes in the file.
+        bytes: usize,
+    },
+    /// A picture of colors, or of too few bits, where depths are wanted.
+    #[error("depths are 16-bit gray, but the picture is {found}")]
+    NoDepth {
+        /// What it is.
+        found: String,
+    },
     /// A picture without pixels, or with more in a row than PNG can say.
     #[error("a picture of {width} x {height} pixels cannot be written as PNG")]
     Size {
@@ -55,20 +71,9 @@ pub enum PngError {
 /// # Errors
 /// If the bytes are not a PNG file, it is damaged, or the picture takes more than 512 MB.
 pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
-    let broken = |reason: ::png::DecodingError| PngError::Broken { reason: reason.to_string() };
-    let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MOST_BYTES });
-    decoder.set_transformations(Transformations::EXPAND | Transformations::STRIP_16);
-    decoder.set_ignore_text_chunk(true);
-    decoder.set_ignore_iccp_chunk(true);
-    let mut reader = decoder.read_info().map_err(broken)?;
-    let (width, height) = (reader.info().width, reader.info().height);
-    let fits = |size: &usize| *size <= MOST_BYTES && 3 * pixels(width, height) <= MOST_BYTES as u64;
-    let size = reader.output_buffer_size().filter(fits);
-    let size = size.ok_or(PngError::TooLarge { width, height, most: MOST_BYTES })?;
-    let mut buffer = vec![0; size];
-    let frame = reader.next_frame(&mut buffer).map_err(broken)?;
-    buffer.truncate(frame.buffer_size());
-    let pixels: Vec<[u8; 3]> = match frame.color_type.samples() {
+    let transformations = Transformations::EXPAND | Transformations::STRIP_16;
+    let Pixels { width, height, color, buffer } = decode(bytes, transformations)?;
+    let pixels: Vec<[u8; 3]> = match color.samples() {
         1 => buffer.iter().map(|&gray| [gray; 3]).collect(),
         2 => buffer.as_chunks::<2>().0.iter().map(|&[gray, _]| [gray; 3]).collect(),
         3 => buffer.as_chunks::<3>().0.to_vec(),
@@ -81,6 +86,55 @@ pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
     };
     Image::new(width as usize, height as usize, pixels)
         .map_err(|error| PngError::Broken { reason: error.to_string() })
+}
+
+/// The depth map in a PNG file of 16-bit gray, row by row from the top: width, height and one number per pixel.
+///
+/// # Errors
+/// If the bytes are not a PNG file of that kind, it is damaged, or the picture takes more than 512 MB.
+pub(super) fn read_depth(bytes: &[u8]) -> Result<(usize, usize, Vec<u16>), PngError> {
+    let Pixels { width, height, color, buffer } = decode(bytes, Transformations::IDENTITY)?;
+    let samples = buffer.as_chunks::<2>().0;
+    let gray = color == ColorType::Grayscale;
+    if !gray || samples.len() as u64 != pixels(width, height) {
+        let bits = 8 * buffer.len() as u64 / pixels(width, height).max(1);
+        return Err(PngError::NoDepth { found: format!("{color:?} of {bits} bits") });
+    }
+    let depths = samples.iter().map(|&sample| u16::from_be_bytes(sample)).collect();
+    Ok((width as usize, height as usize, depths))
+}
+
+/// Samples as the decoder gives them.
+struct Pixels {
+    width: u32,
+    height: u32,
+    color: ColorType,
+    buffer: Vec<u8>,
+}
+
+/// Most bytes that a byte of the file can unpack to: the limit of Deflate.
+const BYTES_PER_BYTE: usize = 1032;
+
+fn decode(bytes: &[u8], transformations: Transformations) -> Result<Pixels, PngError> {
+    let broken = |reason: ::png::DecodingError| PngError::Broken { reason: reason.to_string() };
+    let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MOST_BYTES });
+    decoder.set_transformations(transformations);
+    decoder.set_ignore_text_chunk(true);
+    decoder.set_ignore_iccp_chunk(true);
+    let mut reader = decoder.read_info().map_err(broken)?;
+    let info = reader.info();
+    let (width, height) = (info.width, info.height);
+    let bits = info.bits_per_pixel() as u64 * pixels(width, height);
+    let fits = |size: &usize| *size <= MOST_BYTES && 3 * pixels(width, height) <= MOST_BYTES as u64;
+    let size = reader.output_buffer_size().filter(fits);
+    let size = size.ok_or(PngError::TooLarge { width, height, most: MOST_BYTES })?;
+    if (BYTES_PER_BYTE.saturating_mul(bytes.len()) as u64) < bits / 8 {
+        return Err(PngError::CutOff { width, height, bytes: bytes.len() });
+    }
+    let mut buffer = vec![0; size];
+    let frame = reader.next_frame(&mut buffer).map_err(broken)?;
+    buffer.truncate(frame.buffer_size());
+    Ok(Pixels { width, height, color: frame.color_type, buffer })
 }
 
 fn pixels(width: u32, height: u32) -> u64 {
@@ -285,9 +339,29 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_that_cannot_be_in_its_file_takes_no_memory() {
+        let mut bytes = Vec::new();
+        let mut writer = Encoder::new(&mut bytes, 1 << 12, 1 << 12).write_header().unwrap();
+        writer.write_chunk(::png::chunk::IDAT, &[]).unwrap();
+        drop(writer);
+        assert!(matches!(read(&bytes), Err(PngError::CutOff { width: 4096, .. })));
+    }
+
+    #[test]
+    fn depths_keep_their_sixteen_bits() {
+        let (width, height, depths) = read_depth(DEPTH).unwrap();
+        assert_eq!((width, height), (8, 6));
+        // The grid's z in steps of 1/50 mm, with a hole first.
+        assert_eq!(depths[..3], [0, 5100, 5025]);
+        let text = "depths are 16-bit gray, but the picture is Rgb of 24 bits";
+        assert_eq!(read_depth(COLOR).unwrap_err().to_string(), text);
+    }
+
+    #[test]
     fn hostile_files_give_errors() {
         for file in [COLOR, DEPTH] {
             hostile::survive(file, read);
+            hostile::survive(file, |bytes| read_depth(bytes).is_ok());
         }
     }
 }

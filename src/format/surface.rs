@@ -1,7 +1,6 @@
 //! Writes surfaces as meshes fine enough that chords stay within a thousandth of the surface's size.
 
 use super::glb::MeshGlb;
-use super::obj::MeshObj;
 use super::ply::MeshPly;
 use crate::error::Error;
 use crate::pack::{FileFormat, NewFile};
@@ -16,18 +15,6 @@ impl FileFormat for SurfacePly {
 
     fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
         MeshPly::write(&surface.tessellate(0, 0)?, name)
-    }
-}
-
-/// A surface as a mesh, OBJ.
-pub(super) struct SurfaceObj;
-
-impl FileFormat for SurfaceObj {
-    type Value = Surface;
-    const ENDING: &'static str = "obj";
-
-    fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
-        MeshObj::write(&surface.tessellate(0, 0)?, name)
     }
 }
 

@@ -340,7 +340,8 @@ fn check_face(face: usize, corners: &[u32], vertices: usize) -> Result<(), MeshE
     }
 }
 
-fn bounds<'a>(
+/// Lowest and highest coordinates; none without points.
+pub(super) fn bounds<'a>(
     mut points: impl Iterator<Item = &'a Point3<f64>>,
 ) -> Option<(Point3<f64>, Point3<f64>)> {
     let first = *points.next()?;

@@ -93,14 +93,24 @@ impl Encoding {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
+    /// The `obj_info` lines of a name and a number.
+    pub(super) info: Vec<(String, f64)>,
     /// Where the body begins: byte and line.
     pub(super) start: usize,
     pub(super) start_line: usize,
 }
 
+impl Header {
+    /// What an `obj_info` line says, if it is there and a number.
+    pub(super) fn info(&self, name: &str) -> Option<f64> {
+        self.info.iter().find(|(known, _)| known == name).map(|&(_, number)| number)
+    }
+}
+
 pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
+    let mut info = Vec::new();
     let mut start = 0;
     for line in 1.. {
         let rest = &bytes[start..];
@@ -113,6 +123,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
         let wrong = || PlyError::Header { line, text: excerpt(&words.join(&b' ')) };
         match words[..] {
             [b"ply"] if line == 1 => {}
+            [b"obj_info", name, number] => {
+                let name = String::from_utf8_lossy(name).into_owned();
+                info.extend(parse(number).map(|number| (name, number)));
+            }
             [] | [b"comment" | b"obj_info", ..] => {}
             [b"format", kind, _] => {
                 encoding = Some(match kind {
@@ -143,7 +157,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
             }
             [b"end_header"] => {
                 let encoding = encoding.ok_or(PlyError::NoFormat)?;
-                return Ok(Header { encoding, elements, start, start_line: line + 1 });
+                return Ok(Header { encoding, elements, info, start, start_line: line + 1 });
             }
             _ => return Err(wrong()),
         }

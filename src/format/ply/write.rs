@@ -4,11 +4,10 @@ use bytemuck::NoUninit;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::no_faces;
 use crate::error::Error;
 use crate::format::rows::{fill_blocks, fill_column, floats, indices};
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, RangeImage, Region, Rgb};
+use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, Rgb};
 
 /// Writes a mesh with all attributes of its vertices, and the colors of its texture, if it has no others.
 pub(in crate::format) struct MeshPly;
@@ -41,44 +40,6 @@ impl FileFormat for ControlNetPly {
         let mesh = Mesh::new(net.points().to_vec(), faces)?
             .with_vertex("weight", Attribute::Number(net.weights().to_vec().into()))?
             .with_vertex("fixed", Attribute::Flag(net.fixed().to_vec().into()))?;
-        Ok(NewFile::only(name, encode(&mesh)))
-    }
-}
-
-/// Writes the points of a region.
-pub(in crate::format) struct RegionPly;
-
-impl FileFormat for RegionPly {
-    type Value = Region;
-    const ENDING: &'static str = "ply";
-
-    fn write(region: &Region, name: &str) -> Result<Vec<NewFile>, Error> {
-        let mesh = Mesh::new(region.points().to_vec(), no_faces())?
-            .with_vertex("filled", Attribute::Flag(region.filled().to_vec().into()))?;
-        Ok(NewFile::only(name, encode(&mesh)))
-    }
-}
-
-/// Writes the points of the valid cells of a range image, with their colors.
-pub(in crate::format) struct RangePly;
-
-impl FileFormat for RangePly {
-    type Value = RangeImage;
-    const ENDING: &'static str = "ply";
-
-    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, Error> {
-        let cells = 0..range.points().len();
-        let valid = Vec::from_iter(cells.filter(|&cell| range.point(cell).is_some()));
-        let points = Vec::from_iter(valid.iter().map(|&cell| range.points()[cell]));
-        let mut mesh = Mesh::new(points, no_faces())?;
-        if let Some(colors) = range.colors() {
-            let colors = valid.iter().map(|&cell| colors[cell]).collect();
-            mesh = mesh.with_vertex("color", Attribute::Color(colors))?;
-        }
-        let filled: Vec<u8> = valid.iter().map(|&cell| range.is_filled(cell).into()).collect();
-        if filled.contains(&1) {
-            mesh = mesh.with_vertex("filled", Attribute::Flag(filled.into()))?;
-        }
         Ok(NewFile::only(name, encode(&mesh)))
     }
 }
@@ -384,26 +345,5 @@ mod tests {
         assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [[0, 3, 4, 1], [1, 4, 5, 2]]);
         let weights = Attribute::Number(net.weights().to_vec().into());
         assert_eq!(mesh.vertex().get("weight"), Some(&weights));
-    }
-
-    #[test]
-    fn a_range_image_becomes_its_valid_points() {
-        let points = vec![Point3::new(f64::NAN, 0., 1.), Point3::new(1., 2., 3.)];
-        let range = RangeImage::new(2, 1, points).unwrap();
-        let range = range.with_colors(vec![[1; 3], [2, 3, 4]]).unwrap();
-        let range = range.with_filled(vec![0, 1]).unwrap();
-        let mesh = read(&RangePly::write(&range, "range.ply").unwrap()[0].bytes).unwrap();
-        assert_eq!(mesh.positions()[..], [Point3::new(1., 2., 3.)]);
-        assert_eq!(mesh.vertex().colors("color").unwrap()[..], [[2, 3, 4]]);
-        assert_eq!(mesh.vertex().get("filled"), Some(&Attribute::Flag(vec![1].into())));
-    }
-
-    #[test]
-    fn a_region_becomes_its_points() {
-        let points = vec![Point3::new(1., 2., 3.), Point3::new(4., 5., 6.)];
-        let region = Region::new(2, 1, vec![0, 1], points.clone(), vec![0, 1], vec![]).unwrap();
-        let mesh = read(&RegionPly::write(&region, "region.ply").unwrap()[0].bytes).unwrap();
-        assert_eq!(mesh.positions()[..], points);
-        assert_eq!(mesh.vertex().get("filled"), Some(&Attribute::Flag(vec![0, 1].into())));
     }
 }

@@ -1,0 +1,156 @@
+//! Reads a grid of points from a file of its own, with its colors if it has some.
+
+use maquette::format::camera::CameraFile;
+use maquette::value::{Image, RangeImage};
+use maquette::{Context, Error, FilePath, Node};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::range_file::{self, Axes, Unit, doubt_of_unit};
+use super::read_capture::{ReadCaptureError, read_camera};
+
+/// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map, PNG of 16 bits or TIFF of
+/// floats.
+///
+/// The color picture has a pixel for each cell; where the file has no colors, it is middle gray. A depth map becomes points by the
+/// camera file: JSON with `fx`, `fy`, `cx`, `cy`, at its top or in `range`, or Open3D's `intrinsic_matrix`; its
+/// `depth_png.units_per_mm` says how fine whole numbers are.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct ReadRange {
+    /// The file; its ending says of which format it is: `pcd`, `ply`, `ptx`, `abs`, `png`, `tiff`.
+    pub path: FilePath,
+    /// The camera file; if left out, `camera.json` beside the range file, if there is one and it is for a grid of this size.
+    #[serde(default)]
+    pub camera: FilePath,
+    /// The unit of the file's coordinates; they are converted to mm. A file that says its unit itself, as PTX does, is taken at
+    /// its word.
+    #[serde(default)]
+    pub unit: Unit,
+    /// How the file's coordinates lie, unless its format says so, as ABS does.
+    #[serde(default)]
+    pub axes: Axes,
+}
+
+/// The color of cells in files without colors.
+const GRAY: [u8; 3] = [128; 3];
+
+impl Node for ReadRange {
+    type Outputs = (RangeImage, Image);
+    const OUTPUTS: [&'static str; 2] = ["range", "color"];
+
+    fn files(&self) -> Vec<FilePath> {
+        if self.camera.is_empty() { vec![self.camera_beside()] } else { Vec::new() }
+    }
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let file = cx.file(&self.path)?;
+        let found = self.camera.is_empty();
+        let camera = match found {
+            true => cx.file_if_any(&self.camera_beside()),
+            false => Some(cx.file(&self.camera)?),
+        };
+        let camera = camera.map(|file| read_camera(file.bytes())).transpose()?;
+        let (bytes, ending) = (file.bytes(), file.ending());
+        let read = |camera| read_range(bytes, &ending, camera, self.unit, self.axes);
+        let (range, color) = match read(camera.as_ref()) {
+            // A camera file that nobody named may belong to another file of the folder.
+            Err(error) if found && is_size(&error) => {
+                cx.warn(format!("the camera file in the same folder is not used: {error}"));
+                return read(None);
+            }
+            outputs => outputs?,
+        };
+        if let Some(doubt) = doubt_of_unit(camera.as_ref(), &ending, self.unit) {
+            cx.warn(doubt);
+        }
+        Ok((range, color))
+    }
+}
+
+impl ReadRange {
+    fn camera_beside(&self) -> FilePath {
+        self.path.beside("camera.json")
+    }
+}
+
+fn is_size(error: &Error) -> bool {
+    matches!(error.downcast(), Some(ReadCaptureError::Size { .. }))
+}
+
+/// The grid in a range file whose name ends in `ending`, in mm, x right, y down, z away from the sensor, row 0 on top, and a
+/// picture of its colors, a pixel for each cell. `unit` and `axes` stand for what the file does not say.
+///
+/// # Errors
+/// If the file cannot be read, or the camera is for a grid of another size.
+pub fn read_range(
+    bytes: &[u8],
+    ending: &str,
+    camera: Option<&CameraFile>,
+    unit: Unit,
+    axes: Axes,
+) -> Result<(RangeImage, Image), Error> {
+    let mut range = range_file::read(bytes, ending, camera, unit, axes)?;
+    let found = [range.width(), range.height()];
+    if let Some(camera) = camera {
+        if let Some(expected) = camera.range.size.filter(|&expected| expected != found) {
+            return Err(ReadCaptureError::Size { what: "range grid", expected, found }.into());
+        }
+        let pose = camera.world_from_camera.or(range.world_from_camera().copied());
+        range = range.with_camera(Some(camera.range.pinhole)).with_world_from_camera(pose);
+    }
+    let pixels = match range.colors() {
+        Some(colors) => colors.to_vec(),
+        None => vec![GRAY; range.points().len()],
+    };
+    let color = Image::new(found[0], found[1], pixels)?.with_camera(range.camera().copied());
+    Ok((range, color))
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::format::camera;
+    use maquette::value::Pinhole;
+    use nalgebra::Point3;
+
+    use super::*;
+
+    const PTX: &str = "1\n2\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\
+        0 0.5 2 0.5 1 2 3\n0 0 0 0.5 0 0 0\n";
+
+    #[test]
+    fn a_grid_has_a_picture_of_its_colors_cell_on_pixel() {
+        let read = read_range(PTX.as_bytes(), "ptx", None, Unit::Mm, Axes::Camera);
+        let (range, color) = read.unwrap();
+        assert_eq!([range.point(0), range.point(1)], [None, Some(Point3::new(0., 500., 2000.))]);
+        assert_eq!(color.pixels(), [[0; 3], [1, 2, 3]]);
+        assert_eq!(range.registration().picture_from_range([0.0, 1.0]), [0.0, 1.0]);
+    }
+
+    #[test]
+    fn a_file_without_colors_has_a_gray_picture() {
+        let plain = PTX.replace(" 1 2 3\n", "\n").replace(" 0.5 0 0 0\n", " 0.5\n");
+        let (range, color) =
+            read_range(plain.as_bytes(), "ptx", None, Unit::Mm, Axes::YUp).unwrap();
+        assert_eq!(color.pixels(), [GRAY; 2]);
+        assert_eq!(range.point(1), Some(Point3::new(0., -500., -2000.)));
+    }
+
+    #[test]
+    fn a_camera_of_the_grids_size_is_taken_along() {
+        let camera = |height: usize| {
+            let text = format!(
+                r#"{{"width": 1, "height": {height}, "fx": 10, "fy": 20, "cx": 0, "cy": 0.5}}"#
+            );
+            camera::read(text.as_bytes()).unwrap()
+        };
+        let read =
+            |camera| read_range(PTX.as_bytes(), "ptx", Some(&camera), Unit::Mm, Axes::Camera);
+        let (range, color) = read(camera(2)).unwrap();
+        let pinhole = Pinhole { focal: [10.0, 20.0], center: [0.0, 0.5] };
+        assert_eq!((range.camera(), color.camera()), (Some(&pinhole), Some(&pinhole)));
+        let error = read(camera(3)).unwrap_err();
+        assert!(is_size(&error));
+        let text = "the camera file is for a range grid of [1, 3], but the file has [1, 2]";
+        assert_eq!(error.to_string(), text);
+    }
+}

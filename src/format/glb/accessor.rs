@@ -1,0 +1,279 @@
+//! The document of a GLB file, and the numbers that its accessors find in the buffer.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::read::GlbReadError;
+
+/// The document: what is read of it.
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Document {
+    pub(super) scene: Option<usize>,
+    pub(super) scenes: Vec<Scene>,
+    pub(super) nodes: Vec<Node>,
+    pub(super) meshes: Vec<GltfMesh>,
+    pub(super) materials: Vec<Material>,
+    pub(super) textures: Vec<Texture>,
+    pub(super) images: Vec<Picture>,
+    pub(super) extensions_required: Vec<String>,
+    accessors: Vec<Accessor>,
+    buffer_views: Vec<BufferView>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Scene {
+    pub(super) nodes: Vec<usize>,
+}
+
+#[derive(Deserialize)]
+#[serde(default)]
+pub(super) struct Node {
+    pub(super) children: Vec<usize>,
+    pub(super) mesh: Option<usize>,
+    /// Column by column; in place of the other three.
+    pub(super) matrix: Option<[f64; 16]>,
+    pub(super) translation: [f64; 3],
+    /// A quaternion: x, y, z, w.
+    pub(super) rotation: [f64; 4],
+    pub(super) scale: [f64; 3],
+}
+
+impl Default for Node {
+    fn default() -> Self {
+        Self {
+            children: Vec::new(),
+            mesh: None,
+            matrix: None,
+            translation: [0.0; 3],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            scale: [1.0; 3],
+        }
+    }
+}
+
+#[derive(Deserialize)]
+pub(super) struct GltfMesh {
+    pub(super) primitives: Vec<Primitive>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Primitive {
+    pub(super) attributes: BTreeMap<String, usize>,
+    pub(super) indices: Option<usize>,
+    pub(super) material: Option<usize>,
+    #[serde(default = "triangles")]
+    pub(super) mode: u32,
+}
+
+fn triangles() -> u32 {
+    4
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Material {
+    pub(super) pbr_metallic_roughness: Option<Shading>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Shading {
+    pub(super) base_color_texture: Option<TextureUse>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct TextureUse {
+    pub(super) index: usize,
+    #[serde(default)]
+    pub(super) tex_coord: usize,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Texture {
+    pub(super) source: Option<usize>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Picture {
+    pub(super) buffer_view: Option<usize>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Accessor {
+    buffer_view: Option<usize>,
+    #[serde(default)]
+    byte_offset: usize,
+    component_type: u32,
+    #[serde(default)]
+    normalized: bool,
+    count: usize,
+    #[serde(rename = "type")]
+    kind: String,
+    sparse: Option<Value>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct BufferView {
+    buffer: usize,
+    #[serde(default)]
+    byte_offset: usize,
+    byte_length: usize,
+    byte_stride: Option<usize>,
+}
+
+/// How a number is stored.
+#[derive(Clone, Copy)]
+enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl Component {
+    /// By the number of the specification.
+    fn new(number: u32) -> Option<Self> {
+        Some(match number {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5125 => Self::U32,
+            5126 => Self::F32,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+
+    /// The number at the start of some bytes, and the largest that it can be if it is whole.
+    fn read(self, bytes: &[u8]) -> (f64, f64) {
+        fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+            *bytes.first_chunk().expect("the bounds of an accessor are checked")
+        }
+        match self {
+            Self::I8 => (i8::from_le_bytes(first(bytes)).into(), 127.0),
+            Self::U8 => (u8::from_le_bytes(first(bytes)).into(), 255.0),
+            Self::I16 => (i16::from_le_bytes(first(bytes)).into(), 32767.0),
+            Self::U16 => (u16::from_le_bytes(first(bytes)).into(), 65535.0),
+            Self::U32 => (u32::from_le_bytes(first(bytes)).into(), u32::MAX.into()),
+            Self::F32 => (f32::from_le_bytes(first(bytes)).into(), 1.0),
+        }
+    }
+}
+
+/// A piece of the buffer.
+pub(super) struct View<'a> {
+    pub(super) bytes: &'a [u8],
+    stride: Option<usize>,
+}
+
+/// How many numbers are read for each byte of the file before it is refused. A number takes one byte or more, in most files four:
+/// a part may still be shown some sixteen times.
+const MOST_PER_BYTE: usize = 4;
+
+/// The bytes behind the document. Parts that share them are counted, so that no small file makes a huge mesh.
+pub(super) struct Buffer<'a> {
+    document: &'a Document,
+    bytes: &'a [u8],
+    /// Numbers that may still be read.
+    left: usize,
+}
+
+impl<'a> Buffer<'a> {
+    pub(super) fn new(document: &'a Document, bytes: &'a [u8], file: usize) -> Self {
+        Self { document, bytes, left: file.saturating_mul(MOST_PER_BYTE) }
+    }
+
+    /// The bytes of a view.
+    pub(super) fn view(&self, index: usize) -> Result<View<'a>, GlbReadError> {
+        let wrong = |what| GlbReadError::Part { part: "bufferView", index, what };
+        let view = self.document.buffer_views.get(index).ok_or(wrong("does not exist"))?;
+        if view.buffer != 0 {
+            return Err(wrong("is in another file"));
+        }
+        let end = view.byte_offset.checked_add(view.byte_length);
+        let bytes = end.and_then(|end| self.bytes.get(view.byte_offset..end));
+        let bytes = bytes.ok_or(wrong("is not inside the buffer"))?;
+        Ok(View { bytes, stride: view.byte_stride })
+    }
+
+    /// The entries of an accessor, the first N components of each, normalized if they are marked so.
+    pub(super) fn rows<const N: usize>(
+        &mut self,
+        index: usize,
+    ) -> Result<Vec<[f64; N]>, GlbReadError> {
+        let wrong = |what| GlbReadError::Part { part: "accessor", index, what };
+        let document = self.document;
+        let accessor = document.accessors.get(index).ok_or(wrong("does not exist"))?;
+        let components = match &*accessor.kind {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            "VEC4" => 4,
+            _ => return Err(wrong("is of a type that is not read")),
+        };
+        if components < N {
+            return Err(wrong("has too few components"));
+        }
+        if accessor.sparse.is_some() {
+            return Err(wrong("is sparse, which is not read"));
+        }
+        let component = Component::new(accessor.component_type);
+        let component = component.ok_or(wrong("has components of an unknown type"))?;
+        let view = self.view(accessor.buffer_view.ok_or(wrong("has no bytes"))?)?;
+        let size = components * component.size();
+        let stride = view.stride.unwrap_or(size);
+        if stride < size {
+            return Err(wrong("has entries that lie on each other"));
+        }
+        let last = accessor.count.saturating_sub(1).saturating_mul(stride);
+        let end = accessor.byte_offset.saturating_add(last).saturating_add(size);
+        if accessor.count > 0 && view.bytes.len() < end {
+            return Err(wrong("is longer than its part of the buffer"));
+        }
+        let numbers = accessor.count.saturating_mul(N);
+        self.left = self
+            .left
+            .checked_sub(numbers)
+            .ok_or(GlbReadError::Repetition { most: MOST_PER_BYTE })?;
+        let number = |at: usize| {
+            let (number, largest) = component.read(&view.bytes[at..]);
+            if accessor.normalized { (number / largest).max(-1.0) } else { number }
+        };
+        let row = |k: usize| {
+            let start = accessor.byte_offset + k * stride;
+            std::array::from_fn(|k| number(start + k * component.size()))
+        };
+        Ok((0..accessor.count).map(row).collect())
+    }
+
+    /// The corners that an accessor lists, each below `count`.
+    pub(super) fn indices(&mut self, index: usize, count: usize) -> Result<Vec<u32>, GlbReadError> {
+        let rows = self.rows::<1>(index)?;
+        let valid =
+            |&[corner]: &[f64; 1]| 0.0 <= corner && corner < count as f64 && corner.fract() == 0.0;
+        if !rows.iter().all(valid) {
+            let what = "names a vertex that is not there";
+            return Err(GlbReadError::Part { part: "accessor", index, what });
+        }
+        Ok(rows.into_iter().map(|[corner]| corner as u32).collect())
+    }
+}

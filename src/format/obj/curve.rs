@@ -1,0 +1,230 @@
+//! Reads curves: lines `l`, and B-splines `curv`.
+
+use nalgebra::Point3;
+
+use super::{ObjError, excerpt, for_lines, numbers, parse, resolve, words};
+use crate::value::{Curve, KnotVector};
+
+/// The curve in an OBJ file: a polyline of one `l` element, or of several of which each goes on where the one before it ends, closed
+/// if it returns to its first vertex; or one free-form curve `curv` of type `bspline`, with or without `rat`.
+///
+/// # Errors
+/// If a line cannot be understood, or there is no curve or more than one.
+pub fn read_curve(bytes: &[u8]) -> Result<Curve, ObjError> {
+    let mut reader = Reader::default();
+    for_lines(bytes, |text, line| reader.read_line(text, line))?;
+    match (reader.spline, reader.chain) {
+        (Some(spline), _) => spline.finish(&reader.vertices),
+        (None, chain) => polyline(&reader.vertices, chain),
+    }
+}
+
+/// A vertex and its weight.
+type Vertex = (Point3<f64>, f64);
+
+#[derive(Default)]
+struct Reader {
+    vertices: Vec<Vertex>,
+    /// The vertices of the polyline so far.
+    chain: Vec<u32>,
+    rational: bool,
+    kind: Option<Vec<u8>>,
+    degree: Option<usize>,
+    spline: Option<Spline>,
+}
+
+/// A free-form curve.
+struct Spline {
+    line: usize,
+    degree: usize,
+    rational: bool,
+    ends: [f64; 2],
+    control: Vec<u32>,
+    knots: Vec<f64>,
+}
+
+impl Reader {
+    fn read_line(&mut self, text: &[u8], line: usize) -> Result<(), ObjError> {
+        let mut words = words(text);
+        match words.next() {
+            Some(b"v") => {
+                let ([x, y, z, weight, ..], count) = numbers::<5>(words, 3, line)?;
+                let weight = if count == 4 { weight } else { 1.0 };
+                self.vertices.push((Point3::new(x, y, z), weight));
+            }
+            Some(b"l") => self.read_chain(words, line)?,
+            Some(b"cstype") => {
+                let kinds = Vec::from_iter(words);
+                self.rational = kinds.first() == Some(&&b"rat"[..]);
+                self.kind = kinds.last().map(|kind| kind.to_vec());
+            }
+            Some(b"deg") => {
+                let word = words.next().unwrap_or_default();
+                let wrong = || ObjError::Number { line, text: excerpt(word) };
+                self.degree = Some(parse(word).ok_or_else(wrong)?);
+            }
+            Some(b"curv") => self.read_spline(words, line)?,
+            Some(b"parm") => {
+                if let (Some(b"u"), Some(spline)) = (words.next(), &mut self.spline) {
+                    for word in words {
+                        let wrong = || ObjError::Number { line, text: excerpt(word) };
+                        spline.knots.push(parse(word).ok_or_else(wrong)?);
+                    }
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// The number of a vertex, from 0; what stands behind a `/` does not count.
+    fn vertex(&self, word: &[u8], line: usize) -> Result<u32, ObjError> {
+        let number = word.split(|&byte| byte == b'/').next().unwrap_or_default();
+        let wrong = || ObjError::Number { line, text: excerpt(word) };
+        let index = resolve(parse(number).ok_or_else(wrong)?, "v", self.vertices.len(), line)?;
+        Ok(index as u32)
+    }
+
+    fn read_chain<'a>(
+        &mut self,
+        words: impl Iterator<Item = &'a [u8]>,
+        line: usize,
+    ) -> Result<(), ObjError> {
+        let mut before = self.chain.last().copied();
+        for (k, word) in words.enumerate() {
+            let vertex = self.vertex(word, line)?;
+            if k == 0 && before.is_some_and(|before| before != vertex) {
+                return Err(ObjError::SecondCurve { line });
+            }
+            if before != Some(vertex) {
+                self.chain.push(vertex);
+            }
+            before = Some(vertex);
+        }
+        Ok(())
+    }
+
+    fn read_spline<'a>(
+        &mut self,
+        mut words: impl Iterator<Item = &'a [u8]>,
+        line: usize,
+    ) -> Result<(), ObjError> {
+        if self.spline.is_some() {
+            return Err(ObjError::SecondCurve { line });
+        }
+        if self.kind.as_deref() != Some(b"bspline") {
+            return Err(ObjError::FreeForm {
+                line,
+                what: "only curves of `cstype bspline` are read",
+            });
+        }
+        let what = "the curve has no degree: a line `deg` must stand before it";
+        let degree = self.degree.ok_or(ObjError::FreeForm { line, what })?;
+        let (ends, _) = numbers::<2>(words.by_ref().take(2), 2, line)?;
+        let control: Result<_, _> = words.map(|word| self.vertex(word, line)).collect();
+        let (control, rational) = (control?, self.rational);
+        self.spline = Some(Spline { line, degree, rational, ends, control, knots: Vec::new() });
+        Ok(())
+    }
+}
+
+impl Spline {
+    fn finish(self, vertices: &[Vertex]) -> Result<Curve, ObjError> {
+        let knots = KnotVector::new(self.degree, self.knots)?;
+        if <[f64; 2]>::from(knots.domain()) != self.ends {
+            let what = "the curve does not use its whole domain, which is not read";
+            return Err(ObjError::FreeForm { line: self.line, what });
+        }
+        let vertices = self.control.iter().map(|&vertex| vertices[vertex as usize]);
+        let weight = |weight| if self.rational { weight } else { 1.0 };
+        let (points, weights): (Vec<_>, Vec<_>) =
+            vertices.map(|(point, w)| (point, weight(w))).unzip();
+        Ok(Curve::rational(points, weights, knots)?)
+    }
+}
+
+fn polyline(vertices: &[Vertex], mut chain: Vec<u32>) -> Result<Curve, ObjError> {
+    if chain.is_empty() {
+        return Err(ObjError::NoCurve);
+    }
+    let closed = chain.len() > 3 && chain.first() == chain.last();
+    if closed {
+        chain.pop();
+    }
+    let points = Vec::from_iter(chain.iter().map(|&vertex| vertices[vertex as usize].0));
+    Ok(Curve::polyline(points, closed)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::hostile;
+    use crate::value::CurveError;
+
+    const ELLIPSE: &[u8] = include_bytes!("../../../tests/data/formats/ellipse12.obj");
+
+    const SPLINE: &str = "v 0 0 0 1\nv 1 0 0 0.5\nv 1 1 0 2\nv 0 1 0 1\ncstype rat bspline\ndeg 2\n\
+        curv 0 2 1 2 3 \\\n -1\nparm u 0 0 0 1 \\\n 2 2 2\nend\n";
+
+    #[test]
+    fn a_line_that_returns_to_its_start_is_closed() {
+        let ellipse = read_curve(ELLIPSE).unwrap();
+        assert_eq!((ellipse.points().len(), ellipse.is_closed()), (12, true));
+        assert_eq!(ellipse.points()[1], Point3::new(1.732050808, 0.5, 0.0));
+    }
+
+    #[test]
+    fn lines_that_go_on_are_one() {
+        let vertices = "v 0 0 0\nv 1 0 0\nv 1 1 0\n";
+        let read = |lines: &str| read_curve(format!("{vertices}{lines}").as_bytes());
+        let open = read("l 1 2\nl 2 3/7\n").unwrap();
+        assert_eq!((open.points().len(), open.is_closed()), (3, false));
+        assert!(read("l 1 2\nl 2 3\nl -1 -3").unwrap().is_closed());
+        assert_eq!(read("l 1 2\nl 3 1\n"), Err(ObjError::SecondCurve { line: 5 }));
+        assert_eq!(read("f 1 2 3\n"), Err(ObjError::NoCurve));
+        assert_eq!(read("l 1 1\n"), Err(CurveError::TooFew { count: 1, least: 2 }.into()));
+        let text = read("l 1 4\n").unwrap_err().to_string();
+        assert_eq!(text, "line 4: there is no v 4 among the 3 so far");
+    }
+
+    #[test]
+    fn a_free_form_curve_keeps_its_weights_and_knots() {
+        let curve = read_curve(SPLINE.as_bytes()).unwrap();
+        assert_eq!(curve.weights(), Some(&[1.0, 0.5, 2.0, 1.0][..]));
+        assert_eq!(curve.knots().unwrap().knots(), [0., 0., 0., 1., 2., 2., 2.]);
+        let plain = read_curve(SPLINE.replace("rat ", "").as_bytes()).unwrap();
+        assert_eq!(plain.weights(), Some(&[1.0; 4][..]));
+    }
+
+    #[test]
+    fn free_form_curves_that_are_not_read_are_refused_with_their_line() {
+        let error = |from: &str, to: &str| {
+            assert!(SPLINE.contains(from));
+            read_curve(SPLINE.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
+        };
+        assert_eq!(error("bspline", "bezier"), "line 7: only curves of `cstype bspline` are read");
+        assert_eq!(
+            error("deg 2\n", ""),
+            "line 6: the curve has no degree: a line `deg` must stand before it"
+        );
+        assert_eq!(
+            error("curv 0 2", "curv 0 1"),
+            "line 7: the curve does not use its whole domain, which is not read"
+        );
+        assert_eq!(
+            error("1 2 3 \\\n -1", "1 2 3 4 4"),
+            "the knots are for 4 control points, the curve has 5"
+        );
+        assert_eq!(
+            error("0.5\n", "-0.5\n"),
+            "the weight of control point 1 is -0.5; weights of curves are positive"
+        );
+        assert_eq!(error("deg 2", "deg two"), "line 6: `two` is not a number");
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        hostile::survive(ELLIPSE, read_curve);
+        hostile::survive(SPLINE.as_bytes(), read_curve);
+    }
+}

@@ -1,0 +1,86 @@
+//! Pictures, whatever file they are in: PNG, JPEG, TIFF. The content says which, not the file's name.
+
+use thiserror::Error;
+
+use super::{excerpt, jpeg, png, tiff};
+use crate::value::Image;
+
+/// Why bytes are not a picture.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum PictureError {
+    /// A damaged PNG file.
+    #[error(transparent)]
+    Png(#[from] png::PngError),
+    /// A damaged JPEG file.
+    #[error(transparent)]
+    Jpeg(#[from] jpeg::JpegError),
+    /// A damaged TIFF file, or a kind of it that is not read.
+    #[error(transparent)]
+    Tiff(#[from] tiff::TiffError),
+    /// Something else.
+    #[error("byte 0: the file begins with `{text}`: this is no PNG, JPEG or TIFF picture")]
+    Unknown {
+        /// How it begins.
+        text: String,
+    },
+}
+
+/// A kind of picture files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// PNG.
+    Png,
+    /// JPEG.
+    Jpeg,
+    /// TIFF.
+    Tiff,
+}
+
+impl Kind {
+    /// What a file is by its first bytes.
+    pub fn of(bytes: &[u8]) -> Option<Self> {
+        const STARTS: [(&[u8], Kind); 6] = [
+            (b"\x89PNG\r\n\x1a\n", Kind::Png),
+            (b"\xff\xd8\xff", Kind::Jpeg),
+            (b"II*\0", Kind::Tiff),
+            (b"MM\0*", Kind::Tiff),
+            // TIFF with 64-bit offsets.
+            (b"II+\0", Kind::Tiff),
+            (b"MM\0+", Kind::Tiff),
+        ];
+        STARTS.iter().find(|(start, _)| bytes.starts_with(start)).map(|&(_, kind)| kind)
+    }
+}
+
+/// The picture in a PNG, JPEG or TIFF file, as 8-bit sRGB.
+///
+/// # Errors
+/// If the bytes are no such file, it is damaged, or the picture is too large.
+pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
+    match Kind::of(bytes) {
+        Some(Kind::Png) => Ok(png::read(bytes)?),
+        Some(Kind::Jpeg) => Ok(jpeg::read(bytes)?),
+        Some(Kind::Tiff) => Ok(tiff::read(bytes)?),
+        None => Err(PictureError::Unknown { text: excerpt(&bytes[..bytes.len().min(8)]) }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_content_says_what_is_read() {
+        let png = include_bytes!("../../tests/data/formats/colour_2x.png");
+        assert_eq!(read(png).unwrap().width(), 16);
+        assert!(matches!(read(b"\xff\xd8\xff"), Err(PictureError::Jpeg(_))));
+        assert!(matches!(read(b"MM\0*"), Err(PictureError::Tiff(_))));
+    }
+
+    #[test]
+    fn what_is_no_picture_is_shown_by_its_start() {
+        let text = "byte 0: the file begins with `GIF89a`: this is no PNG, JPEG or TIFF picture";
+        assert_eq!(read(b"GIF89a").unwrap_err().to_string(), text);
+        assert!(read(b"").is_err());
+    }
+}

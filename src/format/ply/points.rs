@@ -1,0 +1,144 @@
+//! Writes what has no faces: points, regions, range images and curves.
+
+use super::no_faces;
+use super::write::encode;
+use crate::error::Error;
+use crate::format::rows::{floats, indices};
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{Attribute, Curve, Mesh, Points, RangeImage, Region};
+
+/// Writes the points of a region.
+pub(in crate::format) struct RegionPly;
+
+impl FileFormat for RegionPly {
+    type Value = Region;
+    const ENDING: &'static str = "ply";
+
+    fn write(region: &Region, name: &str) -> Result<Vec<NewFile>, Error> {
+        let mesh = Mesh::new(region.points().to_vec(), no_faces())?
+            .with_vertex("filled", Attribute::Flag(region.filled().to_vec().into()))?;
+        Ok(NewFile::only(name, encode(&mesh)))
+    }
+}
+
+/// Writes the points of the valid cells of a range image, with their colors.
+pub(in crate::format) struct RangePly;
+
+impl FileFormat for RangePly {
+    type Value = RangeImage;
+    const ENDING: &'static str = "ply";
+
+    fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, Error> {
+        let cells = 0..range.points().len();
+        let valid = Vec::from_iter(cells.filter(|&cell| range.point(cell).is_some()));
+        let points = Vec::from_iter(valid.iter().map(|&cell| range.points()[cell]));
+        let mut mesh = Mesh::new(points, no_faces())?;
+        if let Some(colors) = range.colors() {
+            let colors = valid.iter().map(|&cell| colors[cell]).collect();
+            mesh = mesh.with_vertex("color", Attribute::Color(colors))?;
+        }
+        let filled: Vec<u8> = valid.iter().map(|&cell| range.is_filled(cell).into()).collect();
+        if filled.contains(&1) {
+            mesh = mesh.with_vertex("filled", Attribute::Flag(filled.into()))?;
+        }
+        Ok(NewFile::only(name, encode(&mesh)))
+    }
+}
+
+/// Writes points with all attributes.
+pub(in crate::format) struct PointsPly;
+
+impl FileFormat for PointsPly {
+    type Value = Points;
+    const ENDING: &'static str = "ply";
+
+    fn write(points: &Points, name: &str) -> Result<Vec<NewFile>, Error> {
+        let mut mesh = Mesh::new(points.positions().clone(), no_faces())?;
+        for (attribute, column) in points.attributes().iter() {
+            mesh = mesh.with_vertex(attribute, column.clone())?;
+        }
+        Ok(NewFile::only(name, encode(&mesh)))
+    }
+}
+
+/// Writes a curve as a polyline: vertices and edges.
+pub(in crate::format) struct CurvePly;
+
+impl FileFormat for CurvePly {
+    type Value = Curve;
+    const ENDING: &'static str = "ply";
+
+    fn write(curve: &Curve, name: &str) -> Result<Vec<NewFile>, Error> {
+        let points = curve.sample(0);
+        let count = points.len();
+        let edges = Vec::from_iter(if curve.is_closed() { 0..count } else { 0..count - 1 });
+        let mut bytes = format!(
+            "ply\nformat binary_little_endian 1.0\nelement vertex {count}\nproperty float x\nproperty float y\n\
+             property float z\nelement edge {}\nproperty int vertex1\nproperty int vertex2\nend_header\n",
+            edges.len()
+        )
+        .into_bytes();
+        for point in points {
+            bytes.extend_from_slice(floats(point.coords.into()).as_flattened());
+        }
+        for edge in edges {
+            let ends = [edge, (edge + 1) % count].map(|vertex| vertex as u32);
+            bytes.extend_from_slice(indices(ends).as_flattened());
+        }
+        Ok(NewFile::only(name, bytes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::format::ply::{read, read_points};
+
+    #[test]
+    fn a_range_image_becomes_its_valid_points() {
+        let points = vec![Point3::new(f64::NAN, 0., 1.), Point3::new(1., 2., 3.)];
+        let range = RangeImage::new(2, 1, points).unwrap();
+        let range = range.with_colors(vec![[1; 3], [2, 3, 4]]).unwrap();
+        let range = range.with_filled(vec![0, 1]).unwrap();
+        let mesh = read(&RangePly::write(&range, "range.ply").unwrap()[0].bytes).unwrap();
+        assert_eq!(mesh.positions()[..], [Point3::new(1., 2., 3.)]);
+        assert_eq!(mesh.vertex().colors("color").unwrap()[..], [[2, 3, 4]]);
+        assert_eq!(mesh.vertex().get("filled"), Some(&Attribute::Flag(vec![1].into())));
+    }
+
+    #[test]
+    fn points_that_were_written_read_the_same() {
+        let places = vec![Point3::new(1., 2., 3.), Point3::new(4., 5., 6.)];
+        let colors = Attribute::Color(vec![[1, 2, 3], [4, 5, 6]].into());
+        let weights = Attribute::Number(vec![0.5, 1.5].into());
+        let points = Points::new(places).unwrap().with_attribute("color", colors).unwrap();
+        let points = points.with_attribute("weight", weights).unwrap();
+        let bytes = PointsPly::write(&points, "a.ply").unwrap().remove(0).bytes;
+        assert_eq!(read_points(&bytes).unwrap(), points);
+    }
+
+    #[test]
+    fn a_closed_curve_has_an_edge_back_to_its_start() {
+        let places =
+            vec![Point3::new(1., 2., 3.), Point3::new(4., 5., 6.), Point3::new(7., 8., 0.)];
+        for (closed, edges) in [(true, vec![[0, 1], [1, 2], [2, 0]]), (false, vec![[0, 1], [1, 2]])]
+        {
+            let curve = Curve::polyline(places.clone(), closed).unwrap();
+            let bytes = CurvePly::write(&curve, "a.ply").unwrap().remove(0).bytes;
+            assert_eq!(read(&bytes).unwrap().positions()[..], places);
+            let rows = Vec::from_iter(edges.into_iter().flat_map(indices));
+            assert!(bytes.ends_with(rows.as_flattened()));
+        }
+    }
+
+    #[test]
+    fn a_region_becomes_its_points() {
+        let points = vec![Point3::new(1., 2., 3.), Point3::new(4., 5., 6.)];
+        let region = Region::new(2, 1, vec![0, 1], points.clone(), vec![0, 1], vec![]).unwrap();
+        let mesh = read(&RegionPly::write(&region, "region.ply").unwrap()[0].bytes).unwrap();
+        assert_eq!(mesh.positions()[..], points);
+        assert_eq!(mesh.vertex().get("filled"), Some(&Attribute::Flag(vec![0, 1].into())));
+    }
+}

@@ -1,0 +1,173 @@
+//! Range grids in PLY files, as the Stanford 3D Scanning Repository has them: vertices, and a `range_grid` whose cells name
+//! one vertex or none.
+
+use nalgebra::Point3;
+
+use super::body::Body;
+use super::header::{self, Element, Header};
+use super::{PlyError, Property, Table, skip};
+use crate::format::range_file::{Axes, RangeFile, Rows};
+use crate::value::RangeImage;
+
+/// The range grid in a PLY file; its size stands in the lines `obj_info num_cols` and `obj_info num_rows`.
+///
+/// Which row is the upper one is not said and follows from the points. A file that says `obj_info is_cyberware_data 1` comes from
+/// a Cyberware scanner: its unit is the meter, with y up and z towards the sensor.
+///
+/// # Errors
+/// If the bytes are not a PLY file with a grid, it ends too early, or a cell names no vertex.
+pub fn read_range(bytes: &[u8]) -> Result<RangeFile, PlyError> {
+    let header = header::read(bytes)?;
+    let mut body = Body::new(&header, bytes);
+    let (mut vertices, mut cells) = (None, None);
+    for element in &header.elements {
+        body.check_room(element)?;
+        match &*element.name {
+            "vertex" if vertices.is_none() => vertices = Some(Table::read(element, &mut body)?),
+            "range_grid" if cells.is_none() => {
+                cells = Some(read_cells(&header, element, &mut body)?);
+            }
+            _ => skip(element, &mut body)?,
+        }
+    }
+    let (size, cells) = cells.ok_or(PlyError::NoGrid)?;
+    let vertices = vertices.ok_or(PlyError::NoVertices)?;
+    let range = gather(size, &cells, vertices)?;
+    let cyberware = header.info("is_cyberware_data") == Some(1.0);
+    Ok(RangeFile {
+        range,
+        unit: cyberware.then_some(1000.0),
+        axes: cyberware.then_some(Axes::YUp),
+        rows: Rows::ByHeight,
+    })
+}
+
+/// Stands for a cell without a point.
+const NONE: u32 = u32::MAX;
+
+/// The size of the grid, and the vertex of each cell.
+fn read_cells(
+    header: &Header,
+    element: &Element,
+    body: &mut Body<'_>,
+) -> Result<([usize; 2], Vec<u32>), PlyError> {
+    let size = |key| header.info(key).ok_or(PlyError::NoGridSize { key });
+    // A number that is none casts to 0, which is not the number of cells.
+    let [columns, rows] = [size("num_cols")? as usize, size("num_rows")? as usize];
+    let found = element.count;
+    if columns.checked_mul(rows) != Some(found) || found == 0 {
+        return Err(PlyError::GridSize { line: element.line, found, columns, rows });
+    }
+    let is_list = |property: &Property| property.length.is_some();
+    if !element.properties.iter().any(is_list) {
+        return Err(PlyError::NoGrid);
+    }
+    let mut cells = Vec::with_capacity(found);
+    for _ in 0..found {
+        let mut cell = NONE;
+        for Property { name, length, scalar } in &element.properties {
+            match (length, &**name) {
+                (Some(length), "vertex_indices" | "vertex_index") => match body.length(*length)? {
+                    0 => {}
+                    1 => {
+                        let index = body.number(*scalar)?;
+                        if !(0.0..f64::from(NONE)).contains(&index) || index.fract() != 0.0 {
+                            return Err(PlyError::Index { at: body.at(), index });
+                        }
+                        cell = index as u32;
+                    }
+                    count => return Err(PlyError::Cell { at: body.at(), count }),
+                },
+                (Some(length), _) => body.skip_list(*length, *scalar)?,
+                (None, _) => drop(body.number(*scalar)?),
+            }
+        }
+        cells.push(cell);
+    }
+    Ok(([columns, rows], cells))
+}
+
+/// Puts the vertices into their cells.
+fn gather(
+    [columns, rows]: [usize; 2],
+    cells: &[u32],
+    mut vertices: Table<'_>,
+) -> Result<RangeImage, PlyError> {
+    let places = vertices.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
+    let places = vertices.rows.gather(&places, Point3::from);
+    let count = places.len();
+    let missing = cells.iter().find(|&&vertex| vertex != NONE && count <= vertex as usize);
+    if let Some(&vertex) = missing {
+        return Err(PlyError::NoVertex { vertex, vertices: count });
+    }
+    let point = |&vertex: &u32| match vertex {
+        NONE => Point3::new(f64::NAN, f64::NAN, f64::NAN),
+        vertex => places[vertex as usize],
+    };
+    let points = cells.iter().map(point).collect();
+    let range = RangeImage::new(columns, rows, points).expect("there is a point for each cell");
+    let Some(colors) = vertices.take_colors() else { return Ok(range) };
+    let color = |&vertex: &u32| colors.get(vertex as usize).copied().unwrap_or_default();
+    let colors = cells.iter().map(color).collect();
+    Ok(range.with_colors(colors).expect("there is a color for each cell"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::hostile;
+
+    const GRID: &[u8] = include_bytes!("../../../tests/data/formats/range_grid_ascii.ply");
+    const BIG: &[u8] = include_bytes!("../../../tests/data/formats/range_grid_be.ply");
+
+    /// Two rows, the lower one first, of a scanner with y up.
+    const CYBERWARE: &str = "ply\nformat ascii 1.0\nobj_info is_cyberware_data 1\nobj_info num_cols 2\nobj_info num_rows 2\n\
+        element vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement range_grid 4\n\
+        property list uchar int vertex_indices\nend_header\n0 0 0.5\n0 1 0.5\n1 1 0.5\n1 0\n0\n1 1\n1 2\n";
+
+    #[test]
+    fn a_cyberware_grid_is_turned_upright() {
+        let range = read_range(CYBERWARE.as_bytes()).unwrap().normalize(1.0, Axes::Camera).unwrap();
+        let points = [
+            Some(Point3::new(0.0, -1000.0, -500.0)),
+            Some(Point3::new(1000.0, -1000.0, -500.0)),
+            Some(Point3::new(0.0, 0.0, -500.0)),
+            None,
+        ];
+        assert_eq!([0, 1, 2, 3].map(|cell| range.point(cell)), points);
+    }
+
+    fn error(from: &str, to: &str) -> String {
+        assert!(CYBERWARE.contains(from));
+        read_range(CYBERWARE.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn grids_that_lie_are_refused() {
+        assert_eq!(
+            error("range_grid", "face"),
+            "the file has no `range_grid`: its points are no range image"
+        );
+        assert_eq!(
+            error("num_cols 2", "num_cols x"),
+            "the header does not say how large the grid is: `obj_info num_cols` is missing"
+        );
+        assert_eq!(
+            error("num_cols 2", "num_cols 3"),
+            "line 10: the grid has 4 cells, but it is 3 x 2"
+        );
+        assert_eq!(error("1 2\n", "1 3\n"), "a cell names vertex 3, but there are only 3");
+        assert_eq!(
+            error("1 2\n", "2 1 2\n"),
+            "line 19: a cell of a grid has one point or none, not 2"
+        );
+        assert_eq!(error("1 2\n", "1 -1\n"), "line 19: there is no vertex -1");
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        for file in [GRID, BIG, CYBERWARE.as_bytes()] {
+            hostile::survive(file, |bytes| read_range(bytes).is_ok());
+        }
+    }
+}

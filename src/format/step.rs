@@ -1,0 +1,411 @@
+//! STEP, what CAD programs exchange: a surface as one trimmed face of an open shell.
+//!
+//! ISO 10303-21 (the text) and 10303-214 (AUTOMOTIVE_DESIGN); entities of 10303-42. The face is bounded by the surface's own
+//! four edges: an edge that is one point is left out, and two that agree are one seam. Lengths are mm; numbers have 17 significant
+//! digits, so that they read back bit by bit. No time stands in the file, so that equal surfaces give equal bytes.
+
+use std::fmt::Write;
+
+use nalgebra::{Point3, Vector4};
+use thiserror::Error;
+
+use crate::error;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{KnotVector, Surface};
+
+/// Why a surface cannot be written as STEP.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub(super) enum StepError {
+    #[error("the weight of control point ({row}, {column}) is 0, which STEP does not allow")]
+    Weight { row: usize, column: usize },
+    #[error("the surface is too large: a point of its edges is not finite")]
+    NotFinite,
+}
+
+/// Writes a rational B-spline surface.
+pub(super) struct SurfaceStep;
+
+impl FileFormat for SurfaceStep {
+    type Value = Surface;
+    const ENDING: &'static str = "step";
+
+    fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        Ok(NewFile::only(name, encode(surface)?))
+    }
+}
+
+/// Two points of an edge that are nearer than this share of the net's size are one: rounding.
+const SAME: f64 = 1e-9;
+
+fn encode(surface: &Surface) -> Result<Vec<u8>, StepError> {
+    let columns = surface.net().columns();
+    if let Some(zero) = surface.net().weights().iter().position(|&weight| weight == 0.0) {
+        return Err(StepError::Weight { row: zero / columns, column: zero % columns });
+    }
+    let mut file = File::default();
+    let context = file.preamble();
+    let bounds = Bounds::new(surface)?;
+    let geometry = file.surface(surface, [bounds.closed_u(), bounds.closed_v()]);
+    let outline = bounds.write(&mut file);
+    let bound = file.add(&format!("FACE_OUTER_BOUND('',#{outline},.T.)"));
+    let face = file.add(&format!("ADVANCED_FACE('',(#{bound}),#{geometry},.T.)"));
+    let shell = file.add(&format!("OPEN_SHELL('',(#{face}))"));
+    let model = file.add(&format!("SHELL_BASED_SURFACE_MODEL('',(#{shell}))"));
+    let frame = file.frame();
+    let shape = file.add(&format!(
+        "MANIFOLD_SURFACE_SHAPE_REPRESENTATION('',(#{frame},#{model}),#{})",
+        context.units
+    ));
+    file.add(&format!("SHAPE_DEFINITION_REPRESENTATION(#{},#{shape})", context.definition));
+    Ok(file.finish())
+}
+
+/// The lines of the data, numbered from 1.
+#[derive(Default)]
+struct File {
+    lines: Vec<String>,
+}
+
+/// What the shape hangs on.
+struct ProductContext {
+    /// The units and how exact numbers are.
+    units: usize,
+    /// What the shape is the shape of.
+    definition: usize,
+}
+
+impl File {
+    /// Adds an entity; gives its number.
+    fn add(&mut self, entity: &str) -> usize {
+        self.lines.push(entity.to_owned());
+        self.lines.len()
+    }
+
+    fn finish(self) -> Vec<u8> {
+        let mut text = String::from(
+            "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION(('surface'),'2;1');\n\
+             FILE_NAME('','1970-01-01T00:00:00',(''),(''),'maquette','maquette','');\n\
+             FILE_SCHEMA(('AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }'));\nENDSEC;\nDATA;\n",
+        );
+        for (line, number) in self.lines.iter().zip(1..) {
+            let _ = writeln!(text, "#{number}={line};");
+        }
+        text.push_str("ENDSEC;\nEND-ISO-10303-21;\n");
+        text.into_bytes()
+    }
+
+    /// A product with a shape, and its units: mm and radians.
+    fn preamble(&mut self) -> ProductContext {
+        let application = self.add("APPLICATION_CONTEXT('automotive design')");
+        self.add(&format!(
+            "APPLICATION_PROTOCOL_DEFINITION('international standard','automotive_design',2000,#{application})"
+        ));
+        let context = self.add(&format!("PRODUCT_CONTEXT('',#{application},'mechanical')"));
+        let product = self.add(&format!("PRODUCT('surface','surface','',(#{context}))"));
+        self.add(&format!("PRODUCT_RELATED_PRODUCT_CATEGORY('part',$,(#{product}))"));
+        let formation = self.add(&format!("PRODUCT_DEFINITION_FORMATION('','',#{product})"));
+        let design = self
+            .add(&format!("PRODUCT_DEFINITION_CONTEXT('part definition',#{application},'design')"));
+        let product = self.add(&format!("PRODUCT_DEFINITION('design','',#{formation},#{design})"));
+        let definition = self.add(&format!("PRODUCT_DEFINITION_SHAPE('','',#{product})"));
+        let length = self.add("(LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.))");
+        let angle = self.add("(NAMED_UNIT(*) PLANE_ANGLE_UNIT() SI_UNIT($,.RADIAN.))");
+        let solid = self.add("(NAMED_UNIT(*) SI_UNIT($,.STERADIAN.) SOLID_ANGLE_UNIT())");
+        let exactness = self.add(&format!(
+            "UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE(1.E-06),#{length},'distance_accuracy_value','')"
+        ));
+        let units = self.add(&format!(
+            "(GEOMETRIC_REPRESENTATION_CONTEXT(3) GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT((#{exactness})) \
+             GLOBAL_UNIT_ASSIGNED_CONTEXT((#{length},#{angle},#{solid})) REPRESENTATION_CONTEXT('',''))"
+        ));
+        ProductContext { units, definition }
+    }
+
+    /// The axes of the shape: those of the surface.
+    fn frame(&mut self) -> usize {
+        let origin = self.point(&Point3::origin());
+        let z = self.add("DIRECTION('',(0.,0.,1.))");
+        let x = self.add("DIRECTION('',(1.,0.,0.))");
+        self.add(&format!("AXIS2_PLACEMENT_3D('',#{origin},#{z},#{x})"))
+    }
+
+    fn point(&mut self, point: &Point3<f64>) -> usize {
+        self.add(&format!("CARTESIAN_POINT('',({}))", reals(point.iter())))
+    }
+
+    fn surface(&mut self, surface: &Surface, closed: [bool; 2]) -> usize {
+        let net = surface.net();
+        let rows = net.points().chunks(net.columns()).map(|row| {
+            let row = Vec::from_iter(row.iter().map(|point| format!("#{}", self.point(point))));
+            format!("({})", row.join(","))
+        });
+        let points = rows.collect::<Vec<_>>().join(",");
+        let (u, v) = (surface.u(), surface.v());
+        let degrees = format!("{},{}", u.degree(), v.degree());
+        let [(times_u, knots_u), (times_v, knots_v)] = [u, v].map(multiplicities);
+        let [closed_u, closed_v] = closed.map(|closed| if closed { ".T." } else { ".F." });
+        let shape = format!("{degrees},({points}),.UNSPECIFIED.,{closed_u},{closed_v},.U.");
+        let knots = format!("({times_u}),({times_v}),({knots_u}),({knots_v}),.UNSPECIFIED.");
+        if net.weights().iter().all(|&weight| weight == net.weights()[0]) {
+            return self.add(&format!("B_SPLINE_SURFACE_WITH_KNOTS('',{shape},{knots})"));
+        }
+        let rows = net.weights().chunks(net.columns()).map(|row| format!("({})", reals(row)));
+        let weights = rows.collect::<Vec<_>>().join(",");
+        self.add(&format!(
+            "(BOUNDED_SURFACE() B_SPLINE_SURFACE({shape}) B_SPLINE_SURFACE_WITH_KNOTS({knots}) \
+             GEOMETRIC_REPRESENTATION_ITEM() RATIONAL_B_SPLINE_SURFACE(({weights})) \
+             REPRESENTATION_ITEM('') SURFACE())"
+        ))
+    }
+
+    fn curve(&mut self, side: &Side, knots: &KnotVector) -> usize {
+        let points =
+            Vec::from_iter(side.points.iter().map(|point| format!("#{}", self.point(point))));
+        let (times, values) = multiplicities(knots);
+        let shape = format!("{},({}),.UNSPECIFIED.,.F.,.U.", knots.degree(), points.join(","));
+        let knots = format!("({times}),({values}),.UNSPECIFIED.");
+        if side.weights.iter().all(|&weight| weight == side.weights[0]) {
+            return self.add(&format!("B_SPLINE_CURVE_WITH_KNOTS('',{shape},{knots})"));
+        }
+        let weights = reals(&side.weights);
+        self.add(&format!(
+            "(BOUNDED_CURVE() B_SPLINE_CURVE({shape}) B_SPLINE_CURVE_WITH_KNOTS({knots}) CURVE() \
+             GEOMETRIC_REPRESENTATION_ITEM() RATIONAL_B_SPLINE_CURVE(({weights})) \
+             REPRESENTATION_ITEM(''))"
+        ))
+    }
+}
+
+/// Numbers as STEP has them, with 17 significant digits.
+fn reals<'a>(numbers: impl IntoIterator<Item = &'a f64>) -> String {
+    numbers.into_iter().map(|number| format!("{number:.16E}")).collect::<Vec<_>>().join(",")
+}
+
+/// How often each different knot is repeated, and the different knots.
+fn multiplicities(knots: &KnotVector) -> (String, String) {
+    let runs = || knots.knots().chunk_by(|a, b| a == b);
+    let times = Vec::from_iter(runs().map(|run| run.len().to_string()));
+    (times.join(","), reals(runs().map(|run| &run[0])))
+}
+
+/// The curve along an end of the domain.
+struct Side {
+    points: Vec<Point3<f64>>,
+    weights: Vec<f64>,
+    /// Its first and last point, which the first and last control points are only for repeated knots.
+    ends: [Point3<f64>; 2],
+}
+
+/// The four sides of a surface.
+struct Bounds<'a> {
+    surface: &'a Surface,
+    low_v: Side,
+    high_v: Side,
+    low_u: Side,
+    high_u: Side,
+    /// How near points are that count as one.
+    near: f64,
+}
+
+impl<'a> Bounds<'a> {
+    fn new(surface: &'a Surface) -> Result<Self, StepError> {
+        let net = surface.net();
+        let control = |row: usize, column: usize| {
+            let index = row * net.columns() + column;
+            let weight = net.weights()[index];
+            (net.points()[index].coords * weight).push(weight)
+        };
+        let (u, v) = (surface.u(), surface.v());
+        let ((low_u, high_u), (low_v, high_v)) = (u.domain(), v.domain());
+        // The curve along u at a fixed v has a control point per row, the one along v at a fixed u one per column.
+        let along_u = |at| {
+            let ends = [surface.point(low_u, at), surface.point(high_u, at)];
+            side(net.rows(), v.basis(at), control, ends)
+        };
+        let along_v = |at| {
+            let ends = [surface.point(at, low_v), surface.point(at, high_v)];
+            side(net.columns(), u.basis(at), |column, row| control(row, column), ends)
+        };
+        let size = net.points().iter().map(|point| (point - net.points()[0]).norm());
+        Ok(Self {
+            low_v: along_u(low_v)?,
+            high_v: along_u(high_v)?,
+            low_u: along_v(low_u)?,
+            high_u: along_v(high_u)?,
+            near: SAME * size.fold(0.0, f64::max),
+            surface,
+        })
+    }
+
+    fn closed_u(&self) -> bool {
+        self.agree(&self.low_u, &self.high_u)
+    }
+
+    fn closed_v(&self) -> bool {
+        self.agree(&self.low_v, &self.high_v)
+    }
+
+    /// The loop of edges, counter-clockwise in (u, v).
+    fn write(&self, file: &mut File) -> usize {
+        let corners = [self.low_v.ends, self.high_v.ends].concat();
+        let mut vertices = [0; 4];
+        for k in 0..4 {
+            let twin = (0..k).find(|&other| self.same(&corners[other], &corners[k]));
+            vertices[k] = twin.map(|twin| vertices[twin]).unwrap_or_else(|| {
+                let point = file.point(&corners[k]);
+                file.add(&format!("VERTEX_POINT('',#{point})"))
+            });
+        }
+        let [a, b, c, d] = vertices;
+        let (u, v) = (self.surface.u(), self.surface.v());
+        let low_v = self.edge(file, &self.low_v, u, [a, b]);
+        let low_u = self.edge(file, &self.low_u, v, [a, c]);
+        let mut other = |closed, edge, side, knots, ends| {
+            if closed { edge } else { self.edge(file, side, knots, ends) }
+        };
+        let high_v = other(self.closed_v(), low_v, &self.high_v, u, [c, d]);
+        let high_u = other(self.closed_u(), low_u, &self.high_u, v, [b, d]);
+        let round = [(low_v, ".T."), (high_u, ".T."), (high_v, ".F."), (low_u, ".F.")];
+        let mut edges = Vec::new();
+        for (edge, sense) in round {
+            let Some(edge) = edge else { continue };
+            let oriented = file.add(&format!("ORIENTED_EDGE('',*,*,#{edge},{sense})"));
+            edges.push(format!("#{oriented}"));
+        }
+        match edges.is_empty() {
+            true => file.add(&format!("VERTEX_LOOP('',#{a})")),
+            false => file.add(&format!("EDGE_LOOP('',({}))", edges.join(","))),
+        }
+    }
+
+    /// An edge between two vertices; none for a side that is one point.
+    fn edge(
+        &self,
+        file: &mut File,
+        side: &Side,
+        knots: &KnotVector,
+        [start, end]: [usize; 2],
+    ) -> Option<usize> {
+        if side.points.iter().all(|point| self.same(point, &side.points[0])) {
+            return None;
+        }
+        let curve = file.curve(side, knots);
+        Some(file.add(&format!("EDGE_CURVE('',#{start},#{end},#{curve},.T.)")))
+    }
+
+    fn agree(&self, a: &Side, b: &Side) -> bool {
+        a.weights == b.weights && a.points.iter().zip(&b.points).all(|(a, b)| self.same(a, b))
+    }
+
+    fn same(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        (a - b).norm() <= self.near
+    }
+}
+
+/// The curve that the basis functions across make of lines of control points (w x, w y, w z, w).
+fn side(
+    lines: usize,
+    (first, values): (usize, Vec<f64>),
+    control: impl Fn(usize, usize) -> Vector4<f64>,
+    ends: [Point3<f64>; 2],
+) -> Result<Side, StepError> {
+    let sum = |line| {
+        let terms = values.iter().zip(first..).filter(|(value, _)| **value != 0.0);
+        terms.map(|(&value, across)| control(line, across) * value).sum::<Vector4<f64>>()
+    };
+    let (points, weights): (Vec<_>, Vec<_>) = (0..lines)
+        .map(|line| {
+            let sum = sum(line);
+            (Point3::from(sum.xyz() / sum.w), sum.w)
+        })
+        .unzip();
+    let finite = |point: &Point3<f64>| point.coords.iter().all(|x| x.is_finite());
+    if points.iter().chain(&ends).all(finite) {
+        Ok(Side { points, weights, ends })
+    } else {
+        Err(StepError::NotFinite)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::value::ControlNet;
+
+    fn text(surface: &Surface) -> String {
+        String::from_utf8(encode(surface).unwrap()).unwrap()
+    }
+
+    /// A patch of 3 x 4 control points, with weights if they are given.
+    fn patch(weights: Option<Vec<f64>>) -> Surface {
+        let point = |k: usize| Point3::new((k / 4) as f64, (k % 4) as f64 / 3.0, 0.1 * k as f64);
+        let net = ControlNet::new(3, 4, (0..12).map(point).collect::<Vec<_>>()).unwrap();
+        let net = net.with_weights(weights.unwrap_or(vec![1.0; 12])).unwrap();
+        let u = KnotVector::uniform(3, 3).unwrap();
+        Surface::new(net, u, KnotVector::uniform(4, 3).unwrap()).unwrap()
+    }
+
+    fn count(text: &str, entity: &str) -> usize {
+        text.matches(&format!("={entity}(")).count()
+    }
+
+    #[test]
+    fn a_patch_is_a_face_with_four_edges() {
+        let text = text(&patch(None));
+        assert_eq!(count(&text, "B_SPLINE_SURFACE_WITH_KNOTS"), 1);
+        assert_eq!([count(&text, "VERTEX_POINT"), count(&text, "EDGE_CURVE")], [4, 4]);
+        assert_eq!([count(&text, "ORIENTED_EDGE"), count(&text, "ADVANCED_FACE")], [4, 1]);
+        assert!(text.contains(",2,2,((#"));
+        let knots = "(3,3),(3,1,3),(0.0000000000000000E0,1.0000000000000000E0),";
+        assert!(text.contains(knots), "{text}");
+        // 1/3 with all its digits.
+        assert!(text.contains("3.3333333333333331E-1"));
+    }
+
+    #[test]
+    fn every_entity_that_is_named_is_there() {
+        let text = text(&patch(Some((1..=12).map(f64::from).collect())));
+        assert!(
+            text.contains("RATIONAL_B_SPLINE_SURFACE(((1.0000000000000000E0,2.0000000000000000E0,")
+        );
+        let lines = text.lines().filter(|line| line.starts_with('#'));
+        for (line, own) in lines.zip(1..) {
+            let mut numbers = line.split('#').skip(1).map(|part| {
+                let end = part.find(|c: char| !c.is_ascii_digit()).unwrap();
+                part[..end].parse::<usize>().unwrap()
+            });
+            assert_eq!(numbers.next(), Some(own));
+            assert!(numbers.all(|number| number < own), "{line}");
+        }
+    }
+
+    #[test]
+    fn a_cylinder_has_a_seam_and_a_cone_no_edge_at_its_tip() {
+        let s = 0.5f64.sqrt();
+        let square = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)];
+        let surface = |tip: f64| {
+            let ring = |radius: f64, z: f64| {
+                square.map(|(x, y)| Point3::new(radius * f64::from(x), radius * f64::from(y), z))
+            };
+            let points = [ring(1.0, 0.0), ring(tip, 5.0)].concat();
+            let weights = (0..18).map(|k| if k % 9 % 2 == 0 { 1.0 } else { s }).collect();
+            let net = ControlNet::new(2, 9, points).unwrap().with_weights(weights).unwrap();
+            let along = KnotVector::uniform(2, 2).unwrap();
+            text(&Surface::new(net, along, KnotVector::cylinder()).unwrap())
+        };
+        let cylinder = surface(1.0);
+        assert_eq!([count(&cylinder, "VERTEX_POINT"), count(&cylinder, "EDGE_CURVE")], [2, 3]);
+        assert_eq!(count(&cylinder, "ORIENTED_EDGE"), 4);
+        let cone = surface(0.0);
+        assert_eq!([count(&cone, "VERTEX_POINT"), count(&cone, "EDGE_CURVE")], [2, 2]);
+        assert_eq!(count(&cone, "ORIENTED_EDGE"), 3);
+    }
+
+    #[test]
+    fn what_step_cannot_hold_is_refused() {
+        let mut weights = vec![1.0; 12];
+        weights[6] = 0.0;
+        let error = encode(&patch(Some(weights))).unwrap_err();
+        assert_eq!(error, StepError::Weight { row: 1, column: 2 });
+    }
+}

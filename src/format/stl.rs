@@ -1,0 +1,289 @@
+//! STL, the triangles of printers: text or binary. It has no vertices, only corners; equal ones become one vertex.
+
+use std::collections::HashMap;
+
+use nalgebra::{Point3, Vector3};
+use thiserror::Error;
+
+use super::corners::FaceList;
+use super::rows::floats;
+use super::{excerpt, parse, words};
+use crate::error;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{Mesh, MeshError};
+
+/// Why bytes are not a mesh in an STL file, or a mesh cannot be written as one.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum StlError {
+    /// Something else.
+    #[error(
+        "this is no STL file: {bytes} bytes are no text that begins with `solid`, nor a header of 84 bytes and 50 for each triangle"
+    )]
+    NotStl {
+        /// Bytes in the file.
+        bytes: usize,
+    },
+    /// A word where another one must be.
+    #[error("line {line}: `{text}`, where there must be `{wanted}`")]
+    Word {
+        /// The line, from 1.
+        line: usize,
+        /// What is there.
+        text: String,
+        /// What must be there.
+        wanted: &'static str,
+    },
+    /// A corner that is not three numbers.
+    #[error("line {line}: a vertex has three numbers, not `{text}`")]
+    Vertex {
+        /// The line, from 1.
+        line: usize,
+        /// What is there.
+        text: String,
+    },
+    /// A facet that is not a triangle.
+    #[error("line {line}: a facet has three vertices, not {found}")]
+    Facet {
+        /// Its last line, from 1.
+        line: usize,
+        /// Its vertices.
+        found: usize,
+    },
+    /// A text that ends inside a facet.
+    #[error("line {line}: the file ends inside a facet")]
+    Ends {
+        /// Its last line, from 1.
+        line: usize,
+    },
+    /// Vertices and faces that make no mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// More triangles than the format can count.
+    #[error("{triangles} triangles are more than an STL file can count")]
+    TooLarge {
+        /// How many there are.
+        triangles: usize,
+    },
+}
+
+/// The mesh in an STL file, text or binary. Corners at the same place, bit by bit, are one vertex, in the order in which the
+/// file first has them. Triangles with two equal corners are left out, and normals are not read: the corners' order says where
+/// the outside is.
+///
+/// # Errors
+/// If the bytes are not an STL file, or a corner is not at a finite place.
+pub fn read(bytes: &[u8]) -> Result<Mesh, StlError> {
+    let mut corners = Corners::default();
+    let promised = bytes.get(80..84).and_then(|count| count.first_chunk());
+    let promised = promised.map(|count| u32::from_le_bytes(*count) as usize);
+    // Binary headers may begin with `solid` too, but their length gives them away.
+    if promised.is_some_and(|count| bytes.len() - 84 == count.saturating_mul(TRIANGLE)) {
+        for triangle in bytes[84..].as_chunks::<TRIANGLE>().0 {
+            let number = |k: usize| {
+                let at = 12 + 4 * k;
+                let bytes = [triangle[at], triangle[at + 1], triangle[at + 2], triangle[at + 3]];
+                f64::from(f32::from_le_bytes(bytes))
+            };
+            corners.push([0, 3, 6].map(|k| [number(k), number(k + 1), number(k + 2)]));
+        }
+    } else if bytes.trim_ascii_start().starts_with(b"solid") {
+        read_text(bytes, &mut corners)?;
+    } else {
+        return Err(StlError::NotStl { bytes: bytes.len() });
+    }
+    let (faces, _) = corners.faces.finish()?;
+    Ok(Mesh::new(corners.positions, faces)?)
+}
+
+/// Bytes of a triangle: a normal and three corners of floats, and two bytes of anything.
+const TRIANGLE: usize = 50;
+
+/// Collects triangles by their corners' places.
+#[derive(Default)]
+struct Corners {
+    positions: Vec<Point3<f64>>,
+    vertices: HashMap<[u64; 3], u32>,
+    faces: FaceList,
+}
+
+impl Corners {
+    fn push(&mut self, corners: [[f64; 3]; 3]) {
+        let face = corners.map(|place| {
+            *self.vertices.entry(place.map(f64::to_bits)).or_insert_with(|| {
+                self.positions.push(place.into());
+                // A file of more corners than that does not fit into any memory; the mesh would refuse it.
+                (self.positions.len() - 1) as u32
+            })
+        });
+        self.faces.push(&face);
+    }
+}
+
+/// The lines `facet normal ..`, `outer loop`, three `vertex x y z`, `endloop`, `endfacet`, between `solid` and `endsolid`.
+fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
+    let mut facet: Option<Vec<[f64; 3]>> = None;
+    let mut last = 1;
+    for (text, line) in bytes.split(|&byte| byte == b'\n').zip(1..) {
+        let mut words = words(text);
+        let Some(first) = words.next() else { continue };
+        last = line;
+        let wrong = |wanted| StlError::Word { line, text: excerpt(text.trim_ascii()), wanted };
+        match (first.to_ascii_lowercase().as_slice(), &mut facet) {
+            (b"solid" | b"endsolid", None) | (b"outer" | b"endloop", Some(_)) => {}
+            (b"facet", None) => facet = Some(Vec::with_capacity(3)),
+            (b"vertex", Some(facet)) => {
+                let mut place = [0.0; 3];
+                let mut found = 0;
+                for word in words {
+                    let broken = || StlError::Vertex { line, text: excerpt(text.trim_ascii()) };
+                    let number: f32 = parse(word).ok_or_else(broken)?;
+                    *place.get_mut(found).ok_or_else(broken)? = number.into();
+                    found += 1;
+                }
+                if found < 3 {
+                    return Err(StlError::Vertex { line, text: excerpt(text.trim_ascii()) });
+                }
+                facet.push(place);
+            }
+            (b"endfacet", Some(vertices)) => match vertices[..] {
+                [a, b, c] => {
+                    corners.push([a, b, c]);
+                    facet = None;
+                }
+                _ => return Err(StlError::Facet { line, found: vertices.len() }),
+            },
+            (_, None) => return Err(wrong("facet")),
+            (_, Some(_)) => return Err(wrong("vertex")),
+        }
+    }
+    if facet.is_some() { Err(StlError::Ends { line: last }) } else { Ok(()) }
+}
+
+/// Writes a mesh as binary STL; polygons become fans of triangles.
+pub(super) struct MeshStl;
+
+impl FileFormat for MeshStl {
+    type Value = Mesh;
+    const ENDING: &'static str = "stl";
+
+    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        Ok(NewFile::only(name, encode(mesh)?))
+    }
+}
+
+fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
+    let triangles: usize = mesh.faces().iter().map(|face| face.len() - 2).sum();
+    let count = u32::try_from(triangles).map_err(|_| StlError::TooLarge { triangles })?;
+    let mut bytes = Vec::with_capacity(84 + TRIANGLE * triangles);
+    bytes.extend_from_slice(b"binary STL of maquette, mm");
+    bytes.resize(80, b' ');
+    bytes.extend_from_slice(&count.to_le_bytes());
+    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    for face in mesh.faces().iter() {
+        for pair in face[1..].windows(2) {
+            let [a, b, c] = [face[0], pair[0], pair[1]].map(place);
+            let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or(Vector3::zeros());
+            bytes.extend_from_slice(floats(normal.into()).as_flattened());
+            for corner in [a, b, c] {
+                bytes.extend_from_slice(floats(corner.coords.into()).as_flattened());
+            }
+            bytes.extend_from_slice(&[0, 0]);
+        }
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::hostile;
+    use crate::value::Faces;
+
+    const TEXT: &str = "solid a square\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 1 1 0\n\
+        \u{20} endloop\n endfacet\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 1 0\n   vertex 0 1 -0.5e0\n\
+        \u{20} endloop\n endfacet\nendsolid a square\n";
+
+    fn binary() -> Vec<u8> {
+        encode(&read(TEXT.as_bytes()).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn equal_corners_become_one_vertex_in_the_order_of_the_file() {
+        let text = read(TEXT.as_bytes()).unwrap();
+        assert_eq!(text.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(text.positions()[3], Point3::new(0.0, 1.0, -0.5));
+        assert_eq!(read(&binary()).unwrap(), text);
+    }
+
+    #[test]
+    fn files_of_others_read() {
+        let mesh = read(include_bytes!("../../tests/data/formats/square.stl")).unwrap();
+        assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn a_binary_file_may_begin_like_a_text() {
+        let mut bytes = binary();
+        bytes[..5].copy_from_slice(b"solid");
+        assert_eq!(read(&bytes).unwrap().faces().len(), 2);
+    }
+
+    #[test]
+    fn a_quad_is_written_as_two_triangles_with_their_normals() {
+        let at = |x: f64, y: f64| Point3::new(x, y, 0.25);
+        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.)];
+        let quad = Mesh::new(positions, Faces::uniform(4, vec![0, 1, 2, 3]).unwrap()).unwrap();
+        let bytes = encode(&quad).unwrap();
+        assert_eq!(bytes.len(), 84 + 2 * 50);
+        assert_eq!(bytes[84..96], *floats([0.0, 0.0, 1.0]).as_flattened());
+        let again = read(&bytes).unwrap();
+        assert_eq!(again.positions(), quad.positions());
+        assert_eq!(again.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn a_triangle_that_is_none_is_left_out() {
+        let mesh = read(TEXT.replacen("vertex 1 0 0", "vertex 0 0 0", 1).as_bytes()).unwrap();
+        assert_eq!(mesh.faces().len(), 1);
+    }
+
+    fn error(from: &str, to: &str) -> String {
+        assert!(TEXT.contains(from));
+        read(TEXT.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn files_that_lie_are_refused_with_their_line() {
+        let text = "this is no STL file: 3 bytes are no text that begins with `solid`, nor a header of 84 bytes and 50 for each triangle";
+        assert_eq!(read(b"stl").unwrap_err().to_string(), text);
+        let mut cut = binary();
+        cut.pop();
+        assert!(matches!(read(&cut), Err(StlError::NotStl { bytes: 183 })));
+        assert_eq!(error("   vertex 1 0 0\n", ""), "line 7: a facet has three vertices, not 2");
+        assert_eq!(
+            error("vertex 1 0 0", "vertex 1 0"),
+            "line 5: a vertex has three numbers, not `vertex 1 0`"
+        );
+        assert_eq!(
+            error("vertex 1 0 0", "vertex 1 0 0 0"),
+            "line 5: a vertex has three numbers, not `vertex 1 0 0 0`"
+        );
+        assert_eq!(error("vertex 1 0 0", "vertex 1 0 nan"), "vertex 1 is not at a finite place");
+        assert_eq!(
+            error("vertex 1 0 0", "vortex"),
+            "line 5: `vortex`, where there must be `vertex`"
+        );
+        assert_eq!(
+            error("facet normal 0 0 1", "side"),
+            "line 2: `side`, where there must be `facet`"
+        );
+        let start = &TEXT[..TEXT.find("endloop").unwrap()];
+        assert_eq!(read(start.as_bytes()).unwrap_err(), StlError::Ends { line: 6 });
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        hostile::survive(TEXT.as_bytes(), read);
+        hostile::survive(&binary(), read);
+    }
+}

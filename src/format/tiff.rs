@@ -1,0 +1,326 @@
+//! TIFF, pictures and depth maps: uncompressed, LZW, Deflate or PackBits.
+//!
+//! Pictures are read to 8-bit sRGB: gray becomes three equal channels, 16 bits are cut to the upper 8, alpha is dropped. A depth
+//! map is one channel of floats or whole numbers. Written without compression: fields as 32-bit floats, all others 8 bit.
+
+use std::io::Cursor;
+
+use ::tiff::ColorType;
+use ::tiff::decoder::{Decoder, DecodingResult, Limits};
+use ::tiff::encoder::{TiffEncoder, colortype};
+use thiserror::Error;
+
+use crate::error;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{Field, Image, Mask};
+
+/// Why bytes are not a picture or a depth map in a TIFF file, or a value cannot be written as one.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum TiffError {
+    /// Something else, or a damaged file.
+    #[error("this is not a readable TIFF file: {reason}")]
+    Broken {
+        /// What the decoder says.
+        reason: String,
+    },
+    /// An entry of the directory that is longer than the file.
+    #[error("byte {byte}: the entry is longer than the file")]
+    Entry {
+        /// Where it begins, from 0.
+        byte: usize,
+    },
+    /// A kind of pixels that is not read.
+    #[error("{found} cannot be read: {wanted}")]
+    Kind {
+        /// The kind of pixels in the file.
+        found: String,
+        /// What is read.
+        wanted: &'static str,
+    },
+    /// A header that promises more than can be there.
+    #[error("{width} x {height} pixels cannot be in the {bytes} bytes of the file")]
+    CutOff {
+        /// The picture's width.
+        width: u32,
+        /// The picture's height.
+        height: u32,
+        /// Bytes in the file.
+        bytes: usize,
+    },
+    /// A picture without pixels, or with more than TIFF can say.
+    #[error("a picture of {width} x {height} pixels cannot be written as TIFF")]
+    Size {
+        /// The picture's width.
+        width: usize,
+        /// The picture's height.
+        height: usize,
+    },
+}
+
+/// A picture takes at most this many bytes when it is read.
+const MOST_BYTES: usize = 512 << 20;
+
+/// Most bytes that a byte can unpack to: LZW reaches nearly this, Deflate a quarter of it.
+const BYTES_PER_BYTE: usize = 4096;
+
+/// Pixels as the file has them.
+struct Pixels {
+    width: usize,
+    height: usize,
+    color: ColorType,
+    samples: DecodingResult,
+}
+
+fn decode(bytes: &[u8]) -> Result<Pixels, TiffError> {
+    let broken = |error: ::tiff::TiffError| TiffError::Broken { reason: error.to_string() };
+    let most = MOST_BYTES.min(BYTES_PER_BYTE.saturating_mul(bytes.len()));
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = most;
+    limits.intermediate_buffer_size = most;
+    limits.ifd_value_size = bytes.len();
+    check_directory(bytes)?;
+    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(broken)?.with_limits(limits);
+    let (width, height) = decoder.dimensions().map_err(broken)?;
+    if (most as u64) < u64::from(width) * u64::from(height) / 8 {
+        return Err(TiffError::CutOff { width, height, bytes: bytes.len() });
+    }
+    let color = decoder.colortype().map_err(broken)?;
+    let samples = decoder.read_image().map_err(broken)?;
+    Ok(Pixels { width: width as usize, height: height as usize, color, samples })
+}
+
+/// Checks that no entry of the first directory promises more than the file holds: the decoder reads them before it knows of limits.
+/// A directory that is not there it refuses itself.
+fn check_directory(bytes: &[u8]) -> Result<(), TiffError> {
+    let [big_endian, large] =
+        [bytes.starts_with(b"MM"), bytes.get(2..4).is_some_and(|version| version.contains(&43))];
+    let number = |at: usize, size: usize| {
+        let number = bytes.get(at..)?.get(..size)?;
+        let join = |sum: u64, byte: &u8| sum << 8 | u64::from(*byte);
+        Some(match big_endian {
+            true => number.iter().fold(0, join),
+            false => number.iter().rev().fold(0, join),
+        })
+    };
+    // Files with 64-bit offsets have more room for each number.
+    let (start, length, width, entry) = if large { (8, 8, 8, 20) } else { (4, 2, 4, 12) };
+    let at = |place: Option<u64>| place.and_then(|place| usize::try_from(place).ok());
+    let Some(directory) = at(number(start, width)) else { return Ok(()) };
+    let Some(first) = directory.checked_add(length) else { return Ok(()) };
+    for k in 0..at(number(directory, length)).unwrap_or(0) {
+        let byte = first.saturating_add(k.saturating_mul(entry));
+        let Some((kind, count)) =
+            number(byte.saturating_add(2), 2).zip(number(byte.saturating_add(4), width))
+        else {
+            break;
+        };
+        // The numbers of the specification for types of one to eight bytes.
+        let size = match kind {
+            3 | 8 => 2,
+            4 | 9 | 11 | 13 => 4,
+            5 | 10 | 12 | 16..=18 => 8,
+            _ => 1,
+        };
+        if (bytes.len() as u64) < count.saturating_mul(size) {
+            return Err(TiffError::Entry { byte });
+        }
+    }
+    Ok(())
+}
+
+/// The picture in a TIFF file: 8 or 16 bits, gray or RGB, with or without alpha.
+///
+/// # Errors
+/// If the bytes are not a TIFF file, it is damaged, the picture takes more than 512 MB, or it is of another kind.
+pub fn read(bytes: &[u8]) -> Result<Image, TiffError> {
+    let Pixels { width, height, color, samples } = decode(bytes)?;
+    let wrong = || TiffError::Kind {
+        found: format!("{color:?}"),
+        wanted: "pictures have 8 or 16 bits, gray or RGB, channels together",
+    };
+    let channels = match color {
+        ColorType::Gray(8 | 16) => 1,
+        ColorType::GrayA(8 | 16) => 2,
+        ColorType::RGB(8 | 16) => 3,
+        ColorType::RGBA(8 | 16) => 4,
+        _ => return Err(wrong()),
+    };
+    let samples = match samples {
+        DecodingResult::U8(samples) => samples,
+        DecodingResult::U16(samples) => samples.iter().map(|sample| (sample >> 8) as u8).collect(),
+        _ => return Err(wrong()),
+    };
+    let pixels: Vec<[u8; 3]> = match channels {
+        1 => samples.iter().map(|&gray| [gray; 3]).collect(),
+        2 => samples.as_chunks::<2>().0.iter().map(|&[gray, _]| [gray; 3]).collect(),
+        3 => samples.as_chunks::<3>().0.to_vec(),
+        _ => samples.as_chunks::<4>().0.iter().map(|&[r, g, b, _]| [r, g, b]).collect(),
+    };
+    Image::new(width, height, pixels).map_err(|_| wrong())
+}
+
+/// A depth map as a file has it.
+#[derive(Debug, PartialEq)]
+pub(super) struct Depths {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// A number per pixel, row by row from the top.
+    pub(super) depths: Vec<f64>,
+    /// Whether the file has whole numbers: steps of some length.
+    pub(super) whole: bool,
+}
+
+/// The depth map in a TIFF file.
+///
+/// # Errors
+/// If the bytes are not a TIFF file, it is damaged, takes more than 512 MB, or has more than one channel.
+pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, TiffError> {
+    let Pixels { width, height, color, samples } = decode(bytes)?;
+    let wrong = || TiffError::Kind {
+        found: format!("{color:?}"),
+        wanted: "depths are one channel of floats, or of whole numbers of 16 or 32 bits",
+    };
+    let ColorType::Gray(_) = color else { return Err(wrong()) };
+    let whole = !matches!(samples, DecodingResult::F32(_) | DecodingResult::F64(_));
+    let depths: Vec<f64> = match samples {
+        DecodingResult::F32(samples) => samples.into_iter().map(f64::from).collect(),
+        DecodingResult::F64(samples) => samples,
+        DecodingResult::U16(samples) => samples.into_iter().map(f64::from).collect(),
+        DecodingResult::U32(samples) => samples.into_iter().map(f64::from).collect(),
+        _ => return Err(wrong()),
+    };
+    if depths.len() != width * height {
+        return Err(wrong());
+    }
+    Ok(Depths { width, height, depths, whole })
+}
+
+fn encode<C: colortype::ColorType>(
+    [width, height]: [usize; 2],
+    samples: &[C::Inner],
+) -> Result<Vec<u8>, TiffError>
+where
+    [C::Inner]: ::tiff::encoder::TiffValue,
+{
+    let wrong_size = TiffError::Size { width, height };
+    let (Ok(columns @ 1..), Ok(rows @ 1..)) = (u32::try_from(width), u32::try_from(height)) else {
+        return Err(wrong_size);
+    };
+    let mut bytes = Vec::with_capacity(size_of_val(samples) + 1024);
+    let written = TiffEncoder::new(Cursor::new(&mut bytes))
+        .and_then(|mut encoder| encoder.write_image::<C>(columns, rows, samples));
+    written.map(|()| bytes).map_err(|_| wrong_size)
+}
+
+/// Writes a field as 32-bit floats.
+pub(super) struct FieldTiff;
+
+impl FileFormat for FieldTiff {
+    type Value = Field;
+    const ENDING: &'static str = "tiff";
+
+    fn write(field: &Field, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        let size = [field.width(), field.height()];
+        Ok(NewFile::only(name, encode::<colortype::Gray32Float>(size, field.pixels())?))
+    }
+}
+
+/// Writes a picture.
+pub(super) struct ImageTiff;
+
+impl FileFormat for ImageTiff {
+    type Value = Image;
+    const ENDING: &'static str = "tiff";
+
+    fn write(image: &Image, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        let size = [image.width(), image.height()];
+        let samples = image.pixels().as_flattened();
+        Ok(NewFile::only(name, encode::<colortype::RGB8>(size, samples)?))
+    }
+}
+
+/// Writes a mask as a gray picture: 255 inside, 0 outside.
+pub(super) struct MaskTiff;
+
+impl FileFormat for MaskTiff {
+    type Value = Mask;
+    const ENDING: &'static str = "tiff";
+
+    fn write(mask: &Mask, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        let samples = Vec::from_iter(mask.pixels().iter().map(|inside| inside * 255));
+        let size = [mask.width(), mask.height()];
+        Ok(NewFile::only(name, encode::<colortype::Gray8>(size, &samples)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::hostile;
+
+    const LZW: &[u8] = include_bytes!("../../tests/data/formats/lzw.tiff");
+    const RGBA: &[u8] = include_bytes!("../../tests/data/formats/deflate_rgba.tiff");
+    const DEPTH: &[u8] = include_bytes!("../../tests/data/formats/depth32f.tiff");
+
+    fn written<F: FileFormat>(value: &F::Value) -> Vec<u8> {
+        F::write(value, "a.tiff").unwrap().remove(0).bytes
+    }
+
+    #[test]
+    fn pictures_of_others_read() {
+        let pixels = |k: usize| [(k % 16 * 16) as u8, (k / 16 * 20) as u8, 128];
+        let expected = Vec::from_iter((0..16 * 12).map(pixels));
+        for file in [LZW, RGBA] {
+            let image = read(file).unwrap();
+            assert_eq!((image.width(), image.height()), (16, 12));
+            assert_eq!(image.pixels(), expected);
+        }
+    }
+
+    #[test]
+    fn what_was_written_reads_the_same() {
+        let pixels = Vec::from_iter((0..300).map(|i: u32| [i as u8, (i * 7) as u8, (i / 3) as u8]));
+        let image = Image::new(20, 15, pixels).unwrap();
+        assert_eq!(read(&written::<ImageTiff>(&image)).unwrap(), image);
+        let numbers = [0.1f32, -3.5, f32::INFINITY, 1e30, 0.0, 7.0];
+        let field = Field::new(3, 2, numbers.to_vec()).unwrap();
+        let depths = numbers.map(f64::from).to_vec();
+        let expected = Depths { width: 3, height: 2, depths, whole: false };
+        assert_eq!(read_depth(&written::<FieldTiff>(&field)).unwrap(), expected);
+        let mask = read(&written::<MaskTiff>(&Mask::drawn(&["#.", ".#"]))).unwrap();
+        assert_eq!(mask.pixels(), [[255; 3], [0; 3], [0; 3], [255; 3]]);
+    }
+
+    #[test]
+    fn a_depth_map_is_no_picture_and_a_picture_no_depth_map() {
+        let text =
+            "Gray(32) cannot be read: pictures have 8 or 16 bits, gray or RGB, channels together";
+        assert_eq!(read(DEPTH).unwrap_err().to_string(), text);
+        assert!(matches!(read_depth(LZW), Err(TiffError::Kind { .. })));
+    }
+
+    #[test]
+    fn an_entry_that_is_longer_than_the_file_takes_no_memory() {
+        // One entry: a text of nearly 256 MiB, in both byte orders and both sizes of offsets.
+        let little = b"II*\0\x08\0\0\0\x01\0\x0e\x01\x02\0\xff\xff\xff\x0f\x08\0\0\0\0\0\0\0";
+        let big = b"MM\0*\0\0\0\x08\0\x01\x01\x0e\0\x02\x0f\xff\xff\xff\0\0\0\x08\0\0\0\0";
+        let large = b"II+\0\x08\0\0\0\x10\0\0\0\0\0\0\0\x01\0\0\0\0\0\0\0\x0e\x01\x02\0\xff\xff\xff\x0f\0\0\0\0\0\0\0\0\0\0\0\0";
+        for (file, byte) in [(&little[..], 10), (big, 10), (large, 24)] {
+            assert_eq!(read(file), Err(TiffError::Entry { byte }));
+        }
+    }
+
+    #[test]
+    fn a_picture_without_pixels_cannot_be_written() {
+        let empty = Image::new(0, 0, vec![]).unwrap();
+        assert!(ImageTiff::write(&empty, "a.tiff").is_err());
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        for file in [LZW, RGBA, DEPTH] {
+            hostile::survive(file, read);
+            hostile::survive(file, |bytes| read_depth(bytes).is_ok());
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! Points in space that nothing connects.
+
+use nalgebra::Point3;
+use thiserror::Error;
+
+use super::{Attribute, AttributeError, Attributes, Column, Encoder, Summary, Value};
+
+/// Why places do not make points.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum PointsError {
+    /// A position that is NaN or infinite.
+    #[error("point {point} is not at a finite place")]
+    NotFinite {
+        /// The offending point.
+        point: usize,
+    },
+    /// An attribute of the wrong length.
+    #[error(transparent)]
+    Attribute(#[from] AttributeError),
+}
+
+/// Points in space with data on each: right-handed axes, lengths in mm.
+///
+/// Invariant, checked by [`Points::new`] and [`Points::with_attribute`]: positions finite; each attribute has an entry per
+/// point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Points {
+    positions: Column<Point3<f64>>,
+    attributes: Attributes,
+}
+
+impl Points {
+    /// Points without attributes.
+    ///
+    /// # Errors
+    /// If a position is not finite.
+    pub fn new(positions: impl Into<Column<Point3<f64>>>) -> Result<Self, PointsError> {
+        let positions = positions.into();
+        let finite = |point: &Point3<f64>| point.coords.iter().all(|x| x.is_finite());
+        match positions.iter().position(|point| !finite(point)) {
+            None => Ok(Self { positions, attributes: Attributes::default() }),
+            Some(point) => Err(PointsError::NotFinite { point }),
+        }
+    }
+
+    /// The same points with an attribute.
+    ///
+    /// # Errors
+    /// If there are more or fewer entries than points.
+    pub fn with_attribute(mut self, name: &str, attribute: Attribute) -> Result<Self, PointsError> {
+        self.attributes.insert(name, attribute, self.positions.len())?;
+        Ok(self)
+    }
+
+    /// The same points moved; the attribute `normal` is dropped.
+    ///
+    /// # Errors
+    /// If there are more or fewer positions than points, or one is not finite.
+    pub fn with_positions(&self, positions: Vec<Point3<f64>>) -> Result<Self, PointsError> {
+        if positions.len() != self.positions.len() {
+            let (count, elements) = (positions.len(), self.positions.len());
+            return Err(AttributeError { name: "position".into(), count, elements }.into());
+        }
+        let mut moved = Self { attributes: self.attributes.clone(), ..Self::new(positions)? };
+        moved.attributes.remove("normal");
+        Ok(moved)
+    }
+
+    /// Where they are.
+    pub fn positions(&self) -> &Column<Point3<f64>> {
+        &self.positions
+    }
+
+    /// The data on each.
+    pub fn attributes(&self) -> &Attributes {
+        &self.attributes
+    }
+
+    /// Lowest and highest coordinates; none without points.
+    pub fn bounds(&self) -> Option<(Point3<f64>, Point3<f64>)> {
+        super::mesh::bounds(self.positions.iter())
+    }
+}
+
+impl Value for Points {
+    const NAME: &'static str = "Points";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.column(&self.positions);
+        self.attributes.encode(to);
+    }
+
+    fn size(&self) -> usize {
+        self.positions.size() + self.attributes.size()
+    }
+
+    fn describe(&self) -> Summary {
+        let names: Vec<&str> = self.attributes.iter().map(|(name, _)| name).collect();
+        let summary = Summary::default()
+            .with("points", self.positions.len())
+            .with("attributes", names.join(", "));
+        super::mesh::describe_bounds(summary, self.positions.iter())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_at_no_place_is_refused() {
+        let places = vec![Point3::origin(), Point3::new(0.0, f64::NAN, 0.0)];
+        assert_eq!(Points::new(places), Err(PointsError::NotFinite { point: 1 }));
+    }
+
+    #[test]
+    fn attributes_have_an_entry_per_point_and_normals_do_not_survive_a_move() {
+        let points = Points::new(vec![Point3::origin(); 2]).unwrap();
+        let normals = |count| Attribute::Vector(vec![[0.0, 0.0, 1.0]; count].into());
+        assert!(points.clone().with_attribute("normal", normals(3)).is_err());
+        let colors = Attribute::Color(vec![[1, 2, 3]; 2].into());
+        let points = points.with_attribute("normal", normals(2)).unwrap();
+        let points = points.with_attribute("color", colors).unwrap();
+        let moved = points.with_positions(vec![Point3::new(1.0, 2.0, 3.0); 2]).unwrap();
+        assert_eq!(moved.attributes().iter().map(|(name, _)| name).collect::<Vec<_>>(), ["color"]);
+        assert!(points.with_positions(vec![Point3::origin()]).is_err());
+    }
+}

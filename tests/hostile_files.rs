@@ -1,0 +1,37 @@
+//! Spoiled files make errors: no reader panics, hangs or takes much memory. `fuzz/` does the same for longer.
+
+use std::time::{Duration, Instant};
+
+mod hostile_files {
+    pub(crate) mod readers;
+}
+use hostile_files::readers::{READERS, spoiled};
+
+/// Files spoiled for each reader: a few seconds for all.
+const CASES: u64 = 1500;
+
+/// What no small file may take. Some hundred times what the slowest does, for machines that are busy.
+const LONG: Duration = Duration::from_secs(5);
+
+#[test]
+fn spoiled_files_give_errors_and_take_no_time() {
+    for reader in READERS {
+        reader.seeds.iter().for_each(|seed| (reader.read)(seed));
+        for case in 0..CASES {
+            let file = spoiled(reader, case);
+            let start = Instant::now();
+            (reader.read)(&file);
+            let time = start.elapsed();
+            assert!(time < LONG, "case {case} of {} took {time:?}", reader.name);
+        }
+    }
+}
+
+#[test]
+fn every_ending_of_a_small_file_is_read_to_its_end_or_refused() {
+    for reader in READERS {
+        for seed in reader.seeds {
+            (0..seed.len()).for_each(|length| (reader.read)(&seed[..length]));
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! All readers of files, small files for each, and ways to spoil these. The fuzz targets use the same table.
+
+use maquette::format::camera::CameraFile;
+use maquette::format::{
+    abs, camera, depth, glb, jpeg, obj, pcd, picture_file, ply, png, ptx, stl, tiff, xyz,
+};
+
+/// A reader, called for what it does to itself, not for what it gives.
+pub(crate) struct Reader {
+    /// The format, and what is read of it.
+    pub(crate) name: &'static str,
+    /// Reads and forgets.
+    pub(crate) read: fn(&[u8]),
+    /// Files that it reads.
+    pub(crate) seeds: &'static [&'static [u8]],
+}
+
+macro_rules! seeds {
+    ($($name:literal),+) => {
+        &[$(include_bytes!(concat!("../data/formats/", $name)).as_slice()),+]
+    };
+}
+
+const GRIDS: &[&[u8]] = seeds!("range_grid_ascii.ply", "range_grid_le.ply", "range_grid_be.ply");
+
+const CAMERA: &[u8] = br#"{"units": "mm", "color": {"width": 16, "height": 12, "fx": 20, "fy": 20, "cx": 7, "cy": 5.5},
+    "range": {"intrinsic_matrix": [10, 0, 0, 0, 10, 0, 3.5, 2.5, 1]}, "depth_png": {"units_per_mm": 50},
+    "world_from_camera_mm": [[0, -1, 0, 5], [1, 0, 0, 6.5], [0, 0, 1, -7], [0, 0, 0, 1]]}"#;
+
+const SOLID: &[u8] = b"solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid";
+
+const PATCH: &[u8] = b"v 0 0 0\nv 1 0 0 1 0.5 0\nv 1 1 0\nv 0 1 0 \\\nvt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/2/1 3//1\nf -1 -2 -4\n";
+
+const SPLINE: &[u8] = b"v 0 0 0 1\nv 1 0 0 0.5\nv 1 1 0 2\nv 0 1 0 1\ncstype rat bspline\ndeg 2\n\
+    curv 0 2 1 2 3 -1\nparm u 0 0 0 1 \\\n 2 2 2\nend\n";
+
+/// All readers.
+pub(crate) const READERS: &[Reader] = &[
+    Reader {
+        name: "abs",
+        read: |bytes| drop(abs::read(bytes).map(|file| file.range.n_valid())),
+        seeds: seeds!("minolta.abs"),
+    },
+    Reader { name: "camera", read: |bytes| drop(camera::read(bytes)), seeds: &[CAMERA] },
+    Reader {
+        name: "depth",
+        read: |bytes| drop(depth::read(bytes, eight_by_six().as_ref())),
+        seeds: seeds!("depth16.png", "depth32f.tiff"),
+    },
+    Reader {
+        name: "glb",
+        read: |bytes| drop(glb::read(bytes)),
+        seeds: seeds!("colored.glb", "textured.glb"),
+    },
+    Reader {
+        name: "jpeg",
+        read: |bytes| drop(jpeg::read(bytes)),
+        seeds: seeds!("photo.jpg", "progressive.jpg", "gray.jpg"),
+    },
+    Reader { name: "obj", read: |bytes| drop(obj::read(bytes)), seeds: &[PATCH] },
+    Reader {
+        name: "obj_curve",
+        read: |bytes| drop(obj::read_curve(bytes)),
+        seeds: &[SPLINE, include_bytes!("../data/formats/ellipse12.obj")],
+    },
+    Reader {
+        name: "pcd",
+        read: |bytes| drop(pcd::read(bytes)),
+        seeds: seeds!("ascii.pcd", "binary.pcd", "compressed_rgba.pcd", "odd_fields.pcd"),
+    },
+    Reader {
+        name: "picture",
+        read: |bytes| drop(picture_file::read(bytes)),
+        seeds: seeds!("colour_2x.png", "photo.jpg", "lzw.tiff"),
+    },
+    Reader { name: "ply", read: |bytes| drop(ply::read(bytes)), seeds: GRIDS },
+    Reader {
+        name: "ply_range",
+        read: |bytes| drop(ply::read_range(bytes).map(|file| file.range.n_valid())),
+        seeds: GRIDS,
+    },
+    Reader {
+        name: "png",
+        read: |bytes| drop(png::read(bytes)),
+        seeds: seeds!("colour_2x.png", "depth16.png"),
+    },
+    Reader {
+        name: "ptx",
+        read: |bytes| drop(ptx::read(bytes).map(|file| file.range.n_valid())),
+        seeds: seeds!("norgb.ptx", "rgb.ptx"),
+    },
+    Reader {
+        name: "stl",
+        read: |bytes| drop(stl::read(bytes)),
+        seeds: &[SOLID, include_bytes!("../data/formats/square.stl")],
+    },
+    Reader {
+        name: "tiff",
+        read: |bytes| drop(tiff::read(bytes)),
+        seeds: seeds!("lzw.tiff", "deflate_rgba.tiff", "depth32f.tiff"),
+    },
+    Reader { name: "xyz", read: |bytes| drop(xyz::read(bytes)), seeds: seeds!("points.xyz") },
+];
+
+/// A camera for the depth maps among the files.
+fn eight_by_six() -> Option<CameraFile> {
+    camera::read(br#"{"fx": 10, "fy": 10, "cx": 3.5, "cy": 2.5}"#).ok()
+}
+
+/// One of the reader's files, spoiled: the same for the same case.
+pub(crate) fn spoiled(reader: &Reader, case: u64) -> Vec<u8> {
+    let mut random = Random(case);
+    let mut file = random.of(reader.seeds).to_vec();
+    for _ in 0..1 + random.below(4) {
+        if file.is_empty() {
+            break;
+        }
+        let at = random.below(file.len());
+        let length = (1 + random.below(16)).min(file.len() - at);
+        match random.below(9) {
+            0 => file[at] = random.next() as u8,
+            1 => file[at] ^= 1 << random.below(8),
+            2 => file[at] = b'0' + random.below(10) as u8,
+            3 => file.truncate(at),
+            4 => drop(file.drain(at..at + length)),
+            // A piece of the file again, elsewhere.
+            5 => {
+                let piece = file[at..at + length].to_vec();
+                let to = random.below(file.len());
+                file.splice(to..to, piece);
+            }
+            // A number that is large, negative, or none.
+            6 => file[at..at + length].fill(*random.of(&[0, 0x7f, 0x80, 0xff])),
+            7 => {
+                let words: [&[u8]; 8] = [
+                    b"-1",
+                    b"nan",
+                    b"1e999",
+                    b"4294967295",
+                    b"18446744073709551615",
+                    b" ",
+                    b"\n",
+                    b"\\\n",
+                ];
+                let word = random.of(&words).to_vec();
+                file.splice(at..at + length, word);
+            }
+            // The start of one file and the end of another.
+            _ => {
+                let other = random.of(reader.seeds);
+                let from = random.below(other.len());
+                file.truncate(at);
+                file.extend_from_slice(&other[from..]);
+            }
+        }
+    }
+    file
+}
+
+/// The generator SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        (self.next() % count as u64) as usize
+    }
+
+    fn of<'a, T>(&mut self, items: &'a [T]) -> &'a T {
+        &items[self.below(items.len())]
+    }
+}
