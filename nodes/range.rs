@@ -18,6 +18,7 @@ mod triangulate;
 pub use average_normal::{
     AverageNormal, AverageNormalError, Weight, average_normal, principal_normal,
 };
+pub(crate) use contour::contours;
 pub use denoise::{Denoise, Denoising, denoise};
 pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, extract_region};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};

@@ -3,6 +3,7 @@
 pub mod cli;
 pub mod conformance;
 pub mod format;
+pub mod memory;
 pub mod render;
 pub mod value;
 
@@ -13,6 +14,7 @@ mod eval;
 mod graph;
 mod node;
 mod pack;
+mod simd;
 
 pub use catalog::Catalog;
 pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};

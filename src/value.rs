@@ -34,14 +34,14 @@ pub use field::Field;
 pub use frame::{CaptureFrame, Pinhole, Registration};
 pub use image::{Color, ColorError, Image, Lab, Rgb, SizeError};
 pub(crate) use image::{linear_from_srgb, srgb_from_linear};
-pub use knots::{KnotVector, KnotVectorError};
+pub use knots::{KnotChange, KnotVector, KnotVectorError};
 pub use labels::{LabelRun, LabelStatistics, Labels, LabelsError};
 pub use mask::Mask;
 pub use mesh::{Edges, Faces, Mesh, MeshError};
 pub use points::{Points, PointsError};
 pub use range::{RangeError, RangeImage};
 pub use region::{Contour, Region, RegionError};
-pub use surface::{Derivatives, Surface, SurfaceError};
+pub use surface::{Along, Derivatives, Foot, IsoCurve, Surface, SurfaceError};
 
 /// A noun of the graph: what a port takes and an output gives.
 pub trait Value: Clone + Send + Sync + 'static {

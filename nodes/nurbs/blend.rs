@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::canvas::{Canvas, Target};
 use super::fold::folded_cells;
 use super::refine::{refine, refined_range};
+use super::seam::{Seam, seam};
 
 /// Writes a surface back to the range grid that it came from. Only cells of the region change; all others keep every bit.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -116,6 +117,12 @@ impl Node for Blend {
                 blended.folded
             ));
         }
+        if let Some(seam) = blended.seam.filter(Seam::is_visible) {
+            cx.warn(format!(
+                "the surface leaves a step of {:.2} mm at the region's border, where cells are {:.2} mm apart",
+                seam.step, seam.spacing
+            ));
+        }
         Ok((blended.range,))
     }
 }
@@ -127,6 +134,9 @@ pub struct Blended {
     pub range: RangeImage,
     /// How many of the changed cells the sensor would no longer see as they lie in the grid.
     pub folded: usize,
+    /// The step that the surface leaves at the border of the region; none for the mode `Displacement`, whose step is that of the
+    /// offset, and on a finer grid.
+    pub seam: Option<Seam>,
 }
 
 /// Writes `surface` to the cells of `region`; cells of the region that had no point become valid and are marked as filled.
@@ -162,6 +172,8 @@ pub fn blend(
     let changed: Vec<usize> = changes.iter().map(|(cell, _)| *cell).collect();
     let camera = range.camera();
     let folded = folded_cells(canvas.width, &canvas.points, &points, &changed, camera);
+    let replaces = mode != BlendMode::Displacement && !divided;
+    let seam = replaces.then(|| seam(region, &canvas.points, &points));
 
     let mut filled: Vec<u8> =
         (0..range.points().len()).map(|cell| u8::from(range.is_filled(cell))).collect();
@@ -178,7 +190,7 @@ pub fn blend(
     } else {
         range.with_points(points)?.with_filled(filled)?
     };
-    Ok(Blended { range, folded })
+    Ok(Blended { range, folded, seam })
 }
 
 /// The cells that change, in raster order, and their new points.
@@ -310,6 +322,7 @@ mod tests {
         for (region, method) in [
             (&rectangle, NetMethod::Grid),
             (&rectangle, NetMethod::Rows),
+            (&rectangle, NetMethod::Harmonic),
             (&disk(&range), NetMethod::Grid),
         ] {
             for order in 2..=5 {
@@ -387,6 +400,9 @@ mod tests {
         for (method, mode) in [
             (NetMethod::Rows, BlendMode::Replace),
             (NetMethod::Rows, BlendMode::Displacement),
+            (NetMethod::Harmonic, BlendMode::Replace),
+            (NetMethod::Harmonic, BlendMode::Displacement),
+            (NetMethod::Polar { order: 3 }, BlendMode::Displacement),
             (NetMethod::Grid, BlendMode::Feather { band: 4.0 }),
         ] {
             let surface = surface(&range, &nose, method, 3, 12.0);
@@ -394,6 +410,24 @@ mod tests {
             let summit = after.range.points()[22 * 49 + 24] - range.points()[22 * 49 + 24];
             assert!((summit.norm() - 12.0).abs() <= 1.5, "{method:?} {mode:?} {summit}");
         }
+    }
+
+    #[test]
+    fn a_surface_that_misses_the_border_leaves_a_seam() {
+        let (range, nose) = face();
+        let steps = |mode| {
+            let surface = surface(&range, &nose, NetMethod::Grid, 3, 0.0);
+            let raised: Vec<_> =
+                surface.net().points().iter().map(|p| p - 9.0 * Vector3::z()).collect();
+            let net = surface.net().clone().with_points(raised).unwrap();
+            let surface = nurbs(&net, None, None, None).unwrap();
+            blend(&range, &nose, &surface, mode, [1, 1]).unwrap().seam
+        };
+        let seam = steps(BlendMode::Replace).unwrap();
+        assert!(seam.is_visible() && (seam.step - 9.0).abs() < 2.0, "{seam:?}");
+        let faded = steps(BlendMode::Feather { band: 6.0 }).unwrap();
+        assert!(!faded.is_visible(), "{faded:?}");
+        assert_eq!(steps(BlendMode::Displacement), None);
     }
 
     #[test]

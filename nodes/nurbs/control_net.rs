@@ -2,12 +2,12 @@
 
 use maquette::value::{self, Chart, ControlNetError, RangeImage, Region};
 use maquette::{Context, Error, In, Node};
-use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::rows;
-use crate::laplace::{self, NotConverged};
+use super::patch::Patch;
+use super::{harmonic, polar, rows};
+use crate::laplace::NotConverged;
 
 /// Makes a rectangular net of control points of a region of a range grid. Points on the region's border are fixed: an offset
 /// leaves them where they are.
@@ -20,11 +20,13 @@ pub struct ControlNet {
     /// How the net is laid over the region.
     #[serde(default)]
     pub method: NetMethod,
-    /// Rows of the net, 2 or more; 0 takes those of the region. For the method `Rows`.
+    /// Rows of the net, 2 or more; 0 chooses: as many as cells lie along them. For the methods `Rows`, `Polar` (rings, with the
+    /// pole) and `Harmonic`.
     #[schemars(range(max = 4096))]
     #[serde(default)]
     pub rows: usize,
-    /// Columns of the net, 2 or more; 0 takes the median length of the region's rows. For the method `Rows`.
+    /// Columns of the net, 2 or more; 0 chooses: the median length of the region's rows, or half the length of its contour for
+    /// `Polar`, 64 at most. For the methods `Rows`, `Polar` (with the repeated ones) and `Harmonic`.
     #[schemars(range(max = 4096))]
     #[serde(default)]
     pub columns: usize,
@@ -40,6 +42,20 @@ pub enum NetMethod {
     Grid,
     /// The rows of the region, each divided evenly by its length in space: for surfaces that replace the scan.
     Rows,
+    /// Rings around the middle of a region that is seen whole from there. For knots of the kind `Periodic` along v.
+    Polar {
+        /// Order along v of the surface that the net is for: the last `order - 1` columns repeat the first ones.
+        #[schemars(range(min = 2, max = 10))]
+        #[serde(default = "three")]
+        order: usize,
+    },
+    /// The region mapped to a square without overlap, its contour to the border: for regions of any shape. Holes are closed, and
+    /// cells that hang on by a corner or a line take the place of the cell next to them.
+    Harmonic,
+}
+
+fn three() -> usize {
+    3
 }
 
 /// Why a region does not make a net.
@@ -62,8 +78,41 @@ pub enum NetError {
         columns: usize,
     },
     /// A number of rows or columns that this method does not take.
-    #[error("`rows` and `columns` are for the method `Rows`")]
+    #[error("`rows` and `columns` are for the methods `Rows`, `Polar` and `Harmonic`")]
     FixedSize,
+    /// An order that no surface has.
+    #[error("order {order} is not from 2 to 10")]
+    Order {
+        /// The order.
+        order: usize,
+    },
+    /// Too few columns to go around.
+    #[error("{columns} columns do not go around with this order: at least {least} are needed")]
+    FewColumns {
+        /// Columns asked for.
+        columns: usize,
+        /// How many are needed.
+        least: usize,
+    },
+    /// A region with a bay that cannot be seen from its middle.
+    #[error(
+        "the region's contour near cell ({column}, {row}) turns back, seen from its middle: use the method `Harmonic`"
+    )]
+    NotStarShaped {
+        /// Column of the cell.
+        column: usize,
+        /// Row of the cell.
+        row: usize,
+    },
+    /// Cells that do not hang together.
+    #[error("the region is in several parts: a net covers one")]
+    Parts,
+    /// The map to the square was not found.
+    #[error("the region could not be mapped to a square: residual {residual:e}")]
+    Harmonic {
+        /// What is left of the equations, as a share of the square's side.
+        residual: f64,
+    },
     /// A net of one line.
     #[error("a net has at least 2 rows and 2 columns")]
     OneLine,
@@ -90,10 +139,11 @@ impl Node for ControlNet {
 }
 
 /// The control net of a region of `range`, with the place of each of the region's cells on it. `rows` and `columns` are for
-/// [`NetMethod::Rows`]; 0 means as many as the region has.
+/// all methods but [`NetMethod::Grid`]; 0 chooses.
 ///
 /// # Errors
-/// If the region is of another grid or has one cell only, or a size is given that the method does not take.
+/// If the region is of another grid or has one cell only, its shape is not one for the method, or a size is given that the method
+/// does not take.
 pub fn control_net(
     region: &Region,
     range: &RangeImage,
@@ -111,8 +161,10 @@ pub fn control_net(
     let net = match method {
         NetMethod::Auto | NetMethod::Grid if (rows, columns) != (0, 0) => Err(NetError::FixedSize),
         NetMethod::Auto | NetMethod::Grid => grid(region, range),
-        NetMethod::Rows if rows == 1 || columns == 1 => Err(NetError::OneLine),
+        _ if rows == 1 || columns == 1 => Err(NetError::OneLine),
         NetMethod::Rows => rows::net(region, range, rows, columns),
+        NetMethod::Polar { order } => polar::net(region, range, order, rows, columns),
+        NetMethod::Harmonic => harmonic::net(region, range, rows, columns),
     }?;
     Ok(net.with_frame(range.capture_frame().ok()))
 }
@@ -123,57 +175,28 @@ const PADDING: usize = 3;
 
 /// The range grid in the region's bounding rectangle, padded; free is each cell whose four neighbors are in the region too.
 fn grid(region: &Region, range: &RangeImage) -> Result<value::ControlNet, NetError> {
-    let width = range.width();
-    let (low, high) = region.bounds();
-    let [left, top] = low.map(|low| low.saturating_sub(PADDING));
-    let right = (high[0] + PADDING).min(width - 1);
-    let bottom = (high[1] + PADDING).min(range.height() - 1);
-    let (rows, columns) = (bottom - top + 1, right - left + 1);
-    let place = |cell: u32| [cell as usize / width - top, cell as usize % width - left];
-
-    let mut points: Vec<Point3<f64>> = (top..=bottom)
-        .flat_map(|row| &range.points()[row * width + left..=row * width + right])
-        .copied()
-        .collect();
-    let mut inside = vec![false; points.len()];
-    for (&cell, &point) in region.cells().iter().zip(region.points()) {
-        let [row, column] = place(cell);
-        points[row * columns + column] = point;
-        inside[row * columns + column] = true;
-    }
-    fill(&mut points, rows, columns)?;
-
+    let patch = Patch::new(region, range, PADDING)?;
+    let (rows, columns) = (patch.rows, patch.columns);
     let free = |at: usize| {
         let (row, column) = (at / columns, at % columns);
         let interior = 0 < row && row + 1 < rows && 0 < column && column + 1 < columns;
-        interior && [at, at - columns, at - 1, at + 1, at + columns].iter().all(|&at| inside[at])
+        let near = [at, at.wrapping_sub(columns), at.wrapping_sub(1), at + 1, at + columns];
+        interior && near.iter().all(|&at| patch.inside[at] == 1)
     };
-    let fixed = (0..points.len()).map(|at| u8::from(!free(at))).collect();
-    let coordinates = region.cells().iter().map(|&cell| place(cell).map(|at| at as f64));
+    let fixed = (0..rows * columns).map(|at| u8::from(!free(at))).collect();
+    let coordinates = region.cells().iter().map(|&cell| patch.place(cell).map(|at| at as f64));
     let chart = Chart {
-        grid: [width, range.height()],
+        grid: [range.width(), range.height()],
         cells: region.cells().to_vec().into(),
         coordinates: coordinates.collect(),
     };
-    Ok(value::ControlNet::new(rows, columns, points)?.with_fixed(fixed)?.with_chart(chart))
-}
-
-/// Gives the invalid points of a grid the smoothest values that fit the valid ones.
-fn fill(points: &mut [Point3<f64>], rows: usize, columns: usize) -> Result<(), NotConverged> {
-    let free: Vec<u8> = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
-    if !free.contains(&1) {
-        return Ok(());
-    }
-    for axis in 0..3 {
-        let mut values: Vec<f64> = points.iter().map(|point| point[axis]).collect();
-        laplace::solve(columns, rows, &free, 0.0, &mut values)?;
-        points.iter_mut().zip(values).for_each(|(point, value)| point[axis] = value);
-    }
-    Ok(())
+    Ok(value::ControlNet::new(rows, columns, patch.points)?.with_fixed(fixed)?.with_chart(chart))
 }
 
 #[cfg(test)]
 pub(super) mod tests {
+    use nalgebra::Point3;
+
     use super::*;
 
     /// A range image of points (column, row, depth), invalid where the depth is NaN.

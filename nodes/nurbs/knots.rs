@@ -1,6 +1,6 @@
 //! Places the knots of one direction of a surface.
 
-use maquette::value::{self, KnotVector, KnotVectorError};
+use maquette::value::{self, Along, KnotVector, KnotVectorError};
 use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -23,15 +23,6 @@ pub struct Knots {
 
 fn three() -> usize {
     3
-}
-
-/// A direction of a net.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Along {
-    /// From row to row.
-    U,
-    /// From column to column.
-    V,
 }
 
 /// How knots are placed.
@@ -139,7 +130,7 @@ pub fn knots(
     })
 }
 
-fn even(points: usize) -> Vec<f64> {
+pub(super) fn even(points: usize) -> Vec<f64> {
     (0..points).map(|k| k as f64 / (points - 1).max(1) as f64).collect()
 }
 
@@ -148,7 +139,11 @@ fn even(points: usize) -> Vec<f64> {
 /// the parameters are spaced evenly.
 ///
 /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), algorithm A9.3.
-fn parameters(net: &value::ControlNet, along: Along, measure: fn(f64) -> f64) -> Vec<f64> {
+pub(super) fn parameters(
+    net: &value::ControlNet,
+    along: Along,
+    measure: fn(f64) -> f64,
+) -> Vec<f64> {
     let columns = net.columns();
     let (count, lines) = match along {
         Along::U => (net.rows(), columns),

@@ -1,11 +1,11 @@
 //! Makes a rational B-spline surface of a control net.
 
-use maquette::value::{self, KnotVector, Surface, SurfaceError};
+use maquette::value::{self, Along, KnotVector, Surface, SurfaceError};
 use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::knots::{Along, KnotsError, KnotsKind, knots};
+use super::knots::{KnotsError, KnotsKind, knots};
 
 /// Makes a rational B-spline surface (NURBS) of a control net.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::profile::{Profile, ProfileError};
+use super::within::{WithinError, within};
 
 /// Moves the free points of a control net in one or several steps, each in the direction of the one before it, turned by an
 /// angle. Fixed points stay.
@@ -55,17 +56,9 @@ pub enum OffsetError {
     /// The net has no mean normal.
     #[error("the net has no mean normal, link one to the port `normal`")]
     Normal(#[source] DirectionError),
-    /// A net that does not know the range grid.
-    #[error("`region` needs a net that was made from a region")]
-    NoChart,
-    /// A region of another grid.
-    #[error("the region is part of a grid of {region:?} cells, the net of one of {net:?}")]
-    Size {
-        /// Size of the region's grid.
-        region: [usize; 2],
-        /// Size of the net's range grid.
-        net: [usize; 2],
-    },
+    /// A region that does not fit the net.
+    #[error(transparent)]
+    Within(#[from] WithinError),
     /// No profile.
     #[error(transparent)]
     Profile(#[from] ProfileError),
@@ -197,43 +190,6 @@ fn mean_normal(net: &value::ControlNet) -> Result<Direction, DirectionError> {
     Direction::mean(if count == 0.0 { sum } else { sum / count })
 }
 
-/// 1 for each point of the net whose cell lies in `region`. A point's cell is the one next to it on the net's chart.
-fn within(net: &value::ControlNet, region: &Region) -> Result<Vec<u8>, OffsetError> {
-    let chart = net.chart().ok_or(OffsetError::NoChart)?;
-    let grid = [region.width(), region.height()];
-    if grid != chart.grid {
-        return Err(OffsetError::Size { region: grid, net: chart.grid });
-    }
-    let columns = net.columns();
-    let distance_sq = |at: usize, [a, b]: [f64; 2]| {
-        let (a, b) = (a - (at / columns) as f64, b - (at % columns) as f64);
-        a * a + b * b
-    };
-    let cells = || chart.cells.iter().zip(chart.coordinates.iter());
-    let mut nearest: Vec<Option<(f64, u32)>> = vec![None; net.points().len()];
-    for (&cell, &[a, b]) in cells() {
-        let (row, column) = (a.round() as usize, b.round() as usize);
-        if row < net.rows() && column < columns {
-            let at = row * columns + column;
-            let distance = distance_sq(at, [a, b]);
-            if nearest[at].is_none_or(|(least, _)| distance < least) {
-                nearest[at] = Some((distance, cell));
-            }
-        }
-    }
-    // Where cells are sparser than the net, a point may have no cell of its own.
-    let search = |at: usize| {
-        let distances = cells().map(|(&cell, &at_cell)| (distance_sq(at, at_cell), cell));
-        distances.min_by(|a, b| a.0.total_cmp(&b.0))
-    };
-    let is_within = |at: usize| {
-        let free = net.fixed()[at] == 0;
-        let cell = free.then(|| nearest[at].or_else(|| search(at))).flatten();
-        u8::from(cell.is_some_and(|(_, cell)| region.find(cell as usize).is_some()))
-    };
-    Ok((0..net.points().len()).map(is_within).collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::control_net::tests::{range, region};
@@ -347,6 +303,6 @@ mod tests {
         }
         let other = region(&range(5, 5, |_, _| 0.0), |_, _| true);
         let refused = offset_net(&net, up(), None, Some(&other), &steps, Profile::Plateau);
-        assert!(matches!(refused, Err(OffsetError::Size { .. })));
+        assert!(matches!(refused, Err(OffsetError::Within(WithinError::Size { .. }))));
     }
 }

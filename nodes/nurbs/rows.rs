@@ -169,7 +169,7 @@ fn bridged(points: &[Option<Point3<f64>>]) -> Vec<Point3<f64>> {
 }
 
 /// For each point its share of the length of the line up to it, from 0 to 1; a line without length is divided evenly.
-fn shares(points: &[Point3<f64>]) -> Vec<f64> {
+pub(super) fn shares(points: &[Point3<f64>]) -> Vec<f64> {
     let mut length = 0.0;
     let mut lengths = vec![0.0];
     for pair in points.windows(2) {
@@ -191,7 +191,7 @@ fn counted(count: usize) -> Vec<f64> {
 }
 
 /// `count` (at least 2) evenly spaced points of the line through `points` at `shares`, its ends exact.
-fn resampled(points: &[Point3<f64>], shares: &[f64], count: usize) -> Vec<Point3<f64>> {
+pub(super) fn resampled(points: &[Point3<f64>], shares: &[f64], count: usize) -> Vec<Point3<f64>> {
     let last = points.len() - 1;
     if last == 0 {
         return vec![points[0]; count];

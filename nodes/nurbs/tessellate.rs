@@ -1,6 +1,6 @@
 //! Makes a mesh of a surface.
 
-use maquette::value::{Mesh, Surface};
+use maquette::value::{Mesh, MeshError, Surface};
 use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,6 +19,22 @@ pub struct Tessellate {
     #[schemars(range(max = 8192))]
     #[serde(default)]
     pub v: usize,
+    /// How far edges may be from the surface: flat parts get large quads and bent parts small ones, joined without gaps by
+    /// triangles. 0 spaces quads evenly.
+    #[schemars(range(min = 0.0), extend("unit" = "mm"))]
+    #[serde(default)]
+    pub tolerance: f64,
+}
+
+/// Why a surface does not become a mesh.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TessellateError {
+    /// Two ways to say how fine.
+    #[error("`tolerance` chooses the quads itself: leave `u` and `v` out")]
+    Both,
+    /// No mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
 }
 
 impl Node for Tessellate {
@@ -26,6 +42,38 @@ impl Node for Tessellate {
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((cx.get(&self.surface).tessellate(self.u, self.v)?,))
+        Ok((tessellate(cx.get(&self.surface), [self.u, self.v], self.tolerance)?,))
+    }
+}
+
+/// The mesh of a surface: of so many quads along u and v, 0 for as many as it needs, or with a tolerance in mm that is not 0.
+///
+/// # Errors
+/// If both are given, or the mesh would be too large or not finite.
+pub fn tessellate(
+    surface: &Surface,
+    [u, v]: [usize; 2],
+    tolerance: f64,
+) -> Result<Mesh, TessellateError> {
+    match (tolerance == 0.0, [u, v]) {
+        (true, _) => Ok(surface.tessellate(u, v)?),
+        (false, [0, 0]) => Ok(surface.tessellate_within(tolerance)?),
+        (false, _) => Err(TessellateError::Both),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::nurbs::nurbs;
+    use super::super::revolve::revolve;
+    use super::*;
+
+    #[test]
+    fn a_tolerance_and_a_number_of_quads_contradict_each_other() {
+        let surface = nurbs(&revolve(&[[1.0, 0.0], [1.0, 2.0]]).unwrap(), None, None, Some([2, 3]));
+        let surface = surface.unwrap();
+        assert_eq!(tessellate(&surface, [2, 3], 0.0).unwrap().faces().len(), 6);
+        assert!(tessellate(&surface, [0, 0], 0.01).unwrap().faces().len() > 6);
+        assert_eq!(tessellate(&surface, [2, 0], 0.01), Err(TessellateError::Both));
     }
 }

@@ -1,18 +1,22 @@
 //! Changes how strongly control points attract their surface.
 
-use maquette::value::{self, ControlNetError};
+use maquette::value::{self, ControlNetError, Region};
 use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::within::{WithinError, within};
+
 /// Changes how strongly control points attract their surface.
 ///
-/// Each weight is multiplied by `all`, by its row's factor and by its column's factor. Only ratios count: the same factor for
+/// Each weight is multiplied by `all`, by its row's factor, by its column's factor, and inside `region` by `inside`. Only ratios count: the same factor for
 /// all points changes nothing. 0 takes a point's effect away.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Weights {
     /// The net.
     pub net: In<value::ControlNet>,
+    /// The part of the range grid for whose control points `inside` counts.
+    pub region: Option<In<Region>>,
     /// A factor for every point.
     #[schemars(range(min = 0.0, max = 1000.0))]
     #[serde(default = "one")]
@@ -25,6 +29,10 @@ pub struct Weights {
     #[schemars(inner(range(min = 0.0, max = 1000.0)))]
     #[serde(default)]
     pub columns: Vec<f64>,
+    /// A factor for every point whose cell lies in `region`.
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    #[serde(default = "one")]
+    pub inside: f64,
 }
 
 fn one() -> f64 {
@@ -44,6 +52,9 @@ pub enum WeightsError {
         /// How many rows or columns the net has.
         count: usize,
     },
+    /// A region that does not fit the net.
+    #[error(transparent)]
+    Within(#[from] WithinError),
     /// Weights that are no weights.
     #[error(transparent)]
     Net(#[from] ControlNetError),
@@ -54,7 +65,19 @@ impl Node for Weights {
     const OUTPUTS: [&'static str; 1] = ["net"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((weights(cx.get(&self.net), self.all, &self.rows, &self.columns)?,))
+        let net = cx.get(&self.net);
+        let changed = weights(net, self.all, &self.rows, &self.columns)?;
+        let Some(region) = &self.region else {
+            if self.inside != 1.0 {
+                cx.warn("`inside` changes nothing without a region");
+            }
+            return Ok((changed,));
+        };
+        let region = cx.get(region);
+        if !within(net, region)?.contains(&1) {
+            cx.warn("no control point lies in the region");
+        }
+        Ok((weights_inside(&changed, region, self.inside)?,))
     }
 }
 
@@ -83,11 +106,55 @@ pub fn weights(
     Ok(net.clone().with_weights(changed.collect())?)
 }
 
+/// The net with the weights of all points whose cell lies in `region` multiplied by `factor`.
+///
+/// # Errors
+/// If the net was not made from a region of the same range grid, or a weight becomes negative or not finite.
+pub fn weights_inside(
+    net: &value::ControlNet,
+    region: &Region,
+    factor: f64,
+) -> Result<value::ControlNet, WeightsError> {
+    let pairs = net.weights().iter().zip(within(net, region)?);
+    let changed = pairs.map(|(weight, within)| if within == 1 { weight * factor } else { *weight });
+    Ok(net.clone().with_weights(changed.collect())?)
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Point3;
 
+    use super::super::control_net::tests::{range, region};
+    use super::super::control_net::{NetMethod, control_net};
     use super::*;
+
+    #[test]
+    fn a_region_has_its_own_factor() {
+        let range = range(12, 10, |_, _| 1.0);
+        let whole = region(&range, |x, y| (2..10).contains(&x) && (2..8).contains(&y));
+        let part = region(&range, |x, y| (2..5).contains(&x) && y < 4);
+        let net = control_net(&whole, &range, NetMethod::Grid, 0, 0).unwrap();
+        let heavy = weights_inside(&net, &part, 3.0).unwrap();
+        for (at, weight) in heavy.weights().iter().enumerate() {
+            let (row, column) = (at / net.columns(), at % net.columns());
+            // The padding has no cells, not even where the part reaches it.
+            let inside = (2..4).contains(&row) && (2..5).contains(&column);
+            assert_eq!(*weight, if inside { 3.0 } else { 1.0 }, "({row}, {column})");
+        }
+        let fine = control_net(&whole, &range, NetMethod::Rows, 11, 15).unwrap();
+        let heavy = weights_inside(&fine, &part, 3.0).unwrap();
+        assert_eq!((heavy.weights()[16], heavy.weights()[15 * 9 + 7]), (3.0, 1.0));
+    }
+
+    #[test]
+    fn a_region_needs_a_net_of_its_grid() {
+        let (here, there) = (range(12, 10, |_, _| 1.0), range(11, 10, |_, _| 1.0));
+        let part = |range| region(range, |x, y| x < 5 && y < 4);
+        assert_eq!(weights_inside(&net(), &part(&here), 2.0), Err(WithinError::NoChart.into()));
+        let made = control_net(&part(&here), &here, NetMethod::Grid, 0, 0).unwrap();
+        let size = WithinError::Size { region: [11, 10], net: [12, 10] };
+        assert_eq!(weights_inside(&made, &part(&there), 2.0), Err(size.into()));
+    }
 
     fn net() -> value::ControlNet {
         value::ControlNet::new(2, 2, vec![Point3::origin(); 4]).unwrap()

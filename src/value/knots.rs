@@ -5,9 +5,11 @@ use thiserror::Error;
 use super::{Column, Encoder, Summary, Value};
 
 mod basis;
+mod change;
 mod generate;
 
 pub(super) use basis::Basis;
+pub use change::KnotChange;
 
 /// Why a list of numbers is not a knot vector.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -45,6 +47,16 @@ pub enum KnotVectorError {
         count: usize,
         /// How often it may be: degree + 1 at an end, degree inside.
         most: usize,
+    },
+    /// A parameter that is not inside the domain.
+    #[error("{u} is not inside the domain from {start} to {end}")]
+    Outside {
+        /// The parameter.
+        u: f64,
+        /// First parameter of the domain.
+        start: f64,
+        /// Last parameter of the domain.
+        end: f64,
     },
     /// All pieces are empty.
     #[error("the domain from {start} to {end} is empty")]

@@ -1,14 +1,31 @@
 //! Rational B-spline surfaces.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{ControlNet, Encoder, KnotVector, Summary, Value};
 
+mod adaptive;
+mod change;
+mod closest;
 mod differentiate;
 mod evaluate;
+mod grid;
 mod tessellate;
 
+pub use change::IsoCurve;
+pub use closest::Foot;
 pub use differentiate::Derivatives;
+
+/// A direction of a net or surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Along {
+    /// From row to row.
+    U,
+    /// From column to column.
+    V,
+}
 
 /// Why a net and two knot vectors do not make a surface, or a surface has no answer.
 #[derive(Clone, Debug, PartialEq, Error)]

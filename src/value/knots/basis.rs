@@ -101,6 +101,11 @@ impl KnotVector {
         u
     }
 
+    /// The net coordinate of a parameter: `sum_i i N_i(u)`, the inverse of [`parameter`](Self::parameter).
+    pub fn net_coordinate(&self, u: f64) -> f64 {
+        self.coordinate(u, 0)
+    }
+
     /// The `order`-th derivative of `sum_i i N_i` at `u`.
     fn coordinate(&self, u: f64, order: usize) -> f64 {
         let basis = self.basis_derivative(u, order);
@@ -168,13 +173,13 @@ impl KnotVector {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use proptest::prelude::*;
 
     use super::*;
 
     /// Random knots with repetitions, of any degree.
-    fn any_knots() -> impl Strategy<Value = KnotVector> {
+    pub(crate) fn any_knots() -> impl Strategy<Value = KnotVector> {
         let steps = prop::collection::vec(prop_oneof![Just(0.0), 0.01..3.0f64], 4..20);
         (1usize..=9, steps, any::<bool>()).prop_filter_map(
             "no knots",

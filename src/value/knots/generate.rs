@@ -39,6 +39,38 @@ impl KnotVector {
         Self::new(degree, knots)
     }
 
+    /// Knots for fewer control points than data points: between two inner knots lie about equally many parameters.
+    ///
+    /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eqs. 9.68 and 9.69, which place a knot at the index `j d - 1` of the
+    /// parameters, from one end, and at `j d` from the other. The mean of both is used: reversed parameters give reversed knots.
+    ///
+    /// # Errors
+    /// If the degree is not from 1 to 9, there are not more than `degree` control points and parameters, or the parameters decrease
+    /// or too many of them are equal.
+    pub fn approximating(
+        parameters: &[f64],
+        n_control: usize,
+        degree: usize,
+    ) -> Result<Self, KnotVectorError> {
+        check(n_control.min(parameters.len()), degree.saturating_add(1))?;
+        let last = parameters.len() - 1;
+        let pieces = n_control - degree;
+        let per_piece = parameters.len() as f64 / pieces as f64;
+        let at = |index: f64| {
+            let before = (index.max(0.0) as usize).min(last);
+            let next = parameters[(before + 1).min(last)];
+            parameters[before] + (next - parameters[before]) * (index.max(0.0) - before as f64)
+        };
+        let inner = |j: usize| {
+            let index = j as f64 * per_piece;
+            (at(index - 1.0) + at(index)) / 2.0
+        };
+        let mut knots = vec![parameters[0]; degree + 1];
+        knots.extend((1..pieces).map(inner));
+        knots.extend(vec![parameters[last]; degree + 1]);
+        Self::new(degree, knots)
+    }
+
     /// Evenly spaced knots without repeated ends: the domain goes from 0 to `n_control - order + 1`. A net whose last
     /// `order - 1` rows repeat its first ones closes smoothly on it; any other net does not reach its first and last points.
     ///
@@ -94,6 +126,24 @@ mod tests {
         let back = KnotVector::averaged(&reversed, 2).unwrap();
         let mirrored: Vec<f64> = back.knots().iter().rev().map(|u| 1.0 - u).collect();
         assert_eq!(there.knots(), mirrored);
+    }
+
+    #[test]
+    fn knots_for_fewer_control_points_follow_the_parameters_from_both_ends() {
+        let parameters = [0.0, 0.125, 0.25, 0.5, 0.5625, 0.75, 1.0];
+        let reversed: Vec<f64> = parameters.iter().rev().map(|u| 1.0 - u).collect();
+        for count in 3..7 {
+            let there = KnotVector::approximating(&parameters, count, 2).unwrap();
+            let back = KnotVector::approximating(&reversed, count, 2).unwrap();
+            assert_eq!(there.n_control(), count);
+            for (a, b) in there.knots().iter().zip(back.knots().iter().rev()) {
+                assert!((a - (1.0 - b)).abs() <= 1e-15);
+            }
+        }
+        let even: Vec<f64> = (0..5).map(|k| f64::from(k) / 4.0).collect();
+        assert_eq!(KnotVector::approximating(&even, 4, 2).unwrap().knots()[3], 0.5);
+        assert!(KnotVector::approximating(&even, 2, 2).is_err());
+        assert!(KnotVector::approximating(&[], 4, 2).is_err());
     }
 
     #[test]

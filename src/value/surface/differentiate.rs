@@ -1,9 +1,9 @@
 //! Derivatives and normals of a surface.
 
-use nalgebra::{Point3, Unit, Vector3, Vector4};
-use rayon::prelude::*;
+use nalgebra::{Point3, Unit, Vector3};
 
-use super::evaluate::{divide, inward, table};
+use super::super::knots::Basis;
+use super::evaluate::inward;
 use super::{KnotVector, Surface};
 
 /// A point of a surface and its derivatives there.
@@ -29,7 +29,11 @@ const INWARD_FOR_DERIVATIVES: f64 = 1e-4;
 
 /// Below this sine of the angle between the two tangents they do not span a plane: far above rounding, far below any sampled
 /// shape.
-const LEAST_SINE: f64 = 1e-12;
+pub(super) const LEAST_SINE: f64 = 1e-12;
+
+/// A tangent below this share of the numbers that it is a sum of is what rounding left of zero: a hundred times that, and far below
+/// what a surface at such a distance from the origin can show.
+pub(super) const NOISE: f64 = 1e-13;
 
 /// How far inward a normal is taken where there is none, as a share of the domain: small on every picture, large enough for the
 /// tangents to be exact to 12 digits.
@@ -77,7 +81,11 @@ impl Surface {
     /// For a net from a capture, whose rows run down and whose columns run to the right, this is the side of the sensor.
     pub fn normal(&self, u: f64, v: f64) -> Option<Unit<Vector3<f64>>> {
         let here = self.derivatives(u, v);
-        if let Some(normal) = normal(here.u, here.v) {
+        let size = here.point.coords.norm();
+        let [noise_u, noise_v] = [(&self.u, u), (&self.v, v)]
+            .map(|(knots, at)| NOISE * steepness(&knots.basis_derivative(at, 1)) * size);
+        let both = noise_u < here.u.norm() && noise_v < here.v.norm();
+        if let Some(normal) = both.then(|| normal(here.u, here.v)).flatten() {
             return Some(normal);
         }
         let further = |knots: &KnotVector, at: f64| {
@@ -95,30 +103,11 @@ impl Surface {
             normal(there.u, there.v)
         })
     }
+}
 
-    /// Points and unit normals at all pairs of these parameters, in the order of [`grid`](Self::grid); the normal is zero where
-    /// [`normal`](Self::normal) finds none.
-    pub(super) fn normal_grid(
-        &self,
-        us: &[f64],
-        vs: &[f64],
-    ) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
-        let control = self.homogeneous();
-        let [u, u_1] = [0, 1].map(|k| table(&self.u, us, k));
-        let [v, v_1] = [0, 1].map(|k| table(&self.v, vs, k));
-        let sums = self.contract_grid(&control, &u, &v);
-        let by_u = self.contract_grid(&control, &u_1, &v);
-        let by_v = self.contract_grid(&control, &u, &v_1);
-        let finish = |index: usize| {
-            let (sum, (u, v)) = (sums[index], (us[index / vs.len()], vs[index % vs.len()]));
-            let point = if sum.w > 0.0 { divide(sum) } else { self.point(u, v) };
-            let tangent = |by: Vector4<f64>| (by.xyz() - point.coords * by.w) / sum.w;
-            let fast = (sum.w > 0.0).then(|| normal(tangent(by_u[index]), tangent(by_v[index])));
-            let normal = fast.flatten().or_else(|| self.normal(u, v));
-            (point, normal.map_or(Vector3::zeros(), Unit::into_inner))
-        };
-        (0..sums.len()).into_par_iter().with_min_len(1024).map(finish).unzip()
-    }
+/// How large a derivative can be for control points of size 1: the sum of its basis functions' sizes.
+pub(super) fn steepness(slopes: &Basis) -> f64 {
+    slopes.values.iter().map(|slope| slope.abs()).sum()
 }
 
 fn normal(u: Vector3<f64>, v: Vector3<f64>) -> Option<Unit<Vector3<f64>>> {
@@ -149,6 +138,28 @@ mod tests {
             near(at.uu, slope(&|d| surface.derivatives(u + d, v).u));
             near(at.uv, slope(&|d| surface.derivatives(u, v + d).u));
             near(at.vv, slope(&|d| surface.derivatives(u, v + d).v));
+        }
+    }
+
+    #[test]
+    fn a_pole_far_from_the_origin_has_a_normal_too() {
+        // The points of the pole are equal, but rounding leaves a tangent of some 1e-14.
+        let ring = |k: usize| {
+            let angle = 2.0 * std::f64::consts::PI * (k % 9) as f64 / 8.0;
+            let radius = (k / 9) as f64;
+            let [x, y] = [radius * libm::cos(angle), radius * libm::sin(angle)];
+            Point3::new(21.3 + x, 19.7 + y, 700.1)
+        };
+        let net = ControlNet::new(4, 9, (0..36).map(ring).collect::<Vec<_>>()).unwrap();
+        let weights = (0..36).map(|k| 0.3 + 0.1 * (k % 9) as f64).collect();
+        let net = net.with_weights(weights).unwrap();
+        let [u, v] = [4, 9].map(|count| KnotVector::uniform(count, 3).unwrap());
+        let disk = Surface::new(net, u, v).unwrap();
+        let vs: Vec<f64> = (0..=50).map(|k| 7.0 * f64::from(k) / 50.0).collect();
+        let (_, normals) = disk.normal_grid(&[0.0], &vs);
+        for (v, normal) in vs.iter().zip(normals) {
+            assert!(normal.z > 0.999, "{v}: {normal}");
+            assert!(disk.normal(0.0, *v).unwrap().z > 0.999, "{v}");
         }
     }
 

@@ -8,7 +8,6 @@
 //! surface has a limit there, and that is what is given: see [`INWARD`].
 
 use nalgebra::{Point3, Vector4};
-use rayon::prelude::*;
 
 use super::super::knots::Basis;
 use super::{KnotVector, Surface};
@@ -34,26 +33,6 @@ impl Surface {
         divide(homogeneous(inward(&self.u, u, INWARD), inward(&self.v, v, INWARD)))
     }
 
-    /// The points at all pairs of these parameters: for each of `us` a row of all `vs`. Equal to [`point`](Self::point), and
-    /// the same bits for any number of threads.
-    pub fn grid(&self, us: &[f64], vs: &[f64]) -> Vec<Point3<f64>> {
-        let (along_u, along_v) = (table(&self.u, us, 0), table(&self.v, vs, 0));
-        let sums = self.contract_grid(&self.homogeneous(), &along_u, &along_v);
-        let finish = |(index, sum): (usize, &Vector4<f64>)| {
-            if sum.w > 0.0 {
-                return divide(*sum);
-            }
-            self.point(us[index / vs.len()], vs[index % vs.len()])
-        };
-        sums.par_iter().enumerate().with_min_len(1024).map(finish).collect()
-    }
-
-    /// All control points as (w x, w y, w z, w), row by row.
-    pub(super) fn homogeneous(&self) -> Vec<Vector4<f64>> {
-        let pairs = self.net.points().iter().zip(self.net.weights());
-        pairs.map(|(point, &weight)| (point.coords * weight).push(weight)).collect()
-    }
-
     /// `sum_ab N_a(u) N_b(v) (w_ab P_ab, w_ab)` for the basis functions at one parameter.
     pub(super) fn contract(&self, u: &Basis, v: &Basis) -> Vector4<f64> {
         let columns = self.net.columns();
@@ -70,44 +49,13 @@ impl Surface {
         }
         sum
     }
-
-    /// The same for all pairs of two tables, in two stages: first along v for each row of the net, then along u. The sums run
-    /// in the order of [`contract`](Self::contract), so that the bits agree.
-    pub(super) fn contract_grid(
-        &self,
-        control: &[Vector4<f64>],
-        u: &[Basis],
-        v: &[Basis],
-    ) -> Vec<Vector4<f64>> {
-        let (p, q) = (self.u.degree(), self.v.degree());
-        if u.is_empty() || v.is_empty() {
-            return Vec::new();
-        }
-        let mut rows = vec![Vector4::zeros(); self.net.rows() * v.len()];
-        rows.par_chunks_mut(v.len()).enumerate().for_each(|(a, row)| {
-            let control = &control[a * self.net.columns()..][..self.net.columns()];
-            for (sum, basis) in row.iter_mut().zip(v) {
-                for (control, &n_v) in control[basis.first..].iter().zip(&basis.values[..=q]) {
-                    *sum += control * n_v;
-                }
-            }
-        });
-        let mut sums = vec![Vector4::zeros(); u.len() * v.len()];
-        sums.par_chunks_mut(v.len()).zip(u).for_each(|(sums, basis)| {
-            for (k, &n_u) in basis.values[..=p].iter().enumerate() {
-                let row = &rows[(basis.first + k) * v.len()..][..v.len()];
-                sums.iter_mut().zip(row).for_each(|(sum, along)| *sum += along * n_u);
-            }
-        });
-        sums
-    }
 }
 
 pub(super) fn table(knots: &KnotVector, at: &[f64], order: usize) -> Vec<Basis> {
     at.iter().map(|&u| knots.basis_derivative(u, order)).collect()
 }
 
-pub(super) fn divide(sum: Vector4<f64>) -> Point3<f64> {
+fn divide(sum: Vector4<f64>) -> Point3<f64> {
     (sum.xyz() / sum.w).into()
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::super::{Attribute, Faces, KnotVector, Mesh, MeshError};
-use super::Surface;
+use super::{Along, Surface};
 
 /// Largest distance of a chosen mesh from its surface, as a share of the diagonal of the net's box: not to be seen on a
 /// picture of 1000 pixels.
@@ -83,11 +83,6 @@ impl Surface {
     }
 }
 
-enum Along {
-    U,
-    V,
-}
-
 /// Parameters at the ends of `count` equal parts of the domain.
 fn even(knots: &KnotVector, count: usize) -> Vec<f64> {
     let (start, end) = knots.domain();
@@ -96,7 +91,7 @@ fn even(knots: &KnotVector, count: usize) -> Vec<f64> {
 }
 
 /// Parameters at the ends of `pieces` equal parts of each span that is not empty.
-fn divided(knots: &KnotVector, pieces: usize) -> Vec<f64> {
+pub(super) fn divided(knots: &KnotVector, pieces: usize) -> Vec<f64> {
     let (start, end) = knots.domain();
     let domain = &knots.knots()[knots.degree()..=knots.n_control()];
     let mut at = vec![start];
@@ -108,7 +103,7 @@ fn divided(knots: &KnotVector, pieces: usize) -> Vec<f64> {
     at
 }
 
-fn to_unit(knots: &KnotVector, at: &[f64]) -> Vec<f64> {
+pub(super) fn to_unit(knots: &KnotVector, at: &[f64]) -> Vec<f64> {
     let (start, end) = knots.domain();
     at.iter().map(|u| (u - start) / (end - start)).collect()
 }
@@ -128,7 +123,7 @@ fn quads(rows: usize, columns: usize) -> Result<Faces, MeshError> {
 }
 
 /// The distance of a point from the line through two others, or from both if they are one.
-fn distance(point: Point3<f64>, a: Point3<f64>, b: Point3<f64>) -> f64 {
+pub(super) fn distance(point: Point3<f64>, a: Point3<f64>, b: Point3<f64>) -> f64 {
     let spoke = point - a;
     match (b - a).try_normalize(0.0) {
         Some(direction) => (spoke - direction * spoke.dot(&direction)).norm(),

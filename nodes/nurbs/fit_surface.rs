@@ -1,0 +1,411 @@
+//! Fits a B-spline surface to a net of points.
+
+use maquette::value::{
+    self, Along, Chart, ControlNetError, KnotVector, KnotVectorError, Surface, SurfaceError,
+};
+use maquette::{Context, Error, In, Node};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::fit_line::LineFit;
+use super::knots::{even, parameters};
+
+/// Fits a B-spline surface to the points of a net: unlike the one of `Nurbs`, which only follows its control points, it goes
+/// through them or near them.
+///
+/// The surface knows the range grid's cells if the net does, so that `Blend` can write it back. It has no weights.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct FitSurface {
+    /// The points to meet, row by row.
+    pub net: In<value::ControlNet>,
+    /// Orders along u and v, one more than the degrees: 2 is straight, 3 quadratic, 4 cubic.
+    #[schemars(inner(range(min = 2, max = 10)))]
+    #[serde(default = "threes")]
+    pub order: [usize; 2],
+    /// How the points are met.
+    #[serde(default)]
+    pub method: FitMethod,
+    /// Where on the surface the points lie.
+    #[serde(default)]
+    pub parameters: FitParameters,
+}
+
+fn threes() -> [usize; 2] {
+    [3, 3]
+}
+
+/// How the points of a fitted surface are met.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub enum FitMethod {
+    /// The surface goes through all of them.
+    #[default]
+    Interpolate,
+    /// It has fewer control points and is as near as possible, by squares, first along u, then along v. It meets the corners.
+    LeastSquares {
+        /// Rows of control points; 0 takes as many as the points have, which interpolates along u.
+        #[schemars(range(max = 4096))]
+        #[serde(default)]
+        rows: usize,
+        /// Columns of control points; 0 takes as many as the points have, which interpolates along v.
+        #[schemars(range(max = 4096))]
+        #[serde(default)]
+        columns: usize,
+    },
+    /// The same by progressive iteration: rounds that move each control point by what the surface misses near it. Stopped early it
+    /// is smoother.
+    Lspia {
+        /// Rows of control points; 0 takes as many as the points have.
+        #[schemars(range(max = 4096))]
+        #[serde(default)]
+        rows: usize,
+        /// Columns of control points; 0 takes as many as the points have.
+        #[schemars(range(max = 4096))]
+        #[serde(default)]
+        columns: usize,
+        /// Most rounds in each direction.
+        #[schemars(range(max = 100_000))]
+        #[serde(default = "rounds")]
+        iterations: usize,
+        /// A round that moves no control point farther than this is the last one.
+        #[schemars(range(min = 0.0), extend("unit" = "mm"))]
+        #[serde(default = "micrometer")]
+        tolerance: f64,
+    },
+}
+
+fn rounds() -> usize {
+    100
+}
+
+fn micrometer() -> f64 {
+    1e-3
+}
+
+/// Where on a fitted surface the points lie.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum FitParameters {
+    /// Evenly spaced.
+    Uniform,
+    /// As far apart as the points are, in the mean over all lines.
+    Chord,
+    /// As far apart as the square roots of the points' distances, which keeps sharp turns calm.
+    #[default]
+    Centripetal,
+}
+
+/// Why no surface fits.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// A number of control points that does not go with the order and the points.
+    #[error(
+        "{control} control points along {along:?} do not fit: there are {points} points, and order {order} needs {order} of both"
+    )]
+    Count {
+        /// The direction.
+        along: Along,
+        /// Control points.
+        control: usize,
+        /// Points to meet.
+        points: usize,
+        /// The order.
+        order: usize,
+    },
+    /// Equations without one solution.
+    #[error("the points along {along:?} do not determine the surface: some lie in one place")]
+    Singular {
+        /// The direction.
+        along: Along,
+    },
+    /// Parameters that make no knots.
+    #[error(transparent)]
+    Knots(#[from] KnotVectorError),
+    /// A surface out of all bounds.
+    #[error(transparent)]
+    Net(#[from] ControlNetError),
+    /// No surface.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
+}
+
+/// A surface near some points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fitted {
+    /// The surface.
+    pub surface: Surface,
+    /// Largest step of a control point in the last round of an iteration that did not settle, in mm; 0 if all did.
+    pub unsettled: f64,
+}
+
+impl Node for FitSurface {
+    type Outputs = (Surface,);
+    const OUTPUTS: [&'static str; 1] = ["surface"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let net = cx.get(&self.net);
+        if net.weights().windows(2).any(|pair| pair[0] != pair[1]) {
+            cx.warn("the weights of the net are not used: a fitted surface has none");
+        }
+        let fitted = fit_surface(net, self.order, self.method, self.parameters)?;
+        if fitted.unsettled > 0.0 {
+            cx.warn(format!(
+                "the iteration has not settled: its last round moved a control point by {:.3e} mm",
+                fitted.unsettled
+            ));
+        }
+        Ok((fitted.surface,))
+    }
+}
+
+/// The B-spline surface of this order that meets the points of a net; its weights are 1, its domain is 0 to 1 in both directions.
+///
+/// Lines of the net are fitted along u, with the same parameters for all, and the control points that come out along v: Piegl and
+/// Tiller, *The NURBS Book*, 2nd ed. (1997), algorithms A9.4 and A9.7. The base points are fitted in the same way, so that the
+/// surface before an offset is known, too. If as many control points as points are wanted, those of the net that are fixed stay
+/// marked.
+///
+/// # Errors
+/// If there are fewer points or control points than the order, more control points than points, or points that lie in one place
+/// leave the surface undetermined.
+pub fn fit_surface(
+    net: &value::ControlNet,
+    order: [usize; 2],
+    method: FitMethod,
+    kind: FitParameters,
+) -> Result<Fitted, FitError> {
+    let counts = match method {
+        FitMethod::Interpolate => [0, 0],
+        FitMethod::LeastSquares { rows, columns } | FitMethod::Lspia { rows, columns, .. } => {
+            [rows, columns]
+        }
+    };
+    let direction = |along: Along| Direction::new(net, along, order, counts, method, kind);
+    let (u, v) = (direction(Along::U)?, direction(Along::V)?);
+    let (base, unsettled_base) = fit_points(net.base(), net, &u, &v);
+    let (points, unsettled) = match net.base() == net.points() {
+        true => (base.clone(), unsettled_base),
+        false => fit_points(net.points(), net, &u, &v),
+    };
+    let [rows, columns] = [&u, &v].map(|direction| direction.fit.knots().n_control());
+    let mut fitted = value::ControlNet::new(rows, columns, base)?
+        .with_points(points)?
+        .with_frame(net.frame().copied());
+    if [rows, columns] == [net.rows(), net.columns()] {
+        fitted = fitted.with_fixed(net.fixed().to_vec())?;
+    }
+    if let Some(chart) = net.chart() {
+        let moved = |&[a, b]: &[f64; 2]| [u.coordinate(a), v.coordinate(b)];
+        let coordinates = chart.coordinates.iter().map(moved).collect();
+        fitted = fitted.with_chart(Chart { coordinates, ..chart.clone() });
+    }
+    let [u, v] = [&u, &v].map(|direction| direction.fit.knots().clone());
+    let unsettled = unsettled.max(unsettled_base);
+    Ok(Fitted { surface: Surface::new(fitted, u, v)?, unsettled })
+}
+
+/// The fit along one direction.
+struct Direction {
+    fit: LineFit,
+    parameters: Vec<f64>,
+}
+
+impl Direction {
+    fn new(
+        net: &value::ControlNet,
+        along: Along,
+        order: [usize; 2],
+        counts: [usize; 2],
+        method: FitMethod,
+        kind: FitParameters,
+    ) -> Result<Self, FitError> {
+        let (points, order, count) = match along {
+            Along::U => (net.rows(), order[0], counts[0]),
+            Along::V => (net.columns(), order[1], counts[1]),
+        };
+        let control = if count == 0 { points } else { count };
+        if points < control || control < order || control < 2 {
+            return Err(FitError::Count { along, control, points, order });
+        }
+        let parameters = match kind {
+            FitParameters::Uniform => even(points),
+            FitParameters::Chord => parameters(net, along, |distance| distance),
+            FitParameters::Centripetal => parameters(net, along, f64::sqrt),
+        };
+        let degree = order.saturating_sub(1);
+        let knots = if control == points {
+            KnotVector::averaged(&parameters, degree)?
+        } else {
+            KnotVector::approximating(&parameters, control, degree)?
+        };
+        let fit = match method {
+            FitMethod::Lspia { iterations, tolerance, .. } => {
+                Some(LineFit::progressive(knots, &parameters, iterations, tolerance))
+            }
+            _ if control == points => LineFit::interpolate(knots, &parameters),
+            _ => LineFit::least_squares(knots, &parameters),
+        };
+        Ok(Self { fit: fit.ok_or(FitError::Singular { along })?, parameters })
+    }
+
+    /// The net coordinate on the fitted surface of one among the points.
+    fn coordinate(&self, a: f64) -> f64 {
+        let last = self.parameters.len() - 1;
+        let before = (a.max(0.0) as usize).min(last);
+        let next = self.parameters[(before + 1).min(last)];
+        let share = (a - before as f64).clamp(0.0, 1.0);
+        let u = self.parameters[before] + (next - self.parameters[before]) * share;
+        self.fit.knots().net_coordinate(u)
+    }
+}
+
+/// The control points for some points of the size of `net`, row by row, and how far they are from settled.
+fn fit_points(
+    points: &[Point3<f64>],
+    net: &value::ControlNet,
+    u: &Direction,
+    v: &Direction,
+) -> (Vec<Point3<f64>>, f64) {
+    let [rows, columns] = [net.rows(), net.columns()];
+    let down = (0..columns).into_par_iter().map(|column| {
+        let line: Vec<Vector3<f64>> =
+            (0..rows).map(|row| points[row * columns + column].coords).collect();
+        u.fit.fit(&line)
+    });
+    let down: Vec<_> = down.collect();
+    let across = (0..u.fit.knots().n_control()).into_par_iter().map(|row| {
+        let line: Vec<Vector3<f64>> = down.iter().map(|line| line.control[row]).collect();
+        v.fit.fit(&line)
+    });
+    let across: Vec<_> = across.collect();
+    let unsettled = down.iter().chain(&across).map(|line| line.unsettled).fold(0.0, f64::max);
+    let points = across.into_iter().flat_map(|line| line.control).map(Point3::from).collect();
+    (points, unsettled)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::blend::{BlendMode, blend};
+    use super::super::control_net::tests::{range, region};
+    use super::super::control_net::{NetMethod, control_net};
+    use super::*;
+
+    const ALL_PARAMETERS: [FitParameters; 3] =
+        [FitParameters::Uniform, FitParameters::Chord, FitParameters::Centripetal];
+
+    /// Unevenly spaced waves.
+    fn waves(rows: usize, columns: usize) -> value::ControlNet {
+        let point = |k: usize| {
+            let (a, b) = ((k / columns) as f64, (k % columns) as f64);
+            let (y, x) = (a + 0.3 * libm::sin(2.0 * a), b + 0.1 * b * b);
+            Point3::new(x, y, libm::sin(0.7 * x) * libm::cos(0.9 * y))
+        };
+        value::ControlNet::new(rows, columns, (0..rows * columns).map(point).collect::<Vec<_>>())
+            .unwrap()
+    }
+
+    fn at_point(net: &value::ControlNet, kind: FitParameters, along: Along) -> Vec<f64> {
+        match kind {
+            FitParameters::Uniform => {
+                even(if along == Along::U { net.rows() } else { net.columns() })
+            }
+            FitParameters::Chord => parameters(net, along, |distance| distance),
+            FitParameters::Centripetal => parameters(net, along, f64::sqrt),
+        }
+    }
+
+    #[test]
+    fn an_interpolating_surface_goes_through_all_points() {
+        let net = waves(9, 11);
+        for order in [[2, 3], [3, 3], [4, 5]] {
+            for kind in ALL_PARAMETERS {
+                let surface =
+                    fit_surface(&net, order, FitMethod::Interpolate, kind).unwrap().surface;
+                let (us, vs) = (at_point(&net, kind, Along::U), at_point(&net, kind, Along::V));
+                for (point, met) in net.points().iter().zip(surface.grid(&us, &vs)) {
+                    assert!((point - met).norm() <= 1e-11, "{order:?} {kind:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_interpolated_scan_is_written_back_as_it_was() {
+        let range = range(26, 22, |x, y| 700.0 + libm::sin(5.0 * x) * libm::cos(3.0 * y));
+        let disk = region(&range, |x, y| x.abs_diff(12).pow(2) + y.abs_diff(11).pow(2) < 60);
+        let net = control_net(&disk, &range, NetMethod::Grid, 0, 0).unwrap();
+        for kind in ALL_PARAMETERS {
+            let surface = fit_surface(&net, [4, 4], FitMethod::Interpolate, kind).unwrap().surface;
+            let same = blend(&range, &disk, &surface, BlendMode::Replace, [1, 1]).unwrap();
+            for (before, after) in range.points().iter().zip(same.range.points()) {
+                assert!((before - after).norm() <= 1e-9, "{kind:?}: {before} {after}");
+            }
+        }
+    }
+
+    #[test]
+    fn fewer_control_points_come_near_and_the_iteration_gets_there() {
+        let net = waves(25, 31);
+        let fit = |method| fit_surface(&net, [4, 4], method, FitParameters::Chord).unwrap();
+        let direct = fit(FitMethod::LeastSquares { rows: 12, columns: 14 });
+        assert_eq!((direct.surface.net().rows(), direct.surface.net().columns()), (12, 14));
+        let settled =
+            fit(FitMethod::Lspia { rows: 12, columns: 14, iterations: 50_000, tolerance: 1e-12 });
+        assert_eq!(settled.unsettled, 0.0);
+        let (a, b) = (direct.surface.net().points(), settled.surface.net().points());
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).norm() <= 1e-6));
+        let stopped =
+            fit(FitMethod::Lspia { rows: 12, columns: 14, iterations: 2, tolerance: 1e-12 });
+        assert!(stopped.unsettled > 1e-4);
+        let corners = [(0.0, 0.0, 0), (1.0, 1.0, 25 * 31 - 1), (0.0, 1.0, 30)];
+        for (u, v, at) in corners {
+            assert!((direct.surface.point(u, v) - net.points()[at]).norm() <= 1e-12);
+        }
+    }
+
+    // Pitfall: knots for least squares that lean to one end.
+    #[test]
+    fn reversed_points_give_the_reversed_surface() {
+        let net = waves(14, 17);
+        let turned: Vec<_> = net.points().iter().rev().copied().collect();
+        let turned = value::ControlNet::new(14, 17, turned).unwrap();
+        for method in [
+            FitMethod::Interpolate,
+            FitMethod::LeastSquares { rows: 7, columns: 9 },
+            FitMethod::Lspia { rows: 7, columns: 9, iterations: 5, tolerance: 0.0 },
+        ] {
+            for kind in ALL_PARAMETERS {
+                let [there, back] = [&net, &turned]
+                    .map(|net| fit_surface(net, [4, 3], method, kind).unwrap().surface);
+                for k in 0..50 {
+                    let (u, v) = (f64::from(k) / 49.0, f64::from(k * k % 50) / 49.0);
+                    let apart = there.point(u, v) - back.point(1.0 - u, 1.0 - v);
+                    assert!(apart.norm() <= 1e-11, "{method:?} {kind:?}: {apart}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn nets_and_counts_that_do_not_fit_are_refused() {
+        let net = waves(5, 6);
+        let refused = |net: &value::ControlNet, order, method| {
+            fit_surface(net, order, method, FitParameters::Chord).unwrap_err()
+        };
+        let count = FitError::Count { along: Along::U, control: 5, points: 5, order: 6 };
+        assert_eq!(refused(&net, [6, 3], FitMethod::Interpolate), count);
+        for columns in [7, 2, 1] {
+            let error = refused(&net, [3, 3], FitMethod::LeastSquares { rows: 0, columns });
+            assert!(matches!(error, FitError::Count { along: Along::V, .. }), "{error}");
+        }
+        let order = refused(&net, [3, 0], FitMethod::Interpolate);
+        assert!(matches!(order, FitError::Knots(KnotVectorError::Degree { .. })));
+        // Three of six columns in one place.
+        let at = |k: usize| Point3::new((k % 6).saturating_sub(3) as f64, (k / 6) as f64, 0.0);
+        let crowded = value::ControlNet::new(5, 6, (0..30).map(at).collect::<Vec<_>>()).unwrap();
+        assert!(matches!(
+            refused(&crowded, [3, 3], FitMethod::Interpolate),
+            FitError::Singular { along: Along::V } | FitError::Knots(_)
+        ));
+    }
+}

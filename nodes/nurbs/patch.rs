@@ -1,0 +1,89 @@
+//! The part of a range grid around a region, without gaps.
+
+use maquette::value::{RangeImage, Region};
+use nalgebra::Point3;
+
+use crate::laplace::{self, NotConverged};
+
+/// The cells of a range grid in the rectangle around a region, padded, with a point each.
+pub(super) struct Patch {
+    /// Column of the grid that is the first one here.
+    pub(super) left: usize,
+    /// Row of the grid that is the first one here.
+    pub(super) top: usize,
+    /// Cells in a row of the whole grid.
+    width: usize,
+    /// Rows.
+    pub(super) rows: usize,
+    /// Columns.
+    pub(super) columns: usize,
+    /// A point for each cell, row by row: the region's, the range's, or smooth between those.
+    pub(super) points: Vec<Point3<f64>>,
+    /// 1 for each cell of the region, row by row.
+    pub(super) inside: Vec<u8>,
+}
+
+impl Patch {
+    /// The rectangle around a region with so many cells more on each side, if the grid goes on.
+    pub(super) fn new(
+        region: &Region,
+        range: &RangeImage,
+        padding: usize,
+    ) -> Result<Self, NotConverged> {
+        let width = range.width();
+        let (low, high) = region.bounds();
+        let [left, top] = low.map(|low| low.saturating_sub(padding));
+        let right = (high[0] + padding).min(width - 1);
+        let bottom = (high[1] + padding).min(range.height() - 1);
+        let (rows, columns) = (bottom - top + 1, right - left + 1);
+        let points = (top..=bottom)
+            .flat_map(|row| &range.points()[row * width + left..=row * width + right])
+            .copied()
+            .collect();
+        let inside = vec![0; rows * columns];
+        let mut patch = Self { left, top, width, rows, columns, points, inside };
+        for (&cell, &point) in region.cells().iter().zip(region.points()) {
+            let [row, column] = patch.place(cell);
+            patch.points[row * columns + column] = point;
+            patch.inside[row * columns + column] = 1;
+        }
+        fill(&mut patch.points, rows, columns)?;
+        Ok(patch)
+    }
+
+    /// Row and column of a cell of the grid.
+    pub(super) fn place(&self, cell: u32) -> [usize; 2] {
+        [cell as usize / self.width - self.top, cell as usize % self.width - self.left]
+    }
+
+    /// The point between the cells at (column, row), bilinear.
+    pub(super) fn at(&self, [x, y]: [f64; 2]) -> Point3<f64> {
+        let before = |at: f64, count: usize| (at.max(0.0) as usize).min(count.saturating_sub(2));
+        let (column, row) = (before(x, self.columns), before(y, self.rows));
+        let (s, t) = (x - column as f64, y - row as f64);
+        let point = |row: usize, column: usize| {
+            let (row, column) = (row.min(self.rows - 1), column.min(self.columns - 1));
+            self.points[row * self.columns + column]
+        };
+        let along = |row: usize| {
+            let (a, b) = (point(row, column), point(row, column + 1));
+            a + (b - a) * s
+        };
+        let (above, below) = (along(row), along(row + 1));
+        above + (below - above) * t
+    }
+}
+
+/// Gives the invalid points of a grid the smoothest values that fit the valid ones.
+fn fill(points: &mut [Point3<f64>], rows: usize, columns: usize) -> Result<(), NotConverged> {
+    let free: Vec<u8> = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
+    if !free.contains(&1) {
+        return Ok(());
+    }
+    for axis in 0..3 {
+        let mut values: Vec<f64> = points.iter().map(|point| point[axis]).collect();
+        laplace::solve(columns, rows, &free, 0.0, &mut values)?;
+        points.iter_mut().zip(values).for_each(|(point, value)| point[axis] = value);
+    }
+    Ok(())
+}

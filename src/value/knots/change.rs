@@ -1,0 +1,314 @@
+//! Other knot vectors for the same curve: refinement, pieces, Bezier pieces, higher degrees.
+//!
+//! Everything here is one idea: a piece of degree p has a blossom `f(x_1, .., x_p)`, symmetric and affine in each argument, and
+//! the control point j of any knot vector t is the blossom of a piece that it reaches at `t_{j+1}, .., t_{j+p}`. Ramshaw, "Blossoms
+//! are polar forms", Computer Aided Geometric Design 6 (1989). Evaluated from the bottom up this is the Oslo algorithm: Cohen,
+//! Lyche and Riesenfeld, "Discrete B-splines and subdivision techniques" (1980); for one new knot it is Boehm's insertion.
+
+use std::ops::{Add, Mul};
+
+use super::basis::MOST;
+use super::{KnotVector, KnotVectorError};
+
+/// Another knot vector for the same curves, and how their control points become those of the new one.
+///
+/// A new control point is a mean of old ones with factors that are not negative and sum to 1. For rational curves the points
+/// (w x, w y, w z, w) change, not the points themselves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnotChange {
+    knots: KnotVector,
+    rows: Vec<Row>,
+}
+
+/// The factors of one new control point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Row {
+    /// The old control point that the first factor is for.
+    first: usize,
+    /// The first degree + 1 entries count, the others are 0.
+    factors: [f64; MOST],
+}
+
+impl KnotChange {
+    /// The new knots.
+    pub fn knots(&self) -> &KnotVector {
+        &self.knots
+    }
+
+    /// The old control points that the new one `control` depends on: their indices and positive factors.
+    pub fn sources(&self, control: usize) -> impl Iterator<Item = (usize, f64)> {
+        let row = &self.rows[control];
+        let factors = row.factors.iter().enumerate().filter(|(_, factor)| **factor > 0.0);
+        factors.map(|(k, &factor)| (row.first + k, factor))
+    }
+
+    /// The new control points of a curve with these old ones.
+    ///
+    /// # Panics
+    /// If there are fewer points than the old knots are for.
+    pub fn apply<T>(&self, points: &[T]) -> Vec<T>
+    where
+        T: Copy + Add<Output = T> + Mul<f64, Output = T>,
+    {
+        let mean = |control| {
+            let terms = self.sources(control).map(|(old, factor)| points[old] * factor);
+            terms.reduce(|sum, term| sum + term).expect("the factors of a control point sum to 1")
+        };
+        (0..self.rows.len()).map(mean).collect()
+    }
+}
+
+impl KnotVector {
+    /// The same curves with one more knot `u`, repeated `times`.
+    ///
+    /// # Errors
+    /// If `u` is not inside the domain, or would be there more than degree times.
+    pub fn insert(&self, u: f64, times: usize) -> Result<KnotChange, KnotVectorError> {
+        // More than that is refused anyhow.
+        self.refine(&vec![u; times.min(MOST)])
+    }
+
+    /// The same curves with all of these knots added, in any order.
+    ///
+    /// # Errors
+    /// If one is not inside the domain, or would be there more than degree times.
+    pub fn refine(&self, more: &[f64]) -> Result<KnotChange, KnotVectorError> {
+        let (start, end) = self.domain();
+        if let Some(&u) = more.iter().find(|&&u| !(start < u && u < end)) {
+            return Err(KnotVectorError::Outside { u, start, end });
+        }
+        let mut knots = [self.knots(), more].concat();
+        knots.sort_by(f64::total_cmp);
+        let knots = Self::new(self.degree(), knots)?;
+        let rows = (0..knots.n_control()).map(|j| self.row(&knots, j)).collect();
+        Ok(KnotChange { knots, rows })
+    }
+
+    /// The part of the curves from `start` to `end`, with ends repeated degree + 1 times.
+    ///
+    /// # Errors
+    /// If that is no part of the domain, or empty.
+    pub fn between(&self, start: f64, end: f64) -> Result<KnotChange, KnotVectorError> {
+        self.clamped(start, end, self.degree(), |count| count)
+    }
+
+    /// The two parts of the curves before and after `u`.
+    ///
+    /// # Errors
+    /// If `u` is not inside the domain.
+    pub fn split(&self, u: f64) -> Result<[KnotChange; 2], KnotVectorError> {
+        let (start, end) = self.domain();
+        if !(start < u && u < end) {
+            return Err(KnotVectorError::Outside { u, start, end });
+        }
+        Ok([self.between(start, u)?, self.between(u, end)?])
+    }
+
+    /// The same curves as Bezier pieces: every knot inside is repeated degree times, so that piece `k` has the control points
+    /// `k degree ..= (k + 1) degree`.
+    pub fn bezier(&self) -> KnotChange {
+        let (start, end) = self.domain();
+        self.clamped(start, end, self.degree(), |_| self.degree())
+            .expect("the pieces of a knot vector are one")
+    }
+
+    /// The same curves with pieces of a degree that is higher by one; the ends are repeated.
+    ///
+    /// With f the blossom of a piece, that of the higher degree is the mean over all i of f at all arguments but the i-th:
+    /// Ramshaw (1989), section 6.
+    ///
+    /// # Errors
+    /// If the degree is 9 already.
+    pub fn elevate(&self) -> Result<KnotChange, KnotVectorError> {
+        let (start, end) = self.domain();
+        let degree = self.degree() + 1;
+        let raised = self.clamped(start, end, degree, |count| count + 1)?;
+        let row = |j: usize| {
+            let span = self.span(raised.knots.middle(j));
+            let arguments = &raised.knots.knots()[j + 1..=j + degree];
+            let mut factors = [0.0; MOST];
+            for left_out in 0..degree {
+                let others = (0..degree).filter(|&k| k != left_out).map(|k| arguments[k]);
+                let blossom = self.blossom(span, others);
+                factors.iter_mut().zip(blossom).for_each(|(sum, x)| *sum += x / degree as f64);
+            }
+            Row { first: span - self.degree(), factors }
+        };
+        let rows = (0..raised.knots.n_control()).map(row).collect();
+        Ok(KnotChange { rows, ..raised })
+    }
+
+    /// Knots of another degree from `start` to `end`, where those of `self` that lie inside come as often as `repeat` says.
+    fn clamped(
+        &self,
+        start: f64,
+        end: f64,
+        degree: usize,
+        repeat: impl Fn(usize) -> usize,
+    ) -> Result<KnotChange, KnotVectorError> {
+        let (low, high) = self.domain();
+        if let Some(&u) = [start, end].iter().find(|&&u| !(low <= u && u <= high)) {
+            return Err(KnotVectorError::Outside { u, start: low, end: high });
+        }
+        let mut knots = vec![start; degree + 1];
+        for run in self.knots().chunk_by(|a, b| a == b) {
+            if start < run[0] && run[0] < end {
+                knots.extend(vec![run[0]; repeat(run.len())]);
+            }
+        }
+        knots.extend(vec![end; degree + 1]);
+        let knots = Self::new(degree, knots)?;
+        let same = degree == self.degree();
+        let rows = (0..knots.n_control()).filter(|_| same).map(|j| self.row(&knots, j)).collect();
+        Ok(KnotChange { knots, rows })
+    }
+
+    /// The factors of control point `j` of `to`, whose knots are of the same degree and are a part, or more, of these.
+    fn row(&self, to: &Self, j: usize) -> Row {
+        let span = self.span(to.middle(j));
+        let arguments = to.knots()[j + 1..=j + self.degree()].iter().copied();
+        Row { first: span - self.degree(), factors: self.blossom(span, arguments) }
+    }
+
+    /// A parameter inside of a piece that control point `j` reaches, as near to the middle of its reach as a piece lies.
+    fn middle(&self, j: usize) -> f64 {
+        let (first, last) = (self.degree(), self.n_control() - 1);
+        let lengths = |span: &usize| self.knots()[*span] < self.knots()[span + 1];
+        let reach = (j.max(first)..=(j + self.degree()).min(last)).filter(lengths);
+        let aim = j + self.degree() / 2;
+        let span = reach.min_by_key(|span| span.abs_diff(aim));
+        // A control point without any reach inside of the domain takes the nearest piece: nothing depends on it.
+        let span = span.or_else(|| (first..=last).filter(lengths).min_by_key(|s| s.abs_diff(aim)));
+        let span = span.expect("a domain is not empty");
+        self.knots()[span] + (self.knots()[span + 1] - self.knots()[span]) / 2.0
+    }
+
+    /// The blossom of the piece in a span at degree many arguments, as factors of the control points from `span - degree` on.
+    ///
+    /// The basis functions' recurrence with another argument in each round. Factors below 0 are rounding, or belong to a control
+    /// point without any reach.
+    fn blossom(&self, span: usize, arguments: impl Iterator<Item = f64>) -> [f64; MOST] {
+        let knots = self.knots();
+        let mut factors = [0.0; MOST];
+        factors[0] = 1.0;
+        for (round, x) in (1..).zip(arguments) {
+            let mut saved = 0.0;
+            for r in 0..round {
+                let right = knots[span + r + 1] - x;
+                let left = x - knots[span + 1 + r - round];
+                let share = factors[r] / (right + left);
+                factors[r] = saved + right * share;
+                saved = left * share;
+            }
+            factors[round] = saved;
+        }
+        let sum: f64 = factors.iter().map(|factor| factor.max(0.0)).sum();
+        factors.map(|factor| factor.max(0.0) / sum)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::basis::tests::any_knots;
+    use super::*;
+
+    fn value(knots: &KnotVector, points: &[f64], u: f64, order: usize) -> f64 {
+        let basis = knots.basis_derivative(u, order);
+        let near = points[basis.first..].iter().zip(&basis.values[..=knots.degree()]);
+        near.map(|(point, factor)| point * factor).sum()
+    }
+
+    fn points(knots: &KnotVector) -> Vec<f64> {
+        (0..knots.n_control()).map(|k| libm::sin(1.7 * k as f64)).collect()
+    }
+
+    /// The changed curve has the same values, and away from knots the same slopes.
+    fn same(knots: &KnotVector, change: &KnotChange) -> Result<(), TestCaseError> {
+        let before = points(knots);
+        let after = change.apply(&before);
+        let (start, end) = change.knots().domain();
+        for k in 0..=200 {
+            let u = start + (end - start) * f64::from(k) / 200.0;
+            // At a jump either side is right; changed knots may round `u` to another one.
+            let at_knot = knots.knots().iter().any(|knot| (knot - u).abs() <= 1e-9);
+            let at =
+                |order| [value(knots, &before, u, order), value(change.knots(), &after, u, order)];
+            let [old, new] = [at(0), at(1)];
+            prop_assert!((old[0] - old[1]).abs() <= 1e-12, "{u}: {} {}", old[0], old[1]);
+            let scale = 1.0 + new[0].abs();
+            prop_assert!(at_knot || (new[0] - new[1]).abs() <= 1e-8 * scale, "{u}: {new:?}");
+        }
+        Ok(())
+    }
+
+    // T-NUR-04.
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn inserted_knots_change_no_curve(knots in any_knots(), share in 0.01..0.99f64, times in 1usize..=9) {
+            let (start, end) = knots.domain();
+            let u = start + share * (end - start);
+            match knots.insert(u, times) {
+                Ok(change) => {
+                    prop_assert_eq!(change.knots().n_control(), knots.n_control() + times);
+                    same(&knots, &change)?;
+                }
+                Err(error) => {
+                    let repeated = matches!(error, KnotVectorError::Multiplicity { .. });
+                    prop_assert!(repeated, "{error}");
+                }
+            }
+            // At a knot that is there already.
+            let inner = knots.knots().iter().find(|&&knot| start < knot && knot < end);
+            if let Some(Ok(change)) = inner.map(|&u| knots.insert(u, 1)) {
+                same(&knots, &change)?;
+            }
+            let many: Vec<f64> = (1..20).map(|k| start + (end - start) * f64::from(k) / 20.37).collect();
+            same(&knots, &knots.refine(&many).unwrap())?;
+        }
+
+        #[test]
+        fn parts_and_bezier_pieces_are_the_curve(knots in any_knots(), share in 0.01..0.99f64) {
+            let (start, end) = knots.domain();
+            let [before, after] = knots.split(start + share * (end - start)).unwrap();
+            same(&knots, &before)?;
+            same(&knots, &after)?;
+            prop_assert_eq!(before.knots().domain().1, after.knots().domain().0);
+            same(&knots, &knots.bezier())?;
+        }
+
+        #[test]
+        fn a_higher_degree_changes_no_curve(knots in any_knots()) {
+            match knots.elevate() {
+                Ok(change) => {
+                    prop_assert_eq!(change.knots().degree(), knots.degree() + 1);
+                    same(&knots, &change)?;
+                }
+                Err(_) => prop_assert_eq!(knots.degree(), 9),
+            }
+        }
+    }
+
+    #[test]
+    fn inserting_the_middle_of_a_bezier_curve_is_de_casteljau() {
+        let knots = KnotVector::uniform(3, 3).unwrap();
+        let change = knots.insert(0.5, 2).unwrap();
+        assert_eq!(change.knots().knots(), [0., 0., 0., 0.5, 0.5, 1., 1., 1.]);
+        assert_eq!(change.apply(&[0.0, 8.0, 4.0]), [0.0, 4.0, 5.0, 6.0, 4.0]);
+        assert_eq!(knots.elevate().unwrap().apply(&[0.0, 3.0, 3.0]), [0.0, 2.0, 3.0, 3.0]);
+    }
+
+    #[test]
+    fn knots_outside_of_the_domain_are_refused() {
+        let knots = KnotVector::uniform(5, 3).unwrap();
+        for u in [-1.0, 0.0, 3.0, 9.0, f64::NAN] {
+            assert!(matches!(knots.insert(u, 1), Err(KnotVectorError::Outside { .. })), "{u}");
+            assert!(matches!(knots.split(u), Err(KnotVectorError::Outside { .. })), "{u}");
+        }
+        assert!(matches!(knots.insert(1.0, 2), Err(KnotVectorError::Multiplicity { .. })));
+        assert!(matches!(knots.insert(0.5, 3), Err(KnotVectorError::Multiplicity { .. })));
+        assert!(knots.between(1.0, 1.0).is_err() && knots.between(1.0, 4.0).is_err());
+    }
+}

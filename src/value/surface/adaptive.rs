@@ -1,0 +1,380 @@
+//! A surface as a mesh that is fine only where it bends.
+//!
+//! The cells of a quadtree over each span are divided until their chords lie within a tolerance of the surface, and then until
+//! neighbors differ by one level at most: von Herzen and Barr, "Accurate triangulations of deformed, intersecting surfaces"
+//! (1987), a restricted quadtree. A cell next to smaller ones becomes a fan that meets all their vertices, so that no vertex lies on
+//! the edge of another face.
+
+use nalgebra::{Point3, Unit, Vector3};
+use rayon::prelude::*;
+
+use super::super::{Attribute, Faces, Mesh, MeshError};
+use super::Surface;
+use super::tessellate::{distance, divided, to_unit};
+
+/// A span is divided at most so often: into 1024 x 1024 cells. A tolerance near rounding would go on forever.
+const DEEPEST: u32 = 10;
+
+/// The side of a span in units of the smallest cell.
+const SPAN: u32 = 1 << DEEPEST;
+
+/// Most cells: with some 500 MB of mesh and seconds of work, more than any use of a mesh.
+const MOST: usize = 1 << 22;
+
+/// Samples along each side of a cell: one in the middle alone would miss a curve that bends both ways.
+const SAMPLES: usize = 5;
+
+impl Surface {
+    /// A mesh whose edges, and the diagonals of its quads, stay within `tolerance` (mm) of the surface: quads, and triangles where
+    /// small quads meet large ones. It has the vertex attributes and the sides of [`tessellate`](Self::tessellate).
+    ///
+    /// The distance is measured at a few samples of each cell, and no span is divided into more than 1024 x 1024 cells.
+    ///
+    /// # Errors
+    /// If that is more than a mesh can hold, or a point is not finite because the net's numbers are too large.
+    pub fn tessellate_within(&self, tolerance: f64) -> Result<Mesh, MeshError> {
+        let mut tree = Tree::new(self, MOST)?;
+        tree.refine(tolerance)?;
+        tree.balance()?;
+        tree.mesh()
+    }
+}
+
+/// Cells of a surface's domain, by place in units of the smallest cell.
+struct Tree<'a> {
+    surface: &'a Surface,
+    /// Ends of the spans.
+    us: Vec<f64>,
+    vs: Vec<f64>,
+    /// The spans first, row by row, then the quarters of divided cells, four by four.
+    cells: Vec<Cell>,
+    leaves: usize,
+    /// Most undivided cells.
+    most: usize,
+}
+
+#[derive(Clone, Copy)]
+struct Cell {
+    x: u32,
+    y: u32,
+    side: u32,
+    /// The first of its quarters, if it is divided; 0 otherwise.
+    quarters: u32,
+}
+
+impl<'a> Tree<'a> {
+    fn new(surface: &'a Surface, most: usize) -> Result<Self, MeshError> {
+        let (us, vs) = (divided(&surface.u, 1), divided(&surface.v, 1));
+        let (rows, columns) = (us.len() - 1, vs.len() - 1);
+        // A place must be countable in either direction.
+        if (u32::MAX / SPAN) as usize <= rows.max(columns) {
+            return Err(MeshError::TooLarge { what: "spans", count: rows.max(columns) });
+        }
+        let cells: Vec<Cell> = (0..rows * columns)
+            .map(|k| [(k / columns) as u32 * SPAN, (k % columns) as u32 * SPAN])
+            .map(|[x, y]| Cell { x, y, side: SPAN, quarters: 0 })
+            .collect();
+        Ok(Self { surface, us, vs, leaves: cells.len(), most, cells })
+    }
+
+    /// Divides cells until all are flat.
+    fn refine(&mut self, tolerance: f64) -> Result<(), MeshError> {
+        let mut open: Vec<usize> = (0..self.cells.len()).collect();
+        while !open.is_empty() {
+            let bent = open.par_iter().with_min_len(16).filter(|&&cell| {
+                let cell = &self.cells[cell];
+                // A height or tolerance that is NaN is not flat either.
+                let is_flat = self.height(cell) <= tolerance;
+                cell.side > 1 && !is_flat
+            });
+            let bent: Vec<usize> = bent.copied().collect();
+            open = Vec::with_capacity(4 * bent.len());
+            for cell in bent {
+                let first = self.divide(cell)?;
+                open.extend(first..first + 4);
+            }
+        }
+        Ok(())
+    }
+
+    /// Divides cells until no two neighbors differ by more than one level.
+    fn balance(&mut self) -> Result<(), MeshError> {
+        let mut open: Vec<usize> =
+            (0..self.cells.len()).filter(|&cell| self.cells[cell].quarters == 0).collect();
+        while let Some(index) = open.pop() {
+            let cell = self.cells[index];
+            if cell.quarters != 0 {
+                continue;
+            }
+            for near in self.neighbors(&cell).into_iter().flatten() {
+                if self.cells[near].quarters == 0 && self.cells[near].side > 2 * cell.side {
+                    let first = self.divide(near)?;
+                    open.extend(first..first + 4);
+                    // Its quarters may still be too large.
+                    open.push(index);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn divide(&mut self, index: usize) -> Result<usize, MeshError> {
+        self.leaves += 3;
+        if self.most < self.leaves {
+            return Err(MeshError::TooLarge { what: "faces", count: self.leaves });
+        }
+        let first = self.cells.len();
+        let Cell { x, y, side, .. } = self.cells[index];
+        let side = side / 2;
+        for [right, down] in [[0, 0], [side, 0], [0, side], [side, side]] {
+            self.cells.push(Cell { x: x + right, y: y + down, side, quarters: 0 });
+        }
+        self.cells[index].quarters = first as u32;
+        Ok(first)
+    }
+
+    /// The cell that is not divided and holds the smallest cell at (x, y).
+    fn find(&self, x: u32, y: u32) -> usize {
+        let mut index = (x / SPAN) as usize * (self.vs.len() - 1) + (y / SPAN) as usize;
+        while self.cells[index].quarters != 0 {
+            let Cell { x: left, y: top, side, quarters } = self.cells[index];
+            let half = side / 2;
+            let quarter = u32::from(x - left >= half) + 2 * u32::from(y - top >= half);
+            index = (quarters + quarter) as usize;
+        }
+        index
+    }
+
+    /// The undivided cells next to the start of a cell's four sides, counter-clockwise in the order of [`ring`](Self::ring).
+    fn neighbors(&self, cell: &Cell) -> [Option<usize>; 4] {
+        let Cell { x, y, side, .. } = *cell;
+        let (right, bottom) = (x + side, y + side);
+        let (end_x, end_y) = ((self.us.len() - 1) as u32 * SPAN, (self.vs.len() - 1) as u32 * SPAN);
+        [
+            (y > 0).then(|| self.find(x, y - 1)),
+            (right < end_x).then(|| self.find(right, y)),
+            (bottom < end_y).then(|| self.find(x, bottom)),
+            (x > 0).then(|| self.find(x - 1, y)),
+        ]
+    }
+
+    /// The vertices around a cell, those in the middle of its sides included.
+    fn ring(&self, cell: &Cell) -> Vec<u64> {
+        let Cell { x, y, side, .. } = *cell;
+        let half = side / 2;
+        let corners = [[x, y], [x + side, y], [x + side, y + side], [x, y + side]];
+        let middles = [[x + half, y], [x + side, y + half], [x + half, y + side], [x, y + half]];
+        let mut ring = Vec::with_capacity(8);
+        for (k, near) in self.neighbors(cell).into_iter().enumerate() {
+            ring.push(key(corners[k]));
+            if near.is_some_and(|near| self.cells[near].side < side) {
+                ring.push(key(middles[k]));
+            }
+        }
+        ring
+    }
+
+    fn parameters(&self, x: u32, y: u32) -> [f64; 2] {
+        let at = |ends: &[f64], x: u32| {
+            let (span, share) = ((x / SPAN) as usize, f64::from(x % SPAN) / f64::from(SPAN));
+            match ends.get(span + 1) {
+                Some(end) => ends[span] + (end - ends[span]) * share,
+                None => ends[span],
+            }
+        };
+        [at(&self.us, x), at(&self.vs, y)]
+    }
+
+    /// The largest distance of a sample from the chord of its line, for the lines along u and v, or of the diagonals from
+    /// the quad.
+    fn height(&self, cell: &Cell) -> f64 {
+        const LAST: usize = SAMPLES - 1;
+        let [u, v] = self.parameters(cell.x, cell.y);
+        let [u_end, v_end] = self.parameters(cell.x + cell.side, cell.y + cell.side);
+        let share = |k: usize| k as f64 / LAST as f64;
+        let mut points = [[Point3::origin(); SAMPLES]; SAMPLES];
+        for (i, line) in points.iter_mut().enumerate() {
+            for (j, point) in line.iter_mut().enumerate() {
+                let at = [u + (u_end - u) * share(i), v + (v_end - v) * share(j)];
+                *point = self.surface.point(at[0], at[1]);
+            }
+        }
+        let mut height = 0.0f64;
+        let mut line = |at: &[Point3<f64>; SAMPLES]| {
+            for k in 1..LAST {
+                let sample = distance(at[k], at[0], at[LAST]);
+                // What is not finite is not flat.
+                height = if sample <= height { height } else { sample };
+            }
+        };
+        for (fixed, along) in points.iter().enumerate() {
+            line(along);
+            line(&points.map(|line| line[fixed]));
+        }
+        // A diagonal may bend inside of its quad, but not out of it.
+        let [a, b] = [points[0][0], points[0][LAST]];
+        let across = (points[LAST][LAST] - a).cross(&(points[LAST][0] - b));
+        if let Some(normal) = across.try_normalize(0.0) {
+            for k in 1..LAST {
+                let beyond =
+                    [normal.dot(&(points[k][k] - a)), normal.dot(&(points[k][LAST - k] - b))];
+                height = height.max(beyond[0].abs()).max(beyond[1].abs());
+            }
+        }
+        height
+    }
+
+    fn mesh(&self) -> Result<Mesh, MeshError> {
+        let leaves = || self.cells.iter().filter(|cell| cell.quarters == 0);
+        let rings: Vec<(Vec<u64>, u64)> = leaves()
+            .map(|cell| (self.ring(cell), key([cell.x + cell.side / 2, cell.y + cell.side / 2])))
+            .collect();
+        let mut vertices: Vec<u64> = Vec::with_capacity(2 * rings.len());
+        for (ring, center) in &rings {
+            vertices.extend(ring);
+            if ring.len() > 4 {
+                vertices.push(*center);
+            }
+        }
+        vertices.par_sort_unstable();
+        vertices.dedup();
+        let index = |vertex: u64| vertices.partition_point(|&other| other < vertex) as u32;
+        let (mut sides, mut corners) = (Vec::new(), Vec::new());
+        for (ring, center) in &rings {
+            let ring: Vec<u32> = ring.iter().map(|&vertex| index(vertex)).collect();
+            if ring.len() == 4 {
+                sides.push(4);
+                corners.extend(ring);
+            } else {
+                let center = index(*center);
+                for (k, &vertex) in ring.iter().enumerate() {
+                    sides.push(3);
+                    corners.extend([center, vertex, ring[(k + 1) % ring.len()]]);
+                }
+            }
+        }
+        let at = |&vertex: &u64| self.parameters((vertex >> 32) as u32, vertex as u32);
+        let (points, normals): (Vec<_>, Vec<[f64; 3]>) = (vertices.par_iter().map(at))
+            .map(|[u, v]| {
+                let normal = self.surface.normal(u, v).map_or(Vector3::zeros(), Unit::into_inner);
+                (self.surface.point(u, v), <[f64; 3]>::from(normal))
+            })
+            .unzip();
+        let (us, vs): (Vec<f64>, Vec<f64>) = vertices.iter().map(at).map(|[u, v]| (u, v)).unzip();
+        let uv = to_unit(&self.surface.u, &us).into_iter().zip(to_unit(&self.surface.v, &vs));
+        Mesh::new(points, Faces::polygons(&sides, corners)?)?
+            .with_vertex("uv", Attribute::Pair(uv.map(|(u, v)| [u, v]).collect()))?
+            .with_frame(self.surface.net.frame().copied())
+            .with_vertex("normal", Attribute::Vector(normals.into()))
+    }
+}
+
+/// A place as one number; in order row by row.
+fn key([x, y]: [u32; 2]) -> u64 {
+    u64::from(x) << 32 | u64::from(y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::{ControlNet, KnotVector};
+    use super::super::evaluate::tests::surface;
+    use super::*;
+
+    /// A plain with one steep hill.
+    fn hill() -> Surface {
+        let point = |k: usize| {
+            let (x, y) = ((k % 12) as f64, (k / 12) as f64);
+            Point3::new(x, y, if (k % 12, k / 12) == (3, 4) { 6.0 } else { 0.0 })
+        };
+        let net = ControlNet::new(12, 12, (0..144).map(point).collect::<Vec<_>>()).unwrap();
+        let knots = KnotVector::uniform(12, 4).unwrap();
+        Surface::new(net, knots.clone(), knots).unwrap()
+    }
+
+    /// The distance of a point from the nearest triangle of a face, divided as a fan.
+    fn from_face(mesh: &Mesh, face: &[u32], point: Point3<f64>) -> f64 {
+        let at = |k: usize| mesh.positions()[face[k] as usize];
+        let plane = |[a, b, c]: [Point3<f64>; 3]| {
+            let normal = (b - a).cross(&(c - a));
+            ((point - a).dot(&normal) / normal.norm()).abs()
+        };
+        (2..face.len()).map(|k| plane([at(0), at(k - 1), at(k)])).fold(f64::INFINITY, f64::min)
+    }
+
+    #[test]
+    fn a_hill_on_a_plain_is_fine_on_the_hill_only() {
+        let hill = hill();
+        let coarse = hill.tessellate_within(0.1).unwrap();
+        let fine = hill.tessellate_within(0.001).unwrap();
+        assert!(fine.faces().len() > 10 * coarse.faces().len());
+        // The far corner is flat: one quad per span.
+        let uv = fine.vertex().pairs("uv").unwrap();
+        assert_eq!(uv.iter().filter(|uv| uv[0] > 0.888 && uv[1] > 0.888).count(), 4);
+        let even = hill.tessellate(0, 0).unwrap();
+        assert!(coarse.faces().len() * 4 < even.faces().len());
+    }
+
+    #[test]
+    fn no_vertex_lies_on_an_edge_and_the_border_is_closed() {
+        for surface in [hill(), surface([4, 3]), surface([2, 5])] {
+            for tolerance in [0.3, 0.02, 0.004] {
+                let mesh = surface.tessellate_within(tolerance).unwrap();
+                assert_eq!(mesh.edges().misoriented, 0);
+                // A T-junction would be an open edge inside of the domain.
+                let uv = mesh.vertex().pairs("uv").unwrap();
+                let mut sides = std::collections::BTreeMap::new();
+                for face in mesh.faces().iter() {
+                    for (k, &a) in face.iter().enumerate() {
+                        let b = face[(k + 1) % face.len()];
+                        *sides.entry([a.min(b), a.max(b)]).or_insert(0) += 1;
+                    }
+                }
+                for ([a, b], count) in sides {
+                    let [a, b] = [a, b].map(|vertex| uv[vertex as usize]);
+                    let on_border = (0..2).any(|k| a[k] == b[k] && (a[k] == 0.0 || a[k] == 1.0));
+                    assert_eq!(count, if on_border { 1 } else { 2 }, "{a:?} {b:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_mesh_stays_within_the_tolerance() {
+        let surface = surface([4, 3]);
+        let tolerance = 0.01;
+        let mesh = surface.tessellate_within(tolerance).unwrap();
+        let uv = mesh.vertex().pairs("uv").unwrap();
+        let (end_u, end_v) = (surface.u().domain().1, surface.v().domain().1);
+        let mut highest = 0.0f64;
+        for face in mesh.faces().iter() {
+            let middle = [0, 1].map(|k| {
+                face.iter().map(|&vertex| uv[vertex as usize][k]).sum::<f64>() / face.len() as f64
+            });
+            let point = surface.point(middle[0] * end_u, middle[1] * end_v);
+            highest = highest.max(from_face(&mesh, face, point));
+        }
+        assert!(highest <= 1.2 * tolerance && highest >= 0.1 * tolerance, "{highest}");
+        let normals = mesh.vertex().vectors("normal").unwrap();
+        let [u, v] = uv[uv.len() / 2];
+        let exact = surface.normal(u * end_u, v * end_v).unwrap().into_inner();
+        assert_eq!(normals[uv.len() / 2], <[f64; 3]>::from(exact));
+    }
+
+    #[test]
+    fn a_tolerance_of_nothing_is_too_much_for_a_mesh() {
+        let hill = hill();
+        for nothing in [0.0, f64::NAN] {
+            let refused = Tree::new(&hill, 5000).unwrap().refine(nothing);
+            assert!(matches!(refused, Err(MeshError::TooLarge { .. })));
+        }
+    }
+
+    #[test]
+    fn a_flat_surface_needs_one_quad_per_span() {
+        let hill = hill();
+        let flat: Vec<_> = hill.net().points().iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect();
+        let net = hill.net().clone().with_points(flat).unwrap();
+        let flat = Surface::new(net, hill.u().clone(), hill.v().clone()).unwrap();
+        assert_eq!(flat.tessellate_within(1e-9).unwrap().faces().len(), 81);
+    }
+}

@@ -1,0 +1,288 @@
+//! Points and normals of a surface at all pairs of many parameters.
+//!
+//! Two stages: first each row of the net is contracted along v, at all parameters v, into a line of sums; then the lines of p + 1
+//! rows are contracted along u, for each parameter u. That costs p + 1 instead of (p + 1)^2 terms a point. Lines are kept
+//! coordinate by coordinate, so that the inner loops run over plain rows of numbers, a block at a time; the result is written
+//! once. All sums run in the order of [`Surface::point`], whose bits they have.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::super::knots::Basis;
+use super::Surface;
+use super::differentiate::{LEAST_SINE, NOISE, steepness};
+use super::evaluate::table;
+use crate::memory::huge_vec;
+use crate::simd::{Kernel, widest};
+
+/// Parameters of one block: its sums stay in the first cache.
+const BLOCK: usize = 128;
+
+/// Squared lengths between these are far from overflow and underflow.
+const SAFE: std::ops::Range<f64> = 1e-200..1e200;
+
+/// The four sums (w x, w y, w z, w) at the parameters of a block.
+type Sums = [[f64; BLOCK]; 4];
+
+impl Surface {
+    /// The points at all pairs of these parameters: for each of `us` a row of all `vs`. Equal to [`point`](Self::point), and
+    /// the same bits for any number of threads.
+    pub fn grid(&self, us: &[f64], vs: &[f64]) -> Vec<Point3<f64>> {
+        let mut points = huge_vec(us.len() * vs.len());
+        if points.is_empty() {
+            return points;
+        }
+        let along_u = table(&self.u, us, 0);
+        let lines = self.lines(&table(&self.v, vs, 0));
+        let rows = points.par_chunks_mut(vs.len()).zip(&along_u).zip(us);
+        rows.for_each(|((points, basis), &u)| {
+            widest(PointRow { surface: self, lines: &lines, basis, u, vs, points });
+        });
+        points
+    }
+
+    /// Points and unit normals at all pairs of these parameters, in the order of [`grid`](Self::grid); the normal is zero where
+    /// [`normal`](Self::normal) finds none. The same bits for any number of threads.
+    pub fn normal_grid(&self, us: &[f64], vs: &[f64]) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
+        let mut points = huge_vec(us.len() * vs.len());
+        let mut normals = huge_vec(us.len() * vs.len());
+        if points.is_empty() {
+            return (points, normals);
+        }
+        let [along_u, slope_u] = [0, 1].map(|order| table(&self.u, us, order));
+        let slope_v = table(&self.v, vs, 1);
+        let (lines, slopes) = (self.lines(&table(&self.v, vs, 0)), self.lines(&slope_v));
+        let noise = |basis: &Basis| {
+            let noise = NOISE * steepness(basis);
+            noise * noise
+        };
+        let noise_v: Vec<f64> = slope_v.iter().map(noise).collect();
+        let rows = points.par_chunks_mut(vs.len()).zip(normals.par_chunks_mut(vs.len()));
+        rows.enumerate().for_each(|(row, (points, normals))| {
+            widest(NormalRow {
+                surface: self,
+                lines: [&lines, &slopes],
+                bases: [&along_u[row], &slope_u[row]],
+                noise: (noise(&slope_u[row]), &noise_v),
+                at: (us[row], vs),
+                points,
+                normals,
+            });
+        });
+        (points, normals)
+    }
+
+    /// Divides the sums of a block, which hold the points afterwards.
+    #[inline(always)]
+    fn write_points(&self, sums: &mut Sums, u: f64, vs: &[f64], points: &mut [Point3<f64>]) {
+        let [x, y, z, w] = sums;
+        for sum in [&mut *x, y, z] {
+            sum.iter_mut().zip(&*w).for_each(|(sum, w)| *sum /= w);
+        }
+        for (k, point) in points.iter_mut().enumerate() {
+            *point = Point3::new(x[k], y[k], z[k]);
+        }
+        if w[..points.len()].iter().any(|&w| !is_positive(w)) {
+            for (k, point) in points.iter_mut().enumerate().filter(|(k, _)| !is_positive(w[*k])) {
+                *point = self.point(u, vs[k]);
+            }
+        }
+    }
+
+    /// Normals of a block: sums of the points, already divided, and of their derivatives by u and by v.
+    ///
+    /// With A = (w S, w) the tangent `(A_u - w_u S) / w` has the direction of `A_u - w_u S`, and the normal that of their
+    /// product, if neither is what rounding left of zero (`noise_`: its square, for points of size 1).
+    #[inline(always)]
+    fn write_normals(
+        &self,
+        sums: &mut [Sums; 3],
+        (noise_u, noise_vs): (f64, &[f64]),
+        (u, vs): (f64, &[f64]),
+        normals: &mut [Vector3<f64>],
+    ) {
+        let mut noise_v = [0.0; BLOCK];
+        noise_v[..noise_vs.len()].copy_from_slice(noise_vs);
+        let [[px, py, pz, w], [ux, uy, uz, uw], [vx, vy, vz, vw]] = sums;
+        let mut sine = [0.0; BLOCK];
+        for k in 0..BLOCK {
+            let (ax, ay, az) =
+                (ux[k] - px[k] * uw[k], uy[k] - py[k] * uw[k], uz[k] - pz[k] * uw[k]);
+            let (bx, by, bz) =
+                (vx[k] - px[k] * vw[k], vy[k] - py[k] * vw[k], vz[k] - pz[k] * vw[k]);
+            let (nx, ny, nz) = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx);
+            let length_sq = nx * nx + ny * ny + nz * nz;
+            let (a_sq, b_sq) = (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz);
+            let size_sq = (px[k] * px[k] + py[k] * py[k] + pz[k] * pz[k]) * (w[k] * w[k]);
+            let length = length_sq.sqrt();
+            (ux[k], uy[k], uz[k]) = (nx / length, ny / length, nz / length);
+            // The square of the length, or 0 where the tangents hardly span a plane.
+            let spans = (length_sq > LEAST_SINE * LEAST_SINE * (a_sq * b_sq))
+                & (a_sq > noise_u * size_sq)
+                & (b_sq > noise_v[k] * size_sq);
+            sine[k] = if spans { length_sq } else { 0.0 };
+        }
+        for (k, normal) in normals.iter_mut().enumerate() {
+            *normal = Vector3::new(ux[k], uy[k], uz[k]);
+        }
+        let good = |k: usize| SAFE.contains(&sine[k]) && is_positive(w[k]);
+        if (0..normals.len()).any(|k| !good(k)) {
+            for (k, normal) in normals.iter_mut().enumerate().filter(|(k, _)| !good(*k)) {
+                *normal =
+                    self.normal(u, vs[k]).map_or(Vector3::zeros(), nalgebra::Unit::into_inner);
+            }
+        }
+    }
+
+    /// The first stage: all rows of the net contracted along v with these basis functions.
+    fn lines(&self, along_v: &[Basis]) -> Lines {
+        let (columns, q) = (self.net.columns(), self.v.degree());
+        let len = along_v.len();
+        let mut sums: Vec<f64> = huge_vec(4 * len * self.net.rows());
+        let weights = self.net.weights();
+        sums.par_chunks_mut(4 * len).enumerate().for_each(|(row, sums)| {
+            let points = &self.net.points()[row * columns..][..columns];
+            let weights = &weights[row * columns..][..columns];
+            let pairs = points.iter().zip(weights);
+            let control: Vec<_> = pairs.map(|(point, &w)| (point.coords * w).push(w)).collect();
+            let (x, rest) = sums.split_at_mut(len);
+            let (y, rest) = rest.split_at_mut(len);
+            let (z, w) = rest.split_at_mut(len);
+            for (k, basis) in along_v.iter().enumerate() {
+                let mut sum = nalgebra::Vector4::zeros();
+                for (control, &n_v) in control[basis.first..].iter().zip(&basis.values[..=q]) {
+                    sum += control * n_v;
+                }
+                (x[k], y[k], z[k], w[k]) = (sum.x, sum.y, sum.z, sum.w);
+            }
+        });
+        Lines { sums, len, degree: self.u.degree() }
+    }
+}
+
+#[inline(always)]
+fn is_positive(weight: f64) -> bool {
+    weight > 0.0
+}
+
+/// A row of points.
+struct PointRow<'a> {
+    surface: &'a Surface,
+    lines: &'a Lines,
+    basis: &'a Basis,
+    u: f64,
+    vs: &'a [f64],
+    points: &'a mut [Point3<f64>],
+}
+
+impl Kernel for PointRow<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let mut sums = [[0.0; BLOCK]; 4];
+        for (block, points) in self.points.chunks_mut(BLOCK).enumerate() {
+            let vs = &self.vs[block * BLOCK..][..points.len()];
+            self.lines.sum(self.basis, block * BLOCK, points.len(), &mut sums);
+            self.surface.write_points(&mut sums, self.u, vs, points);
+        }
+    }
+}
+
+/// A row of points and normals.
+struct NormalRow<'a> {
+    surface: &'a Surface,
+    /// Those of the basis functions along v and of their slopes.
+    lines: [&'a Lines; 2],
+    /// The basis functions along u and their slopes.
+    bases: [&'a Basis; 2],
+    /// Along u, and along v for each parameter.
+    noise: (f64, &'a [f64]),
+    at: (f64, &'a [f64]),
+    points: &'a mut [Point3<f64>],
+    normals: &'a mut [Vector3<f64>],
+}
+
+impl Kernel for NormalRow<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let mut sums = [[[0.0; BLOCK]; 4]; 3];
+        let [lines, slopes] = self.lines;
+        let [along_u, slope_u] = self.bases;
+        let blocks = self.points.chunks_mut(BLOCK).zip(self.normals.chunks_mut(BLOCK));
+        for (block, (points, normals)) in blocks.enumerate() {
+            let (from, count) = (block * BLOCK, points.len());
+            let vs = &self.at.1[from..][..count];
+            let noise = (self.noise.0, &self.noise.1[from..][..count]);
+            let [at, by_u, by_v] = &mut sums;
+            lines.sum(along_u, from, count, at);
+            lines.sum(slope_u, from, count, by_u);
+            slopes.sum(along_u, from, count, by_v);
+            self.surface.write_points(at, self.at.0, vs, points);
+            self.surface.write_normals(&mut sums, noise, (self.at.0, vs), normals);
+        }
+    }
+}
+
+/// For each row of a net its contraction along v: `len` sums of each of the four coordinates.
+struct Lines {
+    sums: Vec<f64>,
+    len: usize,
+    /// Degree of the contraction along u that is still to do.
+    degree: usize,
+}
+
+impl Lines {
+    /// The second stage: contracts the lines along u, at `count` parameters v from `from` on.
+    #[inline(always)]
+    fn sum(&self, basis: &Basis, from: usize, count: usize, sums: &mut Sums) {
+        match self.degree {
+            1 => self.sum_of::<2>(basis, from, count, sums),
+            2 => self.sum_of::<3>(basis, from, count, sums),
+            3 => self.sum_of::<4>(basis, from, count, sums),
+            4 => self.sum_of::<5>(basis, from, count, sums),
+            5 => self.sum_of::<6>(basis, from, count, sums),
+            6 => self.sum_of::<7>(basis, from, count, sums),
+            7 => self.sum_of::<8>(basis, from, count, sums),
+            8 => self.sum_of::<9>(basis, from, count, sums),
+            _ => self.sum_of::<10>(basis, from, count, sums),
+        }
+    }
+
+    /// The same for `N` = degree + 1 lines: with their number known all of them are added in one pass.
+    #[inline(always)]
+    fn sum_of<const N: usize>(&self, basis: &Basis, from: usize, count: usize, sums: &mut Sums) {
+        for (coordinate, sums) in sums.iter_mut().enumerate() {
+            let lines: [&[f64]; N] = std::array::from_fn(|k| {
+                let start = ((basis.first + k) * 4 + coordinate) * self.len + from;
+                &self.sums[start..][..count]
+            });
+            for (at, sum) in sums[..count].iter_mut().enumerate() {
+                let mut total = 0.0;
+                for (line, factor) in lines.iter().zip(&basis.values) {
+                    total += line[at] * factor;
+                }
+                *sum = total;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::evaluate::tests::{samples, surface};
+
+    // T-NUR-10, with normals and more than one block.
+    #[test]
+    fn a_grid_has_the_bits_of_its_points_and_the_normals_of_its_derivatives() {
+        for orders in [[2, 3], [3, 4], [4, 4], [5, 2], [7, 6]] {
+            let surface = surface(orders);
+            let (us, vs) = (samples(surface.u(), 7), samples(surface.v(), 300));
+            let (points, normals) = surface.normal_grid(&us, &vs);
+            assert_eq!(points, surface.grid(&us, &vs));
+            for (index, (point, normal)) in points.iter().zip(&normals).enumerate() {
+                let (u, v) = (us[index / vs.len()], vs[index % vs.len()]);
+                assert_eq!(*point, surface.point(u, v));
+                assert!((normal - surface.normal(u, v).unwrap().into_inner()).norm() <= 1e-12);
+            }
+        }
+    }
+}
