@@ -1,6 +1,7 @@
 //! All that the packs of a program offer: nodes, values and file formats, by name.
 
 use std::collections::BTreeMap;
+use std::collections::HashMap;
 use std::sync::OnceLock;
 
 use indexmap::IndexMap;
@@ -17,6 +18,7 @@ use crate::value::ValueType;
 /// Where two packs have a node of the same name, the first one has it; [`conformance`](crate::conformance) reports that.
 pub struct Catalog {
     entries: IndexMap<String, Entry>,
+    values: Vec<&'static ValueType>,
     formats: Vec<Format>,
 }
 
@@ -126,7 +128,8 @@ impl Catalog {
             }
         }
         let brought = packs.iter().flat_map(|pack| pack.formats);
-        Self { entries, formats: FORMATS.iter().chain(brought).copied().collect() }
+        let values = packs.iter().flat_map(|pack| pack.values).copied().collect();
+        Self { entries, values, formats: FORMATS.iter().chain(brought).copied().collect() }
     }
 
     /// Whether some pack has a node of this name.
@@ -144,6 +147,12 @@ impl Catalog {
 
     pub(crate) fn names(&self) -> Vec<&str> {
         self.entries.keys().map(String::as_str).collect()
+    }
+
+    /// Every type of values that a node gives or a pack brings, by name.
+    pub(crate) fn value_types(&self) -> HashMap<&'static str, &'static ValueType> {
+        let outputs = self.entries().flat_map(Entry::outputs).flat_map(|output| &output.types);
+        outputs.chain(&self.values).map(|kind| (kind.name, *kind)).collect()
     }
 
     /// The format that writes a value of this type to a file with this ending.

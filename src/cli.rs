@@ -14,12 +14,16 @@ use crate::error::{Place, Problem, Severity, Span};
 use crate::graph::{Checked, Files, Graph, Options};
 use crate::pack::Pack;
 
+mod cache;
+mod caching;
 mod check;
 mod draw;
 mod inspect;
 mod nodes;
+mod profile;
 mod progress;
 mod run;
+mod why;
 
 /// A node-based geometry graph for redesigning scanned objects.
 #[derive(Parser)]
@@ -41,6 +45,10 @@ enum Command {
     Nodes(nodes::Nodes),
     /// Show what a node gives: counts, bounds, topology, or what is under a pixel.
     Inspect(inspect::Inspect),
+    /// Say why a node would run, or why not, since the last evaluation of the graph.
+    Why(why::Why),
+    /// Look after the results that are kept on disk.
+    Cache(cache::Cache),
     /// Print a script that completes commands in a shell.
     Completions {
         /// The shell.
@@ -92,6 +100,8 @@ pub fn main(packs: &[Pack]) -> ExitCode {
         Command::Draw(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
         Command::Inspect(command) => command.run(&catalog),
+        Command::Why(command) => command.run(&catalog),
+        Command::Cache(command) => command.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "maquette", &mut script);

@@ -11,7 +11,7 @@ use crate::catalog::{Catalog, Entry};
 use crate::error::Error;
 use crate::eval::Evaluator;
 use crate::graph::{Graph, Options, check_default, inside_option, is_name, variants};
-use crate::node::{Context, Progress};
+use crate::node::{CancelToken, Context, Progress};
 use crate::pack::Pack;
 use crate::value::AnyValue;
 
@@ -163,7 +163,7 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
         ));
         return;
     };
-    let Some(index) = graph.nodes.iter().position(|node| node.kind == entry.name) else {
+    let Some(index) = graph.nodes.iter().position(|node| node.kind() == entry.name) else {
         broken.push(format!("the example {} has no {}", path.display(), entry.name));
         return;
     };
@@ -179,12 +179,14 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     if hashes.windows(2).any(|pair| pair[0] != pair[1]) {
         broken.push(format!("{} gives other bytes for another number of threads", entry.name));
     }
-    for path in changes(&graph.nodes[index].parameters, entry.schema()) {
+    for path in changes(&graph.nodes[index].recipe.parameters, entry.schema()) {
         let set = vec![(format!("{}.{}", graph.nodes[index].name, path.0), path.1.clone())];
         let Some(changed) = load(set).graph else { continue };
         let changed_node =
             changed.find(&graph.nodes[index].name).map(|index| &changed.nodes[index]);
-        if changed_node.is_some_and(|node| node.parameters == graph.nodes[index].parameters) {
+        if changed_node
+            .is_some_and(|node| node.recipe.parameters == graph.nodes[index].recipe.parameters)
+        {
             broken.push(format!(
                 "{}: setting `{}` to {} does not change the key",
                 entry.name, path.0, path.1
@@ -197,10 +199,12 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
 /// The first output of every node.
 fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
     let mut evaluator = Evaluator::new(threads, MEMORY).map_err(|error| error.to_string())?;
-    let evaluation = evaluator.evaluate_all(graph);
-    let errors =
-        evaluation.problems.iter().filter(|problem| problem.severity == crate::Severity::Error);
-    let errors: Vec<&str> = errors.map(|problem| &problem.message[..]).collect();
+    let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
+    let errors = evaluation
+        .problems()
+        .into_iter()
+        .filter(|problem| problem.severity == crate::Severity::Error);
+    let errors: Vec<String> = errors.map(|problem| problem.message).collect();
     if errors.is_empty() {
         Ok((0..graph.nodes.len()).map(|node| evaluation.value(node, 0).cloned()).collect())
     } else {
@@ -284,6 +288,10 @@ fn change(
 /// Runs the node with one input after the other replaced by values that are hard to treat.
 fn hostile_inputs(entry: &Entry, graph: &Graph, index: usize, broken: &mut Vec<String>) {
     let Ok(values) = run_all(graph) else { return };
+    let outputs = values.iter().filter(|((node, _), _)| *node == index);
+    for value in outputs.map(|(_, value)| value).filter(|value| !value.can_be_read_back()) {
+        broken.push(format!("{}: what `Value::decode` gives is not {value:?}", entry.name));
+    }
     let node = &graph.nodes[index];
     let good: Option<Vec<AnyValue>> =
         node.links.iter().map(|link| values.get(&(link.node, link.output)).cloned()).collect();
@@ -308,7 +316,7 @@ fn hostile_inputs(entry: &Entry, graph: &Graph, index: usize, broken: &mut Vec<S
 /// All outputs of all nodes, by node and output.
 fn run_all(graph: &Graph) -> Result<BTreeMap<(usize, usize), AnyValue>, String> {
     let mut evaluator = Evaluator::new(0, MEMORY).map_err(|error| error.to_string())?;
-    let evaluation = evaluator.evaluate_all(graph);
+    let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
     let places = (0..graph.nodes.len())
         .flat_map(|node| (0..graph.nodes[node].outputs.len()).map(move |output| (node, output)));
     let value = |place: (usize, usize)| Some((place, evaluation.value(place.0, place.1)?.clone()));

@@ -72,11 +72,11 @@ impl Drawing {
             }
         }
         let pack_of = |kind: &str| catalog.find(kind).map_or("", |entry| entry.pack);
-        let used = |name: &str| graph.nodes.iter().any(|node| pack_of(&node.kind) == name);
+        let used = |name: &str| graph.nodes.iter().any(|node| pack_of(node.kind()) == name);
         let packs = places.into_iter().filter(|(_, name)| used(name));
         drawing.packs = packs.map(|(place, name)| Pack { name: name.to_owned(), place }).collect();
         for (index, node) in graph.nodes.iter().enumerate() {
-            let pack = drawing.packs.iter().position(|pack| pack.name == pack_of(&node.kind));
+            let pack = drawing.packs.iter().position(|pack| pack.name == pack_of(node.kind()));
             let mut inputs: Vec<String> = Vec::new();
             for link in &node.links {
                 if inputs.last() != Some(&link.port) {
@@ -91,7 +91,10 @@ impl Drawing {
             });
             drawing.boxes.push(Block {
                 name: node.name.clone(),
-                node: Some(NodeBlock { kind: node.kind.clone(), pack: pack.unwrap_or_default() }),
+                node: Some(NodeBlock {
+                    kind: node.kind().to_owned(),
+                    pack: pack.unwrap_or_default(),
+                }),
                 inputs,
                 outputs: outputs.collect(),
             });

@@ -167,6 +167,8 @@ pub mod code {
     pub const WARNING: &str = "G017";
     /// A panic: our bug.
     pub const PANIC: &str = "G018";
+    /// A node gave another result for the same inputs.
+    pub const NOT_PURE: &str = "G019";
 }
 
 impl Problem {

@@ -1,32 +1,48 @@
 //! Evaluates a graph: on demand, in parallel, each key once.
 //!
-//! A node's key is known before the node is run ([`key`]), so a result that is in the cache is never computed again. Nodes that
-//! do not hang on each other run in parallel; a node that fails takes with it only what hangs on it.
+//! What did not change since the last evaluation is known before anything runs ([`plan`]). The rest is visited in order: a
+//! node's key is known before the node is run ([`key`]), so a result that is in the cache is never computed again. Nodes that do
+//! not hang on each other run in parallel; a node that fails takes with it only what hangs on it.
 
 use std::any::Any;
-use std::collections::{BTreeMap, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
-use std::time::Instant;
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard};
 
-use crate::error::{Cancelled, Error, Problem, Severity, code};
+use crate::error::{Error, Problem, Severity, Source, code};
 use crate::graph::{Graph, GraphNode, GraphOutput};
-use crate::node::{CancelToken, Context, File, Progress, ReadError};
+use crate::node::CancelToken;
 use crate::pack::NewFile;
-use crate::value::{AnyValue, Hash};
+use crate::value::AnyValue;
 
 mod cache;
+mod disk;
+mod files;
 mod key;
+mod plan;
+mod run;
+mod snapshot;
 mod trace;
+mod why;
 
-use cache::{Cache, Outcome};
-use key::KeyParts;
+use cache::{Cache, Values};
+pub use disk::{Disk, DiskError, Usage};
+use files::Known;
+pub(crate) use key::{Change, NodeFile, Recipe};
+use plan::Plan;
+use run::{News, Run};
+use snapshot::Snapshot;
+pub(crate) use trace::Reason;
 pub use trace::{NodeTrace, State, Trace};
+pub(crate) use why::{Forecast, Outlook};
 
 /// Watches an evaluation from outside. All methods may be called from any thread.
 pub trait Observer: Sync {
+    /// So many nodes need not be looked at: nothing that they depend on changed.
+    fn unchanged(&self, count: usize) {
+        let _ = count;
+    }
+
     /// A node is being computed.
     fn started(&self, node: &str) {
         let _ = node;
@@ -37,9 +53,9 @@ pub trait Observer: Sync {
         let _ = (node, share);
     }
 
-    /// A node is done, in whatever way.
-    fn finished(&self, node: &NodeTrace) {
-        let _ = node;
+    /// A node came to this end, after so many seconds of work.
+    fn finished(&self, node: &str, state: State, seconds: f64) {
+        let _ = (node, state, seconds);
     }
 }
 
@@ -49,13 +65,12 @@ impl Observer for () {}
 pub struct Evaluator {
     pool: rayon::ThreadPool,
     cache: Cache,
-    /// What each node, by name, was computed from last time, and the hashes of its outputs.
-    last: HashMap<String, Last>,
-}
-
-struct Last {
-    parts: KeyParts,
-    hashes: Vec<Hash>,
+    disk: Option<Arc<Disk>>,
+    files: Known,
+    /// What the last evaluation found.
+    last: Option<Arc<Snapshot>>,
+    /// Which share of the results that could come from the cache is computed all the same, and compared.
+    verify: f64,
 }
 
 /// No threads could be started.
@@ -65,20 +80,103 @@ pub struct ThreadsError(String);
 
 /// The result of one evaluation.
 pub struct Evaluation {
-    /// What happened to each node that a wanted output needs, in the graph's order.
-    pub trace: Trace,
-    /// What failed, and what nodes have doubts about, at the nodes' places.
-    pub problems: Vec<Problem>,
-    values: Vec<Option<Arc<Outcome>>>,
+    source: Arc<Source>,
+    nodes: Arc<[GraphNode]>,
+    wanted: Arc<[bool]>,
+    found: Arc<Snapshot>,
+    /// What happened to the nodes that are not as they were, in the graph's order.
+    news: Vec<News>,
+    /// The values of the nodes that were asked for, by node.
+    values: Vec<(usize, Values)>,
 }
 
 impl Evaluation {
-    /// The value of a node's output, if it was computed; both by their place in the graph.
-    pub(crate) fn value(&self, node: usize, output: usize) -> Option<&AnyValue> {
-        self.values.get(node)?.as_ref()?.values.get(output)
+    /// What happened to each node that a wanted output needs, in the graph's order.
+    pub fn trace(&self) -> Trace {
+        let mut news = self.news.iter().peekable();
+        let nodes = self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index]);
+        Trace(
+            nodes
+                .map(|(index, node)| {
+                    let news = news.next_if(|news| news.index == index);
+                    self.node_trace(index, node, news)
+                })
+                .collect(),
+        )
     }
 
-    /// The value of a node's output by their names; the first output if `output` is empty.
+    fn node_trace(&self, index: usize, node: &GraphNode, news: Option<&News>) -> NodeTrace {
+        let outcome = self.found.current(index).map(|done| &done.outcome);
+        let reason = news.map_or(&Reason::Unchanged, |news| &news.reason);
+        NodeTrace {
+            name: node.name.clone(),
+            node: node.kind().to_owned(),
+            state: news.map_or(State::Cached, |news| news.state),
+            unchanged: news.is_some_and(|news| news.unchanged),
+            reason: reason.in_words(node, &self.nodes),
+            start: news.map_or(0.0, |news| news.start),
+            seconds: news.map_or(0.0, |news| news.seconds),
+            thread: news.map_or(0, |news| news.thread),
+            bytes: outcome.map_or(0, |outcome| outcome.bytes),
+            warnings: outcome.map_or(Vec::new(), |outcome| outcome.warnings.to_vec()),
+        }
+    }
+
+    /// What failed, and what nodes have doubts about, at the nodes' places.
+    pub fn problems(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let mut news = self.news.iter().peekable();
+        for (index, node) in self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index])
+        {
+            if let Some(news) = news.next_if(|news| news.index == index) {
+                problems.extend(news.error.as_ref().map(|error| self.failure(node, error)));
+                problems.extend(news.differs.then(|| self.difference(node)));
+            }
+            let outcome = self.found.current(index).map(|done| &done.outcome);
+            for warning in outcome.iter().flat_map(|outcome| &outcome.warnings) {
+                let message = format!("`{}`: {warning}", node.name);
+                problems.push(self.problem(node, Severity::Warning, code::WARNING, message, ""));
+            }
+        }
+        problems
+    }
+
+    fn failure(&self, node: &GraphNode, error: &Error) -> Problem {
+        let message = format!("`{}` cannot be computed: {error}", node.name);
+        let (code, help) = match error.downcast::<Panic>() {
+            Some(_) => (code::PANIC, "this is a bug of the node; please report it with the graph"),
+            None => (code::FAILED, ""),
+        };
+        self.problem(node, Severity::Error, code, message, help)
+    }
+
+    fn difference(&self, node: &GraphNode) -> Problem {
+        let message = format!("`{}` gave another result than the one in the cache", node.name);
+        let help =
+            "this is a bug of the node: equal inputs must give equal bytes; the new result is used";
+        self.problem(node, Severity::Error, code::NOT_PURE, message, help)
+    }
+
+    fn problem(
+        &self,
+        node: &GraphNode,
+        severity: Severity,
+        code: &'static str,
+        message: String,
+        help: &str,
+    ) -> Problem {
+        let (source, help) = (self.source.clone(), help.into());
+        Problem { severity, code, source, span: node.span, message, help, note: None }
+    }
+
+    /// The value of a node's output, both by their place in the graph, if it was asked for and computed.
+    pub(crate) fn value(&self, node: usize, output: usize) -> Option<&AnyValue> {
+        let place = self.values.binary_search_by_key(&node, |(node, _)| *node).ok()?;
+        self.values[place].1.get(output)
+    }
+
+    /// The value of a node's output by their names; the first output if `output` is empty. Nodes that were not asked for are
+    /// not found.
     pub fn find(&self, graph: &Graph, node: &str, output: &str) -> Option<&AnyValue> {
         let index = graph.find(node)?;
         let names = &graph.nodes[index].outputs;
@@ -115,7 +213,26 @@ impl Evaluator {
     pub fn new(threads: usize, memory: usize) -> Result<Self, ThreadsError> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|error| ThreadsError(error.to_string()))?;
-        Ok(Self { pool, cache: Cache::new(memory), last: HashMap::new() })
+        let (cache, files) = (Cache::new(memory), Known::default());
+        Ok(Self { pool, cache, disk: None, files, last: None, verify: 0.0 })
+    }
+
+    /// The same, with results kept on disk from one process to the next.
+    #[must_use]
+    pub fn with_disk(self, disk: Disk) -> Self {
+        Self { disk: Some(Arc::new(disk)), ..self }
+    }
+
+    /// The same, computing this share (0 to 1) of the results that are in the cache all the same: a node whose result differs
+    /// is an error.
+    #[must_use]
+    pub fn verifying(self, share: f64) -> Self {
+        Self { verify: share, ..self }
+    }
+
+    /// The results on disk.
+    pub fn disk(&self) -> Option<&Disk> {
+        self.disk.as_deref()
     }
 
     /// Runs something on the evaluator's threads.
@@ -123,23 +240,68 @@ impl Evaluator {
         self.pool.install(work)
     }
 
+    /// Drops every result in memory; what is on disk stays, but the next evaluation does not use it.
+    pub fn forget(&mut self) {
+        self.cache.clear();
+        self.last = None;
+    }
+
     /// Evaluates what these nodes, by their place in the graph, need.
     pub(crate) fn evaluate(
         &mut self,
         graph: &Graph,
-        wanted: &[usize],
+        roots: &[usize],
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Evaluation {
-        let run = Run::new(self, graph, wanted, observer, cancel);
-        self.pool.install(|| rayon::scope(|scope| run.start(scope)));
-        let done = run.done;
-        self.finish(graph, done.into_iter().map(OnceLock::into_inner).collect())
+        self.recall(graph);
+        let plan = Plan::new(self, graph, roots);
+        observer.unchanged(plan.unchanged());
+        let run = Run::new(self, graph, &plan, observer, cancel);
+        let needs_threads = plan.has_work() || !run.has_values(roots);
+        let values = match needs_threads {
+            true => self.pool.install(|| {
+                rayon::scope(|scope| run.start(scope));
+                run.values_of(roots)
+            }),
+            false => run.values_of(roots),
+        };
+        let (found, news) = run.end();
+        let changed = self.last.as_ref().is_none_or(|last| !Arc::ptr_eq(last, &found));
+        self.last = Some(found.clone());
+        if let Some(disk) = self.disk.as_ref().filter(|_| changed) {
+            disk.keep_snapshot(&graph.source.name, &found, self.files.of(graph.files()));
+        }
+        Evaluation {
+            source: graph.source.clone(),
+            nodes: graph.nodes.clone(),
+            wanted: plan.wanted,
+            found,
+            news,
+            values,
+        }
+    }
+
+    /// What the last process found of the graph, if this one does not know better.
+    fn recall(&mut self, graph: &Graph) {
+        let (None, Some(disk)) = (&self.last, &self.disk) else { return };
+        if let Some((snapshot, files)) = disk.snapshot(&graph.source.name) {
+            self.last = Some(Arc::new(snapshot));
+            for (path, stamp, hash) in files {
+                self.files.remember(&path, stamp, hash);
+            }
+        }
     }
 
     /// Evaluates all outputs of a graph.
     pub fn evaluate_all(&mut self, graph: &Graph) -> Evaluation {
         let wanted: Vec<usize> = graph.outputs.iter().map(|output| output.node).collect();
+        self.evaluate(graph, &wanted, &(), &CancelToken::default())
+    }
+
+    /// Evaluates what the nodes of these names need; names that the graph does not have are left out.
+    pub fn evaluate_nodes(&mut self, graph: &Graph, names: &[&str]) -> Evaluation {
+        let wanted = Vec::from_iter(names.iter().filter_map(|name| graph.find(name)));
         self.evaluate(graph, &wanted, &(), &CancelToken::default())
     }
 
@@ -152,320 +314,6 @@ impl Evaluator {
     ) -> Evaluation {
         let all: Vec<usize> = (0..graph.nodes.len()).collect();
         self.evaluate(graph, &all, observer, cancel)
-    }
-
-    fn finish(&mut self, graph: &Graph, done: Vec<Option<Done>>) -> Evaluation {
-        let mut trace = Vec::new();
-        let mut problems = Vec::new();
-        let mut values = Vec::with_capacity(done.len());
-        for (node, done) in graph.nodes.iter().zip(done) {
-            let Some(done) = done else {
-                values.push(None);
-                continue;
-            };
-            let problem = |severity, code, message: String, help: &str| Problem {
-                severity,
-                code,
-                source: graph.source.clone(),
-                span: node.span,
-                message,
-                help: help.into(),
-                note: None,
-            };
-            if let Some(error) = &done.error {
-                let panicked = error.downcast::<Panic>().is_some();
-                let message = format!("`{}` cannot be computed: {error}", node.name);
-                problems.push(match panicked {
-                    true => problem(
-                        Severity::Error,
-                        code::PANIC,
-                        message,
-                        "this is a bug of the node; please report it with the graph",
-                    ),
-                    false => problem(Severity::Error, code::FAILED, message, ""),
-                });
-            }
-            for warning in &done.trace.warnings {
-                let message = format!("`{}`: {warning}", node.name);
-                problems.push(problem(Severity::Warning, code::WARNING, message, ""));
-            }
-            if let (Some(outcome), Some(parts)) = (&done.outcome, done.parts) {
-                let hashes = outcome.values.iter().map(AnyValue::hash).collect();
-                self.last.insert(node.name.clone(), Last { parts, hashes });
-            }
-            trace.push(done.trace);
-            values.push(done.outcome);
-        }
-        Evaluation { trace: Trace(trace), problems, values }
-    }
-}
-
-/// What became of a node.
-struct Done {
-    outcome: Option<Arc<Outcome>>,
-    error: Option<Error>,
-    parts: Option<KeyParts>,
-    trace: NodeTrace,
-    /// Whether this node, or one that it hangs on, ran.
-    ran: bool,
-}
-
-/// One evaluation under way.
-struct Run<'a> {
-    graph: &'a Graph,
-    cache: &'a Cache,
-    last: &'a HashMap<String, Last>,
-    observer: &'a dyn Observer,
-    cancel: &'a CancelToken,
-    wanted: Vec<bool>,
-    /// How many links of each node wait for their node.
-    waiting: Vec<AtomicUsize>,
-    /// The nodes that are linked to each node, once per link.
-    users: Vec<Vec<usize>>,
-    done: Vec<OnceLock<Done>>,
-    /// Nodes that wait for another one with the same key.
-    in_flight: Mutex<HashMap<Hash, Vec<usize>>>,
-    files: Mutex<BTreeMap<PathBuf, Arc<OnceLock<Option<File>>>>>,
-}
-
-impl<'a> Run<'a> {
-    fn new(
-        evaluator: &'a Evaluator,
-        graph: &'a Graph,
-        roots: &[usize],
-        observer: &'a dyn Observer,
-        cancel: &'a CancelToken,
-    ) -> Self {
-        let count = graph.nodes.len();
-        let mut wanted = vec![false; count];
-        roots.iter().for_each(|&root| wanted[root] = true);
-        let mut users = vec![Vec::new(); count];
-        // Each node comes after those that it hangs on, so backwards every user is met before what it uses.
-        for index in (0..count).rev() {
-            if wanted[index] {
-                for link in &graph.nodes[index].links {
-                    wanted[link.node] = true;
-                    users[link.node].push(index);
-                }
-            }
-        }
-        let waiting = graph.nodes.iter().map(|node| AtomicUsize::new(node.links.len())).collect();
-        Self {
-            graph,
-            cache: &evaluator.cache,
-            last: &evaluator.last,
-            observer,
-            cancel,
-            wanted,
-            waiting,
-            users,
-            done: (0..count).map(|_| OnceLock::new()).collect(),
-            in_flight: Mutex::default(),
-            files: Mutex::default(),
-        }
-    }
-
-    fn start<'s>(&'s self, scope: &rayon::Scope<'s>) {
-        for index in 0..self.graph.nodes.len() {
-            if self.wanted[index] && self.graph.nodes[index].links.is_empty() {
-                scope.spawn(move |scope| self.visit(index, scope));
-            }
-        }
-    }
-
-    /// Brings a node to its end, and then those that waited for it alone.
-    fn visit<'s>(&'s self, index: usize, scope: &rayon::Scope<'s>) {
-        let mut next = Some(index);
-        // One of the nodes that become ready goes on here, without the cost of a task: long chains are common.
-        while let Some(index) = next.take() {
-            let Some((done, waiters)) = self.node(index) else { return };
-            let _ = self.done[index].set(done);
-            let mut ready: Vec<usize> = waiters;
-            for &user in &self.users[index] {
-                if self.waiting[user].fetch_sub(1, Ordering::AcqRel) == 1 {
-                    ready.push(user);
-                }
-            }
-            next = ready.pop();
-            for other in ready {
-                scope.spawn(move |scope| self.visit(other, scope));
-            }
-        }
-    }
-
-    /// What becomes of a node, and the nodes of the same key that waited for it; none if it waits itself.
-    fn node(&self, index: usize) -> Option<(Done, Vec<usize>)> {
-        let node = &self.graph.nodes[index];
-        let inputs: Vec<&Done> =
-            node.links.iter().filter_map(|link| self.done[link.node].get()).collect();
-        let ran_above = inputs.iter().any(|input| input.ran);
-        if let Some(failed) =
-            node.links.iter().find(|link| self.value(link.node, link.output).is_none())
-        {
-            let reason = format!("hangs on `{}`", self.graph.nodes[failed.node].name);
-            return Some((
-                self.without_value(node, State::Skipped, reason, None, ran_above),
-                Vec::new(),
-            ));
-        }
-        let values: Vec<AnyValue> = node
-            .links
-            .iter()
-            .filter_map(|link| self.value(link.node, link.output).cloned())
-            .collect();
-        let files = match self.read_files(node) {
-            Ok(files) => files,
-            Err(error) => {
-                let reason = error.to_string();
-                return Some((
-                    self.without_value(node, State::Failed, reason, Some(error), ran_above),
-                    Vec::new(),
-                ));
-            }
-        };
-        let parts = KeyParts::new(node, &values, &files);
-        let key = parts.key();
-        let mut flight = lock(&self.in_flight);
-        if let Some(outcome) = self.cache.find(key) {
-            drop(flight);
-            return Some((self.not_run(node, outcome, parts, ran_above), Vec::new()));
-        }
-        match flight.get_mut(&key) {
-            Some(waiters) => {
-                waiters.push(index);
-                return None;
-            }
-            None => drop(flight.insert(key, Vec::new())),
-        }
-        drop(flight);
-        let done = self.compute(node, &values, &files, parts, key);
-        // After the result is in the cache: whoever comes now finds it there.
-        let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
-        Some((done, waiters))
-    }
-
-    fn value(&self, node: usize, output: usize) -> Option<&AnyValue> {
-        self.done[node].get()?.outcome.as_ref()?.values.get(output)
-    }
-
-    /// Every file that the node reads, each path read once an evaluation; none for one that is not there.
-    fn read_files(&self, node: &GraphNode) -> Result<BTreeMap<PathBuf, Option<File>>, Error> {
-        let optional = node.node.files();
-        let mut files = BTreeMap::new();
-        for path in &node.files {
-            let given = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let Some(file) = self.read_file(path, &given)? else {
-                return Err(
-                    ReadError { name: given, reason: "there is no such file".into() }.into()
-                );
-            };
-            files.insert(path.clone(), Some(file));
-        }
-        for path in optional {
-            let file = self.read_file(path.resolved(), path.given())?;
-            files.insert(path.resolved().to_owned(), file);
-        }
-        Ok(files)
-    }
-
-    fn read_file(&self, path: &Path, given: &str) -> Result<Option<File>, Error> {
-        let slot = lock(&self.files).entry(path.to_owned()).or_default().clone();
-        if let Some(file) = slot.get() {
-            return Ok(file.clone());
-        }
-        let file = match std::fs::read(path) {
-            Ok(bytes) => {
-                let hash = Hash::of(&bytes);
-                Some(File { name: given.to_owned(), bytes: bytes.into(), hash })
-            }
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
-            Err(error) => {
-                let (name, reason) = (given.to_owned(), error.to_string());
-                return Err(ReadError { name, reason }.into());
-            }
-        };
-        Ok(slot.get_or_init(|| file).clone())
-    }
-
-    fn without_value(
-        &self,
-        node: &GraphNode,
-        state: State,
-        reason: String,
-        error: Option<Error>,
-        ran: bool,
-    ) -> Done {
-        let trace = NodeTrace::new(node, state, reason);
-        self.observer.finished(&trace);
-        Done { outcome: None, error, parts: None, trace, ran }
-    }
-
-    fn not_run(
-        &self,
-        node: &GraphNode,
-        outcome: Arc<Outcome>,
-        parts: KeyParts,
-        ran_above: bool,
-    ) -> Done {
-        let (state, reason) = match ran_above {
-            true => (State::Equal, "its inputs came out the same"),
-            false => (State::Cached, "nothing that it depends on changed"),
-        };
-        let mut trace = NodeTrace::new(node, state, reason.into());
-        trace.bytes = outcome.bytes;
-        trace.warnings.clone_from(&outcome.warnings);
-        self.observer.finished(&trace);
-        Done { outcome: Some(outcome), error: None, parts: Some(parts), trace, ran: ran_above }
-    }
-
-    fn compute(
-        &self,
-        node: &GraphNode,
-        values: &[AnyValue],
-        files: &BTreeMap<PathBuf, Option<File>>,
-        parts: KeyParts,
-        key: Hash,
-    ) -> Done {
-        self.observer.started(&node.name);
-        let start = Instant::now();
-        let report = |share: f64| self.observer.progress(&node.name, share);
-        let cx = Context {
-            inputs: values,
-            files,
-            progress: Progress { report: Some(&report), cancel: Some(self.cancel) },
-            memos: Some(self.cache),
-            warnings: Mutex::default(),
-        };
-        let result = if self.cancel.is_cancelled() {
-            Err(Cancelled.into())
-        } else {
-            catch_unwind(AssertUnwindSafe(|| node.node.eval(&cx)))
-                .unwrap_or_else(|panic| Err(Panic(in_words(&*panic)).into()))
-        };
-        let last = self.last.get(&node.name);
-        let reason = match last {
-            None => "not computed before".to_owned(),
-            Some(last) => parts.difference(&last.parts),
-        };
-        let values = match result {
-            Ok(values) => values,
-            Err(error) => {
-                let reason = error.to_string();
-                return self.without_value(node, State::Failed, reason, Some(error), true);
-            }
-        };
-        let warnings = cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner());
-        let outcome = Arc::new(Outcome::new(values, warnings));
-        self.cache.keep(key, outcome.clone());
-        let mut trace = NodeTrace::new(node, State::Computed, reason);
-        trace.seconds = start.elapsed().as_secs_f64();
-        trace.bytes = outcome.bytes;
-        trace.warnings.clone_from(&outcome.warnings);
-        trace.unchanged = last.is_some_and(|last| {
-            last.hashes.iter().copied().eq(outcome.values.iter().map(AnyValue::hash))
-        });
-        self.observer.finished(&trace);
-        Done { outcome: Some(outcome), error: None, parts: Some(parts), trace, ran: true }
     }
 }
 

@@ -3,9 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde_json::Value as Json;
-
 use crate::error::{Problem, Source, Span};
+use crate::eval::{NodeFile, Recipe};
 use crate::node::AnyNode;
 use crate::pack::Format;
 use crate::value::ValueType;
@@ -17,13 +16,17 @@ mod parameters;
 mod paths;
 mod reader;
 mod schema;
+mod shape;
 mod suggest;
 
 pub(crate) use check::is_name;
 pub(crate) use reader::ReadError;
 pub use reader::Reader;
 pub(crate) use schema::{check_default, inside_option, variants};
+pub(crate) use shape::Shape;
 pub(crate) use suggest::nearest;
+
+use file::Tree;
 
 use crate::catalog::Catalog;
 
@@ -33,23 +36,23 @@ pub struct Graph {
     /// What it is for, in its author's words.
     pub(crate) doc: String,
     /// Its nodes, each after those that it hangs on.
-    pub(crate) nodes: Vec<GraphNode>,
+    pub(crate) nodes: Arc<[GraphNode]>,
+    pub(crate) shape: Arc<Shape>,
     pub(crate) outputs: Vec<GraphOutput>,
 }
 
 /// A node of a graph.
 pub(crate) struct GraphNode {
     pub(crate) name: String,
-    /// The type's name: `Threshold`.
-    pub(crate) kind: String,
+    pub(crate) recipe: Arc<Recipe>,
     pub(crate) span: Span,
     pub(crate) node: Box<dyn AnyNode>,
     /// What its ports are linked to; a port's slot is its index here.
     pub(crate) links: Vec<Link>,
-    /// The files that its fields name.
-    pub(crate) files: Vec<PathBuf>,
-    /// Its parameters, with links as `{"$link": slot}` and files as `{"$file": path}`.
-    pub(crate) parameters: Json,
+    /// The files that it reads.
+    pub(crate) files: Vec<NodeFile>,
+    /// What stands in the file.
+    pub(crate) tree: Tree,
     pub(crate) outputs: Vec<&'static str>,
     /// The type of each output; none for that of a union whose port has no link.
     pub(crate) types: Vec<Option<&'static ValueType>>,
@@ -102,6 +105,18 @@ pub struct Checked {
     pub problems: Vec<Problem>,
 }
 
+impl GraphNode {
+    /// The type's name: `Threshold`.
+    pub(crate) fn kind(&self) -> &str {
+        &self.recipe.kind
+    }
+
+    /// Where the parameter at the end of this way through the node's fields stands, as far as the file says it.
+    pub(crate) fn place_of(&self, path: &[String]) -> Span {
+        self.tree.at(path).span
+    }
+}
+
 impl Graph {
     /// Reads and checks a graph file. Runs no node and opens no other file.
     pub fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
@@ -129,11 +144,8 @@ impl Graph {
     }
 
     /// All files that evaluating it may read, those that need not be there included.
-    pub fn files(&self) -> Vec<PathBuf> {
-        let optional = self.nodes.iter().flat_map(|node| node.node.files());
-        let optional = optional.map(|file| file.resolved().to_owned());
-        let named = self.nodes.iter().flat_map(|node| node.files.iter().cloned());
-        named.chain(optional).collect()
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.nodes.iter().flat_map(|node| &node.files).map(|file| &*file.path)
     }
 }
 

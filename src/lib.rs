@@ -18,11 +18,15 @@ mod simd;
 
 pub use catalog::Catalog;
 pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
-pub use eval::{Evaluation, Evaluator, NodeTrace, Observer, State, ThreadsError, Trace};
+pub use eval::{
+    Disk, DiskError, Evaluation, Evaluator, NodeTrace, Observer, State, ThreadsError, Trace, Usage,
+};
 pub use graph::{Checked, Files, Graph, Options, Reader};
 pub use node::{
     CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
     ReadError, node,
 };
 pub use pack::{FileFormat, Format, NewFile, Pack, format};
-pub use value::{AnyValue, Encoder, Hash, Summary, Value, ValueType, hash_of, value_type};
+pub use value::{
+    AnyValue, DecodeError, Decoder, Encoder, Hash, Summary, Value, ValueType, hash_of, value_type,
+};

@@ -13,6 +13,7 @@ mod column;
 mod control_net;
 mod curve;
 mod direction;
+mod encoding;
 mod field;
 mod frame;
 mod image;
@@ -30,6 +31,8 @@ pub use column::Column;
 pub use control_net::{Chart, ControlNet, ControlNetError};
 pub use curve::{Curve, CurveError};
 pub use direction::{Direction, DirectionError};
+pub(crate) use encoding::{Bytes, Columns, Kept};
+pub use encoding::{DecodeError, Decoder, Encoder, hash_of};
 pub use field::Field;
 pub use frame::{CaptureFrame, Pinhole, Registration};
 pub use image::{Color, ColorError, Image, Lab, Rgb, SizeError};
@@ -50,6 +53,17 @@ pub trait Value: Clone + Send + Sync + 'static {
 
     /// Writes the whole content, in one fixed order: equal content, equal hash, and nothing else.
     fn encode(&self, to: &mut Encoder);
+
+    /// Reads the content back, part by part as [`Value::encode`] wrote it; its bytes are known to be unchanged.
+    ///
+    /// A type that leaves this out is never answered from the disk cache.
+    ///
+    /// # Errors
+    /// If the content is not what `encode` writes.
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let _ = from;
+        Err(DecodeError)
+    }
 
     /// How much memory the value holds, in bytes.
     fn size(&self) -> usize;
@@ -107,9 +121,33 @@ impl Hash {
         Self(*blake3::hash(bytes).as_bytes())
     }
 
+    /// The hash that [`Display`](fmt::Display) writes; none if the text is not one.
+    pub(crate) fn parse(text: &str) -> Option<Self> {
+        let mut bytes = [0; 32];
+        let digits = Some(text.as_bytes()).filter(|digits| digits.len() == 64)?;
+        for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
+            let digit = |c: u8| char::from(c).to_digit(16);
+            *byte = (digit(pair[0])? << 4 | digit(pair[1])?) as u8;
+        }
+        Some(Self(bytes))
+    }
+
     /// The first 12 hexadecimal digits: enough to tell values apart by eye.
     pub fn short(&self) -> String {
         self.to_string()[..12].to_owned()
+    }
+}
+
+impl serde::Serialize for Hash {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> serde::Deserialize<'de> for Hash {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        Self::parse(&text).ok_or_else(|| serde::de::Error::custom("no hash"))
     }
 }
 
@@ -125,71 +163,6 @@ impl fmt::Debug for Hash {
     }
 }
 
-/// Takes the content of a value, part by part.
-///
-/// Each part is written with its length, so that no two different contents look alike.
-pub struct Encoder {
-    hasher: blake3::Hasher,
-}
-
-impl Encoder {
-    fn new(type_name: &str) -> Self {
-        let mut encoder = Self { hasher: blake3::Hasher::new() };
-        encoder.text(type_name);
-        encoder
-    }
-
-    /// Writes a few bytes of plain data: numbers, points, small arrays of them.
-    pub fn plain<T: bytemuck::NoUninit>(&mut self, part: &T) -> &mut Self {
-        self.bytes(bytemuck::bytes_of(part))
-    }
-
-    /// Writes sizes and counts, the same on machines of every word length.
-    pub fn counts(&mut self, part: &[usize]) -> &mut Self {
-        part.iter().for_each(|&count| {
-            self.plain(&(count as u64));
-        });
-        self
-    }
-
-    /// Writes a text.
-    pub fn text(&mut self, part: &str) -> &mut Self {
-        self.bytes(part.as_bytes())
-    }
-
-    /// Writes a column by its hash, which is computed once and shared with every value that holds the column.
-    pub fn column<T: bytemuck::NoUninit + Send + Sync>(&mut self, part: &Column<T>) -> &mut Self {
-        self.bytes(&part.hash().0)
-    }
-
-    /// Writes another value that is part of this one.
-    pub fn value<T: Value>(&mut self, part: &T) -> &mut Self {
-        self.bytes(&hash_of(part).0)
-    }
-
-    /// Writes a part that may be absent.
-    pub fn option<T>(&mut self, part: Option<&T>, write: impl FnOnce(&mut Self, &T)) -> &mut Self {
-        self.plain(&u8::from(part.is_some()));
-        if let Some(part) = part {
-            write(self, part);
-        }
-        self
-    }
-
-    fn bytes(&mut self, part: &[u8]) -> &mut Self {
-        self.hasher.update(&(part.len() as u64).to_le_bytes());
-        self.hasher.update(part);
-        self
-    }
-}
-
-/// The hash of a value's type and content.
-pub fn hash_of<T: Value>(value: &T) -> Hash {
-    let mut encoder = Encoder::new(T::NAME);
-    value.encode(&mut encoder);
-    Hash(*encoder.hasher.finalize().as_bytes())
-}
-
 /// What the engine knows of a type of values. Made by [`value_type`]; a pack lists the types that it brings.
 #[derive(Clone, Copy)]
 pub struct ValueType {
@@ -198,11 +171,25 @@ pub struct ValueType {
     describe: fn(&(dyn Any + Send + Sync)) -> Summary,
     probe: fn(&(dyn Any + Send + Sync), [usize; 2]) -> Summary,
     size: fn(&(dyn Any + Send + Sync)) -> usize,
+    keep: fn(&(dyn Any + Send + Sync)) -> Kept,
+    decode: fn(&[u8], &dyn Columns, Hash) -> Result<AnyValue, DecodeError>,
 }
 
 impl fmt::Debug for ValueType {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name)
+    }
+}
+
+impl ValueType {
+    /// The value of this type that has this hash, from its kept content.
+    pub(crate) fn decode(
+        &self,
+        bytes: &[u8],
+        columns: &dyn Columns,
+        hash: Hash,
+    ) -> Result<AnyValue, DecodeError> {
+        (self.decode)(bytes, columns, hash)
     }
 }
 
@@ -220,6 +207,11 @@ impl<T: Value> TypeOf<T> {
         describe: |value| downcast::<T>(value).describe(),
         probe: |value, at| downcast::<T>(value).probe(at),
         size: |value| downcast::<T>(value).size(),
+        keep: |value| encoding::keep(downcast::<T>(value)),
+        decode: |bytes, columns, hash| {
+            let value: T = encoding::decode(bytes, columns, hash)?;
+            Ok(AnyValue { kind: value_type::<T>(), hash, value: Arc::new(value) })
+        },
     };
 }
 
@@ -266,6 +258,17 @@ impl AnyValue {
     /// How much memory it holds, in bytes.
     pub fn size(&self) -> usize {
         (self.kind.size)(&*self.value)
+    }
+
+    /// Its content as the disk cache keeps it.
+    pub(crate) fn keep(&self) -> Kept {
+        (self.kind.keep)(&*self.value)
+    }
+
+    /// Whether its content gives the same value again when it is read back.
+    pub(crate) fn can_be_read_back(&self) -> bool {
+        let kept = self.keep();
+        self.kind.decode(&kept.bytes, &kept, self.hash).is_ok()
     }
 
     /// What a reader wants to know first.

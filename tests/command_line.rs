@@ -8,8 +8,13 @@ use expect_test::expect;
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
 fn maquette(arguments: &[&str]) -> Output {
+    maquette_with_cache(tempfile::tempdir().unwrap().path(), arguments)
+}
+
+fn maquette_with_cache(cache: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_maquette"))
         .args(arguments)
+        .env("MAQUETTE_CACHE", cache)
         .current_dir(GRAPHS)
         .env("NO_COLOR", "1")
         .output()
@@ -203,4 +208,64 @@ fn draw_reports_a_broken_graph_and_unknown_endings() {
     assert_eq!((broken.status.code(), stdout(&broken)), (Some(1), String::new()));
     assert!(stderr(&broken).contains("there is no node type `Nothing`"));
     assert_eq!(maquette(&["draw", "doll.ron", "--out", "doll.png"]).status.code(), Some(2));
+}
+
+#[test]
+fn a_second_run_computes_nothing_and_a_third_says_why_it_would() {
+    let (cache, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let folder = out.path().to_str().unwrap();
+    let run = |more: &[&str]| {
+        maquette_with_cache(cache.path(), &[&["run", "doll.ron", "--out", folder], more].concat())
+    };
+    let first = stdout(&run(&[]));
+    assert!(first.contains("14 nodes: 14 computed"), "{first}");
+    let before = std::fs::read(out.path().join("model.glb")).unwrap();
+    let second = stdout(&run(&[]));
+    assert!(second.contains("14 nodes: 14 cached"), "{second}");
+    assert_eq!(std::fs::read(out.path().join("model.glb")).unwrap(), before);
+
+    let dry = stdout(&run(&["-n", "--set", "growth=25"]));
+    assert!(
+        dry.contains("runs      raised   parameter `distance` 12 -> 25, doll.ron:20:78"),
+        "{dry}"
+    );
+    assert!(dry.contains("may run   model    hangs on `skin`"), "{dry}");
+    let why = |node: &str| {
+        let why = ["why", "doll.ron", node, "--set", "growth=25"];
+        stdout(&maquette_with_cache(cache.path(), &why))
+    };
+    assert_eq!(why("nose"), "`nose` does not run: nothing that it depends on changed\n");
+    expect![[r#"
+        `skin` runs if what it hangs on comes out different:
+          `raised` runs: parameter `distance` 12 -> 25, doll.ron:20:78
+    "#]]
+    .assert_eq(&why("skin"));
+
+    let usage = stdout(&maquette_with_cache(cache.path(), &["cache", "ls"]));
+    assert!(usage.contains("of 1 build") && usage.contains("1 graph"), "{usage}");
+    let cleared = stdout(&maquette_with_cache(cache.path(), &["cache", "clear"]));
+    assert!(cleared.starts_with("dropped "), "{cleared}");
+    let again = stdout(&run(&[]));
+    assert!(again.contains("14 nodes: 14 computed"), "{again}");
+}
+
+#[test]
+fn a_folder_that_is_no_cache_is_not_cleared() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("precious.txt"), "keep me").unwrap();
+    let output = maquette_with_cache(folder.path(), &["cache", "clear"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("is no cache of maquette"), "{}", stderr(&output));
+    assert!(folder.path().join("precious.txt").exists());
+}
+
+#[test]
+fn profile_prints_a_table_and_writes_a_trace() {
+    let out = tempfile::tempdir().unwrap();
+    let output = maquette(&["run", "doll.ron", "--profile", "--out", out.path().to_str().unwrap()]);
+    let text = stdout(&output);
+    assert!(text.contains("node") && text.contains("memory") && text.contains("100 %"), "{text}");
+    let trace = std::fs::read(out.path().join("doll.trace.json")).unwrap();
+    let trace: serde_json::Value = serde_json::from_slice(&trace).unwrap();
+    assert_eq!(trace["traceEvents"].as_array().unwrap().len(), 14);
 }

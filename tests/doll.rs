@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use maquette::value::{Direction, Labels, Mask, Mesh, RangeImage, Region, Value};
-use maquette::{Catalog, Evaluation, Evaluator, Graph, Options};
+use maquette::{CancelToken, Catalog, Evaluation, Evaluator, Graph, Options};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -21,8 +21,9 @@ impl Doll {
         let path = Path::new(ROOT).join("graphs/doll.ron");
         let graph =
             Graph::load(&path, &catalog, &Options::default()).graph.expect("the graph checks");
-        let evaluation = Evaluator::new(2, 1 << 30).unwrap().evaluate_all(&graph);
-        assert!(evaluation.problems.is_empty(), "{:?}", evaluation.problems);
+        let mut evaluator = Evaluator::new(2, 1 << 30).unwrap();
+        let evaluation = evaluator.evaluate_all_nodes(&graph, &(), &CancelToken::default());
+        assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
         Self { graph, evaluation }
     }
 

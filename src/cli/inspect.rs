@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::{Value as Json, json};
 
+use super::caching::CacheOptions;
 use super::progress::Progress;
-use super::run::{MEMORY, write_whole};
+use super::run::write_whole;
 use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem};
-use crate::eval::Evaluator;
 use crate::format::png;
 use crate::graph::{Graph, nearest};
 use crate::node::{CancelToken, ending};
@@ -38,6 +38,8 @@ pub(super) struct Inspect {
     view: Option<View>,
     #[command(flatten)]
     options: GraphOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
     /// How many threads to use; 0 is all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -72,15 +74,15 @@ impl Inspect {
             Ok(found) => found,
             Err(why) => return Exit::Usage(why),
         };
-        let mut evaluator = match Evaluator::new(self.threads, MEMORY) {
+        let mut evaluator = match self.cache.evaluator(self.threads, catalog) {
             Ok(evaluator) => evaluator,
-            Err(error) => return Exit::Usage(error.to_string()),
+            Err(why) => return Exit::Usage(why),
         };
         let progress = Progress::new(graph.nodes.len());
         let evaluation = evaluator.evaluate(&graph, &[node], &progress, &CancelToken::default());
         progress.end();
         if !self.json {
-            report(&evaluation.problems);
+            report(&evaluation.problems());
         }
         let found: Vec<(&str, &AnyValue)> = outputs
             .iter()
@@ -88,7 +90,7 @@ impl Inspect {
                 Some((graph.nodes[node].outputs[output], evaluation.value(node, output)?))
             })
             .collect();
-        self.print(&graph.nodes[node].name, &found, &evaluation.problems);
+        self.print(&graph.nodes[node].name, &found, &evaluation.problems());
         let Some((_, value)) = found.first() else { return Exit::Failed };
         match &self.out {
             Some(path) => self.write(value, path, catalog),

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::eval::{NodeTrace, Observer};
+use crate::eval::{Observer, State};
 
 /// Work shorter than this needs no bar.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -57,7 +57,11 @@ impl Observer for Progress {
         self.bar.set_message(format!("{node} {:.0} %", share * 100.0));
     }
 
-    fn finished(&self, _: &NodeTrace) {
+    fn unchanged(&self, count: usize) {
+        self.bar.inc(count as u64);
+    }
+
+    fn finished(&self, _: &str, _: State, _: f64) {
         self.bar.inc(1);
     }
 }

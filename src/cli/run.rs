@@ -9,17 +9,17 @@ use clap::Args;
 use rayon::prelude::*;
 use serde_json::json;
 
+use super::caching::{self, CacheOptions};
+use super::profile;
 use super::progress::Progress;
-use super::{Exit, GraphOptions, counted, in_bytes, print, print_json, report};
+use super::why::reason_with_place;
+use super::{Exit, GraphOptions, counted, eprint, in_bytes, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, code};
-use crate::eval::{Evaluation, Evaluator, State};
+use crate::eval::{Evaluation, Forecast, State};
 use crate::graph::{Graph, GraphOutput, nearest};
 use crate::node::CancelToken;
 use crate::value::Hash;
-
-/// How much memory results may hold.
-pub(super) const MEMORY: usize = 4 << 30;
 
 #[derive(Args)]
 pub(super) struct Run {
@@ -33,9 +33,17 @@ pub(super) struct Run {
     only: Vec<String>,
     #[command(flatten)]
     options: GraphOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
+    /// Only say what would run, and why.
+    #[arg(short = 'n', long)]
+    dry_run: bool,
     /// How many threads to use; 0 is all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
+    /// Print where the time and the memory went, and write a trace for Chrome's tracing page beside the outputs.
+    #[arg(long)]
+    profile: bool,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -62,18 +70,22 @@ impl Run {
             Ok(outputs) => outputs,
             Err(why) => return Exit::Usage(why),
         };
-        let mut evaluator = match Evaluator::new(self.threads, MEMORY) {
+        let mut evaluator = match self.cache.evaluator(self.threads, catalog) {
             Ok(evaluator) => evaluator,
-            Err(error) => return Exit::Usage(error.to_string()),
+            Err(why) => return Exit::Usage(why),
         };
-        let progress = Progress::new(graph.nodes.len());
         let nodes: Vec<usize> = outputs.iter().map(|output| output.node).collect();
+        if self.dry_run {
+            print(&forecast(&graph, &evaluator.forecast(&graph, &nodes)));
+            return Exit::Done;
+        }
+        let progress = Progress::new(graph.nodes.len());
         let evaluation = evaluator.evaluate(&graph, &nodes, &progress, &CancelToken::default());
         let folder = self.out.clone().unwrap_or_else(|| default_folder(&self.graph));
         let write = |output: &&GraphOutput| write_output(output, &evaluation, &graph, &folder);
         let written: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
         progress.end();
-        problems.extend(evaluation.problems.iter().cloned());
+        problems.extend(evaluation.problems());
         let mut files = Vec::new();
         for result in written {
             match result {
@@ -82,6 +94,16 @@ impl Run {
             }
         }
         self.print(Some(&evaluation), &files, &problems, start);
+        if self.profile {
+            let trace = evaluation.trace();
+            // With --json, stdout is for one document.
+            let tell: fn(&str) = if self.json { eprint } else { print };
+            tell(&profile::table(&trace));
+            if let Err(error) = profile::write_trace(&trace, &self.graph, &folder) {
+                eprint(&format!("error: cannot write the trace: {error}\n"));
+            }
+        }
+        caching::finish(&evaluator);
         // The process ends here; giving the memory back piece by piece would only take time.
         std::mem::forget((evaluator, evaluation, graph));
         let failed = problems.iter().any(|problem| problem.severity == Severity::Error);
@@ -108,7 +130,8 @@ impl Run {
         problems: &[Problem],
         start: Instant,
     ) {
-        let traces = evaluation.map(|evaluation| &evaluation.trace.0[..]).unwrap_or_default();
+        let trace = evaluation.map(Evaluation::trace).unwrap_or_default();
+        let traces = &trace.0;
         let seconds = start.elapsed().as_secs_f64();
         if self.json {
             let outputs = written.iter().map(|file| {
@@ -128,7 +151,9 @@ impl Run {
             return;
         }
         report(problems);
-        let Some(evaluation) = evaluation else { return };
+        if evaluation.is_none() {
+            return;
+        }
         let mut text = String::new();
         let longest = traces.iter().map(|node| node.name.len()).max().unwrap_or(0);
         for node in traces {
@@ -148,7 +173,7 @@ impl Run {
             let _ = writeln!(text, "wrote     {}  {}", file.path.display(), in_bytes(file.bytes));
         }
         let states = [State::Computed, State::Equal, State::Cached, State::Failed, State::Skipped];
-        let counts = states.into_iter().filter_map(|state| match evaluation.trace.count(state) {
+        let counts = states.into_iter().filter_map(|state| match trace.count(state) {
             0 => None,
             count => Some(format!("{count} {}", state.word())),
         });
@@ -156,6 +181,18 @@ impl Run {
         let _ = writeln!(text, "{}: {counts}; {seconds:.2} s", counted(traces.len(), "node"));
         print(&text);
     }
+}
+
+/// What each node would do, and why.
+fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
+    let name = |forecast: &Forecast| &graph.nodes[forecast.index].name;
+    let longest = forecasts.iter().map(|forecast| name(forecast).len()).max().unwrap_or(0);
+    let mut text = String::new();
+    for forecast in forecasts {
+        let (word, reason) = (forecast.word(), reason_with_place(graph, forecast));
+        let _ = writeln!(text, "{word:<8}  {:<longest$}  {reason}", name(forecast));
+    }
+    text
 }
 
 /// `out/doll` for `graphs/doll.ron`.

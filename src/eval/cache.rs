@@ -1,77 +1,157 @@
 //! Results in memory, by key, the least recently used ones dropped first.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use super::lock;
 use crate::node::Memos;
 use crate::value::{AnyValue, Hash};
 
-/// What a node gave.
+/// The values of a node's outputs.
+pub(super) type Values = Arc<[AnyValue]>;
+
+/// What a node gave: always what the values are, and the values themselves as long as there is memory for them.
 pub(super) struct Outcome {
-    pub(super) values: Vec<AnyValue>,
-    pub(super) warnings: Vec<String>,
+    /// The type and the hash of each output.
+    pub(super) outputs: Box<[(&'static str, Hash)]>,
+    pub(super) warnings: Box<[String]>,
+    /// How much memory the values need.
     pub(super) bytes: usize,
+    /// How long it took to compute them.
+    pub(super) seconds: f64,
+    values: Mutex<Option<Values>>,
+    used: AtomicU64,
 }
 
 impl Outcome {
-    pub(super) fn new(values: Vec<AnyValue>, warnings: Vec<String>) -> Self {
+    pub(super) fn new(values: &Values, warnings: Vec<String>, seconds: f64) -> Self {
+        let outputs = values.iter().map(|value| (value.kind().name, value.hash())).collect();
         let bytes = values.iter().map(AnyValue::size).sum();
-        Self { values, warnings, bytes }
+        let known = Self::known(outputs, warnings, bytes, seconds);
+        Self { values: Mutex::new(Some(values.clone())), ..known }
+    }
+
+    /// An outcome without its values.
+    pub(super) fn known(
+        outputs: Box<[(&'static str, Hash)]>,
+        warnings: Vec<String>,
+        bytes: usize,
+        seconds: f64,
+    ) -> Self {
+        let warnings = warnings.into();
+        Self {
+            outputs,
+            warnings,
+            bytes,
+            seconds,
+            values: Mutex::default(),
+            used: AtomicU64::new(0),
+        }
+    }
+
+    /// The values, if they are in memory.
+    pub(super) fn values(&self) -> Option<Values> {
+        lock(&self.values).clone()
+    }
+
+    pub(super) fn has_values(&self) -> bool {
+        lock(&self.values).is_some()
+    }
+
+    /// Whether another outcome has the same values.
+    pub(super) fn equals(&self, other: &Self) -> bool {
+        self.outputs == other.outputs
     }
 }
 
-/// Results by key, at most `limit` bytes of them.
+/// Outcomes by key, whose values are at most `limit` bytes together.
 ///
 /// A column that two values share is counted twice, so that the true size is never above the counted one.
 pub(super) struct Cache {
     limit: usize,
+    clock: AtomicU64,
     state: Mutex<State>,
 }
 
 #[derive(Default)]
 struct State {
-    entries: HashMap<Hash, Entry>,
-    /// The entries by time of last use.
-    by_use: BTreeMap<u64, Hash>,
-    clock: u64,
+    entries: HashMap<Hash, Arc<Outcome>, BuildHasherDefault<FirstBytes>>,
     bytes: usize,
 }
 
-struct Entry {
-    outcome: Arc<Outcome>,
-    used: u64,
+/// Keys are hashes already: their first bytes will do.
+#[derive(Default)]
+pub(super) struct FirstBytes(u64);
+
+impl Hasher for FirstBytes {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        if let Some(first) = bytes.first_chunk() {
+            self.0 = u64::from_le_bytes(*first);
+        }
+    }
+
+    fn write_usize(&mut self, _: usize) {}
 }
+
+/// What an entry needs beside its values.
+const OVERHEAD: usize = 512;
 
 impl Cache {
     pub(super) fn new(limit: usize) -> Self {
-        Self { limit, state: Mutex::default() }
+        Self { limit, clock: AtomicU64::new(0), state: Mutex::default() }
     }
 
     pub(super) fn find(&self, key: Hash) -> Option<Arc<Outcome>> {
-        let state = &mut *lock(&self.state);
-        let entry = state.entries.get_mut(&key)?;
-        state.clock += 1;
-        state.by_use.remove(&entry.used);
-        state.by_use.insert(state.clock, key);
-        entry.used = state.clock;
-        Some(entry.outcome.clone())
+        let outcome = lock(&self.state).entries.get(&key).cloned()?;
+        self.touch(&outcome);
+        Some(outcome)
+    }
+
+    fn touch(&self, outcome: &Outcome) {
+        outcome.used.store(self.clock.fetch_add(1, Ordering::Relaxed), Ordering::Relaxed);
     }
 
     pub(super) fn keep(&self, key: Hash, outcome: Arc<Outcome>) {
+        self.touch(&outcome);
         let state = &mut *lock(&self.state);
-        state.clock += 1;
-        state.bytes += outcome.bytes;
-        state.by_use.insert(state.clock, key);
-        let used = state.clock;
-        if let Some(before) = state.entries.insert(key, Entry { outcome, used }) {
-            state.bytes -= before.outcome.bytes;
-            state.by_use.remove(&before.used);
+        state.bytes += outcome.bytes + OVERHEAD;
+        if let Some(before) = state.entries.insert(key, outcome) {
+            state.bytes -= before.bytes + OVERHEAD;
         }
-        while state.bytes > self.limit {
-            let Some((_, oldest)) = state.by_use.pop_first() else { break };
-            if let Some(dropped) = state.entries.remove(&oldest) {
-                state.bytes -= dropped.outcome.bytes;
+        if self.limit < state.bytes {
+            state.shrink(self.limit - self.limit / 8);
+        }
+    }
+
+    /// Gives values that were read back to their outcome.
+    pub(super) fn hold(&self, key: Hash, outcome: &Arc<Outcome>, values: &Values) {
+        *lock(&outcome.values) = Some(values.clone());
+        self.keep(key, outcome.clone());
+    }
+
+    pub(super) fn clear(&self) {
+        *lock(&self.state) = State::default();
+    }
+}
+
+impl State {
+    /// Drops the values that were not used for the longest time, until this many bytes are left.
+    fn shrink(&mut self, goal: usize) {
+        let used = |outcome: &Outcome| outcome.used.load(Ordering::Relaxed);
+        let mut by_use =
+            Vec::from_iter(self.entries.iter().map(|(key, entry)| (used(entry), *key)));
+        by_use.sort_unstable_by(|a, b| b.cmp(a));
+        while goal < self.bytes {
+            let Some((_, oldest)) = by_use.pop() else { break };
+            if let Some(dropped) = self.entries.remove(&oldest) {
+                self.bytes -= dropped.bytes + OVERHEAD;
+                *lock(&dropped.values) = None;
             }
         }
     }
@@ -79,11 +159,12 @@ impl Cache {
 
 impl Memos for Cache {
     fn find(&self, key: Hash) -> Option<AnyValue> {
-        self.find(key).and_then(|outcome| outcome.values.first().cloned())
+        self.find(key)?.values()?.first().cloned()
     }
 
     fn keep(&self, key: Hash, value: &AnyValue) {
-        self.keep(key, Arc::new(Outcome::new(vec![value.clone()], Vec::new())));
+        let values: Values = [value.clone()].into();
+        self.keep(key, Arc::new(Outcome::new(&values, Vec::new(), 0.0)));
     }
 }
 
@@ -93,20 +174,20 @@ mod tests {
     use crate::value::Mask;
 
     #[test]
-    fn the_least_recently_used_result_is_dropped_first() {
-        let cache = Cache::new(250);
+    fn the_least_recently_used_values_are_dropped_first_even_if_somebody_holds_their_outcome() {
+        let cache = Cache::new(16_000);
+        let key = |name: &str| Hash::of(name.as_bytes());
         let keep = |name: &str| {
-            let mask = Mask::new(100, 1, vec![0; 100]).unwrap();
-            cache.keep(
-                Hash::of(name.as_bytes()),
-                Arc::new(Outcome::new(vec![AnyValue::new(mask)], vec![])),
-            );
+            let mask = Mask::new(5000, 1, vec![0; 5000]).unwrap();
+            let values: Values = [AnyValue::new(mask)].into();
+            let outcome = Arc::new(Outcome::new(&values, vec![], 0.0));
+            cache.keep(key(name), outcome.clone());
+            outcome
         };
-        let has = |name: &str| cache.find(Hash::of(name.as_bytes())).is_some();
-        keep("a");
-        keep("b");
-        assert!(has("a"));
-        keep("c");
-        assert!(has("a") && !has("b") && has("c"));
+        let (a, b) = (keep("a"), keep("b"));
+        assert!(cache.find(key("a")).is_some());
+        let c = keep("c");
+        assert!(cache.find(key("a")).is_some() && cache.find(key("b")).is_none());
+        assert!(a.has_values() && !b.has_values() && c.has_values());
     }
 }

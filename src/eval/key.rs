@@ -4,118 +4,182 @@
 //! value leaves every key below it as it was, and the wave stops there with no second mechanism. The price is one pass over
 //! each new value.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::Arc;
 
-use serde_json::Value as Json;
+use serde_json::{Value as Json, json};
 
-use crate::graph::GraphNode;
-use crate::node::{FILE, File, LINK, ending};
-use crate::value::{AnyValue, Hash};
+use crate::node::{FILE, LINK, ending};
+use crate::value::Hash;
 
-/// What a node is computed from, field by field.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct KeyParts {
-    kind: String,
-    fields: Vec<Part>,
+/// What a node is, apart from what comes in: all that is known when its graph is read.
+#[derive(Debug)]
+pub(crate) struct Recipe {
+    /// The type's name: `Threshold`.
+    pub(crate) kind: String,
+    /// Its parameters, with links as `{"$link": slot}` and files as `{"$file": path}`.
+    pub(crate) parameters: Json,
+    /// The hash of both, in which of a file's path only the ending counts.
+    pub(crate) identity: Hash,
 }
 
-#[derive(Clone, Debug, PartialEq)]
-struct Part {
-    name: String,
-    what: What,
-    /// The field in canonical JSON, with links and files replaced by hashes.
-    content: String,
+/// A file that a node reads.
+#[derive(Clone, Debug)]
+pub(crate) struct NodeFile {
+    /// The path as the graph has it.
+    pub(crate) given: String,
+    pub(crate) path: PathBuf,
+    /// Whether the node cannot do without it.
+    pub(crate) needed: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum What {
-    Parameter,
-    Input,
-    File,
-}
-
-impl KeyParts {
-    pub(super) fn new(
-        node: &GraphNode,
-        inputs: &[AnyValue],
-        files: &BTreeMap<PathBuf, Option<File>>,
-    ) -> Self {
-        let mut fields = Vec::new();
-        for (name, field) in node.parameters.as_object().into_iter().flatten() {
-            let mut what = What::Parameter;
-            let content = canonical(field, inputs, files, &mut what).to_string();
-            fields.push(Part { name: name.clone(), what, content });
-        }
-        for path in node.node.files() {
-            let content = content_of(path.resolved(), files);
-            let name = ending_name(path.resolved());
-            fields.push(Part { name, what: What::File, content });
-        }
-        Self { kind: node.kind.clone(), fields }
-    }
-
-    pub(super) fn key(&self) -> Hash {
-        let mut text = self.kind.clone();
-        for part in &self.fields {
-            text.extend(["\n", &part.name, "=", &part.content]);
-        }
-        Hash::of(text.as_bytes())
-    }
-
-    /// The first part that differs from what the node was computed from before, in words.
-    pub(super) fn difference(&self, before: &Self) -> String {
-        if self.kind != before.kind {
-            return format!("it was {} before", crate::graph::with_article(&before.kind));
-        }
-        let changed = self.fields.iter().find(|part| !before.fields.contains(part));
-        match changed {
-            Some(Part { name, what: What::Parameter, .. }) => format!("parameter `{name}` changed"),
-            Some(Part { name, what: What::Input, .. }) => format!("input `{name}` changed"),
-            Some(Part { name, what: What::File, .. }) => format!("file `{name}` changed"),
-            None => "its result is no longer in the cache".into(),
-        }
+impl Recipe {
+    pub(crate) fn new(kind: &str, parameters: Json, files: &[NodeFile]) -> Self {
+        let optional = files.iter().filter(|file| !file.needed).map(|file| ending(&file.path));
+        let content = json!([kind, without_paths(&parameters), Vec::from_iter(optional)]);
+        let identity = Hash::of(content.to_string().as_bytes());
+        Self { kind: kind.to_owned(), parameters, identity }
     }
 }
 
-fn ending_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// The field with links replaced by the hashes of their values, and files by the hashes of their contents.
-fn canonical(
-    field: &Json,
-    inputs: &[AnyValue],
-    files: &BTreeMap<PathBuf, Option<File>>,
-    what: &mut What,
-) -> Json {
+/// The parameters with nothing but the ending of each file's path.
+fn without_paths(field: &Json) -> Json {
     match field {
-        Json::Object(entries) => {
-            if let Some(slot) = entries.get(LINK).and_then(Json::as_u64) {
-                *what = What::Input;
-                let value = inputs.get(slot as usize);
-                return value.map_or(Json::Null, |value| value.hash().to_string().into());
+        Json::Object(entries) => match entries.get(FILE).and_then(Json::as_str) {
+            Some(path) => json!({ FILE: ending(path.as_ref()) }),
+            None => {
+                let entry = |(name, value): (&String, &Json)| (name.clone(), without_paths(value));
+                Json::Object(entries.iter().map(entry).collect())
             }
-            if let Some(path) = entries.get(FILE).and_then(Json::as_str) {
-                *what = What::File;
-                return content_of(Path::new(path), files).into();
-            }
-            let entry = |(name, value): (&String, &Json)| {
-                (name.clone(), canonical(value, inputs, files, what))
-            };
-            Json::Object(entries.iter().map(entry).collect())
-        }
-        Json::Array(items) => {
-            items.iter().map(|item| canonical(item, inputs, files, what)).collect()
-        }
+        },
+        Json::Array(items) => items.iter().map(without_paths).collect(),
         plain => plain.clone(),
     }
 }
 
-/// A file's content hash and ending, in which alone its path matters.
-fn content_of(path: &Path, files: &BTreeMap<PathBuf, Option<File>>) -> String {
-    match files.get(path) {
-        Some(Some(file)) => format!("{} {}", file.hash, ending(path)),
-        _ => "absent".into(),
+/// What a result is computed from.
+#[derive(Clone, Debug)]
+pub(super) struct Parts {
+    pub(super) recipe: Arc<Recipe>,
+    /// The hash of the value at each link.
+    pub(super) inputs: Box<[Hash]>,
+    /// The hash of each file's content; none for one that is not there.
+    pub(super) files: Box<[Option<Hash>]>,
+}
+
+/// The first part that differs from what a node was computed from before.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Change {
+    /// It was another type of node.
+    Kind { before: String },
+    /// A parameter: the way to it through the node's fields, and its values.
+    Parameter { path: Vec<String>, before: Json, now: Json },
+    /// The value at the link of this index.
+    Input(usize),
+    /// The file of this index.
+    File(usize),
+}
+
+impl Parts {
+    pub(super) fn key(&self) -> Hash {
+        let mut content = Vec::with_capacity(32 * (1 + self.inputs.len()) + 33 * self.files.len());
+        content.extend_from_slice(&self.recipe.identity.0);
+        for input in &self.inputs {
+            content.extend_from_slice(&input.0);
+        }
+        for file in &self.files {
+            content.push(u8::from(file.is_some()));
+            content.extend_from_slice(&file.map_or([0; 32], |hash| hash.0));
+        }
+        Hash::of(&content)
+    }
+
+    /// The first part that differs; none if the parts are equal.
+    pub(super) fn change(&self, before: &Self) -> Option<Change> {
+        if self.recipe.identity != before.recipe.identity {
+            if self.recipe.kind != before.recipe.kind {
+                return Some(Change::Kind { before: before.recipe.kind.clone() });
+            }
+            let found = difference(&before.recipe.parameters, &self.recipe.parameters);
+            if let Some((path, before, now)) = found {
+                return Some(Change::Parameter { path, before, now });
+            }
+        }
+        let input = first_difference(&self.inputs, &before.inputs).map(Change::Input);
+        input.or_else(|| first_difference(&self.files, &before.files).map(Change::File))
+    }
+}
+
+fn first_difference<T: PartialEq>(now: &[T], before: &[T]) -> Option<usize> {
+    let same = now.iter().zip(before).take_while(|(a, b)| a == b).count();
+    (same < now.len()).then_some(same)
+}
+
+/// The first place where two parameters differ, and what stands there; links and files are no parameters.
+fn difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
+    let plain = |json: &Json| json.get(LINK).is_none() && json.get(FILE).is_none();
+    let inside = |name: String, before: &Json, now: &Json| {
+        let (mut path, before, now) = difference(before, now)?;
+        path.insert(0, name);
+        Some((path, before, now))
+    };
+    match (before, now) {
+        _ if before == now || !plain(before) || !plain(now) => None,
+        (Json::Object(a), Json::Object(b)) if a.keys().eq(b.keys()) => {
+            a.iter().zip(b.values()).find_map(|((name, a), b)| inside(name.clone(), a, b))
+        }
+        (Json::Array(a), Json::Array(b)) if a.len() == b.len() => {
+            let mut pairs = a.iter().zip(b).enumerate();
+            pairs.find_map(|(index, (a, b))| inside(index.to_string(), a, b))
+        }
+        _ => Some((Vec::new(), before.clone(), now.clone())),
+    }
+}
+
+/// A parameter's value as a message shows it.
+pub(crate) fn in_short(value: &Json) -> String {
+    const MOST: usize = 40;
+    let text = match value {
+        Json::Number(number) => {
+            number.as_f64().map_or_else(|| number.to_string(), |x| x.to_string())
+        }
+        other => other.to_string(),
+    };
+    match text.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn recipe(parameters: Json) -> Recipe {
+        Recipe::new("Threshold", parameters, &[])
+    }
+
+    #[test]
+    fn a_path_counts_by_its_ending_alone() {
+        let of = |path: &str| recipe(json!({ "path": { FILE: path } })).identity;
+        assert_eq!(of("/a/color.png"), of("/b/other.PNG"));
+        assert_ne!(of("/a/color.png"), of("/a/color.jpg"));
+    }
+
+    #[test]
+    fn the_first_parameter_that_differs_is_found_with_its_values() {
+        let parts = |distance: f64| Parts {
+            recipe: Arc::new(recipe(json!({
+                "image": { LINK: 0 },
+                "select": { "Near": { "color": "#ff0000", "distance": distance } },
+            }))),
+            inputs: [Hash::of(b"image")].into(),
+            files: [].into(),
+        };
+        let path = ["select", "Near", "distance"].map(str::to_owned).to_vec();
+        let expected = Change::Parameter { path, before: json!(30.0), now: json!(25.5) };
+        assert_eq!(parts(25.5).change(&parts(30.0)), Some(expected));
+        assert_eq!(parts(25.5).change(&parts(25.5)), None);
+        assert_eq!((in_short(&json!(30.0)), in_short(&json!(25.5))), ("30".into(), "25.5".into()));
     }
 }

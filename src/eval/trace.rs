@@ -4,7 +4,8 @@ use std::fmt;
 
 use serde_json::json;
 
-use crate::graph::GraphNode;
+use super::key::{Change, in_short};
+use crate::graph::{GraphNode, with_article};
 
 /// What became of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,6 +35,67 @@ impl State {
     }
 }
 
+/// Why a node came to its end.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Reason {
+    /// Nothing that it depends on changed.
+    Unchanged,
+    /// Its inputs came out the same.
+    SameInputs,
+    /// Something changed, but to what it was computed from at another time.
+    Before(Change),
+    /// Nothing is known of an earlier result.
+    First,
+    /// Something changed.
+    Changed(Change),
+    /// Its result was dropped, or what was kept of it is damaged.
+    Lost,
+    /// The user wanted it computed, to compare.
+    Verified,
+    /// It hangs on this node.
+    HangsOn(usize),
+    /// An error, in words.
+    Error(String),
+}
+
+impl Reason {
+    pub(crate) fn in_words(&self, node: &GraphNode, nodes: &[GraphNode]) -> String {
+        match self {
+            Self::Unchanged => "nothing that it depends on changed".into(),
+            Self::SameInputs => "its inputs came out the same".into(),
+            Self::Before(change) => {
+                format!("{}, as it was computed before", in_words(change, node))
+            }
+            Self::First => "not computed before".into(),
+            Self::Changed(change) => in_words(change, node),
+            Self::Lost => "its result is no longer in the cache".into(),
+            Self::Verified => "computed again to compare it with its cached result".into(),
+            Self::HangsOn(index) => format!("hangs on `{}`", nodes[*index].name),
+            Self::Error(words) => words.clone(),
+        }
+    }
+}
+
+fn in_words(change: &Change, node: &GraphNode) -> String {
+    match change {
+        Change::Kind { before } => format!("it was {} before", with_article(before)),
+        Change::Parameter { path, before, now } => {
+            let name = parameter_name(path);
+            format!("parameter `{name}` {} -> {}", in_short(before), in_short(now))
+        }
+        Change::Input(index) => format!("input `{}` changed", node.links[*index].port),
+        Change::File(index) => format!("file {} changed", node.files[*index].given),
+    }
+}
+
+/// `distance` for `select.Near.distance`, `corners[2]` for `corners.2`.
+pub(crate) fn parameter_name(path: &[String]) -> String {
+    let is_index = |part: &String| part.bytes().all(|byte| byte.is_ascii_digit());
+    let Some(last) = path.iter().rposition(|part| !is_index(part)) else { return path.join(".") };
+    let indices = path[last + 1..].iter().map(|index| format!("[{index}]"));
+    path[last].clone() + &String::from_iter(indices)
+}
+
 /// What happened to one node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NodeTrace {
@@ -47,28 +109,19 @@ pub struct NodeTrace {
     pub unchanged: bool,
     /// Why.
     pub reason: String,
-    /// How long it ran; 0 if it did not.
+    /// When it began, in seconds from the evaluation's start; 0 if it did not run.
+    pub start: f64,
+    /// How long it ran, in seconds; 0 if it did not.
     pub seconds: f64,
-    /// How much memory its results hold.
+    /// The thread on which it ran, from 0.
+    pub thread: usize,
+    /// How much memory its results need.
     pub bytes: usize,
     /// Its doubts about the results.
     pub warnings: Vec<String>,
 }
 
 impl NodeTrace {
-    pub(super) fn new(node: &GraphNode, state: State, reason: String) -> Self {
-        Self {
-            name: node.name.clone(),
-            node: node.kind.clone(),
-            state,
-            unchanged: false,
-            reason,
-            seconds: 0.0,
-            bytes: 0,
-            warnings: Vec::new(),
-        }
-    }
-
     /// The trace as `--json` prints it.
     pub fn to_json(&self) -> serde_json::Value {
         let mut json = json!({
@@ -95,6 +148,24 @@ impl Trace {
     /// How many nodes came to this end.
     pub fn count(&self, state: State) -> usize {
         self.0.iter().filter(|node| node.state == state).count()
+    }
+
+    /// The trace in the format of Chrome's tracing page and Perfetto: one bar for each node that ran, one row for each thread.
+    pub fn to_chrome(&self) -> serde_json::Value {
+        let ran = self.0.iter().filter(|node| node.seconds > 0.0);
+        let events = ran.map(|node| {
+            json!({
+                "name": node.name,
+                "cat": node.node,
+                "ph": "X",
+                "ts": node.start * 1e6,
+                "dur": node.seconds * 1e6,
+                "pid": 1,
+                "tid": node.thread,
+                "args": { "state": node.state.word(), "reason": node.reason, "bytes": node.bytes },
+            })
+        });
+        json!({ "displayTimeUnit": "ms", "traceEvents": events.collect::<Vec<_>>() })
     }
 }
 

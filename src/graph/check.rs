@@ -13,10 +13,12 @@ use super::paths::{PathProblem, may_read, project_root, stays_inside};
 use super::schema::{Finding, FoundFile, FoundLink, Walk};
 use super::suggest::nearest_or_all;
 use super::{
-    Checked, Files, Graph, GraphNode, GraphOutput, Link, Options, Reader, any_of, with_article,
+    Checked, Files, Graph, GraphNode, GraphOutput, Link, Options, Reader, Shape, any_of,
+    with_article,
 };
 use crate::catalog::{Catalog, Entry};
 use crate::error::{Problem, Severity, Source, Span, code};
+use crate::eval::{NodeFile, Recipe};
 use crate::node::{AnyNode, Output, ending};
 use crate::value::ValueType;
 
@@ -139,7 +141,8 @@ impl<'a> Check<'a> {
         let outputs =
             outputs.map(|output| GraphOutput { node: places[output.node], ..output }).collect();
         let source = Arc::new(Source { name: PathBuf::new(), text: String::new() });
-        Some(Graph { source, doc: top.doc, nodes, outputs })
+        let shape = Arc::new(Shape::new(&nodes));
+        Some(Graph { source, doc: top.doc, nodes: nodes.into(), shape, outputs })
     }
 
     /// Whether the file is of another format version; then nothing else in it is judged.
@@ -650,14 +653,23 @@ impl<'a> Check<'a> {
         let links = draft.links.into_iter().zip(draft.targets).map(|(link, target)| {
             target.map(|(node, output)| Link { port: link.port, node: places[node], output })
         });
+        let named = draft.files.into_iter();
+        let named =
+            named.map(|file| NodeFile { given: file.given, path: file.resolved, needed: true });
+        let optional = node.files().into_iter().map(|file| NodeFile {
+            given: file.given().to_owned(),
+            path: file.resolved().to_owned(),
+            needed: false,
+        });
+        let files = Vec::from_iter(named.chain(optional));
         Some(GraphNode {
             name: draft.name.text,
-            kind: entry.name.clone(),
+            recipe: Arc::new(Recipe::new(&entry.name, parameters, &files)),
             span: draft.tree.span,
             node,
             links: links.collect::<Option<_>>()?,
-            files: draft.files.into_iter().map(|file| file.resolved).collect(),
-            parameters,
+            files,
+            tree: draft.tree,
             outputs: entry.outputs().iter().map(|output| output.name).collect(),
             types: draft.types,
         })

@@ -123,6 +123,44 @@ impl Tree {
         }
     }
 
+    /// What stands at the end of this way through fields, items and entries, or as far along it as the file goes. The name of a
+    /// choice, `Near` of `Near(..)`, is a step of the way.
+    pub(crate) fn at(&self, path: &[String]) -> &Self {
+        let Some((step, rest)) = path.split_first() else { return self };
+        let item =
+            |items: &'_ [Self]| step.parse().ok().filter(|&index: &usize| index < items.len());
+        let inside = match &self.kind {
+            Kind::Call { name: Some(name), .. } if name.text == *step => {
+                return self.at_inside(rest);
+            }
+            Kind::List(items) => item(items).map(|index| &items[index]),
+            Kind::Map(entries) => {
+                let entry = entries.iter().find(|(key, _)| key.text() == Some(step));
+                entry.map(|(_, value)| value)
+            }
+            _ => return self.at_inside(path),
+        };
+        inside.map_or(self, |inside| inside.at(rest))
+    }
+
+    /// The same, without the name before the parentheses.
+    fn at_inside(&self, path: &[String]) -> &Self {
+        let Some((step, rest)) = path.split_first() else { return self };
+        let inside = match &self.kind {
+            Kind::Call { body: Body::Fields(fields), .. } => {
+                let field = fields.iter().find(|field| field.name.text == *step);
+                field.map(|field| (&field.value, rest))
+            }
+            // `Near(..)` with one item has the path of the item itself.
+            Kind::Call { body: Body::Items(items), .. } => match step.parse::<usize>() {
+                Ok(index) => items.get(index).map(|item| (item, rest)),
+                Err(_) => items.first().map(|item| (item, path)),
+            },
+            _ => None,
+        };
+        inside.map_or(self, |(inside, rest)| inside.at(rest))
+    }
+
     /// What kind of value it is, in words, with its text where that is short.
     pub(crate) fn in_words(&self) -> String {
         match &self.kind {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use thiserror::Error;
 
-use super::{Column, Encoder, Rgb};
+use super::{Column, DecodeError, Decoder, Encoder, Rgb};
 
 /// Why an attribute does not fit.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -90,6 +90,18 @@ impl Attribute {
             Self::Color(column) => to.plain(&5u8).column(column),
         };
     }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(match from.plain::<u8>()? {
+            0 => Self::Number(from.column()?),
+            1 => Self::Index(from.column()?),
+            2 => Self::Flag(from.column()?),
+            3 => Self::Pair(from.column()?),
+            4 => Self::Vector(from.column()?),
+            5 => Self::Color(from.column()?),
+            _ => return Err(DecodeError),
+        })
+    }
 }
 
 /// Attributes by name, in the order of their names.
@@ -162,5 +174,11 @@ impl Attributes {
             to.text(name);
             attribute.encode(to);
         }
+    }
+
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let [count] = from.counts()?;
+        let attributes = (0..count).map(|_| Ok((from.text()?, Attribute::decode(from)?)));
+        Ok(Self(attributes.collect::<Result<_, _>>()?))
     }
 }

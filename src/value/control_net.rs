@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{CaptureFrame, Column, Encoder, Summary, Value};
+use super::{CaptureFrame, Column, DecodeError, Decoder, Encoder, Summary, Value};
 
 /// Why points do not make a control net.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -243,6 +243,23 @@ impl Value for ControlNet {
                 to.counts(&chart.grid).column(&chart.cells).column(&chart.coordinates);
             })
             .option(self.frame.as_ref(), |to, frame| frame.encode(to));
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let [rows, columns] = from.counts()?;
+        Ok(Self {
+            rows,
+            columns,
+            points: from.column()?,
+            base: from.column()?,
+            weights: from.column()?,
+            fixed: from.column()?,
+            chart: from.option(|from| {
+                let grid = from.counts()?;
+                Ok(Chart { grid, cells: from.column()?, coordinates: from.column()? })
+            })?,
+            frame: from.option(CaptureFrame::decode)?,
+        })
     }
 
     fn size(&self) -> usize {

@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{Column, Encoder, KnotVector, Summary, Value};
+use super::{Column, DecodeError, Decoder, Encoder, KnotVector, Summary, Value};
 
 mod evaluate;
 
@@ -190,6 +190,14 @@ impl Value for Curve {
                 to.value(&spline.knots).column(&spline.weights);
             },
         );
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let points = from.column()?;
+        let closed = from.plain::<u8>()? == 1;
+        let spline =
+            from.option(|from| Ok(Spline { knots: from.value()?, weights: from.column()? }))?;
+        Ok(Self { points, closed, spline })
     }
 
     fn size(&self) -> usize {

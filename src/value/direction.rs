@@ -3,7 +3,7 @@
 use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
-use super::{Encoder, Summary, Value};
+use super::{DecodeError, Decoder, Encoder, Summary, Value};
 
 /// Why there is no direction.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -64,6 +64,11 @@ impl Value for Direction {
     fn encode(&self, to: &mut Encoder) {
         let vector: [f64; 3] = self.vector.into_inner().into();
         to.plain(&vector).plain(&self.resultant);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let vector: [f64; 3] = from.plain()?;
+        Ok(Self { vector: Unit::new_unchecked(vector.into()), resultant: from.plain()? })
     }
 
     fn size(&self) -> usize {

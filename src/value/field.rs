@@ -1,7 +1,7 @@
 //! A number per pixel.
 
 use super::image::{SizeError, check_size};
-use super::{Column, Encoder, Summary, Value};
+use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
 
 /// A number per pixel, such as a gradient's length; row 0 on top. Numbers may be NaN, which means: not known there.
 ///
@@ -57,6 +57,11 @@ impl Value for Field {
 
     fn encode(&self, to: &mut Encoder) {
         to.counts(&[self.width, self.height]).column(&self.pixels);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let [width, height] = from.counts()?;
+        Ok(Self { width, height, pixels: from.column()? })
     }
 
     fn size(&self) -> usize {

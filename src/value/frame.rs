@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix4, Point3};
 
-use super::Encoder;
+use super::{DecodeError, Decoder, Encoder};
 
 /// A pinhole camera: column = `focal[0] * x / z + center[0]`, row = `focal[1] * y / z + center[1]`, in pixels, with pixel
 /// centers at integers. Camera axes: x right, y down, z away from the camera.
@@ -42,6 +42,10 @@ impl Pinhole {
 
     pub(super) fn encode(&self, to: &mut Encoder) {
         to.plain(&self.focal).plain(&self.center);
+    }
+
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self { focal: from.plain()?, center: from.plain()? })
     }
 }
 
@@ -91,6 +95,10 @@ impl Registration {
     pub(super) fn encode(&self, to: &mut Encoder) {
         to.plain(&self.scale).plain(&self.offset).counts(&self.picture);
     }
+
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self { scale: from.plain()?, offset: from.plain()?, picture: from.counts()? })
+    }
 }
 
 /// The frame of a mesh that came out of a capture: axes as in [`Pinhole`] (x right, y down, z away from the sensor).
@@ -115,12 +123,26 @@ impl CaptureFrame {
             .plain(&self.depth)
             .option(self.world_from_camera.as_ref(), encode_pose);
     }
+
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self {
+            camera: from.option(Pinhole::decode)?,
+            picture: from.counts()?,
+            depth: from.plain()?,
+            world_from_camera: from.option(decode_pose)?,
+        })
+    }
 }
 
 /// Writes a motion from one frame to another.
 pub(super) fn encode_pose(to: &mut Encoder, pose: &Matrix4<f64>) {
     let columns: [[f64; 4]; 4] = (*pose).into();
     to.plain(&columns);
+}
+
+/// Reads what [`encode_pose`] wrote.
+pub(super) fn decode_pose(from: &mut Decoder<'_>) -> Result<Matrix4<f64>, DecodeError> {
+    from.plain::<[[f64; 4]; 4]>().map(Matrix4::from)
 }
 
 #[cfg(test)]

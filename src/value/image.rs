@@ -8,7 +8,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use thiserror::Error;
 
-use super::{Column, Encoder, Pinhole, Summary, Value};
+use super::{Column, DecodeError, Decoder, Encoder, Pinhole, Summary, Value};
 
 /// Why numbers do not make a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -117,6 +117,12 @@ impl Value for Image {
         to.counts(&[self.width, self.height])
             .column(&self.pixels)
             .option(self.camera.as_ref(), |to, camera| camera.encode(to));
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let [width, height] = from.counts()?;
+        let pixels = from.column()?;
+        Ok(Self { width, height, pixels, camera: from.option(Pinhole::decode)? })
     }
 
     fn size(&self) -> usize {

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use super::{Column, Encoder, Summary, Value};
+use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
 
 mod basis;
 mod change;
@@ -140,6 +140,11 @@ impl Value for KnotVector {
 
     fn encode(&self, to: &mut Encoder) {
         to.counts(&[self.degree]).column(&self.knots);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let [degree] = from.counts()?;
+        Ok(Self { degree, knots: from.column()? })
     }
 
     fn size(&self) -> usize {

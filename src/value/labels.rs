@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::image::{SizeError, check_size};
-use super::{Column, Encoder, Summary, Value};
+use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
 
 /// Which component each pixel of a picture belongs to: 0 is background, components count from 1 in the order in which
 /// their first pixels are met, row by row from the top.
@@ -82,17 +82,7 @@ impl Labels {
     /// If there are more or fewer entries than that.
     pub fn new(width: usize, height: usize, pixels: Vec<u32>) -> Result<Self, SizeError> {
         check_size(width, height, pixels.len())?;
-        let mut runs = Vec::new();
-        for (row, pixels) in (0..).zip(pixels.chunks(width.max(1))) {
-            let mut start = 0;
-            for same in pixels.chunk_by(|a, b| a == b) {
-                let end = start + same.len() as u32;
-                if same[0] != 0 {
-                    runs.push(LabelRun { row, start, end, label: same[0] });
-                }
-                start = end;
-            }
-        }
+        let mut runs = runs_of(width, &pixels);
         renumber(&mut runs);
         Ok(Self::assemble(width, height, pixels, &runs))
     }
@@ -190,6 +180,22 @@ fn renumber(runs: &mut [LabelRun]) {
     }
 }
 
+/// The runs of some pixels, row by row from the top.
+fn runs_of(width: usize, pixels: &[u32]) -> Vec<LabelRun> {
+    let mut runs = Vec::new();
+    for (row, pixels) in (0..).zip(pixels.chunks(width.max(1))) {
+        let mut start = 0;
+        for same in pixels.chunk_by(|a, b| a == b) {
+            let end = start + same.len() as u32;
+            if same[0] != 0 {
+                runs.push(LabelRun { row, start, end, label: same[0] });
+            }
+            start = end;
+        }
+    }
+    runs
+}
+
 /// What is known of each component of runs that are numbered in the order in which they meet them.
 fn statistics(width: usize, height: usize, runs: &[LabelRun]) -> Vec<LabelStatistics> {
     let mut statistics: Vec<LabelStatistics> = Vec::new();
@@ -230,6 +236,13 @@ impl Value for Labels {
 
     fn encode(&self, to: &mut Encoder) {
         to.counts(&[self.width, self.height]).column(&self.pixels);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let [width, height] = from.counts()?;
+        let pixels: Column<u32> = from.column()?;
+        let statistics = statistics(width, height, &runs_of(width, &pixels));
+        Ok(Self { width, height, pixels, statistics })
     }
 
     fn size(&self) -> usize {

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::image::{SizeError, check_size};
-use super::{Column, Encoder, Summary, Value};
+use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
 
 /// Which pixels of a picture belong to something; row 0 on top.
 ///
@@ -95,6 +95,11 @@ impl Value for Mask {
 
     fn encode(&self, to: &mut Encoder) {
         to.counts(&[self.width, self.height]).column(&self.pixels);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let [width, height] = from.counts()?;
+        Ok(Self { width, height, pixels: from.column()? })
     }
 
     fn size(&self) -> usize {

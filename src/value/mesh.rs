@@ -5,7 +5,8 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::{
-    Attribute, AttributeError, Attributes, CaptureFrame, Column, Encoder, Image, Summary, Value,
+    Attribute, AttributeError, Attributes, CaptureFrame, Column, DecodeError, Decoder, Encoder,
+    Image, Summary, Value,
 };
 
 mod faces;
@@ -377,6 +378,19 @@ impl Value for Mesh {
                 to.value(texture);
             })
             .option(self.frame.as_ref(), |to, frame| frame.encode(to));
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self {
+            positions: from.column()?,
+            faces: Faces::decode(from)?,
+            vertex: Attributes::decode(from)?,
+            corner: Attributes::decode(from)?,
+            face: Attributes::decode(from)?,
+            creases: from.column()?,
+            texture: from.option(Decoder::value)?,
+            frame: from.option(CaptureFrame::decode)?,
+        })
     }
 
     fn size(&self) -> usize {

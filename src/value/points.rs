@@ -3,7 +3,9 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{Attribute, AttributeError, Attributes, Column, Encoder, Summary, Value};
+use super::{
+    Attribute, AttributeError, Attributes, Column, DecodeError, Decoder, Encoder, Summary, Value,
+};
 
 /// Why places do not make points.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -88,6 +90,10 @@ impl Value for Points {
     fn encode(&self, to: &mut Encoder) {
         to.column(&self.positions);
         self.attributes.encode(to);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self { positions: from.column()?, attributes: Attributes::decode(from)? })
     }
 
     fn size(&self) -> usize {

@@ -4,9 +4,11 @@ use nalgebra::{Matrix4, Point3};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::frame::encode_pose;
+use super::frame::{decode_pose, encode_pose};
 use super::image::{SizeError, check_size};
-use super::{CaptureFrame, Column, Encoder, Pinhole, Registration, Rgb, Summary, Value};
+use super::{
+    CaptureFrame, Column, DecodeError, Decoder, Encoder, Pinhole, Registration, Rgb, Summary, Value,
+};
 
 /// Why a range image is not what was asked for.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -212,6 +214,20 @@ impl Value for RangeImage {
             .option(self.camera.as_ref(), |to, camera| camera.encode(to))
             .option(self.world_from_camera.as_ref(), encode_pose);
         self.registration.encode(to);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let [width, height] = from.counts()?;
+        Ok(Self {
+            width,
+            height,
+            points: from.column()?,
+            filled: from.column()?,
+            colors: from.column()?,
+            camera: from.option(Pinhole::decode)?,
+            world_from_camera: from.option(decode_pose)?,
+            registration: Registration::decode(from)?,
+        })
     }
 
     fn size(&self) -> usize {

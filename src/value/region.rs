@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{Column, Encoder, Summary, Value};
+use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
 
 /// Why cells do not make a region.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -163,6 +163,17 @@ impl Value for Region {
         for contour in &self.contours {
             to.plain(&u8::from(contour.hole)).column(&Column::from(contour.cells.clone()));
         }
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let [width, height, contours] = from.counts()?;
+        let (cells, points, filled) = (from.column()?, from.column()?, from.column()?);
+        let contour = |_| {
+            let hole = from.plain::<u8>()? == 1;
+            Ok(Contour { hole, cells: from.column::<u32>()?.to_vec() })
+        };
+        let contours = (0..contours).map(contour).collect::<Result<_, _>>()?;
+        Ok(Self { width, height, cells, points, filled, contours })
     }
 
     fn size(&self) -> usize {

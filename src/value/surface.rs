@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{ControlNet, Encoder, KnotVector, Summary, Value};
+use super::{ControlNet, DecodeError, Decoder, Encoder, KnotVector, Summary, Value};
 
 mod adaptive;
 mod change;
@@ -113,6 +113,10 @@ impl Value for Surface {
 
     fn encode(&self, to: &mut Encoder) {
         to.value(&self.net).value(&self.u).value(&self.v);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self { net: from.value()?, u: from.value()?, v: from.value()? })
     }
 
     fn size(&self) -> usize {

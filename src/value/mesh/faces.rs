@@ -1,7 +1,7 @@
 //! The faces of a mesh, and the edges between them.
 
 use super::{MeshError, check_count};
-use crate::value::{Column, Encoder};
+use crate::value::{Column, DecodeError, Decoder, Encoder};
 
 /// The faces of a mesh: corners by vertex index, counter-clockwise seen from outside.
 ///
@@ -164,11 +164,24 @@ impl Faces {
 
     /// Writes them as part of a value that holds them.
     pub fn encode(&self, to: &mut Encoder) {
-        to.column(&self.corners);
-        match &self.shape {
-            Shape::Uniform(sides) => to.counts(&[*sides]),
-            Shape::Mixed(starts) => to.column(starts),
+        let (sides, starts) = match &self.shape {
+            Shape::Uniform(sides) => (*sides, None),
+            Shape::Mixed(starts) => (0, Some(starts)),
         };
+        to.column(&self.corners).counts(&[sides]).option(starts, |to, starts| {
+            to.column(starts);
+        });
+    }
+
+    /// Reads what [`Faces::encode`] wrote, for types that hold faces.
+    ///
+    /// # Errors
+    /// If it is not that.
+    pub fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        let corners = from.column()?;
+        let [sides] = from.counts()?;
+        let shape = from.option(Decoder::column)?.map_or(Shape::Uniform(sides), Shape::Mixed);
+        Ok(Self { corners, shape })
     }
 
     pub(super) fn size(&self) -> usize {

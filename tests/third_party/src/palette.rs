@@ -1,7 +1,7 @@
 //! A few colors.
 
 use maquette::value::{Color, Column, Rgb};
-use maquette::{Encoder, Error, FileFormat, NewFile, Summary, Value};
+use maquette::{DecodeError, Decoder, Encoder, Error, FileFormat, NewFile, Summary, Value};
 
 /// A few colors, the most frequent first.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,6 +12,10 @@ impl Value for Palette {
 
     fn encode(&self, to: &mut Encoder) {
         to.column(&self.0);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self(from.column()?))
     }
 
     fn size(&self) -> usize {

@@ -1,0 +1,196 @@
+//! What does the engine itself cost? Graphs of nodes that do next to nothing, and a cheap node behind a heavy one.
+//!
+//! Evaluates on two threads; each bench changes what its name says before each evaluation, and times the evaluation alone. The
+//! same chains and trees run on salsa and in Blender in `benches/peers`.
+
+use divan::{Bencher, black_box};
+use maquette::{
+    Catalog, Context, DecodeError, Decoder, Encoder, Error, Evaluator, Graph, In, Node, Options,
+    Pack, Summary, Value, node, value_type,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+fn main() {
+    divan::main();
+}
+
+/// A number on a link.
+#[derive(Clone, Debug)]
+struct Number(f64);
+
+impl Value for Number {
+    const NAME: &'static str = "Number";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.plain(&self.0);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self(from.plain()?))
+    }
+
+    fn size(&self) -> usize {
+        size_of::<Self>()
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default().with("number", self.0)
+    }
+}
+
+/// Adds a number.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Add {
+    /// To this one, or to 0.
+    to: Option<In<Number>>,
+    /// What is added.
+    number: f64,
+}
+
+impl Node for Add {
+    type Outputs = (Number,);
+    const OUTPUTS: [&'static str; 1] = ["sum"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let to = self.to.as_ref().map_or(0.0, |to| cx.get(to).0);
+        Ok((Number(to + self.number),))
+    }
+}
+
+const PACK: Pack = Pack {
+    name: "numbers",
+    nodes: &[node::<Add>()],
+    values: &[value_type::<Number>()],
+    formats: &[],
+};
+
+const CHAIN: usize = 10_000;
+
+fn load(text: &str, packs: &[Pack]) -> Graph {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.keep().join("graph.ron");
+    std::fs::write(&path, text).expect("a file");
+    std::fs::write(path.with_file_name("ring.obj"), ring()).expect("a file");
+    let checked = Graph::load(&path, &Catalog::new(packs), &Options::default());
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+}
+
+/// A chain of additions, of which this one adds another number.
+fn chain(changed: Option<(usize, u32)>) -> Graph {
+    let number = |k: usize| match changed {
+        Some((place, number)) if place == k => f64::from(number),
+        _ => 1.0,
+    };
+    let link = |k: usize| if k == 0 { String::new() } else { format!("to: \"n{}\", ", k - 1) };
+    let nodes = (0..CHAIN).map(|k| format!("\"n{k}\": Add({}number: {:?}),\n", link(k), number(k)));
+    let text = format!("Graph(format: 1, nodes: {{ {} }})", String::from_iter(nodes));
+    load(&text, &[PACK])
+}
+
+fn evaluator() -> Evaluator {
+    Evaluator::new(2, 1 << 30).expect("threads")
+}
+
+/// Evaluates the last node of the chain.
+fn evaluate(evaluator: &mut Evaluator, graph: &Graph) {
+    black_box(evaluator.evaluate_nodes(graph, &[&format!("n{}", CHAIN - 1)]));
+}
+
+#[divan::bench(sample_count = 21)]
+fn chain_first_evaluation(bencher: Bencher<'_, '_>) {
+    let graph = chain(None);
+    bencher.with_inputs(evaluator).bench_refs(|evaluator| evaluate(evaluator, &graph));
+}
+
+#[divan::bench(sample_count = 101)]
+fn chain_nothing_changed(bencher: Bencher<'_, '_>) {
+    let (graph, mut evaluator) = (chain(None), evaluator());
+    evaluate(&mut evaluator, &graph);
+    bencher.bench_local(|| evaluate(&mut evaluator, &graph));
+}
+
+#[divan::bench(sample_count = 101)]
+fn chain_loaded_again_and_nothing_changed(bencher: Bencher<'_, '_>) {
+    let (graphs, mut evaluator) = ([chain(None), chain(None)], evaluator());
+    evaluate(&mut evaluator, &graphs[1]);
+    let mut turn = 0;
+    bencher.bench_local(|| {
+        turn = 1 - turn;
+        evaluate(&mut evaluator, &graphs[turn]);
+    });
+}
+
+/// A new number each time, so that no result is in the cache.
+fn changed_at(bencher: Bencher<'_, '_>, place: usize) {
+    let graphs = Vec::from_iter((2..66).map(|number| chain(Some((place, number)))));
+    let mut evaluator = evaluator();
+    evaluate(&mut evaluator, &graphs[0]);
+    let mut turn = 0;
+    bencher.bench_local(|| {
+        turn += 1;
+        evaluate(&mut evaluator, &graphs[turn]);
+    });
+}
+
+#[divan::bench(sample_count = 21, sample_size = 1)]
+fn chain_last_changed(bencher: Bencher<'_, '_>) {
+    changed_at(bencher, CHAIN - 1);
+}
+
+#[divan::bench(sample_count = 21, sample_size = 1)]
+fn chain_first_changed(bencher: Bencher<'_, '_>) {
+    changed_at(bencher, 0);
+}
+
+/// A ring of 6 000 triangles as an OBJ file.
+fn ring() -> String {
+    const AROUND: usize = 60;
+    const ACROSS: usize = 50;
+    let turn = |k: usize, of: usize| k as f64 / of as f64 * std::f64::consts::TAU;
+    let mut text = String::new();
+    for (i, j) in (0..AROUND).flat_map(|i| (0..ACROSS).map(move |j| (i, j))) {
+        let (a, b) = (turn(i, AROUND), turn(j, ACROSS));
+        let radius = 3.0 + libm::cos(b);
+        text +=
+            &format!("v {} {} {}\n", radius * libm::cos(a), radius * libm::sin(a), libm::sin(b));
+    }
+    let vertex = |i: usize, j: usize| i % AROUND * ACROSS + j % ACROSS + 1;
+    for (i, j) in (0..AROUND).flat_map(|i| (0..ACROSS).map(move |j| (i, j))) {
+        let [a, b, c, d] =
+            [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|(i, j)| vertex(i, j));
+        text += &format!("f {a} {b} {c}\nf {a} {c} {d}\n");
+    }
+    text
+}
+
+/// The ring, subdivided three times to 384 000 triangles, and moved.
+fn subdivided(step: u32) -> Graph {
+    let text = format!(
+        "Graph(format: 1, nodes: {{
+            \"mesh\": ReadMesh(path: \"ring.obj\"),
+            \"fine\": Subdivide(mesh: \"mesh\", levels: 3),
+            \"moved\": Transform(mesh: \"fine\", translate: ({step}, 0, 0)),
+        }})"
+    );
+    load(&text, maquette_nodes::PACKS)
+}
+
+#[divan::bench(sample_count = 21, sample_size = 1)]
+fn cheap_behind_subdivision_changed(bencher: Bencher<'_, '_>) {
+    let graphs = Vec::from_iter((0..66).map(subdivided));
+    let mut evaluator = evaluator();
+    evaluator.evaluate_nodes(&graphs[0], &["moved"]);
+    let mut turn = 0;
+    bencher.bench_local(|| {
+        turn += 1;
+        black_box(evaluator.evaluate_nodes(&graphs[turn], &["moved"]));
+    });
+}
+
+#[divan::bench(sample_count = 101)]
+fn cheap_behind_subdivision_nothing_changed(bencher: Bencher<'_, '_>) {
+    let (graph, mut evaluator) = (subdivided(1), evaluator());
+    evaluator.evaluate_nodes(&graph, &["moved"]);
+    bencher.bench_local(|| black_box(evaluator.evaluate_nodes(&graph, &["moved"])));
+}

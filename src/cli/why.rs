@@ -1,0 +1,90 @@
+//! `maquette why`: why a node would run, or why not.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::caching::CacheOptions;
+use super::{Exit, GraphOptions, print, report};
+use crate::catalog::Catalog;
+use crate::error::{Place, Span};
+use crate::eval::{Change, Forecast, Outlook, Reason};
+use crate::graph::{Graph, nearest};
+
+#[derive(Args)]
+pub(super) struct Why {
+    /// The graph file.
+    graph: PathBuf,
+    /// The node.
+    node: String,
+    #[command(flatten)]
+    options: GraphOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
+}
+
+impl Why {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let checked = self.options.load(&self.graph, catalog);
+        report(&checked.problems);
+        let Some(graph) = checked.graph else { return Exit::Failed };
+        let Some(node) = graph.find(&self.node) else {
+            let help = nearest(&self.node, graph.node_names());
+            return Exit::Usage(format!("the graph has no node `{}`; {help}", self.node));
+        };
+        let mut evaluator = match self.cache.evaluator(1, catalog) {
+            Ok(evaluator) => evaluator,
+            Err(why) => return Exit::Usage(why),
+        };
+        print(&explain(&graph, node, &evaluator.forecast(&graph, &[node])));
+        Exit::Done
+    }
+}
+
+/// Why a node would run, back to what was changed.
+fn explain(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String {
+    let find = |index: usize| forecasts.iter().find(|forecast| forecast.index == index);
+    let Some(forecast) = find(node) else { return String::new() };
+    let name = &graph.nodes[node].name;
+    let reason = |forecast: &Forecast| reason_with_place(graph, forecast);
+    match forecast.outlook {
+        Outlook::Cached => format!("`{name}` does not run: {}\n", reason(forecast)),
+        Outlook::Fails => format!("`{name}` fails: {}\n", reason(forecast)),
+        Outlook::Runs => format!("`{name}` runs: {}\n", reason(forecast)),
+        Outlook::MayRun => {
+            let mut text = format!("`{name}` runs if what it hangs on comes out different:\n");
+            let causes = forecasts
+                .iter()
+                .filter(|forecast| matches!(forecast.outlook, Outlook::Runs | Outlook::Fails));
+            for cause in causes {
+                let _ = writeln!(
+                    text,
+                    "  `{}` {}: {}",
+                    graph.nodes[cause.index].name,
+                    cause.word(),
+                    reason(cause)
+                );
+            }
+            text
+        }
+    }
+}
+
+/// A forecast's reason, and where in the graph file a changed parameter stands.
+pub(super) fn reason_with_place(graph: &Graph, forecast: &Forecast) -> String {
+    let node = &graph.nodes[forecast.index];
+    let mut text = forecast.reason.in_words(node, &graph.nodes);
+    if let Reason::Changed(change) | Reason::Before(change) = &forecast.reason {
+        let span = match change {
+            Change::Parameter { path, .. } => node.place_of(path),
+            Change::Kind { .. } => node.span,
+            Change::Input(_) | Change::File(_) => Span::default(),
+        };
+        if span != Span::default() {
+            let Place { line, column } = Place::of(&graph.source.text, span.start);
+            let _ = write!(text, ", {}:{line}:{column}", graph.source.name.display());
+        }
+    }
+    text
+}

@@ -1,0 +1,298 @@
+//! Results on disk, from one process to the next.
+//!
+//! ```text
+//! CACHE/CACHEDIR.TAG
+//! CACHE/programs/STAMP                the fingerprint of the program of that stamp
+//! CACHE/FINGERPRINT/entries/KEY       what a node gave: its outputs, without their large columns
+//! CACHE/FINGERPRINT/columns/HASH      a large column
+//! CACHE/FINGERPRINT/graphs/HASH       what the last evaluation of the graph at the path of that hash found
+//! ```
+//!
+//! Every file appears whole or not at all, ends with a checksum (a column's is its name), and is believed only if that fits:
+//! what is torn, flipped or foreign is removed and computed again. So any number of processes may share a folder without a
+//! lock. A file's time of change is the time of its last use; [`gc`](Disk::gc) drops the files that were not used for longest.
+
+use std::collections::HashMap;
+use std::fs;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::SystemTime;
+
+use super::cache::{Outcome, Values};
+use super::files::Stamp;
+use super::snapshot::Snapshot;
+use crate::catalog::Catalog;
+use crate::value::{Bytes, Columns, Hash, ValueType};
+
+mod entry;
+mod program;
+mod record;
+mod usage;
+mod writer;
+
+use entry::Entry;
+pub use usage::Usage;
+use writer::{Job, Writer};
+
+/// Results on disk, for one program.
+pub struct Disk {
+    store: Arc<Store>,
+    writer: Writer,
+}
+
+/// The disk cache cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("the cache {} cannot be used: {error}", .folder.display())]
+pub struct DiskError {
+    folder: PathBuf,
+    error: io::Error,
+}
+
+/// The folders, and what happened to them.
+struct Store {
+    /// The folder of all programs' results.
+    folder: PathBuf,
+    /// That of this program's.
+    home: PathBuf,
+    limit: u64,
+    types: HashMap<&'static str, &'static ValueType>,
+    /// The first error of a write; no more are tried after it.
+    trouble: OnceLock<String>,
+    written: AtomicU64,
+}
+
+/// Entries of one process that are kept however little work they were; later ones must have taken longer.
+const CHEAP_ENTRIES: usize = 1000;
+
+/// What later entries must have taken, in seconds.
+const WORTH_A_FILE: f64 = 1e-3;
+
+/// Results below this many bytes are read back at once.
+const SMALL: usize = 8 << 20;
+
+/// Bytes a second that are read back from a file that the system holds in memory.
+const READ_SPEED: f64 = 1.5e9;
+
+impl Disk {
+    /// Results of the running program in this folder, which is made if it is not there, of at most `limit` bytes.
+    ///
+    /// # Errors
+    /// If the folder cannot be made and is not there, or the program cannot be identified.
+    pub fn open(folder: &Path, limit: u64, catalog: &Catalog) -> Result<Self, DiskError> {
+        let fail = |error| DiskError { folder: folder.to_owned(), error };
+        let fingerprint = program::fingerprint(folder).map_err(fail)?;
+        let store =
+            Store::open(folder, &fingerprint, limit, catalog.value_types()).map_err(fail)?;
+        let store = Arc::new(store);
+        Ok(Self { writer: Writer::new(store.clone()), store })
+    }
+
+    /// Why results cannot be kept, if that is so: the disk is full, or the folder may not be written to.
+    pub fn trouble(&self) -> Option<&str> {
+        self.store.trouble.get().map(String::as_str)
+    }
+
+    /// Waits until everything is written; drops what was not used for longest if there is too much.
+    pub fn finish(&self) {
+        self.writer.wait();
+        self.store.tidy();
+    }
+
+    /// Whether there is an entry of this key; it may still turn out to be damaged.
+    pub(super) fn has(&self, key: Hash) -> bool {
+        self.store.entry_path(key).exists()
+    }
+
+    /// What is known of a result.
+    pub(super) fn find(&self, key: Hash) -> Option<Outcome> {
+        self.store.entry(key).map(|entry| entry.outcome())
+    }
+
+    /// The values of a result, if they are all there and what they were.
+    pub(super) fn read(&self, key: Hash, outcome: &Outcome) -> Option<Values> {
+        let entry = self.store.entry(key)?;
+        let values = entry.values(&*self.store).filter(|values| {
+            values
+                .iter()
+                .map(|value| (value.kind().name, value.hash()))
+                .eq(outcome.outputs.iter().copied())
+        });
+        if values.is_none() {
+            self.store.remove(&self.store.entry_path(key));
+        }
+        values
+    }
+
+    /// Keeps a result if reading it back is faster than computing it. Returns before it is written.
+    pub(super) fn keep(&self, key: Hash, outcome: &Arc<Outcome>, values: &Values) {
+        let slow = WORTH_A_FILE < outcome.seconds;
+        let pays = outcome.bytes <= SMALL || outcome.bytes as f64 / READ_SPEED < outcome.seconds;
+        if pays && (slow || self.writer.entries() < CHEAP_ENTRIES) && self.trouble().is_none() {
+            self.writer.send(Job::Entry { key, outcome: outcome.clone(), values: values.clone() });
+        }
+    }
+
+    /// Keeps what an evaluation of the graph at this path found.
+    pub(super) fn keep_snapshot(
+        &self,
+        graph: &Path,
+        snapshot: &Arc<Snapshot>,
+        files: Vec<(PathBuf, Stamp, Hash)>,
+    ) {
+        if self.trouble().is_none() {
+            let path = self.store.record_path(graph);
+            self.writer.send(Job::Record { path, snapshot: snapshot.clone(), files });
+        }
+    }
+
+    /// What the last evaluation of the graph at this path found, and the files that it read.
+    pub(super) fn snapshot(&self, graph: &Path) -> Option<(Snapshot, Vec<(PathBuf, Stamp, Hash)>)> {
+        let path = self.store.record_path(graph);
+        let found = record::read(&self.store.read(&path)?, &self.store);
+        if found.is_none() {
+            self.store.remove(&path);
+        }
+        found
+    }
+}
+
+impl Store {
+    fn open(
+        folder: &Path,
+        fingerprint: &str,
+        limit: u64,
+        types: HashMap<&'static str, &'static ValueType>,
+    ) -> io::Result<Self> {
+        let (folder, home) = (folder.to_owned(), folder.join(fingerprint));
+        let (trouble, written) = (OnceLock::new(), AtomicU64::new(0));
+        let store = Self { folder, home, limit, types, trouble, written };
+        let made = ["entries", "columns", "graphs"]
+            .iter()
+            .try_for_each(|name| fs::create_dir_all(store.home.join(name)))
+            .and_then(|()| usage::tag(&store.folder));
+        match made {
+            // A folder that may only be read still answers.
+            Err(error) if store.home.is_dir() => drop(store.trouble.set(error.to_string())),
+            other => other?,
+        }
+        Ok(store)
+    }
+
+    fn entry_path(&self, key: Hash) -> PathBuf {
+        self.home.join("entries").join(key.to_string())
+    }
+
+    fn column_path(&self, hash: Hash) -> PathBuf {
+        self.home.join("columns").join(hash.to_string())
+    }
+
+    fn record_path(&self, graph: &Path) -> PathBuf {
+        let path = fs::canonicalize(graph).unwrap_or_else(|_| graph.to_owned());
+        let hash = Hash::of(path.as_os_str().as_encoded_bytes());
+        self.home.join("graphs").join(hash.to_string())
+    }
+
+    /// The content of a file that ends with its checksum; none, and no file any more, if that does not fit.
+    fn read(&self, path: &Path) -> Option<Vec<u8>> {
+        let mut bytes = fs::read(path).ok()?;
+        let checked = bytes
+            .len()
+            .checked_sub(32)
+            .filter(|&length| blake3::hash(&bytes[..length]).as_bytes()[..] == bytes[length..]);
+        match checked {
+            Some(length) => {
+                bytes.truncate(length);
+                self.touch(path);
+                Some(bytes)
+            }
+            None => {
+                self.remove(path);
+                None
+            }
+        }
+    }
+
+    fn entry(&self, key: Hash) -> Option<Entry> {
+        let path = self.entry_path(key);
+        let entry = Entry::parse(self.read(&path)?, key, &self.types);
+        if entry.is_none() {
+            self.remove(&path);
+        }
+        entry
+    }
+
+    /// Says that a file was used.
+    fn touch(&self, path: &Path) {
+        if self.trouble.get().is_none() {
+            let file = fs::File::options().append(true).open(path);
+            // A file that another process has just removed needs no time.
+            let _ = file.and_then(|file| file.set_modified(SystemTime::now()));
+        }
+    }
+
+    /// Removes a file that is damaged; where that is not allowed, it is found damaged again.
+    fn remove(&self, path: &Path) {
+        let _ = fs::remove_file(path);
+    }
+
+    /// Writes a file, which appears whole or not at all.
+    fn write(&self, path: &Path, parts: &[&[u8]]) {
+        if self.trouble.get().is_some() {
+            return;
+        }
+        match self.try_write(path, parts) {
+            Ok(bytes) => drop(self.written.fetch_add(bytes, Ordering::Relaxed)),
+            Err(error) => drop(self.trouble.set(error.to_string())),
+        }
+    }
+
+    fn try_write(&self, path: &Path, parts: &[&[u8]]) -> io::Result<u64> {
+        let folder = path.parent().unwrap_or(&self.home);
+        let new = || tempfile::Builder::new().prefix(usage::TEMPORARY).tempfile_in(folder);
+        // Somebody may have cleared the cache.
+        let mut file = match new() {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                fs::create_dir_all(folder)?;
+                new()?
+            }
+            other => other?,
+        };
+        for part in parts {
+            file.write_all(part)?;
+        }
+        file.persist(path).map_err(|error| error.error)?;
+        Ok(parts.iter().map(|part| part.len() as u64).sum())
+    }
+
+    fn write_checked(&self, path: &Path, content: &[u8]) {
+        self.write(path, &[content, blake3::hash(content).as_bytes()]);
+    }
+
+    fn write_column(&self, column: &dyn Bytes) {
+        let path = self.column_path(column.hash());
+        let length = column.bytes().len() as u64;
+        match fs::metadata(&path) {
+            Ok(metadata) if metadata.len() == length => self.touch(&path),
+            _ => self.write(&path, &[column.bytes()]),
+        }
+    }
+}
+
+impl Columns for Store {
+    /// The caller checks the content against the hash; it is wrong once and removed by [`Disk::read`]'s caller computing it.
+    fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
+        let path = self.column_path(hash);
+        let read = fs::File::open(&path).and_then(|mut file| {
+            let fits = file.metadata()?.len() == into.len() as u64;
+            if fits { file.read_exact(into).map(|()| true) } else { Ok(false) }
+        });
+        self.touch(&path);
+        read.unwrap_or(false)
+    }
+
+    fn damaged(&self, hash: Hash) {
+        self.remove(&self.column_path(hash));
+    }
+}

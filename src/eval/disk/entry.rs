@@ -1,0 +1,99 @@
+//! An entry: what a node gave, as bytes.
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+use super::super::cache::{Outcome, Values};
+use crate::value::{AnyValue, Columns, Hash, Kept, ValueType};
+
+/// What stands at the start of every entry: the format's name and version.
+const MAGIC: &[u8; 8] = b"maqent01";
+
+/// What is known of a result without its values; in JSON, so that a person can read it.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    key: String,
+    outputs: Vec<OutputHeader>,
+    warnings: Vec<String>,
+    bytes: usize,
+    seconds: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+struct OutputHeader {
+    #[serde(rename = "type")]
+    kind: String,
+    hash: String,
+    length: usize,
+}
+
+/// An entry that was read.
+pub(super) struct Entry {
+    header: Header,
+    outputs: Vec<(&'static ValueType, Hash, Range<usize>)>,
+    bytes: Vec<u8>,
+}
+
+/// The bytes of an entry for these values.
+pub(super) fn write(key: Hash, outcome: &Outcome, kept: &[Kept]) -> Vec<u8> {
+    let outputs = outcome.outputs.iter().zip(kept).map(|((kind, hash), kept)| OutputHeader {
+        kind: (*kind).to_owned(),
+        hash: hash.to_string(),
+        length: kept.bytes.len(),
+    });
+    let header = Header {
+        key: key.to_string(),
+        outputs: outputs.collect(),
+        warnings: outcome.warnings.to_vec(),
+        bytes: outcome.bytes,
+        seconds: outcome.seconds,
+    };
+    let header = serde_json::to_vec(&header).unwrap_or_default();
+    let mut bytes = MAGIC.to_vec();
+    bytes.extend_from_slice(&(header.len() as u64).to_le_bytes());
+    bytes.extend_from_slice(&header);
+    kept.iter().for_each(|kept| bytes.extend_from_slice(&kept.bytes));
+    bytes
+}
+
+impl Entry {
+    /// The entry of this key; none if the bytes are not one, or hold values of an unknown type.
+    pub(super) fn parse(
+        bytes: Vec<u8>,
+        key: Hash,
+        types: &HashMap<&'static str, &'static ValueType>,
+    ) -> Option<Self> {
+        let rest = bytes.strip_prefix(MAGIC)?;
+        let (length, rest) = rest.split_first_chunk()?;
+        let (header, _) = rest.split_at_checked(u64::from_le_bytes(*length).try_into().ok()?)?;
+        let mut start = MAGIC.len() + length.len() + header.len();
+        let header: Header = serde_json::from_slice(header).ok()?;
+        if header.key != key.to_string() {
+            return None;
+        }
+        let mut outputs = Vec::new();
+        for output in &header.outputs {
+            let end = start.checked_add(output.length).filter(|&end| end <= bytes.len())?;
+            let kind = *types.get(&output.kind[..])?;
+            outputs.push((kind, Hash::parse(&output.hash)?, start..end));
+            start = end;
+        }
+        Some(Self { header, outputs, bytes })
+    }
+
+    pub(super) fn outcome(self) -> Outcome {
+        let outputs = self.outputs.iter().map(|(kind, hash, _)| (kind.name, *hash)).collect();
+        let Header { warnings, bytes, seconds, .. } = self.header;
+        Outcome::known(outputs, warnings, bytes, seconds)
+    }
+
+    pub(super) fn values(&self, columns: &dyn Columns) -> Option<Values> {
+        let value = |(kind, hash, range): &(&'static ValueType, Hash, Range<usize>)| {
+            kind.decode(&self.bytes[range.clone()], columns, *hash).ok()
+        };
+        let values: Option<Vec<AnyValue>> = self.outputs.iter().map(value).collect();
+        values.map(Values::from)
+    }
+}

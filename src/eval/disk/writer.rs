@@ -1,0 +1,131 @@
+//! A thread that writes results while the others compute.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Sender, SyncSender, channel, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+
+use super::super::cache::{Outcome, Values};
+use super::super::files::Stamp;
+use super::super::lock;
+use super::super::snapshot::Snapshot;
+use super::{Store, entry, record};
+use crate::value::{AnyValue, Hash};
+
+/// Something to write.
+pub(super) enum Job {
+    Entry {
+        key: Hash,
+        outcome: Arc<Outcome>,
+        values: Values,
+    },
+    Record {
+        path: PathBuf,
+        snapshot: Arc<Snapshot>,
+        files: Vec<(PathBuf, Stamp, Hash)>,
+    },
+    /// Everything before is written: say so.
+    Done(Sender<()>),
+}
+
+/// Jobs that may wait; whoever brings another one waits, too.
+const QUEUE: usize = 64;
+
+/// Values of this many bytes together may wait; what comes then is written by the thread that brings it, so that the queue
+/// does not hold much memory.
+const MOST_WAITING: usize = 64 << 20;
+
+pub(super) struct Writer {
+    store: Arc<Store>,
+    waiting: Arc<AtomicUsize>,
+    entries: AtomicUsize,
+    thread: Mutex<Option<(SyncSender<Job>, JoinHandle<()>)>>,
+}
+
+impl Writer {
+    pub(super) fn new(store: Arc<Store>) -> Self {
+        let (waiting, entries) = (Arc::default(), AtomicUsize::new(0));
+        Self { store, waiting, entries, thread: Mutex::default() }
+    }
+
+    /// How many entries came so far.
+    pub(super) fn entries(&self) -> usize {
+        self.entries.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn send(&self, job: Job) {
+        let bytes = job.bytes();
+        if let Job::Entry { .. } = job {
+            self.entries.fetch_add(1, Ordering::Relaxed);
+        }
+        if MOST_WAITING < self.waiting.fetch_add(bytes, Ordering::Relaxed) + bytes {
+            self.waiting.fetch_sub(bytes, Ordering::Relaxed);
+            return job.run(&self.store);
+        }
+        let sender = self.sender();
+        // The thread ends only after the senders.
+        let _ = sender.send(job);
+    }
+
+    /// Waits until everything is written.
+    pub(super) fn wait(&self) {
+        if lock(&self.thread).is_some() {
+            let (sender, receiver) = channel();
+            self.send(Job::Done(sender));
+            let _ = receiver.recv();
+        }
+    }
+
+    fn sender(&self) -> SyncSender<Job> {
+        let mut thread = lock(&self.thread);
+        let (sender, _) = thread.get_or_insert_with(|| {
+            let (sender, receiver) = sync_channel::<Job>(QUEUE);
+            let (store, waiting) = (self.store.clone(), self.waiting.clone());
+            let work = move || {
+                for job in receiver {
+                    let bytes = job.bytes();
+                    job.run(&store);
+                    waiting.fetch_sub(bytes, Ordering::Relaxed);
+                }
+            };
+            (sender, std::thread::spawn(work))
+        });
+        sender.clone()
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        if let Some((sender, thread)) = lock(&self.thread).take() {
+            drop(sender);
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Job {
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Entry { outcome, .. } => outcome.bytes,
+            _ => 0,
+        }
+    }
+
+    fn run(self, store: &Store) {
+        match self {
+            Self::Entry { key, outcome, values } => {
+                let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
+                // First what the entry names.
+                for column in kept.iter().flat_map(|kept| &kept.columns) {
+                    store.write_column(&**column);
+                }
+                store.write_checked(&store.entry_path(key), &entry::write(key, &outcome, &kept));
+            }
+            Self::Record { path, snapshot, files } => {
+                store.write_checked(&path, &record::write(&snapshot, &files));
+            }
+            Self::Done(sender) => drop(sender.send(())),
+        }
+    }
+}

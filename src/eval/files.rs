@@ -1,0 +1,187 @@
+//! The contents of the files that nodes read: each file read once an evaluation, and not at all if it is as it was.
+
+use std::collections::HashMap;
+use std::fs::Metadata;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, OnceLock};
+use std::time::{Duration, SystemTime};
+
+use serde::{Deserialize, Serialize};
+
+use super::key::NodeFile;
+use super::lock;
+use crate::node::{File, ReadError};
+use crate::value::Hash;
+
+/// What the system says of a file without reading it. A file that is written to gets another stamp, unless it is written twice
+/// within the clock's grain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Stamp {
+    size: u64,
+    /// Nanoseconds since 1970.
+    modified: u128,
+    /// The change of anything about the file, which no program can set: 0 where the system does not tell it.
+    changed: i128,
+    /// Device and number of the file: 0 where the system does not tell it.
+    place: (u64, u64),
+}
+
+/// Clocks of file systems are at most this coarse.
+const GRAIN: Duration = Duration::from_secs(2);
+
+impl Stamp {
+    pub(super) fn of(path: &Path) -> Option<Self> {
+        std::fs::metadata(path).ok().map(|metadata| Self::new(&metadata))
+    }
+
+    fn new(metadata: &Metadata) -> Self {
+        let since = |time: SystemTime| time.duration_since(SystemTime::UNIX_EPOCH).ok();
+        let modified = metadata.modified().ok().and_then(since).map_or(0, |since| since.as_nanos());
+        #[cfg(unix)]
+        let (changed, place) = {
+            use std::os::unix::fs::MetadataExt;
+            let changed = i128::from(metadata.ctime()) * 1_000_000_000;
+            (changed + i128::from(metadata.ctime_nsec()), (metadata.dev(), metadata.ino()))
+        };
+        #[cfg(not(unix))]
+        let (changed, place) = (0, (0, 0));
+        Self { size: metadata.len(), modified, changed, place }
+    }
+
+    /// Whether a write after this moment would have given another stamp.
+    fn is_settled(&self) -> bool {
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let last = i128::try_from(self.modified).unwrap_or(i128::MAX).max(self.changed);
+        i128::try_from((now.saturating_sub(GRAIN)).as_nanos()).is_ok_and(|limit| last < limit)
+    }
+}
+
+/// The hashes of files that were read, by path, with what the system said of them then.
+#[derive(Default)]
+pub(super) struct Known(Mutex<HashMap<PathBuf, (Stamp, Hash)>>);
+
+impl Known {
+    /// The content's hash, or that there is no such file; none if it must be read to know.
+    pub(super) fn look(&self, path: &Path) -> Option<Option<Hash>> {
+        match std::fs::metadata(path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Some(None),
+            Err(_) => None,
+            Ok(metadata) => {
+                let (stamp, hash) = *lock(&self.0).get(path)?;
+                (Stamp::new(&metadata) == stamp).then_some(Some(hash))
+            }
+        }
+    }
+
+    pub(super) fn remember(&self, path: &Path, stamp: Stamp, hash: Hash) {
+        lock(&self.0).insert(path.to_owned(), (stamp, hash));
+    }
+
+    /// What is known of these files.
+    pub(super) fn of<'a>(
+        &self,
+        paths: impl Iterator<Item = &'a Path>,
+    ) -> Vec<(PathBuf, Stamp, Hash)> {
+        let known = lock(&self.0);
+        let find =
+            |path: &Path| known.get(path).map(|(stamp, hash)| (path.to_owned(), *stamp, *hash));
+        paths.filter_map(find).collect()
+    }
+}
+
+/// The files of one evaluation.
+pub(super) struct Reads<'a> {
+    known: &'a Known,
+    read: Mutex<HashMap<PathBuf, Arc<Slot>>>,
+}
+
+type Slot = OnceLock<Option<File>>;
+
+impl<'a> Reads<'a> {
+    pub(super) fn new(known: &'a Known) -> Self {
+        Self { known, read: Mutex::default() }
+    }
+
+    /// The hash of the content; none if there is no such file and the node can do without it.
+    pub(super) fn hash(&self, file: &NodeFile) -> Result<Option<Hash>, ReadError> {
+        let read = lock(&self.read).get(&file.path).cloned();
+        if let Some(read) = read.as_ref().and_then(|slot| slot.get()) {
+            return Ok(read.as_ref().map(|file| file.hash));
+        }
+        match self.known.look(&file.path) {
+            Some(Some(hash)) => Ok(Some(hash)),
+            _ => Ok(self.file(file)?.map(|file| file.hash)),
+        }
+    }
+
+    /// The file with its content; none if there is no such file and the node can do without it.
+    pub(super) fn file(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
+        let slot = lock(&self.read).entry(file.path.clone()).or_default().clone();
+        let found = match slot.get() {
+            Some(found) => found.clone(),
+            // Not inside of `get_or_init`: a thread must not wait for another one that may wait for it.
+            None => {
+                let found = self.read(file)?;
+                slot.get_or_init(|| found).clone()
+            }
+        };
+        if found.is_none() && file.needed {
+            let reason = "there is no such file".into();
+            return Err(ReadError { name: file.given.clone(), reason });
+        }
+        Ok(found)
+    }
+
+    fn read(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
+        let failed = |error: std::io::Error| {
+            Err(ReadError { name: file.given.clone(), reason: error.to_string() })
+        };
+        let stamp = Stamp::of(&file.path);
+        let bytes = match std::fs::read(&file.path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return failed(error),
+        };
+        let hash = Hash::of(&bytes);
+        if let Some(stamp) = stamp.filter(Stamp::is_settled) {
+            self.known.remember(&file.path, stamp, hash);
+        }
+        Ok(Some(File { name: file.given.clone(), bytes: bytes.into(), hash }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(path: PathBuf) -> NodeFile {
+        NodeFile { given: "a.txt".into(), path, needed: true }
+    }
+
+    #[test]
+    fn a_file_that_was_just_written_is_read_again_and_an_old_one_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = at(folder.path().join("a.txt"));
+        std::fs::write(&file.path, "new").unwrap();
+        let known = Known::default();
+        assert_eq!(Reads::new(&known).hash(&file).unwrap(), Some(Hash::of(b"new")));
+        assert_eq!(known.look(&file.path), None, "a second write may have the same stamp");
+
+        let old = SystemTime::now() - Duration::from_secs(60);
+        std::fs::File::options().append(true).open(&file.path).unwrap().set_modified(old).unwrap();
+        let stamp = Stamp::of(&file.path).unwrap();
+        known.remember(&file.path, stamp, Hash::of(b"new"));
+        assert_eq!(known.look(&file.path), Some(Some(Hash::of(b"new"))));
+        std::fs::write(&file.path, "bad").unwrap();
+        assert_eq!(known.look(&file.path), None);
+    }
+
+    #[test]
+    fn a_file_that_is_not_there_is_an_error_only_if_it_is_needed() {
+        let file = at("/no/such/folder/a.txt".into());
+        let known = Known::default();
+        let error = Reads::new(&known).hash(&file).unwrap_err();
+        assert_eq!(error.to_string(), "cannot read a.txt: there is no such file");
+        assert_eq!(Reads::new(&known).hash(&NodeFile { needed: false, ..file }).unwrap(), None);
+    }
+}

@@ -1,0 +1,271 @@
+//! Results that outlive a process: never stale, never believed when damaged, never in the way.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use maquette::{Catalog, Disk, Evaluation, Evaluator, Graph, Options, State};
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
+const LIMIT: u64 = 1 << 30;
+
+/// One process after the other: each evaluation has an evaluator of its own, and the cache folder in common.
+struct Processes {
+    catalog: Catalog,
+    folder: tempfile::TempDir,
+}
+
+impl Processes {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        Self { catalog: Catalog::new(maquette_nodes::PACKS), folder }
+    }
+
+    fn cache(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn graph(&self, set: &[(&str, &str)]) -> Graph {
+        let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
+        let options = Options { set: set.collect(), ..Options::default() };
+        let checked = Graph::load(&Path::new(GRAPHS).join("doll.ron"), &self.catalog, &options);
+        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+    }
+
+    fn evaluator(&self) -> Evaluator {
+        let disk = Disk::open(self.cache(), LIMIT, &self.catalog).unwrap();
+        Evaluator::new(2, 1 << 30).unwrap().with_disk(disk)
+    }
+
+    fn run(&self, set: &[(&str, &str)]) -> Evaluation {
+        let mut evaluator = self.evaluator();
+        let evaluation = evaluator.evaluate_all(&self.graph(set));
+        evaluator.disk().unwrap().finish();
+        evaluation
+    }
+
+    /// All files of results.
+    fn files(&self) -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        let mut folders = vec![self.cache().to_owned()];
+        while let Some(folder) = folders.pop() {
+            for entry in fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() { folders.push(path) } else { files.push(path) }
+            }
+        }
+        files.sort();
+        files
+    }
+}
+
+fn hash(evaluation: &Evaluation, graph: &Graph) -> String {
+    evaluation.find(graph, "model", "").unwrap().hash().to_string()
+}
+
+#[test]
+fn the_next_process_computes_nothing_and_has_the_same_values() {
+    let processes = Processes::new();
+    let graph = processes.graph(&[]);
+    let first = processes.run(&[]);
+    let second = processes.run(&[]);
+    assert_eq!(second.trace().count(State::Cached), 14, "{}", second.trace());
+    assert_eq!(hash(&first, &graph), hash(&second, &graph));
+}
+
+#[test]
+fn the_next_process_computes_what_changed_alone() {
+    let processes = Processes::new();
+    processes.run(&[]);
+    let trace = processes.run(&[("growth", "25")]).trace();
+    assert_eq!(trace.count(State::Cached), 6, "{trace}");
+    assert!(
+        trace.to_string().contains("computed raised   parameter `distance` 12 -> 25"),
+        "{trace}"
+    );
+    // Without the record of the last evaluation, results are still found by their keys.
+    for file in processes.files() {
+        if file.parent().unwrap().ends_with("graphs") {
+            fs::remove_file(file).unwrap();
+        }
+    }
+    let trace = processes.run(&[("growth", "25")]).trace();
+    assert_eq!(trace.count(State::Computed), 0, "{trace}");
+}
+
+/// Flips bits of the files in turn, so that every file is damaged again and again: whatever is read is right or computed.
+#[test]
+fn a_thousand_flipped_bytes_change_no_result() {
+    let processes = Processes::new();
+    let graph = processes.graph(&[]);
+    let expected = hash(&processes.run(&[]), &graph);
+    let mut random = 0x2545_f491_4f6c_dd1d_u64;
+    let mut next = |below: usize| {
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
+        (random % below as u64) as usize
+    };
+    for _ in 0..20 {
+        let files = processes.files();
+        for _ in 0..50 {
+            let file = &files[next(files.len())];
+            let mut bytes = fs::read(file).unwrap();
+            if !bytes.is_empty() {
+                let place = next(bytes.len());
+                bytes[place] ^= 1 << next(8);
+                fs::write(file, bytes).unwrap();
+            }
+        }
+        let evaluation = processes.run(&[]);
+        assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+        assert_eq!(hash(&evaluation, &graph), expected);
+    }
+    // And it is mended: once everything was computed, the cache is whole again.
+    processes.run(&[]);
+    let trace = processes.run(&[]).trace();
+    assert_eq!(trace.count(State::Computed), 0, "{trace}");
+}
+
+#[test]
+fn files_cut_off_at_any_length_are_computed_again() {
+    let processes = Processes::new();
+    let graph = processes.graph(&[]);
+    let expected = hash(&processes.run(&[]), &graph);
+    for (index, file) in processes.files().iter().enumerate() {
+        let length = fs::metadata(file).unwrap().len();
+        let file = fs::File::options().write(true).open(file).unwrap();
+        file.set_len(length * (index as u64 % 8) / 8).unwrap();
+    }
+    assert_eq!(hash(&processes.run(&[]), &graph), expected);
+}
+
+#[test]
+fn an_entry_under_another_name_is_not_believed() {
+    let processes = Processes::new();
+    let graph = processes.graph(&[]);
+    let expected = hash(&processes.run(&[]), &graph);
+    let entries: Vec<_> = processes
+        .files()
+        .into_iter()
+        .filter(|file| {
+            file.parent().unwrap().ends_with("entries")
+                || file.parent().unwrap().ends_with("columns")
+        })
+        .collect();
+    let contents: Vec<_> = entries.iter().map(|file| fs::read(file).unwrap()).collect();
+    for (file, content) in entries.iter().zip(contents.iter().cycle().skip(1)) {
+        fs::write(file, content).unwrap();
+    }
+    assert_eq!(hash(&processes.run(&[]), &graph), expected);
+}
+
+#[test]
+fn four_evaluators_share_a_folder() {
+    let processes = Processes::new();
+    let graph = processes.graph(&[("growth", "20")]);
+    let expected = hash(&processes.run(&[("growth", "20")]), &graph);
+    fs::remove_dir_all(processes.cache()).unwrap();
+    std::thread::scope(|scope| {
+        let work = |worker: usize| {
+            let processes = &processes;
+            let (graph, expected) = (&graph, &expected);
+            move || {
+                for round in 0..6 {
+                    if round == 3 && worker == 0 {
+                        Disk::gc(processes.cache(), 0);
+                    }
+                    let growth = ["20", "21"][(worker + round) % 2];
+                    let evaluation = processes.run(&[("growth", growth)]);
+                    assert!(evaluation.problems().is_empty());
+                    if growth == "20" {
+                        assert_eq!(hash(&evaluation, graph), *expected);
+                    }
+                }
+            }
+        };
+        for worker in 0..4 {
+            scope.spawn(work(worker));
+        }
+    });
+}
+
+#[test]
+fn what_was_not_used_for_longest_goes_first() {
+    let processes = Processes::new();
+    processes.run(&[("growth", "20")]);
+    let old = std::time::SystemTime::now() - std::time::Duration::from_secs(3600);
+    let old_files = processes.files();
+    for file in &old_files {
+        fs::File::options().append(true).open(file).unwrap().set_modified(old).unwrap();
+    }
+    processes.run(&[("growth", "30")]);
+    let before = Disk::usage(processes.cache()).bytes;
+    let dropped = Disk::gc(processes.cache(), before - 1_000_000);
+    assert!((1_000_000..before / 2).contains(&dropped), "{dropped} of {before}");
+    // All that went had not been used since.
+    let trace = processes.run(&[("growth", "30")]).trace();
+    assert_eq!(trace.count(State::Computed), 0, "{trace}");
+}
+
+#[test]
+fn memory_for_a_part_of_the_results_still_gives_all_of_them() {
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let processes = Processes::new();
+    let graph = processes.graph(&[]);
+    let expected = hash(&processes.run(&[]), &graph);
+    for disk in [false, true] {
+        let mut evaluator = Evaluator::new(2, 2_000_000).unwrap();
+        if disk {
+            let folder = tempfile::tempdir().unwrap();
+            evaluator = evaluator.with_disk(Disk::open(folder.path(), LIMIT, &catalog).unwrap());
+        }
+        for _ in 0..2 {
+            let evaluation = evaluator.evaluate_all(&graph);
+            assert_eq!(hash(&evaluation, &graph), expected, "with disk: {disk}");
+        }
+    }
+}
+
+#[test]
+fn verifying_computes_and_finds_no_difference() {
+    let processes = Processes::new();
+    processes.run(&[]);
+    let mut evaluator = processes.evaluator().verifying(1.0);
+    let evaluation = evaluator.evaluate_all(&processes.graph(&[]));
+    assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+    assert_eq!(evaluation.trace().count(State::Computed), 14, "{}", evaluation.trace());
+}
+
+#[test]
+fn every_value_of_the_examples_is_read_back_as_it_was() {
+    let processes = Processes::new();
+    let folder = Path::new(GRAPHS).join("nodes");
+    let mut graphs: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    graphs.retain(|path| path.extension().is_some_and(|ending| ending == "ron"));
+    for path in graphs {
+        let load = || Graph::load(&path, &processes.catalog, &Options::default()).graph.unwrap();
+        let evaluate = |graph: &Graph| {
+            let mut evaluator = processes.evaluator();
+            let evaluation =
+                evaluator.evaluate_all_nodes(graph, &(), &maquette::CancelToken::default());
+            evaluator.disk().unwrap().finish();
+            evaluation
+        };
+        let (first_graph, second_graph) = (load(), load());
+        let (first, second) = (evaluate(&first_graph), evaluate(&second_graph));
+        assert_eq!(
+            second.trace().count(State::Computed),
+            0,
+            "{}:\n{}",
+            path.display(),
+            second.trace()
+        );
+        for name in first_graph.node_names() {
+            let value = |evaluation: &Evaluation| {
+                evaluation.find(&first_graph, name, "").map(|value| value.hash())
+            };
+            assert_eq!(value(&first), value(&second), "{}: {name}", path.display());
+        }
+    }
+}

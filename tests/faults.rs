@@ -1,0 +1,171 @@
+//! Whatever happens to a process or to the cache: the next run is right, and nobody cleans up by hand.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+/// The outputs of the doll's graph with this growth, in this folder, with this cache.
+fn command(growth: &str, cache: &Path, out: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+    command.current_dir(GRAPHS).env("NO_COLOR", "1").env("MAQUETTE_CACHE", cache);
+    command.args(["run", "doll.ron", "--set", &format!("growth={growth}"), "--out"]).arg(out);
+    command
+}
+
+fn run(growth: &str, cache: &Path, out: &Path) -> Output {
+    let output = command(growth, cache, out).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    output
+}
+
+fn start(growth: &str, cache: &Path, out: &Path) -> Child {
+    command(growth, cache, out).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+/// The files of a folder by name, without those of a process that was killed while it wrote.
+fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let entries = fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path());
+    let name = |path: &PathBuf| path.file_name().unwrap().to_str().unwrap().to_owned();
+    let whole = entries.filter(|path| !name(path).starts_with(".maquette-"));
+    let mut files: Vec<_> = whole.map(|path| (name(&path), fs::read(&path).unwrap())).collect();
+    files.sort();
+    files
+}
+
+/// The outputs for this growth, computed without a cache.
+fn expected(growth: &str) -> Vec<(String, Vec<u8>)> {
+    let out = tempfile::tempdir().unwrap();
+    let output = command(growth, out.path(), out.path()).arg("--no-cache").output().unwrap();
+    assert!(output.status.success());
+    files(out.path())
+}
+
+/// A number from 0 to `below`, another one each time.
+fn random(state: &mut u64, below: u64) -> u64 {
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    *state ^= *state << 17;
+    *state % below
+}
+
+#[test]
+fn a_run_killed_at_any_moment_leaves_whole_files_and_a_right_cache() {
+    let (cache, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (old, new) = (expected("12"), expected("20"));
+    run("12", cache.path(), out.path());
+    let mut state = 0x9e37_79b9_7f4a_7c15;
+    for round in 0..200 {
+        // Some of them find nothing in the cache, so that they are killed while they compute and while they write it.
+        if round % 20 == 0 {
+            fs::remove_dir_all(cache.path()).unwrap();
+        }
+        let mut child = start("20", cache.path(), out.path());
+        std::thread::sleep(Duration::from_micros(random(&mut state, 150_000)));
+        let _ = child.kill();
+        child.wait().unwrap();
+        for (name, content) in files(out.path()) {
+            let is = |files: &[(String, Vec<u8>)]| files.contains(&(name.clone(), content.clone()));
+            assert!(is(&old) || is(&new), "{name} is neither the old nor the new one");
+        }
+    }
+    run("20", cache.path(), out.path());
+    assert_eq!(files(out.path()), new);
+}
+
+#[test]
+fn four_processes_hammer_one_cache() {
+    let cache = tempfile::tempdir().unwrap();
+    let growths = ["12", "20", "12", "20"];
+    let expected = [expected("12"), expected("20")];
+    for round in 0..5 {
+        let outs = growths.map(|_| tempfile::tempdir().unwrap());
+        let children =
+            [0, 1, 2, 3].map(|worker| start(growths[worker], cache.path(), outs[worker].path()));
+        for (worker, mut child) in children.into_iter().enumerate() {
+            assert!(child.wait().unwrap().success());
+            assert!(files(outs[worker].path()) == expected[worker % 2], "round {round}");
+        }
+        if round % 2 == 1 {
+            let clear = ["cache", "clear"];
+            let status = Command::new(env!("CARGO_BIN_EXE_maquette"))
+                .args(clear)
+                .env("MAQUETTE_CACHE", cache.path())
+                .stdout(Stdio::null())
+                .status();
+            assert!(status.unwrap().success());
+        }
+    }
+}
+
+#[test]
+fn a_cache_that_is_no_folder_is_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "not a folder").unwrap();
+    let out = folder.path().join("out");
+    let output = run("12", &file, &out);
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert!(words.contains("results are not kept"), "{words}");
+    assert_eq!(files(&out), expected("12"));
+    assert_eq!(fs::read(&file).unwrap(), b"not a folder");
+}
+
+/// Linux gives ordinary users a file system of their own in a namespace of their own; where it does not, root has one.
+#[cfg(target_os = "linux")]
+mod file_systems {
+    use super::*;
+
+    /// Runs the program with a small file system at `mount`; none if this machine lets us mount nothing.
+    fn with_mount(options: &str, then: &str, mount: &Path, out: &Path) -> Option<Output> {
+        let program = env!("CARGO_BIN_EXE_maquette");
+        let (mount, out) = (mount.display(), out.display());
+        let script = format!(
+            "mount -t tmpfs -o {options} none '{mount}' || exit 77
+             run() {{ MAQUETTE_CACHE='{mount}' NO_COLOR=1 '{program}' run doll.ron \"$@\" --out '{out}'; }}
+             {then}"
+        );
+        let mut command = Command::new("unshare");
+        command.args(["--mount", "--map-root-user", "sh", "-c", &script]).current_dir(GRAPHS);
+        let output = command.output().ok()?;
+        let refused = output.status.code() == Some(77)
+            || String::from_utf8_lossy(&output.stderr).starts_with("unshare:");
+        if refused {
+            eprintln!("skipped: this machine lets us mount no file system");
+            return None;
+        }
+        Some(output)
+    }
+
+    #[test]
+    fn a_full_disk_costs_the_cache_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mount, out) = (folder.path().join("cache"), folder.path().join("out"));
+        fs::create_dir(&mount).unwrap();
+        let Some(output) = with_mount("size=1m", "run && run", &mount, &out) else { return };
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{words}");
+        assert!(words.contains("results are not kept for the next run"), "{words}");
+        assert_eq!(files(&out), expected("12"));
+    }
+
+    #[test]
+    fn a_cache_that_may_only_be_read_still_answers() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mount, out) = (folder.path().join("cache"), folder.path().join("out"));
+        fs::create_dir(&mount).unwrap();
+        let then = format!(
+            "run && mount -o remount,ro '{}' && run && run --set growth=20",
+            mount.display()
+        );
+        let Some(output) = with_mount("size=100m", &then, &mount, &out) else { return };
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{words}");
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert!(text.contains("14 nodes: 14 cached"), "{text}");
+        assert!(text.contains("14 nodes: 8 computed, 6 cached"), "{text}");
+        assert_eq!(files(&out), expected("20"));
+    }
+}
