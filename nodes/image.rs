@@ -11,23 +11,29 @@ mod grow_region;
 mod hysteresis;
 mod label;
 mod morphology;
+mod otsu;
 mod outline;
 mod percentile;
+mod picture_error;
 mod read_image;
+mod select;
 mod thin;
 mod threshold;
 
 pub use combine_masks::{CombineMasks, CombineMasksError, CombineMode, combine_masks};
 pub use edges::{Edges, EdgesError, High, Operator, Picture, edges};
 pub use fill_contour::{FillContour, fill_contour};
-pub use grow_region::{GrowRegion, GrowRegionError, grow_region};
+pub use grow_region::{GrowRegion, grow_region};
 pub use label::{Connectivity, Label, label};
 pub use morphology::{close, open};
+pub use otsu::otsu;
 pub use outline::{Outline, outline};
+pub use picture_error::PictureError;
 pub use read_image::ReadImage;
+pub(crate) use select::level;
+pub use select::{Channel, Select, Space};
 pub use thin::{Thin, ThinError, ThinMethod, thin};
-pub(crate) use threshold::level;
-pub use threshold::{Channel, Select, Space, Threshold, ThresholdError, otsu, threshold};
+pub use threshold::{Threshold, threshold};
 
 /// Nodes on pictures.
 pub const PACK: Pack = Pack {

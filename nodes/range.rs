@@ -22,7 +22,7 @@ pub(crate) use contour::contours;
 pub use denoise::{Denoise, Denoising, denoise};
 pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, extract_region};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
-pub use range_file::{Axes, Unit};
+pub use range_file::{Axes, CameraFileError, Unit};
 pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
 pub use read_range::{ReadRange, read_range};
 pub use triangulate::{Triangulate, TriangulateError, triangulate};

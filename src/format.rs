@@ -48,6 +48,7 @@ pub const FORMATS: &[Format] = &[
     format::<ply::CurvePly>(),
     format::<ptx::RangePtx>(),
     format::<xyz::RangeXyz>(),
+    format::<depth::RangeDepthPng>(),
     format::<xyz::PointsXyz>(),
     format::<obj::MeshObj>(),
     format::<obj::CurveObj>(),
@@ -62,6 +63,7 @@ pub const FORMATS: &[Format] = &[
     format::<json::DirectionJson>(),
     format::<json::KnotVectorJson>(),
     format::<json::LabelsJson>(),
+    format::<json::TraceJson>(),
     format::<json::ControlNetJson>(),
 ];
 

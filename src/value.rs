@@ -25,6 +25,7 @@ mod points;
 mod range;
 mod region;
 mod surface;
+mod trace;
 
 pub use attributes::{Attribute, AttributeError, Attributes};
 pub use column::Column;
@@ -45,6 +46,7 @@ pub use points::{Points, PointsError};
 pub use range::{RangeError, RangeImage};
 pub use region::{Contour, Region, RegionError};
 pub use surface::{Along, Derivatives, Foot, IsoCurve, Surface, SurfaceError};
+pub use trace::{Trace, TraceError, TraceStep};
 
 /// A noun of the graph: what a port takes and an output gives.
 pub trait Value: Clone + Send + Sync + 'static {

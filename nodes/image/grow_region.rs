@@ -8,6 +8,8 @@ use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::picture_error::{PictureError, check_inside, check_size};
+
 /// Grows a region from some pixels over neighbors whose color is near to the mean color of what it has already.
 ///
 /// It grows up, down, left and right, over the nearest color first. Unlike a threshold it stays in one piece with its seeds, and
@@ -36,33 +38,6 @@ fn twelve() -> f64 {
 
 fn one() -> f64 {
     1.0
-}
-
-/// Why a region cannot grow.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum GrowRegionError {
-    /// A seed is not in the picture.
-    #[error(
-        "seed ({column}, {row}) is outside of the picture, which has {width} x {height} pixels"
-    )]
-    Outside {
-        /// Its column.
-        column: u32,
-        /// Its row.
-        row: u32,
-        /// The picture's width.
-        width: usize,
-        /// The picture's height.
-        height: usize,
-    },
-    /// The mask is for another picture.
-    #[error("the mask `within` has {mask:?} pixels, the picture {image:?}")]
-    Size {
-        /// The mask's size.
-        mask: [usize; 2],
-        /// The picture's size.
-        image: [usize; 2],
-    },
 }
 
 impl Node for GrowRegion {
@@ -96,8 +71,9 @@ pub fn grow_region(
     seeds: &[(u32, u32)],
     distance: f64,
     lightness: f64,
-) -> Result<Mask, GrowRegionError> {
-    check(image, within, seeds)?;
+) -> Result<Mask, PictureError> {
+    check_size(image, within)?;
+    seeds.iter().try_for_each(|&seed| check_inside(image, seed))?;
     let (width, height) = (image.width(), image.height());
     let mut region = Region {
         image,
@@ -119,24 +95,6 @@ pub fn grow_region(
         }
     }
     Ok(Mask::from_bools(width, height, region.inside).expect("one mark per pixel"))
-}
-
-fn check(
-    image: &Image,
-    within: Option<&Mask>,
-    seeds: &[(u32, u32)],
-) -> Result<(), GrowRegionError> {
-    let (width, height) = (image.width(), image.height());
-    if let Some(mask) = within.map(|mask| [mask.width(), mask.height()])
-        && mask != [width, height]
-    {
-        return Err(GrowRegionError::Size { mask, image: [width, height] });
-    }
-    let is_outside = |at: &&(u32, u32)| width <= at.0 as usize || height <= at.1 as usize;
-    match seeds.iter().find(is_outside) {
-        Some(&(column, row)) => Err(GrowRegionError::Outside { column, row, width, height }),
-        None => Ok(()),
-    }
 }
 
 struct Region<'a> {
@@ -238,12 +196,9 @@ mod tests {
     fn seeds_and_masks_that_do_not_fit_are_errors() {
         let image = gray(&["11"]);
         let outside = grow_region(&image, None, &[(0, 0), (0, 1)], 5.0, 1.0);
-        assert_eq!(
-            outside,
-            Err(GrowRegionError::Outside { column: 0, row: 1, width: 2, height: 1 })
-        );
+        assert_eq!(outside, Err(PictureError::Outside { column: 0, row: 1, width: 2, height: 1 }));
         let within = Mask::drawn(&["#"]);
         let error = grow_region(&image, Some(&within), &[], 5.0, 1.0);
-        assert_eq!(error, Err(GrowRegionError::Size { mask: [1, 1], image: [2, 1] }));
+        assert_eq!(error, Err(PictureError::Size { mask: [1, 1], image: [2, 1] }));
     }
 }

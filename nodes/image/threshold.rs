@@ -1,12 +1,14 @@
 //! Marks the pixels of a picture that belong to a color, a box of colors, or the brighter of two classes.
 
-use maquette::value::{Color, Image, Lab, Mask, Rgb};
+use maquette::value::{Color, Image, Mask};
 use maquette::{Context, Error, In, Node};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::morphology::{close, open};
+use super::picture_error::{PictureError, check_size};
+use super::select::{Measure, Select, measure};
 
 /// Marks the pixels that belong together by their color.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -24,114 +26,6 @@ pub struct Threshold {
     #[schemars(range(max = 10), extend("unit" = "px"))]
     #[serde(default)]
     pub clean: u32,
-}
-
-/// Which pixels a threshold marks.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-pub enum Select {
-    /// Those near a color.
-    Near {
-        /// The color to look for, as in `"#c33923"`.
-        color: Color,
-        /// Largest distance that still counts as near, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
-        #[schemars(range(min = 0.0, max = 400.0))]
-        #[serde(default = "near")]
-        distance: f64,
-        /// How much differences of lightness count: 1 as all others, 0 not at all, which ignores shading.
-        #[schemars(range(min = 0.0, max = 10.0))]
-        #[serde(default = "one")]
-        lightness: f64,
-    },
-    /// Those near the color of one pixel.
-    Sample {
-        /// The pixel that has the color: column, row.
-        at: (u32, u32),
-        /// Largest distance that still counts as near, as in `Near`.
-        #[schemars(range(min = 0.0, max = 400.0))]
-        #[serde(default = "near")]
-        distance: f64,
-        /// How much differences of lightness count, as in `Near`.
-        #[schemars(range(min = 0.0, max = 10.0))]
-        #[serde(default = "one")]
-        lightness: f64,
-    },
-    /// Those between two corners of a color space, both included.
-    Box {
-        /// The space that the corners are given in.
-        space: Space,
-        /// Lowest value of each channel.
-        low: [f64; 3],
-        /// Highest value of each channel; a hue below the lowest one wraps around.
-        high: [f64; 3],
-    },
-    /// Those above the level that best divides the picture in two.
-    Otsu {
-        /// What is divided.
-        #[serde(default)]
-        channel: Channel,
-    },
-}
-
-fn near() -> f64 {
-    15.0
-}
-
-fn one() -> f64 {
-    1.0
-}
-
-/// A color space.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Space {
-    /// CIE L*a*b*: lightness 0 to 100, a and b about -128 to 127.
-    Lab,
-    /// Hue 0 to 360 degrees, saturation and value 0 to 1; gray has no hue and is outside of every box.
-    Hsv,
-    /// Red, green, blue: 0 to 255.
-    Rgb,
-}
-
-/// A level from 0 to 255 per pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Channel {
-    /// Brightness: 0.299 red + 0.587 green + 0.114 blue.
-    #[default]
-    Luma,
-    /// Red.
-    Red,
-    /// Green.
-    Green,
-    /// Blue.
-    Blue,
-    /// How colorful: 255 (largest - smallest) / largest channel.
-    Saturation,
-}
-
-/// Why a threshold cannot be taken.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ThresholdError {
-    /// The sampled pixel is not in the picture.
-    #[error(
-        "pixel ({column}, {row}) is outside of the picture, which has {width} x {height} pixels"
-    )]
-    Outside {
-        /// Its column.
-        column: u32,
-        /// Its row.
-        row: u32,
-        /// The picture's width.
-        width: usize,
-        /// The picture's height.
-        height: usize,
-    },
-    /// The mask is for another picture.
-    #[error("the mask `within` has {mask:?} pixels, the picture {image:?}")]
-    Size {
-        /// The mask's size.
-        mask: [usize; 2],
-        /// The picture's size.
-        image: [usize; 2],
-    },
 }
 
 impl Node for Threshold {
@@ -159,7 +53,7 @@ pub fn threshold(
     within: Option<&Mask>,
     select: &Select,
     invert: bool,
-) -> Result<Mask, ThresholdError> {
+) -> Result<Mask, PictureError> {
     check_size(image, within)?;
     let (measure, limit) = measure(image, within, select)?;
     let mut marks = vec![false; image.pixels().len()];
@@ -182,7 +76,7 @@ fn explain_empty(
     image: &Image,
     within: Option<&Mask>,
     select: &Select,
-) -> Result<String, ThresholdError> {
+) -> Result<String, PictureError> {
     let (measure, limit) = measure(image, within, select)?;
     let searched = |index: usize| within.is_none_or(|mask| mask.pixels()[index] == 1);
     let distances = image.pixels().iter().map(|&pixel| measure.distance(pixel)).enumerate();
@@ -206,190 +100,11 @@ fn explain_empty(
     })
 }
 
-fn check_size(image: &Image, within: Option<&Mask>) -> Result<(), ThresholdError> {
-    let image = [image.width(), image.height()];
-    match within.map(|mask| [mask.width(), mask.height()]) {
-        Some(mask) if mask != image => Err(ThresholdError::Size { mask, image }),
-        _ => Ok(()),
-    }
-}
-
-/// How far a pixel is from what is selected.
-enum Measure {
-    /// From a color, in Lab, with lightness weighed.
-    Color { color: Lab, lightness: f32 },
-    /// From a box: the largest excess over its sides, in the units of its space.
-    Box { space: Space, low: [f32; 3], high: [f32; 3] },
-    /// From the least level that is selected.
-    Level { channel: Channel, least: u32 },
-}
-
-/// The measure behind `select`, and the largest distance that it takes.
-fn measure(
-    image: &Image,
-    within: Option<&Mask>,
-    select: &Select,
-) -> Result<(Measure, f32), ThresholdError> {
-    let near = |color: Color, distance: f64, lightness: f64| {
-        (Measure::Color { color: color.lab(), lightness: lightness as f32 }, distance as f32)
-    };
-    Ok(match *select {
-        Select::Near { color, distance, lightness } => near(color, distance, lightness),
-        Select::Sample { at: (column, row), distance, lightness } => {
-            let (width, height) = (image.width(), image.height());
-            if width <= column as usize || height <= row as usize {
-                return Err(ThresholdError::Outside { column, row, width, height });
-            }
-            near(Color(image.at([column as usize, row as usize])), distance, lightness)
-        }
-        Select::Box { space, low, high } => {
-            let [low, high] = [low, high].map(|corner| corner.map(|channel| channel as f32));
-            (Measure::Box { space, low, high }, 0.0)
-        }
-        Select::Otsu { channel } => {
-            let mut histogram = [0; 256];
-            for (index, &pixel) in image.pixels().iter().enumerate() {
-                if within.is_none_or(|mask| mask.pixels()[index] == 1) {
-                    histogram[level(channel, pixel) as usize] += 1;
-                }
-            }
-            (Measure::Level { channel, least: otsu(&histogram) + 1 }, 0.0)
-        }
-    })
-}
-
-impl Measure {
-    /// Marks the pixels that are at most `limit` away; with `invert` the others.
-    fn mark(&self, pixels: &[Rgb], limit: f32, invert: bool, marks: &mut [bool]) {
-        if let Self::Box { space: Space::Rgb, low, high } = *self {
-            return mark_box(pixels, low, high, invert, marks);
-        }
-        for (mark, &pixel) in marks.iter_mut().zip(pixels) {
-            *mark = (self.distance(pixel) <= limit) != invert;
-        }
-    }
-
-    fn distance(&self, pixel: Rgb) -> f32 {
-        match *self {
-            Self::Color { color, lightness } => {
-                Lab::from_srgb(pixel).distance_sq(color, lightness).sqrt()
-            }
-            Self::Box { space, low, high } => {
-                let channels = match space {
-                    Space::Rgb => pixel.map(f32::from),
-                    Space::Lab => {
-                        let lab = Lab::from_srgb(pixel);
-                        [lab.l, lab.a, lab.b]
-                    }
-                    Space::Hsv => match hsv(pixel) {
-                        Some(hsv) => hsv,
-                        None => return f32::INFINITY,
-                    },
-                };
-                let excess = |k: usize| (low[k] - channels[k]).max(channels[k] - high[k]);
-                let first = if space == Space::Hsv && high[0] < low[0] {
-                    (low[0] - channels[0]).min(channels[0] - high[0])
-                } else {
-                    excess(0)
-                };
-                first.max(excess(1)).max(excess(2)).max(0.0)
-            }
-            Self::Level { channel, least } => least.saturating_sub(level(channel, pixel)) as f32,
-        }
-    }
-}
-
-/// Marks the pixels in a box of sRGB values; with `invert` the others.
-fn mark_box(pixels: &[Rgb], low: [f32; 3], high: [f32; 3], invert: bool, marks: &mut [bool]) {
-    // The whole numbers in the box; the conversion ends at 0 and 255.
-    let (least, most) = (low.map(|x| x.ceil() as u8), high.map(|x| x.floor() as u8));
-    let is_empty =
-        (0..3).any(|k| high[k] < low[k] || high[k] < 0.0 || 255.0 < low[k] || most[k] < least[k]);
-    if is_empty {
-        return marks.fill(invert);
-    }
-    let span = [0, 1, 2].map(|k| most[k] - least[k]);
-    pulp::Arch::new().dispatch(|| {
-        for (mark, pixel) in marks.iter_mut().zip(pixels) {
-            // What is below the least value wraps around to above the span: one comparison for both sides.
-            let inside = |k: usize| pixel[k].wrapping_sub(least[k]) <= span[k];
-            *mark = (inside(0) & inside(1) & inside(2)) != invert;
-        }
-    });
-}
-
-/// Hue (degrees), saturation and value (0 to 1) on sRGB values: the hexcone of Smith, "Color Gamut Transform Pairs" (1978).
-/// None for gray, which has no hue.
-fn hsv(pixel: Rgb) -> Option<[f32; 3]> {
-    let [r, g, b] = pixel.map(f32::from);
-    let (most, least) = (r.max(g).max(b), r.min(g).min(b));
-    let chroma = most - least;
-    if chroma == 0.0 {
-        return None;
-    }
-    let sextant = if most == r {
-        (g - b) / chroma
-    } else if most == g {
-        (b - r) / chroma + 2.0
-    } else {
-        (r - g) / chroma + 4.0
-    };
-    let hue = if sextant < 0.0 { sextant + 6.0 } else { sextant } * 60.0;
-    Some([hue, chroma / most, most / 255.0])
-}
-
-/// The level of a color.
-pub(crate) fn level(channel: Channel, [r, g, b]: Rgb) -> u32 {
-    let [red, green, blue] = [r, g, b].map(u32::from);
-    match channel {
-        Channel::Luma => (299 * red + 587 * green + 114 * blue + 500) / 1000,
-        Channel::Red => red,
-        Channel::Green => green,
-        Channel::Blue => blue,
-        Channel::Saturation => {
-            let most = red.max(green).max(blue);
-            (255 * (most - red.min(green).min(blue))).checked_div(most).unwrap_or(0)
-        }
-    }
-}
-
-/// The level that divides a histogram best: levels above it are the second class. Of several, their mean, rounded down; of a
-/// histogram with one level, that level.
-///
-/// Otsu, "A threshold selection method from gray-level histograms" (1979), eq. 18: the largest variance between classes,
-/// `(mu_T w - mu)^2 / (w (1 - w))`. All sums are whole numbers, so that equal variances are equal exactly.
-pub fn otsu(histogram: &[u64; 256]) -> u32 {
-    let total: u64 = histogram.iter().sum();
-    let moment: u64 =
-        histogram.iter().zip(0..).map(|(count, level): (&u64, u64)| count * level).sum();
-    let (mut below, mut moment_below) = (0u64, 0u64);
-    let mut best = (-1.0, 0, 1);
-    for (level, count) in (0u64..).zip(histogram) {
-        below += count;
-        moment_below += count * level;
-        let above = total - below;
-        let variance = if below == 0 || above == 0 {
-            0.0
-        } else {
-            let difference = (moment as f64 * below as f64) - (moment_below as f64 * total as f64);
-            difference * difference / (below as f64 * above as f64)
-        };
-        if variance > best.0 {
-            best = (variance, level, 1);
-        } else if variance == best.0 {
-            best = (variance, best.1 + level, best.2 + 1);
-        }
-    }
-    if best.0 <= 0.0 {
-        return (0..).zip(histogram).find(|(_, count)| **count > 0).map_or(0, |(level, _)| level);
-    }
-    (best.1 / best.2) as u32
-}
-
 #[cfg(test)]
 mod tests {
     use expect_test::{Expect, expect};
 
+    use super::super::select::{Channel, Space};
     use super::*;
 
     /// A picture drawn with letters: r, g, b, w (white), k (black), p (pink).
@@ -496,25 +211,6 @@ mod tests {
     }
 
     #[test]
-    fn otsu_of_two_levels_lies_between_them() {
-        for (a, b) in [(0, 1), (10, 200), (254, 255), (7, 8), (3, 250)] {
-            for share in [1, 50, 99] {
-                let mut histogram = [0; 256];
-                histogram[a] = share;
-                histogram[b] = 100 - share;
-                assert_eq!(otsu(&histogram) as usize, (a + b - 1) / 2, "{a} {b} {share}");
-            }
-        }
-    }
-
-    #[test]
-    fn otsu_of_one_level_is_that_level() {
-        let mut histogram = [0; 256];
-        histogram[77] = 5;
-        assert_eq!(otsu(&histogram), 77);
-    }
-
-    #[test]
     fn inverting_stays_within_the_mask() {
         let within = Mask::drawn(&["##."]);
         let mask = threshold(&picture(&["rgg"]), Some(&within), &red(0.0, 1.0), true).unwrap();
@@ -532,6 +228,6 @@ mod tests {
     fn a_mask_of_another_size_is_an_error() {
         let within = Mask::drawn(&["##"]);
         let error = threshold(&picture(&["rgb"]), Some(&within), &red(5.0, 1.0), false);
-        assert!(matches!(error, Err(ThresholdError::Size { .. })));
+        assert!(matches!(error, Err(PictureError::Size { .. })));
     }
 }

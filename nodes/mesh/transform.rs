@@ -1,14 +1,16 @@
 //! Moves, turns and scales.
 
-use maquette::value::{Attribute, CaptureFrame, SizeError};
-use maquette::value::{ControlNet, ControlNetError, Faces, Mesh, MeshError, RangeImage};
+use maquette::value::{
+    Attribute, CaptureFrame, ControlNet, ControlNetError, Curve, CurveError, Faces, Mesh,
+    MeshError, Points, PointsError, RangeImage, SizeError,
+};
 use maquette::{Context, Error, In, Node};
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Moves, turns and scales a mesh, a range image or a control net.
+/// Moves, turns and scales a mesh, a range image, points, a curve or a control net.
 ///
 /// It is scaled first, about the origin, then turned about the x, the y and the z axis in this order, then moved. The result
 /// has the type of what came in. A mirrored mesh (one or three negative scales) has its faces turned round, so that its
@@ -18,7 +20,7 @@ use serde::{Deserialize, Serialize};
 /// and the registration of a range image stay.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Transform {
-    /// What is moved: a mesh, a range image or a control net.
+    /// What is moved: a mesh, a range image, points, a curve or a control net.
     pub mesh: In<Movable>,
     /// How far, along x, y and z.
     #[schemars(extend("unit" = "mm"))]
@@ -39,7 +41,13 @@ fn ones() -> [f64; 3] {
 
 maquette::union! {
     /// What can be moved.
-    pub enum Movable { Mesh(Mesh), RangeImage(RangeImage), ControlNet(ControlNet) }
+    pub enum Movable {
+        Mesh(Mesh),
+        RangeImage(RangeImage),
+        Points(Points),
+        Curve(Curve),
+        ControlNet(ControlNet),
+    }
 }
 
 /// Why something cannot be moved.
@@ -59,6 +67,12 @@ pub enum TransformError {
     /// A range image that changed its size; never happens.
     #[error(transparent)]
     RangeImage(#[from] SizeError),
+    /// Points that have moved out of the numbers.
+    #[error(transparent)]
+    Points(#[from] PointsError),
+    /// A curve that has moved out of the numbers.
+    #[error(transparent)]
+    Curve(#[from] CurveError),
     /// A net that has moved out of the numbers.
     #[error(transparent)]
     ControlNet(#[from] ControlNetError),
@@ -105,6 +119,16 @@ impl Motion {
         points.par_iter().with_min_len(4096).map(|&point| self.apply(point)).collect()
     }
 
+    /// What turns unit normals along. They stand on the surface, not along it: they move by the inverse transpose. None if a
+    /// scale is too small to be inverted.
+    fn normals(&self) -> Option<impl Fn(&[f64; 3]) -> [f64; 3]> {
+        let inverse = self.linear.try_inverse()?;
+        Some(move |normal: &[f64; 3]| {
+            let turned = inverse.tr_mul(&Vector3::from(*normal));
+            turned.try_normalize(0.0).unwrap_or_default().into()
+        })
+    }
+
     fn is_identity(&self) -> bool {
         self.linear == Matrix3::identity() && self.shift == Vector3::zeros()
     }
@@ -147,8 +171,23 @@ pub fn transform(what: &Movable, motion: &Motion) -> Result<Movable, TransformEr
                 .with_camera(None)
                 .with_world_from_camera(None),
         ),
+        Movable::Points(points) => Movable::Points(moved_points(points, motion)?),
+        Movable::Curve(curve) => {
+            Movable::Curve(curve.with_points(motion.apply_all(curve.points()))?)
+        }
         Movable::ControlNet(net) => Movable::ControlNet(moved_net(net, motion)?),
     })
+}
+
+fn moved_points(points: &Points, motion: &Motion) -> Result<Points, PointsError> {
+    let moved = points.with_positions(motion.apply_all(points.positions()))?;
+    match points.attributes().vectors("normal").zip(motion.normals()) {
+        Some((normals, turn)) => {
+            let normals = normals.iter().map(turn).collect();
+            moved.with_attribute("normal", Attribute::Vector(normals))
+        }
+        None => Ok(moved),
+    }
 }
 
 fn moved_net(net: &ControlNet, motion: &Motion) -> Result<ControlNet, ControlNetError> {
@@ -171,18 +210,13 @@ pub(super) fn moved_mesh(mesh: &Mesh, motion: &Motion) -> Result<Mesh, MeshError
             ..*frame
         }));
     }
-    // Normals stand on the surface, not along it: they move by the inverse transpose.
-    if let Some(inverse) = motion.linear.try_inverse() {
-        let turn = |normal: &[f64; 3]| {
-            let turned = inverse.tr_mul(&Vector3::from(*normal));
-            turned.try_normalize(0.0).unwrap_or_default().into()
-        };
+    if let Some(turn) = motion.normals() {
         if let Some(normals) = mesh.vertex().vectors("normal") {
-            let normals = normals.iter().map(turn).collect();
+            let normals = normals.iter().map(&turn).collect();
             moved = moved.with_vertex("normal", Attribute::Vector(normals))?;
         }
         if let Some(normals) = mesh.corner().vectors("normal") {
-            let normals = normals.iter().map(turn).collect();
+            let normals = normals.iter().map(&turn).collect();
             moved = moved.with_corner("normal", Attribute::Vector(normals))?;
         }
     }
@@ -326,5 +360,32 @@ mod tests {
         assert_eq!(moved.base()[1], Point3::new(1., 0., 0.));
         assert_eq!(moved.points()[1], Point3::new(1., 0., 4.));
         assert_eq!(moved.weights(), [1., 2.]);
+    }
+
+    #[test]
+    fn points_move_with_their_normals_and_curves_with_their_weights() {
+        let motion = Motion::new([1., 0., 0.], [0., 0., 90.], [1., 1., -2.]).unwrap();
+        let points = Points::new(vec![Point3::new(2., 0., 3.)]).unwrap();
+        let normals = Attribute::Vector(vec![[0., 0.6, 0.8]].into());
+        let points = points.with_attribute("normal", normals).unwrap();
+        let kept = Attribute::Vector(vec![[7., 8., 9.]].into());
+        let points = points.with_attribute("other", kept).unwrap();
+        let Ok(Movable::Points(moved)) = transform(&Movable::Points(points), &motion) else {
+            panic!("points stay points");
+        };
+        assert_eq!(moved.positions()[0], Point3::new(1., 2., -6.));
+        let normal = Vector3::from(moved.attributes().vectors("normal").unwrap()[0]);
+        assert!((normal - Vector3::new(-0.6, 0., -0.4).normalize()).norm() <= 1e-15);
+        assert_eq!(moved.attributes().vectors("other").unwrap()[0], [7., 8., 9.]);
+
+        let knots = maquette::value::KnotVector::uniform(3, 3).unwrap();
+        let at = |x: f64, y: f64| Point3::new(x, y, 1.0);
+        let places = vec![at(0., 0.), at(1., 0.), at(1., 1.)];
+        let curve = Curve::rational(places, vec![1., 2., 1.], knots).unwrap();
+        let Ok(Movable::Curve(moved)) = transform(&Movable::Curve(curve.clone()), &motion) else {
+            panic!("a curve stays a curve");
+        };
+        assert_eq!(moved.weights(), curve.weights());
+        assert!((moved.point(0.3) - motion.apply(curve.point(0.3))).norm() <= 1e-14);
     }
 }

@@ -2,6 +2,7 @@
 
 use maquette::value::{self, Chart, ControlNetError, RangeImage, Region};
 use maquette::{Context, Error, In, Node};
+use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -51,7 +52,13 @@ pub enum NetMethod {
     },
     /// The region mapped to a square without overlap, its contour to the border: for regions of any shape. Holes are closed, and
     /// cells that hang on by a corner or a line take the place of the cell next to them.
-    Harmonic,
+    Harmonic {
+        /// Cells (column, row) of the range grid for the first and the last point of the net's first column, then the last and the
+        /// first point of its last column: counter-clockwise along the contour, which they must touch or nearly so. Left out: those
+        /// farthest along the diagonals, from the upper left one on.
+        #[serde(default)]
+        corners: Option<[[usize; 2]; 4]>,
+    },
 }
 
 fn three() -> usize {
@@ -96,14 +103,39 @@ pub enum NetError {
     },
     /// A region with a bay that cannot be seen from its middle.
     #[error(
-        "the region's contour near cell ({column}, {row}) turns back, seen from its middle: use the method `Harmonic`"
+        "the region is not seen whole from its middle: {cells:.1} cells of the way to cell ({column}, {row}) lie outside; use the method `Harmonic`"
     )]
     NotStarShaped {
         /// Column of the cell.
         column: usize,
         /// Row of the cell.
         row: usize,
+        /// Cells outside on the way there, where they are most.
+        cells: f64,
     },
+    /// A region around its middle, or without an inside.
+    #[error(
+        "the region's middle, cell ({column}, {row}), is not inside of its contour: use the method `Harmonic`"
+    )]
+    NoMiddle {
+        /// Column of the cell.
+        column: usize,
+        /// Row of the cell.
+        row: usize,
+    },
+    /// A corner off the contour.
+    #[error(
+        "corner ({}, {}) is not on the region's contour: the nearest cell there is ({}, {})", corner[0], corner[1], nearest[0], nearest[1]
+    )]
+    CornerOff {
+        /// Column and row of the corner.
+        corner: [usize; 2],
+        /// Column and row of the contour's cell next to it.
+        nearest: [usize; 2],
+    },
+    /// Corners that do not go around.
+    #[error("the corners do not follow each other counter-clockwise along the region's contour")]
+    CornerOrder,
     /// Cells that do not hang together.
     #[error("the region is in several parts: a net covers one")]
     Parts,
@@ -164,7 +196,7 @@ pub fn control_net(
         _ if rows == 1 || columns == 1 => Err(NetError::OneLine),
         NetMethod::Rows => rows::net(region, range, rows, columns),
         NetMethod::Polar { order } => polar::net(region, range, order, rows, columns),
-        NetMethod::Harmonic => harmonic::net(region, range, rows, columns),
+        NetMethod::Harmonic { corners } => harmonic::net(region, range, corners, rows, columns),
     }?;
     Ok(net.with_frame(range.capture_frame().ok()))
 }
@@ -183,20 +215,35 @@ fn grid(region: &Region, range: &RangeImage) -> Result<value::ControlNet, NetErr
         let near = [at, at.wrapping_sub(columns), at.wrapping_sub(1), at + 1, at + columns];
         interior && near.iter().all(|&at| patch.inside[at] == 1)
     };
-    let fixed = (0..rows * columns).map(|at| u8::from(!free(at))).collect();
+    let fixed = |row: usize, column: usize| !free(row * columns + column);
     let coordinates = region.cells().iter().map(|&cell| patch.place(cell).map(|at| at as f64));
-    let chart = Chart {
-        grid: [range.width(), range.height()],
-        cells: region.cells().to_vec().into(),
-        coordinates: coordinates.collect(),
-    };
-    Ok(value::ControlNet::new(rows, columns, patch.points)?.with_fixed(fixed)?.with_chart(chart))
+    let (cells, coordinates) = (region.cells().to_vec(), coordinates.collect());
+    charted(range, [rows, columns], patch.points, fixed, cells, coordinates)
+}
+
+/// The net of so many rows and columns of points, with the flag `fixed` by row and column, and a net coordinate for each of
+/// `cells` of the range.
+pub(super) fn charted(
+    range: &RangeImage,
+    [rows, columns]: [usize; 2],
+    points: Vec<Point3<f64>>,
+    fixed: impl Fn(usize, usize) -> bool,
+    cells: Vec<u32>,
+    coordinates: Vec<[f64; 2]>,
+) -> Result<value::ControlNet, NetError> {
+    let grid = [range.width(), range.height()];
+    let chart = Chart { grid, cells: cells.into(), coordinates: coordinates.into() };
+    let fixed = (0..rows * columns).map(|at| u8::from(fixed(at / columns, at % columns))).collect();
+    Ok(value::ControlNet::new(rows, columns, points)?.with_fixed(fixed)?.with_chart(chart))
+}
+
+/// Whether a point lies on the border of a net of so many rows and columns.
+pub(super) fn on_border([rows, columns]: [usize; 2]) -> impl Fn(usize, usize) -> bool {
+    move |row, column| row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
 }
 
 #[cfg(test)]
 pub(super) mod tests {
-    use nalgebra::Point3;
-
     use super::*;
 
     /// A range image of points (column, row, depth), invalid where the depth is NaN.

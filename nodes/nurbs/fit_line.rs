@@ -28,6 +28,29 @@ pub(super) struct FittedLine {
     pub(super) control: Vec<Vector3<f64>>,
     /// Largest step of a control point in the last round of an iteration that did not settle, else 0.
     pub(super) unsettled: f64,
+    /// What the points were missed by before each round of an iteration.
+    pub(super) rounds: Vec<Missed>,
+}
+
+/// What some points are missed by, in mm.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Missed {
+    /// The largest distance.
+    pub(super) max: f64,
+    /// The sum of the distances' squares.
+    pub(super) sum_sq: f64,
+}
+
+impl Missed {
+    /// By one distance.
+    pub(super) fn by(distance: &Vector3<f64>) -> Self {
+        Self { max: distance.norm(), sum_sq: distance.norm_squared() }
+    }
+
+    /// Of these points and others.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self { max: self.max.max(other.max), sum_sq: self.sum_sq + other.sum_sq }
+    }
 }
 
 impl LineFit {
@@ -83,7 +106,7 @@ impl LineFit {
 
     /// The control points of one line, a point for each parameter.
     pub(super) fn fit(&self, points: &[Vector3<f64>]) -> FittedLine {
-        let settled = |control| FittedLine { control, unsettled: 0.0 };
+        let settled = |control| FittedLine { control, unsettled: 0.0, rounds: Vec::new() };
         match &self.solver {
             Solver::Interpolate(factors) => {
                 let mut control = points.to_vec();
@@ -95,13 +118,17 @@ impl LineFit {
                 let mut control = self.start(points);
                 let mut steps = Steps::new(&self.rows, self.knots.n_control());
                 let mut unsettled = f64::INFINITY;
+                let mut rounds = Vec::new();
                 for _ in 0..iterations {
-                    unsettled = steps.round(&self.rows, points, &mut control, 1.0).control;
+                    let round = steps.round(&self.rows, points, &mut control, 1.0);
+                    rounds.push(round.missed);
+                    unsettled = round.control;
                     if unsettled <= tolerance {
-                        return settled(control);
+                        unsettled = 0.0;
+                        break;
                     }
                 }
-                FittedLine { control, unsettled }
+                FittedLine { control, unsettled, rounds }
             }
         }
     }
@@ -161,12 +188,11 @@ struct Steps {
     moves: Vec<Vector3<f64>>,
 }
 
-/// The largest distances of one round.
+/// What one round did.
 struct Round {
-    /// From a point to its place on the curve, before the round.
-    #[cfg_attr(not(test), expect(dead_code, reason = "published numbers are of this distance"))]
-    point: f64,
-    /// How far a control point moved.
+    /// What the points were missed by, before the round.
+    missed: Missed,
+    /// How far a control point moved, at most.
     control: f64,
 }
 
@@ -213,7 +239,8 @@ impl Steps {
             (self.moves[0], self.moves[last]) = (Vector3::zeros(), Vector3::zeros());
         }
         let largest = |all: &[Vector3<f64>]| all.iter().map(|x| x.norm()).fold(0.0, f64::max);
-        let round = Round { point: largest(&self.missed), control: factor * largest(&self.moves) };
+        let missed = self.missed.iter().map(Missed::by).fold(Missed::default(), Missed::and);
+        let round = Round { missed, control: factor * largest(&self.moves) };
         control.iter_mut().zip(&self.moves).for_each(|(control, step)| *control += step * factor);
         round
     }
@@ -247,7 +274,7 @@ mod tests {
         let rows = rows(&knots, &angles);
         let mut steps = Steps::new(&rows, knots.n_control());
         let mut control = points.clone();
-        (0..=50).map(|_| steps.round(&rows, &points, &mut control, factor).point).collect()
+        (0..=50).map(|_| steps.round(&rows, &points, &mut control, factor).missed.max).collect()
     }
 
     // T-INT-04: the published numbers, to all printed digits.

@@ -1,16 +1,13 @@
 //! Fits a B-spline surface to a net of points.
 
 use maquette::value::{
-    self, Along, Chart, ControlNetError, KnotVector, KnotVectorError, Surface, SurfaceError,
+    self, Along, Chart, ControlNetError, KnotVectorError, Surface, SurfaceError, Trace, TraceError,
 };
 use maquette::{Context, Error, In, Node};
-use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::fit_line::LineFit;
-use super::knots::{even, parameters};
+use super::fit_net::{Direction, fit_points, trace};
 
 /// Fits a B-spline surface to the points of a net: unlike the one of `Nurbs`, which only follows its control points, it goes
 /// through them or near them.
@@ -127,6 +124,9 @@ pub enum FitError {
     /// No surface.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
+    /// Distances that are no numbers.
+    #[error(transparent)]
+    Trace(#[from] TraceError),
 }
 
 /// A surface near some points.
@@ -136,11 +136,14 @@ pub struct Fitted {
     pub surface: Surface,
     /// Largest step of a control point in the last round of an iteration that did not settle, in mm; 0 if all did.
     pub unsettled: f64,
+    /// The distances, in mm, before each round of an iteration: of the points from the curves along u, then of those curves'
+    /// control points from the curves along v. The last step, of all methods, is the distance of the points from the surface.
+    pub trace: Trace,
 }
 
 impl Node for FitSurface {
-    type Outputs = (Surface,);
-    const OUTPUTS: [&'static str; 1] = ["surface"];
+    type Outputs = (Surface, Trace);
+    const OUTPUTS: [&'static str; 2] = ["surface", "trace"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let net = cx.get(&self.net);
@@ -154,7 +157,7 @@ impl Node for FitSurface {
                 fitted.unsettled
             ));
         }
-        Ok((fitted.surface,))
+        Ok((fitted.surface, fitted.trace))
     }
 }
 
@@ -182,14 +185,16 @@ pub fn fit_surface(
     };
     let direction = |along: Along| Direction::new(net, along, order, counts, method, kind);
     let (u, v) = (direction(Along::U)?, direction(Along::V)?);
-    let (base, unsettled_base) = fit_points(net.base(), net, &u, &v);
-    let (points, unsettled) = match net.base() == net.points() {
-        true => (base.clone(), unsettled_base),
-        false => fit_points(net.points(), net, &u, &v),
+    let fit = fit_points(net.points(), net, &u, &v);
+    let base = match net.base() == net.points() {
+        true => None,
+        false => Some(fit_points(net.base(), net, &u, &v)),
     };
+    let unsettled = base.as_ref().map_or(0.0, |base| base.unsettled).max(fit.unsettled);
+    let base = base.map_or_else(|| fit.points.clone(), |base| base.points);
     let [rows, columns] = [&u, &v].map(|direction| direction.fit.knots().n_control());
     let mut fitted = value::ControlNet::new(rows, columns, base)?
-        .with_points(points)?
+        .with_points(fit.points)?
         .with_frame(net.frame().copied());
     if [rows, columns] == [net.rows(), net.columns()] {
         fitted = fitted.with_fixed(net.fixed().to_vec())?;
@@ -199,95 +204,20 @@ pub fn fit_surface(
         let coordinates = chart.coordinates.iter().map(moved).collect();
         fitted = fitted.with_chart(Chart { coordinates, ..chart.clone() });
     }
-    let [u, v] = [&u, &v].map(|direction| direction.fit.knots().clone());
-    let unsettled = unsettled.max(unsettled_base);
-    Ok(Fitted { surface: Surface::new(fitted, u, v)?, unsettled })
-}
-
-/// The fit along one direction.
-struct Direction {
-    fit: LineFit,
-    parameters: Vec<f64>,
-}
-
-impl Direction {
-    fn new(
-        net: &value::ControlNet,
-        along: Along,
-        order: [usize; 2],
-        counts: [usize; 2],
-        method: FitMethod,
-        kind: FitParameters,
-    ) -> Result<Self, FitError> {
-        let (points, order, count) = match along {
-            Along::U => (net.rows(), order[0], counts[0]),
-            Along::V => (net.columns(), order[1], counts[1]),
-        };
-        let control = if count == 0 { points } else { count };
-        if points < control || control < order || control < 2 {
-            return Err(FitError::Count { along, control, points, order });
-        }
-        let parameters = match kind {
-            FitParameters::Uniform => even(points),
-            FitParameters::Chord => parameters(net, along, |distance| distance),
-            FitParameters::Centripetal => parameters(net, along, f64::sqrt),
-        };
-        let degree = order.saturating_sub(1);
-        let knots = if control == points {
-            KnotVector::averaged(&parameters, degree)?
-        } else {
-            KnotVector::approximating(&parameters, control, degree)?
-        };
-        let fit = match method {
-            FitMethod::Lspia { iterations, tolerance, .. } => {
-                Some(LineFit::progressive(knots, &parameters, iterations, tolerance))
-            }
-            _ if control == points => LineFit::interpolate(knots, &parameters),
-            _ => LineFit::least_squares(knots, &parameters),
-        };
-        Ok(Self { fit: fit.ok_or(FitError::Singular { along })?, parameters })
-    }
-
-    /// The net coordinate on the fitted surface of one among the points.
-    fn coordinate(&self, a: f64) -> f64 {
-        let last = self.parameters.len() - 1;
-        let before = (a.max(0.0) as usize).min(last);
-        let next = self.parameters[(before + 1).min(last)];
-        let share = (a - before as f64).clamp(0.0, 1.0);
-        let u = self.parameters[before] + (next - self.parameters[before]) * share;
-        self.fit.knots().net_coordinate(u)
-    }
-}
-
-/// The control points for some points of the size of `net`, row by row, and how far they are from settled.
-fn fit_points(
-    points: &[Point3<f64>],
-    net: &value::ControlNet,
-    u: &Direction,
-    v: &Direction,
-) -> (Vec<Point3<f64>>, f64) {
-    let [rows, columns] = [net.rows(), net.columns()];
-    let down = (0..columns).into_par_iter().map(|column| {
-        let line: Vec<Vector3<f64>> =
-            (0..rows).map(|row| points[row * columns + column].coords).collect();
-        u.fit.fit(&line)
-    });
-    let down: Vec<_> = down.collect();
-    let across = (0..u.fit.knots().n_control()).into_par_iter().map(|row| {
-        let line: Vec<Vector3<f64>> = down.iter().map(|line| line.control[row]).collect();
-        v.fit.fit(&line)
-    });
-    let across: Vec<_> = across.collect();
-    let unsettled = down.iter().chain(&across).map(|line| line.unsettled).fold(0.0, f64::max);
-    let points = across.into_iter().flat_map(|line| line.control).map(Point3::from).collect();
-    (points, unsettled)
+    let knots = |direction: &Direction| direction.fit.knots().clone();
+    let surface = Surface::new(fitted, knots(&u), knots(&v))?;
+    let trace = trace(fit.rounds, net, &surface, &u, &v)?;
+    Ok(Fitted { surface, unsettled, trace })
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::super::blend::{BlendMode, blend};
     use super::super::control_net::tests::{range, region};
     use super::super::control_net::{NetMethod, control_net};
+    use super::super::knots::{even, parameters};
     use super::*;
 
     const ALL_PARAMETERS: [FitParameters; 3] =
@@ -361,6 +291,30 @@ mod tests {
         for (u, v, at) in corners {
             assert!((direct.surface.point(u, v) - net.points()[at]).norm() <= 1e-12);
         }
+    }
+
+    #[test]
+    fn a_trace_falls_to_what_the_surface_misses() {
+        let net = waves(25, 31);
+        let fit = |method| fit_surface(&net, [4, 4], method, FitParameters::Uniform).unwrap();
+        let through = fit(FitMethod::Interpolate).trace;
+        assert!(through.steps().len() == 1 && through.steps()[0].max <= 1e-11);
+
+        let rounds =
+            |iterations| FitMethod::Lspia { rows: 0, columns: 0, iterations, tolerance: 0.0 };
+        let fitted = fit(rounds(20));
+        let steps = fitted.trace.steps();
+        assert_eq!(steps.len(), 41);
+        assert!(steps.iter().zip(0..).all(|(step, k)| step.iteration == k));
+        assert!(steps[..20].windows(2).all(|pair| pair[1].rms < pair[0].rms));
+        assert!(steps[20..40].windows(2).all(|pair| pair[1].rms < pair[0].rms));
+        assert!(steps.iter().all(|step| step.rms <= step.max));
+        let (us, vs) = (even(25), even(31));
+        let missed = net.points().iter().zip(fitted.surface.grid(&us, &vs));
+        let missed: Vec<f64> = missed.map(|(point, met)| (point - met).norm()).collect();
+        assert_eq!(steps[40].max, missed.iter().copied().fold(0.0, f64::max));
+        let mean_sq = missed.iter().map(|distance| distance * distance).sum::<f64>() / 775.0;
+        assert!((steps[40].rms - mean_sq.sqrt()).abs() <= 1e-15);
     }
 
     // Pitfall: knots for least squares that lean to one end.

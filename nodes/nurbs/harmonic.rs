@@ -6,10 +6,10 @@
 
 use std::collections::VecDeque;
 
-use maquette::value::{self, Chart, RangeImage, Region};
+use maquette::value::{self, RangeImage, Region};
 use nalgebra::Point3;
 
-use super::control_net::NetError;
+use super::control_net::{NetError, charted, on_border};
 use super::disk::Disk;
 use super::mean_value::relax;
 use super::patch::Patch;
@@ -21,10 +21,14 @@ const LEAST: usize = 4;
 /// Most rows and columns that are chosen: those that the node takes.
 const MOST: usize = 4096;
 
-/// The net, with `rows` and `columns` where they are not 0.
+/// How far a given corner may lie from the contour, in cells: as far as people miss a cell in a picture.
+const SNAP: f64 = 3.0;
+
+/// The net, with the corners (column, row) and `rows` and `columns` where they are not 0.
 pub(super) fn net(
     region: &Region,
     range: &RangeImage,
+    corners: Option<[[usize; 2]; 4]>,
     rows: usize,
     columns: usize,
 ) -> Result<value::ControlNet, NetError> {
@@ -36,7 +40,11 @@ pub(super) fn net(
     let disk = Disk::new(patch.rows, patch.columns, &patch.inside)
         .filter(|disk| disk.border.len() >= 4)
         .ok_or(degenerate)?;
-    let sides = Sides::new(&disk);
+    let corners = match corners {
+        None => chosen_corners(&disk),
+        Some(corners) => given_corners(&disk, &patch, corners)?,
+    };
+    let sides = Sides::new(&disk, corners);
     let square = map_to_square(&disk, &sides)?;
     let lengths: Vec<f64> = sides.0.iter().map(|side| length(&disk, side)).collect();
     let chosen = |given: usize, a: usize, b: usize| match given {
@@ -62,21 +70,13 @@ pub(super) fn net(
             points[row * columns + column] = point;
         }
     }
-    let on_border = |at: usize| {
-        let (row, column) = (at / columns, at % columns);
-        row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
-    };
-    let fixed = (0..points.len()).map(|at| u8::from(on_border(at))).collect();
     let scale = [(rows - 1) as f64, (columns - 1) as f64];
-    let chart = Chart {
-        grid: [range.width(), range.height()],
-        cells: region.cells().to_vec().into(),
-        coordinates: coordinates(region, &patch, &disk, &square)?
-            .into_iter()
-            .map(|[u, v]| [u * scale[0], v * scale[1]])
-            .collect(),
-    };
-    Ok(value::ControlNet::new(rows, columns, points)?.with_fixed(fixed)?.with_chart(chart))
+    let coordinates = coordinates(region, &patch, &disk, &square)?
+        .into_iter()
+        .map(|[u, v]| [u * scale[0], v * scale[1]])
+        .collect();
+    let size = [rows, columns];
+    charted(range, size, points, on_border(size), region.cells().to_vec(), coordinates)
 }
 
 /// The border of a disk from corner to corner of the square: down the left side, to the right, up, and back to the left. Each
@@ -84,37 +84,70 @@ pub(super) fn net(
 struct Sides([Vec<u32>; 4]);
 
 impl Sides {
-    /// The corners are the vertices of the border that lie farthest along the diagonals of the disk's principal frame; of equals
-    /// the one nearest to the diagonal. The frame is turned so that its rows run down and its columns to the right.
-    fn new(disk: &Disk) -> Self {
-        let border = &disk.border;
-        let frame = Frame::new(disk);
-        let local: Vec<[f64; 2]> =
-            border.iter().map(|&vertex| frame.local(disk.places[vertex as usize])).collect();
-        let farthest = |across: f64, down: f64| {
-            let rank = |k: &usize| {
-                let [x, y] = local[*k];
-                (across * x + down * y, -(across * x - down * y).abs())
-            };
-            // Differences of rounding are none: corners must not depend on them.
-            let best = (0..border.len()).map(|k| rank(&k).0).fold(f64::NEG_INFINITY, f64::max);
-            let equals = (0..border.len()).filter(|k| rank(k).0 >= best - 1e-9);
-            equals.max_by(|a, b| rank(a).1.total_cmp(&rank(b).1).then(b.cmp(a))).unwrap_or(0)
-        };
-        let n = border.len();
-        let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)]
-            .map(|(across, down)| farthest(across, down));
-        let mut steps = [1, 2, 3].map(|k| (corners[k] + n - corners[0]) % n);
-        if steps[0] == 0 || steps[1] <= steps[0] || steps[2] <= steps[1] {
-            // A region with a corner on two diagonals: quarters of the border, which has four vertices at least.
-            steps = [1, 2, 3].map(|k| k * n / 4);
-        }
-        let ends = [0, steps[0], steps[1], steps[2], n];
+    /// The sides between corners, given by their places in the border.
+    fn new(disk: &Disk, corners: [usize; 4]) -> Self {
+        let n = disk.border.len();
+        let steps = corners.map(|corner| (corner + n - corners[0]) % n);
+        let ends = [0, steps[1], steps[2], steps[3], n];
         let side = |k: usize| {
-            (ends[k]..=ends[k + 1]).map(|step| border[(corners[0] + step) % n]).collect()
+            (ends[k]..=ends[k + 1]).map(|step| disk.border[(corners[0] + step) % n]).collect()
         };
         Self([side(0), side(1), side(2), side(3)])
     }
+}
+
+/// Whether four places of a closed chain of `n` follow each other along it.
+fn in_order(corners: [usize; 4], n: usize) -> bool {
+    let [_, a, b, c] = corners.map(|corner| (corner + n - corners[0]) % n);
+    0 < a && a < b && b < c
+}
+
+/// The vertices of the border that lie farthest along the diagonals of the disk's principal frame; of equals the one nearest to the
+/// diagonal. The frame is turned so that its rows run down and its columns to the right.
+fn chosen_corners(disk: &Disk) -> [usize; 4] {
+    let n = disk.border.len();
+    let frame = Frame::new(disk);
+    let local: Vec<[f64; 2]> =
+        disk.border.iter().map(|&vertex| frame.local(disk.places[vertex as usize])).collect();
+    let farthest = |across: f64, down: f64| {
+        let rank = |k: &usize| {
+            let [x, y] = local[*k];
+            (across * x + down * y, -(across * x - down * y).abs())
+        };
+        // Differences of rounding are none: corners must not depend on them.
+        let best = (0..n).map(|k| rank(&k).0).fold(f64::NEG_INFINITY, f64::max);
+        let equals = (0..n).filter(|k| rank(k).0 >= best - 1e-9);
+        equals.max_by(|a, b| rank(a).1.total_cmp(&rank(b).1).then(b.cmp(a))).unwrap_or(0)
+    };
+    let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)]
+        .map(|(across, down)| farthest(across, down));
+    match in_order(corners, n) {
+        true => corners,
+        // A region with a corner on two diagonals: quarters of the border, which has four vertices at least.
+        false => [0, 1, 2, 3].map(|k| (corners[0] + k * n / 4) % n),
+    }
+}
+
+/// The places in the border that are nearest to cells (column, row) of the grid.
+fn given_corners(
+    disk: &Disk,
+    patch: &Patch,
+    cells: [[usize; 2]; 4],
+) -> Result<[usize; 4], NetError> {
+    let mut corners = [0; 4];
+    for (corner, cell) in corners.iter_mut().zip(cells) {
+        let (x, y) = (cell[0] as f64 - patch.left as f64, cell[1] as f64 - patch.top as f64);
+        let place = |k: &usize| disk.places[disk.border[*k] as usize];
+        let distance = |k: &usize| libm::hypot(place(k)[0] - x, place(k)[1] - y);
+        let nearest = (0..disk.border.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        *corner = nearest.unwrap_or(0);
+        if distance(corner) > SNAP {
+            let [column, row] = place(corner).map(|at| at as usize);
+            let nearest = [patch.left + column, patch.top + row];
+            return Err(NetError::CornerOff { corner: cell, nearest });
+        }
+    }
+    if in_order(corners, disk.border.len()) { Ok(corners) } else { Err(NetError::CornerOrder) }
 }
 
 /// The principal frame of a disk's cells, turned by at most 45 degrees.
@@ -305,107 +338,4 @@ fn coordinates(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::control_net::tests::{range, region};
-    use super::super::control_net::{NetMethod, control_net};
-    use super::*;
-
-    fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {
-        control_net(region, range, NetMethod::Harmonic, rows, columns).unwrap()
-    }
-
-    // T-RNG-03, the method Harmonic.
-    #[test]
-    fn a_planar_rectangle_is_its_own_net() {
-        let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
-        for (width, height) in [(7, 5), (5, 7), (6, 6), (4, 11)] {
-            let inside = |x, y| (5..5 + width).contains(&x) && (3..3 + height).contains(&y);
-            let rectangle = region(&range, inside);
-            let net = net(&rectangle, &range, 0, 0);
-            assert_eq!((net.rows(), net.columns()), (height, width));
-            let coordinates = &net.chart().unwrap().coordinates;
-            for (index, point) in net.points().iter().enumerate() {
-                let (row, column) = (index / width, index % width);
-                let border = row % (height - 1) == 0 || column % (width - 1) == 0;
-                assert_eq!(net.fixed()[index] == 1, border);
-                if border {
-                    assert_eq!(*point, rectangle.points()[index], "bitwise");
-                }
-                assert!((point - rectangle.points()[index]).norm() <= 1e-10);
-                let [a, b] = coordinates[index];
-                assert!((a - row as f64).abs() <= 1e-10 && (b - column as f64).abs() <= 1e-10);
-            }
-        }
-    }
-
-    /// Numbers from 0 to 1 without any order.
-    fn noise(k: u32) -> f64 {
-        f64::from((k.wrapping_mul(2_654_435_761) ^ (k << 7)).wrapping_mul(40_503) >> 8)
-            / f64::from(1 << 24)
-    }
-
-    /// A blob with three to six bays of random depth, some deep enough to be concave, or a horseshoe.
-    fn blob(kind: u32) -> impl Fn(usize, usize) -> bool {
-        let bays = f64::from(3 + kind % 4);
-        let (depth, turn) = (0.15 + 0.35 * noise(kind), 6.0 * noise(kind + 1000));
-        move |x, y| {
-            let (x, y) = (x as f64 - 24.0, y as f64 - 24.0);
-            let (radius, angle) = (libm::hypot(x, y), libm::atan2(y, x));
-            if kind % 5 == 4 {
-                return (9.0..20.0).contains(&radius) && (angle + turn - 3.0).abs() > 0.5;
-            }
-            radius < 14.0 * (1.0 + depth * libm::sin(bays * angle + turn))
-        }
-    }
-
-    // T-RNG-04.
-    #[test]
-    fn no_triangle_turns_over() {
-        let range = range(48, 48, |_, _| 1.0);
-        for kind in 0..40 {
-            let blob = region(&range, blob(kind));
-            let patch = Patch::new(&blob, &range, 0).unwrap();
-            let disk = Disk::new(patch.rows, patch.columns, &patch.inside).unwrap();
-            let square = map_to_square(&disk, &Sides::new(&disk)).unwrap();
-            for triangle in &disk.triangles {
-                let [a, b, c] = triangle.map(|vertex| square[vertex as usize]);
-                assert!(cross(a, b, c) > 0.0, "blob {kind}: {}", cross(a, b, c));
-            }
-        }
-    }
-
-    #[test]
-    fn bays_and_holes_make_a_net_that_looks_at_the_sensor() {
-        let range = range(48, 48, |x, y| 700.0 - 0.01 * (x * x + y * y));
-        for kind in 0..20 {
-            let shape = blob(kind);
-            let holed = region(&range, |x, y| shape(x, y) && !(22..25).contains(&x));
-            let whole = region(&range, shape);
-            let net = net(&whole, &range, 0, 0);
-            let at = |row: usize, column: usize| net.points()[row * net.columns() + column];
-            let (row, column) = (net.rows() / 2, net.columns() / 2);
-            let (down, right) =
-                (at(row + 1, column) - at(row, column), at(row, column + 1) - at(row, column));
-            assert!(down.cross(&right).z < 0.0);
-            let chart = net.chart().unwrap();
-            assert_eq!(&*chart.cells, whole.cells());
-            // Two parts are refused, or one of them has no triangle.
-            let _ = control_net(&holed, &range, NetMethod::Harmonic, 0, 0);
-        }
-    }
-
-    #[test]
-    fn spikes_go_with_the_cell_they_hang_on_and_parts_are_refused() {
-        let range = range(16, 12, |_, _| 1.0);
-        let spiked = region(&range, |x, y| (x < 6 && y < 5) || (y == 2 && x < 10));
-        let net = net(&spiked, &range, 5, 9);
-        let chart = net.chart().unwrap();
-        let at = |x: usize| chart.coordinates[spiked.find(2 * 16 + x).unwrap()];
-        assert_eq!(at(9), at(7));
-        let refused =
-            |region: &Region| control_net(region, &range, NetMethod::Harmonic, 0, 0).unwrap_err();
-        assert_eq!(refused(&region(&range, |x, _| !(4..=9).contains(&x))), NetError::Parts);
-        let line = NetError::DegenerateRegion { rows: 1, columns: 9 };
-        assert_eq!(refused(&region(&range, |x, y| y == 4 && x < 9)), line);
-    }
-}
+mod tests;

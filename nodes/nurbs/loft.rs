@@ -1,22 +1,33 @@
 //! Makes a control net of sections.
 
-use maquette::value::{self, ControlNetError};
-use maquette::{Context, Error, Node};
+use maquette::value::{self, ControlNetError, Curve, KnotVector};
+use maquette::{Context, Error, In, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::knots::is_even;
 use super::rows::{resampled, shares};
 
 /// Makes a control net of sections that follow each other, such as the ribs of a hull. Each becomes a row of the net.
 ///
 /// Sections of different lengths are divided evenly, by their length in space, into as many points as the net has columns; a
-/// section that has as many keeps its own. A section of one point is a tip.
+/// section that has as many keeps its own. A section of one point is a tip. Of a linked B-spline its points are taken; only if all
+/// sections are B-splines with the same knots, or tips, are their control points and weights, which lets a surface with these knots
+/// along v go through the curves exactly.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Loft {
-    /// The sections, each a list of points (x, y, z), in the unit of the model.
+    /// Sections, in order; after those of `sections`.
+    #[serde(default)]
+    pub curves: Vec<In<Curve>>,
+    /// Sections written here, each a list of points (x, y, z), in the unit of the model.
     #[schemars(extend("unit" = "mm"))]
+    #[serde(default)]
     pub sections: Vec<Vec<[f64; 3]>>,
+    /// A tip behind the linked sections; none if left out.
+    #[schemars(extend("unit" = "mm"))]
+    #[serde(default)]
+    pub end: Option<[f64; 3]>,
     /// Columns of the net; 0 takes the points of the longest section.
     #[schemars(range(max = 4096))]
     #[serde(default)]
@@ -47,39 +58,126 @@ impl Node for Loft {
     type Outputs = (value::ControlNet,);
     const OUTPUTS: [&'static str; 1] = ["net"];
 
-    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((loft(&self.sections, self.columns)?,))
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let curves: Vec<&Curve> = self.curves.iter().map(|curve| cx.get(curve)).collect();
+        let mut sections: Vec<Section> = self.sections.iter().map(|points| points.into()).collect();
+        sections.extend(curves.iter().map(|&curve| Section::from(curve)));
+        sections.extend(self.end.map(|tip| Section::from(&vec![tip])));
+        if let Some(knots) = common_knots(&sections).filter(|knots| !is_even(knots)) {
+            cx.warn(format!(
+                "the sections' knots are not even: to go through them, `Nurbs` needs them at `v`, as in Knots(kind: Values({:?}))",
+                knots.knots()
+            ));
+        }
+        Ok((loft(&sections, self.columns)?,))
     }
 }
 
-/// The control net whose rows are these sections, each of `columns` points; 0 takes those of the longest section.
+/// A row of a lofted net.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Section {
+    /// What it is divided by, from end to end.
+    points: Vec<Point3<f64>>,
+    /// What it is, if it is a B-spline.
+    spline: Option<Curve>,
+}
+
+/// Points that stand for each span of a B-spline when it is divided: their chords stay within a hundred thousandth of a
+/// quarter circle.
+const PIECES: usize = 256;
+
+impl From<&Curve> for Section {
+    fn from(curve: &Curve) -> Self {
+        let mut points = curve.sample(PIECES);
+        if curve.is_closed() {
+            points.extend(points.first().copied());
+        }
+        Self { points, spline: curve.knots().map(|_| curve.clone()) }
+    }
+}
+
+impl From<&Vec<[f64; 3]>> for Section {
+    fn from(points: &Vec<[f64; 3]>) -> Self {
+        Self { points: points.iter().copied().map(Point3::from).collect(), spline: None }
+    }
+}
+
+impl Section {
+    fn knots(&self) -> Option<&KnotVector> {
+        self.spline.as_ref()?.knots()
+    }
+
+    /// How many points it has of its own.
+    fn own(&self) -> usize {
+        self.spline.as_ref().map_or(self.points.len(), |curve| curve.points().len())
+    }
+
+    fn divided(&self, columns: usize) -> Vec<Point3<f64>> {
+        if self.spline.is_none() && self.points.len() == columns {
+            return self.points.clone();
+        }
+        resampled(&self.points, &shares(&self.points), columns)
+    }
+}
+
+/// The knots of all sections but tips, if they are B-splines that have the same.
+fn common_knots(sections: &[Section]) -> Option<&KnotVector> {
+    let mut all = sections.iter().filter(|section| section.points.len() != 1).map(Section::knots);
+    let first = all.next()??;
+    all.all(|knots| knots == Some(first)).then_some(first)
+}
+
+/// The control net whose rows are these sections, each of `columns` points; 0 takes those of the longest section. B-splines with
+/// the same knots, of which `columns` takes all, keep their control points and weights.
 ///
 /// # Errors
 /// If there is no section, one is empty, all are single points, or a point is not finite.
-pub fn loft(sections: &[Vec<[f64; 3]>], columns: usize) -> Result<value::ControlNet, LoftError> {
-    if let Some(section) = sections.iter().position(Vec::is_empty) {
+pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, LoftError> {
+    if let Some(section) = sections.iter().position(|section| section.points.is_empty()) {
         return Err(LoftError::Empty { section });
     }
-    let longest = sections.iter().map(Vec::len).max().unwrap_or(0);
+    let longest = sections.iter().map(Section::own).max().unwrap_or(0);
     let columns = if columns == 0 { longest } else { columns };
     if columns < 2 {
         return Err(LoftError::OneColumn { columns });
     }
+    let exact = common_knots(sections).is_some_and(|knots| knots.n_control() == columns);
     let mut points = Vec::with_capacity(sections.len() * columns);
+    let mut weights = Vec::with_capacity(sections.len() * columns);
     for section in sections {
-        let section: Vec<Point3<f64>> = section.iter().copied().map(Point3::from).collect();
-        if section.len() == columns {
-            points.extend(section);
-        } else {
-            points.extend(resampled(&section, &shares(&section), columns));
+        match section.spline.as_ref().filter(|_| exact) {
+            Some(curve) => {
+                points.extend_from_slice(curve.points());
+                weights.extend_from_slice(curve.weights().unwrap_or_default());
+            }
+            None => {
+                points.extend(section.divided(columns));
+                weights.resize(points.len(), 1.0);
+            }
         }
     }
-    Ok(value::ControlNet::new(sections.len(), columns, points)?)
+    Ok(value::ControlNet::new(sections.len(), columns, points)?.with_weights(weights)?)
 }
 
 #[cfg(test)]
 mod tests {
+    use maquette::value::Along;
+
+    use super::super::nurbs::nurbs;
     use super::*;
+
+    fn loft(sections: &[Vec<[f64; 3]>], columns: usize) -> Result<value::ControlNet, LoftError> {
+        super::loft(&Vec::from_iter(sections.iter().map(Section::from)), columns)
+    }
+
+    /// A quarter of a circle of this radius in the plane of this z, exactly.
+    fn arc(radius: f64, z: f64) -> Curve {
+        let at = |x: f64, y: f64| Point3::new(radius * x, radius * y, z);
+        let corner = 0.5f64.sqrt();
+        let points = vec![at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)];
+        let knots = KnotVector::new(2, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0]).unwrap();
+        Curve::rational(points, vec![1.0, corner, 1.0], knots).unwrap()
+    }
 
     #[test]
     fn sections_become_rows_of_one_length() {
@@ -98,6 +196,43 @@ mod tests {
         let z = [0.0, 0.0, 1.0, 2.0, 3.0];
         assert!(net.points()[5..10].iter().zip(z).all(|(point, z)| point.z == z));
         assert!(net.points()[10..].iter().zip(own).all(|(point, own)| *point == own.into()));
+    }
+
+    #[test]
+    fn a_surface_goes_through_splines_of_the_same_knots() {
+        let curves = [arc(2.0, 0.0), arc(3.0, 5.0)];
+        let sections =
+            [Section::from(&curves[0]), (&curves[1]).into(), (&vec![[0., 0., 9.]]).into()];
+        let net = super::loft(&sections, 0).unwrap();
+        assert_eq!((net.rows(), net.columns()), (3, 3));
+        let surface = nurbs(&net, None, Some(curves[0].knots().unwrap()), Some([2, 3])).unwrap();
+        for k in 0..=10 {
+            let v = f64::from(k) / 10.0;
+            for (u, curve) in curves.iter().enumerate() {
+                assert!((surface.point(u as f64, v) - curve.point(v)).norm() <= 1e-14);
+            }
+            assert!((surface.point(2.0, v) - Point3::new(0.0, 0.0, 9.0)).norm() <= 1e-14);
+        }
+        assert_eq!(surface.iso_curve(Along::V, 0.0).points.len(), 3);
+    }
+
+    #[test]
+    fn other_curves_are_divided_by_their_length() {
+        let square = [[0., 0., 0.], [4., 0., 0.], [4., 4., 0.], [0., 4., 0.]].map(Point3::from);
+        let square = Curve::polyline(square.to_vec(), true).unwrap();
+        let net = super::loft(&[Section::from(&arc(2.0, 1.0)), (&square).into()], 9).unwrap();
+        for (k, point) in net.points()[..9].iter().enumerate() {
+            let angle = std::f64::consts::FRAC_PI_2 * k as f64 / 8.0;
+            let even = Point3::new(2.0 * libm::cos(angle), 2.0 * libm::sin(angle), 1.0);
+            assert!((point - even).norm() <= 1e-4, "{k}");
+        }
+        assert_eq!(net.points()[9], net.points()[17]);
+        assert!((net.points()[10] - Point3::new(2.0, 0.0, 0.0)).norm() <= 1e-14);
+        // A closed polyline has its first point twice.
+        assert_eq!(
+            super::loft(&[Section::from(&square), (&square).into()], 0).unwrap().columns(),
+            5
+        );
     }
 
     #[test]

@@ -40,8 +40,23 @@ impl Patch {
             .flat_map(|row| &range.points()[row * width + left..=row * width + right])
             .copied()
             .collect();
-        let inside = vec![0; rows * columns];
-        let mut patch = Self { left, top, width, rows, columns, points, inside };
+        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region)
+    }
+
+    /// The rectangle around a region, its other cells continued from the region: where it ends at a step in depth, what is
+    /// behind it has no part in what lies between the cells.
+    pub(super) fn alone(region: &Region) -> Result<Self, NotConverged> {
+        let (low, high) = region.bounds();
+        let ([left, top], width) = (low, region.width());
+        let (rows, columns) = (high[1] - top + 1, high[0] - left + 1);
+        let points = vec![Point3::new(f64::NAN, f64::NAN, f64::NAN); rows * columns];
+        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region)
+    }
+
+    /// The patch with the region's points, and none missing.
+    fn with(self, region: &Region) -> Result<Self, NotConverged> {
+        let (rows, columns) = (self.rows, self.columns);
+        let mut patch = Self { inside: vec![0; rows * columns], ..self };
         for (&cell, &point) in region.cells().iter().zip(region.points()) {
             let [row, column] = patch.place(cell);
             patch.points[row * columns + column] = point;
@@ -56,9 +71,11 @@ impl Patch {
         [cell as usize / self.width - self.top, cell as usize % self.width - self.left]
     }
 
-    /// The point between the cells at (column, row), bilinear.
+    /// The point between the cells at (column, row), bilinear; beyond the border that at the border.
     pub(super) fn at(&self, [x, y]: [f64; 2]) -> Point3<f64> {
-        let before = |at: f64, count: usize| (at.max(0.0) as usize).min(count.saturating_sub(2));
+        let [x, y] = [x.min((self.columns - 1) as f64), y.min((self.rows - 1) as f64)];
+        let [x, y] = [x.max(0.0), y.max(0.0)];
+        let before = |at: f64, count: usize| (at as usize).min(count.saturating_sub(2));
         let (column, row) = (before(x, self.columns), before(y, self.rows));
         let (s, t) = (x - column as f64, y - row as f64);
         let point = |row: usize, column: usize| {

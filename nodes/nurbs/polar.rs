@@ -1,15 +1,19 @@
 //! A net of rings around the middle of a region.
 //!
-//! Row 0 of the net is the pole, the mean of the region's cells; the last row is the contour, which is fixed; the rows between
+//! Row 0 of the net is the pole, the mean of the region's cells; the last row follows the contour and is fixed; the rows between
 //! divide the spokes evenly in the range grid. Columns go around counter-clockwise as one sees the picture, and the last
 //! `order - 1` of them repeat the first ones, so that knots of the kind `Periodic` close the surface smoothly. Around the pole
 //! a surface has one tangent plane if the first ring lies in a plane with it, and so it is made to.
+//!
+//! The contour of a region that was found in a picture has steps and teeth, which a spoke may cross more than once. So the last
+//! row is a calm line around all of it ([`super::rays`]), on the region's points continued a little beyond its cells.
 
-use maquette::value::{self, Chart, RangeImage, Region};
+use maquette::value::{self, RangeImage, Region};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::control_net::NetError;
+use super::control_net::{NetError, charted};
 use super::patch::Patch;
+use super::rays::{NotAStar, Rays, turn};
 use crate::range::contours;
 
 /// Most spokes that are chosen; a contour has some hundred cells, half of which would only follow its steps.
@@ -18,9 +22,6 @@ const MOST_SPOKES: usize = 64;
 /// Fewest spokes, and fewest rings, that are chosen or allowed: three spokes are the least around a point.
 const LEAST_SPOKES: usize = 3;
 const LEAST_RINGS: usize = 3;
-
-/// Below this turn (in square cells) two spokes count as one line.
-const FLAT: f64 = 1e-9;
 
 /// The net for surfaces of this order along the columns, with `rows` and `columns` where they are not 0.
 pub(super) fn net(
@@ -38,14 +39,28 @@ pub(super) fn net(
     if columns != 0 && columns < least {
         return Err(NetError::FewColumns { columns, least });
     }
-    let patch = Patch::new(region, range, 0)?;
-    let contour = Outline::new(&patch)?;
-    let chosen = (contour.length / 2.0) as usize;
-    let spokes = match columns {
-        0 => chosen.min(MOST_SPOKES).max(LEAST_SPOKES.max(repeated)),
+    let patch = Patch::alone(region)?;
+    let center = middle(region, &patch);
+    let contour = outline(&patch, center)?;
+    let cell = |[x, y]: [f64; 2]| {
+        let at = |middle: f64, step: f64| (middle + step).round() as usize;
+        (patch.left + at(center[0], x), patch.top + at(center[1], y))
+    };
+    let rays = Rays::new(&contour).map_err(|why| match why {
+        NotAStar::NotInside => {
+            let (column, row) = cell([0.0; 2]);
+            NetError::NoMiddle { column, row }
+        }
+        NotAStar::Bay { at, depth } => {
+            let (column, row) = cell(at);
+            NetError::NotStarShaped { column, row, cells: depth }
+        }
+    })?;
+    let count = match columns {
+        0 => ((rays.length() / 2.0) as usize).min(MOST_SPOKES).max(LEAST_SPOKES.max(repeated)),
         columns => columns - repeated,
     };
-    let wheel = Wheel::new(&patch, region, &contour, spokes)?;
+    let wheel = Wheel { center, spokes: rays.spokes(count) };
     let rings =
         if rows == 0 { (wheel.radius().ceil() as usize).max(LEAST_RINGS) } else { rows - 1 };
     let points = wheel.points(&patch, rings);
@@ -53,62 +68,35 @@ pub(super) fn net(
         let [row, column] = patch.place(*cell);
         wheel.coordinate([column as f64, row as f64], rings, order)
     };
-    let chart = Chart {
-        grid: [range.width(), range.height()],
-        cells: region.cells().to_vec().into(),
-        coordinates: region.cells().iter().map(place).collect(),
-    };
-    let columns = spokes + repeated;
+    let coordinates = region.cells().iter().map(place).collect();
+    let columns = count + repeated;
     let points: Vec<Point3<f64>> = (0..(rings + 1) * columns)
-        .map(|at| points[at / columns * spokes + at % columns % spokes])
+        .map(|at| points[at / columns * count + at % columns % count])
         .collect();
-    let fixed = (0..points.len()).map(|at| u8::from(at / columns == rings)).collect();
-    Ok(value::ControlNet::new(rings + 1, columns, points)?.with_fixed(fixed)?.with_chart(chart))
+    let size = [rings + 1, columns];
+    charted(range, size, points, |row, _| row == rings, region.cells().to_vec(), coordinates)
 }
 
-/// The contour of a region, as a closed line through the centers of its cells.
-struct Outline {
-    /// The cells of the patch.
-    cells: Vec<usize>,
-    /// (column, row) of each.
-    places: Vec<[f64; 2]>,
-    /// The length in cells up to each.
-    lengths: Vec<f64>,
-    /// All of it.
-    length: f64,
+/// (column, row) of the mean of the region's cells.
+fn middle(region: &Region, patch: &Patch) -> [f64; 2] {
+    let n = region.cells().len() as f64;
+    region.cells().iter().fold([0.0; 2], |[x, y], &cell| {
+        let [row, column] = patch.place(cell);
+        [x + column as f64 / n, y + row as f64 / n]
+    })
 }
 
-impl Outline {
-    fn new(patch: &Patch) -> Result<Self, NetError> {
-        let all = contours(patch.columns, patch.rows, &patch.inside);
-        if all.iter().filter(|contour| !contour.hole).count() != 1 {
-            return Err(NetError::Parts);
-        }
-        let cells: Vec<usize> = all[0].cells.iter().map(|&cell| cell as usize).collect();
-        let place = |&cell: &usize| [(cell % patch.columns) as f64, (cell / patch.columns) as f64];
-        let places: Vec<[f64; 2]> = cells.iter().map(place).collect();
-        let mut length = 0.0;
-        let mut lengths = Vec::with_capacity(cells.len());
-        for (k, [x, y]) in places.iter().enumerate() {
-            lengths.push(length);
-            let [next_x, next_y] = places[(k + 1) % places.len()];
-            length += libm::hypot(next_x - x, next_y - y);
-        }
-        Ok(Self { cells, places, lengths, length })
+/// The contour of the region as a closed line through the centers of its cells: (column, row) of each, from the middle.
+fn outline(patch: &Patch, center: [f64; 2]) -> Result<Vec<[f64; 2]>, NetError> {
+    let all = contours(patch.columns, patch.rows, &patch.inside);
+    if all.iter().filter(|contour| !contour.hole).count() != 1 {
+        return Err(NetError::Parts);
     }
-
-    /// Place and point at a length along it, below the whole.
-    fn at(&self, patch: &Patch, along: f64) -> ([f64; 2], Point3<f64>) {
-        let k = self.lengths.partition_point(|&length| length <= along) - 1;
-        let next = (k + 1) % self.cells.len();
-        let end = self.lengths.get(k + 1).copied().unwrap_or(self.length);
-        let share = (along - self.lengths[k]) / (end - self.lengths[k]);
-        let place = [0, 1].map(|axis| {
-            self.places[k][axis] + (self.places[next][axis] - self.places[k][axis]) * share
-        });
-        let [a, b] = [self.cells[k], self.cells[next]].map(|cell| patch.points[cell]);
-        (place, a + (b - a) * share)
-    }
+    let place = |&cell: &u32| {
+        let (column, row) = (cell as usize % patch.columns, cell as usize / patch.columns);
+        [column as f64 - center[0], row as f64 - center[1]]
+    };
+    Ok(all[0].cells.iter().map(place).collect())
 }
 
 /// The middle of a region and spokes to its contour.
@@ -117,42 +105,9 @@ struct Wheel {
     center: [f64; 2],
     /// From the middle to the ends of the spokes, counter-clockwise with rows growing down.
     spokes: Vec<[f64; 2]>,
-    /// The points at the ends.
-    ends: Vec<Point3<f64>>,
 }
 
 impl Wheel {
-    fn new(
-        patch: &Patch,
-        region: &Region,
-        contour: &Outline,
-        count: usize,
-    ) -> Result<Self, NetError> {
-        let n = region.cells().len() as f64;
-        let mut center = [0.0; 2];
-        for &cell in region.cells() {
-            let [row, column] = patch.place(cell);
-            center = [center[0] + column as f64 / n, center[1] + row as f64 / n];
-        }
-        let step = contour.length / count as f64;
-        let (spokes, ends): (Vec<[f64; 2]>, _) = (0..count)
-            .map(|k| {
-                let (place, end) = contour.at(patch, step * k as f64);
-                ([place[0] - center[0], place[1] - center[1]], end)
-            })
-            .unzip();
-        for (k, &spoke) in spokes.iter().enumerate() {
-            if turn(spoke, spokes[(k + 1) % count]) <= FLAT {
-                let at = [0, 1].map(|axis| (center[axis] + spoke[axis]).round() as usize);
-                return Err(NetError::NotStarShaped {
-                    column: patch.left + at[0],
-                    row: patch.top + at[1],
-                });
-            }
-        }
-        Ok(Self { center, spokes, ends })
-    }
-
     /// Mean length of the spokes, in cells.
     fn radius(&self) -> f64 {
         let lengths = self.spokes.iter().map(|[x, y]| libm::hypot(*x, *y));
@@ -164,7 +119,7 @@ impl Wheel {
         let count = self.spokes.len();
         let pole = patch.at(self.center);
         let mut points = vec![pole; count];
-        for ring in 1..rings {
+        for ring in 1..=rings {
             let share = ring as f64 / rings as f64;
             let on = |[x, y]: &[f64; 2]| {
                 patch.at([self.center[0] + share * x, self.center[1] + share * y])
@@ -174,7 +129,6 @@ impl Wheel {
         if rings > 1 {
             flatten(pole, &mut points[count..2 * count]);
         }
-        points.extend(&self.ends);
         points
     }
 
@@ -197,11 +151,6 @@ impl Wheel {
         let around = if around < start { around + count as f64 } else { around };
         [ring.min(rings as f64), around]
     }
-}
-
-/// Twice the area between two spokes, positive if the second one follows counter-clockwise, seen with rows growing down.
-fn turn([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
-    ay * bx - ax * by
 }
 
 /// Moves the points of a ring into the plane through the pole that fits them best.
@@ -304,6 +253,47 @@ mod tests {
         assert!(worst <= 1.0, "{worst}");
     }
 
+    /// A disk whose contour goes in and out by up to so many cells, without any order, with a spur and a speck beside it.
+    fn jagged(range: &RangeImage, teeth: f64) -> Region {
+        let noise = |x: usize, y: usize| {
+            let mixed = (x * 7919 + y * 104_729 + 13).wrapping_mul(2_654_435_761) >> 7;
+            (mixed % 1000) as f64 / 500.0 - 1.0
+        };
+        region(range, |x, y| {
+            let radius = libm::hypot(x as f64 - 21.3, y as f64 - 19.6);
+            radius < 13.0 + teeth / 2.0 * noise(x, y) && radius < 13.0 + teeth / 2.0
+                || y == 17 && (21..36).contains(&x)
+        })
+    }
+
+    #[test]
+    fn a_jagged_disk_makes_a_calm_net() {
+        let range = hill();
+        for teeth in [0.0, 1.0, 2.0, 3.0] {
+            let disk = jagged(&range, teeth);
+            // Teeth may leave cells behind that hang on by nothing.
+            let net = match control_net(&disk, &range, POLAR, 0, 0) {
+                Err(NetError::Parts) => continue,
+                net => net.unwrap(),
+            };
+            let surface = surface(&net, 3);
+            let (start, end) = surface.v().domain();
+            let last = net.rows() - 1;
+            for column in 0..net.columns() {
+                let end = net.points()[last * net.columns() + column];
+                let radius = libm::hypot(end.x - 21.3, end.y - 19.6);
+                assert!((11.0..15.5).contains(&radius), "teeth {teeth}, column {column}: {radius}");
+            }
+            for k in 0..200 {
+                let v = start + (end - start) * f64::from(k) / 200.0;
+                for u in 1..20 {
+                    let u = surface.u().domain().1 * f64::from(u) / 20.0;
+                    assert!(surface.normal(u, v).unwrap().z < -0.5, "teeth {teeth}, ({u}, {v})");
+                }
+            }
+        }
+    }
+
     #[test]
     fn regions_that_are_no_stars_are_refused() {
         let range = hill();
@@ -316,7 +306,12 @@ mod tests {
         };
         assert!(matches!(refused(&moon, POLAR, 0, 0), NetError::NotStarShaped { .. }));
         let line = region(&range, |x, y| y == 4 && x < 9);
-        assert!(matches!(refused(&line, POLAR, 0, 0), NetError::NotStarShaped { .. }));
+        assert_eq!(refused(&line, POLAR, 0, 0), NetError::NoMiddle { column: 4, row: 4 });
+        let ring = region(&range, |x, y| {
+            let (x, y) = (x as f64 - 20.0, y as f64 - 19.0);
+            (100.0..250.0).contains(&(x * x + y * y)) && (x < 0.0 || y.abs() > 2.0)
+        });
+        assert!(matches!(refused(&ring, POLAR, 0, 0), NetError::NoMiddle { .. }));
         let two = region(&range, |x, _| !(4..=9).contains(&x));
         assert_eq!(refused(&two, POLAR, 0, 0), NetError::Parts);
         let egg = egg(&range);

@@ -70,7 +70,24 @@ impl Profile {
                 return Err(ProfileError::Number { number, least: "more than 0" });
             }
         };
-        Ok(inwardness(net.rows(), net.columns(), free)?.into_iter().map(falloff).collect())
+        let inwardness = inwardness(net.rows(), net.columns(), free)?;
+        let mut factors: Vec<f64> = inwardness.into_iter().map(falloff).collect();
+        if matches!(self, Self::Cosine | Self::Gaussian(_)) {
+            blunt(net, free, &mut factors);
+        }
+        Ok(factors)
+    }
+}
+
+/// Moves the ring around a pole of a net as far as the pole: otherwise a smooth hill would have a tip there. The pole is a first row
+/// whose points, before any offset, lie in one place.
+fn blunt(net: &value::ControlNet, free: &[u8], factors: &mut [f64]) {
+    let columns = net.columns();
+    let pole = &net.base()[..columns];
+    let lies_in_one_place = columns > 1 && pole.iter().all(|point| *point == pole[0]);
+    let moves = net.rows() > 2 && free[..2 * columns].iter().all(|&free| free == 1);
+    if lies_in_one_place && moves && free.contains(&0) {
+        factors.copy_within(..columns, columns);
     }
 }
 
@@ -174,6 +191,20 @@ mod tests {
             factors(Profile::Cosine)
         );
         assert_eq!(Profile::Cosine.factors(&net(2, 2), &[1; 4], None), Ok(vec![0.0; 4]));
+    }
+
+    #[test]
+    fn a_smooth_hill_has_no_tip_at_a_pole() {
+        let ring = |at: usize| Point3::new((at / 6) as f64, ((at / 6) * (at % 6)) as f64, 0.0);
+        let net = value::ControlNet::new(5, 6, (0..30).map(ring).collect::<Vec<_>>()).unwrap();
+        let free: Vec<u8> = (0..30).map(|at| u8::from(at < 24)).collect();
+        let factors = |profile: Profile| profile.factors(&net, &free, None).unwrap();
+        for profile in [Profile::Cosine, Profile::Gaussian(0.5)] {
+            let factors = factors(profile);
+            assert_eq!(factors[..6], factors[6..12]);
+            assert!(factors[12] < factors[6] && factors[24] < factors[18]);
+        }
+        assert!(factors(Profile::Power(1.0))[6] < 0.8);
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! Makes a control net of a profile that turns around an axis.
 
-use maquette::value::{self, ControlNetError};
-use maquette::{Context, Error, Node};
+use maquette::value::{self, ControlNetError, Curve};
+use maquette::{Context, Error, In, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use super::knots::is_even;
 
 /// Makes a control net of a profile that turns around the y axis. With knots of the kind `Cylinder` along v its surface is exactly
 /// round.
@@ -13,14 +15,29 @@ use serde::{Deserialize, Serialize};
 /// outside of the surface is outside.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Revolve {
-    /// The control points of the profile from the bottom to the top: distance from the axis, 0 or more, and height y.
+    /// The profile, from the bottom to the top: a curve in the plane z = 0, x the distance from the axis. A B-spline's control
+    /// points and weights are taken; with its knots along u the surface goes through it exactly.
+    pub curve: Option<In<Curve>>,
+    /// The control points of the profile, instead of a curve: distance from the axis, 0 or more, and height y.
     #[schemars(extend("unit" = "mm"))]
+    #[serde(default)]
     pub profile: Vec<[f64; 2]>,
 }
 
 /// Why a profile cannot be turned.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RevolveError {
+    /// Two profiles, or none.
+    #[error("a profile is either linked at `curve` or written in `profile`")]
+    OneProfile,
+    /// A curve that leaves the plane of the profile.
+    #[error("point {index} of the curve has z = {z}, but a profile lies in the plane z = 0")]
+    NotFlat {
+        /// The offending point.
+        index: usize,
+        /// Its z.
+        z: f64,
+    },
     /// A point beyond the axis.
     #[error(
         "point {index} of the profile is {radius} from the axis; the distance must be 0 or more"
@@ -40,8 +57,21 @@ impl Node for Revolve {
     type Outputs = (value::ControlNet,);
     const OUTPUTS: [&'static str; 1] = ["net"];
 
-    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((revolve(&self.profile)?,))
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        match self.curve.as_ref().map(|curve| cx.get(curve)) {
+            Some(_) if !self.profile.is_empty() => Err(RevolveError::OneProfile.into()),
+            None if self.profile.is_empty() => Err(RevolveError::OneProfile.into()),
+            None => Ok((revolve(&self.profile)?,)),
+            Some(curve) => {
+                if let Some(knots) = curve.knots().filter(|knots| !is_even(knots)) {
+                    cx.warn(format!(
+                        "the curve's knots are not even: to go through it, `Nurbs` needs them at `u`, as in Knots(kind: Values({:?}))",
+                        knots.knots()
+                    ));
+                }
+                Ok((revolve_curve(curve)?,))
+            }
+        }
     }
 }
 
@@ -66,6 +96,36 @@ const SQUARE: [[f64; 2]; 9] = [
 /// # Errors
 /// If a radius is negative, or the profile is empty or not finite.
 pub fn revolve(profile: &[[f64; 2]]) -> Result<value::ControlNet, RevolveError> {
+    turned(profile, &vec![1.0; profile.len()])
+}
+
+/// How far a profile's points may leave its plane, as a share of their distance from the origin: files of single precision round
+/// by 1e-7.
+const FLAT: f64 = 1e-6;
+
+/// The control net of a curve in the plane z = 0 turned around the y axis; see [`revolve`]. The weights of a B-spline multiply. A
+/// closed polyline's first point is also its last.
+///
+/// # Errors
+/// If a point is not in the plane, or its x is negative.
+pub fn revolve_curve(curve: &Curve) -> Result<value::ControlNet, RevolveError> {
+    let points = curve.points();
+    let off = |point: &Point3<f64>| point.z.abs() > FLAT * point.coords.norm();
+    if let Some(index) = points.iter().position(off) {
+        return Err(RevolveError::NotFlat { index, z: points[index].z });
+    }
+    let mut profile: Vec<[f64; 2]> = points.iter().map(|point| [point.x, point.y]).collect();
+    match curve.weights() {
+        Some(weights) => turned(&profile, weights),
+        None => {
+            let first = curve.is_closed().then_some(profile[0]);
+            profile.extend(first);
+            revolve(&profile)
+        }
+    }
+}
+
+fn turned(profile: &[[f64; 2]], weights: &[f64]) -> Result<value::ControlNet, RevolveError> {
     if let Some(index) = profile.iter().position(|[radius, _]| *radius < 0.0) {
         return Err(RevolveError::Radius { index, radius: profile[index][0] });
     }
@@ -73,7 +133,8 @@ pub fn revolve(profile: &[[f64; 2]]) -> Result<value::ControlNet, RevolveError> 
         |&[radius, y]: &[f64; 2]| SQUARE.map(|[x, z]| Point3::new(radius * x, y, radius * z));
     let points: Vec<_> = profile.iter().flat_map(ring).collect();
     let corner = 0.5f64.sqrt();
-    let weights = (0..points.len()).map(|k| if k % 9 % 2 == 0 { 1.0 } else { corner }).collect();
+    let weight = |k: usize| weights[k / 9] * if (k % 9).is_multiple_of(2) { 1.0 } else { corner };
+    let weights = (0..points.len()).map(weight).collect();
     Ok(value::ControlNet::new(profile.len(), 9, points)?.with_weights(weights)?)
 }
 
@@ -100,6 +161,27 @@ mod tests {
         let side = surface.normal(1.2, 0.4).unwrap();
         assert!(side.dot(&surface.point(1.2, 0.4).coords) > 0.0, "the outside is outside");
         assert_eq!(surface.iso_curve(Along::U, 2.0).points[1], Point3::new(1.0, 6.0, 1.0));
+    }
+
+    #[test]
+    fn a_half_circle_becomes_a_sphere() {
+        let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        let points = vec![at(0., -2.), at(2., -2.), at(2., 0.), at(2., 2.), at(0., 2.)];
+        let corner = 0.5f64.sqrt();
+        let knots = KnotVector::new(2, vec![0., 0., 0., 1., 1., 2., 2., 2.]).unwrap();
+        let weights = vec![1.0, corner, 1.0, corner, 1.0];
+        let half = Curve::rational(points, weights, knots.clone()).unwrap();
+        assert!(!is_even(&knots) && is_even(&KnotVector::uniform(7, 4).unwrap()));
+        let net = revolve_curve(&half).unwrap();
+        let sphere = nurbs(&net, Some(&knots), Some(&KnotVector::cylinder()), None).unwrap();
+        for k in 0..100 {
+            let (u, v) = (f64::from(k) / 50.0, f64::from(k * 7 % 100) / 25.0);
+            assert!((sphere.point(u, v).coords.norm() - 2.0).abs() <= 1e-14);
+        }
+        let square = Curve::polyline(vec![at(1., 0.), at(2., 0.), at(2., 1.)], true).unwrap();
+        assert_eq!(revolve_curve(&square), revolve(&[[1., 0.], [2., 0.], [2., 1.], [1., 0.]]));
+        let off = Curve::polyline(vec![at(1., 0.), Point3::new(1., 1., 0.1)], false).unwrap();
+        assert_eq!(revolve_curve(&off), Err(RevolveError::NotFlat { index: 1, z: 0.1 }));
     }
 
     #[test]

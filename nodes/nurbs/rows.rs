@@ -4,10 +4,10 @@
 //! range's rows either way. A line goes from its first to its last cell of the region; what lies between belongs to the net. The
 //! outermost points of the net are fixed.
 
-use maquette::value::{self, Chart, RangeImage, Region};
+use maquette::value::{self, RangeImage, Region};
 use nalgebra::Point3;
 
-use super::control_net::NetError;
+use super::control_net::{NetError, charted, on_border};
 
 /// Fewest lines, and points of a line, that are chosen: enough for a cubic. Fewer would be an error for many orders, more would
 /// invent points.
@@ -42,17 +42,9 @@ pub(super) fn net(
         chart.iter_mut().for_each(|(_, coordinate)| coordinate.reverse());
         chart.sort_by_key(|(cell, _)| *cell);
     }
-    let chart = Chart {
-        grid: [range.width(), range.height()],
-        cells: chart.iter().map(|(cell, _)| *cell).collect(),
-        coordinates: chart.iter().map(|(_, coordinate)| *coordinate).collect(),
-    };
-    let border = |at: usize| {
-        let (row, column) = (at / columns, at % columns);
-        row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
-    };
-    let fixed = (0..rows * columns).map(|at| u8::from(border(at))).collect();
-    Ok(value::ControlNet::new(rows, columns, points)?.with_fixed(fixed)?.with_chart(chart))
+    let size = [rows, columns];
+    let (cells, coordinates) = chart.into_iter().unzip();
+    charted(range, size, points, on_border(size), cells, coordinates)
 }
 
 /// The lines of a region in one direction.

@@ -1,9 +1,9 @@
-//! What the nodes that read range files share: units, axes, and the grid in mm.
+//! What the nodes that read range files share: units, axes, the camera file, and the grid in mm.
 
-use maquette::Error;
-use maquette::format::camera::CameraFile;
+use maquette::format::camera::{self, CameraError, CameraFile, View};
 use maquette::format::range_file;
 use maquette::value::RangeImage;
+use maquette::{Context, Error, FilePath};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -72,14 +72,84 @@ pub(super) fn read(
     Ok(range_file::read(bytes, ending, camera)?.normalize(unit.millimeters(), axes)?)
 }
 
-/// What to tell the user if the camera file and the parameter name different units; a PTX file has its own.
-pub(super) fn doubt_of_unit(
-    camera: Option<&CameraFile>,
-    ending: &str,
-    given: Unit,
-) -> Option<String> {
-    let units = camera?.units.as_deref()?;
-    let doubtful = units != given.word() && ending != "ptx";
-    doubtful
-        .then(|| format!("the camera file says that the unit is {units}, but `unit` is {given:?}"))
+/// Why a camera file does not go with its capture.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CameraFileError {
+    /// It cannot be read.
+    #[error("the camera file cannot be read")]
+    Read(#[from] CameraError),
+    /// It is that of another capture.
+    #[error("the camera file is for a {what} of {expected:?}, but the file has {found:?}")]
+    Size {
+        /// The picture or the range grid.
+        what: &'static str,
+        /// Width and height in the camera file.
+        expected: [usize; 2],
+        /// Width and height in the file itself.
+        found: [usize; 2],
+    },
+}
+
+pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, CameraFileError> {
+    Ok(camera::read(bytes)?)
+}
+
+/// Whether a camera gives what is there.
+pub(super) fn check_view(
+    what: &'static str,
+    view: &View,
+    found: [usize; 2],
+) -> Result<(), CameraFileError> {
+    match view.size.filter(|&expected| expected != found) {
+        Some(expected) => Err(CameraFileError::Size { what, expected, found }),
+        None => Ok(()),
+    }
+}
+
+/// The grid with its camera, and the pose of the camera file or else of its own.
+pub(super) fn with_camera(range: RangeImage, camera: &CameraFile) -> RangeImage {
+    let pose = camera.world_from_camera.or(range.world_from_camera().copied());
+    range.with_camera(Some(camera.range.pinhole)).with_world_from_camera(pose)
+}
+
+/// Where a node finds the camera of a range file.
+pub(super) struct CameraSource<'a> {
+    /// The range file.
+    pub(super) range: &'a FilePath,
+    /// The camera file that is named; `camera.json` beside the range file, if there is one, if none is.
+    pub(super) camera: &'a FilePath,
+    /// The unit that is given for the range file.
+    pub(super) unit: Unit,
+}
+
+impl CameraSource<'_> {
+    fn beside(&self) -> FilePath {
+        self.range.beside("camera.json")
+    }
+
+    /// The files that the node reads if they are there.
+    pub(super) fn files(&self) -> Vec<FilePath> {
+        if self.camera.is_empty() { vec![self.beside()] } else { Vec::new() }
+    }
+
+    /// The camera, if it is known. Warns if its file names another unit than the one given.
+    pub(super) fn read(&self, cx: &Context<'_>) -> Result<Option<CameraFile>, Error> {
+        let file = match self.camera.is_empty() {
+            true => cx.file_if_any(&self.beside()),
+            false => Some(cx.file(self.camera)?),
+        };
+        let camera = file.map(|file| read_camera(file.bytes())).transpose()?;
+        let units = camera.as_ref().and_then(|camera| camera.units.as_deref());
+        // A PTX file has a unit of its own.
+        let doubtful = |units: &&str| *units != self.unit.word();
+        if let Some(units) = units.filter(doubtful)
+            && cx.file(self.range)?.ending() != "ptx"
+        {
+            cx.warn(format!(
+                "the camera file says that the unit is {units}, but `unit` is {:?}",
+                self.unit
+            ));
+        }
+        Ok(camera)
+    }
 }

@@ -1,13 +1,13 @@
 //! Reads what a range finder took in one shot: a picture and a grid of points, registered to each other.
 
-use maquette::format::camera::{self, CameraError, CameraFile};
+use maquette::format::camera::CameraFile;
 use maquette::format::picture_file::{self, PictureError};
 use maquette::value::{Image, RangeImage, Registration};
 use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, Unit, doubt_of_unit};
+use super::range_file::{self, Axes, CameraSource, Unit, check_view, with_camera};
 
 /// Reads a capture: a picture and a range grid that were taken together.
 ///
@@ -32,59 +32,31 @@ pub struct ReadCapture {
     pub axes: Axes,
 }
 
-/// Why files make no capture.
+/// The picture of a capture cannot be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ReadCaptureError {
-    /// The picture cannot be read.
-    #[error("the picture cannot be read")]
-    Color(#[from] PictureError),
-    /// The camera file cannot be read.
-    #[error("the camera file cannot be read")]
-    Camera(#[from] CameraError),
-    /// The camera file is that of another capture.
-    #[error("the camera file is for a {what} of {expected:?}, but the file has {found:?}")]
-    Size {
-        /// The picture or the range grid.
-        what: &'static str,
-        /// Width and height in the camera file.
-        expected: [usize; 2],
-        /// Width and height in the file itself.
-        found: [usize; 2],
-    },
-}
+#[error("the picture cannot be read")]
+pub struct ReadCaptureError(#[from] PictureError);
 
 impl Node for ReadCapture {
     type Outputs = (Image, RangeImage);
     const OUTPUTS: [&'static str; 2] = ["color", "range"];
 
     fn files(&self) -> Vec<FilePath> {
-        if self.camera.is_empty() { vec![self.camera_beside()] } else { Vec::new() }
+        self.camera_source().files()
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (color, range) = (cx.file(&self.color)?, cx.file(&self.range)?);
-        let camera = if self.camera.is_empty() {
-            cx.file_if_any(&self.camera_beside())
-        } else {
-            Some(cx.file(&self.camera)?)
-        };
-        let camera = camera.map(|file| read_camera(file.bytes())).transpose()?;
+        let camera = self.camera_source().read(cx)?;
         let (color, bytes, ending) = (color.bytes(), range.bytes(), range.ending());
-        if let Some(doubt) = doubt_of_unit(camera.as_ref(), &ending, self.unit) {
-            cx.warn(doubt);
-        }
         read_capture(color, bytes, &ending, camera.as_ref(), self.unit, self.axes)
     }
 }
 
 impl ReadCapture {
-    fn camera_beside(&self) -> FilePath {
-        self.range.beside("camera.json")
+    fn camera_source(&self) -> CameraSource<'_> {
+        CameraSource { range: &self.range, camera: &self.camera, unit: self.unit }
     }
-}
-
-pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, ReadCaptureError> {
-    Ok(camera::read(bytes)?)
 }
 
 /// The picture in a PNG, JPEG or TIFF file and the grid in a range file whose name ends in `ending`, in mm, x right, y down, z
@@ -100,24 +72,17 @@ pub fn read_capture(
     unit: Unit,
     axes: Axes,
 ) -> Result<(Image, RangeImage), Error> {
-    let image = picture_file::read(color).map_err(ReadCaptureError::Color)?;
+    let image = picture_file::read(color).map_err(ReadCaptureError)?;
     let range = range_file::read(range, ending, camera, unit, axes)?;
     let (picture, grid) = ([image.width(), image.height()], [range.width(), range.height()]);
     let Some(camera) = camera else {
         return Ok((image, range.with_registration(Registration::corners(grid, picture))));
     };
-    let views = [("picture", camera.color, picture), ("range grid", camera.range, grid)];
-    for (what, view, found) in views {
-        if let Some(expected) = view.size.filter(|&expected| expected != found) {
-            return Err(ReadCaptureError::Size { what, expected, found }.into());
-        }
-    }
+    check_view("picture", &camera.color, picture)?;
+    check_view("range grid", &camera.range, grid)?;
     let (color_camera, range_camera) = (camera.color.pinhole, camera.range.pinhole);
-    let pose = camera.world_from_camera.or(range.world_from_camera().copied());
-    let range = range
-        .with_registration(Registration::pinholes(&range_camera, &color_camera, picture))
-        .with_camera(Some(range_camera))
-        .with_world_from_camera(pose);
+    let registration = Registration::pinholes(&range_camera, &color_camera, picture);
+    let range = with_camera(range.with_registration(registration), camera);
     Ok((image.with_camera(Some(color_camera)), range))
 }
 
@@ -126,6 +91,7 @@ mod tests {
     use maquette::format::png;
     use maquette::value::Pinhole;
 
+    use super::super::range_file::read_camera;
     use super::*;
 
     const CAMERA: &str = r#"{

@@ -6,8 +6,7 @@ use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, Unit, doubt_of_unit};
-use super::read_capture::{ReadCaptureError, read_camera};
+use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_view, with_camera};
 
 /// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map, PNG of 16 bits or TIFF of
 /// floats.
@@ -39,42 +38,33 @@ impl Node for ReadRange {
     const OUTPUTS: [&'static str; 2] = ["range", "color"];
 
     fn files(&self) -> Vec<FilePath> {
-        if self.camera.is_empty() { vec![self.camera_beside()] } else { Vec::new() }
+        self.camera_source().files()
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let file = cx.file(&self.path)?;
-        let found = self.camera.is_empty();
-        let camera = match found {
-            true => cx.file_if_any(&self.camera_beside()),
-            false => Some(cx.file(&self.camera)?),
-        };
-        let camera = camera.map(|file| read_camera(file.bytes())).transpose()?;
+        let camera = self.camera_source().read(cx)?;
         let (bytes, ending) = (file.bytes(), file.ending());
         let read = |camera| read_range(bytes, &ending, camera, self.unit, self.axes);
-        let (range, color) = match read(camera.as_ref()) {
+        match read(camera.as_ref()) {
             // A camera file that nobody named may belong to another file of the folder.
-            Err(error) if found && is_size(&error) => {
+            Err(error) if self.camera.is_empty() && is_size(&error) => {
                 cx.warn(format!("the camera file in the same folder is not used: {error}"));
-                return read(None);
+                read(None)
             }
-            outputs => outputs?,
-        };
-        if let Some(doubt) = doubt_of_unit(camera.as_ref(), &ending, self.unit) {
-            cx.warn(doubt);
+            outputs => outputs,
         }
-        Ok((range, color))
     }
 }
 
 impl ReadRange {
-    fn camera_beside(&self) -> FilePath {
-        self.path.beside("camera.json")
+    fn camera_source(&self) -> CameraSource<'_> {
+        CameraSource { range: &self.path, camera: &self.camera, unit: self.unit }
     }
 }
 
 fn is_size(error: &Error) -> bool {
-    matches!(error.downcast(), Some(ReadCaptureError::Size { .. }))
+    matches!(error.downcast(), Some(CameraFileError::Size { .. }))
 }
 
 /// The grid in a range file whose name ends in `ending`, in mm, x right, y down, z away from the sensor, row 0 on top, and a
@@ -92,11 +82,8 @@ pub fn read_range(
     let mut range = range_file::read(bytes, ending, camera, unit, axes)?;
     let found = [range.width(), range.height()];
     if let Some(camera) = camera {
-        if let Some(expected) = camera.range.size.filter(|&expected| expected != found) {
-            return Err(ReadCaptureError::Size { what: "range grid", expected, found }.into());
-        }
-        let pose = camera.world_from_camera.or(range.world_from_camera().copied());
-        range = range.with_camera(Some(camera.range.pinhole)).with_world_from_camera(pose);
+        check_view("range grid", &camera.range, found)?;
+        range = with_camera(range, camera);
     }
     let pixels = match range.colors() {
         Some(colors) => colors.to_vec(),

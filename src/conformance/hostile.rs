@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::value::{
     AnyValue, ControlNet, Curve, Direction, Faces, Field, Image, KnotVector, Labels, Mask, Mesh,
-    Points, RangeImage, Region, Surface,
+    Points, RangeImage, Region, Surface, Trace, TraceStep,
 };
 
 /// Hostile values of the type of that name; none for a type that the engine does not know.
@@ -25,6 +25,7 @@ pub(super) fn values(kind: &str) -> Vec<AnyValue> {
         "Surface" => surfaces().into_iter().map(AnyValue::new).collect(),
         "Curve" => curves().into_iter().map(AnyValue::new).collect(),
         "Points" => points().into_iter().map(AnyValue::new).collect(),
+        "Trace" => traces().into_iter().map(AnyValue::new).collect(),
         "Mesh" => meshes().into_iter().map(AnyValue::new).collect(),
         _ => Vec::new(),
     }
@@ -140,6 +141,16 @@ fn curves() -> Vec<Curve> {
 
 fn points() -> Vec<Points> {
     [0, 1, 2, 9].into_iter().flat_map(clouds).flat_map(Points::new).collect()
+}
+
+fn traces() -> Vec<Trace> {
+    let step = |iteration, max| TraceStep { iteration, max, rms: 0.0 };
+    let steps = [
+        vec![],
+        vec![step(u64::MAX, f64::INFINITY)],
+        vec![step(0, 0.0), step(1, 1e300), step(1 << 60, 1e-300)],
+    ];
+    steps.into_iter().flat_map(Trace::new).collect()
 }
 
 fn meshes() -> Vec<Mesh> {

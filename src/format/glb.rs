@@ -237,15 +237,10 @@ impl Buffers {
 
     fn normals(&mut self, vertices: &Vertices<'_>) -> usize {
         let mesh = vertices.mesh;
-        let (per_vertex, per_corner) =
-            (mesh.vertex().vectors("normal"), mesh.corner().vectors("normal"));
-        let computed: Vec<[f64; 3]> = match (per_vertex, per_corner) {
-            (None, None) => mesh.vertex_normals().into_iter().map(Into::into).collect(),
-            _ => Vec::new(),
-        };
-        let per_vertex = per_vertex.map(|column| &**column);
-        let per_vertex = per_vertex.or((!computed.is_empty()).then_some(&computed[..]));
-        let normals = vertices.gather(per_vertex, per_corner.map(|column| &**column));
+        let per_corner = mesh.corner().vectors("normal").map(|column| &**column);
+        let per_corner = per_corner.filter(|_| mesh.vertex().vectors("normal").is_none());
+        let per_vertex = per_corner.is_none().then(|| mesh.normals());
+        let normals = vertices.gather(per_vertex.as_deref(), per_corner);
         self.attribute(&normals, (FLOAT, "VEC3"), |&normal| {
             // glTF has unit normals only; a vertex of no face gets any.
             let unit = Vector3::from(normal).try_normalize(0.0).filter(|unit| unit.x.is_finite());

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::error::Error;
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{ControlNet, Direction, KnotVector, Labels};
+use crate::value::{ControlNet, Direction, KnotVector, Labels, Trace};
 
 /// Writes a direction.
 pub(super) struct DirectionJson;
@@ -96,8 +96,24 @@ impl FileFormat for ControlNetJson {
     }
 }
 
+/// Writes the steps of an iteration; an infinite distance is null.
+pub(super) struct TraceJson;
+
+impl FileFormat for TraceJson {
+    type Value = Trace;
+    const ENDING: &'static str = "json";
+
+    fn write(trace: &Trace, name: &str) -> Result<Vec<NewFile>, Error> {
+        let steps = trace
+            .steps()
+            .iter()
+            .map(|step| json!({ "iteration": step.iteration, "max": step.max, "rms": step.rms }));
+        Ok(NewFile::only(name, print(&json!({ "steps": Value::from_iter(steps) }))))
+    }
+}
+
 /// The document as text. Lists of plain values stay on one line: a point, a row of weights.
-fn print(document: &Value) -> Vec<u8> {
+pub(super) fn print(document: &Value) -> Vec<u8> {
     let mut text = String::new();
     push(&mut text, document, 0);
     text.push('\n');
@@ -152,6 +168,31 @@ mod tests {
         let text = String::from_utf8(bytes).unwrap();
         assert!(serde_json::from_str::<Value>(&text).is_ok());
         expected.assert_eq(&text);
+    }
+
+    #[test]
+    fn a_trace_is_its_steps() {
+        use crate::value::TraceStep;
+        let step = |iteration, max| TraceStep { iteration, max, rms: 0.25 };
+        check::<TraceJson>(
+            &Trace::new(vec![step(0, f64::INFINITY), step(2, 0.5)]).unwrap(),
+            expect![[r#"
+                {
+                  "steps": [
+                    {
+                      "iteration": 0,
+                      "max": null,
+                      "rms": 0.25
+                    },
+                    {
+                      "iteration": 2,
+                      "max": 0.5,
+                      "rms": 0.25
+                    }
+                  ]
+                }
+            "#]],
+        );
     }
 
     #[test]

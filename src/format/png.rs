@@ -150,6 +150,19 @@ pub fn encode_rgb(image: &Image) -> Result<Vec<u8>, PngError> {
     encode([image.width(), image.height()], ColorType::Rgb, BitDepth::Eight, pixels)
 }
 
+/// A gray picture of 16 bits as a PNG file.
+///
+/// # Errors
+/// If the picture has no pixels.
+pub(super) fn encode_gray(
+    size: [usize; 2],
+    samples: impl Iterator<Item = u16>,
+) -> Result<Vec<u8>, PngError> {
+    // High byte first.
+    let samples: Vec<u8> = samples.flat_map(u16::to_be_bytes).collect();
+    encode(size, ColorType::Grayscale, BitDepth::Sixteen, &samples)
+}
+
 fn encode(
     [width, height]: [usize; 2],
     color: ColorType,
@@ -170,11 +183,6 @@ fn encode(
         .write_header()
         .and_then(|mut writer| writer.write_image_data(samples).and_then(|()| writer.finish()));
     written.map(|()| bytes).map_err(|_| wrong_size)
-}
-
-/// 16-bit samples as PNG has them: high byte first.
-fn big_endian(samples: impl Iterator<Item = u16>) -> Vec<u8> {
-    samples.flat_map(u16::to_be_bytes).collect()
 }
 
 /// Writes a picture.
@@ -216,9 +224,8 @@ impl FileFormat for LabelsPng {
         if count > usize::from(u16::MAX) {
             return Err(PngError::TooManyLabels { count }.into());
         }
-        let samples = big_endian(labels.pixels().iter().map(|&label| label as u16));
-        let size = [labels.width(), labels.height()];
-        let bytes = encode(size, ColorType::Grayscale, BitDepth::Sixteen, &samples)?;
+        let samples = labels.pixels().iter().map(|&label| label as u16);
+        let bytes = encode_gray([labels.width(), labels.height()], samples)?;
         Ok(NewFile::only(name, bytes))
     }
 }
@@ -236,9 +243,7 @@ impl FileFormat for FieldPng {
         let scale = if least < greatest { 65535.0 / (greatest - least) } else { 0.0 };
         // Infinities are no part of the range and end at its ends; a NaN becomes 0.
         let level = |&x: &f32| (((f64::from(x) - least) * scale).round()) as u16;
-        let samples = big_endian(field.pixels().iter().map(level));
-        let size = [field.width(), field.height()];
-        let bytes = encode(size, ColorType::Grayscale, BitDepth::Sixteen, &samples)?;
+        let bytes = encode_gray([field.width(), field.height()], field.pixels().iter().map(level))?;
         Ok(NewFile::only(name, bytes))
     }
 }
@@ -317,7 +322,7 @@ mod tests {
         let mut reader = Decoder::new(Cursor::new(&bytes[..])).read_info().unwrap();
         let mut samples = vec![0; 600];
         reader.next_frame(&mut samples).unwrap();
-        assert_eq!(samples, big_endian(0..300));
+        assert_eq!(samples, (0..300u16).flat_map(u16::to_be_bytes).collect::<Vec<_>>());
         let many = Labels::new(65536, 1, (1..=65536).collect()).unwrap();
         assert!(LabelsPng::write(&many, "a.png").is_err());
     }

@@ -85,6 +85,14 @@ impl Registration {
         [0, 1].map(|axis| (pixel[axis] - self.offset[axis]) / self.scale[axis])
     }
 
+    /// The pinhole of the picture, if the range grid has this one: K_picture.
+    pub fn pinhole_of_picture(&self, range: &Pinhole) -> Pinhole {
+        Pinhole {
+            focal: [0, 1].map(|axis| range.focal[axis] * self.scale[axis]),
+            center: self.picture_from_range(range.center),
+        }
+    }
+
     /// The texture coordinate of a range cell (column, row): (0, 0) is the picture's lower left corner, (1, 1) its upper right one.
     pub fn uv_from_range(&self, cell: [f64; 2]) -> [f64; 2] {
         let [column, row] = self.picture_from_range(cell);

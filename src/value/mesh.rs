@@ -1,15 +1,14 @@
 //! Polygon meshes.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::{
-    Attribute, AttributeError, Attributes, CaptureFrame, Column, DecodeError, Decoder, Encoder,
-    Image, Summary, Value,
-};
+use super::{Attribute, AttributeError, Attributes, CaptureFrame, Column, Image, Summary};
 
+mod describe;
 mod faces;
+mod normals;
 
 pub use faces::{Edges, Faces};
 
@@ -243,47 +242,6 @@ impl Mesh {
         self.faces.edges()
     }
 
-    /// A unit normal per vertex: the mean of the faces' normals, each weighed by its area. Zero for a vertex of no face.
-    pub fn vertex_normals(&self) -> Vec<Vector3<f64>> {
-        let mut normals = vec![Vector3::zeros(); self.positions.len()];
-        // Each thread looks at all faces and adds up the normals of its own vertices, every one in the order of the faces.
-        let threads = rayon::current_num_threads().min(MOST_SCANS);
-        let share = self.positions.len().div_ceil(threads).max(BLOCK);
-        normals.par_chunks_mut(share).enumerate().for_each(|(index, normals)| {
-            let first = (index * share) as u32;
-            match self.faces.as_triangles() {
-                Some(triangles) => {
-                    triangles.iter().for_each(|face| self.add_area(face, first, normals));
-                }
-                None => self.faces.iter().for_each(|face| self.add_area(face, first, normals)),
-            }
-            for normal in normals {
-                *normal = normal.try_normalize(0.0).unwrap_or_default();
-            }
-        });
-        normals
-    }
-
-    /// Adds a face's area vector to the normals of its vertices, as far as they are among those from `first` on.
-    fn add_area(&self, face: &[u32], first: u32, normals: &mut [Vector3<f64>]) {
-        let place = |vertex: &u32| vertex.wrapping_sub(first) as usize;
-        if face.iter().any(|vertex| place(vertex) < normals.len()) {
-            let area = self.area_vector(face);
-            for vertex in face {
-                if let Some(normal) = normals.get_mut(place(vertex)) {
-                    *normal += area;
-                }
-            }
-        }
-    }
-
-    /// Half the sum of the cross products of neighboring corners: as long as the face's area, pointing outward.
-    pub fn area_vector(&self, face: &[u32]) -> Vector3<f64> {
-        let origin = self.positions[face[0] as usize];
-        let spoke = |k: usize| self.positions[face[k] as usize] - origin;
-        (1..face.len() - 1).map(|k| spoke(k).cross(&spoke(k + 1))).sum::<Vector3<f64>>() / 2.0
-    }
-
     /// Lowest and highest coordinates; none without vertices.
     pub fn bounds(&self) -> Option<(Point3<f64>, Point3<f64>)> {
         bounds(self.positions.iter())
@@ -292,9 +250,6 @@ impl Mesh {
 
 /// Elements that one task looks at.
 const BLOCK: usize = 8192;
-
-/// Above this many threads another look at all faces costs more than it saves.
-const MOST_SCANS: usize = 16;
 
 fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
     let nowhere = |point: &Point3<f64>| !point.coords.iter().all(|x| x.is_finite());
@@ -364,84 +319,10 @@ pub(super) fn describe_bounds<'a>(
     }
 }
 
-impl Value for Mesh {
-    const NAME: &'static str = "Mesh";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.column(&self.positions);
-        self.faces.encode(to);
-        self.vertex.encode(to);
-        self.corner.encode(to);
-        self.face.encode(to);
-        to.column(&self.creases)
-            .option(self.texture.as_ref(), |to, texture| {
-                to.value(texture);
-            })
-            .option(self.frame.as_ref(), |to, frame| frame.encode(to));
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self {
-            positions: from.column()?,
-            faces: Faces::decode(from)?,
-            vertex: Attributes::decode(from)?,
-            corner: Attributes::decode(from)?,
-            face: Attributes::decode(from)?,
-            creases: from.column()?,
-            texture: from.option(Decoder::value)?,
-            frame: from.option(CaptureFrame::decode)?,
-        })
-    }
-
-    fn size(&self) -> usize {
-        self.positions.size()
-            + self.faces.size()
-            + self.vertex.size()
-            + self.corner.size()
-            + self.face.size()
-            + self.creases.size()
-            + self.texture.as_ref().map_or(0, Value::size)
-    }
-
-    fn describe(&self) -> Summary {
-        let edges = self.edges();
-        let (vertices, faces) = (self.positions.len(), self.faces.len());
-        let euler = vertices as i64 - edges.vertices.len() as i64 + faces as i64;
-        let count = |wanted: fn(&u32) -> bool| edges.faces.iter().filter(|n| wanted(n)).count();
-        let area: f64 = self.faces.iter().map(|face| self.area_vector(face).norm()).sum();
-        let attributes: Vec<&str> = [&self.vertex, &self.corner, &self.face]
-            .into_iter()
-            .flat_map(Attributes::iter)
-            .map(|(name, _)| name)
-            .collect();
-        let summary = Summary::default()
-            .with("vertices", vertices)
-            .with("faces", faces)
-            .with("edges", edges.vertices.len())
-            .with("boundary edges", count(|&n| n == 1))
-            .with("non-manifold edges", count(|&n| n > 2))
-            .with("misoriented edges", edges.misoriented)
-            .with("Euler characteristic", euler)
-            .with("area", area)
-            .with_histogram(
-                "edge length",
-                edges.vertices.iter().map(|&[a, b]| {
-                    (self.positions[a as usize] - self.positions[b as usize]).norm()
-                }),
-            )
-            .with("attributes", attributes.join(", "));
-        let summary = match &self.texture {
-            Some(texture) => {
-                summary.with("texture", format!("{} x {}", texture.width(), texture.height()))
-            }
-            None => summary,
-        };
-        describe_bounds(summary, self.positions.iter())
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
 
     fn quad_and_triangle() -> Mesh {

@@ -190,10 +190,7 @@ impl RangeImage {
     /// If no cell is valid.
     pub fn capture_frame(&self) -> Result<CaptureFrame, RangeError> {
         let map = &self.registration;
-        let camera = self.camera.map(|camera| Pinhole {
-            focal: [0, 1].map(|axis| camera.focal[axis] * map.scale[axis]),
-            center: map.picture_from_range(camera.center),
-        });
+        let camera = self.camera.map(|camera| map.pinhole_of_picture(&camera));
         Ok(CaptureFrame {
             camera,
             picture: map.picture,

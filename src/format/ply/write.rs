@@ -1,7 +1,8 @@
 //! Writes PLY files: binary little endian, `float` positions.
 
+use std::borrow::Cow;
+
 use bytemuck::NoUninit;
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::error::Error;
@@ -104,20 +105,14 @@ impl<'a> Part<'a> {
 /// if there are no others) and all other attributes of vertices by name; texture coordinates of corners as lists of faces.
 pub fn encode(mesh: &Mesh) -> Vec<u8> {
     let vertex = mesh.vertex();
-    let computed = match vertex.vectors("normal") {
-        None if !mesh.faces().is_empty() => mesh.vertex_normals(),
-        _ => Vec::new(),
-    };
+    let has_normals = vertex.vectors("normal").is_some() || !mesh.faces().is_empty();
+    let normals = if has_normals { mesh.normals() } else { Cow::default() };
     let sampled = sample_texture(mesh);
     let mut parts = vec![Part::new("float", &["x", "y", "z"], mesh.positions(), |point| {
         floats(point.coords.into())
     })];
-    let normals = ["nx", "ny", "nz"];
-    if let Some(given) = vertex.vectors("normal") {
-        parts.push(Part::new("float", &normals, given, |&normal| floats(normal)));
-    } else if !computed.is_empty() {
-        let entry = |&normal: &Vector3<f64>| floats(normal.into());
-        parts.push(Part::new("float", &normals, &computed, entry));
+    if has_normals {
+        parts.push(Part::new("float", &["nx", "ny", "nz"], &normals, |&normal| floats(normal)));
     }
     if let Some(uv) = vertex.pairs("uv") {
         parts.push(Part::new("float", &["s", "t"], uv, |&uv| floats(uv)));

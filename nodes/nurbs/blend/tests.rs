@@ -1,0 +1,235 @@
+//! Tests of `blend`.
+
+use maquette::value::{self, Pinhole};
+use nalgebra::Unit;
+
+use super::super::control_net::tests::{range, region};
+use super::super::control_net::{NetMethod, control_net};
+use super::super::distance::from_border;
+use super::super::nurbs::nurbs;
+use super::super::offset_net::{OffsetStep, offset_net};
+use super::super::profile::Profile;
+use super::*;
+
+const ALL_MODES: [BlendMode; 3] =
+    [BlendMode::Displacement, BlendMode::Replace, BlendMode::Feather { band: 3.0 }];
+
+/// A rough scan with a hole in it.
+fn bumpy() -> RangeImage {
+    range(30, 26, |x, y| match (x, y) {
+        (13.0, 12.0) => f64::NAN,
+        _ => 700.0 + 0.3 * libm::sin(7.0 * x) * libm::cos(5.0 * y) - 0.02 * x * y,
+    })
+}
+
+fn disk(range: &RangeImage) -> Region {
+    region(range, |x, y| x.abs_diff(14).pow(2) + y.abs_diff(13).pow(2) < 64)
+}
+
+fn surface(
+    range: &RangeImage,
+    region: &Region,
+    method: NetMethod,
+    order: usize,
+    growth: f64,
+) -> Surface {
+    let net = control_net(region, range, method, 0, 0).unwrap();
+    let sensor = Unit::new_unchecked(-Vector3::z());
+    let steps = [OffsetStep { distance: growth, angle: 0.0, axis: [0.0; 3] }];
+    let net = offset_net(&net, Some(sensor), None, None, &steps, Profile::Cosine).unwrap();
+    nurbs(&net, None, None, Some([order; 2])).unwrap()
+}
+
+fn bits(point: Option<Point3<f64>>) -> Option<[u64; 3]> {
+    point.map(|point| [0, 1, 2].map(|k| point[k].to_bits()))
+}
+
+// T-BLD-01.
+#[test]
+fn a_displacement_by_nothing_keeps_every_bit() {
+    let range = bumpy();
+    let region = disk(&range);
+    for order in 2..=5 {
+        let surface = surface(&range, &region, NetMethod::Grid, order, 0.0);
+        let same = blend(&range, &region, &surface, BlendMode::Displacement, [1, 1]).unwrap();
+        for cell in 0..range.points().len() {
+            let before = match region.find(cell) {
+                Some(index) => Some(region.points()[index]),
+                None => range.point(cell),
+            };
+            assert_eq!(bits(same.range.point(cell)), bits(before));
+            assert_eq!(same.range.is_filled(cell), range.point(cell).is_none());
+        }
+        assert_eq!(same.folded, 0);
+    }
+}
+
+// T-BLD-02.
+#[test]
+fn a_plane_replaced_by_its_surface_is_the_same_plane() {
+    let range = range(22, 19, |x, y| 700.0 + 0.3 * x - 0.2 * y);
+    let rectangle = region(&range, |x, y| (4..17).contains(&x) && (5..15).contains(&y));
+    for (region, method) in [
+        (&rectangle, NetMethod::Grid),
+        (&rectangle, NetMethod::Rows),
+        (&rectangle, NetMethod::Harmonic { corners: None }),
+        (&disk(&range), NetMethod::Grid),
+    ] {
+        for order in 2..=5 {
+            let surface = surface(&range, region, method, order, 0.0);
+            let same = blend(&range, region, &surface, BlendMode::Replace, [1, 1]).unwrap();
+            for (before, after) in range.points().iter().zip(same.range.points()) {
+                assert!((before - after).norm() <= 1e-12, "{method:?} {order} {before}");
+            }
+        }
+    }
+}
+
+// T-BLD-03.
+#[test]
+fn cells_outside_of_the_region_keep_every_bit() {
+    let range = bumpy();
+    let region = disk(&range);
+    let surface = surface(&range, &region, NetMethod::Grid, 3, 9.0);
+    for mode in ALL_MODES {
+        let after = blend(&range, &region, &surface, mode, [1, 1]).unwrap().range;
+        let mut changed = 0;
+        for cell in 0..range.points().len() {
+            let same = bits(range.point(cell)) == bits(after.point(cell));
+            assert!(same || region.find(cell).is_some());
+            changed += usize::from(!same);
+        }
+        assert!(changed > 100, "{mode:?}");
+    }
+}
+
+// T-BLD-04.
+#[test]
+fn replacing_leaves_a_known_part_of_a_spike() {
+    let spike = |x: f64, y: f64| if (x, y) == (11.0, 10.0) { 1.0 } else { 0.0 };
+    let range = range(22, 20, spike);
+    let region = region(&range, |x, y| (4..18).contains(&x) && (4..17).contains(&y));
+    for (order, left) in [(4, 16.0 / 36.0), (3, 36.0 / 64.0)] {
+        let surface = surface(&range, &region, NetMethod::Grid, order, 0.0);
+        let after = blend(&range, &region, &surface, BlendMode::Replace, [1, 1]).unwrap();
+        let height = after.range.points()[10 * 22 + 11].z;
+        assert!((height - left).abs() <= 1e-12, "{height}");
+    }
+}
+
+/// A face with a nose: half a ball of 13 cells' radius and its cells' points, 1 mm apart.
+fn face() -> (RangeImage, Region) {
+    let height_sq = |x: f64, y: f64| 169.0 - (x - 24.0) * (x - 24.0) - (y - 22.0) * (y - 22.0);
+    let noise = |x: f64, y: f64| 0.05 * libm::sin(12.9898 * x + 78.233 * y);
+    let range = range(49, 45, |x, y| 700.0 - height_sq(x, y).max(0.0).sqrt() + noise(x, y));
+    let region = region(&range, |x, y| height_sq(x as f64, y as f64) > 0.0);
+    (range, region)
+}
+
+#[test]
+fn the_summit_moves_by_the_growth_and_the_contour_stays() {
+    let (range, nose) = face();
+    let growth = 12.0;
+    for order in [3, 4] {
+        let surface = surface(&range, &nose, NetMethod::Grid, order, growth);
+        let after = blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1]).unwrap();
+        let moved = |cell: usize| (after.range.points()[cell] - range.points()[cell]).norm();
+        let summit = moved(22 * 49 + 24);
+        assert!((summit - growth).abs() <= 0.1 * growth, "{summit}");
+        let depths = from_border(&nose, 1.0);
+        let contour = nose.cells().iter().zip(depths).filter(|(_, depth)| *depth <= 1.0);
+        let most = contour.map(|(&cell, _)| moved(cell as usize)).fold(0.0, f64::max);
+        assert!(0.0 < most && most <= 0.015 * growth, "order {order}: {most}");
+        assert_eq!(after.folded, 0);
+    }
+}
+
+#[test]
+fn the_methods_rows_and_feather_grow_the_nose_too() {
+    let (range, nose) = face();
+    for (method, mode) in [
+        (NetMethod::Rows, BlendMode::Replace),
+        (NetMethod::Rows, BlendMode::Displacement),
+        (NetMethod::Harmonic { corners: None }, BlendMode::Replace),
+        (NetMethod::Harmonic { corners: None }, BlendMode::Displacement),
+        (NetMethod::Polar { order: 3 }, BlendMode::Displacement),
+        (NetMethod::Grid, BlendMode::Feather { band: 4.0 }),
+    ] {
+        let surface = surface(&range, &nose, method, 3, 12.0);
+        let after = blend(&range, &nose, &surface, mode, [1, 1]).unwrap();
+        let summit = after.range.points()[22 * 49 + 24] - range.points()[22 * 49 + 24];
+        assert!((summit.norm() - 12.0).abs() <= 1.5, "{method:?} {mode:?} {summit}");
+    }
+}
+
+#[test]
+fn a_surface_that_misses_the_border_leaves_a_seam() {
+    let (range, nose) = face();
+    let steps = |mode| {
+        let surface = surface(&range, &nose, NetMethod::Grid, 3, 0.0);
+        let raised: Vec<_> =
+            surface.net().points().iter().map(|p| p - 9.0 * Vector3::z()).collect();
+        let net = surface.net().clone().with_points(raised).unwrap();
+        let surface = nurbs(&net, None, None, None).unwrap();
+        blend(&range, &nose, &surface, mode, [1, 1]).unwrap().seam
+    };
+    let seam = steps(BlendMode::Replace).unwrap();
+    assert!(seam.is_visible() && (seam.step - 9.0).abs() < 2.0, "{seam:?}");
+    let faded = steps(BlendMode::Feather { band: 6.0 }).unwrap();
+    assert!(!faded.is_visible(), "{faded:?}");
+    assert_eq!(steps(BlendMode::Displacement), None);
+}
+
+#[test]
+fn a_finer_grid_shows_the_same_nose() {
+    let (range, nose) = face();
+    let surface = surface(&range, &nose, NetMethod::Grid, 3, 12.0);
+    for mode in ALL_MODES {
+        let coarse = blend(&range, &nose, &surface, mode, [1, 1]).unwrap().range;
+        let fine = blend(&range, &nose, &surface, mode, [3, 1]).unwrap().range;
+        assert_eq!((fine.width(), fine.height()), (49, 135));
+        // The middle one of three new rows lies on the old row.
+        for cell in 0..coarse.points().len() {
+            let there = (cell / 49 * 3 + 1) * 49 + cell % 49;
+            let difference = fine.points()[there] - coarse.points()[cell];
+            assert!(difference.norm() <= 1e-9, "{mode:?}, cell {cell}: {difference}");
+        }
+    }
+}
+
+#[test]
+fn a_point_pulled_aside_folds() {
+    let (range, nose) = face();
+    let net = control_net(&nose, &range, NetMethod::Grid, 0, 0).unwrap();
+    let aside = Some(Unit::new_unchecked(Vector3::x()));
+    let steps = [OffsetStep { distance: 30.0, angle: 0.0, axis: [0.0; 3] }];
+    let net = offset_net(&net, aside, None, None, &steps, Profile::Cosine).unwrap();
+    let surface = nurbs(&net, None, None, None).unwrap();
+    let camera = Pinhole { focal: [700.0; 2], center: [0.0; 2] };
+    for camera in [None, Some(camera)] {
+        let range = range.clone().with_camera(camera);
+        let after = blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1]).unwrap();
+        assert!(after.folded > 20, "{}", after.folded);
+    }
+}
+
+#[test]
+fn surfaces_that_do_not_belong_to_the_range_are_refused() {
+    let range = bumpy();
+    let disk = disk(&range);
+    let fitting = surface(&range, &disk, NetMethod::Grid, 3, 1.0);
+    let refused = |range: &RangeImage, region: &Region, surface: &Surface, resample| {
+        blend(range, region, surface, BlendMode::Replace, resample).unwrap_err()
+    };
+    let free = value::ControlNet::new(3, 3, vec![Point3::origin(); 9]).unwrap();
+    let free = nurbs(&free, None, None, None).unwrap();
+    assert_eq!(refused(&range, &disk, &free, [1, 1]), BlendError::NoChart);
+    let all = region(&range, |_, _| true);
+    let not_there = BlendError::NotOnSurface { column: 0, row: 0 };
+    assert_eq!(refused(&range, &all, &fitting, [1, 1]), not_there);
+    let other = self::range(5, 5, |_, _| 0.0);
+    assert!(matches!(refused(&other, &disk, &fitting, [1, 1]), BlendError::Grid { .. }));
+    for factors in [[0, 1], [1, 0], [1 << 15, 1 << 15], [usize::MAX, 2]] {
+        assert_eq!(refused(&range, &disk, &fitting, factors), BlendError::Resample { factors });
+    }
+}

@@ -1,0 +1,203 @@
+//! Tests of `extract_region`.
+
+use expect_test::{Expect, expect};
+use maquette::value::{Mask, Registration};
+
+use super::*;
+
+const HOLE: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
+
+/// Labels of the parts of a drawing.
+fn spots(rows: &[&str]) -> Labels {
+    label(&Mask::drawn(rows), Connectivity::Eight)
+}
+
+/// Cells with a point on a tilted plane where the drawing has `#`.
+fn scan(rows: &[&str]) -> RangeImage {
+    let mask = Mask::drawn(rows);
+    let point = |(index, &valid): (usize, &u8)| {
+        let (x, y) = ((index % mask.width()) as f64, (index / mask.width()) as f64);
+        if valid == 1 { Point3::new(x, y, 700.0 + 0.5 * x - 0.25 * y) } else { HOLE }
+    };
+    let points = mask.pixels().iter().enumerate().map(point).collect();
+    RangeImage::new(mask.width(), mask.height(), points).unwrap()
+}
+
+fn full(width: usize, height: usize) -> RangeImage {
+    let row = "#".repeat(width);
+    scan(&vec![row.as_str(); height])
+}
+
+fn draw(region: &Region) -> String {
+    Mask::new(region.width(), region.height(), region.grid()).unwrap().draw()
+}
+
+fn check(labels: &[&str], range: &[&str], fill: bool, expected: Expect) {
+    let region = extract_region(&spots(labels), &scan(range), Pick::Largest, fill, 0).unwrap();
+    expected.assert_eq(&draw(&region));
+}
+
+/// The cells that a chain of cells shuts off from the rim, itself included.
+fn fill_contour(width: usize, height: usize, chain: &[u32]) -> String {
+    let mut rest = vec![1; width * height];
+    chain.iter().for_each(|&cell| rest[cell as usize] = 0);
+    let parts = label(&Mask::new(width, height, rest).unwrap(), Connectivity::Four);
+    let shut = parts
+        .pixels()
+        .iter()
+        .map(|&part| u8::from(part == 0 || !parts.statistics()[part as usize - 1].touches_border));
+    Mask::new(width, height, shut.collect()).unwrap().draw()
+}
+
+fn disk(size: usize, radius_sq: usize, hole_sq: usize) -> Mask {
+    let inside = |index: usize| {
+        let distance_sq = [index % size, index / size]
+            .map(|at| (2 * at).abs_diff(size - 1).pow(2))
+            .iter()
+            .sum::<usize>();
+        (4 * hole_sq..4 * radius_sq).contains(&distance_sq)
+    };
+    let pixels = (0..size * size).map(|index| u8::from(inside(index)));
+    Mask::new(size, size, pixels.collect()).unwrap()
+}
+
+// T-IMG-06.
+#[test]
+fn the_filled_contour_of_a_disk_is_the_disk() {
+    for radius in 2..12 {
+        let disk = disk(26, radius * radius, 0);
+        let labels = label(&disk, Connectivity::Eight);
+        let region = extract_region(&labels, &full(26, 26), Pick::Largest, true, 1).unwrap();
+        assert_eq!(draw(&region), disk.draw());
+        assert_eq!(region.contours().len(), 1);
+        assert_eq!(fill_contour(26, 26, &region.contours()[0].cells), disk.draw());
+    }
+}
+
+// T-IMG-06.
+#[test]
+fn an_annulus_keeps_its_hole() {
+    let annulus = disk(26, 120, 30);
+    let labels = label(&annulus, Connectivity::Eight);
+    let region = extract_region(&labels, &full(26, 26), Pick::Largest, true, 1).unwrap();
+    assert_eq!(draw(&region), annulus.draw());
+    let holes: Vec<bool> = region.contours().iter().map(|contour| contour.hole).collect();
+    assert_eq!(holes, [false, true]);
+}
+
+// T-IMG-06.
+#[test]
+fn a_rectangle_aligned_to_two_pixels_is_transferred_exactly() {
+    let (width, height) = (20, 12);
+    let map = Registration::corners([width, height], [2 * width, 2 * height]);
+    let range = full(width, height).with_registration(map);
+    for ([left, top], [right, bottom]) in
+        [([0, 0], [20, 12]), ([0, 3], [1, 4]), ([5, 2], [19, 11]), ([7, 7], [8, 12])]
+    {
+        let inside = |column: usize, row: usize| {
+            (left..right).contains(&column) && (top..bottom).contains(&row)
+        };
+        let pixels = (0..4 * width * height)
+            .map(|index| u32::from(inside(index % (2 * width) / 2, index / (2 * width) / 2)));
+        let labels = Labels::new(2 * width, 2 * height, pixels.collect()).unwrap();
+        let region = extract_region(&labels, &range, Pick::Label(1), true, 1).unwrap();
+        let expected: Vec<u32> = (0..(width * height) as u32)
+            .filter(|&cell| inside(cell as usize % width, cell as usize / width))
+            .collect();
+        assert_eq!(region.cells(), expected);
+    }
+}
+
+#[test]
+fn a_surrounded_hole_of_the_scan_is_filled_from_around() {
+    let range = ["######", "##..##", "##.###", "######"];
+    check(&["######"; 4], &range, true, expect![["######\n######\n######\n######\n"]]);
+    check(&["######"; 4], &range, false, expect![["######\n##..##\n##.###\n######\n"]]);
+    let region =
+        extract_region(&spots(&["######"; 4]), &scan(&range), Pick::Largest, true, 0).unwrap();
+    let truth = full(6, 4);
+    for (index, &cell) in region.cells().iter().enumerate() {
+        let distance = (region.points()[index] - truth.points()[cell as usize]).norm();
+        assert!(distance < 1e-8, "{cell} {distance}");
+        assert_eq!(region.filled()[index], u8::from([8, 9, 14].contains(&cell)));
+    }
+}
+
+#[test]
+fn a_hole_that_reaches_the_border_leaves_the_region() {
+    check(
+        &["......", ".####.", ".####.", ".####.", "......"],
+        &["######", "###.##", "###.##", "######", "######"],
+        true,
+        expect![["......\n.##.#.\n.##.#.\n.####.\n......\n"]],
+    );
+    check(&["###", "###"], &["#.#", "###"], true, expect![["#.#\n###\n"]]);
+}
+
+#[test]
+fn of_a_region_that_falls_apart_the_largest_piece_is_taken() {
+    check(&["#####", "#####"], &["#.###", "#.###"], true, expect![["..###\n..###\n"]]);
+}
+
+#[test]
+fn cells_filled_before_stay_flagged() {
+    let range = full(2, 2).with_filled(vec![0, 1, 0, 0]).unwrap();
+    let region = extract_region(&spots(&["##", "##"]), &range, Pick::Largest, true, 0).unwrap();
+    assert_eq!(region.filled(), [0, 1, 0, 0]);
+}
+
+#[test]
+fn a_gap_is_closed() {
+    let labels = spots(&["......", ".##.#.", ".##.#.", ".###..", "......"]);
+    let region =
+        |radius| draw(&extract_region(&labels, &full(6, 5), Pick::Largest, true, radius).unwrap());
+    assert_eq!(region(0), "......\n.##...\n.##...\n.###..\n......\n");
+    assert_eq!(region(1), "......\n.####.\n.####.\n.###..\n......\n");
+}
+
+#[test]
+fn parts_are_picked_by_size_number_and_place() {
+    let labels = spots(&["##.#.", "##...", "...##"]);
+    let first =
+        |pick| extract_region(&labels, &full(5, 3), pick, true, 0).map(|region| region.cells()[0]);
+    assert_eq!(first(Pick::Largest), Ok(0));
+    assert_eq!(first(Pick::Smallest), Ok(3));
+    assert_eq!(first(Pick::Rank(1)), Ok(0));
+    assert_eq!(first(Pick::Rank(2)), Ok(13));
+    assert_eq!(first(Pick::Label(2)), Ok(3));
+    assert_eq!(first(Pick::At(4, 2)), Ok(13));
+}
+
+#[test]
+fn what_cannot_be_picked_is_explained() {
+    let labels = spots(&["##.#.", "##...", "...##"]);
+    let message = |labels: &Labels, pick| {
+        extract_region(labels, &full(5, 3), pick, true, 0).unwrap_err().to_string()
+    };
+    expect!["there is no rank 4: the labels have 3 parts, numbered from 1"]
+        .assert_eq(&message(&labels, Pick::Rank(4)));
+    expect!["there is no label 0: the labels have 3 parts, numbered from 1"]
+        .assert_eq(&message(&labels, Pick::Label(0)));
+    expect!["pixel (2, 1) is background; the nearest part is label 1 at [1, 1]"]
+        .assert_eq(&message(&labels, Pick::At(2, 1)));
+    expect!["pixel (5, 1) is outside of the picture, which has [5, 3] pixels"]
+        .assert_eq(&message(&labels, Pick::At(5, 1)));
+    expect!["the labels are empty: look at the threshold or the mask that they were made of"]
+        .assert_eq(&message(&spots(&["....."; 3]), Pick::Largest));
+    expect![
+        "the labels have [2, 1] pixels, but the range image is registered to a picture of [5, 3]"
+    ]
+    .assert_eq(&message(&spots(&["##"]), Pick::Largest));
+}
+
+#[test]
+fn a_part_without_cells_or_points_is_explained() {
+    let message = |range: &RangeImage, rows: &[&str]| {
+        extract_region(&spots(rows), range, Pick::Largest, true, 1).unwrap_err().to_string()
+    };
+    let map = Registration::corners([2, 1], [4, 2]);
+    expect!["label 1 has 1 pixels, but they cover no cell of the range grid by half"]
+        .assert_eq(&message(&full(2, 1).with_registration(map), &["#...", "...."]));
+    expect!["label 1 covers 2 cells of the range grid, but none that can be used has a point"]
+        .assert_eq(&message(&scan(&["..#"]), &["##."]));
+}

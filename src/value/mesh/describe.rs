@@ -1,0 +1,82 @@
+//! What a mesh tells of itself: its hash, its size, its facts.
+
+use super::super::{
+    Attributes, CaptureFrame, DecodeError, Decoder, Encoder, Summary, Value,
+};
+use super::{Faces, Mesh, describe_bounds};
+
+impl Value for Mesh {
+    const NAME: &'static str = "Mesh";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.column(&self.positions);
+        self.faces.encode(to);
+        self.vertex.encode(to);
+        self.corner.encode(to);
+        self.face.encode(to);
+        to.column(&self.creases)
+            .option(self.texture.as_ref(), |to, texture| {
+                to.value(texture);
+            })
+            .option(self.frame.as_ref(), |to, frame| frame.encode(to));
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self {
+            positions: from.column()?,
+            faces: Faces::decode(from)?,
+            vertex: Attributes::decode(from)?,
+            corner: Attributes::decode(from)?,
+            face: Attributes::decode(from)?,
+            creases: from.column()?,
+            texture: from.option(Decoder::value)?,
+            frame: from.option(CaptureFrame::decode)?,
+        })
+    }
+
+    fn size(&self) -> usize {
+        self.positions.size()
+            + self.faces.size()
+            + self.vertex.size()
+            + self.corner.size()
+            + self.face.size()
+            + self.creases.size()
+            + self.texture.as_ref().map_or(0, Value::size)
+    }
+
+    fn describe(&self) -> Summary {
+        let edges = self.edges();
+        let (vertices, faces) = (self.positions.len(), self.faces.len());
+        let euler = vertices as i64 - edges.vertices.len() as i64 + faces as i64;
+        let count = |wanted: fn(&u32) -> bool| edges.faces.iter().filter(|n| wanted(n)).count();
+        let area: f64 = self.faces.iter().map(|face| self.area_vector(face).norm()).sum();
+        let attributes: Vec<&str> = [&self.vertex, &self.corner, &self.face]
+            .into_iter()
+            .flat_map(Attributes::iter)
+            .map(|(name, _)| name)
+            .collect();
+        let summary = Summary::default()
+            .with("vertices", vertices)
+            .with("faces", faces)
+            .with("edges", edges.vertices.len())
+            .with("boundary edges", count(|&n| n == 1))
+            .with("non-manifold edges", count(|&n| n > 2))
+            .with("misoriented edges", edges.misoriented)
+            .with("Euler characteristic", euler)
+            .with("area", area)
+            .with_histogram(
+                "edge length",
+                edges.vertices.iter().map(|&[a, b]| {
+                    (self.positions[a as usize] - self.positions[b as usize]).norm()
+                }),
+            )
+            .with("attributes", attributes.join(", "));
+        let summary = match &self.texture {
+            Some(texture) => {
+                summary.with("texture", format!("{} x {}", texture.width(), texture.height()))
+            }
+            None => summary,
+        };
+        describe_bounds(summary, self.positions.iter())
+    }
+}
