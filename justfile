@@ -14,5 +14,13 @@ doll:
 bench *args:
     cargo bench --workspace {{args}}
 
+# Ours beside other programs, in turn, and the ratios; `just peers NURBS` for some rows. Needs ../shared/peers.
+peers *args:
+    python3 benches/peers/peers.py {{args}}
+
+# Every reader of files, for some seconds each.
+fuzz seconds="5":
+    bash .ci/fuzz {{seconds}}
+
 ci:
     bash .ci/run

@@ -22,26 +22,24 @@ pub fn huge_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
     items
 }
 
-/// Asks for large pages under the items.
+/// Asks for large pages under the items: from the page in which they start to the one in which they end. With the allocator's own
+/// bytes before them included, neighboring lists are one stretch for the system, and large pages may lie across their borders.
 #[cfg(target_os = "linux")]
 fn advise<T>(items: &mut [T]) {
     use std::ffi::c_void;
 
-    /// The size of a large page, a multiple of every ordinary page size.
-    const PAGE: usize = 2 << 20;
-
-    let bytes = size_of_val(items);
+    let page = rustix::param::page_size();
     let start: *mut c_void = items.as_mut_ptr().cast();
-    let before = start.addr().next_multiple_of(PAGE) - start.addr();
-    let inside = bytes.saturating_sub(before) / PAGE * PAGE;
-    if inside == 0 {
-        return;
-    }
-    // SAFETY: `before + inside <= bytes`, so that the range lies inside of the items, which are borrowed exclusively. It starts at
-    // a multiple of the page size. The advice changes how the system backs the range, never what is read from it, and an error
-    // changes nothing.
+    let before = start.addr() % page;
+    let bytes = (before + size_of_val(items)).next_multiple_of(page);
+    // SAFETY: all of these pages hold items, so that they are mapped. The advice changes how the system backs them, never what is
+    // read from them, and an error changes nothing.
     let advised = unsafe {
-        rustix::mm::madvise(start.byte_add(before), inside, rustix::mm::Advice::LinuxHugepage)
+        rustix::mm::madvise(
+            start.wrapping_byte_sub(before),
+            bytes,
+            rustix::mm::Advice::LinuxHugepage,
+        )
     };
     // A system without large pages says so; ordinary ones do, too.
     let _ = advised;

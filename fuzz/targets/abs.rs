@@ -1,3 +1,5 @@
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| maquette_fuzz::read("abs", bytes));
+use maquette_fuzz::{plant, read};
+
+libfuzzer_sys::fuzz_target!(init: plant("abs"), |bytes: &[u8]| read("abs", bytes));

@@ -1,3 +1,5 @@
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| maquette_fuzz::read("camera", bytes));
+use maquette_fuzz::{plant, read};
+
+libfuzzer_sys::fuzz_target!(init: plant("camera"), |bytes: &[u8]| read("camera", bytes));

@@ -1,5 +1,6 @@
 //! Marks the edges of a picture: where its levels change steeply.
 
+use maquette::memory::huge_vec;
 use maquette::value::{Field, Image, Mask};
 use maquette::{Context, Error, In, Node};
 use rayon::prelude::*;
@@ -133,7 +134,7 @@ pub fn edges(
     let within = within.map(Mask::pixels);
     let blurred = (blur_by > 0.0 && width > 0).then(|| blur(levels, blur_by));
     let levels = blurred.as_ref().map_or(levels, |levels| Levels::Plane(levels, width));
-    let mut magnitude = vec![0.0; width * height];
+    let mut magnitude = huge_vec(width * height);
     let write = |first, lengths: &mut [f32]| write_gradient(levels, operator, first, lengths);
     let [weak, strong] = match high {
         High::Level(level) => {
@@ -217,7 +218,7 @@ fn pack_reaching(lengths: &[f32], least: f32) -> u64 {
 }
 
 fn draw(bits: &Bits, width: usize, height: usize) -> Mask {
-    let mut pixels = vec![false; width * height];
+    let mut pixels = huge_vec(width * height);
     let rows = pixels.par_chunks_mut(width.max(1)).with_min_len(STRIP_ROWS);
     rows.zip(bits.rows.par_chunks(bits.words.max(1))).for_each(|(pixels, words)| {
         let bytes = words.iter().flat_map(|word| word.to_le_bytes());

@@ -34,8 +34,7 @@ impl Levels<'_> {
         let (first, count) = (row * to.len(), to.len());
         match self {
             Self::Luma(image) => {
-                let pixels = &image.pixels()[first..][..count];
-                to.iter_mut().zip(pixels).for_each(|(to, &pixel)| *to = luma(pixel));
+                write_luma(&image.pixels()[first..][..count], to);
             }
             Self::Inside(mask) => {
                 let pixels = &mask.pixels()[first..][..count];
@@ -44,6 +43,25 @@ impl Levels<'_> {
             Self::Plane(levels, _) => to.copy_from_slice(&levels[first..][..count]),
         }
     }
+}
+
+/// Writes the luma of some pixels. The channels of a block are taken apart first, so that both loops become wide instructions;
+/// a short block would be unrolled to single bytes instead.
+#[inline(always)]
+fn write_luma(pixels: &[Rgb], to: &mut [f32]) {
+    const BLOCK: usize = 256;
+    let (blocks, rest) = pixels.as_chunks::<BLOCK>();
+    let (to_blocks, to_rest) = to.as_chunks_mut::<BLOCK>();
+    for (pixels, to) in blocks.iter().zip(to_blocks) {
+        let [mut red, mut green, mut blue] = [[0; BLOCK]; 3];
+        for k in 0..BLOCK {
+            [red[k], green[k], blue[k]] = pixels[k];
+        }
+        for k in 0..BLOCK {
+            to[k] = luma([red[k], green[k], blue[k]]);
+        }
+    }
+    to_rest.iter_mut().zip(rest).for_each(|(to, &pixel)| *to = luma(pixel));
 }
 
 /// The sum is a whole number of thousandths, so that gray has exactly its own level.
@@ -86,7 +104,7 @@ fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengt
     let buffer = || vec![0.0; width];
     // The levels of the rows around the current one: row k is in window[k % 3].
     let mut window = [buffer(), buffer(), buffer()];
-    let (mut across, mut down, mut spare) = (buffer(), buffer(), buffer());
+    let (mut around, mut down) = (buffer(), buffer());
     let mut read = first.saturating_sub(1);
     for (row, lengths) in (first..).zip(lengths.chunks_exact_mut(width)) {
         let needed = (row + 2).min(height);
@@ -97,20 +115,73 @@ fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengt
         let (upper, lower) = neighbors(operator, row, height);
         let [upper, here, lower] = [upper, row, lower].map(|row| &window[row % 3]);
         let share = 1.0 / neighbors_apart(operator, row, height);
-        let pairs = down.iter_mut().zip(lower.iter().zip(upper));
-        pairs.for_each(|(down, (lower, upper))| *down = (lower - upper) * share);
         if operator == Operator::Sobel {
-            let around = spare.iter_mut().zip(upper.iter().zip(here).zip(lower));
-            around.for_each(|(to, ((a, b), c))| *to = (a + 2.0 * b + c) * 0.25);
-            slope(operator, &spare, &mut across);
-            smooth(&down, &mut spare);
-            std::mem::swap(&mut down, &mut spare);
+            let to = around.iter_mut().zip(&mut down);
+            for ((around, down), ((a, b), c)) in to.zip(upper.iter().zip(here).zip(lower)) {
+                *around = mean(*a, *b, *c);
+                *down = (c - a) * share;
+            }
+            write_lengths_of_means(&around, &down, lengths);
         } else {
-            slope(operator, here, &mut across);
+            let pairs = down.iter_mut().zip(lower.iter().zip(upper));
+            pairs.for_each(|(down, (lower, upper))| *down = (lower - upper) * share);
+            write_lengths(operator, here, &down, lengths);
         }
-        let parts = lengths.iter_mut().zip(across.iter().zip(&down));
-        parts.for_each(|(to, (across, down))| *to = (across * across + down * down).sqrt());
     }
+}
+
+/// Writes the lengths of a row's gradients: its differences along the row, and these across it.
+#[inline(always)]
+fn write_lengths(operator: Operator, row: &[f32], down: &[f32], to: &mut [f32]) {
+    let last = row.len() - 1;
+    let [at_start, at_end] =
+        [0, last].map(|index| length(slope(operator, row, index), down[index]));
+    if operator == Operator::Forward {
+        let pairs = row.iter().zip(&row[1..]).zip(down);
+        let to = to.iter_mut().zip(pairs);
+        to.for_each(|(to, ((here, after), &down))| *to = length(after - here, down));
+    } else if last > 1 {
+        let pairs = row.iter().zip(&row[2..]).zip(&down[1..]);
+        let to = to[1..last].iter_mut().zip(pairs);
+        to.for_each(|(to, ((before, after), &down))| *to = length((after - before) * 0.5, down));
+    }
+    (to[0], to[last]) = (at_start, at_end);
+}
+
+/// The same for Sobel's operator, whose differences across the row are averaged along it; beyond its ends are their own values.
+#[inline(always)]
+fn write_lengths_of_means(row: &[f32], down: &[f32], to: &mut [f32]) {
+    let last = row.len() - 1;
+    let [at_start, at_end] = [0, last].map(|index| {
+        let [before, after] = [index.saturating_sub(1), (index + 1).min(last)];
+        length(slope(Operator::Sobel, row, index), mean(down[before], down[index], down[after]))
+    });
+    if last > 1 {
+        let pairs = row.iter().zip(&row[2..]);
+        let triples = down.iter().zip(&down[1..]).zip(&down[2..]);
+        for (to, ((before, after), ((a, b), c))) in to[1..last].iter_mut().zip(pairs.zip(triples)) {
+            *to = length((after - before) * 0.5, mean(*a, *b, *c));
+        }
+    }
+    (to[0], to[last]) = (at_start, at_end);
+}
+
+#[inline(always)]
+fn length(across: f32, down: f32) -> f32 {
+    (across * across + down * down).sqrt()
+}
+
+/// The mean of three neighbors, weighed 1, 2, 1.
+#[inline(always)]
+fn mean(a: f32, b: f32, c: f32) -> f32 {
+    (a + 2.0 * b + c) * 0.25
+}
+
+/// The difference along a row at one of its places.
+#[inline(always)]
+fn slope(operator: Operator, row: &[f32], index: usize) -> f32 {
+    let (before, after) = neighbors(operator, index, row.len());
+    (row[after] - row[before]) / neighbors_apart(operator, index, row.len())
 }
 
 /// The two places whose levels are compared at place `index` of `count`.
@@ -128,38 +199,6 @@ fn neighbors(operator: Operator, index: usize, count: usize) -> (usize, usize) {
 fn neighbors_apart(operator: Operator, index: usize, count: usize) -> f32 {
     let (before, after) = neighbors(operator, index, count);
     if after == before + 2 { 2.0 } else { 1.0 }
-}
-
-/// Differences along a row.
-#[inline(always)]
-fn slope(operator: Operator, row: &[f32], to: &mut [f32]) {
-    let count = row.len();
-    let at = |index: usize| {
-        let (before, after) = neighbors(operator, index, count);
-        (row[after] - row[before]) / neighbors_apart(operator, index, count)
-    };
-    to[0] = at(0);
-    to[count - 1] = at(count - 1);
-    if operator == Operator::Forward {
-        let pairs = to.iter_mut().zip(row.iter().zip(&row[1..]));
-        pairs.for_each(|(to, (here, after))| *to = after - here);
-    } else if count > 2 {
-        let pairs = to[1..count - 1].iter_mut().zip(row.iter().zip(&row[2..]));
-        pairs.for_each(|(to, (before, after))| *to = (after - before) * 0.5);
-    }
-}
-
-/// Means of three neighbors along a row, weighed 1, 2, 1; beyond the ends are their own values.
-#[inline(always)]
-fn smooth(row: &[f32], to: &mut [f32]) {
-    let last = row.len() - 1;
-    let mean = |a: f32, b: f32, c: f32| (a + 2.0 * b + c) * 0.25;
-    to[0] = mean(row[0], row[0], row[1.min(last)]);
-    to[last] = mean(row[last.saturating_sub(1)], row[last], row[last]);
-    if last > 1 {
-        let around = to[1..last].iter_mut().zip(row.iter().zip(&row[1..]).zip(&row[2..]));
-        around.for_each(|(to, ((&a, &b), &c))| *to = mean(a, b, c));
-    }
 }
 
 #[cfg(test)]

@@ -6,6 +6,8 @@
 //! through it. The result does not depend on the order of the sweeps. The time is about that of three passes over the bits;
 //! a spiral needs a pass for each of its turns.
 
+use rayon::prelude::*;
+
 /// Pixels in a word.
 pub(super) const WORD: usize = u64::BITS as usize;
 
@@ -39,34 +41,48 @@ pub(super) fn pack(numbers: &[u8]) -> u64 {
     })
 }
 
+/// Rows that one thread works on at a time.
+const STRIP_ROWS: usize = 64;
+
 /// The weak pixels from which a path over weak pixels, along sides and corners, leads to a strong one. Every strong pixel must
 /// be weak, too.
+///
+/// Strips of rows come first, each for itself and in parallel; then only the rows along their borders can still grow.
 pub(super) fn reconstruct(weak: &Bits, strong: Bits) -> Bits {
     let mut kept = strong;
     let words = kept.words.max(1);
-    let height = kept.rows.len() / words;
-    // Rows with a neighbor that has changed, and of the strong pixels themselves.
-    let mut waiting = vec![true; height];
+    let strips = kept.rows.par_chunks_mut(STRIP_ROWS * words);
+    strips.zip(weak.rows.par_chunks(STRIP_ROWS * words)).for_each(|(kept, weak)| {
+        let all = vec![true; kept.len() / words];
+        grow_rows(words, weak, kept, all);
+    });
+    let at_border = |row: usize| [0, STRIP_ROWS - 1].contains(&(row % STRIP_ROWS));
+    let borders = (0..kept.rows.len() / words).map(at_border).collect();
+    grow_rows(words, &weak.rows, &mut kept.rows, borders);
+    kept
+}
+
+/// Lets the rows that wait grow, and those whose neighbor has changed, until none changes.
+fn grow_rows(words: usize, weak: &[u64], kept: &mut [u64], mut waiting: Vec<bool>) {
+    let height = waiting.len();
     let mut is_done = height == 0;
     while !is_done {
         for row in (0..height).chain((0..height).rev()) {
-            if std::mem::take(&mut waiting[row]) && grow(row, weak, &mut kept) {
+            if std::mem::take(&mut waiting[row]) && grow(row, words, weak, kept) {
                 waiting[row.saturating_sub(1)] = true;
                 waiting[(row + 1).min(height - 1)] = true;
             }
         }
         is_done = !waiting.contains(&true);
     }
-    kept
 }
 
 /// Lets a row grow into what its neighbors and the row itself touch; whether it did.
-fn grow(row: usize, weak: &Bits, kept: &mut Bits) -> bool {
-    let words = kept.words;
-    let (above, rest) = kept.rows.split_at_mut(row * words);
+fn grow(row: usize, words: usize, weak: &[u64], kept: &mut [u64]) -> bool {
+    let (above, rest) = kept.split_at_mut(row * words);
     let (here, below) = rest.split_at_mut(words);
     let neighbors = [above.rchunks_exact(words).next(), below.chunks_exact(words).next()];
-    let weak = &weak.rows[row * words..][..words];
+    let weak = &weak[row * words..][..words];
     let mut changed = 0;
     let mut carry = false;
     for k in 0..words {

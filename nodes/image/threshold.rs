@@ -1,5 +1,6 @@
 //! Marks the pixels of a picture that belong to a color, a box of colors, or the brighter of two classes.
 
+use maquette::memory::huge_vec;
 use maquette::value::{Color, Image, Mask};
 use maquette::{Context, Error, In, Node};
 use rayon::prelude::*;
@@ -56,7 +57,7 @@ pub fn threshold(
 ) -> Result<Mask, PictureError> {
     check_size(image, within)?;
     let (measure, limit) = measure(image, within, select)?;
-    let mut marks = vec![false; image.pixels().len()];
+    let mut marks = huge_vec(image.pixels().len());
     let chunks = marks.par_chunks_mut(CHUNK).zip(image.pixels().par_chunks(CHUNK));
     chunks.enumerate().for_each(|(chunk, (marks, pixels))| {
         measure.mark(pixels, limit, invert, marks);

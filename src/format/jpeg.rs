@@ -1,5 +1,7 @@
 //! JPEG, the photographs: read to 8-bit sRGB; gray becomes three equal channels. Never written, because it loses.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use thiserror::Error;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -49,7 +51,10 @@ pub fn read(bytes: &[u8]) -> Result<Image, JpegError> {
     if PIXELS_PER_BYTE.saturating_mul(bytes.len()) < width * height {
         return Err(JpegError::CutOff { width, height, bytes: bytes.len() });
     }
-    let samples = decoder.decode().map_err(|error| broken(&error))?;
+    // The decoder panics on some damaged files: https://github.com/etemesi254/zune-image/issues/362. It is not used after that.
+    let samples = catch_unwind(AssertUnwindSafe(|| decoder.decode()))
+        .map_err(|_| broken(&"the decoder gave up"))?
+        .map_err(|error| broken(&error))?;
     let pixels = samples.as_chunks::<3>().0.to_vec();
     Image::new(width, height, pixels).map_err(|error| broken(&error))
 }
@@ -62,6 +67,12 @@ mod tests {
     const PHOTO: &[u8] = include_bytes!("../../tests/data/formats/photo.jpg");
     const PROGRESSIVE: &[u8] = include_bytes!("../../tests/data/formats/progressive.jpg");
     const GRAY: &[u8] = include_bytes!("../../tests/data/formats/gray.jpg");
+
+    #[test]
+    fn a_file_on_which_the_decoder_panics_is_an_error() {
+        let file = include_bytes!("../../tests/data/formats/panics_zune_jpeg_0_5_15.jpg");
+        assert!(matches!(read(file), Err(JpegError::Broken { .. })));
+    }
 
     #[test]
     fn photographs_read_as_rgb() {

@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use super::image::{SizeError, check_size};
 use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
+use crate::memory::huge_vec;
 
 /// Which component each pixel of a picture belongs to: 0 is background, components count from 1 in the order in which
 /// their first pixels are met, row by row from the top.
@@ -106,7 +107,7 @@ impl Labels {
             behind = (run.row, run.end);
             components = components.max(run.label);
         }
-        Ok(Self::assemble(width, height, vec![0; width * height], runs))
+        Ok(Self::assemble(width, height, huge_vec(width * height), runs))
     }
 
     /// Writes the runs over `pixels`, which has nothing but background outside of them.

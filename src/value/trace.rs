@@ -81,9 +81,8 @@ impl Value for Trace {
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let [count] = from.counts()?;
-        let step = |_| {
-            Ok(TraceStep { iteration: from.plain()?, max: from.plain()?, rms: from.plain()? })
-        };
+        let step =
+            |_| Ok(TraceStep { iteration: from.plain()?, max: from.plain()?, rms: from.plain()? });
         Ok(Self { steps: (0..count).map(step).collect::<Result<_, _>>()? })
     }
 

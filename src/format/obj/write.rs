@@ -1,5 +1,7 @@
 //! Writes OBJ files, with a material and a picture for a mesh with a texture.
 
+use std::borrow::Cow;
+use std::ops::Range;
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -7,8 +9,9 @@ use rayon::prelude::*;
 use crate::error::Error;
 use crate::format::corners::split;
 use crate::format::png;
+use crate::memory::huge_vec;
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{Mesh, Rgb};
+use crate::value::{Column, Mesh, Rgb};
 
 /// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
 pub(in crate::format) struct MeshObj;
@@ -44,20 +47,25 @@ enum Reference {
 }
 
 impl Reference {
-    fn number(&self, corner: usize, vertex: u32) -> Option<u32> {
+    fn is_none(&self) -> bool {
+        matches!(self, Self::None)
+    }
+
+    /// Writes what a corner refers to; the digits of its vertex stand at `vertex` in the text.
+    fn push(&self, text: &mut Vec<u8>, corner: usize, vertex: Range<usize>) {
         match self {
-            Self::None => None,
-            Self::Vertex => Some(vertex),
-            Self::Corner(numbers) => Some(numbers[corner]),
+            Self::None => {}
+            Self::Vertex => text.extend_from_within(vertex),
+            Self::Corner(numbers) => push_index(text, numbers[corner]),
         }
     }
 }
 
 fn encode(mesh: &Mesh, start: String) -> Vec<u8> {
-    let mut text = start.into_bytes();
     let colors = mesh.vertex().colors("color").filter(|_| mesh.texture().is_none());
-    text.extend(lines(mesh.positions(), |text, index, point| {
-        push_floats(text, "v", point.coords.as_slice());
+    let mut text = vec![start.into_bytes()];
+    text.extend(lines(mesh.positions().len(), |text, index| {
+        push_floats(text, "v", mesh.positions()[index].coords.as_slice());
         if let Some(colors) = colors {
             push_color(text, colors[index]);
         }
@@ -68,56 +76,71 @@ fn encode(mesh: &Mesh, start: String) -> Vec<u8> {
         mesh.vertex().vectors("normal"),
         mesh.corner().vectors("normal"),
     );
-    text.extend(lines(&uv.0, |text, _, uv| push_floats(text, "vt", uv)));
-    text.extend(lines(&normals.0, |text, _, normal| push_floats(text, "vn", normal)));
-    let faces = Vec::from_iter(0..mesh.faces().len());
-    text.extend(lines(&faces, |text, _, &face| {
+    text.extend(lines(uv.0.len(), |text, index| push_floats(text, "vt", &uv.0[index])));
+    text.extend(lines(normals.0.len(), |text, index| push_floats(text, "vn", &normals.0[index])));
+    text.extend(lines(mesh.faces().len(), |text, face| {
         text.push(b'f');
         for (corner, &vertex) in (mesh.faces().first_corner(face)..).zip(mesh.faces().face(face)) {
             text.push(b' ');
+            let start = text.len();
             push_index(text, vertex);
-            let (uv, normal) = (uv.1.number(corner, vertex), normals.1.number(corner, vertex));
-            if uv.is_some() || normal.is_some() {
+            let digits = start..text.len();
+            if !uv.1.is_none() || !normals.1.is_none() {
                 text.push(b'/');
-                uv.into_iter().for_each(|index| push_index(text, index));
+                uv.1.push(text, corner, digits.clone());
             }
-            if let Some(index) = normal {
+            if !normals.1.is_none() {
                 text.push(b'/');
-                push_index(text, index);
+                normals.1.push(text, corner, digits);
             }
         }
     }));
-    text
+    join(&text)
 }
 
 /// The entries to list, and how corners refer to them: data of vertices as they are, else data of corners, each different one of a
 /// vertex once.
-fn per_vertex_or_corner<T: Copy + PartialEq>(
+fn per_vertex_or_corner<'a, T: Copy + PartialEq>(
     mesh: &Mesh,
-    vertices: Option<&crate::value::Column<T>>,
-    corners: Option<&crate::value::Column<T>>,
-) -> (Vec<T>, Reference) {
+    vertices: Option<&'a Column<T>>,
+    corners: Option<&'a Column<T>>,
+) -> (Cow<'a, [T]>, Reference) {
     if let Some(vertices) = vertices {
-        return (vertices.to_vec(), Reference::Vertex);
+        return (Cow::Borrowed(vertices), Reference::Vertex);
     }
-    let Some(corners) = corners else { return (Vec::new(), Reference::None) };
+    let Some(corners) = corners else { return (Cow::Borrowed(&[]), Reference::None) };
     let split = split(mesh, |a, b| corners[a] == corners[b]);
     let entries = split.corners.iter().map(|&corner| corners[corner as usize]).collect();
-    (entries, Reference::Corner(split.of_corner))
+    (Cow::Owned(entries), Reference::Corner(split.of_corner))
 }
 
-/// One line per item, with its end.
-fn lines<T: Sync>(items: &[T], line: impl Fn(&mut Vec<u8>, usize, &T) + Sync) -> Vec<u8> {
-    const CHUNK: usize = 4096;
-    let chunks = items.par_chunks(CHUNK).enumerate().map(|(chunk, items)| {
-        let mut text = Vec::with_capacity(32 * items.len());
-        for (index, item) in (chunk * CHUNK..).zip(items) {
-            line(&mut text, index, item);
+/// `count` lines with their ends, in pieces that are made in parallel.
+fn lines(count: usize, line: impl Fn(&mut Vec<u8>, usize) + Sync) -> Vec<Vec<u8>> {
+    const PIECE: usize = 2048;
+    let piece = |piece: usize| {
+        // Room for a long line, so that a piece is seldom moved.
+        let mut text = Vec::with_capacity(48 * PIECE);
+        for index in piece * PIECE..count.min((piece + 1) * PIECE) {
+            line(&mut text, index);
             text.push(b'\n');
         }
         text
+    };
+    (0..count.div_ceil(PIECE)).into_par_iter().map(piece).collect()
+}
+
+/// The pieces one after the other; copied in parallel, since fresh memory is slow.
+fn join(pieces: &[Vec<u8>]) -> Vec<u8> {
+    let mut text = huge_vec(pieces.iter().map(Vec::len).sum());
+    let mut rest = &mut text[..];
+    let places = pieces.iter().map(|piece| {
+        let (place, behind) = std::mem::take(&mut rest).split_at_mut(piece.len());
+        rest = behind;
+        (place, piece)
     });
-    chunks.collect::<Vec<_>>().concat()
+    let places = Vec::from_iter(places);
+    places.into_par_iter().for_each(|(place, piece)| place.copy_from_slice(piece));
+    text
 }
 
 fn push_floats(text: &mut Vec<u8>, keyword: &str, numbers: &[f64]) {

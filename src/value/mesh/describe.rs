@@ -1,8 +1,6 @@
 //! What a mesh tells of itself: its hash, its size, its facts.
 
-use super::super::{
-    Attributes, CaptureFrame, DecodeError, Decoder, Encoder, Summary, Value,
-};
+use super::super::{Attributes, CaptureFrame, DecodeError, Decoder, Encoder, Summary, Value};
 use super::{Faces, Mesh, describe_bounds};
 
 impl Value for Mesh {

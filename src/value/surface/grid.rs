@@ -18,6 +18,9 @@ use crate::simd::{Kernel, widest};
 /// Parameters of one block: its sums stay in the first cache.
 const BLOCK: usize = 128;
 
+/// Rows of points that one task computes, block by block: the lines that a block needs stay in the first cache from row to row.
+const STRIP: usize = 16;
+
 /// Squared lengths between these are far from overflow and underflow.
 const SAFE: std::ops::Range<f64> = 1e-200..1e200;
 
@@ -34,9 +37,10 @@ impl Surface {
         }
         let along_u = table(&self.u, us, 0);
         let lines = self.lines(&table(&self.v, vs, 0));
-        let rows = points.par_chunks_mut(vs.len()).zip(&along_u).zip(us);
-        rows.for_each(|((points, basis), &u)| {
-            widest(PointRow { surface: self, lines: &lines, basis, u, vs, points });
+        let strips = points.par_chunks_mut(STRIP * vs.len()).enumerate();
+        strips.for_each(|(strip, points)| {
+            let (us, bases) = (&us[strip * STRIP..], &along_u[strip * STRIP..]);
+            widest(PointStrip { surface: self, lines: &lines, bases, us, vs, points });
         });
         points
     }
@@ -56,15 +60,18 @@ impl Surface {
             let noise = NOISE * steepness(basis);
             noise * noise
         };
-        let noise_v: Vec<f64> = slope_v.iter().map(noise).collect();
-        let rows = points.par_chunks_mut(vs.len()).zip(normals.par_chunks_mut(vs.len()));
-        rows.enumerate().for_each(|(row, (points, normals))| {
-            widest(NormalRow {
+        let [noise_u, noise_v] =
+            [&slope_u, &slope_v].map(|slopes| Vec::from_iter(slopes.iter().map(noise)));
+        let points_of = points.par_chunks_mut(STRIP * vs.len());
+        let normals_of = normals.par_chunks_mut(STRIP * vs.len());
+        points_of.zip(normals_of).enumerate().for_each(|(strip, (points, normals))| {
+            let first = strip * STRIP;
+            widest(NormalStrip {
                 surface: self,
                 lines: [&lines, &slopes],
-                bases: [&along_u[row], &slope_u[row]],
-                noise: (noise(&slope_u[row]), &noise_v),
-                at: (us[row], vs),
+                bases: [&along_u[first..], &slope_u[first..]],
+                noise: [&noise_u[first..], &noise_v],
+                at: [&us[first..], vs],
                 points,
                 normals,
             });
@@ -82,7 +89,9 @@ impl Surface {
         for (k, point) in points.iter_mut().enumerate() {
             *point = Point3::new(x[k], y[k], z[k]);
         }
-        if w[..points.len()].iter().any(|&w| !is_positive(w)) {
+        // Without an early end, so that it becomes wide instructions; so are the loops below.
+        let all_positive = w[..points.len()].iter().fold(true, |all, &w| all & is_positive(w));
+        if !all_positive {
             for (k, point) in points.iter_mut().enumerate().filter(|(k, _)| !is_positive(w[*k])) {
                 *point = self.point(u, vs[k]);
             }
@@ -114,8 +123,8 @@ impl Surface {
             let length_sq = nx * nx + ny * ny + nz * nz;
             let (a_sq, b_sq) = (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz);
             let size_sq = (px[k] * px[k] + py[k] * py[k] + pz[k] * pz[k]) * (w[k] * w[k]);
-            let length = length_sq.sqrt();
-            (ux[k], uy[k], uz[k]) = (nx / length, ny / length, nz / length);
+            let scale = 1.0 / length_sq.sqrt();
+            (ux[k], uy[k], uz[k]) = (nx * scale, ny * scale, nz * scale);
             // The square of the length, or 0 where the tangents hardly span a plane.
             let spans = (length_sq > LEAST_SINE * LEAST_SINE * (a_sq * b_sq))
                 & (a_sq > noise_u * size_sq)
@@ -125,8 +134,8 @@ impl Surface {
         for (k, normal) in normals.iter_mut().enumerate() {
             *normal = Vector3::new(ux[k], uy[k], uz[k]);
         }
-        let good = |k: usize| SAFE.contains(&sine[k]) && is_positive(w[k]);
-        if (0..normals.len()).any(|k| !good(k)) {
+        let good = |k: usize| (SAFE.start <= sine[k]) & (sine[k] < SAFE.end) & is_positive(w[k]);
+        if !(0..normals.len()).fold(true, |all, k| all & good(k)) {
             for (k, normal) in normals.iter_mut().enumerate().filter(|(k, _)| !good(*k)) {
                 *normal =
                     self.normal(u, vs[k]).map_or(Vector3::zeros(), nalgebra::Unit::into_inner);
@@ -165,59 +174,64 @@ fn is_positive(weight: f64) -> bool {
     weight > 0.0
 }
 
-/// A row of points.
-struct PointRow<'a> {
+/// Some rows of points; of `bases` and `us` those that the rows need come first.
+struct PointStrip<'a> {
     surface: &'a Surface,
     lines: &'a Lines,
-    basis: &'a Basis,
-    u: f64,
+    bases: &'a [Basis],
+    us: &'a [f64],
     vs: &'a [f64],
     points: &'a mut [Point3<f64>],
 }
 
-impl Kernel for PointRow<'_> {
+impl Kernel for PointStrip<'_> {
     #[inline(always)]
     fn run(self) {
         let mut sums = [[0.0; BLOCK]; 4];
-        for (block, points) in self.points.chunks_mut(BLOCK).enumerate() {
-            let vs = &self.vs[block * BLOCK..][..points.len()];
-            self.lines.sum(self.basis, block * BLOCK, points.len(), &mut sums);
-            self.surface.write_points(&mut sums, self.u, vs, points);
+        for (block, vs) in self.vs.chunks(BLOCK).enumerate() {
+            let rows = self.points.chunks_mut(self.vs.len()).zip(self.bases.iter().zip(self.us));
+            for (points, (basis, &u)) in rows {
+                let points = &mut points[block * BLOCK..][..vs.len()];
+                self.lines.sum(basis, block * BLOCK, vs.len(), &mut sums);
+                self.surface.write_points(&mut sums, u, vs, points);
+            }
         }
     }
 }
 
-/// A row of points and normals.
-struct NormalRow<'a> {
+/// Some rows of points and normals: with the lines those of the derivatives along v, with the bases their derivatives, and along
+/// u and v the noise and the parameters. Of what goes along u, that which the rows need comes first.
+struct NormalStrip<'a> {
     surface: &'a Surface,
-    /// Those of the basis functions along v and of their slopes.
     lines: [&'a Lines; 2],
-    /// The basis functions along u and their slopes.
-    bases: [&'a Basis; 2],
-    /// Along u, and along v for each parameter.
-    noise: (f64, &'a [f64]),
-    at: (f64, &'a [f64]),
+    bases: [&'a [Basis]; 2],
+    noise: [&'a [f64]; 2],
+    at: [&'a [f64]; 2],
     points: &'a mut [Point3<f64>],
     normals: &'a mut [Vector3<f64>],
 }
 
-impl Kernel for NormalRow<'_> {
+impl Kernel for NormalStrip<'_> {
     #[inline(always)]
     fn run(self) {
         let mut sums = [[[0.0; BLOCK]; 4]; 3];
-        let [lines, slopes] = self.lines;
-        let [along_u, slope_u] = self.bases;
-        let blocks = self.points.chunks_mut(BLOCK).zip(self.normals.chunks_mut(BLOCK));
-        for (block, (points, normals)) in blocks.enumerate() {
-            let (from, count) = (block * BLOCK, points.len());
-            let vs = &self.at.1[from..][..count];
-            let noise = (self.noise.0, &self.noise.1[from..][..count]);
-            let [at, by_u, by_v] = &mut sums;
-            lines.sum(along_u, from, count, at);
-            lines.sum(slope_u, from, count, by_u);
-            slopes.sum(along_u, from, count, by_v);
-            self.surface.write_points(at, self.at.0, vs, points);
-            self.surface.write_normals(&mut sums, noise, (self.at.0, vs), normals);
+        let ([lines, slopes], [along_u, slope_u]) = (self.lines, self.bases);
+        let ([noise_u, noise_v], [us, all_vs]) = (self.noise, self.at);
+        for (block, vs) in all_vs.chunks(BLOCK).enumerate() {
+            let (from, count) = (block * BLOCK, vs.len());
+            let points = self.points.chunks_mut(all_vs.len());
+            for (row, (points, normals)) in
+                points.zip(self.normals.chunks_mut(all_vs.len())).enumerate()
+            {
+                let [at, by_u, by_v] = &mut sums;
+                lines.sum(&along_u[row], from, count, at);
+                lines.sum(&slope_u[row], from, count, by_u);
+                slopes.sum(&along_u[row], from, count, by_v);
+                self.surface.write_points(at, us[row], vs, &mut points[from..][..count]);
+                let noise = (noise_u[row], &noise_v[from..][..count]);
+                let normals = &mut normals[from..][..count];
+                self.surface.write_normals(&mut sums, noise, (us[row], vs), normals);
+            }
         }
     }
 }

@@ -1,0 +1,143 @@
+//! Our side of `benches/peers/peers.py`: does one work again and again, on the inputs that the peers get.
+//!
+//! `peers WORK FOLDER` opens the inputs in a folder, does the work once without a clock, and prints what to compare with the
+//! peers' result. Then it does the work once for each line that it reads, and prints the milliseconds. Each result is allocated
+//! anew, and dropped when the clock has stopped. To add a work, add an arm to [`main`] and a row to `peers.py`.
+
+#![allow(clippy::print_stdout, reason = "the numbers go to the program that asks for them")]
+
+use std::hint::black_box;
+use std::io::Write;
+use std::path::Path;
+use std::time::Instant;
+
+use maquette::format::{pcd, ply};
+use maquette::value::{ControlNet, Image, KnotVector, Rgb, Surface};
+use maquette_nodes::image::{
+    Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
+};
+use nalgebra::Point3;
+
+fn main() {
+    let arguments = Vec::from_iter(std::env::args().skip(1));
+    let [work, folder] = &arguments[..] else {
+        println!("usage: peers WORK FOLDER; see benches/peers/peers.py");
+        return;
+    };
+    let folder = Path::new(folder);
+    match &**work {
+        "segment" => {
+            let image = image(folder, "seg_rgb", |&color| color);
+            let run = || label(&red(&image), Connectivity::Eight);
+            serve(run, |labels| labels.statistics().len() as f64);
+        }
+        "edges" => edges_above(folder, High::Level(25.0)),
+        "edges-percentile" => edges_above(folder, High::Percentile(90.0)),
+        "points-2" => points(folder, 2),
+        "points-3" => points(folder, 3),
+        "normals-2" => points_and_normals(folder, 2),
+        "normals-3" => points_and_normals(folder, 3),
+        "read-pcd" => {
+            let bytes = read(&folder.join("grid.pcd"));
+            serve(|| pcd::read(&bytes).expect("a grid"), |range| range.n_valid() as f64);
+        }
+        "read-ply" => {
+            let bytes = read(&folder.join("mesh.ply"));
+            serve(|| ply::read(&bytes).expect("a mesh"), |mesh| mesh.faces().len() as f64);
+        }
+        "write-ply" => {
+            let mesh = ply::read(&read(&folder.join("mesh.ply"))).expect("a mesh");
+            serve(|| ply::encode(&mesh), |_| mesh.faces().len() as f64);
+        }
+        _ => println!("there is no work `{work}`"),
+    }
+}
+
+/// Does the work whenever a line comes in.
+fn serve<T>(run: impl Fn() -> T, check: impl Fn(&T) -> f64) {
+    answer(check(&run()));
+    for _ in std::io::stdin().lines() {
+        let start = Instant::now();
+        let result = black_box(run());
+        let time = start.elapsed();
+        drop(result);
+        answer(1e3 * time.as_secs_f64());
+    }
+}
+
+fn answer(number: f64) {
+    println!("{number}");
+    std::io::stdout().flush().expect("the program that asks is there");
+}
+
+/// Thirty levels a channel around the color of `make_inputs.py`.
+fn red(image: &Image) -> maquette::value::Mask {
+    let [low, high] = [-30.0, 30.0].map(|step| [205.0, 62.0, 48.0].map(|c| c + step));
+    threshold(image, None, &Select::Box { space: Space::Rgb, low, high }, false)
+        .expect("a box fits every picture")
+}
+
+/// The thresholds of the peers, 100 and 200, are for the sums of Sobel's operator, which are eight times the levels per pixel.
+fn edges_above(folder: &Path, high: High) {
+    let gray = Picture::Image(image(folder, "seg_grey", |&[level]| [level; 3]));
+    let run = || edges(&gray, None, Operator::Sobel, 0.0, high, 0.5).expect("no mask to fit");
+    serve(run, |(mask, _)| mask.count() as f64);
+}
+
+/// Parameters along each side of the grid.
+const GRID: usize = 2000;
+
+fn points(folder: &Path, degree: usize) {
+    let (surface, at) = (surface(folder, degree), parameters());
+    let run = || surface.grid(&at, &at);
+    serve(run, |points| points.iter().map(|point| point.coords.sum()).sum());
+}
+
+fn points_and_normals(folder: &Path, degree: usize) {
+    let (surface, at) = (surface(folder, degree), parameters());
+    let run = || surface.normal_grid(&at, &at);
+    serve(run, |(_, normals)| normals.iter().map(|normal| normal.sum()).sum());
+}
+
+fn parameters() -> Vec<f64> {
+    (0..GRID).map(|k| k as f64 / (GRID - 1) as f64).collect()
+}
+
+fn surface(folder: &Path, degree: usize) -> Surface {
+    let (shape, points) = open::<[f64; 3]>(folder, "nurbs_pts");
+    let (_, weights) = open::<[f64; 1]>(folder, "nurbs_w");
+    let points = Vec::from_iter(points.into_iter().map(Point3::from));
+    let knots = |count: usize| {
+        let inner = count - degree;
+        let knot = |k: usize| k.saturating_sub(degree).min(inner) as f64 / inner as f64;
+        KnotVector::new(degree, (0..count + degree + 1).map(knot).collect()).expect("knots")
+    };
+    let net = ControlNet::new(shape[0], shape[1], points)
+        .and_then(|net| net.with_weights(weights.into_iter().map(|[weight]| weight).collect()))
+        .expect("finite points and positive weights");
+    Surface::new(net, knots(shape[0]), knots(shape[1])).expect("knots for the net")
+}
+
+fn image<const N: usize>(folder: &Path, name: &str, color: impl Fn(&[u8; N]) -> Rgb) -> Image
+where
+    [u8; N]: bytemuck::Pod,
+{
+    let (shape, pixels) = open::<[u8; N]>(folder, name);
+    Image::new(shape[1], shape[0], Vec::from_iter(pixels.iter().map(color))).expect("a picture")
+}
+
+/// The shape and the items of a file of NumPy, version 1, in C order: bytes or doubles, as the caller knows.
+fn open<T: bytemuck::Pod>(folder: &Path, name: &str) -> (Vec<usize>, Vec<T>) {
+    let bytes = read(&folder.join(format!("{name}.npy")));
+    let length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let (header, items) = bytes[10..].split_at(length);
+    let header = str::from_utf8(header).expect("a header is text");
+    let (_, shape) = header.split_once("'shape': (").expect("a header has a shape");
+    let (shape, _) = shape.split_once(')').expect("a shape has an end");
+    let shape = shape.split(',').filter_map(|count| count.trim().parse().ok());
+    (shape.collect(), bytemuck::pod_collect_to_vec(items))
+}
+
+fn read(path: &Path) -> Vec<u8> {
+    std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}

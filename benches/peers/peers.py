@@ -1,0 +1,375 @@
+#!/usr/bin/env python3
+"""Measures our work beside that of other programs, in turn, on the same inputs:  python3 benches/peers/peers.py [WORD ...]
+
+    WORD ...      only rows whose name has one of these words; all if left out
+    PEERS         scripts and versions of the peers (default: ../shared/peers beside the project)
+    PEERS_WORK    packages, inputs and results are kept here, about 2 GB (default: peers in the system's temporary folder)
+    PEERS_RUNS    runs of each program in a row (default 11)
+
+What a run is: the public function, on values, its result allocated anew, with two threads. Ours runs, then each peer, then ours
+again, so that a busy machine is busy for both. Our program is started anew after every fourth run, since how threads and large
+pages fall differs from process to process; the first run of each process does not count. A row whose peer is not there is
+measured without it, and says so. `pipeline` counts our whole process, of the peer only what comes after its imports.
+
+To add a row: a function that opens a peer and gives what to run, a line in ROWS, and an arm in `ours.rs`.
+"""
+import importlib
+import io
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Callable
+
+PROJECT = Path(__file__).resolve().parents[2]
+PEERS = Path(os.environ.get("PEERS", PROJECT.parent / "shared/peers"))
+WORK = Path(os.environ.get("PEERS_WORK", Path(tempfile.gettempdir()) / "peers"))
+RUNS = int(os.environ.get("PEERS_RUNS", 11))
+DATA = WORK / "data"
+OUT = WORK / "out"
+THREADS = 2
+# Installed by name, in the version of the peers' requirements.txt where that names one.
+PACKAGES = ["numpy", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d"]
+RUNS_OF_A_PROCESS = 4
+
+
+@dataclass
+class Peer:
+    name: str
+    run: Callable[[], Any]
+    # A number that our result has, too; None where the programs compute different things.
+    check: Callable[[Any], float] | None = None
+
+
+@dataclass
+class Row:
+    name: str
+    # The work in `ours.rs`, or a command line.
+    ours: str | list[str]
+    # Milliseconds that ours should take at most.
+    bar: float | None = None
+    # Each opens one peer; an ImportError means that it is not there.
+    peers: list[Callable[[], Peer]] = field(default_factory=list)
+
+
+# ---------------------------------------------------------------- peers
+def load(name):
+    import numpy
+
+    return numpy.load(DATA / f"{name}.npy")
+
+
+def script(name):
+    """A script of the peers as a module; the argument keeps it from measuring anything."""
+    sys.argv[1:] = ["nothing"]
+    return importlib.import_module(name)
+
+
+def opencv_segment():
+    import cv2
+    from make_inputs import REF, TOL
+
+    cv2.setNumThreads(THREADS)
+    image = load("seg_rgb")
+    low, high = tuple(c - TOL for c in REF), tuple(c + TOL for c in REF)
+    run = lambda: cv2.connectedComponentsWithStats(cv2.inRange(image, low, high), connectivity=8, ltype=cv2.CV_32S)
+    return Peer(f"OpenCV {cv2.__version__}", run, lambda result: result[0] - 1)
+
+
+def opencv_edges():
+    import cv2
+
+    cv2.setNumThreads(THREADS)
+    image = load("seg_grey")
+    return Peer(f"OpenCV {cv2.__version__} Canny", lambda: cv2.Canny(image, 100, 200, apertureSize=3, L2gradient=True))
+
+
+def scipy_nurbs(degree, normals):
+    def open_peer():
+        import scipy
+
+        grid = script("b3_nurbs").scipy_way
+        return Peer(f"SciPy {scipy.__version__}", lambda: grid(degree, normals), lambda result: float((result[1] if normals else result).sum()))
+
+    return open_peer
+
+
+def splinepy_nurbs(degree):
+    def open_peer():
+        import numpy
+        import splinepy
+
+        knots, points, weights = script("b3_nurbs").knots, load("nurbs_pts"), load("nurbs_w")
+        surface = splinepy.NURBS(
+            degrees=[degree, degree],
+            knot_vectors=[knots(count, degree) for count in weights.shape],
+            control_points=numpy.ascontiguousarray(points.transpose(1, 0, 2)).reshape(-1, 3),
+            weights=numpy.ascontiguousarray(weights.T).reshape(-1, 1),
+        )
+        run = lambda: surface.sample([2000, 2000], nthreads=THREADS)
+        return Peer("splinepy", run, lambda result: float(result.sum()))
+
+    return open_peer
+
+
+def open3d_pcd():
+    import open3d
+
+    path = str(DATA / "grid.pcd")
+    run = lambda: open3d.io.read_point_cloud(path)
+    return Peer(f"Open3D {open3d.__version__}", run, lambda cloud: len(cloud.points))
+
+
+def open3d_ply(write):
+    def open_peer():
+        import open3d
+
+        path, out = str(DATA / "mesh.ply"), str(OUT / "mesh.ply")
+        read = lambda: open3d.io.read_triangle_mesh(path)
+        mesh = read()
+        run = (lambda: open3d.io.write_triangle_mesh(out, mesh)) if write else read
+        return Peer(f"Open3D {open3d.__version__}, file", run, lambda result: len(mesh.triangles))
+
+    return open_peer
+
+
+def trimesh_ply(write):
+    def open_peer():
+        import trimesh
+        from trimesh.exchange import ply
+
+        data = (DATA / "mesh.ply").read_bytes()
+        read = lambda: ply.load_ply(io.BytesIO(data))
+        opened = read()
+        mesh = trimesh.Trimesh(opened["vertices"], opened["faces"], process=False)
+        run = (lambda: ply.export_ply(mesh)) if write else read
+        return Peer(f"trimesh {trimesh.__version__}", run, lambda result: len(mesh.faces))
+
+    return open_peer
+
+
+def meshio_ply(write):
+    def open_peer():
+        import meshio
+
+        path, out = DATA / "mesh.ply", OUT / "mesh.ply"
+        read = lambda: meshio.read(path)
+        mesh = read()
+        run = (lambda: meshio.write(out, mesh)) if write else read
+        return Peer(f"meshio {meshio.__version__}, file", run, lambda result: len(mesh.cells[0].data))
+
+    return open_peer
+
+
+def python_pipeline(nurbs, mesh):
+    def open_peer():
+        import json
+
+        for module in ("cv2", nurbs, mesh):
+            importlib.import_module(module)
+        command = [sys.executable, PEERS / "b9_pipeline.py", "--once", "--nurbs", nurbs, "--mesh", mesh]
+        run = lambda: json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
+        peer = Peer(f"OpenCV + {nurbs} + {mesh}", run, lambda result: result["faces"])
+        peer.milliseconds = lambda result: 1e3 * result["pipeline_s"]
+        return peer
+
+    return open_peer
+
+
+# ---------------------------------------------------------------- rows
+PIPELINE = [PROJECT / "target/release/maquette", "run", DATA / "pipeline.ron", "--threads", str(THREADS), "--json", "--out", OUT]
+
+ROWS = [
+    Row("threshold, labels, statistics, 4096 x 4096", "segment", 45, [opencv_segment]),
+    Row("edges by Sobel, 4096 x 4096", "edges", 25, [opencv_edges]),
+    Row("edges above the 90th percentile", "edges-percentile", None, [opencv_edges]),
+    Row("NURBS degree 2, 2000 x 2000 points", "points-2", 20, [scipy_nurbs(2, False), splinepy_nurbs(2)]),
+    Row("NURBS degree 3, 2000 x 2000 points", "points-3", 20, [scipy_nurbs(3, False), splinepy_nurbs(3)]),
+    Row("NURBS degree 2, points and normals", "normals-2", 40, [scipy_nurbs(2, True)]),
+    Row("NURBS degree 3, points and normals", "normals-3", 40, [scipy_nurbs(3, True)]),
+    Row("pipeline, 1.27 M faces, OBJ and PNG", PIPELINE, 250, [python_pipeline("splinepy", "pymeshlab")]),
+    Row("read PCD, 640 x 480, binary", "read-pcd", 4, [open3d_pcd]),
+    Row("read PLY, 1 M triangles, binary", "read-ply", 25, [trimesh_ply(False), meshio_ply(False), open3d_ply(False)]),
+    Row("write PLY, 1 M triangles, with normals", "write-ply", 25, [trimesh_ply(True), meshio_ply(True), open3d_ply(True)]),
+]
+
+
+# ---------------------------------------------------------------- inputs
+def make_inputs():
+    """Those of the peers, and files of the formats that they do not use."""
+    if not (DATA / "pipe_range.npy").exists():
+        subprocess.run([sys.executable, PEERS / "make_inputs.py"], check=True)
+    import cv2
+    import numpy
+
+    (DATA / "pipeline.ron").write_bytes(Path(__file__).with_name("pipeline.ron").read_bytes())
+    if (DATA / "mesh.ply").exists():
+        return
+    cv2.imwrite(str(DATA / "color.png"), load("pipe_rgb")[..., ::-1])
+    write_pcd(DATA / "range.pcd", load("pipe_range"))
+    write_pcd(DATA / "grid.pcd", wavy(640, 480))
+    points = wavy(1001, 501)
+    corner = numpy.arange(501 * 1001).reshape(501, 1001)
+    a, b, c, d = (corner[rows, columns].ravel() for rows in (slice(-1), slice(1, None)) for columns in (slice(-1), slice(1, None)))
+    faces = numpy.empty(2 * len(a), [("count", "u1"), ("corners", "<u4", 3)])
+    faces["count"] = 3
+    faces["corners"] = numpy.concatenate([numpy.stack([a, c, d], 1), numpy.stack([a, d, b], 1)])
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {corner.size}\nproperty float x\nproperty float y\nproperty float z\n"
+    header += f"element face {len(faces)}\nproperty list uchar uint vertex_indices\nend_header\n"
+    (DATA / "mesh.ply").write_bytes(header.encode() + points.astype("<f4").tobytes() + faces.tobytes())
+
+
+def wavy(width, height):
+    import numpy
+
+    y, x = numpy.mgrid[0:height, 0:width].astype(float)
+    return numpy.stack([x, y, 700 + 5 * numpy.sin(0.1 * x) * numpy.cos(0.07 * y)], -1)
+
+
+def write_pcd(path, points):
+    height, width, _ = points.shape
+    header = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+    header += f"WIDTH {width}\nHEIGHT {height}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {width * height}\nDATA binary\n"
+    path.write_bytes(header.encode() + points.astype("<f4").tobytes())
+
+
+# ---------------------------------------------------------------- measuring
+class Ours:
+    """Our program, which is started anew after some runs."""
+
+    def __init__(self, work):
+        self.work, self.process, self.peak, self.check = work, None, None, None
+
+    def run(self, k):
+        if isinstance(self.work, list):
+            start = time.perf_counter()
+            done = subprocess.Popen(self.work, stdout=subprocess.DEVNULL)
+            _, status, usage = os.wait4(done.pid, 0)
+            milliseconds = 1e3 * (time.perf_counter() - start)
+            if status != 0:
+                sys.exit(f"{self.work} failed")
+            self.peak = usage.ru_maxrss / 1024
+            return milliseconds
+        if k % RUNS_OF_A_PROCESS == 0:
+            self.start()
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+        return float(self.process.stdout.readline())
+
+    def start(self):
+        self.stop()
+        command = [PROJECT / "target/release/examples/peers", self.work, DATA]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.check = float(self.process.stdout.readline())
+
+    def stop(self):
+        if self.process:
+            self.peak = peak_of(self.process.pid)
+            self.process.stdin.close()
+            self.process.wait()
+            self.process = None
+
+
+def peak_of(pid):
+    """The most memory that a process held, in MB."""
+    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("VmHWM"):
+            return int(line.split()[1]) / 1024
+
+
+def timed(peer):
+    start = time.perf_counter()
+    result = peer.run()
+    milliseconds = 1e3 * (time.perf_counter() - start)
+    if hasattr(peer, "milliseconds"):
+        milliseconds = peer.milliseconds(result)
+    return milliseconds, result
+
+
+def measure(row):
+    peers, missing = [], []
+    for open_peer in row.peers:
+        try:
+            peers.append(open_peer())
+        except ImportError as error:
+            missing.append(f"{row.name}: no peer, {error}")
+    ours, times = Ours(row.ours), [[] for _ in range(1 + len(peers))]
+    for k in range(RUNS):
+        times[0].append(ours.run(k))
+        for peer, list_of_times in zip(peers, times[1:]):
+            if k == 0:
+                _, result = timed(peer)
+                compare(row, ours, peer, result)
+                del result
+            milliseconds, result = timed(peer)
+            list_of_times.append(milliseconds)
+            del result
+    ours.stop()
+    show(row, ours, peers, times)
+    for line in missing:
+        print(f"  {line}")
+
+
+def compare(row, ours, peer, result):
+    if peer.check and ours.check is not None:
+        theirs = peer.check(result)
+        if abs(theirs - ours.check) > 1e-9 * max(abs(theirs), 1):
+            print(f"  {row.name}: ours gives {ours.check}, {peer.name} {theirs}")
+
+
+LINE = "{:44} {:>7} {:>7} {:>5} {:>7}  {:32} {:>7} {:>7} {:>6}"
+
+
+def show(row, ours, peers, times):
+    middle = [statistics.median(list_of_times) for list_of_times in times]
+    least = [min(list_of_times) for list_of_times in times]
+    number = lambda x: f"{x:.1f}"
+    left = [row.name, number(middle[0]), number(least[0]), row.bar or "", f"{ours.peak:.0f}"]
+    if not peers:
+        print(LINE.format(*left, "-", "", "", ""))
+    for k, peer in enumerate(peers, 1):
+        print(LINE.format(*left, peer.name, number(middle[k]), number(least[k]), number(middle[k] / middle[0])))
+        left = [""] * 5
+    sys.stdout.flush()
+
+
+# ---------------------------------------------------------------- packages
+def enter_environment():
+    """Starts this program again with the peers' packages, which are installed where they are not yet."""
+    python = WORK / "venv/bin/python"
+    if Path(sys.prefix) == WORK / "venv":
+        return
+    if not python.exists():
+        subprocess.run([sys.executable, "-m", "venv", WORK / "venv"], check=True)
+        versions = {line.split("==")[0]: line for line in (PEERS / "requirements.txt").read_text().split()}
+        for package in PACKAGES:
+            wanted = versions.get(package, package)
+            command = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--only-binary=:all:", wanted]
+            if subprocess.run(command).returncode != 0:
+                print(f"{wanted} cannot be installed: its rows are measured without it")
+    os.execv(python, [python, __file__, *sys.argv[1:]])
+
+
+def main():
+    if not PEERS.is_dir():
+        sys.exit(f"skipped: the peers' scripts are not there, {PEERS}; set PEERS to their folder")
+    enter_environment()
+    words = sys.argv[1:]
+    os.environ.update(PEERS_DATA=str(DATA), RAYON_NUM_THREADS=str(THREADS), OMP_NUM_THREADS=str(THREADS), PYTHONDONTWRITEBYTECODE="1")
+    sys.dont_write_bytecode = True
+    sys.path.insert(0, str(PEERS))
+    OUT.mkdir(parents=True, exist_ok=True)
+    for target in (["--bin", "maquette"], ["--example", "peers"]):
+        subprocess.run(["cargo", "build", "--release", "-q", "-p", "maquette-nodes", *target], cwd=PROJECT, check=True)
+    make_inputs()
+    print(LINE.format("work (milliseconds)", "ours", "min", "bar", "MB", "peer", "peer", "min", "ratio"))
+    for row in ROWS:
+        if not words or any(word in row.name for word in words):
+            measure(row)
+
+
+main()
