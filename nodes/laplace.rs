@@ -3,14 +3,23 @@
 //! Hestenes and Stiefel, "Methods of conjugate gradients for solving linear systems" (1952), with the diagonal as
 //! preconditioner. Sums run in index order, so that the result is the same for any number of threads.
 
+use maquette::{Cancelled, Progress};
 use thiserror::Error;
 
-/// The iteration stopped short.
+/// Why the Poisson equation has no solution.
 #[derive(Clone, Debug, PartialEq, Error)]
-#[error("the Poisson equation was not solved: residual {residual:e} after {iterations} steps")]
-pub struct NotConverged {
-    residual: f64,
-    iterations: usize,
+pub enum Unsolved {
+    /// The iteration did not converge.
+    #[error("the Poisson equation was not solved: residual {residual:e} after {iterations} steps")]
+    NotConverged {
+        /// The length of the residual.
+        residual: f64,
+        /// The steps done.
+        iterations: usize,
+    },
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
 }
 
 /// Residual at which a solution is good enough, relative to the right side: well above rounding (1e-16 times the condition,
@@ -23,7 +32,7 @@ const TOLERANCE: f64 = 1e-12;
 /// of the sum, as is one beyond the grid. A part of the free cells that touches no known value gets NaN.
 ///
 /// # Errors
-/// If the iteration does not converge, which well-formed input never causes.
+/// If the iteration does not converge, which well-formed input never causes, or the evaluation is told to stop.
 ///
 /// # Panics
 /// If `free` or `values` does not have `width * height` entries.
@@ -33,10 +42,11 @@ pub(crate) fn solve(
     free: &[u8],
     load: f64,
     values: &mut [f64],
-) -> Result<(), NotConverged> {
+    progress: &Progress<'_>,
+) -> Result<(), Unsolved> {
     assert_eq!([free.len(), values.len()], [width * height; 2], "one entry per cell");
     let system = System::new(width, height, free, load, values);
-    let solution = system.solve()?;
+    let solution = system.solve(progress)?;
     for cell in (0..free.len()).filter(|&cell| free[cell] == 1) {
         values[cell] = f64::NAN;
     }
@@ -115,7 +125,7 @@ impl System {
         }
     }
 
-    fn solve(&self) -> Result<Vec<f64>, NotConverged> {
+    fn solve(&self, progress: &Progress<'_>) -> Result<Vec<f64>, Unsolved> {
         let n = self.cells.len();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let precondition = |r: &[f64]| -> Vec<f64> {
@@ -130,6 +140,7 @@ impl System {
         let goal = TOLERANCE * TOLERANCE * dot(&r, &r);
         let most = 100 + 10 * n;
         for _ in 0..most {
+            progress.check()?;
             if dot(&r, &r) <= goal {
                 return Ok(x);
             }
@@ -148,7 +159,7 @@ impl System {
         if dot(&r, &r) <= goal {
             return Ok(x);
         }
-        Err(NotConverged { residual: dot(&r, &r).sqrt(), iterations: most })
+        Err(Unsolved::NotConverged { residual: dot(&r, &r).sqrt(), iterations: most })
     }
 }
 
@@ -159,7 +170,7 @@ mod tests {
     #[test]
     fn without_load_the_solution_is_linear_between_its_ends() {
         let mut values = vec![1.0, 0.0, 0.0, 0.0, 5.0];
-        solve(5, 1, &[0, 1, 1, 1, 0], 0.0, &mut values).unwrap();
+        solve(5, 1, &[0, 1, 1, 1, 0], 0.0, &mut values, &Progress::none()).unwrap();
         let expected = [1.0, 2.0, 3.0, 4.0, 5.0];
         assert!(values.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-11), "{values:?}");
     }
@@ -167,7 +178,7 @@ mod tests {
     #[test]
     fn with_load_it_is_a_parabola() {
         let mut values = vec![0.0; 5];
-        solve(5, 1, &[0, 1, 1, 1, 0], 1.0, &mut values).unwrap();
+        solve(5, 1, &[0, 1, 1, 1, 0], 1.0, &mut values, &Progress::none()).unwrap();
         let expected = [0.0, 1.5, 2.0, 1.5, 0.0];
         assert!(values.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-11), "{values:?}");
     }
@@ -175,7 +186,7 @@ mod tests {
     #[test]
     fn unknown_neighbors_are_left_out_and_islands_stay_unknown() {
         let mut values = vec![2.0, 0.0, f64::NAN, 0.0];
-        solve(4, 1, &[0, 1, 0, 1], 0.0, &mut values).unwrap();
+        solve(4, 1, &[0, 1, 0, 1], 0.0, &mut values, &Progress::none()).unwrap();
         assert_eq!(values[..2], [2.0, 2.0]);
         assert!(values[2].is_nan() && values[3].is_nan());
     }

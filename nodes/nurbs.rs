@@ -32,7 +32,7 @@ mod tessellate;
 mod weights;
 mod within;
 
-pub use crate::laplace::NotConverged;
+pub use crate::laplace::Unsolved;
 pub use blend::{Blend, BlendError, BlendMode, Blended, blend};
 pub use control_net::{ControlNet, NetError, NetMethod, control_net};
 pub use fit_surface::{FitError, FitMethod, FitParameters, FitSurface, Fitted, fit_surface};

@@ -266,8 +266,9 @@ impl Evaluator {
             }),
             false => run.values_of(roots),
         };
-        let (found, news) = run.end();
-        let changed = self.last.as_ref().is_none_or(|last| !Arc::ptr_eq(last, &found));
+        let (fates, news) = run.end();
+        let changed = !fates.is_empty() || self.last.is_none();
+        let found = Snapshot::after(self.last.take(), &graph.shape, fates);
         self.last = Some(found.clone());
         if let Some(disk) = self.disk.as_ref().filter(|_| changed) {
             disk.keep_snapshot(&graph.source.name, &found, self.files.of(graph.files()));
@@ -287,9 +288,7 @@ impl Evaluator {
         let (None, Some(disk)) = (&self.last, &self.disk) else { return };
         if let Some((snapshot, files)) = disk.snapshot(&graph.source.name) {
             self.last = Some(Arc::new(snapshot));
-            for (path, stamp, hash) in files {
-                self.files.remember(&path, stamp, hash);
-            }
+            self.files.extend(files);
         }
     }
 

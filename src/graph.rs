@@ -140,7 +140,7 @@ impl Graph {
 
     /// The place of a node, by name.
     pub(crate) fn find(&self, name: &str) -> Option<usize> {
-        self.nodes.iter().position(|node| node.name == name)
+        self.shape.names.iter().position(|other| other == name)
     }
 
     /// All files that evaluating it may read, those that need not be there included.

@@ -343,14 +343,20 @@ impl Progress<'_> {
         Self::default()
     }
 
+    /// Whether to go on, for work whose share nobody knows. Call it at least every 50 ms.
+    ///
+    /// # Errors
+    /// If the evaluation was told to stop.
+    pub fn check(&self) -> Result<(), Cancelled> {
+        if self.cancel.is_some_and(CancelToken::is_cancelled) { Err(Cancelled) } else { Ok(()) }
+    }
+
     /// Says that this share of the work (0 to 1) is done. Call it at least every 50 ms.
     ///
     /// # Errors
     /// If the evaluation was told to stop.
     pub fn tick(&self, share: f64) -> Result<(), Cancelled> {
-        if self.cancel.is_some_and(CancelToken::is_cancelled) {
-            return Err(Cancelled);
-        }
+        self.check()?;
         if let Some(report) = self.report {
             report(share);
         }

@@ -1,14 +1,14 @@
 //! Makes a rectangular net of control points of a region of a range grid.
 
 use maquette::value::{self, Chart, ControlNetError, RangeImage, Region};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Node, Progress};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::patch::Patch;
 use super::{harmonic, polar, rows};
-use crate::laplace::NotConverged;
+use crate::laplace::Unsolved;
 
 /// Makes a rectangular net of control points of a region of a range grid. Points on the region's border are fixed: an offset
 /// leaves them where they are.
@@ -150,7 +150,7 @@ pub enum NetError {
     OneLine,
     /// Invalid cells could not be filled.
     #[error(transparent)]
-    Fill(#[from] NotConverged),
+    Fill(#[from] Unsolved),
     /// Points that make no net.
     #[error(transparent)]
     Net(#[from] ControlNetError),
@@ -162,7 +162,7 @@ impl Node for ControlNet {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (region, range) = (cx.get(&self.region), cx.get(&self.range));
-        let net = control_net(region, range, self.method, self.rows, self.columns)?;
+        let net = control_net(region, range, self.method, self.rows, self.columns, cx.progress())?;
         if !net.fixed().contains(&0) {
             cx.warn("every point of the net is on the region's border: no offset will move it");
         }
@@ -182,6 +182,7 @@ pub fn control_net(
     method: NetMethod,
     rows: usize,
     columns: usize,
+    progress: &Progress<'_>,
 ) -> Result<value::ControlNet, NetError> {
     let sizes = [[region.width(), region.height()], [range.width(), range.height()]];
     if sizes[0] != sizes[1] {
@@ -192,11 +193,13 @@ pub fn control_net(
     }
     let net = match method {
         NetMethod::Auto | NetMethod::Grid if (rows, columns) != (0, 0) => Err(NetError::FixedSize),
-        NetMethod::Auto | NetMethod::Grid => grid(region, range),
+        NetMethod::Auto | NetMethod::Grid => grid(region, range, progress),
         _ if rows == 1 || columns == 1 => Err(NetError::OneLine),
         NetMethod::Rows => rows::net(region, range, rows, columns),
-        NetMethod::Polar { order } => polar::net(region, range, order, rows, columns),
-        NetMethod::Harmonic { corners } => harmonic::net(region, range, corners, rows, columns),
+        NetMethod::Polar { order } => polar::net(region, range, order, [rows, columns], progress),
+        NetMethod::Harmonic { corners } => {
+            harmonic::net(region, range, corners, [rows, columns], progress)
+        }
     }?;
     Ok(net.with_frame(range.capture_frame().ok()))
 }
@@ -206,8 +209,12 @@ pub fn control_net(
 const PADDING: usize = 3;
 
 /// The range grid in the region's bounding rectangle, padded; free is each cell whose four neighbors are in the region too.
-fn grid(region: &Region, range: &RangeImage) -> Result<value::ControlNet, NetError> {
-    let patch = Patch::new(region, range, PADDING)?;
+fn grid(
+    region: &Region,
+    range: &RangeImage,
+    progress: &Progress<'_>,
+) -> Result<value::ControlNet, NetError> {
+    let patch = Patch::new(region, range, PADDING, progress)?;
     let (rows, columns) = (patch.rows, patch.columns);
     let free = |at: usize| {
         let (row, column) = (at / columns, at % columns);
@@ -277,7 +284,7 @@ pub(super) mod tests {
     }
 
     fn net(region: &Region, range: &RangeImage) -> value::ControlNet {
-        control_net(region, range, NetMethod::Auto, 0, 0).unwrap()
+        control_net(region, range, NetMethod::Auto, 0, 0, &Progress::none()).unwrap()
     }
 
     // T-RNG-03, the method Grid.
@@ -325,7 +332,7 @@ pub(super) mod tests {
     fn regions_and_sizes_that_do_not_fit_are_refused() {
         let (range, turned) = (range(6, 5, |_, _| 1.0), range(5, 6, |_, _| 1.0));
         let refused = |region: &Region, method, rows, columns| {
-            control_net(region, &range, method, rows, columns).unwrap_err()
+            control_net(region, &range, method, rows, columns, &Progress::none()).unwrap_err()
         };
         let point = region(&range, |x, y| (x, y) == (2, 2));
         let all = region(&range, |_, _| true);

@@ -1,6 +1,7 @@
 //! B-spline curves through or near points with given parameters: one direction of a fitted surface.
 
 use maquette::value::KnotVector;
+use maquette::{Cancelled, Progress};
 use nalgebra::Vector3;
 
 use super::banded::{Banded, Factors};
@@ -105,9 +106,16 @@ impl LineFit {
     }
 
     /// The control points of one line, a point for each parameter.
-    pub(super) fn fit(&self, points: &[Vector3<f64>]) -> FittedLine {
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(super) fn fit(
+        &self,
+        points: &[Vector3<f64>],
+        progress: &Progress<'_>,
+    ) -> Result<FittedLine, Cancelled> {
         let settled = |control| FittedLine { control, unsettled: 0.0, rounds: Vec::new() };
-        match &self.solver {
+        Ok(match &self.solver {
             Solver::Interpolate(factors) => {
                 let mut control = points.to_vec();
                 factors.solve(&mut control);
@@ -120,6 +128,7 @@ impl LineFit {
                 let mut unsettled = f64::INFINITY;
                 let mut rounds = Vec::new();
                 for _ in 0..iterations {
+                    progress.check()?;
                     let round = steps.round(&self.rows, points, &mut control, 1.0);
                     rounds.push(round.missed);
                     unsettled = round.control;
@@ -130,7 +139,7 @@ impl LineFit {
                 }
                 FittedLine { control, unsettled, rounds }
             }
-        }
+        })
     }
 
     fn near(&self, factors: &Factors, points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
@@ -348,15 +357,18 @@ mod tests {
         let (angles, points) = helix();
         let knots = KnotVector::averaged(&angles, 3).unwrap();
         let direct = LineFit::interpolate(knots.clone(), &angles).unwrap();
-        let control = direct.fit(&points).control;
+        let control = direct.fit(&points, &Progress::none()).unwrap().control;
         for (&angle, point) in angles.iter().zip(&points) {
             assert!((at(&direct, &control, angle) - point).norm() <= 1e-13);
         }
-        let settled = LineFit::progressive(knots.clone(), &angles, 200, 1e-11).fit(&points);
+        let settled = LineFit::progressive(knots.clone(), &angles, 200, 1e-11)
+            .fit(&points, &Progress::none())
+            .unwrap();
         assert_eq!(settled.unsettled, 0.0);
         let apart = settled.control.iter().zip(&control).map(|(a, b)| (a - b).norm());
         assert!(apart.fold(0.0, f64::max) <= 1e-9);
-        let stopped = LineFit::progressive(knots, &angles, 3, 1e-11).fit(&points);
+        let stopped =
+            LineFit::progressive(knots, &angles, 3, 1e-11).fit(&points, &Progress::none()).unwrap();
         assert!(stopped.unsettled > 0.1, "{}", stopped.unsettled);
     }
 
@@ -368,9 +380,11 @@ mod tests {
         let points: Vec<_> = parameters.iter().map(point).collect();
         let knots = KnotVector::approximating(&parameters, 9, 3).unwrap();
         let direct = LineFit::least_squares(knots.clone(), &parameters).unwrap();
-        let control = direct.fit(&points).control;
+        let control = direct.fit(&points, &Progress::none()).unwrap().control;
         assert_eq!((control[0], control[8]), (points[0], points[39]));
-        let settled = LineFit::progressive(knots, &parameters, 20_000, 1e-13).fit(&points);
+        let settled = LineFit::progressive(knots, &parameters, 20_000, 1e-13)
+            .fit(&points, &Progress::none())
+            .unwrap();
         let apart = settled.control.iter().zip(&control).map(|(a, b)| (a - b).norm());
         assert!(apart.fold(0.0, f64::max) <= 1e-8);
         // No control point can be moved to lower the sum of squares.

@@ -1,6 +1,7 @@
 //! The control points of a fitted surface, one direction after the other, and how far it misses the points.
 
 use maquette::value::{self, Along, KnotVector, Surface, Trace, TraceStep};
+use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -80,24 +81,25 @@ pub(super) fn fit_points(
     net: &value::ControlNet,
     u: &Direction,
     v: &Direction,
-) -> FittedNet {
+    progress: &Progress<'_>,
+) -> Result<FittedNet, Cancelled> {
     let [rows, columns] = [net.rows(), net.columns()];
     let down = (0..columns).into_par_iter().map(|column| {
         let line: Vec<Vector3<f64>> =
             (0..rows).map(|row| points[row * columns + column].coords).collect();
-        u.fit.fit(&line)
+        u.fit.fit(&line, progress)
     });
-    let down: Vec<_> = down.collect();
+    let down = down.collect::<Result<Vec<_>, _>>()?;
     let across = (0..u.fit.knots().n_control()).into_par_iter().map(|row| {
         let line: Vec<Vector3<f64>> = down.iter().map(|line| line.control[row]).collect();
-        v.fit.fit(&line)
+        v.fit.fit(&line, progress)
     });
-    let across: Vec<_> = across.collect();
+    let across = across.collect::<Result<Vec<_>, _>>()?;
     let unsettled = down.iter().chain(&across).map(|line| line.unsettled).fold(0.0, f64::max);
     let mut rounds = missed_before_rounds(&down, rows);
     rounds.extend(missed_before_rounds(&across, columns));
     let points = across.into_iter().flat_map(|line| line.control).map(Point3::from).collect();
-    FittedNet { points, unsettled, rounds }
+    Ok(FittedNet { points, unsettled, rounds })
 }
 
 /// What lines of `length` points were missed by before each round of all of them. A line that settled stays where it was.

@@ -3,7 +3,7 @@
 use maquette::value::{
     self, Along, Chart, ControlNetError, KnotVectorError, Surface, SurfaceError, Trace, TraceError,
 };
-use maquette::{Context, Error, In, Node};
+use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -127,6 +127,9 @@ pub enum FitError {
     /// Distances that are no numbers.
     #[error(transparent)]
     Trace(#[from] TraceError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
 }
 
 /// A surface near some points.
@@ -150,7 +153,7 @@ impl Node for FitSurface {
         if net.weights().windows(2).any(|pair| pair[0] != pair[1]) {
             cx.warn("the weights of the net are not used: a fitted surface has none");
         }
-        let fitted = fit_surface(net, self.order, self.method, self.parameters)?;
+        let fitted = fit_surface(net, self.order, self.method, self.parameters, cx.progress())?;
         if fitted.unsettled > 0.0 {
             cx.warn(format!(
                 "the iteration has not settled: its last round moved a control point by {:.3e} mm",
@@ -176,6 +179,7 @@ pub fn fit_surface(
     order: [usize; 2],
     method: FitMethod,
     kind: FitParameters,
+    progress: &Progress<'_>,
 ) -> Result<Fitted, FitError> {
     let counts = match method {
         FitMethod::Interpolate => [0, 0],
@@ -185,10 +189,10 @@ pub fn fit_surface(
     };
     let direction = |along: Along| Direction::new(net, along, order, counts, method, kind);
     let (u, v) = (direction(Along::U)?, direction(Along::V)?);
-    let fit = fit_points(net.points(), net, &u, &v);
+    let fit = fit_points(net.points(), net, &u, &v, progress)?;
     let base = match net.base() == net.points() {
         true => None,
-        false => Some(fit_points(net.base(), net, &u, &v)),
+        false => Some(fit_points(net.base(), net, &u, &v, progress)?),
     };
     let unsettled = base.as_ref().map_or(0.0, |base| base.unsettled).max(fit.unsettled);
     let base = base.map_or_else(|| fit.points.clone(), |base| base.points);
@@ -250,7 +254,9 @@ mod tests {
         for order in [[2, 3], [3, 3], [4, 5]] {
             for kind in ALL_PARAMETERS {
                 let surface =
-                    fit_surface(&net, order, FitMethod::Interpolate, kind).unwrap().surface;
+                    fit_surface(&net, order, FitMethod::Interpolate, kind, &Progress::none())
+                        .unwrap()
+                        .surface;
                 let (us, vs) = (at_point(&net, kind, Along::U), at_point(&net, kind, Along::V));
                 for (point, met) in net.points().iter().zip(surface.grid(&us, &vs)) {
                     assert!((point - met).norm() <= 1e-11, "{order:?} {kind:?}");
@@ -263,9 +269,12 @@ mod tests {
     fn an_interpolated_scan_is_written_back_as_it_was() {
         let range = range(26, 22, |x, y| 700.0 + libm::sin(5.0 * x) * libm::cos(3.0 * y));
         let disk = region(&range, |x, y| x.abs_diff(12).pow(2) + y.abs_diff(11).pow(2) < 60);
-        let net = control_net(&disk, &range, NetMethod::Grid, 0, 0).unwrap();
+        let net = control_net(&disk, &range, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
         for kind in ALL_PARAMETERS {
-            let surface = fit_surface(&net, [4, 4], FitMethod::Interpolate, kind).unwrap().surface;
+            let surface =
+                fit_surface(&net, [4, 4], FitMethod::Interpolate, kind, &Progress::none())
+                    .unwrap()
+                    .surface;
             let same = blend(&range, &disk, &surface, BlendMode::Replace, [1, 1]).unwrap();
             for (before, after) in range.points().iter().zip(same.range.points()) {
                 assert!((before - after).norm() <= 1e-9, "{kind:?}: {before} {after}");
@@ -276,7 +285,9 @@ mod tests {
     #[test]
     fn fewer_control_points_come_near_and_the_iteration_gets_there() {
         let net = waves(25, 31);
-        let fit = |method| fit_surface(&net, [4, 4], method, FitParameters::Chord).unwrap();
+        let fit = |method| {
+            fit_surface(&net, [4, 4], method, FitParameters::Chord, &Progress::none()).unwrap()
+        };
         let direct = fit(FitMethod::LeastSquares { rows: 12, columns: 14 });
         assert_eq!((direct.surface.net().rows(), direct.surface.net().columns()), (12, 14));
         let settled =
@@ -296,7 +307,9 @@ mod tests {
     #[test]
     fn a_trace_falls_to_what_the_surface_misses() {
         let net = waves(25, 31);
-        let fit = |method| fit_surface(&net, [4, 4], method, FitParameters::Uniform).unwrap();
+        let fit = |method| {
+            fit_surface(&net, [4, 4], method, FitParameters::Uniform, &Progress::none()).unwrap()
+        };
         let through = fit(FitMethod::Interpolate).trace;
         assert!(through.steps().len() == 1 && through.steps()[0].max <= 1e-11);
 
@@ -329,8 +342,9 @@ mod tests {
             FitMethod::Lspia { rows: 7, columns: 9, iterations: 5, tolerance: 0.0 },
         ] {
             for kind in ALL_PARAMETERS {
-                let [there, back] = [&net, &turned]
-                    .map(|net| fit_surface(net, [4, 3], method, kind).unwrap().surface);
+                let [there, back] = [&net, &turned].map(|net| {
+                    fit_surface(net, [4, 3], method, kind, &Progress::none()).unwrap().surface
+                });
                 for k in 0..50 {
                     let (u, v) = (f64::from(k) / 49.0, f64::from(k * k % 50) / 49.0);
                     let apart = there.point(u, v) - back.point(1.0 - u, 1.0 - v);
@@ -344,7 +358,7 @@ mod tests {
     fn nets_and_counts_that_do_not_fit_are_refused() {
         let net = waves(5, 6);
         let refused = |net: &value::ControlNet, order, method| {
-            fit_surface(net, order, method, FitParameters::Chord).unwrap_err()
+            fit_surface(net, order, method, FitParameters::Chord, &Progress::none()).unwrap_err()
         };
         let count = FitError::Count { along: Along::U, control: 5, points: 5, order: 6 };
         assert_eq!(refused(&net, [6, 3], FitMethod::Interpolate), count);

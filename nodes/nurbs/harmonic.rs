@@ -6,6 +6,7 @@
 
 use std::collections::VecDeque;
 
+use maquette::Progress;
 use maquette::value::{self, RangeImage, Region};
 use nalgebra::Point3;
 
@@ -29,10 +30,10 @@ pub(super) fn net(
     region: &Region,
     range: &RangeImage,
     corners: Option<[[usize; 2]; 4]>,
-    rows: usize,
-    columns: usize,
+    [rows, columns]: [usize; 2],
+    progress: &Progress<'_>,
 ) -> Result<value::ControlNet, NetError> {
-    let patch = Patch::new(region, range, 0)?;
+    let patch = Patch::new(region, range, 0, progress)?;
     let (low, high) = region.bounds();
     let degenerate =
         NetError::DegenerateRegion { rows: high[1] - low[1] + 1, columns: high[0] - low[0] + 1 };

@@ -1,7 +1,7 @@
 //! Moves the free points of a control net.
 
 use maquette::value::{self, ControlNetError, Direction, DirectionError, Field, Region};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Node, Progress};
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -79,7 +79,7 @@ impl Node for OffsetNet {
             cx.warn("the field at the port `picture` is not used: the profile is not `Picture`");
         }
         let net = cx.get(&self.net);
-        Ok((offset_net(net, normal, picture, region, &self.steps, self.profile)?,))
+        Ok((offset_net(net, normal, picture, region, &self.steps, self.profile, cx.progress())?,))
     }
 }
 
@@ -95,6 +95,7 @@ pub fn offset_net(
     region: Option<&Region>,
     steps: &[OffsetStep],
     profile: Profile,
+    progress: &Progress<'_>,
 ) -> Result<value::ControlNet, OffsetError> {
     let mut free: Vec<u8> = net.fixed().iter().map(|&fixed| u8::from(fixed == 0)).collect();
     if let Some(region) = region {
@@ -105,7 +106,7 @@ pub fn offset_net(
         None => mean_normal(net).map_err(OffsetError::Normal)?.vector(),
     };
     let offset = sum_of_steps(net, normal, steps)?;
-    let factors = profile.factors(net, &free, picture)?;
+    let factors = profile.factors(net, &free, picture, progress)?;
     let moved = (net.points().iter().zip(factors).zip(free)).map(|((point, factor), free)| {
         let offset = offset * factor;
         // Adding 0 would turn -0 into 0.
@@ -206,7 +207,8 @@ mod tests {
     fn net() -> value::ControlNet {
         let range = range(24, 14, |_, _| -0.0);
         let inside = |x, y| (4..20).contains(&x) && (4..10).contains(&y);
-        control_net(&region(&range, inside), &range, NetMethod::Grid, 0, 0).unwrap()
+        control_net(&region(&range, inside), &range, NetMethod::Grid, 0, 0, &Progress::none())
+            .unwrap()
     }
 
     fn step(distance: f64, angle: f64, axis: [f64; 3]) -> OffsetStep {
@@ -216,7 +218,7 @@ mod tests {
     fn moved(steps: &[OffsetStep]) -> Result<Vector3<f64>, OffsetError> {
         let net = net();
         let free = net.fixed().iter().position(|&fixed| fixed == 0).unwrap();
-        let after = offset_net(&net, up(), None, None, steps, Profile::Plateau)?;
+        let after = offset_net(&net, up(), None, None, steps, Profile::Plateau, &Progress::none())?;
         Ok(after.points()[free] - net.points()[free])
     }
 
@@ -233,7 +235,8 @@ mod tests {
             &[step(3.0, 0.0, [0.0; 3]), step(-3.0, 0.0, [0.0; 3])],
         ] {
             for profile in [Profile::Cosine, Profile::Plateau] {
-                let same = offset_net(&net, up(), None, None, steps, profile).unwrap();
+                let same =
+                    offset_net(&net, up(), None, None, steps, profile, &Progress::none()).unwrap();
                 assert_eq!(bits(&same), bits(&net));
             }
         }
@@ -244,7 +247,8 @@ mod tests {
     fn a_plateau_moves_free_points_the_whole_way_and_no_others() {
         let net = net();
         let steps = [step(12.0, 0.0, [0.0; 3])];
-        let after = offset_net(&net, up(), None, None, &steps, Profile::Plateau).unwrap();
+        let after = offset_net(&net, up(), None, None, &steps, Profile::Plateau, &Progress::none())
+            .unwrap();
         let whole = Vector3::from(TOWARDS_SENSOR) * 12.0;
         for (at, point) in net.points().iter().enumerate() {
             let expected = if net.fixed()[at] == 1 { *point } else { point + whole };
@@ -276,18 +280,22 @@ mod tests {
         assert_eq!(parallel, Err(OffsetError::Singular { step: 1 }));
         let along_x = Some(Unit::new_unchecked(Vector3::x()));
         let steps = [step(1.0, 10.0, [0.0; 3])];
-        let chosen = offset_net(&net(), along_x, None, None, &steps, Profile::Plateau);
+        let chosen =
+            offset_net(&net(), along_x, None, None, &steps, Profile::Plateau, &Progress::none());
         assert_eq!(chosen, Err(OffsetError::Singular { step: 0 }));
     }
 
     #[test]
     fn without_a_normal_a_capture_grows_towards_the_sensor() {
         let steps = [step(2.0, 0.0, [0.0; 3])];
-        let after = offset_net(&net(), None, None, None, &steps, Profile::Plateau).unwrap();
+        let after =
+            offset_net(&net(), None, None, None, &steps, Profile::Plateau, &Progress::none())
+                .unwrap();
         let lowest = after.points().iter().map(|point| point.z).fold(0.0, f64::min);
         assert!((lowest + 2.0).abs() <= 1e-12);
         let point = value::ControlNet::new(2, 2, vec![Point3::origin(); 4]).unwrap();
-        let none = offset_net(&point, None, None, None, &steps, Profile::Plateau);
+        let none =
+            offset_net(&point, None, None, None, &steps, Profile::Plateau, &Progress::none());
         assert!(matches!(none, Err(OffsetError::Normal(_))));
     }
 
@@ -296,13 +304,16 @@ mod tests {
         let net = net();
         let left = region(&range(24, 14, |_, _| 0.0), |x, _| x < 10);
         let steps = [step(1.0, 0.0, [0.0; 3])];
-        let after = offset_net(&net, up(), None, Some(&left), &steps, Profile::Plateau).unwrap();
+        let after =
+            offset_net(&net, up(), None, Some(&left), &steps, Profile::Plateau, &Progress::none())
+                .unwrap();
         for (at, point) in after.points().iter().enumerate() {
             let expected = net.fixed()[at] == 0 && point.x < 10.0;
             assert_eq!(point.z != 0.0, expected, "{point}");
         }
         let other = region(&range(5, 5, |_, _| 0.0), |_, _| true);
-        let refused = offset_net(&net, up(), None, Some(&other), &steps, Profile::Plateau);
+        let refused =
+            offset_net(&net, up(), None, Some(&other), &steps, Profile::Plateau, &Progress::none());
         assert!(matches!(refused, Err(OffsetError::Within(WithinError::Size { .. }))));
     }
 }

@@ -1,9 +1,10 @@
 //! The part of a range grid around a region, without gaps.
 
+use maquette::Progress;
 use maquette::value::{RangeImage, Region};
 use nalgebra::Point3;
 
-use crate::laplace::{self, NotConverged};
+use crate::laplace::{self, Unsolved};
 
 /// The cells of a range grid in the rectangle around a region, padded, with a point each.
 pub(super) struct Patch {
@@ -29,7 +30,8 @@ impl Patch {
         region: &Region,
         range: &RangeImage,
         padding: usize,
-    ) -> Result<Self, NotConverged> {
+        progress: &Progress<'_>,
+    ) -> Result<Self, Unsolved> {
         let width = range.width();
         let (low, high) = region.bounds();
         let [left, top] = low.map(|low| low.saturating_sub(padding));
@@ -40,21 +42,21 @@ impl Patch {
             .flat_map(|row| &range.points()[row * width + left..=row * width + right])
             .copied()
             .collect();
-        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region)
+        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region, progress)
     }
 
     /// The rectangle around a region, its other cells continued from the region: where it ends at a step in depth, what is
     /// behind it has no part in what lies between the cells.
-    pub(super) fn alone(region: &Region) -> Result<Self, NotConverged> {
+    pub(super) fn alone(region: &Region, progress: &Progress<'_>) -> Result<Self, Unsolved> {
         let (low, high) = region.bounds();
         let ([left, top], width) = (low, region.width());
         let (rows, columns) = (high[1] - top + 1, high[0] - left + 1);
         let points = vec![Point3::new(f64::NAN, f64::NAN, f64::NAN); rows * columns];
-        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region)
+        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region, progress)
     }
 
     /// The patch with the region's points, and none missing.
-    fn with(self, region: &Region) -> Result<Self, NotConverged> {
+    fn with(self, region: &Region, progress: &Progress<'_>) -> Result<Self, Unsolved> {
         let (rows, columns) = (self.rows, self.columns);
         let mut patch = Self { inside: vec![0; rows * columns], ..self };
         for (&cell, &point) in region.cells().iter().zip(region.points()) {
@@ -62,7 +64,7 @@ impl Patch {
             patch.points[row * columns + column] = point;
             patch.inside[row * columns + column] = 1;
         }
-        fill(&mut patch.points, rows, columns)?;
+        fill(&mut patch.points, rows, columns, progress)?;
         Ok(patch)
     }
 
@@ -92,14 +94,19 @@ impl Patch {
 }
 
 /// Gives the invalid points of a grid the smoothest values that fit the valid ones.
-fn fill(points: &mut [Point3<f64>], rows: usize, columns: usize) -> Result<(), NotConverged> {
+fn fill(
+    points: &mut [Point3<f64>],
+    rows: usize,
+    columns: usize,
+    progress: &Progress<'_>,
+) -> Result<(), Unsolved> {
     let free: Vec<u8> = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
     if !free.contains(&1) {
         return Ok(());
     }
     for axis in 0..3 {
         let mut values: Vec<f64> = points.iter().map(|point| point[axis]).collect();
-        laplace::solve(columns, rows, &free, 0.0, &mut values)?;
+        laplace::solve(columns, rows, &free, 0.0, &mut values, progress)?;
         points.iter_mut().zip(values).for_each(|(point, value)| point[axis] = value);
     }
     Ok(())

@@ -8,6 +8,7 @@
 //! The contour of a region that was found in a picture has steps and teeth, which a spoke may cross more than once. So the last
 //! row is a calm line around all of it ([`super::rays`]), on the region's points continued a little beyond its cells.
 
+use maquette::Progress;
 use maquette::value::{self, RangeImage, Region};
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -28,8 +29,8 @@ pub(super) fn net(
     region: &Region,
     range: &RangeImage,
     order: usize,
-    rows: usize,
-    columns: usize,
+    [rows, columns]: [usize; 2],
+    progress: &Progress<'_>,
 ) -> Result<value::ControlNet, NetError> {
     if !(2..=10).contains(&order) {
         return Err(NetError::Order { order });
@@ -39,7 +40,7 @@ pub(super) fn net(
     if columns != 0 && columns < least {
         return Err(NetError::FewColumns { columns, least });
     }
-    let patch = Patch::alone(region)?;
+    let patch = Patch::alone(region, progress)?;
     let center = middle(region, &patch);
     let contour = outline(&patch, center)?;
     let cell = |[x, y]: [f64; 2]| {
@@ -205,7 +206,7 @@ mod tests {
     fn rings_go_from_the_pole_to_the_contour() {
         let range = hill();
         let egg = egg(&range);
-        let net = control_net(&egg, &range, POLAR, 9, 34).unwrap();
+        let net = control_net(&egg, &range, POLAR, 9, 34, &Progress::none()).unwrap();
         assert_eq!((net.rows(), net.columns()), (9, 34));
         let points = net.points();
         assert!(points[..34].iter().all(|point| *point == points[0]));
@@ -224,7 +225,15 @@ mod tests {
     fn a_surface_of_the_net_closes_and_looks_at_the_sensor() {
         let range = hill();
         for order in [2, 3, 4] {
-            let net = control_net(&egg(&range), &range, NetMethod::Polar { order }, 0, 0).unwrap();
+            let net = control_net(
+                &egg(&range),
+                &range,
+                NetMethod::Polar { order },
+                0,
+                0,
+                &Progress::none(),
+            )
+            .unwrap();
             let surface = surface(&net, order);
             let (start, end) = surface.v().domain();
             for k in 0..20 {
@@ -240,7 +249,7 @@ mod tests {
     fn cells_lie_where_the_chart_says() {
         let range = hill();
         let egg = egg(&range);
-        let net = control_net(&egg, &range, POLAR, 0, 0).unwrap();
+        let net = control_net(&egg, &range, POLAR, 0, 0, &Progress::none()).unwrap();
         let surface = surface(&net, 3);
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, egg.cells());
@@ -272,7 +281,7 @@ mod tests {
         for teeth in [0.0, 1.0, 2.0, 3.0] {
             let disk = jagged(&range, teeth);
             // Teeth may leave cells behind that hang on by nothing.
-            let net = match control_net(&disk, &range, POLAR, 0, 0) {
+            let net = match control_net(&disk, &range, POLAR, 0, 0, &Progress::none()) {
                 Err(NetError::Parts) => continue,
                 net => net.unwrap(),
             };
@@ -302,7 +311,7 @@ mod tests {
             far(18) < 225 && far(27) > 150
         });
         let refused = |region: &Region, method, rows, columns| {
-            control_net(region, &range, method, rows, columns).unwrap_err()
+            control_net(region, &range, method, rows, columns, &Progress::none()).unwrap_err()
         };
         assert!(matches!(refused(&moon, POLAR, 0, 0), NetError::NotStarShaped { .. }));
         let line = region(&range, |x, y| y == 4 && x < 9);

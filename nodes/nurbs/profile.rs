@@ -1,10 +1,11 @@
 //! How an offset fades from the middle of a net's free points to its fixed ones.
 
+use maquette::Progress;
 use maquette::value::{self, Field};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::laplace::{self, NotConverged};
+use crate::laplace::{self, Unsolved};
 
 /// How an offset fades towards the points that stay. `d` is 0 at those and 1 at the innermost point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -41,7 +42,7 @@ pub enum ProfileError {
     },
     /// The distance from the border could not be computed.
     #[error(transparent)]
-    Distance(#[from] NotConverged),
+    Distance(#[from] Unsolved),
 }
 
 impl Profile {
@@ -51,6 +52,7 @@ impl Profile {
         net: &value::ControlNet,
         free: &[u8],
         picture: Option<&Field>,
+        progress: &Progress<'_>,
     ) -> Result<Vec<f64>, ProfileError> {
         let falloff: Box<dyn Fn(f64) -> f64> = match self {
             Self::Plateau => return Ok(vec![1.0; free.len()]),
@@ -70,7 +72,7 @@ impl Profile {
                 return Err(ProfileError::Number { number, least: "more than 0" });
             }
         };
-        let inwardness = inwardness(net.rows(), net.columns(), free)?;
+        let inwardness = inwardness(net.rows(), net.columns(), free, progress)?;
         let mut factors: Vec<f64> = inwardness.into_iter().map(falloff).collect();
         if matches!(self, Self::Cosine | Self::Gaussian(_)) {
             blunt(net, free, &mut factors);
@@ -95,7 +97,12 @@ fn blunt(net: &value::ControlNet, free: &[u8], factors: &mut [f64]) {
 ///
 /// `d = 1 - sqrt(1 - h / max h)` with `Laplace h = -1` on the free points of the index grid, 0 on the others: on a disk exactly
 /// the distance from the rim, on any other shape without the ridges that the distance itself has.
-fn inwardness(rows: usize, columns: usize, free: &[u8]) -> Result<Vec<f64>, NotConverged> {
+fn inwardness(
+    rows: usize,
+    columns: usize,
+    free: &[u8],
+    progress: &Progress<'_>,
+) -> Result<Vec<f64>, Unsolved> {
     let border = |at: usize| {
         let (row, column) = (at / columns, at % columns);
         row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
@@ -105,7 +112,7 @@ fn inwardness(rows: usize, columns: usize, free: &[u8]) -> Result<Vec<f64>, NotC
         (0..free.len()).filter(|&at| border(at)).for_each(|at| free[at] = 0);
     }
     let mut heights = vec![0.0; free.len()];
-    laplace::solve(columns, rows, &free, 1.0, &mut heights)?;
+    laplace::solve(columns, rows, &free, 1.0, &mut heights, progress)?;
     let highest = heights.iter().copied().fold(0.0, f64::max);
     if highest == 0.0 {
         return Ok(heights);
@@ -165,7 +172,8 @@ mod tests {
             (x * x + y * y).sqrt()
         };
         let free: Vec<u8> = (0..43 * 43).map(|at| u8::from(from_center(at) < radius)).collect();
-        let cone = Profile::Power(1.0).factors(&net(43, 43), &free, None).unwrap();
+        let cone =
+            Profile::Power(1.0).factors(&net(43, 43), &free, None, &Progress::none()).unwrap();
         for (at, d) in cone.iter().enumerate() {
             let exact = (1.0 - from_center(at) / radius).max(0.0);
             assert!((d - exact).abs() <= 0.03, "{at}: {d} {exact}");
@@ -176,7 +184,8 @@ mod tests {
     fn profiles_rise_from_the_border_to_one() {
         let mut free = vec![0; 25];
         [6, 7, 8, 11, 12, 13, 16, 17, 18].into_iter().for_each(|at| free[at] = 1);
-        let factors = |profile: Profile| profile.factors(&net(5, 5), &free, None).unwrap();
+        let factors =
+            |profile: Profile| profile.factors(&net(5, 5), &free, None, &Progress::none()).unwrap();
         for profile in [Profile::Cosine, Profile::Power(2.0)] {
             let factors = factors(profile);
             assert_eq!(factors[0], 0.0);
@@ -187,10 +196,13 @@ mod tests {
         assert_eq!(factors(Profile::Plateau), [1.0; 25]);
         // Without a point that stays, the border of the net is the border of the profile.
         assert_eq!(
-            Profile::Cosine.factors(&net(5, 5), &[1; 25], None).unwrap(),
+            Profile::Cosine.factors(&net(5, 5), &[1; 25], None, &Progress::none()).unwrap(),
             factors(Profile::Cosine)
         );
-        assert_eq!(Profile::Cosine.factors(&net(2, 2), &[1; 4], None), Ok(vec![0.0; 4]));
+        assert_eq!(
+            Profile::Cosine.factors(&net(2, 2), &[1; 4], None, &Progress::none()),
+            Ok(vec![0.0; 4])
+        );
     }
 
     #[test]
@@ -198,7 +210,8 @@ mod tests {
         let ring = |at: usize| Point3::new((at / 6) as f64, ((at / 6) * (at % 6)) as f64, 0.0);
         let net = value::ControlNet::new(5, 6, (0..30).map(ring).collect::<Vec<_>>()).unwrap();
         let free: Vec<u8> = (0..30).map(|at| u8::from(at < 24)).collect();
-        let factors = |profile: Profile| profile.factors(&net, &free, None).unwrap();
+        let factors =
+            |profile: Profile| profile.factors(&net, &free, None, &Progress::none()).unwrap();
         for profile in [Profile::Cosine, Profile::Gaussian(0.5)] {
             let factors = factors(profile);
             assert_eq!(factors[..6], factors[6..12]);
@@ -211,20 +224,28 @@ mod tests {
     fn a_picture_is_laid_over_the_net() {
         let over = |pixels: Vec<f32>, width, rows, columns| {
             let picture = Field::new(width, pixels.len() / width, pixels).unwrap();
-            Profile::Picture.factors(&net(rows, columns), &vec![1; rows * columns], Some(&picture))
+            Profile::Picture.factors(
+                &net(rows, columns),
+                &vec![1; rows * columns],
+                Some(&picture),
+                &Progress::none(),
+            )
         };
         let levels = over(vec![10.0, 30.0, 10.0, 50.0], 2, 3, 3).unwrap();
         assert_eq!(levels, [0.0, 0.25, 0.5, 0.0, 0.375, 0.75, 0.0, 0.5, 1.0]);
         assert_eq!(over(vec![7.0; 4], 2, 1, 2).unwrap(), [1.0, 1.0]);
         assert_eq!(over(vec![f32::NAN, 1.0, 2.0], 3, 1, 3).unwrap(), [0.0, 0.0, 1.0]);
         assert_eq!(over(vec![f32::NAN], 1, 1, 1), Err(ProfileError::EmptyPicture));
-        assert_eq!(Profile::Picture.factors(&net(1, 1), &[1], None), Err(ProfileError::NoPicture));
+        assert_eq!(
+            Profile::Picture.factors(&net(1, 1), &[1], None, &Progress::none()),
+            Err(ProfileError::NoPicture)
+        );
     }
 
     #[test]
     fn numbers_out_of_range_are_refused() {
         for profile in [Profile::Power(-1.0), Profile::Power(f64::NAN), Profile::Gaussian(0.0)] {
-            let refused = profile.factors(&net(3, 3), &[1; 9], None);
+            let refused = profile.factors(&net(3, 3), &[1; 9], None, &Progress::none());
             assert!(matches!(refused, Err(ProfileError::Number { .. })), "{profile:?}");
         }
     }

@@ -207,9 +207,10 @@ mod tests {
     use super::super::control_net::tests::{range, region};
     use super::super::control_net::{NetMethod, control_net};
     use super::*;
+    use maquette::Progress;
 
     fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {
-        control_net(region, range, NetMethod::Rows, rows, columns).unwrap()
+        control_net(region, range, NetMethod::Rows, rows, columns, &Progress::none()).unwrap()
     }
 
     // T-RNG-03, the method Rows.
@@ -288,6 +289,6 @@ mod tests {
     fn points_too_far_away_to_measure_are_an_error() {
         let range = range(6, 6, |x, _| if x > 3.0 { 1e300 } else { -1e300 });
         let all = region(&range, |_, _| true);
-        assert!(control_net(&all, &range, NetMethod::Rows, 0, 7).is_err());
+        assert!(control_net(&all, &range, NetMethod::Rows, 0, 7, &Progress::none()).is_err());
     }
 }

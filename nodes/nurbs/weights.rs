@@ -122,6 +122,7 @@ pub fn weights_inside(
 
 #[cfg(test)]
 mod tests {
+    use maquette::Progress;
     use nalgebra::Point3;
 
     use super::super::control_net::tests::{range, region};
@@ -133,7 +134,7 @@ mod tests {
         let range = range(12, 10, |_, _| 1.0);
         let whole = region(&range, |x, y| (2..10).contains(&x) && (2..8).contains(&y));
         let part = region(&range, |x, y| (2..5).contains(&x) && y < 4);
-        let net = control_net(&whole, &range, NetMethod::Grid, 0, 0).unwrap();
+        let net = control_net(&whole, &range, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
         let heavy = weights_inside(&net, &part, 3.0).unwrap();
         for (at, weight) in heavy.weights().iter().enumerate() {
             let (row, column) = (at / net.columns(), at % net.columns());
@@ -141,7 +142,7 @@ mod tests {
             let inside = (2..4).contains(&row) && (2..5).contains(&column);
             assert_eq!(*weight, if inside { 3.0 } else { 1.0 }, "({row}, {column})");
         }
-        let fine = control_net(&whole, &range, NetMethod::Rows, 11, 15).unwrap();
+        let fine = control_net(&whole, &range, NetMethod::Rows, 11, 15, &Progress::none()).unwrap();
         let heavy = weights_inside(&fine, &part, 3.0).unwrap();
         assert_eq!((heavy.weights()[16], heavy.weights()[15 * 9 + 7]), (3.0, 1.0));
     }
@@ -151,7 +152,8 @@ mod tests {
         let (here, there) = (range(12, 10, |_, _| 1.0), range(11, 10, |_, _| 1.0));
         let part = |range| region(range, |x, y| x < 5 && y < 4);
         assert_eq!(weights_inside(&net(), &part(&here), 2.0), Err(WithinError::NoChart.into()));
-        let made = control_net(&part(&here), &here, NetMethod::Grid, 0, 0).unwrap();
+        let made =
+            control_net(&part(&here), &here, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
         let size = WithinError::Size { region: [11, 10], net: [12, 10] };
         assert_eq!(weights_inside(&made, &part(&there), 2.0), Err(size.into()));
     }

@@ -1,7 +1,7 @@
 //! Takes one labelled part of a picture as a region of the range grid.
 
 use maquette::value::{Labels, RangeImage, Region, RegionError};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Node, Progress};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ use super::contour::contours;
 use super::footprint::covered_cells;
 use super::range_holes::{fill_points, usable_cells};
 use crate::image::{Connectivity, close, label};
-use crate::laplace::NotConverged;
+use crate::laplace::Unsolved;
 
 /// Takes one labelled part of a picture as a region of the range grid, ready to be redesigned.
 ///
@@ -129,7 +129,7 @@ pub enum ExtractRegionError {
     },
     /// Points of holes could not be computed.
     #[error(transparent)]
-    Fill(#[from] NotConverged),
+    Fill(#[from] Unsolved),
     /// The region is none.
     #[error(transparent)]
     Region(#[from] RegionError),
@@ -142,7 +142,8 @@ impl Node for ExtractRegion {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (labels, range) = (cx.get(&self.labels), cx.get(&self.range));
         let close = self.close as usize;
-        let region = extract_region(labels, range, self.pick, self.fill_holes, close)?;
+        let region =
+            extract_region(labels, range, self.pick, self.fill_holes, close, cx.progress())?;
         let (low, high) = region.bounds();
         let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
         if columns < 3 || rows < 3 {
@@ -168,6 +169,7 @@ pub fn extract_region(
     pick: Pick,
     fill: bool,
     close_radius: usize,
+    progress: &Progress<'_>,
 ) -> Result<Region, ExtractRegionError> {
     let size = [labels.width(), labels.height()];
     let picture = range.registration().picture;
@@ -186,7 +188,7 @@ pub fn extract_region(
     let Some(&largest) = pieces.by_area().first() else {
         return Err(ExtractRegionError::NoPoint { label: number, cells });
     };
-    finish(&pieces, largest, range)
+    finish(&pieces, largest, range, progress)
 }
 
 /// The number of the part that `pick` chooses.
@@ -235,7 +237,12 @@ fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, ExtractRegion
 }
 
 /// The region of the cells labelled `number` in `pieces`, with points for those that have none.
-fn finish(pieces: &Labels, number: u32, range: &RangeImage) -> Result<Region, ExtractRegionError> {
+fn finish(
+    pieces: &Labels,
+    number: u32,
+    range: &RangeImage,
+    progress: &Progress<'_>,
+) -> Result<Region, ExtractRegionError> {
     let (width, height) = (pieces.width(), pieces.height());
     let grid: Vec<u8> = pieces.pixels().iter().map(|&piece| u8::from(piece == number)).collect();
     let cells: Vec<u32> =
@@ -248,7 +255,7 @@ fn finish(pieces: &Labels, number: u32, range: &RangeImage) -> Result<Region, Ex
     let filled = cells.iter().zip(&points).map(filled).collect();
     if points.iter().any(|point| point.x.is_nan()) {
         let component = &pieces.statistics()[number as usize - 1];
-        fill_points([component.low, component.high], width, &cells, &mut points)?;
+        fill_points([component.low, component.high], width, &cells, &mut points, progress)?;
     }
     let contours = contours(width, height, &grid);
     Ok(Region::new(width, height, cells, points, filled, contours)?)

@@ -1,10 +1,11 @@
 //! Cells of a region for which the scanner has no point.
 
+use maquette::Progress;
 use maquette::value::{Mask, RangeImage};
 use nalgebra::Point3;
 
 use crate::image::{Connectivity, label};
-use crate::laplace::{NotConverged, solve};
+use crate::laplace::{Unsolved, solve};
 
 /// The cells of `region` that have a point, or will have one: with `fill` the invalid ones whose part lies wholly inside.
 pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mask {
@@ -38,7 +39,8 @@ pub(crate) fn fill_points(
     width: usize,
     cells: &[u32],
     points: &mut [Point3<f64>],
-) -> Result<(), NotConverged> {
+    progress: &Progress<'_>,
+) -> Result<(), Unsolved> {
     let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
     let place =
         |cell: u32| (cell as usize / width - low[1]) * columns + cell as usize % width - low[0];
@@ -51,7 +53,7 @@ pub(crate) fn fill_points(
         for (&cell, point) in cells.iter().zip(&*points) {
             values[place(cell)] = point[axis];
         }
-        solve(columns, rows, &free, 0.0, &mut values)?;
+        solve(columns, rows, &free, 0.0, &mut values, progress)?;
         for (&cell, point) in cells.iter().zip(&mut *points) {
             point[axis] = values[place(cell)];
         }

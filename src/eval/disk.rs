@@ -21,7 +21,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::SystemTime;
 
 use super::cache::{Outcome, Values};
-use super::files::Stamp;
+use super::files::KnownFile;
 use super::snapshot::Snapshot;
 use crate::catalog::Catalog;
 use crate::value::{Bytes, Columns, Hash, ValueType};
@@ -139,7 +139,7 @@ impl Disk {
         &self,
         graph: &Path,
         snapshot: &Arc<Snapshot>,
-        files: Vec<(PathBuf, Stamp, Hash)>,
+        files: Vec<KnownFile>,
     ) {
         if self.trouble().is_none() {
             let path = self.store.record_path(graph);
@@ -148,7 +148,7 @@ impl Disk {
     }
 
     /// What the last evaluation of the graph at this path found, and the files that it read.
-    pub(super) fn snapshot(&self, graph: &Path) -> Option<(Snapshot, Vec<(PathBuf, Stamp, Hash)>)> {
+    pub(super) fn snapshot(&self, graph: &Path) -> Option<(Snapshot, Vec<KnownFile>)> {
         let path = self.store.record_path(graph);
         let found = record::read(&self.store.read(&path)?, &self.store);
         if found.is_none() {

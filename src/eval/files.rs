@@ -26,8 +26,11 @@ pub(super) struct Stamp {
     place: (u64, u64),
 }
 
-/// Clocks of file systems are at most this coarse.
+/// Clocks of file systems are at most this coarse,
 const GRAIN: Duration = Duration::from_secs(2);
+
+/// and those that tell parts of a second this coarse.
+const FINE_GRAIN: Duration = Duration::from_millis(100);
 
 impl Stamp {
     pub(super) fn of(path: &Path) -> Option<Self> {
@@ -51,9 +54,19 @@ impl Stamp {
     /// Whether a write after this moment would have given another stamp.
     fn is_settled(&self) -> bool {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let is_fine = !self.modified.is_multiple_of(1_000_000_000);
+        let grain = if is_fine { FINE_GRAIN } else { GRAIN };
         let last = i128::try_from(self.modified).unwrap_or(i128::MAX).max(self.changed);
-        i128::try_from((now.saturating_sub(GRAIN)).as_nanos()).is_ok_and(|limit| last < limit)
+        i128::try_from(now.saturating_sub(grain).as_nanos()).is_ok_and(|limit| last < limit)
     }
+}
+
+/// A file that was read, and what the system said of it then.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct KnownFile {
+    path: PathBuf,
+    stamp: Stamp,
+    hash: Hash,
 }
 
 /// The hashes of files that were read, by path, with what the system said of them then.
@@ -73,18 +86,22 @@ impl Known {
         }
     }
 
-    pub(super) fn remember(&self, path: &Path, stamp: Stamp, hash: Hash) {
+    /// Takes over what another process knew.
+    pub(super) fn extend(&self, files: Vec<KnownFile>) {
+        lock(&self.0).extend(files.into_iter().map(|file| (file.path, (file.stamp, file.hash))));
+    }
+
+    fn remember(&self, path: &Path, stamp: Stamp, hash: Hash) {
         lock(&self.0).insert(path.to_owned(), (stamp, hash));
     }
 
     /// What is known of these files.
-    pub(super) fn of<'a>(
-        &self,
-        paths: impl Iterator<Item = &'a Path>,
-    ) -> Vec<(PathBuf, Stamp, Hash)> {
+    pub(super) fn of<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
         let known = lock(&self.0);
-        let find =
-            |path: &Path| known.get(path).map(|(stamp, hash)| (path.to_owned(), *stamp, *hash));
+        let find = |path: &Path| {
+            let &(stamp, hash) = known.get(path)?;
+            Some(KnownFile { path: path.to_owned(), stamp, hash })
+        };
         paths.filter_map(find).collect()
     }
 }

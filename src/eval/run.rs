@@ -12,7 +12,7 @@ use super::cache::{FirstBytes, Outcome, Values};
 use super::files::Reads;
 use super::key::Parts;
 use super::plan::{Plan, Task};
-use super::snapshot::{Done, Fate, Snapshot};
+use super::snapshot::{Done, Fate};
 use super::trace::Reason;
 use super::why::{Forecast, Outlook};
 use super::{Evaluator, Observer, Panic, State, in_words, lock};
@@ -60,25 +60,32 @@ pub(super) struct Run<'a> {
     cancel: &'a CancelToken,
     start: Instant,
     files: Reads<'a>,
-    /// How many links of each node wait for their node.
-    waiting: Vec<AtomicUsize>,
+    /// The slot of each node that has a task, by node.
+    places: Vec<u32>,
     slots: Vec<Slot>,
     news: Mutex<Vec<News>>,
     /// Nodes that wait for another one with the same key.
     in_flight: Mutex<HashMap<Hash, Vec<usize>, BuildHasherDefault<FirstBytes>>>,
 }
 
-/// A node's place in a run.
+/// A node with a task.
 #[derive(Default)]
 struct Slot {
+    node: usize,
+    /// How many links wait for their node.
+    waiting: AtomicUsize,
     /// The node's result; none inside if it has none.
     done: OnceLock<Option<Arc<Done>>>,
     /// Whether this node, or one that it hangs on, ran.
     ran: AtomicBool,
     /// The values, held for the nodes that still need them.
     held: Mutex<Option<Values>>,
+    /// How many links of nodes that have a task still need them.
     users: AtomicUsize,
 }
+
+/// The place of a node without a slot.
+const NOWHERE: u32 = u32::MAX;
 
 impl<'a> Run<'a> {
     pub(super) fn new(
@@ -89,11 +96,23 @@ impl<'a> Run<'a> {
         cancel: &'a CancelToken,
     ) -> Self {
         let tasks = &plan.tasks[..];
-        let slots = match plan.has_work() {
-            false => Vec::new(),
-            true => tasks.iter().map(|_| Slot::default()).collect(),
-        };
-        let mut run = Self {
+        let mut places = Vec::new();
+        let mut slots: Vec<Slot> = Vec::new();
+        if plan.has_work() {
+            places.resize(tasks.len(), NOWHERE);
+            for node in (0..tasks.len()).filter(|&node| tasks[node] != Task::None) {
+                places[node] = slots.len() as u32;
+                // Each node comes after those that it hangs on, so their slots are there.
+                let links = graph.nodes[node].links.iter().map(|link| places[link.node]);
+                let mut waiting = 0;
+                for place in links.filter(|&place| place != NOWHERE) {
+                    *slots[place as usize].users.get_mut() += 1;
+                    waiting += 1;
+                }
+                slots.push(Slot { node, waiting: waiting.into(), ..Slot::default() });
+            }
+        }
+        Self {
             evaluator,
             graph,
             tasks,
@@ -101,38 +120,23 @@ impl<'a> Run<'a> {
             cancel,
             start: Instant::now(),
             files: Reads::new(&evaluator.files),
-            waiting: Vec::new(),
+            places,
             slots,
             news: Mutex::default(),
             in_flight: Mutex::default(),
-        };
-        if plan.has_work() {
-            run.waiting =
-                tasks.iter().enumerate().map(|(index, _)| run.links_to_wait_for(index)).collect();
         }
-        run
     }
 
-    /// Counts a node's links to nodes that have a task; those know then that somebody needs them.
-    fn links_to_wait_for(&self, index: usize) -> AtomicUsize {
-        if self.tasks[index] == Task::None {
-            return AtomicUsize::new(0);
-        }
-        let links = self.graph.nodes[index].links.iter();
-        AtomicUsize::new(
-            links
-                .filter(|link| {
-                    self.slots[link.node].users.fetch_add(1, Ordering::Relaxed);
-                    self.tasks[link.node] != Task::None
-                })
-                .count(),
-        )
+    /// The slot of a node; none if it has no task.
+    fn slot(&self, node: usize) -> Option<&Slot> {
+        let place = *self.places.get(node)?;
+        self.slots.get(place as usize)
     }
 
     pub(super) fn start<'s>(&'s self, scope: &rayon::Scope<'s>) {
-        for (index, waiting) in self.waiting.iter().enumerate() {
-            if self.tasks[index] != Task::None && waiting.load(Ordering::Relaxed) == 0 {
-                scope.spawn(move |scope| self.visit(index, scope));
+        for slot in &self.slots {
+            if slot.waiting.load(Ordering::Relaxed) == 0 {
+                scope.spawn(move |scope| self.visit(slot.node, scope));
             }
         }
     }
@@ -144,13 +148,14 @@ impl<'a> Run<'a> {
         // first, values are used, and dropped, soon after they are made.
         while let Some(index) = next.take() {
             let Some((done, mut ready)) = self.node(index) else { return };
-            let _ = self.slots[index].done.set(done);
+            if let Some(slot) = self.slot(index) {
+                let _ = slot.done.set(done);
+            }
             self.let_go(index);
-            for &user in self.graph.shape.users(index) {
-                let user = user as usize;
-                let waits = self.tasks[user] != Task::None;
-                if waits && self.waiting[user].fetch_sub(1, Ordering::AcqRel) == 1 {
-                    ready.push(user);
+            let users = self.graph.shape.users(index).iter();
+            for user in users.filter_map(|&user| self.slot(user as usize)) {
+                if user.waiting.fetch_sub(1, Ordering::AcqRel) == 1 {
+                    ready.push(user.node);
                 }
             }
             next = ready.pop();
@@ -162,8 +167,8 @@ impl<'a> Run<'a> {
 
     /// Drops the values that only this node still needed.
     fn let_go(&self, index: usize) {
-        for link in &self.graph.nodes[index].links {
-            let slot = &self.slots[link.node];
+        let links = self.graph.nodes[index].links.iter();
+        for slot in links.filter_map(|link| self.slot(link.node)) {
             if slot.users.fetch_sub(1, Ordering::AcqRel) == 1 {
                 *lock(&slot.held) = None;
             }
@@ -171,14 +176,28 @@ impl<'a> Run<'a> {
     }
 
     fn done(&self, index: usize) -> Option<&Arc<Done>> {
-        match self.tasks[index] {
-            Task::None => self.evaluator.last.as_ref()?.current(index),
-            _ => self.slots[index].done.get()?.as_ref(),
+        match self.slot(index) {
+            Some(slot) => slot.done.get()?.as_ref(),
+            None => self.evaluator.last.as_ref()?.current(index),
         }
     }
 
     fn ran(&self, index: usize) -> bool {
-        self.slots[index].ran.load(Ordering::Acquire)
+        self.slot(index).is_some_and(|slot| slot.ran.load(Ordering::Acquire))
+    }
+
+    fn set_ran(&self, index: usize, ran: bool) {
+        if let Some(slot) = self.slot(index) {
+            slot.ran.store(ran, Ordering::Release);
+        }
+    }
+
+    /// Holds a node's values as long as somebody still needs them.
+    fn hold(&self, index: usize, values: &Values) {
+        let needed = |slot: &&Slot| 0 < slot.users.load(Ordering::Acquire);
+        if let Some(slot) = self.slot(index).filter(needed) {
+            *lock(&slot.held) = Some(values.clone());
+        }
     }
 
     fn before(&self, index: usize) -> Option<&Arc<Done>> {
@@ -190,7 +209,7 @@ impl<'a> Run<'a> {
     fn node(&self, index: usize) -> Option<(Option<Arc<Done>>, Vec<usize>)> {
         let node = &self.graph.nodes[index];
         let ran_above = node.links.iter().any(|link| self.ran(link.node));
-        self.slots[index].ran.store(ran_above, Ordering::Release);
+        self.set_ran(index, ran_above);
         if let Some(failed) = node.links.iter().find(|link| self.done(link.node).is_none()) {
             self.tell(News::new(index, State::Skipped, Reason::HangsOn(failed.node)));
             return Some((None, Vec::new()));
@@ -284,8 +303,8 @@ impl<'a> Run<'a> {
             (false, Some(Some(change))) => Reason::Changed(change),
         };
         let outlook = if found.is_some() { Outlook::Cached } else { Outlook::Runs };
-        if let Some(outcome) = found {
-            let _ = self.slots[index].done.set(Some(Arc::new(Done { parts, key, outcome })));
+        if let Some((outcome, slot)) = found.zip(self.slot(index)) {
+            let _ = slot.done.set(Some(Arc::new(Done { parts, key, outcome })));
         }
         tell(outlook, reason)
     }
@@ -340,7 +359,7 @@ impl<'a> Run<'a> {
         files: &BTreeMap<PathBuf, Option<File>>,
     ) -> Option<Arc<Done>> {
         let node = &self.graph.nodes[index];
-        self.slots[index].ran.store(true, Ordering::Release);
+        self.set_ran(index, true);
         self.observer.started(&node.name);
         let start = Instant::now();
         let (values, warnings) = match self.eval(node, files) {
@@ -360,9 +379,7 @@ impl<'a> Run<'a> {
         if let Some(disk) = &self.evaluator.disk {
             disk.keep(key, &outcome, &values);
         }
-        if 0 < self.slots[index].users.load(Ordering::Acquire) {
-            *lock(&self.slots[index].held) = Some(values);
-        }
+        self.hold(index, &values);
         self.tell(News {
             unchanged: same,
             differs: self.tasks[index] == Task::Verify && !same,
@@ -404,8 +421,7 @@ impl<'a> Run<'a> {
 
     /// The values of a node that has come to its end: from memory, from disk, or computed again if both lost them.
     fn values(&self, index: usize) -> Result<Values, Error> {
-        let slot = self.slots.get(index);
-        if let Some(values) = slot.and_then(|slot| lock(&slot.held).clone()) {
+        if let Some(values) = self.slot(index).and_then(|slot| lock(&slot.held).clone()) {
             return Ok(values);
         }
         let Some(done) = self.done(index) else { return Err(Cancelled.into()) };
@@ -418,9 +434,7 @@ impl<'a> Run<'a> {
             None => self.compute_again(index, done)?,
         };
         self.evaluator.cache.hold(done.key, &done.outcome, &values);
-        if let Some(slot) = slot.filter(|slot| 0 < slot.users.load(Ordering::Acquire)) {
-            *lock(&slot.held) = Some(values.clone());
-        }
+        self.hold(index, &values);
         Ok(values)
     }
 
@@ -458,35 +472,31 @@ impl<'a> Run<'a> {
         values.filter_map(|root| Some((root, self.values(root).ok()?))).collect()
     }
 
-    /// What is known of all nodes now, and what happened, in the graph's order.
-    pub(super) fn end(self) -> (Arc<Snapshot>, Vec<News>) {
+    /// What is known now of the nodes that are not as they were, and what happened to them, in the graph's order.
+    pub(super) fn end(self) -> (Vec<(usize, Fate)>, Vec<News>) {
+        let visited = self.slots.iter().map(|slot| (slot.node, self.fate(slot)));
+        let last = self.evaluator.last.as_ref();
+        let replaced = last.into_iter().flat_map(|last| self.graph.shape.differences(&last.shape));
+        let unwanted = replaced.filter(|&index| self.tasks[index] == Task::None);
+        let fates = visited.chain(unwanted.map(|index| (index, self.stale(index)))).collect();
         let mut news = self.news.into_inner().unwrap_or_else(|broken| broken.into_inner());
         news.sort_by_key(|news| news.index);
         // A node may have been found in the cache and then, its values damaged, computed: the latter counts.
         news.reverse();
         news.dedup_by_key(|news| news.index);
         news.reverse();
-        let last = self.evaluator.last.as_ref();
-        if let Some(last) =
-            last.filter(|last| self.slots.is_empty() && Arc::ptr_eq(&last.shape, &self.graph.shape))
-        {
-            return (last.clone(), news);
+        (fates, news)
+    }
+
+    fn fate(&self, slot: &Slot) -> Fate {
+        match slot.done.get() {
+            Some(Some(done)) => Fate::Current(done.clone()),
+            _ => self.stale(slot.node),
         }
-        let same = last.is_some_and(|last| Arc::ptr_eq(&last.shape, &self.graph.shape));
-        let fate = |index: usize| {
-            if let Some(Some(done)) = self.slots.get(index).and_then(|slot| slot.done.get()) {
-                return Fate::Current(done.clone());
-            }
-            let Some(last) = last else { return Fate::Unknown };
-            let same = same || last.shape.marks.get(index) == Some(&self.graph.shape.marks[index]);
-            if self.tasks[index] == Task::None && same {
-                return last.fates[index].clone();
-            }
-            let name = &self.graph.shape.names[index];
-            last.before(name, index).map_or(Fate::Unknown, |done| Fate::Stale(done.clone()))
-        };
-        let fates = (0..self.tasks.len()).map(fate).collect();
-        (Arc::new(Snapshot::new(self.graph.shape.clone(), fates)), news)
+    }
+
+    fn stale(&self, index: usize) -> Fate {
+        self.before(index).map_or(Fate::Unknown, |done| Fate::Stale(done.clone()))
     }
 }
 

@@ -38,6 +38,32 @@ impl Snapshot {
         Self { shape, fates, places: OnceLock::new() }
     }
 
+    /// What is known after an evaluation of a graph of this shape that found this of some of its nodes; the others are as they
+    /// were.
+    pub(super) fn after(
+        last: Option<Arc<Self>>,
+        shape: &Arc<Shape>,
+        found: Vec<(usize, Fate)>,
+    ) -> Arc<Self> {
+        if let Some(last) =
+            last.as_ref().filter(|last| found.is_empty() && Arc::ptr_eq(&last.shape, shape))
+        {
+            return last.clone();
+        }
+        let fates = match last.map(Arc::try_unwrap) {
+            None => Vec::new(),
+            // Nobody else looks at it.
+            Some(Ok(last)) => last.fates,
+            Some(Err(last)) => last.fates.clone(),
+        };
+        let mut snapshot = Self::new(shape.clone(), fates);
+        snapshot.fates.resize(shape.names.len(), Fate::Unknown);
+        for (index, fate) in found {
+            snapshot.fates[index] = fate;
+        }
+        Arc::new(snapshot)
+    }
+
     /// The node's result of the last evaluation.
     pub(super) fn current(&self, index: usize) -> Option<&Arc<Done>> {
         match &self.fates[index] {

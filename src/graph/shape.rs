@@ -43,6 +43,16 @@ impl Shape {
         }
     }
 
+    /// The nodes that are not what stands at their place in another graph.
+    pub(crate) fn differences(&self, other: &Self) -> impl Iterator<Item = usize> {
+        let same = std::ptr::eq(self, other);
+        let marks = if same { &[][..] } else { &self.marks };
+        marks
+            .iter()
+            .enumerate()
+            .filter_map(|(index, mark)| (other.marks.get(index) != Some(mark)).then_some(index))
+    }
+
     /// The nodes that are linked to a node, once per link.
     pub(crate) fn users(&self, node: usize) -> &[u32] {
         &self.users[self.starts[node] as usize..self.starts[node + 1] as usize]

@@ -1,5 +1,6 @@
 //! Tests of `blend`.
 
+use maquette::Progress;
 use maquette::value::{self, Pinhole};
 use nalgebra::Unit;
 
@@ -33,10 +34,12 @@ fn surface(
     order: usize,
     growth: f64,
 ) -> Surface {
-    let net = control_net(region, range, method, 0, 0).unwrap();
+    let net = control_net(region, range, method, 0, 0, &Progress::none()).unwrap();
     let sensor = Unit::new_unchecked(-Vector3::z());
     let steps = [OffsetStep { distance: growth, angle: 0.0, axis: [0.0; 3] }];
-    let net = offset_net(&net, Some(sensor), None, None, &steps, Profile::Cosine).unwrap();
+    let net =
+        offset_net(&net, Some(sensor), None, None, &steps, Profile::Cosine, &Progress::none())
+            .unwrap();
     nurbs(&net, None, None, Some([order; 2])).unwrap()
 }
 
@@ -200,10 +203,11 @@ fn a_finer_grid_shows_the_same_nose() {
 #[test]
 fn a_point_pulled_aside_folds() {
     let (range, nose) = face();
-    let net = control_net(&nose, &range, NetMethod::Grid, 0, 0).unwrap();
+    let net = control_net(&nose, &range, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
     let aside = Some(Unit::new_unchecked(Vector3::x()));
     let steps = [OffsetStep { distance: 30.0, angle: 0.0, axis: [0.0; 3] }];
-    let net = offset_net(&net, aside, None, None, &steps, Profile::Cosine).unwrap();
+    let net =
+        offset_net(&net, aside, None, None, &steps, Profile::Cosine, &Progress::none()).unwrap();
     let surface = nurbs(&net, None, None, None).unwrap();
     let camera = Pinhole { focal: [700.0; 2], center: [0.0; 2] };
     for camera in [None, Some(camera)] {

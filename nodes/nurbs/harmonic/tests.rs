@@ -7,7 +7,7 @@ use super::*;
 const HARMONIC: NetMethod = NetMethod::Harmonic { corners: None };
 
 fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {
-    control_net(region, range, HARMONIC, rows, columns).unwrap()
+    control_net(region, range, HARMONIC, rows, columns, &Progress::none()).unwrap()
 }
 
 // T-RNG-03, the method Harmonic.
@@ -60,7 +60,7 @@ fn no_triangle_turns_over() {
     let range = range(48, 48, |_, _| 1.0);
     for kind in 0..40 {
         let blob = region(&range, blob(kind));
-        let patch = Patch::new(&blob, &range, 0).unwrap();
+        let patch = Patch::new(&blob, &range, 0, &Progress::none()).unwrap();
         let disk = Disk::new(patch.rows, patch.columns, &patch.inside).unwrap();
         let square = map_to_square(&disk, &Sides::new(&disk, chosen_corners(&disk))).unwrap();
         for triangle in &disk.triangles {
@@ -86,7 +86,7 @@ fn bays_and_holes_make_a_net_that_looks_at_the_sensor() {
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, whole.cells());
         // Two parts are refused, or one of them has no triangle.
-        let _ = control_net(&holed, &range, HARMONIC, 0, 0);
+        let _ = control_net(&holed, &range, HARMONIC, 0, 0, &Progress::none());
     }
 }
 
@@ -96,7 +96,7 @@ fn given_corners_are_the_corners_of_the_net() {
     let rectangle = region(&range, |x, y| (5..21).contains(&x) && (3..15).contains(&y));
     let made = |corners| {
         let method = NetMethod::Harmonic { corners: Some(corners) };
-        control_net(&rectangle, &range, method, 7, 5)
+        control_net(&rectangle, &range, method, 7, 5, &Progress::none())
     };
     // A quarter turn, and the third corner in the middle of a side, given a little outside.
     let net = made([[5, 14], [20, 14], [22, 8], [5, 3]]).unwrap();
@@ -110,7 +110,7 @@ fn given_corners_are_the_corners_of_the_net() {
     assert_eq!(chart.coordinates[rectangle.find(8 * 30 + 20).unwrap()], [6.0, 4.0]);
     // As they are chosen.
     let given = made([[5, 3], [5, 14], [20, 14], [20, 3]]).unwrap();
-    assert_eq!(given, control_net(&rectangle, &range, HARMONIC, 7, 5).unwrap());
+    assert_eq!(given, control_net(&rectangle, &range, HARMONIC, 7, 5, &Progress::none()).unwrap());
 
     let off = NetError::CornerOff { corner: [12, 8], nearest: [12, 3] };
     assert_eq!(made([[5, 3], [5, 14], [20, 14], [12, 8]]), Err(off));
@@ -127,7 +127,9 @@ fn spikes_go_with_the_cell_they_hang_on_and_parts_are_refused() {
     let chart = net.chart().unwrap();
     let at = |x: usize| chart.coordinates[spiked.find(2 * 16 + x).unwrap()];
     assert_eq!(at(9), at(7));
-    let refused = |region: &Region| control_net(region, &range, HARMONIC, 0, 0).unwrap_err();
+    let refused = |region: &Region| {
+        control_net(region, &range, HARMONIC, 0, 0, &Progress::none()).unwrap_err()
+    };
     assert_eq!(refused(&region(&range, |x, _| !(4..=9).contains(&x))), NetError::Parts);
     let line = NetError::DegenerateRegion { rows: 1, columns: 9 };
     assert_eq!(refused(&region(&range, |x, y| y == 4 && x < 9)), line);

@@ -33,7 +33,9 @@ fn draw(region: &Region) -> String {
 }
 
 fn check(labels: &[&str], range: &[&str], fill: bool, expected: Expect) {
-    let region = extract_region(&spots(labels), &scan(range), Pick::Largest, fill, 0).unwrap();
+    let region =
+        extract_region(&spots(labels), &scan(range), Pick::Largest, fill, 0, &Progress::none())
+            .unwrap();
     expected.assert_eq(&draw(&region));
 }
 
@@ -67,7 +69,9 @@ fn the_filled_contour_of_a_disk_is_the_disk() {
     for radius in 2..12 {
         let disk = disk(26, radius * radius, 0);
         let labels = label(&disk, Connectivity::Eight);
-        let region = extract_region(&labels, &full(26, 26), Pick::Largest, true, 1).unwrap();
+        let region =
+            extract_region(&labels, &full(26, 26), Pick::Largest, true, 1, &Progress::none())
+                .unwrap();
         assert_eq!(draw(&region), disk.draw());
         assert_eq!(region.contours().len(), 1);
         assert_eq!(fill_contour(26, 26, &region.contours()[0].cells), disk.draw());
@@ -79,7 +83,8 @@ fn the_filled_contour_of_a_disk_is_the_disk() {
 fn an_annulus_keeps_its_hole() {
     let annulus = disk(26, 120, 30);
     let labels = label(&annulus, Connectivity::Eight);
-    let region = extract_region(&labels, &full(26, 26), Pick::Largest, true, 1).unwrap();
+    let region =
+        extract_region(&labels, &full(26, 26), Pick::Largest, true, 1, &Progress::none()).unwrap();
     assert_eq!(draw(&region), annulus.draw());
     let holes: Vec<bool> = region.contours().iter().map(|contour| contour.hole).collect();
     assert_eq!(holes, [false, true]);
@@ -100,7 +105,8 @@ fn a_rectangle_aligned_to_two_pixels_is_transferred_exactly() {
         let pixels = (0..4 * width * height)
             .map(|index| u32::from(inside(index % (2 * width) / 2, index / (2 * width) / 2)));
         let labels = Labels::new(2 * width, 2 * height, pixels.collect()).unwrap();
-        let region = extract_region(&labels, &range, Pick::Label(1), true, 1).unwrap();
+        let region =
+            extract_region(&labels, &range, Pick::Label(1), true, 1, &Progress::none()).unwrap();
         let expected: Vec<u32> = (0..(width * height) as u32)
             .filter(|&cell| inside(cell as usize % width, cell as usize / width))
             .collect();
@@ -113,8 +119,15 @@ fn a_surrounded_hole_of_the_scan_is_filled_from_around() {
     let range = ["######", "##..##", "##.###", "######"];
     check(&["######"; 4], &range, true, expect![["######\n######\n######\n######\n"]]);
     check(&["######"; 4], &range, false, expect![["######\n##..##\n##.###\n######\n"]]);
-    let region =
-        extract_region(&spots(&["######"; 4]), &scan(&range), Pick::Largest, true, 0).unwrap();
+    let region = extract_region(
+        &spots(&["######"; 4]),
+        &scan(&range),
+        Pick::Largest,
+        true,
+        0,
+        &Progress::none(),
+    )
+    .unwrap();
     let truth = full(6, 4);
     for (index, &cell) in region.cells().iter().enumerate() {
         let distance = (region.points()[index] - truth.points()[cell as usize]).norm();
@@ -142,15 +155,21 @@ fn of_a_region_that_falls_apart_the_largest_piece_is_taken() {
 #[test]
 fn cells_filled_before_stay_flagged() {
     let range = full(2, 2).with_filled(vec![0, 1, 0, 0]).unwrap();
-    let region = extract_region(&spots(&["##", "##"]), &range, Pick::Largest, true, 0).unwrap();
+    let region =
+        extract_region(&spots(&["##", "##"]), &range, Pick::Largest, true, 0, &Progress::none())
+            .unwrap();
     assert_eq!(region.filled(), [0, 1, 0, 0]);
 }
 
 #[test]
 fn a_gap_is_closed() {
     let labels = spots(&["......", ".##.#.", ".##.#.", ".###..", "......"]);
-    let region =
-        |radius| draw(&extract_region(&labels, &full(6, 5), Pick::Largest, true, radius).unwrap());
+    let region = |radius| {
+        draw(
+            &extract_region(&labels, &full(6, 5), Pick::Largest, true, radius, &Progress::none())
+                .unwrap(),
+        )
+    };
     assert_eq!(region(0), "......\n.##...\n.##...\n.###..\n......\n");
     assert_eq!(region(1), "......\n.####.\n.####.\n.###..\n......\n");
 }
@@ -158,8 +177,10 @@ fn a_gap_is_closed() {
 #[test]
 fn parts_are_picked_by_size_number_and_place() {
     let labels = spots(&["##.#.", "##...", "...##"]);
-    let first =
-        |pick| extract_region(&labels, &full(5, 3), pick, true, 0).map(|region| region.cells()[0]);
+    let first = |pick| {
+        extract_region(&labels, &full(5, 3), pick, true, 0, &Progress::none())
+            .map(|region| region.cells()[0])
+    };
     assert_eq!(first(Pick::Largest), Ok(0));
     assert_eq!(first(Pick::Smallest), Ok(3));
     assert_eq!(first(Pick::Rank(1)), Ok(0));
@@ -172,7 +193,9 @@ fn parts_are_picked_by_size_number_and_place() {
 fn what_cannot_be_picked_is_explained() {
     let labels = spots(&["##.#.", "##...", "...##"]);
     let message = |labels: &Labels, pick| {
-        extract_region(labels, &full(5, 3), pick, true, 0).unwrap_err().to_string()
+        extract_region(labels, &full(5, 3), pick, true, 0, &Progress::none())
+            .unwrap_err()
+            .to_string()
     };
     expect!["there is no rank 4: the labels have 3 parts, numbered from 1"]
         .assert_eq(&message(&labels, Pick::Rank(4)));
@@ -193,7 +216,9 @@ fn what_cannot_be_picked_is_explained() {
 #[test]
 fn a_part_without_cells_or_points_is_explained() {
     let message = |range: &RangeImage, rows: &[&str]| {
-        extract_region(&spots(rows), range, Pick::Largest, true, 1).unwrap_err().to_string()
+        extract_region(&spots(rows), range, Pick::Largest, true, 1, &Progress::none())
+            .unwrap_err()
+            .to_string()
     };
     let map = Registration::corners([2, 1], [4, 2]);
     expect!["label 1 has 1 pixels, but they cover no cell of the range grid by half"]

@@ -1,13 +1,12 @@
 //! What the last evaluation of a graph found, without values: so that the next process knows at once what changed, and why.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
 use super::super::cache::Outcome;
-use super::super::files::Stamp;
+use super::super::files::KnownFile;
 use super::super::key::{Parts, Recipe};
 use super::super::snapshot::{Done, Fate, Snapshot};
 use super::Store;
@@ -18,7 +17,7 @@ use crate::value::Hash;
 struct Record {
     version: u32,
     nodes: Vec<Node>,
-    files: Vec<(PathBuf, Stamp, Hash)>,
+    files: Vec<KnownFile>,
 }
 
 const VERSION: u32 = 1;
@@ -45,7 +44,7 @@ struct NodeResult {
     seconds: f64,
 }
 
-pub(super) fn write(snapshot: &Snapshot, files: &[(PathBuf, Stamp, Hash)]) -> Vec<u8> {
+pub(super) fn write(snapshot: &Snapshot, files: &[KnownFile]) -> Vec<u8> {
     let shape = &snapshot.shape;
     let node = |((name, mark), fate): ((&String, &Hash), &Fate)| {
         let (current, done) = match fate {
@@ -77,7 +76,7 @@ fn result(done: &Done) -> NodeResult {
 }
 
 /// The snapshot in a record, with the files that were read; none if it is of another version, or names an unknown type.
-pub(super) fn read(bytes: &[u8], store: &Store) -> Option<(Snapshot, Vec<(PathBuf, Stamp, Hash)>)> {
+pub(super) fn read(bytes: &[u8], store: &Store) -> Option<(Snapshot, Vec<KnownFile>)> {
     let record: Record = serde_json::from_slice(bytes).ok()?;
     if record.version != VERSION {
         return None;

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use super::super::cache::{Outcome, Values};
-use super::super::files::Stamp;
+use super::super::files::KnownFile;
 use super::super::lock;
 use super::super::snapshot::Snapshot;
 use super::{Store, entry, record};
@@ -23,7 +23,7 @@ pub(super) enum Job {
     Record {
         path: PathBuf,
         snapshot: Arc<Snapshot>,
-        files: Vec<(PathBuf, Stamp, Hash)>,
+        files: Vec<KnownFile>,
     },
     /// Everything before is written: say so.
     Done(Sender<()>),
