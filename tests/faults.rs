@@ -116,7 +116,13 @@ fn a_cache_that_is_no_folder_is_a_warning() {
 /// Linux gives ordinary users a file system of their own in a namespace of their own; where it does not, root has one.
 #[cfg(target_os = "linux")]
 mod file_systems {
+    use std::io::Write;
+
     use super::*;
+
+    fn say(what: &str) {
+        let _ = writeln!(std::io::stderr(), "{what}");
+    }
 
     /// Runs the program with a small file system at `mount`; none if this machine lets us mount nothing.
     fn with_mount(options: &str, then: &str, mount: &Path, out: &Path) -> Option<Output> {
@@ -133,7 +139,7 @@ mod file_systems {
         let refused = output.status.code() == Some(77)
             || String::from_utf8_lossy(&output.stderr).starts_with("unshare:");
         if refused {
-            eprintln!("skipped: this machine lets us mount no file system");
+            say("skipped: this machine lets us mount no file system");
             return None;
         }
         Some(output)
