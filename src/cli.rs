@@ -1,10 +1,12 @@
 //! The command line: one file per subcommand.
 //!
-//! Results go to stdout, messages to stderr. Exit codes: 0 done, 1 the graph failed, 2 the command line is wrong.
+//! Results go to stdout, messages to stderr. Exit codes: 0 done, 1 the graph failed, 2 the command line is wrong, 130
+//! stopped by Ctrl-C.
 
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 use clap::{Args, CommandFactory, Parser, Subcommand};
@@ -18,11 +20,16 @@ mod cache;
 mod caching;
 mod check;
 mod draw;
+mod events;
 mod inspect;
+mod interrupt;
 mod nodes;
+mod outputs;
 mod profile;
 mod progress;
 mod run;
+mod terminal;
+mod watch;
 mod why;
 
 /// A node-based geometry graph for redesigning scanned objects.
@@ -37,6 +44,8 @@ struct Cli {
 enum Command {
     /// Evaluate a graph and write its outputs.
     Run(run::Run),
+    /// Evaluate a graph again whenever something that it depends on changes.
+    Watch(watch::Watch),
     /// Find every problem of some graphs; run nothing.
     Check(check::Check),
     /// Draw a graph as SVG or for Graphviz; the files that it reads need not be there.
@@ -86,6 +95,8 @@ enum Exit {
     Done,
     /// The graph, or something that it names, failed; the reasons have been printed.
     Failed,
+    /// The user stopped it.
+    Interrupted,
     /// The command line is wrong: why.
     Usage(String),
 }
@@ -96,6 +107,7 @@ pub fn main(packs: &[Pack]) -> ExitCode {
     let catalog = Catalog::new(packs);
     let exit = match cli.command {
         Command::Run(command) => command.run(&catalog),
+        Command::Watch(command) => command.run(&catalog),
         Command::Check(command) => command.run(&catalog),
         Command::Draw(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
@@ -112,6 +124,7 @@ pub fn main(packs: &[Pack]) -> ExitCode {
     match exit {
         Exit::Done => ExitCode::SUCCESS,
         Exit::Failed => ExitCode::from(1),
+        Exit::Interrupted => ExitCode::from(130),
         Exit::Usage(why) => {
             eprint(&format!("error: {why}\n"));
             ExitCode::from(2)
@@ -119,9 +132,19 @@ pub fn main(packs: &[Pack]) -> ExitCode {
     }
 }
 
+/// Whether writing to stdout has failed.
+static STDOUT_CLOSED: AtomicBool = AtomicBool::new(false);
+
 /// Writes to stdout; a reader that has gone away is no error.
 fn print(text: &str) {
-    let _ = std::io::stdout().lock().write_all(text.as_bytes());
+    if std::io::stdout().lock().write_all(text.as_bytes()).is_err() {
+        STDOUT_CLOSED.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Whether the reader of stdout has gone away.
+fn stdout_is_closed() -> bool {
+    STDOUT_CLOSED.load(Ordering::Relaxed)
 }
 
 /// Writes to stderr.
@@ -138,13 +161,19 @@ fn shows_color(stream: &impl IsTerminal) -> bool {
     stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
 }
 
-/// Prints problems to stderr as people read them, then how many there are.
+/// Prints problems to stderr as people read them.
 fn report(problems: &[Problem]) {
-    let stderr = std::io::stderr();
-    let renderer = if shows_color(&stderr) { Renderer::styled() } else { Renderer::plain() };
+    let color = shows_color(&std::io::stderr());
     for problem in problems {
-        eprint(&format!("{}\n\n", renderer.render(&[snippet(problem)])));
+        eprint(&format!("{}\n\n", in_full(problem, color, None)));
     }
+}
+
+/// A problem with its lines of the graph, over several lines; long lines are cut around the place if there is a width.
+fn in_full(problem: &Problem, color: bool, width: Option<usize>) -> String {
+    let renderer = if color { Renderer::styled() } else { Renderer::plain() };
+    let renderer = width.map_or(renderer.clone(), |width| renderer.term_width(width));
+    renderer.render(&[snippet(problem)])
 }
 
 fn snippet(problem: &Problem) -> Group<'_> {

@@ -69,6 +69,8 @@ pub struct Evaluator {
     files: Known,
     /// What the last evaluation found.
     last: Option<Arc<Snapshot>>,
+    /// Whether the next evaluation believes nothing that is on disk.
+    fresh: bool,
     /// Which share of the results that could come from the cache is computed all the same, and compared.
     verify: f64,
 }
@@ -214,7 +216,7 @@ impl Evaluator {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|error| ThreadsError(error.to_string()))?;
         let (cache, files) = (Cache::new(memory), Known::default());
-        Ok(Self { pool, cache, disk: None, files, last: None, verify: 0.0 })
+        Ok(Self { pool, cache, disk: None, files, last: None, fresh: false, verify: 0.0 })
     }
 
     /// The same, with results kept on disk from one process to the next.
@@ -235,6 +237,11 @@ impl Evaluator {
         self.disk.as_deref()
     }
 
+    /// From now on results may hold this many bytes; those used longest ago are dropped at once if they hold more.
+    pub fn set_memory(&mut self, memory: usize) {
+        self.cache.set_limit(memory);
+    }
+
     /// Runs something on the evaluator's threads.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.pool.install(work)
@@ -244,6 +251,7 @@ impl Evaluator {
     pub fn forget(&mut self) {
         self.cache.clear();
         self.last = None;
+        self.fresh = true;
     }
 
     /// Evaluates what these nodes, by their place in the graph, need.
@@ -267,6 +275,7 @@ impl Evaluator {
             false => run.values_of(roots),
         };
         let (fates, news) = run.end();
+        self.fresh = false;
         let changed = !fates.is_empty() || self.last.is_none();
         let found = Snapshot::after(self.last.take(), &graph.shape, fates);
         self.last = Some(found.clone());
@@ -283,9 +292,14 @@ impl Evaluator {
         }
     }
 
+    /// The results on disk, if they may be believed.
+    fn known_results(&self) -> Option<&Arc<Disk>> {
+        self.disk.as_ref().filter(|_| !self.fresh)
+    }
+
     /// What the last process found of the graph, if this one does not know better.
     fn recall(&mut self, graph: &Graph) {
-        let (None, Some(disk)) = (&self.last, &self.disk) else { return };
+        let (None, Some(disk)) = (&self.last, self.known_results()) else { return };
         if let Some((snapshot, files)) = disk.snapshot(&graph.source.name) {
             self.last = Some(Arc::new(snapshot));
             self.files.extend(files);

@@ -20,6 +20,7 @@ mod shape;
 mod suggest;
 
 pub(crate) use check::is_name;
+pub(crate) use paths::{MARKER, project_root};
 pub(crate) use reader::ReadError;
 pub use reader::Reader;
 pub(crate) use schema::{check_default, inside_option, variants};
@@ -59,7 +60,7 @@ pub(crate) struct GraphNode {
 }
 
 /// A link from a port to another node's output.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Link {
     pub(crate) port: String,
     pub(crate) node: usize,
@@ -103,6 +104,20 @@ pub struct Checked {
     pub graph: Option<Graph>,
     /// All problems, in the order of their places.
     pub problems: Vec<Problem>,
+    /// The files that its nodes read, those that are not there included: all of them if there is a graph, else those of the
+    /// nodes that could be understood.
+    pub files: Vec<ReadFile>,
+}
+
+/// A file that a node of a graph reads.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ReadFile {
+    /// Where it is, or would be.
+    pub path: PathBuf,
+    /// The name of the node.
+    pub node: String,
+    /// Whether the node can do without it.
+    pub optional: bool,
 }
 
 impl GraphNode {
@@ -141,6 +156,18 @@ impl Graph {
     /// The place of a node, by name.
     pub(crate) fn find(&self, name: &str) -> Option<usize> {
         self.shape.names.iter().position(|other| other == name)
+    }
+
+    /// Whether evaluating it computes and writes the same as evaluating the other one: they differ in comments and order of
+    /// fields at most, as long as no file that they read changes.
+    pub(crate) fn means_the_same(&self, other: &Self) -> bool {
+        let same_output = |(a, b): (&GraphOutput, &GraphOutput)| {
+            (&a.name, a.node, a.output) == (&b.name, b.node, b.output)
+        };
+        self.shape.marks == other.shape.marks
+            && self.files().eq(other.files())
+            && self.outputs.len() == other.outputs.len()
+            && self.outputs.iter().zip(&other.outputs).all(same_output)
     }
 
     /// All files that evaluating it may read, those that need not be there included.

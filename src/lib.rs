@@ -15,13 +15,14 @@ mod graph;
 mod node;
 mod pack;
 mod simd;
+mod watch;
 
 pub use catalog::Catalog;
 pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
 pub use eval::{
     Disk, DiskError, Evaluation, Evaluator, NodeTrace, Observer, State, ThreadsError, Trace, Usage,
 };
-pub use graph::{Checked, Files, Graph, Options, Reader};
+pub use graph::{Checked, Files, Graph, Options, ReadFile, Reader};
 pub use node::{
     CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
     ReadError, node,

@@ -30,10 +30,15 @@ pub(super) struct CacheOptions {
 const DISK_SIZE: u64 = 4_000_000_000;
 
 impl CacheOptions {
+    /// How many bytes of memory results may hold.
+    pub(super) fn memory(&self) -> usize {
+        usize::try_from(self.memory).unwrap_or(usize::MAX)
+    }
+
     /// An evaluator that remembers as the user wishes; a cache that cannot be used is a warning.
     pub(super) fn evaluator(&self, threads: usize, catalog: &Catalog) -> Result<Evaluator, String> {
-        let memory = usize::try_from(self.memory).unwrap_or(usize::MAX);
-        let evaluator = Evaluator::new(threads, memory).map_err(|error| error.to_string())?;
+        let evaluator =
+            Evaluator::new(threads, self.memory()).map_err(|error| error.to_string())?;
         let evaluator = evaluator.verifying(self.verify_cache / 100.0);
         if self.no_cache {
             return Ok(evaluator);

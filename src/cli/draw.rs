@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::run::write_whole;
+use super::outputs::write_whole;
 use super::{Exit, print, report};
 use crate::catalog::Catalog;
 use crate::draw::Drawing;

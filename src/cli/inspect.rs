@@ -7,8 +7,8 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 
 use super::caching::CacheOptions;
+use super::outputs::write_whole;
 use super::progress::Progress;
-use super::run::write_whole;
 use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem};

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::in_bytes;
-use super::run::write_whole;
+use super::outputs::write_whole;
 use crate::eval::{NodeTrace, Trace};
 
 /// A table of the nodes, the slowest first.

@@ -1,25 +1,24 @@
 //! `maquette run`: evaluates a graph and writes its outputs.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
-use rayon::prelude::*;
 use serde_json::json;
 
 use super::caching::{self, CacheOptions};
+use super::events::{self, Ending, Events};
+use super::outputs::{Outputs, Rewrite, Written, default_folder};
 use super::profile;
 use super::progress::Progress;
 use super::why::reason_with_place;
-use super::{Exit, GraphOptions, counted, eprint, in_bytes, print, print_json, report};
+use super::{Exit, GraphOptions, counted, eprint, in_bytes, interrupt, print, print_json, report};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, code};
-use crate::eval::{Evaluation, Forecast, State};
+use crate::error::{Problem, Severity};
+use crate::eval::{Evaluation, Forecast, Observer, State, Trace};
 use crate::graph::{Graph, GraphOutput, nearest};
 use crate::node::CancelToken;
-use crate::value::Hash;
 
 #[derive(Args)]
 pub(super) struct Run {
@@ -47,26 +46,24 @@ pub(super) struct Run {
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
-}
-
-/// A file that has been written.
-struct Written {
-    output: String,
-    path: PathBuf,
-    bytes: usize,
-    hash: Hash,
+    /// Print what happens as it happens, one JSON object a line.
+    #[arg(long, conflicts_with = "json")]
+    events: bool,
 }
 
 impl Run {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
         let start = Instant::now();
+        let cancel = CancelToken::default();
+        interrupt::cancels(&cancel);
+        let events = self.events.then(|| Events::new(cancel.clone()));
         let checked = self.options.load(&self.graph, catalog);
         let mut problems = checked.problems;
         let Some(graph) = checked.graph else {
             self.print(None, &[], &problems, start);
             return Exit::Failed;
         };
-        let outputs = match self.wanted(&graph) {
+        let outputs = match wanted(&graph, &self.only) {
             Ok(outputs) => outputs,
             Err(why) => return Exit::Usage(why),
         };
@@ -80,19 +77,18 @@ impl Run {
             return Exit::Done;
         }
         let progress = Progress::new(graph.nodes.len());
-        let evaluation = evaluator.evaluate(&graph, &nodes, &progress, &CancelToken::default());
+        let observer: &dyn Observer = events.as_ref().map_or(&progress, |events| events);
+        let evaluation = evaluator.evaluate(&graph, &nodes, observer, &cancel);
         let folder = self.out.clone().unwrap_or_else(|| default_folder(&self.graph));
-        let write = |output: &&GraphOutput| write_output(output, &evaluation, &graph, &folder);
-        let written: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
+        let into = Outputs::new(folder.clone(), Rewrite::Always);
+        let (files, unwritten) = into.write(&outputs, &evaluation, &graph, &evaluator, &cancel);
         progress.end();
-        problems.extend(evaluation.problems());
-        let mut files = Vec::new();
-        for result in written {
-            match result {
-                Ok(written) => files.extend(written),
-                Err(problem) => problems.push(*problem),
-            }
+        if cancel.is_cancelled() {
+            caching::finish(&evaluator);
+            return Exit::Interrupted;
         }
+        problems.extend(evaluation.problems());
+        problems.extend(unwritten);
         self.print(Some(&evaluation), &files, &problems, start);
         if self.profile {
             let trace = evaluation.trace();
@@ -110,19 +106,6 @@ impl Run {
         if failed { Exit::Failed } else { Exit::Done }
     }
 
-    fn wanted<'g>(&self, graph: &'g Graph) -> Result<Vec<&'g GraphOutput>, String> {
-        if self.only.is_empty() {
-            return Ok(graph.outputs.iter().collect());
-        }
-        let find = |name: &String| {
-            let found = graph.outputs.iter().find(|output| output.name == *name);
-            found.ok_or_else(|| {
-                format!("the graph has no output `{name}`; {}", nearest(name, graph.output_names()))
-            })
-        };
-        self.only.iter().map(find).collect()
-    }
-
     fn print(
         &self,
         evaluation: Option<&Evaluation>,
@@ -133,15 +116,13 @@ impl Run {
         let trace = evaluation.map(Evaluation::trace).unwrap_or_default();
         let traces = &trace.0;
         let seconds = start.elapsed().as_secs_f64();
+        if self.events {
+            events::problems(problems);
+            let trace = evaluation.map(|_| &trace);
+            return events::end(&Ending { run: 1, trace, written, problems, seconds });
+        }
         if self.json {
-            let outputs = written.iter().map(|file| {
-                json!({
-                    "name": file.output,
-                    "path": file.path.display().to_string(),
-                    "bytes": file.bytes,
-                    "hash": file.hash.to_string(),
-                })
-            });
+            let outputs = written.iter().map(Written::to_json);
             print_json(&json!({
                 "nodes": traces.iter().map(|node| node.to_json()).collect::<Vec<_>>(),
                 "outputs": outputs.collect::<Vec<_>>(),
@@ -172,12 +153,7 @@ impl Run {
         for file in written {
             let _ = writeln!(text, "wrote     {}  {}", file.path.display(), in_bytes(file.bytes));
         }
-        let states = [State::Computed, State::Equal, State::Cached, State::Failed, State::Skipped];
-        let counts = states.into_iter().filter_map(|state| match trace.count(state) {
-            0 => None,
-            count => Some(format!("{count} {}", state.word())),
-        });
-        let counts = Vec::from_iter(counts).join(", ");
+        let counts = counts(&trace);
         let _ = writeln!(text, "{}: {counts}; {seconds:.2} s", counted(traces.len(), "node"));
         print(&text);
     }
@@ -195,69 +171,29 @@ fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
     text
 }
 
-/// `out/doll` for `graphs/doll.ron`.
-fn default_folder(graph: &Path) -> PathBuf {
-    Path::new("out").join(graph.file_stem().unwrap_or_default())
-}
-
-/// Writes the files of an output; nothing if its node failed, which has been reported.
-fn write_output(
-    output: &GraphOutput,
-    evaluation: &Evaluation,
-    graph: &Graph,
-    folder: &Path,
-) -> Result<Vec<Written>, Box<Problem>> {
-    let problem = |message: String, help: &str| {
-        Box::new(Problem {
-            severity: Severity::Error,
-            code: code::FAILED,
-            source: graph.source.clone(),
-            span: output.span,
-            message,
-            help: help.into(),
-            note: None,
+/// The outputs of these names; all if there are none.
+pub(super) fn wanted<'g>(
+    graph: &'g Graph,
+    only: &[String],
+) -> Result<Vec<&'g GraphOutput>, String> {
+    if only.is_empty() {
+        return Ok(graph.outputs.iter().collect());
+    }
+    let find = |name: &String| {
+        let found = graph.outputs.iter().find(|output| output.name == *name);
+        found.ok_or_else(|| {
+            format!("the graph has no output `{name}`; {}", nearest(name, graph.output_names()))
         })
     };
-    let files = match evaluation.files(output) {
-        None => return Ok(Vec::new()),
-        Some(Ok(files)) => files,
-        Some(Err(error)) => {
-            return Err(problem(format!("cannot write `{}`: {error}", output.name), ""));
-        }
-    };
-    let folder = folder.join(Path::new(&output.name).parent().unwrap_or(Path::new("")));
-    let mut written = Vec::new();
-    for file in files {
-        let path = folder.join(&file.name);
-        write_whole(&path, &file.bytes).map_err(|error| {
-            let help = "the file that was there before is untouched; --out chooses another folder";
-            problem(format!("cannot write {}: {error}", path.display()), help)
-        })?;
-        written.push(Written {
-            output: output.name.clone(),
-            path,
-            bytes: file.bytes.len(),
-            hash: Hash::of(&file.bytes),
-        });
-    }
-    Ok(written)
+    only.iter().map(find).collect()
 }
 
-/// Writes a file beside its place and moves it there: it appears whole or not at all.
-pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder)?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".maquette-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // What the user's umask leaves of it, as for any new file.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(bytes)?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
+/// `2 computed, 12 cached`.
+pub(super) fn counts(trace: &Trace) -> String {
+    let states = [State::Computed, State::Equal, State::Cached, State::Failed, State::Skipped];
+    let counts = states.into_iter().filter_map(|state| match trace.count(state) {
+        0 => None,
+        count => Some(format!("{count} {}", state.word())),
+    });
+    Vec::from_iter(counts).join(", ")
 }

@@ -107,6 +107,12 @@ impl Cache {
         Self { limit, clock: AtomicU64::new(0), state: Mutex::default() }
     }
 
+    /// Allows so many bytes from now on.
+    pub(super) fn set_limit(&mut self, limit: usize) {
+        self.limit = limit;
+        lock(&self.state).shrink(limit);
+    }
+
     pub(super) fn find(&self, key: Hash) -> Option<Arc<Outcome>> {
         let outcome = lock(&self.state).entries.get(&key).cloned()?;
         self.touch(&outcome);

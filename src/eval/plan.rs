@@ -128,7 +128,7 @@ impl Evaluator {
     /// Whether a node's values can be had without computing them.
     fn has(&self, last: &Snapshot, index: usize) -> bool {
         last.current(index).is_some_and(|done| {
-            done.outcome.has_values() || self.disk.as_ref().is_some_and(|disk| disk.has(done.key))
+            done.outcome.has_values() || self.known_results().is_some_and(|disk| disk.has(done.key))
         })
     }
 

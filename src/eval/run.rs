@@ -266,7 +266,7 @@ impl<'a> Run<'a> {
     fn find(&self, key: Hash) -> Option<Arc<Outcome>> {
         let found = self.evaluator.cache.find(key);
         found.or_else(|| {
-            let outcome = Arc::new(self.evaluator.disk.as_ref()?.find(key)?);
+            let outcome = Arc::new(self.evaluator.known_results()?.find(key)?);
             self.evaluator.cache.keep(key, outcome.clone());
             Some(outcome)
         })
@@ -428,7 +428,8 @@ impl<'a> Run<'a> {
         if let Some(values) = done.outcome.values() {
             return Ok(values);
         }
-        let kept = self.evaluator.disk.as_ref().and_then(|disk| disk.read(done.key, &done.outcome));
+        let disk = self.evaluator.known_results();
+        let kept = disk.and_then(|disk| disk.read(done.key, &done.outcome));
         let values = match kept {
             Some(values) => values,
             None => self.compute_again(index, done)?,

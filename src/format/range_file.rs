@@ -133,7 +133,8 @@ fn upside_down(range: &RangeImage) -> Result<RangeImage, SizeError> {
     }
     let width = range.width();
     let turned = range.with_points(reversed(range.points(), width))?;
-    let filled = Vec::from_iter((0..range.points().len()).map(|cell| range.is_filled(cell).into()));
+    let filled =
+        Vec::from_iter((0..range.points().len()).map(|cell| u8::from(range.is_filled(cell))));
     let turned = turned.with_filled(reversed(&filled, width))?;
     Ok(match range.colors() {
         Some(colors) => turned.with_colors(reversed(colors, width))?,

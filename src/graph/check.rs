@@ -13,7 +13,7 @@ use super::paths::{PathProblem, may_read, project_root, stays_inside};
 use super::schema::{Finding, FoundFile, FoundLink, Walk};
 use super::suggest::nearest_or_all;
 use super::{
-    Checked, Files, Graph, GraphNode, GraphOutput, Link, Options, Reader, Shape, any_of,
+    Checked, Files, Graph, GraphNode, GraphOutput, Link, Options, ReadFile, Reader, Shape, any_of,
     with_article,
 };
 use crate::catalog::{Catalog, Entry};
@@ -29,11 +29,11 @@ const FORMAT: f64 = 1.0;
 const FIELDS: [&str; 5] = ["format", "doc", "params", "nodes", "outputs"];
 
 pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
-    let (text, mut findings, graph) = match std::fs::read_to_string(path) {
+    let (text, mut findings, graph, files) = match std::fs::read_to_string(path) {
         Ok(text) => {
             let mut check = Check::new(path, catalog, options);
             let graph = check.graph(&text);
-            (text, check.findings, graph)
+            (text, check.findings, graph, check.files)
         }
         Err(error) => {
             let message = format!("cannot read the graph: {error}");
@@ -45,7 +45,7 @@ pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked
                 help: String::new(),
                 note: None,
             };
-            (String::new(), vec![unread], None)
+            (String::new(), vec![unread], None, Vec::new())
         }
     };
     let source = Arc::new(Source { name: path.to_owned(), text });
@@ -61,7 +61,7 @@ pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked
     };
     let problems: Vec<Problem> = findings.into_iter().map(problem).collect();
     let graph = graph.filter(|_| problems.is_empty()).map(|graph| Graph { source, ..graph });
-    Checked { graph, problems }
+    Checked { graph, problems, files }
 }
 
 /// Whether a word can name a node: `[a-z][a-z0-9-]*`.
@@ -76,6 +76,8 @@ struct Check<'a> {
     folder: PathBuf,
     roots: Vec<PathBuf>,
     findings: Vec<Finding>,
+    /// The files of the nodes that have been looked at.
+    files: Vec<ReadFile>,
 }
 
 /// A node while it is checked.
@@ -106,7 +108,7 @@ impl<'a> Check<'a> {
         let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let allowed = options.roots.iter().filter_map(|root| std::fs::canonicalize(root).ok());
         let roots = std::iter::once(project_root(&folder)).chain(allowed).collect();
-        Self { catalog, options, folder, roots, findings: Vec::new() }
+        Self { catalog, options, folder, roots, findings: Vec::new(), files: Vec::new() }
     }
 
     fn find(&mut self, code: &'static str, span: Span, message: String, help: impl Into<String>) {
@@ -287,6 +289,7 @@ impl<'a> Check<'a> {
             let reader = Reader { tree: &tree, links: &links, files: &files };
             let sound = entry.filter(|_| self.findings.len() == known);
             let node = sound.and_then(|entry| self.read(entry, &reader));
+            self.note_files(&name.text, &files, node.as_deref());
             drafts.push(Draft {
                 name,
                 tree,
@@ -299,6 +302,18 @@ impl<'a> Check<'a> {
             });
         }
         drafts
+    }
+
+    /// Remembers which files a node reads; those that it can do without are known only if its fields have no problem.
+    fn note_files(&mut self, node: &str, named: &[FoundFile], read: Option<&dyn AnyNode>) {
+        let file = |path: &Path, optional| ReadFile {
+            path: path.to_owned(),
+            node: node.to_owned(),
+            optional,
+        };
+        self.files.extend(named.iter().map(|found| file(&found.resolved, false)));
+        let optional = read.map(AnyNode::files).unwrap_or_default();
+        self.files.extend(optional.iter().map(|found| file(found.resolved(), true)));
     }
 
     fn entry(&mut self, tree: &Tree, name: &Name) -> Option<&'a Entry> {

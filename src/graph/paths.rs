@@ -5,7 +5,7 @@ use std::path::{Component, Path, PathBuf};
 use super::suggest::nearest;
 
 /// Marks the root of a project.
-const MARKER: &str = "maquette.toml";
+pub(crate) const MARKER: &str = "maquette.toml";
 
 /// The nearest folder upwards from a graph's folder that holds `maquette.toml`, else the graph's folder itself.
 pub(crate) fn project_root(folder: &Path) -> PathBuf {

@@ -124,6 +124,8 @@ impl Job {
             }
             Self::Record { path, snapshot, files } => {
                 store.write_checked(&path, &record::write(&snapshot, &files));
+                // An evaluation has ended.
+                store.tidy();
             }
             Self::Done(sender) => drop(sender.send(())),
         }

@@ -37,7 +37,7 @@ impl FileFormat for RangePly {
             let colors = valid.iter().map(|&cell| colors[cell]).collect();
             mesh = mesh.with_vertex("color", Attribute::Color(colors))?;
         }
-        let filled: Vec<u8> = valid.iter().map(|&cell| range.is_filled(cell).into()).collect();
+        let filled: Vec<u8> = valid.iter().map(|&cell| u8::from(range.is_filled(cell))).collect();
         if filled.contains(&1) {
             mesh = mesh.with_vertex("filled", Attribute::Flag(filled.into()))?;
         }

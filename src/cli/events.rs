@@ -1,0 +1,128 @@
+//! `--events`: what happens, as it happens, for other programs. One JSON object a line on stdout, each with its kind in `event`:
+//!
+//! | event | says |
+//! |---|---|
+//! | `watching` | everything in `files` is watched from now on, `polled` if events of the system do not suffice (`watch` only) |
+//! | `run` | evaluation `run` begins, because the content of `changed` changed (`watch` only) |
+//! | `started` | `node` is being computed |
+//! | `progress` | `node` has done this `share` (0 to 1) of its work |
+//! | `finished` | `node` came to the end `state` after `seconds` of work; nodes that are as they were are only in `done` |
+//! | `cancelled` | evaluation `run` was stopped by a newer change; nothing more is said of it (`watch` only) |
+//! | `problems` | all problems that are known now, as in `--json`: once after the check, once after the nodes have run; an empty list
+//! says that there are none any more |
+//! | `written` | a file of an output is on disk; `unchanged` if it was there with the same bytes |
+//! | `done` | `run` is over: `ok`, how many nodes came to each end, the `nodes` as in `--json`, `seconds` |
+//!
+//! A reader must skip events and fields that it does not know.
+
+use std::collections::HashMap;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value as Json, json};
+
+use super::outputs::Written;
+use super::print;
+use crate::error::{Problem, Severity};
+use crate::eval::{NodeTrace, Observer, State, Trace};
+use crate::node::CancelToken;
+
+/// The progress of one node is not told more often than this.
+const SPACING: Duration = Duration::from_millis(100);
+
+/// The end of one evaluation, or of an attempt.
+pub(super) struct Ending<'a> {
+    pub(super) run: usize,
+    pub(super) trace: Option<&'a Trace>,
+    pub(super) written: &'a [Written],
+    pub(super) problems: &'a [Problem],
+    pub(super) seconds: f64,
+}
+
+impl Ending<'_> {
+    pub(super) fn is_ok(&self) -> bool {
+        self.problems.iter().all(|problem| problem.severity != Severity::Error)
+    }
+}
+
+/// Prints events.
+pub(super) struct Events {
+    cancel: CancelToken,
+    /// When the progress of each node was last told.
+    told: Mutex<HashMap<String, Instant>>,
+}
+
+impl Events {
+    /// Events of an evaluation that this token stops; then nothing more is said of its nodes.
+    pub(super) fn new(cancel: CancelToken) -> Self {
+        Self { cancel, told: Mutex::default() }
+    }
+}
+
+/// Says what was written, and that it is over.
+pub(super) fn end(ending: &Ending<'_>) {
+    for file in ending.written {
+        let mut event = file.to_json();
+        event["unchanged"] = file.unchanged.into();
+        say("written", event);
+    }
+    let count = |state| ending.trace.map_or(0, |trace| trace.count(state));
+    let nodes = ending.trace.iter().flat_map(|trace| &trace.0);
+    let done = json!({
+        "nodes": nodes.map(NodeTrace::to_json).collect::<Vec<_>>(),
+        "run": ending.run,
+        "ok": ending.is_ok(),
+        "computed": count(State::Computed),
+        "equal": count(State::Equal),
+        "cached": count(State::Cached),
+        "failed": count(State::Failed),
+        "skipped": count(State::Skipped),
+        "seconds": ending.seconds,
+    });
+    say("done", done);
+}
+
+/// Says which problems there are now.
+pub(super) fn problems(problems: &[Problem]) {
+    let problems: Vec<_> = problems.iter().map(Problem::to_json).collect();
+    say("problems", json!({ "problems": problems }));
+}
+
+/// Prints one event; `fields` is an object.
+pub(super) fn say(event: &str, fields: Json) {
+    let mut line = serde_json::Map::new();
+    line.insert("event".into(), event.into());
+    if let Json::Object(fields) = fields {
+        line.extend(fields);
+    }
+    print(&format!("{}\n", Json::Object(line)));
+}
+
+impl Observer for Events {
+    fn started(&self, node: &str) {
+        if !self.cancel.is_cancelled() {
+            say("started", json!({ "node": node }));
+        }
+    }
+
+    fn progress(&self, node: &str, share: f64) {
+        if self.cancel.is_cancelled() {
+            return;
+        }
+        let mut told = self.told.lock().unwrap_or_else(|broken| broken.into_inner());
+        let now = Instant::now();
+        if told.get(node).is_some_and(|&last| now < last + SPACING) {
+            return;
+        }
+        told.insert(node.to_owned(), now);
+        drop(told);
+        say("progress", json!({ "node": node, "share": share }));
+    }
+
+    fn finished(&self, node: &str, state: State, seconds: f64) {
+        if !self.cancel.is_cancelled() {
+            let state = state.word();
+            say("finished", json!({ "node": node, "state": state, "seconds": seconds }));
+        }
+    }
+}

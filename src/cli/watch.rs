@@ -1,0 +1,158 @@
+//! `maquette watch`: evaluates a graph, and again on every change of anything that it depends on.
+//!
+//! Whatever is wrong, the watch goes on, and outputs that cannot be made anew stay as they are. It ends by `q`, Ctrl-C or a
+//! signal, with exit code 0, or when nobody reads what it prints any more.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::channel;
+
+use clap::Args;
+
+use super::caching::CacheOptions;
+use super::outputs::default_folder;
+use super::terminal::{Input, Screen};
+use super::{Exit, GraphOptions, interrupt, print, report};
+use crate::catalog::Catalog;
+use crate::error::{Problem, code};
+use crate::graph::{MARKER, ReadFile, project_root};
+use crate::watch::{Event, Sources, WatchList, Wish};
+
+mod block;
+mod on_done;
+mod session;
+mod view;
+mod worker;
+
+use on_done::{Ended, OnDone};
+use session::Session;
+use view::{Lines, Program, Terminal, View};
+use worker::{Report, Worker};
+
+#[derive(Args)]
+pub(super) struct Watch {
+    /// The graph file.
+    graph: PathBuf,
+    /// The folder for the outputs; `out/GRAPH` if left out.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Write only this output; may be given several times.
+    #[arg(long, value_name = "OUTPUT")]
+    only: Vec<String>,
+    #[command(flatten)]
+    options: GraphOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
+    /// How many threads to use; 0 is all.
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    /// Evaluate once, as a watch does, and end.
+    #[arg(long)]
+    once: bool,
+    /// Print every path that would be watched, and why; run nothing.
+    #[arg(long, conflicts_with = "once")]
+    list: bool,
+    /// Run this command by the shell after each successful run. MAQUETTE_OUT is the folder of the outputs. The watch does not
+    /// wait for it (`--once` does); one that still runs is started again when it ends.
+    #[arg(long, value_name = "COMMAND")]
+    on_done: Option<String>,
+    /// Look at the files twice a second instead of asking the system for changes.
+    #[arg(long)]
+    poll: bool,
+    /// Print what happens as it happens, one JSON object a line.
+    #[arg(long)]
+    events: bool,
+}
+
+/// What the listening thread hears.
+enum Message {
+    Files(Event),
+    Input(Input),
+    /// An evaluation ended.
+    Evaluated(Report),
+    /// The user's command ended.
+    CommandEnded(Ended),
+}
+
+impl Watch {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        if self.list {
+            return self.print_list(catalog);
+        }
+        let (sender, receiver) = channel();
+        let folder = self.out.clone().unwrap_or_else(|| default_folder(&self.graph));
+        let stop = sender.clone();
+        interrupt::handle(move || drop(stop.send(Message::Input(Input::Stop))));
+        let screen = !self.events && !self.once && Screen::is_possible();
+        let input = sender.clone();
+        let sink = move |heard| drop(input.send(Message::Input(heard)));
+        let terminal = screen.then(|| Terminal::open(&self.graph, &folder, sink).ok()).flatten();
+        let quiet = terminal.is_some();
+        let view: Box<dyn View> = match terminal {
+            Some(terminal) => Box::new(terminal),
+            None if self.events => Box::new(Program),
+            None => Box::new(Lines),
+        };
+        let done = sender.clone();
+        let evaluator = match self.cache.evaluator(self.threads, catalog) {
+            Ok(evaluator) => evaluator,
+            Err(why) => return Exit::Usage(why),
+        };
+        let worker = Worker::new(
+            evaluator,
+            self.cache.memory(),
+            folder.clone(),
+            self.only.clone(),
+            view.observe(),
+            move |report| drop(done.send(Message::Evaluated(report))),
+        );
+        let events = sender.clone();
+        let sink = Arc::new(move |event| drop(events.send(Message::Files(event))));
+        let sources = if self.once { Sources::none() } else { Sources::new(sink, self.poll) };
+        let on_done = self.on_done.clone();
+        let on_done = on_done.map(|command| OnDone::new(command, folder, quiet));
+        Session::new(self, catalog, sources, worker, view, on_done, sender).run(&receiver)
+    }
+
+    fn print_list(&self, catalog: &Catalog) -> Exit {
+        let checked = self.options.load(&self.graph, catalog);
+        report(&checked.problems);
+        let list = self.watch_list(&checked.files, reads_outside(&checked.problems));
+        let here = std::env::current_dir().unwrap_or_default();
+        for file in list.files() {
+            let path = file.path.strip_prefix(&here).unwrap_or(&file.path);
+            let missing = if file.path.exists() { "" } else { " (not there)" };
+            print(&format!("{}{missing}  {}\n", path.display(), file.why));
+        }
+        Exit::Done
+    }
+
+    /// Everything that the outcome depends on: the graph, the files that its nodes read (`files`), and what says which files they
+    /// may read. The files of subgraphs belong here as soon as graphs have them.
+    fn watch_list(&self, files: &[ReadFile], outside: bool) -> WatchList {
+        let path = std::path::absolute(&self.graph).unwrap_or_else(|_| self.graph.clone());
+        let folder = path.parent().unwrap_or(&path);
+        let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+        let root = project_root(&folder);
+        let mut wishes = vec![Wish { path, why: "the graph".into() }];
+        wishes.extend(files.iter().map(|file| {
+            let optional = if file.optional { " if it is there" } else { "" };
+            Wish { path: file.path.clone(), why: format!("read by `{}`{optional}", file.node) }
+        }));
+        // A marker that appears nearer, or goes away, makes another root. Where there is none it matters only to a graph that reads
+        // outside of its folder.
+        if outside || root.join(MARKER).is_file() {
+            let above = folder.ancestors().take_while(|above| outside || above.starts_with(&root));
+            wishes.extend(above.map(|above| Wish {
+                path: above.join(MARKER),
+                why: "marks the root of the project".into(),
+            }));
+        }
+        WatchList::new(&wishes, &root)
+    }
+}
+
+/// Whether a graph wants to read files that it may not read where the root of its project is now.
+fn reads_outside(problems: &[Problem]) -> bool {
+    problems.iter().any(|problem| problem.code == code::OUTSIDE)
+}

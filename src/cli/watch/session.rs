@@ -1,0 +1,352 @@
+//! A watch under way: one thread listens and decides, one evaluates.
+//!
+//! A change of the graph is checked at once; the evaluation waits until the change is complete ([`Batch`]). A newer change stops an
+//! evaluation under way, unless it means the same.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::time::{Duration, Instant};
+
+use super::on_done::{Ended, OnDone};
+use super::view::View;
+use super::worker::{Job, Report, Worker};
+use super::{Message, Watch, reads_outside};
+use crate::catalog::Catalog;
+use crate::cli::terminal::Input;
+use crate::cli::{Exit, stdout_is_closed};
+use crate::error::{Problem, Severity, code};
+use crate::graph::{Checked, Graph, ReadFile};
+use crate::node::CancelToken;
+use crate::watch::{Batch, Contents, Event, Sources};
+
+/// What is known of the graph's text.
+enum Check {
+    /// It has to be read.
+    Due,
+    /// It can be evaluated; the problems are warnings.
+    Good { graph: Arc<Graph>, problems: Vec<Problem> },
+    /// It has errors, and whether they have been shown.
+    Bad { problems: Vec<Problem>, shown: bool },
+}
+
+/// A watch under way.
+pub(super) struct Session<'a> {
+    command: &'a Watch,
+    catalog: &'a Catalog,
+    sources: Sources,
+    /// The files that the graph reads, as of the last time that they could be found out.
+    files: Vec<ReadFile>,
+    /// Whether it wants to read files outside of its project.
+    outside: bool,
+    /// What was last said to be watched, and why it is looked at again and again.
+    told: Option<(Vec<PathBuf>, Option<String>)>,
+    contents: Contents,
+    batch: Batch,
+    check: Check,
+    /// Whether the next run has to compute everything.
+    recompute: bool,
+    /// A run has to be made, because these files changed.
+    wanted: Option<Vec<PathBuf>>,
+    /// The run under way.
+    running: Option<Running>,
+    /// How many runs there have been.
+    runs: usize,
+    /// Whether the last run had errors.
+    failed: bool,
+    on_done: Option<OnDone>,
+    worker: Worker,
+    view: Box<dyn View>,
+    sender: Sender<Message>,
+}
+
+struct Running {
+    graph: Arc<Graph>,
+    cancel: CancelToken,
+}
+
+/// How often a run under way is drawn.
+const FRAME: Duration = Duration::from_millis(100);
+
+/// An evaluation that was cancelled has this long to end before the program ends without it.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+impl<'a> Session<'a> {
+    pub(super) fn new(
+        command: &'a Watch,
+        catalog: &'a Catalog,
+        sources: Sources,
+        worker: Worker,
+        view: Box<dyn View>,
+        on_done: Option<OnDone>,
+        sender: Sender<Message>,
+    ) -> Self {
+        Self {
+            command,
+            catalog,
+            sources,
+            files: Vec::new(),
+            outside: false,
+            told: None,
+            contents: Contents::default(),
+            batch: Batch::default(),
+            check: Check::Due,
+            recompute: false,
+            wanted: None,
+            running: None,
+            runs: 0,
+            failed: false,
+            on_done,
+            worker,
+            view,
+            sender,
+        }
+    }
+
+    pub(super) fn run(mut self, receiver: &Receiver<Message>) -> Exit {
+        self.rewatch();
+        self.check_graph();
+        self.settle(Vec::new());
+        loop {
+            if self.command.once && self.running.is_none() && self.wanted.is_none() {
+                return self.end_once();
+            }
+            let now = Instant::now();
+            let frame = self.running.as_ref().map(|_| now + FRAME);
+            let due = [self.batch.due(), frame].into_iter().flatten().min();
+            let heard = match due {
+                None => receiver.recv().map_err(|_| RecvTimeoutError::Disconnected),
+                Some(due) => receiver.recv_timeout(due.saturating_duration_since(now)),
+            };
+            match heard {
+                Ok(Message::Input(Input::Stop | Input::Key('q'))) => return self.stop(receiver),
+                Ok(message) => self.hear(message),
+                Err(RecvTimeoutError::Timeout) if self.running.is_some() => self.view.refresh(),
+                Err(_) => {}
+            }
+            if let Some(touched) = self.batch.take(Instant::now()) {
+                let changed = self.contents.act_on(touched);
+                if !changed.is_empty() || self.wanted.is_some() {
+                    self.settle(changed);
+                }
+            }
+            self.start();
+            if stdout_is_closed() {
+                return self.stop(receiver);
+            }
+        }
+    }
+
+    fn hear(&mut self, message: Message) {
+        match message {
+            Message::Files(event) => self.files_touched(&event),
+            Message::Input(Input::Key('r')) => self.run_again(false),
+            Message::Input(Input::Key('f')) => self.run_again(true),
+            Message::Input(Input::Key('p')) => self.view.toggle_profile(),
+            Message::Input(Input::Resized) => self.view.resized(),
+            Message::Input(_) => {}
+            Message::Evaluated(report) => self.evaluated(report),
+            Message::CommandEnded(ended) => {
+                if let Some(why) = ended.failure() {
+                    self.view.command_failed(&why);
+                }
+                if self.on_done.as_mut().is_some_and(OnDone::ended) {
+                    self.run_command();
+                }
+            }
+        }
+    }
+
+    /// Finds out which files have another content now, and reacts to it.
+    fn files_touched(&mut self, event: &Event) {
+        let files = self.sources.touched(event);
+        let mut changed = false;
+        for file in &files {
+            changed |= self.reread(file);
+        }
+        if changed || (!files.is_empty() && !matches!(event, Event::Touched(_))) {
+            self.rewatch();
+        }
+    }
+
+    /// Reads a file again; whether it holds something else now.
+    fn reread(&mut self, file: &Path) -> bool {
+        let Some(shape) = self.contents.refresh(file) else { return false };
+        self.batch.changed(file, shape, Instant::now());
+        self.changed(file, shape.is_whole());
+        true
+    }
+
+    /// A file holds something else.
+    fn changed(&mut self, file: &Path, whole: bool) {
+        let is_graph = self.sources.paths().next() == Some(file);
+        if is_graph && whole {
+            self.check_graph();
+        } else {
+            self.check = Check::Due;
+        }
+        let means_the_same = |running: &Running| match &self.check {
+            Check::Good { graph, .. } => is_graph && graph.means_the_same(&running.graph),
+            Check::Due | Check::Bad { .. } => false,
+        };
+        // What may be half a file stops nothing yet.
+        if whole && self.running.as_ref().is_some_and(|running| !means_the_same(running)) {
+            self.cancel();
+        }
+    }
+
+    /// Stops the run under way; another one has to be made for it.
+    fn cancel(&mut self) {
+        if let Some(running) = &self.running {
+            running.cancel.cancel();
+            self.wanted.get_or_insert_default();
+        }
+    }
+
+    /// Reads and checks the graph; shows its errors at once, unless it may be half a file.
+    fn check_graph(&mut self) {
+        let Checked { graph, problems, files } =
+            self.command.options.load(&self.command.graph, self.catalog);
+        let readable = !problems
+            .iter()
+            .any(|problem| problem.code == code::SYNTAX || problem.source.text.is_empty());
+        if readable {
+            self.files = files;
+            self.outside = reads_outside(&problems);
+        }
+        self.check = match graph {
+            Some(graph) => {
+                self.view.checked(self.runs + 1, &problems);
+                Check::Good { graph: Arc::new(graph), problems }
+            }
+            None => Check::Bad { problems, shown: false },
+        };
+        self.rewatch();
+        if readable {
+            self.show_errors();
+        }
+    }
+
+    fn show_errors(&mut self) {
+        if let Check::Bad { problems, shown: shown @ false } = &mut self.check {
+            *shown = true;
+            self.view.checked(self.runs + 1, problems);
+            // If the change is taken back the errors have to go away, too.
+            self.wanted.get_or_insert_default();
+        }
+    }
+
+    /// Watches what the outcome depends on now.
+    fn rewatch(&mut self) {
+        let (command, files, outside) = (self.command, &self.files, self.outside);
+        for file in self.sources.update(|| command.watch_list(files, outside)) {
+            self.reread(&file);
+        }
+        self.contents.keep(self.sources.paths());
+    }
+
+    /// Says what is watched, if it is something else than before.
+    fn tell_watched(&mut self) {
+        let now: Vec<PathBuf> = self.sources.paths().map(Path::to_owned).collect();
+        let polled = self.sources.polled().map(str::to_owned);
+        if !self.command.once && self.told.as_ref() != Some(&(now.clone(), polled.clone())) {
+            self.view.watching(&now, polled.as_deref());
+            self.told = Some((now, polled));
+        }
+    }
+
+    /// The changes are complete: evaluates, or says why not.
+    fn settle(&mut self, changed: Vec<PathBuf>) {
+        if matches!(self.check, Check::Due) {
+            self.check_graph();
+        }
+        self.tell_watched();
+        self.show_errors();
+        match &self.check {
+            Check::Good { .. } => {
+                self.wanted.get_or_insert_default().extend(changed);
+                self.start();
+            }
+            Check::Bad { problems, .. } => {
+                self.runs += 1;
+                self.view.end_broken(self.runs, problems);
+                self.failed = true;
+                self.cancel();
+                self.wanted = None;
+            }
+            Check::Due => {}
+        }
+    }
+
+    /// Starts the run that is wanted, if nothing else runs and nothing more is about to change.
+    fn start(&mut self) {
+        let Check::Good { graph, problems } = &self.check else { return };
+        if self.running.is_some() || self.batch.due().is_some() {
+            return;
+        }
+        let Some(changed) = self.wanted.take() else { return };
+        self.runs += 1;
+        self.view.begin(self.runs, &changed);
+        let (graph, problems, cancel) = (graph.clone(), problems.clone(), CancelToken::default());
+        self.running = Some(Running { graph: graph.clone(), cancel: cancel.clone() });
+        let recompute = std::mem::take(&mut self.recompute);
+        self.worker.start(Job { run: self.runs, graph, problems, cancel, recompute });
+    }
+
+    fn evaluated(&mut self, report: Report) {
+        self.running = None;
+        if report.cancelled {
+            return self.view.cancelled(report.run);
+        }
+        let failed = report.problems.iter().any(|problem| problem.severity == Severity::Error);
+        self.view.end(report);
+        if !failed && !self.command.once {
+            self.run_command();
+        }
+        self.failed = failed;
+    }
+
+    fn run_command(&mut self) {
+        if let Some(on_done) = &mut self.on_done {
+            let sender = self.sender.clone();
+            on_done.start(move |message| drop(sender.send(message)));
+        }
+    }
+
+    /// The user wants a run.
+    fn run_again(&mut self, recompute: bool) {
+        self.recompute |= recompute;
+        self.check = Check::Due;
+        self.cancel();
+        self.settle(Vec::new());
+    }
+
+    /// The only run is over.
+    fn end_once(mut self) -> Exit {
+        if self.failed {
+            return Exit::Failed;
+        }
+        let ended = self.on_done.as_ref().map(OnDone::run_to_the_end);
+        match ended.as_ref().and_then(Ended::failure) {
+            None => Exit::Done,
+            Some(why) => {
+                self.view.command_failed(&why);
+                Exit::Failed
+            }
+        }
+    }
+
+    /// Ends the watch; the evaluation under way leaves nothing half-written if it has the time to end.
+    fn stop(mut self, receiver: &Receiver<Message>) -> Exit {
+        self.cancel();
+        let end = Instant::now() + PATIENCE;
+        while self.running.is_some() {
+            match receiver.recv_timeout(end.saturating_duration_since(Instant::now())) {
+                Ok(Message::Evaluated(_)) => self.running = None,
+                Ok(Message::Input(Input::Stop)) | Err(_) => break,
+                Ok(_) => {}
+            }
+        }
+        Exit::Done
+    }
+}

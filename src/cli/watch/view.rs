@@ -1,0 +1,278 @@
+//! What a watch tells: on a terminal, to a pipe, or to a program.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+
+use super::block::Block;
+use super::worker::{Observe, Report};
+use crate::cli::events::{self, Ending, Events};
+use crate::cli::run::counts;
+use crate::cli::terminal::{Input, Screen};
+use crate::cli::{counted, eprint, print, report, shows_color};
+use crate::error::{Problem, Severity};
+use crate::eval::{Observer, State};
+
+/// Tells the user, or a program, how the watch goes.
+pub(super) trait View {
+    /// What follows the evaluations.
+    fn observe(&self) -> Observe {
+        Box::new(|_| Box::new(()))
+    }
+
+    /// These many files are watched from now on; `polled` says why the system's events do not suffice.
+    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>);
+
+    /// A run begins.
+    fn begin(&mut self, run: usize, changed: &[PathBuf]);
+
+    /// The graph was checked. If there are errors no node is run.
+    fn checked(&mut self, run: usize, problems: &[Problem]);
+
+    /// A run with errors in the graph is over: nothing was evaluated.
+    fn end_broken(&mut self, run: usize, problems: &[Problem]);
+
+    /// A run was stopped by a newer change.
+    fn cancelled(&mut self, run: usize);
+
+    /// A run is over.
+    fn end(&mut self, report: Report);
+
+    /// The user's command failed.
+    fn command_failed(&mut self, why: &str) {
+        eprint(&format!("{why}\n"));
+    }
+
+    /// Time passes while a run is under way.
+    fn refresh(&mut self) {}
+
+    /// The terminal has another size.
+    fn resized(&mut self) {}
+
+    /// More or less detail.
+    fn toggle_profile(&mut self) {}
+}
+
+/// One JSON object a line.
+pub(super) struct Program;
+
+impl View for Program {
+    fn observe(&self) -> Observe {
+        Box::new(|cancel| Box::new(Events::new(cancel.clone())))
+    }
+
+    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
+        events::say("watching", json!({ "files": files, "polled": polled }));
+    }
+
+    fn begin(&mut self, run: usize, changed: &[PathBuf]) {
+        events::say("run", json!({ "run": run, "changed": changed }));
+    }
+
+    fn checked(&mut self, _: usize, problems: &[Problem]) {
+        events::problems(problems);
+    }
+
+    fn end_broken(&mut self, run: usize, problems: &[Problem]) {
+        events::end(&Ending { run, trace: None, written: &[], problems, seconds: 0.0 });
+    }
+
+    fn cancelled(&mut self, run: usize) {
+        events::say("cancelled", json!({ "run": run }));
+    }
+
+    fn end(&mut self, report: Report) {
+        let Report { run, trace, problems, written, seconds, .. } = &report;
+        events::problems(problems);
+        let (trace, seconds) = (Some(trace), *seconds);
+        events::end(&Ending { run: *run, trace, written, problems, seconds });
+    }
+}
+
+/// One line a run, for pipes and files.
+pub(super) struct Lines;
+
+impl View for Lines {
+    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
+        eprint(&format!("watching {}\n", counted(files.len(), "file")));
+        if let Some(why) = polled {
+            eprint(&format!("looking at the files twice a second: {why}\n"));
+        }
+    }
+
+    fn begin(&mut self, _: usize, _: &[PathBuf]) {}
+
+    /// Warnings are printed with the run that they belong to.
+    fn checked(&mut self, _: usize, problems: &[Problem]) {
+        if has_errors(problems) {
+            report(problems);
+        }
+    }
+
+    fn end_broken(&mut self, run: usize, problems: &[Problem]) {
+        let errors = problems.iter().filter(|problem| problem.severity == Severity::Error).count();
+        let errors = counted(errors, "error");
+        print(&format!("run {run}: {errors}; the outputs stay as they are\n"));
+    }
+
+    fn cancelled(&mut self, _: usize) {}
+
+    fn end(&mut self, done: Report) {
+        report(&done.problems);
+        let written = done.written.iter().filter(|file| !file.unchanged).count();
+        let (counts, seconds) = (counts(&done.trace), done.seconds);
+        let written = counted(written, "file");
+        print(&format!("run {}: {counts}; {written} written; {seconds:.3} s\n", done.run));
+    }
+}
+
+fn has_errors(problems: &[Problem]) -> bool {
+    problems.iter().any(|problem| problem.severity == Severity::Error)
+}
+
+/// The nodes under way, in the order of their names, each with its share.
+type UnderWay = Arc<Mutex<BTreeMap<String, Option<f64>>>>;
+
+/// An evaluation that takes longer than this shows which node it is at.
+const PATIENCE: Duration = Duration::from_millis(300);
+
+/// One block on a terminal.
+pub(super) struct Terminal {
+    screen: Screen,
+    color: bool,
+    block: Block,
+    under_way: UnderWay,
+    began: Option<Instant>,
+}
+
+impl Terminal {
+    pub(super) fn open(
+        graph: &Path,
+        folder: &Path,
+        sink: impl Fn(Input) + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let screen = Screen::open(sink)?;
+        let color = shows_color(&std::io::stdout());
+        let (graph, folder) = (graph.display().to_string(), folder.display().to_string());
+        let block = Block { graph, folder, ..Block::default() };
+        Ok(Self { screen, color, block, under_way: UnderWay::default(), began: None })
+    }
+
+    fn draw(&self) {
+        self.screen.draw(&self.block.rows(self.screen.size(), self.color));
+    }
+}
+
+impl Drop for Terminal {
+    /// Leaves the last block on the terminal's own screen, where it can still be read, and without the keys.
+    fn drop(&mut self) {
+        let mut rows = self.block.rows(self.screen.size(), self.color);
+        rows.pop();
+        self.screen.close();
+        print(&rows.iter().map(|row| format!("{row}\n")).collect::<String>());
+    }
+}
+
+impl View for Terminal {
+    fn observe(&self) -> Observe {
+        let under_way = self.under_way.clone();
+        Box::new(move |_| Box::new(Follow(under_way.clone())))
+    }
+
+    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
+        self.block.watched = files.len();
+        self.block.polled = polled.map(str::to_owned);
+        self.draw();
+    }
+
+    /// Draws nothing yet: most runs are over before anybody could read that they began.
+    fn begin(&mut self, run: usize, _: &[PathBuf]) {
+        self.block.run = run;
+        self.block.problems.clear();
+        self.block.running = true;
+        self.block.node = None;
+        self.began = Some(Instant::now());
+    }
+
+    /// Of a good graph the run says more.
+    fn checked(&mut self, run: usize, problems: &[Problem]) {
+        if !has_errors(problems) {
+            return;
+        }
+        self.block.run = run;
+        self.block.running = false;
+        self.block.problems = problems.to_vec();
+        self.draw();
+    }
+
+    fn end_broken(&mut self, _: usize, _: &[Problem]) {
+        self.draw();
+    }
+
+    fn cancelled(&mut self, _: usize) {
+        self.began = None;
+    }
+
+    fn end(&mut self, mut report: Report) {
+        self.began = None;
+        self.block.running = false;
+        self.block.command = None;
+        self.block.run = report.run;
+        self.block.problems = std::mem::take(&mut report.problems);
+        if !has_errors(&self.block.problems) {
+            self.block.good = Some(report.run);
+        }
+        self.block.report = Some(report);
+        self.draw();
+    }
+
+    fn command_failed(&mut self, why: &str) {
+        self.block.command = Some(why.to_owned());
+        self.draw();
+    }
+
+    fn refresh(&mut self) {
+        if self.began.is_some_and(|began| began.elapsed() > PATIENCE) {
+            let under_way = self.under_way.lock().unwrap_or_else(|broken| broken.into_inner());
+            let first = under_way.iter().next();
+            self.block.node = first.map(|(node, share)| (node.clone(), *share));
+            drop(under_way);
+            self.draw();
+        }
+    }
+
+    fn resized(&mut self) {
+        self.draw();
+    }
+
+    fn toggle_profile(&mut self) {
+        self.block.profile = !self.block.profile;
+        self.draw();
+    }
+}
+
+/// Notes which nodes are under way.
+struct Follow(UnderWay);
+
+impl Observer for Follow {
+    fn started(&self, node: &str) {
+        self.note(|nodes| nodes.insert(node.to_owned(), None));
+    }
+
+    fn progress(&self, node: &str, share: f64) {
+        self.note(|nodes| nodes.get_mut(node).map(|known| known.replace(share)));
+    }
+
+    fn finished(&self, node: &str, _: State, _: f64) {
+        self.note(|nodes| nodes.remove(node));
+    }
+}
+
+impl Follow {
+    fn note<T>(&self, change: impl FnOnce(&mut BTreeMap<String, Option<f64>>) -> T) {
+        change(&mut self.0.lock().unwrap_or_else(|broken| broken.into_inner()));
+    }
+}

@@ -1,0 +1,284 @@
+//! A project in a folder of its own, and a program that watches it.
+
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, SystemTime};
+
+use serde_json::{Value as Json, json};
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+/// Longer than anything takes on a busy machine; only a failing test waits that long.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+pub(crate) struct Project {
+    folder: PathBuf,
+    _temporary: tempfile::TempDir,
+    /// What the program remembers of this project.
+    cache: tempfile::TempDir,
+}
+
+impl Project {
+    /// A graph of this text, without files.
+    pub(crate) fn new(text: &str) -> Self {
+        let temporary = tempfile::tempdir().unwrap();
+        // As the program knows it: on macOS the system's temporary folder is behind a link.
+        let folder = std::fs::canonicalize(temporary.path()).unwrap();
+        let cache = tempfile::tempdir().unwrap();
+        let project = Self { folder, _temporary: temporary, cache };
+        project.save(text);
+        project
+    }
+
+    /// The doll.
+    pub(crate) fn doll() -> Self {
+        let project = Self::new("");
+        project.save(&project.doll_text(12.0));
+        std::fs::create_dir(project.folder.join("doll")).unwrap();
+        for file in ["color.png", "range.pcd", "camera.json"] {
+            project.copy_asset(file, &format!("doll/{file}"));
+        }
+        std::fs::write(project.folder.join("maquette.toml"), "").unwrap();
+        project
+    }
+
+    pub(crate) fn doll_text(&self, growth: f64) -> String {
+        let text = std::fs::read_to_string(Path::new(GRAPHS).join("doll.ron")).unwrap();
+        text.replace("default: 12.0", &format!("default: {growth:.1}"))
+    }
+
+    pub(crate) fn copy_asset(&self, name: &str, to: &str) {
+        std::fs::copy(Path::new(GRAPHS).join("doll").join(name), self.folder.join(to)).unwrap();
+    }
+
+    pub(crate) fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    pub(crate) fn graph(&self) -> PathBuf {
+        self.folder.join("doll.ron")
+    }
+
+    /// Saves the graph in one step.
+    pub(crate) fn save(&self, text: &str) {
+        let temporary = self.folder.join("doll.ron.new");
+        std::fs::write(&temporary, text).unwrap();
+        std::fs::rename(temporary, self.graph()).unwrap();
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+        command.args(arguments).current_dir(&self.folder).stdin(Stdio::null());
+        command.env("MAQUETTE_CACHE", self.cache.path());
+        command
+    }
+
+    pub(crate) fn maquette(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    /// A program that prints events.
+    pub(crate) fn spawn(&self, arguments: &[&str]) -> Watch {
+        let mut process =
+            self.command(arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let lines = BufReader::new(process.stdout.take().unwrap()).lines();
+        let (sender, events) = channel();
+        std::thread::spawn(move || {
+            for line in lines.map_while(Result::ok) {
+                let event = serde_json::from_str(&line).unwrap_or_else(|_| panic!("{line}"));
+                if sender.send(event).is_err() {
+                    return;
+                }
+            }
+        });
+        Watch { process, events, polled: Json::Null }
+    }
+
+    /// A watch that has just been started.
+    pub(crate) fn start(&self, more: &[&str]) -> Watch {
+        self.spawn(&[&["watch", "doll.ron", "--events", "--out", "out"], more].concat())
+    }
+
+    /// A watch that has come to its first results.
+    pub(crate) fn watch(&self, more: &[&str]) -> Watch {
+        let mut watch = self.start(more);
+        let watching = watch.wait(|event| event["event"] == "watching");
+        watch.polled = watching["polled"].clone();
+        let run = watch.run();
+        assert_eq!((run.number(), &run.done["ok"]), (1, &json!(true)), "{run:?}");
+        watch
+    }
+
+    /// The contents of all outputs.
+    pub(crate) fn outputs(&self) -> BTreeMap<String, Vec<u8>> {
+        read(&self.folder.join("out"))
+    }
+
+    pub(crate) fn output_times(&self) -> BTreeMap<String, SystemTime> {
+        let time = |name: &String| {
+            let metadata = std::fs::metadata(self.folder.join("out").join(name)).unwrap();
+            metadata.modified().unwrap()
+        };
+        self.outputs().into_keys().map(|name| (name.clone(), time(&name))).collect()
+    }
+
+    /// The outputs are those of the graph as it is now.
+    pub(crate) fn assert_outputs_are_right(&self) {
+        let fresh = self.folder.join("fresh");
+        let run = self.maquette(&["run", "doll.ron", "--out", fresh.to_str().unwrap()]);
+        assert!(run.status.success(), "{run:?}");
+        let (fresh, outputs) = (read(&fresh), self.outputs());
+        assert!(fresh.keys().eq(outputs.keys()), "{:?}", outputs.keys());
+        for (name, bytes) in &fresh {
+            assert!(outputs[name] == *bytes, "{name} is stale");
+        }
+    }
+
+    /// Every output is whole: its last part is there.
+    pub(crate) fn assert_no_output_is_torn(&self) {
+        for (name, bytes) in self.outputs() {
+            if name.ends_with(".glb") {
+                let length = u32::from_le_bytes(bytes[8..12].try_into().unwrap());
+                assert_eq!(bytes.len(), length as usize, "{name} is torn");
+            } else if name.ends_with(".png") {
+                assert!(bytes.ends_with(b"IEND\xaeB`\x82"), "{name} is torn");
+            }
+        }
+    }
+
+    pub(crate) fn assert_no_temporary_file(&self) {
+        let Ok(entries) = std::fs::read_dir(self.folder.join("out")) else { return };
+        for entry in entries {
+            let name = entry.unwrap().file_name().into_string().unwrap();
+            assert!(!name.starts_with('.'), "{name} was left");
+        }
+    }
+}
+
+/// The files of a folder, without temporary ones.
+fn read(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return BTreeMap::new() };
+    let paths = entries.map(|entry| entry.unwrap().path());
+    let files = paths.map(|path| {
+        (path.file_name().unwrap().to_str().unwrap().to_owned(), std::fs::read(path).unwrap())
+    });
+    files.filter(|(name, _)| !name.starts_with('.')).collect()
+}
+
+/// A program that prints events. It is killed at the end.
+pub(crate) struct Watch {
+    process: Child,
+    events: Receiver<Json>,
+    pub(crate) polled: Json,
+}
+
+/// What was told of one run.
+#[derive(Debug, Default)]
+pub(crate) struct Run {
+    /// The files that caused it.
+    pub(crate) changed: Json,
+    pub(crate) states: BTreeMap<String, String>,
+    pub(crate) written: Vec<Json>,
+    pub(crate) problems: Json,
+    pub(crate) done: Json,
+}
+
+impl Run {
+    pub(crate) fn number(&self) -> u64 {
+        self.done["run"].as_u64().unwrap()
+    }
+
+    /// What became of a node.
+    pub(crate) fn state(&self, node: &str) -> &str {
+        self.states.get(node).map_or("", String::as_str)
+    }
+}
+
+impl Watch {
+    fn next(&mut self) -> Json {
+        self.events.recv_timeout(PATIENCE).expect("the program goes on telling")
+    }
+
+    /// The next event that is wanted; those before it are dropped.
+    pub(crate) fn wait(&mut self, wanted: impl Fn(&Json) -> bool) -> Json {
+        loop {
+            let event = self.next();
+            if wanted(&event) {
+                return event;
+            }
+        }
+    }
+
+    /// The next run that comes to its end.
+    pub(crate) fn run(&mut self) -> Run {
+        loop {
+            let run = self.run_or_cancelled();
+            if run.done["event"] == "done" {
+                return run;
+            }
+        }
+    }
+
+    /// The next run, or the part of it before it was cancelled.
+    pub(crate) fn run_or_cancelled(&mut self) -> Run {
+        let mut run = Run::default();
+        loop {
+            let event = self.next();
+            match event["event"].as_str().unwrap() {
+                "run" => run = Run { changed: event["changed"].clone(), ..Run::default() },
+                "problems" => run.problems = event["problems"].clone(),
+                "written" => run.written.push(event),
+                "cancelled" | "done" => {
+                    for node in event["nodes"].as_array().into_iter().flatten() {
+                        let text = |field: &str| node[field].as_str().unwrap().to_owned();
+                        run.states.insert(text("name"), text("state"));
+                    }
+                    run.done = event;
+                    return run;
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// The next run without errors.
+    pub(crate) fn run_until_ok(&mut self) -> Run {
+        loop {
+            let run = self.run();
+            if run.done["ok"] == true {
+                return run;
+            }
+        }
+    }
+
+    pub(crate) fn kill(&mut self) {
+        self.process.kill().unwrap();
+        self.process.wait().unwrap();
+    }
+
+    /// Ends the program as a user would, where that is possible.
+    pub(crate) fn end(&mut self) {
+        #[cfg(unix)]
+        assert_eq!(self.interrupt(), Some(0));
+        #[cfg(not(unix))]
+        self.kill();
+    }
+
+    /// Presses Ctrl-C: the exit code.
+    #[cfg(unix)]
+    pub(crate) fn interrupt(&mut self) -> Option<i32> {
+        let id = self.process.id().to_string();
+        assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+        self.process.wait().unwrap().code()
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
