@@ -13,7 +13,7 @@ use crate::error::{Error, Problem, Severity, Source, code};
 use crate::graph::{Graph, GraphNode, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
-use crate::value::AnyValue;
+use crate::value::{AnyValue, Hash};
 
 mod cache;
 mod disk;
@@ -28,8 +28,9 @@ mod why;
 use cache::{Cache, Values};
 pub use disk::{Disk, DiskError, Usage};
 use files::Known;
+pub(crate) use files::Stamp;
 pub(crate) use key::{Change, NodeFile, Recipe};
-use plan::Plan;
+use plan::{Plan, Task};
 use run::{News, Run};
 use snapshot::Snapshot;
 pub(crate) use trace::Reason;
@@ -177,6 +178,11 @@ impl Evaluation {
         self.values[place].1.get(output)
     }
 
+    /// The hash of the value of a node's output, if it has one.
+    pub(crate) fn hash(&self, node: usize, output: usize) -> Option<Hash> {
+        Some(self.found.current(node)?.outcome.outputs.get(output)?.1)
+    }
+
     /// The value of a node's output by their names; the first output if `output` is empty. Nodes that were not asked for are
     /// not found.
     pub fn find(&self, graph: &Graph, node: &str, output: &str) -> Option<&AnyValue> {
@@ -254,25 +260,44 @@ impl Evaluator {
         self.fresh = true;
     }
 
-    /// Evaluates what these nodes, by their place in the graph, need.
+    /// The hash of each of these outputs (node and output) of which is known, before anything is evaluated, that it is as it
+    /// was.
+    pub(crate) fn known_hashes(
+        &mut self,
+        graph: &Graph,
+        outputs: &[(usize, usize)],
+    ) -> Vec<Option<Hash>> {
+        self.recall(graph);
+        let roots = Vec::from_iter(outputs.iter().map(|(node, _)| *node));
+        let plan = Plan::new(self, graph, &roots, &[]);
+        let last = self.last.as_ref();
+        let hash = |&(node, output): &(usize, usize)| {
+            let done = last?.current(node).filter(|_| plan.tasks[node] == Task::None)?;
+            Some(done.outcome.outputs.get(output)?.1)
+        };
+        outputs.iter().map(hash).collect()
+    }
+
+    /// Evaluates what these nodes, by their place in the graph, need. The values of the nodes `values` are wanted afterwards.
     pub(crate) fn evaluate(
         &mut self,
         graph: &Graph,
         roots: &[usize],
+        values: &[usize],
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Evaluation {
         self.recall(graph);
-        let plan = Plan::new(self, graph, roots);
+        let plan = Plan::new(self, graph, roots, values);
         observer.unchanged(plan.unchanged());
         let run = Run::new(self, graph, &plan, observer, cancel);
-        let needs_threads = plan.has_work() || !run.has_values(roots);
+        let needs_threads = plan.has_work() || !run.has_values(values);
         let values = match needs_threads {
             true => self.pool.install(|| {
                 rayon::scope(|scope| run.start(scope));
-                run.values_of(roots)
+                run.values_of(values)
             }),
-            false => run.values_of(roots),
+            false => run.values_of(values),
         };
         let (fates, news) = run.end();
         self.fresh = false;
@@ -309,13 +334,13 @@ impl Evaluator {
     /// Evaluates all outputs of a graph.
     pub fn evaluate_all(&mut self, graph: &Graph) -> Evaluation {
         let wanted: Vec<usize> = graph.outputs.iter().map(|output| output.node).collect();
-        self.evaluate(graph, &wanted, &(), &CancelToken::default())
+        self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
     }
 
     /// Evaluates what the nodes of these names need; names that the graph does not have are left out.
     pub fn evaluate_nodes(&mut self, graph: &Graph, names: &[&str]) -> Evaluation {
         let wanted = Vec::from_iter(names.iter().filter_map(|name| graph.find(name)));
-        self.evaluate(graph, &wanted, &(), &CancelToken::default())
+        self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
     }
 
     /// Evaluates every node of a graph, those that no output needs included.
@@ -326,7 +351,7 @@ impl Evaluator {
         cancel: &CancelToken,
     ) -> Evaluation {
         let all: Vec<usize> = (0..graph.nodes.len()).collect();
-        self.evaluate(graph, &all, observer, cancel)
+        self.evaluate(graph, &all, &all, observer, cancel)
     }
 }
 

@@ -79,7 +79,8 @@ impl Inspect {
             Err(why) => return Exit::Usage(why),
         };
         let progress = Progress::new(graph.nodes.len());
-        let evaluation = evaluator.evaluate(&graph, &[node], &progress, &CancelToken::default());
+        let evaluation =
+            evaluator.evaluate(&graph, &[node], &[node], &progress, &CancelToken::default());
         progress.end();
         if !self.json {
             report(&evaluation.problems());

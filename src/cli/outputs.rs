@@ -4,13 +4,14 @@ use std::collections::{BTreeSet, HashMap};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::error::{Problem, Severity, code};
-use crate::eval::{Evaluation, Evaluator};
+use crate::eval::{Evaluation, Evaluator, Stamp};
 use crate::graph::{Graph, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
@@ -23,7 +24,7 @@ const TEMPORARY: &str = ".maquette-";
 const LEFT_BEHIND: Duration = Duration::from_secs(600);
 
 /// A file of an output that is on disk now.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Written {
     pub(super) output: String,
     pub(super) path: PathBuf,
@@ -44,30 +45,20 @@ impl Written {
     }
 }
 
-/// What to do with a file that holds the right bytes already.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Rewrite {
-    /// Write it again: its time says when it was made.
-    Always,
-    /// Leave it alone, so that a viewer does not load it again.
-    IfChanged,
-}
-
 /// The folder of a graph's outputs, and what is known of the files in it.
+///
+/// A file that holds the right bytes already is left alone, so that neither a viewer nor a build tool takes it for a new one.
 pub(super) struct Outputs {
     folder: PathBuf,
-    rewrite: Rewrite,
     /// By output: the value that its files were made of, and they, each as it was left.
     known: Mutex<HashMap<String, Known>>,
 }
 
+#[derive(Serialize, Deserialize)]
 struct Known {
     value: Hash,
     files: Vec<(Written, Option<Stamp>)>,
 }
-
-/// What tells that nobody has changed a file since it was written.
-type Stamp = (u64, SystemTime);
 
 /// `out/doll` for `graphs/doll.ron`.
 pub(super) fn default_folder(graph: &Path) -> PathBuf {
@@ -75,8 +66,39 @@ pub(super) fn default_folder(graph: &Path) -> PathBuf {
 }
 
 impl Outputs {
-    pub(super) fn new(folder: PathBuf, rewrite: Rewrite) -> Self {
-        Self { folder, rewrite, known: Mutex::default() }
+    pub(super) fn new(folder: PathBuf) -> Self {
+        Self { folder, known: Mutex::default() }
+    }
+
+    /// Finds out what the last process knew of the files in the folder.
+    pub(super) fn recall(&self, evaluator: &Evaluator) {
+        let note = evaluator.disk().and_then(|disk| disk.note(&self.folder));
+        if let Some(known) = note.and_then(|note| serde_json::from_slice(&note).ok()) {
+            *self.lock() = known;
+        }
+    }
+
+    /// Tells the next process what is known of the files in the folder.
+    pub(super) fn keep(&self, evaluator: &Evaluator) {
+        if let (Some(disk), Ok(note)) = (evaluator.disk(), serde_json::to_vec(&*self.lock())) {
+            disk.keep_note(&self.folder, note);
+        }
+    }
+
+    /// The nodes whose values must be had to write these outputs: not those of files that are known to be right.
+    pub(super) fn nodes_to_write(
+        &self,
+        outputs: &[&GraphOutput],
+        graph: &Graph,
+        evaluator: &mut Evaluator,
+    ) -> Vec<usize> {
+        let places = Vec::from_iter(outputs.iter().map(|output| (output.node, output.output)));
+        let hashes = evaluator.known_hashes(graph, &places);
+        let is_right = |(output, hash): &(&&GraphOutput, Option<Hash>)| {
+            hash.is_some_and(|hash| self.still_there(&output.name, hash).is_some())
+        };
+        let to_write = outputs.iter().zip(hashes).filter(|output| !is_right(output));
+        to_write.map(|(output, _)| output.node).collect()
     }
 
     /// Writes outputs in parallel; those whose nodes failed are left out, because that has been reported. What cannot be
@@ -113,10 +135,9 @@ impl Outputs {
         evaluation: &Evaluation,
         graph: &Graph,
     ) -> Result<Vec<Written>, Box<Problem>> {
-        let Some(value) = evaluation.value(output.node, output.output) else {
+        let Some(value) = evaluation.hash(output.node, output.output) else {
             return Ok(Vec::new());
         };
-        let value = value.hash();
         if let Some(files) = self.still_there(&output.name, value) {
             return Ok(files);
         }
@@ -152,10 +173,8 @@ impl Outputs {
             })?;
             written.push(file);
         }
-        if self.rewrite == Rewrite::IfChanged {
-            let files = written.iter().map(|file| (file.clone(), stamp(&file.path))).collect();
-            self.lock().insert(output.name.clone(), Known { value, files });
-        }
+        let files = written.iter().map(|file| (file.clone(), Stamp::of(&file.path))).collect();
+        self.lock().insert(output.name.clone(), Known { value, files });
         Ok(written)
     }
 
@@ -163,15 +182,16 @@ impl Outputs {
     fn still_there(&self, output: &str, value: Hash) -> Option<Vec<Written>> {
         let known = self.lock();
         let known = known.get(output).filter(|known| known.value == value)?;
-        let is_as_left =
-            |(file, left): &(Written, Option<Stamp>)| left.is_some() && stamp(&file.path) == *left;
+        let is_as_left = |(file, left): &(Written, Option<Stamp>)| {
+            left.is_some() && Stamp::of(&file.path) == *left
+        };
         let unchanged = |(file, _): &(Written, _)| Written { unchanged: true, ..file.clone() };
         known.files.iter().all(is_as_left).then(|| known.files.iter().map(unchanged).collect())
     }
 
     fn file(&self, output: &str, path: PathBuf, file: &NewFile) -> std::io::Result<Written> {
         let bytes = &file.bytes[..];
-        let unchanged = self.rewrite == Rewrite::IfChanged && holds(&path, bytes);
+        let unchanged = holds(&path, bytes);
         if !unchanged {
             write_whole(&path, bytes)?;
         }
@@ -198,11 +218,6 @@ fn is_read_by(graph: &Graph, path: &Path) -> bool {
 fn real(path: &Path) -> Option<PathBuf> {
     let beside = || Some(std::fs::canonicalize(path.parent()?).ok()?.join(path.file_name()?));
     std::fs::canonicalize(path).ok().or_else(beside)
-}
-
-fn stamp(path: &Path) -> Option<Stamp> {
-    let metadata = std::fs::metadata(path).ok()?;
-    Some((metadata.len(), metadata.modified().ok()?))
 }
 
 fn holds(path: &Path, bytes: &[u8]) -> bool {
@@ -244,6 +259,8 @@ pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::SystemTime;
+
     use super::*;
 
     #[test]
@@ -264,16 +281,17 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_holds_the_bytes_is_left_alone_in_a_watch_only() {
+    fn a_file_that_holds_the_bytes_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
         let file = NewFile { name: "a.ply".into(), bytes: b"ply".to_vec() };
-        let write = |rewrite| {
-            let outputs = Outputs::new(folder.path().to_owned(), rewrite);
+        let write = || {
+            let outputs = Outputs::new(folder.path().to_owned());
             outputs.file("a", path.clone(), &file).unwrap().unchanged
         };
-        assert!(!write(Rewrite::IfChanged));
-        assert!(write(Rewrite::IfChanged));
-        assert!(!write(Rewrite::Always));
+        assert!(!write());
+        assert!(write());
+        std::fs::write(&path, "plx").unwrap();
+        assert!(!write());
     }
 }

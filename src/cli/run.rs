@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::caching::{self, CacheOptions};
 use super::events::{self, Ending, Events};
-use super::outputs::{Outputs, Rewrite, Written, default_folder};
+use super::outputs::{Outputs, Written, default_folder};
 use super::profile;
 use super::progress::Progress;
 use super::why::reason_with_place;
@@ -78,10 +78,13 @@ impl Run {
         }
         let progress = Progress::new(graph.nodes.len());
         let observer: &dyn Observer = events.as_ref().map_or(&progress, |events| events);
-        let evaluation = evaluator.evaluate(&graph, &nodes, observer, &cancel);
         let folder = self.out.clone().unwrap_or_else(|| default_folder(&self.graph));
-        let into = Outputs::new(folder.clone(), Rewrite::Always);
+        let into = Outputs::new(folder.clone());
+        into.recall(&evaluator);
+        let values = into.nodes_to_write(&outputs, &graph, &mut evaluator);
+        let evaluation = evaluator.evaluate(&graph, &nodes, &values, observer, &cancel);
         let (files, unwritten) = into.write(&outputs, &evaluation, &graph, &evaluator, &cancel);
+        into.keep(&evaluator);
         progress.end();
         if cancel.is_cancelled() {
             caching::finish(&evaluator);
@@ -151,7 +154,9 @@ impl Run {
             );
         }
         for file in written {
-            let _ = writeln!(text, "wrote     {}  {}", file.path.display(), in_bytes(file.bytes));
+            let word = if file.unchanged { "as it was" } else { "wrote    " };
+            let (path, bytes) = (file.path.display(), in_bytes(file.bytes));
+            let _ = writeln!(text, "{word} {path}  {bytes}");
         }
         let counts = counts(&trace);
         let _ = writeln!(text, "{}: {counts}; {seconds:.2} s", counted(traces.len(), "node"));

@@ -5,7 +5,8 @@
 //! CACHE/programs/STAMP                the fingerprint of the program of that stamp
 //! CACHE/FINGERPRINT/entries/KEY       what a node gave: its outputs, without their large columns
 //! CACHE/FINGERPRINT/columns/HASH      a large column
-//! CACHE/FINGERPRINT/graphs/HASH       what the last evaluation of the graph at the path of that hash found
+//! CACHE/FINGERPRINT/graphs/HASH       what the last evaluation of the graph at the path of that hash found, or which files are
+//!                                     in the folder of outputs at that path
 //! ```
 //!
 //! Every file appears whole or not at all, ends with a checksum (a column's is its name), and is believed only if that fits:
@@ -145,6 +146,17 @@ impl Disk {
             let path = self.store.record_path(graph);
             self.writer.send(Job::Record { path, snapshot: snapshot.clone(), files });
         }
+    }
+
+    /// What was last noted of a folder of outputs.
+    pub(crate) fn note(&self, folder: &Path) -> Option<Vec<u8>> {
+        self.store.read(&self.store.record_path(folder))
+    }
+
+    /// Keeps a note of a folder of outputs.
+    pub(crate) fn keep_note(&self, folder: &Path, note: Vec<u8>) {
+        let path = self.store.record_path(folder);
+        self.writer.send(Job::Note { path, note });
     }
 
     /// What the last evaluation of the graph at this path found, and the files that it read.

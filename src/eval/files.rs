@@ -16,7 +16,7 @@ use crate::value::Hash;
 /// What the system says of a file without reading it. A file that is written to gets another stamp, unless it is written twice
 /// within the clock's grain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Stamp {
+pub(crate) struct Stamp {
     size: u64,
     /// Nanoseconds since 1970.
     modified: u128,
@@ -33,7 +33,7 @@ const GRAIN: Duration = Duration::from_secs(2);
 const FINE_GRAIN: Duration = Duration::from_millis(100);
 
 impl Stamp {
-    pub(super) fn of(path: &Path) -> Option<Self> {
+    pub(crate) fn of(path: &Path) -> Option<Self> {
         std::fs::metadata(path).ok().map(|metadata| Self::new(&metadata))
     }
 

@@ -28,7 +28,12 @@ pub(super) enum Task {
 }
 
 impl Plan {
-    pub(super) fn new(evaluator: &Evaluator, graph: &Graph, roots: &[usize]) -> Self {
+    pub(super) fn new(
+        evaluator: &Evaluator,
+        graph: &Graph,
+        roots: &[usize],
+        values: &[usize],
+    ) -> Self {
         let count = graph.nodes.len();
         let wanted = wanted(graph, roots);
         let Some(last) = &evaluator.last else {
@@ -61,7 +66,7 @@ impl Plan {
         }
         // Backwards, so that what a restored node needs is met after it.
         let mut needed = vec![false; count];
-        roots.iter().for_each(|&root| needed[root] = true);
+        values.iter().for_each(|&node| needed[node] = true);
         let mut look = |index: usize, tasks: &mut Vec<Task>, needed: &mut Vec<bool>| {
             let lost = needed[index] && tasks[index] == Task::None && !evaluator.has(last, index);
             if lost {

@@ -31,7 +31,7 @@ impl Evaluator {
     /// What would become of the nodes that these hang on, in the graph's order.
     pub(crate) fn forecast(&mut self, graph: &Graph, roots: &[usize]) -> Vec<Forecast> {
         self.recall(graph);
-        let plan = Plan::new(self, graph, roots);
+        let plan = Plan::new(self, graph, roots, &[]);
         let (observer, cancel) = ((), CancelToken::default());
         let run = Run::new(self, graph, &plan, &observer, &cancel);
         let wanted = (0..graph.nodes.len()).filter(|&index| plan.wanted[index]);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
-use crate::cli::outputs::{Outputs, Rewrite, Written};
+use crate::cli::outputs::{Outputs, Written};
 use crate::cli::run::wanted;
 use crate::error::{Problem, Severity, Span, code};
 use crate::eval::{Disk, Evaluator, Observer, Trace};
@@ -58,7 +58,8 @@ impl Worker {
         observe: Observe,
         sink: impl Fn(Report) + Send + 'static,
     ) -> Self {
-        let outputs = Outputs::new(folder, Rewrite::IfChanged);
+        let outputs = Outputs::new(folder);
+        outputs.recall(&evaluator);
         let (jobs, receiver) = channel::<Job>();
         std::thread::spawn(move || {
             for job in receiver {
@@ -97,8 +98,10 @@ fn evaluate(
     });
     let nodes: Vec<usize> = wanted.iter().map(|output| output.node).collect();
     evaluator.set_memory(memory);
-    let evaluation = evaluator.evaluate(graph, &nodes, observer, &job.cancel);
+    let values = outputs.nodes_to_write(&wanted, graph, evaluator);
+    let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, &job.cancel);
     let (written, unwritten) = outputs.write(&wanted, &evaluation, graph, evaluator, &job.cancel);
+    outputs.keep(evaluator);
     problems.extend(evaluation.problems());
     let trace = evaluation.trace();
     problems.extend(unwritten);

@@ -25,6 +25,10 @@ pub(super) enum Job {
         snapshot: Arc<Snapshot>,
         files: Vec<KnownFile>,
     },
+    Note {
+        path: PathBuf,
+        note: Vec<u8>,
+    },
     /// Everything before is written: say so.
     Done(Sender<()>),
 }
@@ -127,6 +131,7 @@ impl Job {
                 // An evaluation has ended.
                 store.tidy();
             }
+            Self::Note { path, note } => store.write_checked(&path, &note),
             Self::Done(sender) => drop(sender.send(())),
         }
     }
