@@ -16,6 +16,7 @@ use crate::pack::NewFile;
 use crate::value::{AnyValue, Hash};
 
 mod cache;
+mod compute;
 mod disk;
 mod files;
 mod key;

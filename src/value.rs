@@ -113,6 +113,9 @@ impl Summary {
     }
 }
 
+/// Below this many bytes one thread hashes faster than several: the cost of waking the others is some 10 us.
+const SEVERAL_THREADS: usize = 256 * 1024;
+
 /// The blake3 hash of a value's content.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Hash(pub(crate) [u8; 32]);
@@ -120,7 +123,10 @@ pub struct Hash(pub(crate) [u8; 32]);
 impl Hash {
     /// The hash of some bytes.
     pub fn of(bytes: &[u8]) -> Self {
-        Self(*blake3::hash(bytes).as_bytes())
+        if bytes.len() < SEVERAL_THREADS {
+            return Self(*blake3::hash(bytes).as_bytes());
+        }
+        Self(*blake3::Hasher::new().update_rayon(bytes).finalize().as_bytes())
     }
 
     /// The hash that [`Display`](fmt::Display) writes; none if the text is not one.

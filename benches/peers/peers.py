@@ -181,7 +181,7 @@ def python_pipeline(nurbs, mesh):
 
 
 # ---------------------------------------------------------------- rows
-PIPELINE = [PROJECT / "target/release/maquette", "run", DATA / "pipeline.ron", "--threads", str(THREADS), "--json", "--out", OUT]
+PIPELINE = [PROJECT / "target/release/maquette", "run", DATA / "pipeline.ron", "--threads", str(THREADS), "--no-cache", "--json", "--out", OUT]
 
 ROWS = [
     Row("threshold, labels, statistics, 4096 x 4096", "segment", 45, [opencv_segment]),

@@ -5,8 +5,8 @@
 //! CACHE/programs/STAMP                the fingerprint of the program of that stamp
 //! CACHE/FINGERPRINT/entries/KEY       what a node gave: its outputs, without their large columns
 //! CACHE/FINGERPRINT/columns/HASH      a large column
-//! CACHE/FINGERPRINT/graphs/HASH       what the last evaluation of the graph at the path of that hash found, or which files are
-//!                                     in the folder of outputs at that path
+//! CACHE/FINGERPRINT/graphs/HASH       what the last evaluation of the graph at the path of that hash found
+//! CACHE/FINGERPRINT/outputs/HASH      which files are in the folder of outputs at the path of that hash
 //! ```
 //!
 //! Every file appears whole or not at all, ends with a checksum (a column's is its name), and is believed only if that fits:
@@ -63,6 +63,9 @@ struct Store {
     trouble: OnceLock<String>,
     written: AtomicU64,
 }
+
+/// The folders of a program.
+const FOLDERS: [&str; 4] = ["entries", "columns", "graphs", "outputs"];
 
 /// Entries of one process that are kept however little work they were; later ones must have taken longer.
 const CHEAP_ENTRIES: usize = 1000;
@@ -126,12 +129,14 @@ impl Disk {
         values
     }
 
-    /// Keeps a result if reading it back is faster than computing it. Returns before it is written.
-    pub(super) fn keep(&self, key: Hash, outcome: &Arc<Outcome>, values: &Values) {
+    /// Keeps a result if reading it back is faster than computing it. Returns before it is written. If what was kept before is
+    /// lost, the columns that are still there are not `trusted`.
+    pub(super) fn keep(&self, key: Hash, outcome: &Arc<Outcome>, values: &Values, trusted: bool) {
         let slow = WORTH_A_FILE < outcome.seconds;
         let pays = outcome.bytes <= SMALL || outcome.bytes as f64 / READ_SPEED < outcome.seconds;
         if pays && (slow || self.writer.entries() < CHEAP_ENTRIES) && self.trouble().is_none() {
-            self.writer.send(Job::Entry { key, outcome: outcome.clone(), values: values.clone() });
+            let (outcome, values) = (outcome.clone(), values.clone());
+            self.writer.send(Job::Entry { key, outcome, values, trusted });
         }
     }
 
@@ -143,25 +148,25 @@ impl Disk {
         files: Vec<KnownFile>,
     ) {
         if self.trouble().is_none() {
-            let path = self.store.record_path(graph);
+            let path = self.store.path_of("graphs", graph);
             self.writer.send(Job::Record { path, snapshot: snapshot.clone(), files });
         }
     }
 
     /// What was last noted of a folder of outputs.
     pub(crate) fn note(&self, folder: &Path) -> Option<Vec<u8>> {
-        self.store.read(&self.store.record_path(folder))
+        self.store.read(&self.store.path_of("outputs", folder))
     }
 
     /// Keeps a note of a folder of outputs.
     pub(crate) fn keep_note(&self, folder: &Path, note: Vec<u8>) {
-        let path = self.store.record_path(folder);
+        let path = self.store.path_of("outputs", folder);
         self.writer.send(Job::Note { path, note });
     }
 
     /// What the last evaluation of the graph at this path found, and the files that it read.
     pub(super) fn snapshot(&self, graph: &Path) -> Option<(Snapshot, Vec<KnownFile>)> {
-        let path = self.store.record_path(graph);
+        let path = self.store.path_of("graphs", graph);
         let found = record::read(&self.store.read(&path)?, &self.store);
         if found.is_none() {
             self.store.remove(&path);
@@ -180,7 +185,7 @@ impl Store {
         let (folder, home) = (folder.to_owned(), folder.join(fingerprint));
         let (trouble, written) = (OnceLock::new(), AtomicU64::new(0));
         let store = Self { folder, home, limit, types, trouble, written };
-        let made = ["entries", "columns", "graphs"]
+        let made = FOLDERS
             .iter()
             .try_for_each(|name| fs::create_dir_all(store.home.join(name)))
             .and_then(|()| usage::tag(&store.folder));
@@ -200,10 +205,11 @@ impl Store {
         self.home.join("columns").join(hash.to_string())
     }
 
-    fn record_path(&self, graph: &Path) -> PathBuf {
-        let path = fs::canonicalize(graph).unwrap_or_else(|_| graph.to_owned());
+    /// The file for what is known of the graph or folder at this path.
+    fn path_of(&self, what: &str, path: &Path) -> PathBuf {
+        let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         let hash = Hash::of(path.as_os_str().as_encoded_bytes());
-        self.home.join("graphs").join(hash.to_string())
+        self.home.join(what).join(hash.to_string())
     }
 
     /// The content of a file that ends with its checksum; none, and no file any more, if that does not fit.
@@ -282,11 +288,11 @@ impl Store {
         self.write(path, &[content, blake3::hash(content).as_bytes()]);
     }
 
-    fn write_column(&self, column: &dyn Bytes) {
+    fn write_column(&self, column: &dyn Bytes, trusted: bool) {
         let path = self.column_path(column.hash());
         let length = column.bytes().len() as u64;
         match fs::metadata(&path) {
-            Ok(metadata) if metadata.len() == length => self.touch(&path),
+            Ok(metadata) if trusted && metadata.len() == length => self.touch(&path),
             _ => self.write(&path, &[column.bytes()]),
         }
     }

@@ -1,25 +1,23 @@
 //! One evaluation under way: visits the nodes that have a task, each after those that it hangs on.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Instant;
 
 use super::cache::{FirstBytes, Outcome, Values};
+use super::compute::Loaded;
 use super::files::Reads;
 use super::key::Parts;
 use super::plan::{Plan, Task};
 use super::snapshot::{Done, Fate};
 use super::trace::Reason;
-use super::why::{Forecast, Outlook};
-use super::{Evaluator, Observer, Panic, State, in_words, lock};
-use crate::error::{Cancelled, Error};
+use super::{Evaluator, Observer, State, lock};
+use crate::error::Error;
 use crate::graph::{Graph, GraphNode};
-use crate::node::{CancelToken, Context, File, Progress};
-use crate::value::{AnyValue, Hash};
+use crate::node::CancelToken;
+use crate::value::Hash;
 
 /// What happened to a node that is not as it was.
 pub(super) struct News {
@@ -36,7 +34,7 @@ pub(super) struct News {
 }
 
 impl News {
-    fn new(index: usize, state: State, reason: Reason) -> Self {
+    pub(super) fn new(index: usize, state: State, reason: Reason) -> Self {
         let (unchanged, differs, error) = (false, false, None);
         Self {
             index,
@@ -53,35 +51,35 @@ impl News {
 }
 
 pub(super) struct Run<'a> {
-    evaluator: &'a Evaluator,
-    graph: &'a Graph,
-    tasks: &'a [Task],
-    observer: &'a dyn Observer,
-    cancel: &'a CancelToken,
-    start: Instant,
-    files: Reads<'a>,
+    pub(super) evaluator: &'a Evaluator,
+    pub(super) graph: &'a Graph,
+    pub(super) tasks: &'a [Task],
+    pub(super) observer: &'a dyn Observer,
+    pub(super) cancel: &'a CancelToken,
+    pub(super) start: Instant,
+    pub(super) files: Reads<'a>,
     /// The slot of each node that has a task, by node.
     places: Vec<u32>,
-    slots: Vec<Slot>,
-    news: Mutex<Vec<News>>,
+    pub(super) slots: Vec<Slot>,
+    pub(super) news: Mutex<Vec<News>>,
     /// Nodes that wait for another one with the same key.
     in_flight: Mutex<HashMap<Hash, Vec<usize>, BuildHasherDefault<FirstBytes>>>,
 }
 
 /// A node with a task.
 #[derive(Default)]
-struct Slot {
+pub(super) struct Slot {
     node: usize,
     /// How many links wait for their node.
     waiting: AtomicUsize,
     /// The node's result; none inside if it has none.
-    done: OnceLock<Option<Arc<Done>>>,
+    pub(super) done: OnceLock<Option<Arc<Done>>>,
     /// Whether this node, or one that it hangs on, ran.
     ran: AtomicBool,
     /// The values, held for the nodes that still need them.
-    held: Mutex<Option<Values>>,
+    pub(super) held: Mutex<Option<Values>>,
     /// How many links of nodes that have a task still need them.
-    users: AtomicUsize,
+    pub(super) users: AtomicUsize,
 }
 
 /// The place of a node without a slot.
@@ -128,7 +126,7 @@ impl<'a> Run<'a> {
     }
 
     /// The slot of a node; none if it has no task.
-    fn slot(&self, node: usize) -> Option<&Slot> {
+    pub(super) fn slot(&self, node: usize) -> Option<&Slot> {
         let place = *self.places.get(node)?;
         self.slots.get(place as usize)
     }
@@ -175,7 +173,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn done(&self, index: usize) -> Option<&Arc<Done>> {
+    pub(super) fn done(&self, index: usize) -> Option<&Arc<Done>> {
         match self.slot(index) {
             Some(slot) => slot.done.get()?.as_ref(),
             None => self.evaluator.last.as_ref()?.current(index),
@@ -186,21 +184,21 @@ impl<'a> Run<'a> {
         self.slot(index).is_some_and(|slot| slot.ran.load(Ordering::Acquire))
     }
 
-    fn set_ran(&self, index: usize, ran: bool) {
+    pub(super) fn set_ran(&self, index: usize, ran: bool) {
         if let Some(slot) = self.slot(index) {
             slot.ran.store(ran, Ordering::Release);
         }
     }
 
     /// Holds a node's values as long as somebody still needs them.
-    fn hold(&self, index: usize, values: &Values) {
+    pub(super) fn hold(&self, index: usize, values: &Values) {
         let needed = |slot: &&Slot| 0 < slot.users.load(Ordering::Acquire);
         if let Some(slot) = self.slot(index).filter(needed) {
             *lock(&slot.held) = Some(values.clone());
         }
     }
 
-    fn before(&self, index: usize) -> Option<&Arc<Done>> {
+    pub(super) fn before(&self, index: usize) -> Option<&Arc<Done>> {
         let name = &self.graph.shape.names[index];
         self.evaluator.last.as_ref()?.before(name, index)
     }
@@ -254,7 +252,7 @@ impl<'a> Run<'a> {
     }
 
     /// What the node is computed from.
-    fn parts(&self, node: &GraphNode) -> Result<Parts, Error> {
+    pub(super) fn parts(&self, node: &GraphNode) -> Result<Parts, Error> {
         let input = |link: &crate::graph::Link| {
             self.done(link.node).map(|done| done.outcome.outputs[link.output].1)
         };
@@ -263,7 +261,7 @@ impl<'a> Run<'a> {
         Ok(Parts { recipe: node.recipe.clone(), inputs, files: files.collect::<Result<_, _>>()? })
     }
 
-    fn find(&self, key: Hash) -> Option<Arc<Outcome>> {
+    pub(super) fn find(&self, key: Hash) -> Option<Arc<Outcome>> {
         let found = self.evaluator.cache.find(key);
         found.or_else(|| {
             let outcome = Arc::new(self.evaluator.known_results()?.find(key)?);
@@ -272,62 +270,12 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// What would become of a node that must be looked at; those that it hangs on have been asked about before. A node that
-    /// would not run has its result from then on.
-    pub(super) fn forecast(&self, index: usize) -> Forecast {
-        let node = &self.graph.nodes[index];
-        let tell = |outlook, reason| Forecast { index, outlook, reason };
-        let unknown = node.links.iter().find(|link| self.done(link.node).is_none());
-        let before = self.before(index);
-        let mut parts = match self.parts(node) {
-            Ok(parts) => parts,
-            Err(error) => return tell(Outlook::Fails, Reason::Error(error.to_string())),
-        };
-        if let Some(unknown) = unknown {
-            // What it is apart from its inputs.
-            parts.inputs = before.map_or_else(Box::default, |before| before.parts.inputs.clone());
-            return match before.map(|before| parts.change(&before.parts)) {
-                None => tell(Outlook::Runs, Reason::First),
-                Some(Some(change)) => tell(Outlook::Runs, Reason::Changed(change)),
-                Some(None) => tell(Outlook::MayRun, Reason::HangsOn(unknown.node)),
-            };
-        }
-        let key = parts.key();
-        let change = before.map(|before| parts.change(&before.parts));
-        let found = self.find(key);
-        let reason = match (found.is_some(), change) {
-            (true, None | Some(None)) => Reason::Unchanged,
-            (true, Some(Some(change))) => Reason::Before(change),
-            (false, None) => Reason::First,
-            (false, Some(None)) => Reason::Lost,
-            (false, Some(Some(change))) => Reason::Changed(change),
-        };
-        let outlook = if found.is_some() { Outlook::Cached } else { Outlook::Runs };
-        if let Some((outcome, slot)) = found.zip(self.slot(index)) {
-            let _ = slot.done.set(Some(Arc::new(Done { parts, key, outcome })));
-        }
-        tell(outlook, reason)
-    }
-
-    /// The contents of the node's files; the hashes that they have now, if a file has just been changed.
-    fn load(&self, node: &GraphNode, parts: &Parts) -> Result<Loaded, Error> {
-        let files = node.files.iter().map(|file| self.files.file(file));
-        let files: Vec<Option<File>> = files.collect::<Result<_, _>>()?;
-        let hashes: Box<[_]> =
-            files.iter().map(|file| file.as_ref().map(|file| file.hash)).collect();
-        if hashes != parts.files {
-            return Ok(Loaded::Changed(hashes));
-        }
-        let paths = node.files.iter().map(|file| file.path.clone());
-        Ok(Loaded::Files(paths.zip(files).collect()))
-    }
-
-    fn tell(&self, news: News) {
+    pub(super) fn tell(&self, news: News) {
         self.observer.finished(&self.graph.nodes[news.index].name, news.state, news.seconds);
         lock(&self.news).push(news);
     }
 
-    fn failed(&self, index: usize, error: Error) -> Option<Arc<Done>> {
+    pub(super) fn failed(&self, index: usize, error: Error) -> Option<Arc<Done>> {
         let reason = Reason::Error(error.to_string());
         self.tell(News { error: Some(error), ..News::new(index, State::Failed, reason) });
         None
@@ -349,113 +297,6 @@ impl<'a> Run<'a> {
         };
         self.tell(News::new(index, state, reason));
         Arc::new(Done { parts, key, outcome })
-    }
-
-    fn compute(
-        &self,
-        index: usize,
-        parts: Parts,
-        key: Hash,
-        files: &BTreeMap<PathBuf, Option<File>>,
-    ) -> Option<Arc<Done>> {
-        let node = &self.graph.nodes[index];
-        self.set_ran(index, true);
-        self.observer.started(&node.name);
-        let start = Instant::now();
-        let (values, warnings) = match self.eval(node, files) {
-            Ok(given) => given,
-            Err(error) => return self.failed(index, error),
-        };
-        let seconds = start.elapsed().as_secs_f64();
-        let outcome = Arc::new(Outcome::new(&values, warnings, seconds));
-        let before = self.before(index);
-        let reason = match (self.tasks[index], before) {
-            (Task::Verify, _) => Reason::Verified,
-            (_, None) => Reason::First,
-            (_, Some(before)) => parts.change(&before.parts).map_or(Reason::Lost, Reason::Changed),
-        };
-        let same = before.is_some_and(|before| before.outcome.equals(&outcome));
-        self.evaluator.cache.keep(key, outcome.clone());
-        if let Some(disk) = &self.evaluator.disk {
-            disk.keep(key, &outcome, &values);
-        }
-        self.hold(index, &values);
-        self.tell(News {
-            unchanged: same,
-            differs: self.tasks[index] == Task::Verify && !same,
-            start: start.duration_since(self.start).as_secs_f64(),
-            seconds,
-            thread: rayon::current_thread_index().unwrap_or(0),
-            ..News::new(index, State::Computed, reason)
-        });
-        Some(Arc::new(Done { parts, key, outcome }))
-    }
-
-    /// Runs the node.
-    fn eval(
-        &self,
-        node: &GraphNode,
-        files: &BTreeMap<PathBuf, Option<File>>,
-    ) -> Result<(Values, Vec<String>), Error> {
-        if self.cancel.is_cancelled() {
-            return Err(Cancelled.into());
-        }
-        let inputs = node.links.iter().map(|link| {
-            let values = self.values(link.node)?;
-            Ok(values[link.output].clone())
-        });
-        let inputs: Vec<AnyValue> = inputs.collect::<Result<_, Error>>()?;
-        let report = |share: f64| self.observer.progress(&node.name, share);
-        let cx = Context {
-            inputs: &inputs,
-            files,
-            progress: Progress { report: Some(&report), cancel: Some(self.cancel) },
-            memos: Some(&self.evaluator.cache),
-            warnings: Mutex::default(),
-        };
-        let values = catch_unwind(AssertUnwindSafe(|| node.node.eval(&cx)))
-            .unwrap_or_else(|panic| Err(Panic(in_words(&*panic)).into()))?;
-        let warnings = cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner());
-        Ok((values.into(), warnings))
-    }
-
-    /// The values of a node that has come to its end: from memory, from disk, or computed again if both lost them.
-    fn values(&self, index: usize) -> Result<Values, Error> {
-        if let Some(values) = self.slot(index).and_then(|slot| lock(&slot.held).clone()) {
-            return Ok(values);
-        }
-        let Some(done) = self.done(index) else { return Err(Cancelled.into()) };
-        if let Some(values) = done.outcome.values() {
-            return Ok(values);
-        }
-        let disk = self.evaluator.known_results();
-        let kept = disk.and_then(|disk| disk.read(done.key, &done.outcome));
-        let values = match kept {
-            Some(values) => values,
-            None => self.compute_again(index, done)?,
-        };
-        self.evaluator.cache.hold(done.key, &done.outcome, &values);
-        self.hold(index, &values);
-        Ok(values)
-    }
-
-    /// Computes what was kept and turned out to be damaged. It is rare, and so may happen twice at once.
-    fn compute_again(&self, index: usize, done: &Done) -> Result<Values, Error> {
-        let node = &self.graph.nodes[index];
-        self.observer.started(&node.name);
-        let start = Instant::now();
-        let files = match self.load(node, &done.parts)? {
-            Loaded::Files(files) => files,
-            Loaded::Changed(_) => return Err(Cancelled.into()),
-        };
-        let (values, _) = self.eval(node, &files)?;
-        if let Some(disk) = &self.evaluator.disk {
-            disk.keep(done.key, &done.outcome, &values);
-        }
-        let seconds = start.elapsed().as_secs_f64();
-        let start = start.duration_since(self.start).as_secs_f64();
-        self.tell(News { start, seconds, ..News::new(index, State::Computed, Reason::Lost) });
-        Ok(values)
     }
 
     /// Whether the values of these nodes are in memory.
@@ -499,9 +340,4 @@ impl<'a> Run<'a> {
     fn stale(&self, index: usize) -> Fate {
         self.before(index).map_or(Fate::Unknown, |done| Fate::Stale(done.clone()))
     }
-}
-
-enum Loaded {
-    Files(BTreeMap<PathBuf, Option<File>>),
-    Changed(Box<[Option<Hash>]>),
 }

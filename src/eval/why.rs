@@ -1,7 +1,10 @@
 //! What an evaluation would do, without doing it.
 
+use std::sync::Arc;
+
 use super::plan::{Plan, Task};
 use super::run::Run;
+use super::snapshot::Done;
 use super::trace::Reason;
 use super::{Evaluator, State};
 use crate::graph::Graph;
@@ -42,6 +45,45 @@ impl Evaluator {
             Task::Look => run.forecast(index),
         };
         wanted.map(forecast).collect()
+    }
+}
+
+impl Run<'_> {
+    /// What would become of a node that must be looked at; those that it hangs on have been asked about before. A node that
+    /// would not run has its result from then on.
+    fn forecast(&self, index: usize) -> Forecast {
+        let node = &self.graph.nodes[index];
+        let tell = |outlook, reason| Forecast { index, outlook, reason };
+        let unknown = node.links.iter().find(|link| self.done(link.node).is_none());
+        let before = self.before(index);
+        let mut parts = match self.parts(node) {
+            Ok(parts) => parts,
+            Err(error) => return tell(Outlook::Fails, Reason::Error(error.to_string())),
+        };
+        if let Some(unknown) = unknown {
+            // What it is apart from its inputs.
+            parts.inputs = before.map_or_else(Box::default, |before| before.parts.inputs.clone());
+            return match before.map(|before| parts.change(&before.parts)) {
+                None => tell(Outlook::Runs, Reason::First),
+                Some(Some(change)) => tell(Outlook::Runs, Reason::Changed(change)),
+                Some(None) => tell(Outlook::MayRun, Reason::HangsOn(unknown.node)),
+            };
+        }
+        let key = parts.key();
+        let change = before.map(|before| parts.change(&before.parts));
+        let found = self.find(key);
+        let reason = match (found.is_some(), change) {
+            (true, None | Some(None)) => Reason::Unchanged,
+            (true, Some(Some(change))) => Reason::Before(change),
+            (false, None) => Reason::First,
+            (false, Some(None)) => Reason::Lost,
+            (false, Some(Some(change))) => Reason::Changed(change),
+        };
+        let outlook = if found.is_some() { Outlook::Cached } else { Outlook::Runs };
+        if let Some((outcome, slot)) = found.zip(self.slot(index)) {
+            let _ = slot.done.set(Some(Arc::new(Done { parts, key, outcome })));
+        }
+        tell(outlook, reason)
     }
 }
 

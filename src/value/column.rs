@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use bytemuck::NoUninit;
 
-use super::Hash;
+use super::{Hash, SEVERAL_THREADS};
 
 /// A list of plain items: cloning it copies nothing, and its hash is computed when first asked for.
 #[derive(Clone)]
@@ -16,9 +16,6 @@ struct Shared<T> {
     items: Vec<T>,
     hash: OnceLock<Hash>,
 }
-
-/// Below this many bytes one thread hashes faster than several: the cost of waking the others is some 10 us.
-const SEVERAL_THREADS: usize = 256 * 1024;
 
 impl<T: NoUninit + Send + Sync> Column<T> {
     /// The hash of the items' bytes and their number.

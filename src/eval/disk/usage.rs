@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
 use super::program::is_fingerprint;
-use super::{Disk, Store};
+use super::{Disk, FOLDERS, Store};
 
 /// How the names of files that are being written begin.
 pub(super) const TEMPORARY: &str = ".maquette-";
@@ -80,7 +80,7 @@ impl Disk {
         }
         for home in homes(folder) {
             // Only empty folders can be removed: those of programs that are long gone.
-            for name in ["entries", "columns", "graphs"] {
+            for name in FOLDERS {
                 let _ = fs::remove_dir(home.join(name));
             }
             let _ = fs::remove_dir(home);
@@ -128,8 +128,7 @@ fn homes(folder: &Path) -> Vec<PathBuf> {
 /// Every file that is a result.
 fn files(folder: &Path) -> Vec<Found> {
     let folders = homes(folder).into_iter();
-    let folders =
-        folders.flat_map(|home| ["entries", "columns", "graphs"].map(|name| home.join(name)));
+    let folders = folders.flat_map(|home| FOLDERS.map(|name| home.join(name)));
     let folders = folders.chain([folder.join("programs")]);
     let found = folders.flat_map(|folder| list(&folder)).filter_map(|path| {
         let metadata = fs::symlink_metadata(&path).ok().filter(fs::Metadata::is_file)?;

@@ -15,10 +15,12 @@ use crate::value::{AnyValue, Hash};
 
 /// Something to write.
 pub(super) enum Job {
+    /// A result; over columns that are there already if they are not `trusted`.
     Entry {
         key: Hash,
         outcome: Arc<Outcome>,
         values: Values,
+        trusted: bool,
     },
     Record {
         path: PathBuf,
@@ -118,11 +120,11 @@ impl Job {
 
     fn run(self, store: &Store) {
         match self {
-            Self::Entry { key, outcome, values } => {
+            Self::Entry { key, outcome, values, trusted } => {
                 let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
                 // First what the entry names.
                 for column in kept.iter().flat_map(|kept| &kept.columns) {
-                    store.write_column(&**column);
+                    store.write_column(&**column, trusted);
                 }
                 store.write_checked(&store.entry_path(key), &entry::write(key, &outcome, &kept));
             }
