@@ -19,8 +19,10 @@ use crate::pack::Pack;
 mod cache;
 mod caching;
 mod check;
+mod diff;
 mod draw;
 mod events;
+mod fmt;
 mod inspect;
 mod interrupt;
 mod nodes;
@@ -28,6 +30,7 @@ mod outputs;
 mod profile;
 mod progress;
 mod run;
+mod set;
 mod terminal;
 mod watch;
 mod why;
@@ -50,6 +53,12 @@ enum Command {
     Check(check::Check),
     /// Draw a graph as SVG or for Graphviz; the files that it reads need not be there.
     Draw(draw::Draw),
+    /// Bring graphs into their canonical form; comments and order stay.
+    Fmt(fmt::Fmt),
+    /// Put values into a graph file and leave every other byte of it alone.
+    Set(set::Set),
+    /// Say how two graphs differ in what they say; formatting, comments and order do not matter.
+    Diff(diff::Diff),
     /// Print the reference of all nodes, or of one.
     Nodes(nodes::Nodes),
     /// Show what a node gives: counts, bounds, topology, or what is under a pixel.
@@ -110,6 +119,9 @@ pub fn main(packs: &[Pack]) -> ExitCode {
         Command::Watch(command) => command.run(&catalog),
         Command::Check(command) => command.run(&catalog),
         Command::Draw(command) => command.run(&catalog),
+        Command::Fmt(command) => command.run(),
+        Command::Set(command) => command.run(&catalog),
+        Command::Diff(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
         Command::Inspect(command) => command.run(&catalog),
         Command::Why(command) => command.run(&catalog),

@@ -10,16 +10,23 @@ use crate::pack::Format;
 use crate::value::ValueType;
 
 mod check;
+mod diff;
+mod edit;
 mod expression;
 mod file;
+mod format;
+mod meaning;
 mod parameters;
 mod paths;
 mod reader;
 mod schema;
 mod shape;
 mod suggest;
+mod tools;
 
 pub(crate) use check::is_name;
+pub use diff::{Change, Difference};
+pub use edit::{Edited, Put};
 pub(crate) use paths::{MARKER, project_root};
 pub(crate) use reader::ReadError;
 pub use reader::Reader;

@@ -22,7 +22,9 @@ pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
 pub use eval::{
     Disk, DiskError, Evaluation, Evaluator, NodeTrace, Observer, State, ThreadsError, Trace, Usage,
 };
-pub use graph::{Checked, Files, Graph, Options, ReadFile, Reader};
+pub use graph::{
+    Change, Checked, Difference, Edited, Files, Graph, Options, Put, ReadFile, Reader,
+};
 pub use node::{
     CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
     ReadError, node,

@@ -29,25 +29,36 @@ const FORMAT: f64 = 1.0;
 const FIELDS: [&str; 5] = ["format", "doc", "params", "nodes", "outputs"];
 
 pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
-    let (text, mut findings, graph, files) = match std::fs::read_to_string(path) {
-        Ok(text) => {
-            let mut check = Check::new(path, catalog, options);
-            let graph = check.graph(&text);
-            (text, check.findings, graph, check.files)
-        }
+    match std::fs::read_to_string(path) {
+        Ok(text) => load_text(path, text, catalog, options),
         Err(error) => {
             let message = format!("cannot read the graph: {error}");
-            let span = Span::default();
-            let unread = Finding {
-                code: code::MISSING_FILE,
-                span,
-                message,
-                help: String::new(),
-                note: None,
-            };
-            (String::new(), vec![unread], None, Vec::new())
+            let (code, span, help) = (code::MISSING_FILE, Span::default(), String::new());
+            let unread = Finding { code, span, message, help, note: None };
+            checked(path, String::new(), vec![unread], None, Vec::new())
         }
-    };
+    }
+}
+
+/// The same for a text that stands, or will stand, in the file.
+pub(super) fn load_text(
+    path: &Path,
+    text: String,
+    catalog: &Catalog,
+    options: &Options,
+) -> Checked {
+    let mut check = Check::new(path, catalog, options);
+    let graph = check.graph(&text);
+    checked(path, text, check.findings, graph, check.files)
+}
+
+fn checked(
+    path: &Path,
+    text: String,
+    mut findings: Vec<Finding>,
+    graph: Option<Graph>,
+    files: Vec<ReadFile>,
+) -> Checked {
     let source = Arc::new(Source { name: path.to_owned(), text });
     findings.sort_by_key(|finding| finding.span);
     let problem = |finding: Finding| Problem {

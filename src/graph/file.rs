@@ -199,7 +199,16 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
         mistakes.retain(|mistake| mistake.span.end <= unclosed.span.start);
         mistakes.push(unclosed);
     }
+    if mistakes.is_empty() {
+        mistakes.extend(wrong_separators(&document.root()));
+    }
     let mut reader = TreeReader { mistakes: Vec::new() };
+    for node in document.root().children() {
+        if node.kind() == SyntaxKind::ExtensionAttr && !node.text().starts_with("#![") {
+            let message = "`#` begins no value";
+            reader.mistake(span(node.text_range()), message, "colors are texts: \"#c33923\"");
+        }
+    }
     let value = document.root().children().find(|node| is_value(node.kind()));
     let tree = match value {
         Some(node) => reader.value(&node),
@@ -217,6 +226,45 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
     mistakes.extend(reader.mistakes);
     mistakes.sort_by_key(|mistake| mistake.span);
     (tree, mistakes)
+}
+
+/// What a piece of the text is, as far as its layout goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Part {
+    Space,
+    LineComment,
+    BlockComment,
+    Open,
+    Close,
+    Comma,
+    Colon,
+    /// A name, a literal, or anything else.
+    Word,
+}
+
+/// The pieces of the text in order, none left out.
+pub(crate) fn parts(text: &str) -> Vec<(Part, Span)> {
+    let root = ronin_core::parse(text).root();
+    let part = |token: SyntaxToken| {
+        use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
+        let part = match token.kind() {
+            SyntaxKind::Whitespace | SyntaxKind::Bom => Part::Space,
+            SyntaxKind::LineComment => Part::LineComment,
+            SyntaxKind::BlockComment => Part::BlockComment,
+            LParen | LBracket | LBrace => Part::Open,
+            RParen | RBracket | RBrace => Part::Close,
+            SyntaxKind::Comma => Part::Comma,
+            SyntaxKind::Colon => Part::Colon,
+            _ => Part::Word,
+        };
+        (part, span(token.text_range()))
+    };
+    root.descendant_tokens().map(part).collect()
+}
+
+/// The text as its syntax tree prints it: the same bytes, however broken the text is.
+pub(crate) fn printed(text: &str) -> String {
+    ronin_core::print(&ronin_core::parse(text))
 }
 
 /// Says of a parser's finding what was found, not only what was missed.
@@ -238,6 +286,37 @@ fn explain(text: &str, found: Span, message: &str) -> Mistake {
         (message.to_owned(), "is a comma, colon or parenthesis missing before it?")
     };
     Mistake { span: found, message, help: help.into() }
+}
+
+/// Commas and colons that are missing or have nothing before or behind them, as far as the parser lets them pass.
+fn wrong_separators(root: &SyntaxNode) -> Vec<Mistake> {
+    use SyntaxKind::{Colon, Comma, Ident, LBrace, LBracket, LParen, RBrace, RBracket, RParen};
+    let mut before = None;
+    let mut mistakes = Vec::new();
+    for token in root.descendant_tokens().filter(|token| !token.is_trivia()) {
+        if token.parent().is_some_and(|node| node.kind() == SyntaxKind::ExtensionAttr) {
+            continue;
+        }
+        let begins = matches!(before, None | Some(Comma | Colon | LParen | LBracket | LBrace));
+        let mistake = match token.kind() {
+            Comma if begins => Some(("there is nothing before this `,`", "is it one too many?")),
+            Colon if begins => Some(("there is nothing before this `:`", "is it one too many?")),
+            RParen | RBracket | RBrace if before == Some(Colon) => {
+                Some(("there is no value behind the `:` before this", "write one"))
+            }
+            Comma | Colon | RParen | RBracket | RBrace => None,
+            LParen if before == Some(Ident) => None,
+            _ if begins => None,
+            _ => Some(("something is missing before this", "put a comma or a colon between them")),
+        };
+        mistakes.extend(mistake.map(|(message, help)| Mistake {
+            span: span(token.text_range()),
+            message: message.into(),
+            help: help.into(),
+        }));
+        before = Some(token.kind());
+    }
+    mistakes
 }
 
 /// The parenthesis, bracket or brace that is not closed, or closed by another one.

@@ -83,25 +83,12 @@ impl Walk<'_> {
         self.findings.push(Finding { code, span: tree.span, message, help: help.into(), note });
     }
 
-    /// The schema behind a reference, with what stands beside the reference on top.
-    fn resolve(&self, schema: &Json) -> Json {
-        let Some(target) = schema.get("$ref").and_then(Json::as_str) else { return schema.clone() };
-        let name = target.rsplit('/').next().unwrap_or_default();
-        let mut resolved = self.root["$defs"][name].clone();
-        if let (Some(resolved), Some(beside)) = (resolved.as_object_mut(), schema.as_object()) {
-            for (key, value) in beside.iter().filter(|(key, _)| *key != "$ref") {
-                resolved.insert(key.clone(), value.clone());
-            }
-        }
-        resolved
-    }
-
     /// Checks the value of the field `field`.
     fn value(&mut self, tree: &Tree, schema: &Json, field: &str) {
         if tree.is_broken() {
             return;
         }
-        let schema = self.resolve(schema);
+        let schema = resolve(self.root, schema);
         if schema.get("port").is_some() {
             return self.link(tree, &schema, field);
         }
@@ -222,7 +209,7 @@ impl Walk<'_> {
             }
             return;
         };
-        let content = self.resolve(content);
+        let content = resolve(self.root, content);
         let is_struct = content.get("properties").is_some();
         let is_tuple = content.get("prefixItems").is_some();
         match &tree.kind {
@@ -339,6 +326,19 @@ impl Walk<'_> {
     }
 }
 
+/// The schema behind a reference, with what stands beside the reference on top.
+pub(super) fn resolve(root: &Json, schema: &Json) -> Json {
+    let Some(target) = schema.get("$ref").and_then(Json::as_str) else { return schema.clone() };
+    let name = target.rsplit('/').next().unwrap_or_default();
+    let mut resolved = root["$defs"][name].clone();
+    if let (Some(resolved), Some(beside)) = (resolved.as_object_mut(), schema.as_object()) {
+        for (key, value) in beside.iter().filter(|(key, _)| *key != "$ref") {
+            resolved.insert(key.clone(), value.clone());
+        }
+    }
+    resolved
+}
+
 /// What is wrong with a default, by the field's own schema.
 pub(crate) fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<String> {
     let mut walk = Walk {
@@ -356,7 +356,7 @@ pub(crate) fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<St
 }
 
 /// A JSON value as the file would have it: an object of one capitalized key is a choice with its content.
-fn as_tree(value: &Json) -> Tree {
+pub(super) fn as_tree(value: &Json) -> Tree {
     let fields = |fields: &Map<String, Json>| {
         let field = |(name, value): (&String, &Json)| Field {
             name: Name { text: name.clone(), span: Span::default() },

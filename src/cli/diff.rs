@@ -1,0 +1,73 @@
+//! `maquette diff`: how two graphs differ in what they say.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+
+use super::{Exit, print, print_json, report};
+use crate::catalog::Catalog;
+use crate::error::Source;
+use crate::graph::Graph;
+
+/// For git: `git difftool -y -x 'maquette diff'`, or `GIT_EXTERNAL_DIFF='maquette diff' git diff`.
+#[derive(Args)]
+pub(super) struct Diff {
+    /// The old and the new graph; or the seven arguments that git gives to GIT_EXTERNAL_DIFF.
+    #[arg(required = true, num_args = 2..=9, value_name = "GRAPH")]
+    graphs: Vec<PathBuf>,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Diff {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        // git: path, old file, hex, mode, new file, hex, mode; two more where the file is renamed.
+        let (old, new, title) = match &self.graphs[..] {
+            [old, new] => (old, new, None),
+            [path, old, _, _, new, _, _] | [path, old, _, _, new, _, _, _, _] => {
+                (old, new, Some(path))
+            }
+            _ => return Exit::Usage("give two graphs: the old one and the new one".into()),
+        };
+        let (old, new) = match (source(old), source(new)) {
+            (Ok(old), Ok(new)) => (old, new),
+            (Err(why), _) | (_, Err(why)) => return Exit::Usage(why),
+        };
+        let differences = match Graph::differences(&old, &new, catalog) {
+            Ok(differences) => differences,
+            Err(problems) => {
+                report(&problems);
+                return Exit::Usage("the graphs cannot be compared".into());
+            }
+        };
+        if self.json {
+            let list: Vec<_> = differences.iter().map(|found| found.to_json()).collect();
+            print_json(&json!({
+                "old": old.name.display().to_string(),
+                "new": new.name.display().to_string(),
+                "equal": differences.is_empty(),
+                "differences": list,
+            }));
+        } else {
+            if let Some(path) = title {
+                print(&format!("{}\n", path.display()));
+            }
+            let indent = if title.is_some() { "    " } else { "" };
+            differences.iter().for_each(|found| print(&format!("{indent}{found}\n")));
+        }
+        // git takes anything but success of GIT_EXTERNAL_DIFF for a crash.
+        if differences.is_empty() || title.is_some() { Exit::Done } else { Exit::Failed }
+    }
+}
+
+/// A graph file; what git names `/dev/null` is a graph of nothing.
+fn source(path: &Path) -> Result<Source, String> {
+    let text = match path == Path::new("/dev/null") {
+        true => Ok("Graph(format: 1)".to_owned()),
+        false => std::fs::read_to_string(path),
+    };
+    let text = text.map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+    Ok(Source { name: path.to_owned(), text })
+}

@@ -1,0 +1,116 @@
+//! `maquette fmt`: graphs in their canonical form.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::outputs::write_whole;
+use super::{Exit, eprint, print, report};
+use crate::graph::Graph;
+
+#[derive(Args)]
+pub(super) struct Fmt {
+    /// The graph files, folders whose `.ron` files are all taken, or `-` for stdin to stdout.
+    #[arg(required = true, value_name = "GRAPH")]
+    graphs: Vec<PathBuf>,
+    /// Write nothing; list the files that would change and fail if there is one.
+    #[arg(long)]
+    check: bool,
+}
+
+impl Fmt {
+    pub(super) fn run(&self) -> Exit {
+        let mut files = Vec::new();
+        let mut failed = false;
+        for graph in &self.graphs {
+            if let Err((path, error)) = collect(graph, &mut files) {
+                eprint(&format!("error: cannot read {}: {error}\n", path.display()));
+                failed = true;
+            }
+        }
+        for file in &files {
+            failed |= !self.file(file);
+        }
+        if failed { Exit::Failed } else { Exit::Done }
+    }
+
+    /// Whether all went well; with `--check`, whether the file is in its canonical form.
+    fn file(&self, path: &Path) -> bool {
+        let is_stdin = path == Path::new("-");
+        let text = match is_stdin {
+            true => {
+                let mut text = String::new();
+                std::io::stdin().lock().read_to_string(&mut text).map(|_| text)
+            }
+            false => std::fs::read_to_string(path),
+        };
+        let text = match text {
+            Ok(text) => text,
+            Err(error) => {
+                eprint(&format!("error: cannot read {}: {error}\n", path.display()));
+                return false;
+            }
+        };
+        let form = match Graph::formatted(path, &text) {
+            Ok(form) => form,
+            Err(problems) => {
+                report(&problems);
+                return false;
+            }
+        };
+        match (self.check, is_stdin) {
+            (true, _) if form == text => true,
+            (true, _) => {
+                print(&format!("{}\n", path.display()));
+                false
+            }
+            (false, true) => {
+                print(&form);
+                true
+            }
+            (false, false) if form == text => true,
+            (false, false) => match replace(path, &form) {
+                Ok(()) => true,
+                Err(error) => {
+                    eprint(&format!("error: cannot write {}: {error}\n", path.display()));
+                    false
+                }
+            },
+        }
+    }
+}
+
+/// Puts a new text into a file: whole or not at all, with the permissions of the old one. A symbolic link stays one.
+pub(super) fn replace(path: &Path, text: &str) -> std::io::Result<()> {
+    let path = std::fs::canonicalize(path)?;
+    let permissions = std::fs::metadata(&path)?.permissions();
+    if permissions.readonly() {
+        return Err(std::io::ErrorKind::PermissionDenied.into());
+    }
+    write_whole(&path, text.as_bytes())?;
+    std::fs::set_permissions(&path, permissions)
+}
+
+/// Adds a file, or the graph files in a folder and the folders in it, hidden ones left out, in the order of their names.
+fn collect(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), (PathBuf, std::io::Error)> {
+    if !path.is_dir() {
+        files.push(path.to_owned());
+        return Ok(());
+    }
+    let unread = |error| (path.to_owned(), error);
+    let entries = std::fs::read_dir(path).map_err(unread)?;
+    let mut entries = entries.collect::<Result<Vec<_>, _>>().map_err(unread)?;
+    entries.sort_by_key(std::fs::DirEntry::file_name);
+    for entry in entries {
+        let kind = entry.file_type().map_err(unread)?;
+        let is_hidden = entry.file_name().to_string_lossy().starts_with('.');
+        let path = entry.path();
+        let is_graph = path.extension().is_some_and(|ending| ending == "ron");
+        // Links to folders are not followed: they may lead in a circle.
+        if (kind.is_dir() && !is_hidden) || (is_graph && path.is_file()) {
+            collect(&path, files)?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,472 @@
+//! How two graphs differ in what they say.
+//!
+//! Entries are matched by name. What is left on both sides is matched as renamed: first what says exactly the same, then, best
+//! first, what is of one type and says half of it the same. Links to renamed nodes, and names of renamed parameters, count as
+//! the same.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::fmt;
+
+use serde_json::json;
+
+use super::Graph;
+use super::file::{Body, Kind, Tree, parse};
+use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
+use super::tools::syntax_problems;
+use crate::catalog::Catalog;
+use crate::error::{Problem, Source};
+
+/// One difference between two graphs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// `node`, `parameter`, `input`, `output`, `use` or `graph`.
+    pub what: &'static str,
+    /// Its name, the new one if it has two; empty for the graph itself.
+    pub name: String,
+    /// How it differs.
+    pub change: Change,
+    /// The field that differs, with dots; empty if it is the whole.
+    pub field: String,
+    /// What was there, as text.
+    pub before: Option<String>,
+    /// What is there now, as text.
+    pub after: Option<String>,
+}
+
+/// How a part of a graph differs from that of another one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// It is new.
+    Added,
+    /// It is gone.
+    Removed,
+    /// It has another name.
+    Renamed,
+    /// A link of it goes elsewhere.
+    Rewired,
+    /// A value of it is another one.
+    Changed,
+}
+
+impl Change {
+    /// The word in messages: `added` and so on.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Added => "added",
+            Self::Removed => "removed",
+            Self::Renamed => "renamed",
+            Self::Rewired => "rewired",
+            Self::Changed => "changed",
+        }
+    }
+}
+
+impl Difference {
+    /// The difference as `maquette diff --json` prints it.
+    pub fn to_json(&self) -> serde_json::Value {
+        json!({
+            "what": self.what,
+            "name": self.name,
+            "change": self.change.word(),
+            "field": self.field,
+            "before": self.before,
+            "after": self.after,
+        })
+    }
+}
+
+/// One line: `node red: changed select.distance: 30 -> 25`.
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.what)?;
+        if !self.name.is_empty() {
+            write!(f, " {}", self.name)?;
+        }
+        write!(f, ": {}", self.change.word())?;
+        let side = |value: &Option<String>| value.as_deref().map(shortened);
+        match (self.change, side(&self.before), side(&self.after)) {
+            (Change::Added, _, Some(value)) | (Change::Removed, Some(value), _) => {
+                write!(f, ": {value}")
+            }
+            (Change::Renamed, Some(before), _) => write!(f, ", was {before}"),
+            (_, before, after) => {
+                let absent = || "left out".to_owned();
+                let gap = if self.field.is_empty() { "" } else { " " };
+                let (before, after) = (before.unwrap_or_else(absent), after.unwrap_or_else(absent));
+                write!(f, "{gap}{}: {before} -> {after}", self.field)
+            }
+        }
+    }
+}
+
+/// A value as a line has room for it.
+fn shortened(value: &str) -> String {
+    const MOST: usize = 100;
+    match value.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{}...", &value[..end]),
+        None => value.to_owned(),
+    }
+}
+
+impl Graph {
+    /// How the graph `new` differs from `old` in what it says: spaces, comments, order, and values that are written out though
+    /// they are the defaults, make no difference. The files that they read need not be there.
+    ///
+    /// # Errors
+    /// The mistakes in the texts, if one of them is no RON.
+    pub fn differences(
+        old: &Source,
+        new: &Source,
+        catalog: &Catalog,
+    ) -> Result<Vec<Difference>, Vec<Problem>> {
+        let read = |source: &Source| {
+            let (tree, mistakes) = parse(&source.text);
+            let problems = syntax_problems(&source.name, &source.text, mistakes);
+            (Meaning::of(&tree, catalog), problems)
+        };
+        let ((old, mut problems), (new, others)) = (read(old), read(new));
+        problems.extend(others);
+        if problems.is_empty() { Ok(compare(&old, &new)) } else { Err(problems) }
+    }
+}
+
+fn compare(old: &Meaning, new: &Meaning) -> Vec<Difference> {
+    let mut found = Vec::new();
+    let mut names: Vec<&String> = old.rest.iter().map(|(name, _)| name).collect();
+    names.extend(
+        new.rest
+            .iter()
+            .map(|(name, _)| name)
+            .filter(|name| old.rest.iter().all(|(known, _)| known != *name)),
+    );
+    for name in names {
+        let value = |rest: &[(String, Tree)]| {
+            rest.iter().find(|(other, _)| other == name).map(|(_, value)| show(value))
+        };
+        let (before, after) = (value(&old.rest), value(&new.rest));
+        if before != after {
+            let (what, field) = ("graph", name.clone());
+            let change = Change::Changed;
+            found.push(Difference { what, name: String::new(), change, field, before, after });
+        }
+    }
+    let mut names = Names::default();
+    for (section, (_, what)) in SECTIONS.iter().enumerate() {
+        let section = Section { what, old: &old.sections[section], new: &new.sections[section] };
+        section.compare(&mut names, &mut found);
+    }
+    found
+}
+
+/// What has another name in the new graph, by its new name.
+#[derive(Default)]
+struct Names {
+    nodes: HashMap<String, String>,
+    parameters: HashMap<String, String>,
+}
+
+impl Names {
+    /// A value of the new graph in the old one's names.
+    fn in_old(&self, tree: &Tree) -> Tree {
+        renamed(tree, &|name| self.nodes.get(name).cloned(), &|name| {
+            self.parameters.get(name).cloned()
+        })
+    }
+
+    /// A value in the old graph's names in those of the new one.
+    fn in_new(&self, tree: &Tree) -> Tree {
+        let back = |names: &HashMap<String, String>, wanted: &str| {
+            let mut found = names.iter().filter(|(_, old)| *old == wanted);
+            found.next().map(|(new, _)| new.clone())
+        };
+        renamed(tree, &|name| back(&self.nodes, name), &|name| back(&self.parameters, name))
+    }
+
+    fn add(&mut self, what: &str, new: &str, old: &str) {
+        match what {
+            "node" | "input" => self.nodes.insert(new.to_owned(), old.to_owned()),
+            "parameter" => self.parameters.insert(new.to_owned(), old.to_owned()),
+            _ => None,
+        };
+    }
+}
+
+/// One section of both graphs.
+struct Section<'m> {
+    what: &'static str,
+    old: &'m [Item],
+    new: &'m [Item],
+}
+
+impl Section<'_> {
+    fn compare(&self, names: &mut Names, found: &mut Vec<Difference>) {
+        let places = |items: &[Item]| -> HashMap<String, usize> {
+            let items = items.iter().enumerate();
+            items.map(|(index, item)| (item.name.clone(), index)).collect()
+        };
+        let (in_old, in_new) = (places(self.old), places(self.new));
+        let gone = (0..self.old.len()).filter(|&k| !in_new.contains_key(&self.old[k].name));
+        let come = (0..self.new.len()).filter(|&k| !in_old.contains_key(&self.new[k].name));
+        let mut match_up = MatchUp {
+            section: self,
+            gone: gone.collect(),
+            come: come.collect(),
+            pairs: BTreeMap::new(),
+        };
+        match_up.run(names);
+        let pairs = match_up.pairs;
+        for (index, old) in self.old.iter().enumerate() {
+            let renamed = pairs.get(&index).copied();
+            let Some(new) = renamed.or_else(|| in_new.get(&old.name).copied()) else {
+                found.push(self.whole(old, Change::Removed));
+                continue;
+            };
+            let new = &self.new[new];
+            if renamed.is_some() {
+                found.push(Difference {
+                    name: new.name.clone(),
+                    before: Some(old.name.clone()),
+                    after: Some(new.name.clone()),
+                    ..self.whole(new, Change::Renamed)
+                });
+            }
+            let value = names.in_old(&new.value);
+            if old.value != value {
+                let mut walk = Walk { section: self, name: &new.name, names, found };
+                walk.entry(&old.value, &value);
+            }
+        }
+        let matched: HashSet<usize> = pairs.values().copied().collect();
+        for (index, new) in self.new.iter().enumerate() {
+            if !matched.contains(&index) && !in_old.contains_key(&new.name) {
+                found.push(self.whole(new, Change::Added));
+            }
+        }
+    }
+
+    /// An entry that is only in one graph.
+    fn whole(&self, item: &Item, change: Change) -> Difference {
+        let text = Some(show(&item.value));
+        let (before, after) = match change {
+            Change::Removed => (text, None),
+            _ => (None, text),
+        };
+        let (what, name) = (self.what, item.name.clone());
+        Difference { what, name, change, field: String::new(), before, after }
+    }
+}
+
+/// Finds which of the entries that are gone are those that have come, under another name.
+struct MatchUp<'m> {
+    section: &'m Section<'m>,
+    gone: Vec<usize>,
+    come: Vec<usize>,
+    /// Places of old and new entries.
+    pairs: BTreeMap<usize, usize>,
+}
+
+impl MatchUp<'_> {
+    /// Rounds of exact matches; each finds what hangs on the matches of the one before.
+    const ROUNDS: usize = 8;
+
+    /// More pairs than this are not compared one by one.
+    const MOST_PAIRS: usize = 1_000_000;
+
+    fn run(&mut self, names: &mut Names) {
+        let what = self.section.what;
+        for _ in 0..Self::ROUNDS {
+            let before = self.pairs.len();
+            let (old, new) = (self.old_values(false), self.new_values(names, false));
+            self.exact(&old, &new, names);
+            if self.pairs.len() == before || self.gone.is_empty() {
+                break;
+            }
+        }
+        let (old, new) = (self.old_values(true), self.new_values(names, true));
+        self.exact(&old, &new, names);
+        // An output has no fields, and another file than before is another output.
+        if matches!(what, "output" | "use") || self.gone.len() * self.come.len() > Self::MOST_PAIRS
+        {
+            return;
+        }
+        self.nearest(names);
+    }
+
+    /// The old entries that have no match.
+    fn old_values(&self, loose: bool) -> Vec<Tree> {
+        let values = self.gone.iter().map(|&index| self.section.old[index].value.clone());
+        self.loosened(values, self.section.old, &self.gone, loose)
+    }
+
+    /// The new entries that have no match, in the old graph's names.
+    fn new_values(&self, names: &Names, loose: bool) -> Vec<Tree> {
+        let values = self.come.iter().map(|&index| names.in_old(&self.section.new[index].value));
+        self.loosened(values, self.section.new, &self.come, loose)
+    }
+
+    /// With `loose`, links to nodes that may be renamed themselves name the nodes' types instead.
+    fn loosened(
+        &self,
+        values: impl Iterator<Item = Tree>,
+        items: &[Item],
+        open: &[usize],
+        loose: bool,
+    ) -> Vec<Tree> {
+        if !loose || self.section.what != "node" {
+            return values.collect();
+        }
+        let kinds: HashMap<&str, &str> =
+            open.iter().map(|&index| (&items[index].name[..], items[index].kind())).collect();
+        let kind = |name: &str| kinds.get(name).map(|kind| format!("?{kind}"));
+        values.map(|value| renamed(&value, &kind, &|_| None)).collect()
+    }
+
+    /// Takes pairs that say exactly the same, in order.
+    fn exact(&mut self, old: &[Tree], new: &[Tree], names: &mut Names) {
+        let mut waiting: HashMap<String, Vec<usize>> = HashMap::new();
+        for (value, &index) in new.iter().zip(&self.come).rev() {
+            waiting.entry(show(value)).or_default().push(index);
+        }
+        let pairs = old.iter().zip(&self.gone).filter_map(|(value, &index)| {
+            let new = waiting.get_mut(&show(value)).and_then(Vec::pop)?;
+            Some((index, new))
+        });
+        for (old, new) in Vec::from_iter(pairs) {
+            self.take(old, new, names);
+        }
+    }
+
+    /// Takes pairs of one type that say at least half the same, best first.
+    fn nearest(&mut self, names: &mut Names) {
+        let (old, new) = (self.old_values(true), self.new_values(names, true));
+        let mut scored = Vec::new();
+        for (a, &gone) in old.iter().zip(&self.gone) {
+            for (b, &come) in new.iter().zip(&self.come) {
+                let likeness = likeness(a, b);
+                if likeness >= 0.5 {
+                    scored.push((likeness, gone, come));
+                }
+            }
+        }
+        scored.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        for (_, gone, come) in scored {
+            if self.gone.contains(&gone) && self.come.contains(&come) {
+                self.take(gone, come, names);
+            }
+        }
+    }
+
+    fn take(&mut self, old: usize, new: usize, names: &mut Names) {
+        let Section { what, old: olds, new: news } = self.section;
+        names.add(what, &news[new].name, &olds[old].name);
+        self.gone.retain(|&index| index != old);
+        self.come.retain(|&index| index != new);
+        self.pairs.insert(old, new);
+    }
+}
+
+/// Which part of their fields two values of one type have in common, 0 to 1.
+fn likeness(a: &Tree, b: &Tree) -> f64 {
+    let (Kind::Call { name: a_name, .. }, Kind::Call { name: b_name, .. }) = (&a.kind, &b.kind)
+    else {
+        return 0.0;
+    };
+    if a_name != b_name {
+        return 0.0;
+    }
+    let (a, b) = (a.fields().unwrap_or_default(), b.fields().unwrap_or_default());
+    let same = a.iter().filter(|field| b.contains(field)).count();
+    let only_b = b.iter().filter(|field| a.iter().all(|other| other.name != field.name)).count();
+    let all = a.len() + only_b;
+    if all == 0 { 1.0 } else { same as f64 / all as f64 }
+}
+
+/// Compares two values of one entry, part by part.
+struct Walk<'a, 'm> {
+    section: &'a Section<'m>,
+    name: &'a str,
+    names: &'a Names,
+    found: &'a mut Vec<Difference>,
+}
+
+impl Walk<'_, '_> {
+    fn entry(&mut self, old: &Tree, new: &Tree) {
+        let kind = |tree: &Tree| match &tree.kind {
+            Kind::Call { name: Some(name), .. } => Some(name.text.clone()),
+            _ => None,
+        };
+        match (kind(old), kind(new)) {
+            (before, after) if before.is_some() && after.is_some() && before != after => {
+                self.report(Change::Changed, "type", before, after);
+            }
+            _ => {}
+        }
+        let is_call = |tree: &Tree| kind(tree).is_some() && tree.fields().is_some();
+        match is_call(old) && is_call(new) {
+            true => self.fields(old, new, ""),
+            false => self.value(Some(old), Some(new), String::new()),
+        }
+    }
+
+    fn fields(&mut self, old: &Tree, new: &Tree, path: &str) {
+        let (old, new) = (old.fields().unwrap_or_default(), new.fields().unwrap_or_default());
+        for field in old {
+            let other = new.iter().find(|other| other.name == field.name);
+            let path = joined(path, &field.name.text);
+            self.value(Some(&field.value), other.map(|other| &other.value), path);
+        }
+        for field in new.iter().filter(|field| old.iter().all(|other| other.name != field.name)) {
+            self.value(None, Some(&field.value), joined(path, &field.name.text));
+        }
+    }
+
+    fn value(&mut self, old: Option<&Tree>, new: Option<&Tree>, path: String) {
+        if old == new {
+            return;
+        }
+        if let (Some(old), Some(new)) = (old, new) {
+            match (&old.kind, &new.kind) {
+                (
+                    Kind::Call { name: a, body: Body::Items(old) },
+                    Kind::Call { name: b, body: Body::Items(new) },
+                ) if a == b && a.is_none() && old.len() == new.len() => {
+                    return self.items(old, new, &path);
+                }
+                (Kind::List(old), Kind::List(new)) if old.len() == new.len() => {
+                    return self.items(old, new, &path);
+                }
+                (Kind::Call { name: a, .. }, Kind::Call { name: b, .. })
+                    if a == b && old.fields().is_some() && new.fields().is_some() =>
+                {
+                    return self.fields(old, new, &path);
+                }
+                _ => {}
+            }
+        }
+        let links = old.is_some_and(has_link) || new.is_some_and(has_link);
+        let change = if links { Change::Rewired } else { Change::Changed };
+        let after = new.map(|new| show(&self.names.in_new(new)));
+        self.report(change, &path, old.map(show), after);
+    }
+
+    fn items(&mut self, old: &[Tree], new: &[Tree], path: &str) {
+        for (index, (old, new)) in old.iter().zip(new).enumerate() {
+            self.value(Some(old), Some(new), joined(path, &index.to_string()));
+        }
+    }
+
+    fn report(
+        &mut self,
+        change: Change,
+        field: &str,
+        before: Option<String>,
+        after: Option<String>,
+    ) {
+        let (what, name, field) = (self.section.what, self.name.to_owned(), field.to_owned());
+        self.found.push(Difference { what, name, change, field, before, after });
+    }
+}
+
+fn joined(path: &str, step: &str) -> String {
+    if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
+}

@@ -1,0 +1,403 @@
+//! What the text of a graph says, without what it does not depend on: spaces, comments, order, and fields that are written
+//! out with their defaults.
+//!
+//! A meaning is a [`Tree`] without places: fields and entries in the order of their names, numbers without the difference
+//! between `1` and `1.0`, tuples that could be lists as tuples. A link is a word in quotes, which no file has, and has no
+//! `.output` where that is the node's first one.
+
+use std::collections::HashMap;
+
+use serde_json::Value as Json;
+
+use super::file::{Body, Field, Kind, Name, Tree};
+use super::schema::{as_tree, inside_option, resolve, variants};
+use crate::catalog::Catalog;
+use crate::error::Span;
+
+/// The parts of a graph whose entries have names.
+pub(super) const SECTIONS: [(&str, &str); 5] = [
+    ("use", "use"),
+    ("inputs", "input"),
+    ("params", "parameter"),
+    ("nodes", "node"),
+    ("outputs", "output"),
+];
+
+/// What a graph says.
+pub(super) struct Meaning {
+    /// The fields of the graph that are no sections, its own name among them.
+    pub(super) rest: Vec<(String, Tree)>,
+    /// The entries of each section.
+    pub(super) sections: [Vec<Item>; SECTIONS.len()],
+}
+
+/// An entry of a section.
+#[derive(Clone)]
+pub(super) struct Item {
+    pub(super) name: String,
+    pub(super) value: Tree,
+}
+
+impl Item {
+    /// The name of its type; empty if it is no call.
+    pub(super) fn kind(&self) -> &str {
+        match &self.value.kind {
+            Kind::Call { name: Some(name), .. } => &name.text,
+            _ => "",
+        }
+    }
+}
+
+impl Meaning {
+    pub(super) fn of(tree: &Tree, catalog: &Catalog) -> Self {
+        let fields = tree.fields().unwrap_or_default();
+        let kinds = kinds(fields);
+        let reader = Reading { catalog, kinds: &kinds };
+        let mut rest = Vec::new();
+        if let Some(name) = tree.name().filter(|name| name.text != "Graph") {
+            rest.push(("type".to_owned(), bare(Kind::Word(name.text))));
+        }
+        let is_section = |name: &str| SECTIONS.iter().any(|(section, _)| *section == name);
+        for field in fields.iter().filter(|field| !is_section(&field.name.text)) {
+            rest.push((field.name.text.clone(), plain(&field.value)));
+        }
+        let sections = SECTIONS.map(|(section, _)| {
+            let entries = entries(fields, section);
+            let mut seen: HashMap<&str, usize> = HashMap::new();
+            let item = |(name, value)| {
+                let value = match section {
+                    "nodes" => reader.node(value),
+                    "outputs" => reader.links(value),
+                    _ => plain(value),
+                };
+                let count = seen.entry(name).or_default();
+                *count += 1;
+                // A name that is given twice is a mistake, but each has its own meaning.
+                let name = if *count == 1 { name.to_owned() } else { format!("{name} ({count})") };
+                Item { name, value }
+            };
+            entries.map(item).collect()
+        });
+        Self { rest, sections }
+    }
+}
+
+fn entries<'t>(fields: &'t [Field], section: &str) -> impl Iterator<Item = (&'t str, &'t Tree)> {
+    let maps = fields.iter().filter(move |field| field.name.text == section);
+    let entries = maps.filter_map(|field| match &field.value.kind {
+        Kind::Map(entries) => Some(entries),
+        _ => None,
+    });
+    entries.flatten().filter_map(|(key, value)| Some((key.text()?, value)))
+}
+
+/// The type of each node; that of an input is empty.
+fn kinds(fields: &[Field]) -> HashMap<String, String> {
+    let inputs = entries(fields, "inputs").map(|(name, _)| (name.to_owned(), String::new()));
+    let nodes = entries(fields, "nodes").map(|(name, node)| {
+        let kind = node.name().map_or_else(String::new, |kind| kind.text);
+        (name.to_owned(), kind)
+    });
+    inputs.chain(nodes).collect()
+}
+
+pub(super) fn bare(kind: Kind) -> Tree {
+    Tree::new(Span::default(), kind)
+}
+
+fn bare_name(name: &Name) -> Name {
+    Name { text: name.text.clone(), span: Span::default() }
+}
+
+/// A value of which nothing is known.
+fn plain(tree: &Tree) -> Tree {
+    plain_with(tree, &|text| Kind::Text(text.to_owned()))
+}
+
+fn plain_with(tree: &Tree, text: &dyn Fn(&str) -> Kind) -> Tree {
+    let all = |trees: &[Tree]| trees.iter().map(|tree| plain_with(tree, text)).collect();
+    bare(match &tree.kind {
+        Kind::Number { value, .. } => Kind::Number { value: *value, whole: false },
+        Kind::Text(content) => text(content),
+        Kind::List(items) => Kind::List(all(items)),
+        Kind::Map(entries) => {
+            // Keys are not links.
+            let entry = |(key, value): &(Tree, Tree)| (plain(key), plain_with(value, text));
+            sorted_map(entries.iter().map(entry).collect())
+        }
+        Kind::Call { name, body } => {
+            let body = match body {
+                Body::Empty => Body::Empty,
+                Body::Items(items) if is_computed(tree) => {
+                    Body::Items(items.iter().map(plain).collect())
+                }
+                Body::Items(items) => Body::Items(all(items)),
+                Body::Fields(fields) => sorted(
+                    fields
+                        .iter()
+                        .map(|field| named(&field.name, plain_with(&field.value, text)))
+                        .collect(),
+                ),
+            };
+            Kind::Call { name: name.as_ref().map(bare_name), body }
+        }
+        other => other.clone(),
+    })
+}
+
+fn named(name: &Name, value: Tree) -> Field {
+    Field { name: bare_name(name), value }
+}
+
+fn sorted(mut fields: Vec<Field>) -> Body {
+    fields.sort_by(|a, b| a.name.text.cmp(&b.name.text));
+    if fields.is_empty() { Body::Empty } else { Body::Fields(fields) }
+}
+
+fn sorted_map(mut entries: Vec<(Tree, Tree)>) -> Kind {
+    entries.sort_by(|a, b| a.0.text().cmp(&b.0.text()));
+    Kind::Map(entries)
+}
+
+fn is_computed(tree: &Tree) -> bool {
+    tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
+}
+
+struct Reading<'a> {
+    catalog: &'a Catalog,
+    kinds: &'a HashMap<String, String>,
+}
+
+impl Reading<'_> {
+    fn node(&self, tree: &Tree) -> Tree {
+        let Some(name) = tree.name() else { return self.links(tree) };
+        match (self.catalog.find(&name.text), tree.fields()) {
+            (Some(entry), Some(fields)) => {
+                let schema = entry.schema();
+                let body = self.fields(fields, schema, schema);
+                bare(Kind::Call { name: Some(bare_name(&name)), body })
+            }
+            // A text that names a node is taken for a link where the type is not known.
+            _ => self.links(tree),
+        }
+    }
+
+    fn links(&self, tree: &Tree) -> Tree {
+        plain_with(tree, &|text| {
+            let node = text.split_once('.').map_or(text, |(node, _)| node);
+            match self.kinds.contains_key(node) {
+                true => self.link(text),
+                false => Kind::Text(text.to_owned()),
+            }
+        })
+    }
+
+    fn link(&self, text: &str) -> Kind {
+        let first = text.split_once('.').and_then(|(node, output)| {
+            let entry = self.catalog.find(self.kinds.get(node)?)?;
+            (entry.outputs().first()?.name == output).then_some(node)
+        });
+        Kind::Word(format!("\"{}\"", first.unwrap_or(text)))
+    }
+
+    /// Fields without those that equal their defaults.
+    fn fields(&self, fields: &[Field], schema: &Json, root: &Json) -> Body {
+        let properties = &schema["properties"];
+        let kept = fields.iter().filter_map(|field| {
+            let Some(schema) = properties.get(&field.name.text) else {
+                return Some(named(&field.name, self.links(&field.value)));
+            };
+            let value = self.value(&field.value, schema, root);
+            let default = schema.get("default").cloned().unwrap_or_default();
+            let is_default = value == self.value(&as_tree(&default), schema, root);
+            (!is_default).then(|| named(&field.name, value))
+        });
+        sorted(kept.collect())
+    }
+
+    fn value(&self, tree: &Tree, schema: &Json, root: &Json) -> Tree {
+        if is_computed(tree) {
+            return plain(tree);
+        }
+        let schema = resolve(root, schema);
+        if schema.get("port").is_some() {
+            return match &tree.kind {
+                Kind::Text(text) => bare(self.link(text)),
+                _ => plain(tree),
+            };
+        }
+        if let Some(inner) = inside_option(&schema) {
+            return match &tree.kind {
+                Kind::Word(word) if word == "None" => plain(tree),
+                _ => self.value(tree.call_of("Some").unwrap_or(tree), &inner, root),
+            };
+        }
+        if let Some(name) = tree.name()
+            && let Some((_, content)) =
+                variants(&schema).into_iter().find(|(known, _)| *known == name.text)
+        {
+            return bare(match content {
+                Some(content) => self.choice(tree, &name, &content, root),
+                None => Kind::Word(name.text),
+            });
+        }
+        let items = |items: &[Tree]| self.items(items, &schema, root);
+        bare(match &tree.kind {
+            Kind::Call { name: None, body: Body::Fields(fields) } => {
+                Kind::Call { name: None, body: self.fields(fields, &schema, root) }
+            }
+            Kind::Map(entries) => {
+                let content = schema.get("additionalProperties").cloned().unwrap_or_default();
+                let entry =
+                    |(key, value): &(Tree, Tree)| (plain(key), self.value(value, &content, root));
+                sorted_map(entries.iter().map(entry).collect())
+            }
+            Kind::List(list) if is_tuple(&schema) => {
+                Kind::Call { name: None, body: Body::Items(items(list)) }
+            }
+            Kind::List(list) => Kind::List(items(list)),
+            Kind::Call { name: None, body: Body::Items(tuple) } => {
+                Kind::Call { name: None, body: Body::Items(items(tuple)) }
+            }
+            Kind::Text(text) if schema.get("format").and_then(Json::as_str) == Some("color") => {
+                Kind::Text(text.to_ascii_lowercase())
+            }
+            _ => return plain(tree),
+        })
+    }
+
+    /// What stands behind the name of a choice.
+    fn choice(&self, tree: &Tree, name: &Name, content: &Json, root: &Json) -> Kind {
+        let content = resolve(root, content);
+        let body = match &tree.kind {
+            Kind::Call { body: Body::Fields(fields), .. } => self.fields(fields, &content, root),
+            Kind::Call { body: Body::Items(items), .. } => Body::Items(match &items[..] {
+                [item] if !is_tuple(&content) => vec![self.value(item, &content, root)],
+                items => self.items(items, &content, root),
+            }),
+            _ => Body::Empty,
+        };
+        Kind::Call { name: Some(bare_name(name)), body }
+    }
+
+    fn items(&self, items: &[Tree], schema: &Json, root: &Json) -> Vec<Tree> {
+        let fixed = schema.get("prefixItems").and_then(Json::as_array);
+        let item = |(index, item): (usize, &Tree)| {
+            let schema = fixed.and_then(|fixed| fixed.get(index)).or_else(|| schema.get("items"));
+            schema.map_or_else(|| plain(item), |schema| self.value(item, schema, root))
+        };
+        items.iter().enumerate().map(item).collect()
+    }
+}
+
+fn is_tuple(schema: &Json) -> bool {
+    let count = |name: &str| schema.get(name).and_then(Json::as_u64);
+    schema.get("prefixItems").is_some()
+        || (count("minItems").is_some() && count("minItems") == count("maxItems"))
+}
+
+/// Whether a part of the value is a link.
+pub(super) fn has_link(tree: &Tree) -> bool {
+    match &tree.kind {
+        Kind::Word(word) => word.starts_with('"'),
+        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
+            items.iter().any(has_link)
+        }
+        Kind::Call { body: Body::Fields(fields), .. } => {
+            fields.iter().any(|field| has_link(&field.value))
+        }
+        Kind::Map(entries) => entries.iter().any(|(_, value)| has_link(value)),
+        _ => false,
+    }
+}
+
+/// The value with other names for the nodes that links name, and for the parameters in `Param` and `Expr`.
+pub(super) fn renamed(
+    tree: &Tree,
+    node: &dyn Fn(&str) -> Option<String>,
+    parameter: &dyn Fn(&str) -> Option<String>,
+) -> Tree {
+    let again = |tree: &Tree| renamed(tree, node, parameter);
+    bare(match &tree.kind {
+        Kind::Word(word) if word.starts_with('"') => {
+            let link = word.trim_matches('"');
+            let (name, output) = match link.split_once('.') {
+                Some((name, _)) => (name, &link[name.len()..]),
+                None => (link, ""),
+            };
+            match node(name) {
+                Some(name) => Kind::Word(format!("\"{name}{output}\"")),
+                None => tree.kind.clone(),
+            }
+        }
+        Kind::Call { name, body: Body::Items(items) } if is_computed(tree) => {
+            let text = items.first().and_then(Tree::text).unwrap_or_default();
+            let text = renamed_words(text, parameter);
+            Kind::Call { name: name.clone(), body: Body::Items(vec![bare(Kind::Text(text))]) }
+        }
+        Kind::List(items) => Kind::List(items.iter().map(again).collect()),
+        Kind::Map(entries) => {
+            let entry = |(key, value): &(Tree, Tree)| (key.clone(), again(value));
+            Kind::Map(entries.iter().map(entry).collect())
+        }
+        Kind::Call { name, body } => {
+            let body = match body {
+                Body::Empty => Body::Empty,
+                Body::Items(items) => Body::Items(items.iter().map(again).collect()),
+                Body::Fields(fields) => Body::Fields(
+                    fields.iter().map(|field| named(&field.name, again(&field.value))).collect(),
+                ),
+            };
+            Kind::Call { name: name.clone(), body }
+        }
+        other => other.clone(),
+    })
+}
+
+/// The names in an expression, replaced; one space between its words.
+fn renamed_words(text: &str, new: &dyn Fn(&str) -> Option<String>) -> String {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_' || c == '.';
+    let mut result = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(first) = rest.chars().next() {
+        let length = match is_part(first) {
+            true => rest.find(|c| !is_part(c)).unwrap_or(rest.len()),
+            false => first.len_utf8(),
+        };
+        let (word, tail) = rest.split_at(length);
+        result.push_str(new(word).as_deref().unwrap_or(word));
+        rest = tail;
+    }
+    result
+}
+
+/// The value on one line, as a file would have it.
+pub(super) fn show(tree: &Tree) -> String {
+    let all = |items: &[Tree]| Vec::from_iter(items.iter().map(show)).join(", ");
+    match &tree.kind {
+        Kind::Number { value, .. } if value.abs() < 1e-4 && *value != 0.0 => format!("{value:e}"),
+        Kind::Number { value, .. } => value.to_string(),
+        Kind::Bool(value) => value.to_string(),
+        Kind::Text(text) => format!("{text:?}"),
+        Kind::Word(word) => word.clone(),
+        Kind::List(items) => format!("[{}]", all(items)),
+        Kind::Map(entries) => {
+            let entry = |(key, value): &(Tree, Tree)| format!("{}: {}", show(key), show(value));
+            format!("{{ {} }}", Vec::from_iter(entries.iter().map(entry)).join(", "))
+        }
+        Kind::Call { name, body } => {
+            let name = name.as_ref().map_or("", |name| &name.text);
+            let body = match body {
+                Body::Empty => String::new(),
+                Body::Items(items) => all(items),
+                Body::Fields(fields) => {
+                    let field =
+                        |field: &Field| format!("{}: {}", field.name.text, show(&field.value));
+                    Vec::from_iter(fields.iter().map(field)).join(", ")
+                }
+            };
+            format!("{name}({body})")
+        }
+        Kind::Broken => "?".into(),
+    }
+}

@@ -1,0 +1,186 @@
+//! `fmt`, `set` and `diff` as their user sees them.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use expect_test::expect;
+
+const DOLL: &str = include_str!("../graphs/doll.ron");
+
+fn maquette(folder: &Path, arguments: &[&str]) -> Output {
+    command(folder, arguments).output().unwrap()
+}
+
+fn command(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+    command.args(arguments).current_dir(folder).env("NO_COLOR", "1");
+    command
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+/// A folder with these files; none of the files that the graphs read is there.
+fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in files {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+    folder
+}
+
+fn read(folder: &tempfile::TempDir, name: &str) -> String {
+    std::fs::read_to_string(folder.path().join(name)).unwrap()
+}
+
+const LOOSE: &str = "Graph(format:1,nodes:{\"a\":ReadMesh(path:\"a.obj\")/* mine */},outputs:{})";
+const NEAT: &str = "Graph(\n    format: 1,\n    nodes: {\n        \"a\": ReadMesh(path: \"a.obj\") /* mine */,\n    },\n    outputs: {},\n)\n";
+
+#[test]
+fn fmt_check_lists_what_would_change_and_writes_nothing() {
+    let files = [
+        ("doll.ron", DOLL),
+        ("sub/loose.ron", LOOSE),
+        ("sub/notes.txt", "x"),
+        (".git/x.ron", LOOSE),
+    ];
+    let folder = folder(&files);
+    let output = maquette(folder.path(), &["fmt", "--check", "."]);
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(stdout(&output), "./sub/loose.ron\n");
+    assert_eq!(read(&folder, "sub/loose.ron"), LOOSE);
+    assert!(maquette(folder.path(), &["fmt", "--check", "doll.ron"]).status.success());
+}
+
+#[test]
+fn fmt_writes_what_can_be_read_and_leaves_the_rest() {
+    let folder = folder(&[("a.ron", LOOSE), ("b.ron", "Graph(format: 1,"), ("c.ron", LOOSE)]);
+    let output = maquette(folder.path(), &["fmt", "a.ron", "b.ron", "c.ron"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("error[G001]: this `(` is never closed\n --> b.ron:1:6"));
+    assert_eq!((&read(&folder, "a.ron")[..], &read(&folder, "c.ron")[..]), (NEAT, NEAT));
+    assert_eq!(read(&folder, "b.ron"), "Graph(format: 1,");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "nothing is left behind");
+}
+
+#[test]
+fn fmt_without_a_file_goes_from_stdin_to_stdout() {
+    let folder = folder(&[]);
+    let mut child = command(folder.path(), &["fmt", "-"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(LOOSE.as_bytes()).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success());
+    assert_eq!(stdout(&output), NEAT);
+}
+
+#[cfg(unix)]
+#[test]
+fn fmt_keeps_a_file_s_permissions() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = folder(&[("a.ron", LOOSE)]);
+    let path = folder.path().join("a.ron");
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o640)).unwrap();
+    assert!(maquette(folder.path(), &["fmt", "a.ron"]).status.success());
+    assert_eq!(std::fs::metadata(path).unwrap().permissions().mode() & 0o777, 0o640);
+}
+
+#[test]
+fn set_changes_the_file_and_says_what() {
+    let folder = folder(&[("doll.ron", DOLL)]);
+    let values = ["set", "doll.ron", "growth=20", "red.select.distance=25.0", "red.invert=true"];
+    let output = maquette(folder.path(), &values);
+    assert!(output.status.success(), "{}", stderr(&output));
+    expect![[r#"
+        growth: 12.0 -> 20
+        red.select.distance: 30.0 -> 25.0
+        red.invert: left out -> true
+    "#]]
+    .assert_eq(&stdout(&output));
+    let expected = DOLL
+        .replace("default: 12.0", "default: 20")
+        .replace("distance: 30.0)", "distance: 25.0), invert: true");
+    assert_eq!(read(&folder, "doll.ron"), expected);
+}
+
+#[test]
+fn set_prints_the_text_in_a_dry_run_and_touches_nothing_in_vain() {
+    let folder = folder(&[("doll.ron", DOLL)]);
+    let output = maquette(folder.path(), &["set", "--dry-run", "doll.ron", "growth=20"]);
+    assert_eq!(stdout(&output), DOLL.replace("default: 12.0", "default: 20"));
+    let output = maquette(folder.path(), &["set", "doll.ron", "red.invert=true", "growth=99"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("parameter `growth` is 99, but must be at least 0"));
+    let output = maquette(folder.path(), &["set", "doll.ron", "skin.levels=3"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("= help: set the parameter: levels=3"), "{}", stderr(&output));
+    assert_eq!(maquette(folder.path(), &["set", "doll.ron", "levels"]).status.code(), Some(2));
+    assert_eq!(maquette(folder.path(), &["set", "doll.ron"]).status.code(), Some(2));
+    assert_eq!(read(&folder, "doll.ron"), DOLL);
+}
+
+#[test]
+fn diff_says_by_its_exit_code_whether_two_graphs_mean_the_same() {
+    let changed = DOLL.replace("distance: 30.0", "distance: 31");
+    let folder = folder(&[("a.ron", DOLL), ("b.ron", &changed), ("c.ron", "Graph(")]);
+    std::fs::write(folder.path().join("same.ron"), DOLL.replace("    ", "\t")).unwrap();
+    let diff = |arguments: &[&str]| maquette(folder.path(), &[&["diff"], arguments].concat());
+    let output = diff(&["a.ron", "same.ron"]);
+    assert_eq!((output.status.code(), stdout(&output)), (Some(0), String::new()));
+    let output = diff(&["a.ron", "b.ron"]);
+    let expected = "node red: changed select.distance: 30 -> 31\n".to_owned();
+    assert_eq!((output.status.code(), stdout(&output)), (Some(1), expected));
+    for wrong in [&["a.ron", "c.ron"][..], &["a.ron", "nowhere.ron"], &["a.ron"], &["a.ron"; 3]] {
+        assert_eq!(diff(wrong).status.code(), Some(2), "{wrong:?}");
+    }
+}
+
+#[test]
+fn diff_json_is_one_document() {
+    let folder = folder(&[("a.ron", DOLL), ("b.ron", &DOLL.replace("\"net\"", "\"points\""))]);
+    let output = maquette(folder.path(), &["diff", "--json", "a.ron", "b.ron"]);
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        document,
+        serde_json::json!({
+            "old": "a.ron",
+            "new": "b.ron",
+            "equal": false,
+            "differences": [{
+                "what": "node",
+                "name": "points",
+                "change": "renamed",
+                "field": "",
+                "before": "net",
+                "after": "points",
+            }],
+        })
+    );
+}
+
+#[test]
+fn diff_takes_the_arguments_of_git() {
+    let folder = folder(&[("old", DOLL), ("new", &DOLL.replace("default: 12.0", "default: 13"))]);
+    let output = maquette(
+        folder.path(),
+        &["diff", "graphs/doll.ron", "old", "c0ffee", "100644", "new", "c0ffef", "100644"],
+    );
+    assert!(output.status.success(), "git takes anything else for a crash");
+    assert_eq!(
+        stdout(&output),
+        "graphs/doll.ron\n    parameter growth: changed default: 12 -> 13\n"
+    );
+    let new = ["diff", "doll.ron", "/dev/null", ".", ".", "old", "c0ffee", "100644"];
+    assert!(stdout(&maquette(folder.path(), &new)).contains("node scan: added: ReadCapture("));
+}
