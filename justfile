@@ -3,6 +3,14 @@
 test *args:
     cargo test --workspace {{args}}
 
+# The tests of graphs, and a page that shows what differs.
+graphs *args:
+    cargo run --release -- test graphs --report target/graph-tests.html {{args}}
+
+# Do the tests of graphs notice faults? 60 are tried, one build each: about half an hour.
+mutations:
+    python3 tests/mutations/run.py
+
 lint:
     cargo fmt --all --check
     cargo clippy --workspace --all-targets -- -D warnings

@@ -19,6 +19,7 @@ use crate::pack::Pack;
 mod cache;
 mod caching;
 mod check;
+mod compare;
 mod diff;
 mod draw;
 mod events;
@@ -29,11 +30,15 @@ mod nodes;
 mod outputs;
 mod profile;
 mod progress;
+mod render;
 mod run;
 mod set;
 mod terminal;
+mod test;
 mod watch;
 mod why;
+
+pub(crate) use outputs::write_whole;
 
 /// A node-based geometry graph for redesigning scanned objects.
 #[derive(Parser)]
@@ -59,6 +64,12 @@ enum Command {
     Set(set::Set),
     /// Say how two graphs differ in what they say; formatting, comments and order do not matter.
     Diff(diff::Diff),
+    /// Compare the outputs of graphs with what they were when somebody looked at them.
+    Test(test::Test),
+    /// Compare two files by what they mean: meshes, range data, pictures.
+    Compare(compare::Compare),
+    /// Render a mesh or surface, of a graph or a file, as a picture.
+    Render(render::Render),
     /// Print the reference of all nodes, or of one.
     Nodes(nodes::Nodes),
     /// Show what a node gives: counts, bounds, topology, or what is under a pixel.
@@ -122,6 +133,9 @@ pub fn main(packs: &[Pack]) -> ExitCode {
         Command::Fmt(command) => command.run(),
         Command::Set(command) => command.run(&catalog),
         Command::Diff(command) => command.run(&catalog),
+        Command::Test(command) => command.run(&catalog),
+        Command::Compare(command) => command.run(),
+        Command::Render(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
         Command::Inspect(command) => command.run(&catalog),
         Command::Why(command) => command.run(&catalog),

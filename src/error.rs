@@ -169,6 +169,8 @@ pub mod code {
     pub const PANIC: &str = "G018";
     /// A node gave another result for the same inputs.
     pub const NOT_PURE: &str = "G019";
+    /// Something that the graph or a test expects does not hold.
+    pub const EXPECTED: &str = "G020";
 }
 
 impl Problem {

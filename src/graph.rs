@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use crate::error::{Problem, Source, Span};
 use crate::eval::{NodeFile, Recipe};
+use crate::golden::Expectation;
 use crate::node::AnyNode;
 use crate::pack::Format;
 use crate::value::ValueType;
@@ -34,7 +35,10 @@ pub(crate) use schema::{check_default, inside_option, variants};
 pub(crate) use shape::Shape;
 pub(crate) use suggest::nearest;
 
-use file::Tree;
+pub(crate) use file::{Body, Kind, Mistake, Tree, parse};
+pub(crate) use reader::read_tree;
+pub(crate) use schema::{Finding, Walk};
+pub(crate) use suggest::nearest_or_all;
 
 use crate::catalog::Catalog;
 
@@ -47,6 +51,8 @@ pub struct Graph {
     pub(crate) nodes: Arc<[GraphNode]>,
     pub(crate) shape: Arc<Shape>,
     pub(crate) outputs: Vec<GraphOutput>,
+    /// What must hold of its values, and where the file says so.
+    pub(crate) expect: Vec<(Expectation, Span)>,
 }
 
 /// A node of a graph.

@@ -11,6 +11,7 @@ mod catalog;
 mod draw;
 mod error;
 mod eval;
+mod golden;
 mod graph;
 mod node;
 mod pack;
@@ -22,6 +23,7 @@ pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
 pub use eval::{
     Disk, DiskError, Evaluation, Evaluator, NodeTrace, Observer, State, ThreadsError, Trace, Usage,
 };
+pub use golden::{Comparison, Measure, TestRun, Tolerance, Verdict, compare, test_graphs};
 pub use graph::{
     Change, Checked, Difference, Edited, Files, Graph, Options, Put, ReadFile, Reader,
 };

@@ -269,3 +269,173 @@ fn profile_prints_a_table_and_writes_a_trace() {
     let trace: serde_json::Value = serde_json::from_slice(&trace).unwrap();
     assert_eq!(trace["traceEvents"].as_array().unwrap().len(), 14);
 }
+
+/// A folder with the subdivided doll, its test, and nothing blessed yet.
+fn tested_graph() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write(
+        "net.ron",
+        r#"Graph(
+            format: 1,
+            nodes: {
+                "net": PointNet(points: [[(0, 0, 0), (1, 0, 1), (2, 0, 0)], [(0, 1, 1), (1, 1, 2), (2, 1, 1)], [(0, 2, 0), (1, 2, 1), (2, 2, 0)]]),
+                "surface": Nurbs(net: "net"),
+                "mesh": Tessellate(surface: "surface", u: 8, v: 8),
+            },
+            outputs: { "mesh.ply": "mesh" },
+        )"#,
+    );
+    write("net.test.ron", "Test(graph: \"net.ron\", compare: {\"mesh.ply\": Mesh(max: 0.01)})");
+    folder
+}
+
+fn test_in(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_maquette"))
+        .arg("test")
+        .args(arguments)
+        .env("MAQUETTE_CACHE", folder.join("cache"))
+        .env_remove("CI")
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn a_graph_is_tested_blessed_and_tested_again() {
+    let folder = tested_graph();
+    let test = |arguments: &[&str]| test_in(folder.path(), arguments);
+    let first = test(&[]);
+    assert_eq!(first.status.code(), Some(1));
+    assert!(stdout(&first).contains("mesh: there is no golden"), "{}", stdout(&first));
+    assert!(!folder.path().join("goldens").exists(), "a test never makes a golden");
+    assert!(test(&["--bless"]).status.success());
+    assert_eq!(
+        names(&folder.path().join("goldens/net/default")),
+        ["mesh.bin", "mesh.txt", "nodes.txt"]
+    );
+    let second = test(&["--cold"]);
+    assert!(second.status.success(), "{}{}", stdout(&second), stderr(&second));
+    assert!(stdout(&second).contains("identical; 3 of 3 nodes computed"), "{}", stdout(&second));
+
+    let graph = folder.path().join("net.ron");
+    let text = std::fs::read_to_string(&graph).unwrap();
+    std::fs::write(&graph, text.replace("(1, 1, 2)", "(1, 1, 2.01)")).unwrap();
+    let near = test(&[]);
+    assert!(near.status.success(), "{}", stdout(&near));
+    assert!(stdout(&near).contains("within tolerance"), "{}", stdout(&near));
+    std::fs::write(&graph, text.replace("(1, 1, 2)", "(1, 1, 2.5)")).unwrap();
+    let far = test(&["--report", "report.html", "--junit", "junit.xml"]);
+    assert_eq!(far.status.code(), Some(1));
+    assert!(stdout(&far).contains("mm, allowed is 0.01 mm; worst at"), "{}", stdout(&far));
+    assert!(stdout(&far).contains("node `net`: 2.0 -> 2.5"), "{}", stdout(&far));
+    let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert!(report.contains("distance to the old one, from the front"));
+    assert!(!report.contains("http"), "the page needs nothing else");
+    let junit = std::fs::read_to_string(folder.path().join("junit.xml")).unwrap();
+    assert!(junit.contains("tests=\"1\" failures=\"1\" errors=\"0\""), "{junit}");
+    let blessed = test(&["--bless"]);
+    assert!(stdout(&blessed).contains("because node `net`: 2.0 -> 2.5"), "{}", stdout(&blessed));
+    assert!(test(&[]).status.success());
+}
+
+#[test]
+fn a_test_that_cannot_run_is_not_a_test_that_fails() {
+    let folder = tested_graph();
+    let path = folder.path().join("net.test.ron");
+    std::fs::write(&path, "Test(graph: \"net.ron\", compare: {\"mesh.plx\": Mesh(max: 0.01)})")
+        .unwrap();
+    let output = test_in(folder.path(), &[]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("net.test.ron:1:34"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("did you mean `mesh.ply`?"), "{}", stderr(&output));
+    std::fs::write(&path, "Test(graf: \"net.ron\")").unwrap();
+    assert_eq!(test_in(folder.path(), &[]).status.code(), Some(2));
+    assert_eq!(test_in(folder.path(), &["nowhere"]).status.code(), Some(2));
+}
+
+#[test]
+fn blessing_is_refused_on_ci() {
+    let folder = tested_graph();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+    let output = command
+        .args(["test", "--bless"])
+        .env("CI", "true")
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(!folder.path().join("goldens").exists());
+}
+
+#[test]
+fn files_are_compared_by_what_they_mean_and_rendered() {
+    let out = tempfile::tempdir().unwrap();
+    let path = |name: &str| out.path().join(name).to_str().unwrap().to_owned();
+    for scale in ["(1, 1, 1)", "(1, 1, 1.001)"] {
+        let set = format!("lying.scale={scale}");
+        let folder = path(scale);
+        assert!(
+            maquette(&["run", "nodes/Transform.ron", "--set", &set, "--out", &folder])
+                .status
+                .success()
+        );
+    }
+    let (a, b) = (path("(1, 1, 1)/lying.ply"), path("(1, 1, 1.001)/lying.ply"));
+    let compare = |more: &[&str]| maquette(&[&["compare", &a, &b], more].concat());
+    assert_eq!(compare(&[]).status.code(), Some(1));
+    let within = compare(&["--max", "1"]);
+    assert!(
+        within.status.success() && stdout(&within).starts_with("within tolerance"),
+        "{}",
+        stdout(&within)
+    );
+    assert!(stdout(&maquette(&["compare", &a, &a])).starts_with("identical"));
+    assert_eq!(maquette(&["compare", &a, "nowhere.ply"]).status.code(), Some(2));
+    for arguments in [
+        vec![&a[..]],
+        vec!["nodes/Transform.ron", "lying.ply"],
+        vec!["nodes/Transform.ron", "doll"],
+    ] {
+        let picture = path("a.png");
+        let output = maquette(
+            &[
+                &["render"],
+                &arguments[..],
+                &[&picture, "--camera", "-30,20,1.2", "--size", "40x30"],
+            ]
+            .concat(),
+        );
+        assert!(output.status.success(), "{}", stderr(&output));
+        let picture = maquette::format::png::read(&std::fs::read(picture).unwrap()).unwrap();
+        assert_eq!((picture.width(), picture.height()), (40, 30));
+    }
+}
+
+#[test]
+fn what_a_graph_expects_is_checked_when_it_runs() {
+    let folder = tested_graph();
+    let graph = folder.path().join("net.ron");
+    let text = std::fs::read_to_string(&graph).unwrap();
+    let expecting = |expect: &str| {
+        std::fs::write(&graph, text.replace("outputs:", &format!("expect: [{expect}],\noutputs:")))
+            .unwrap();
+        maquette(&["run", graph.to_str().unwrap(), "--out", folder.path().to_str().unwrap()])
+    };
+    assert!(expecting("Manifold(\"mesh\"), NoSelfIntersection(\"surface\"), Near(of: \"mesh\", to: \"surface\", max: 0.1)").status.success());
+    let open = expecting("Closed(\"mesh\")");
+    assert_eq!(open.status.code(), Some(1));
+    assert!(
+        stderr(&open)
+            .contains("error[G020]: expected Closed, but `mesh` has 32 edges with one face"),
+        "{}",
+        stderr(&open)
+    );
+    let unknown = expecting("Closed(\"mush\")");
+    assert!(stderr(&unknown).contains("there is no node `mush`"), "{}", stderr(&unknown));
+    assert!(stderr(&expecting("Closd(\"mesh\")")).contains("did you mean `Closed`?"));
+    assert!(
+        stderr(&expecting("Count(of: \"mesh\", what: \"faces\", max: 10)"))
+            .contains("has 64 faces; wanted are at most 10")
+    );
+}

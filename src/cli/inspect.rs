@@ -54,7 +54,7 @@ fn pixel(text: &str) -> Result<[usize; 2], String> {
     parse(x).zip(parse(y)).map(|(x, y)| [x, y]).ok_or_else(|| "write COLUMN,ROW".into())
 }
 
-fn view(text: &str) -> Result<View, String> {
+pub(super) fn view(text: &str) -> Result<View, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
     match numbers.as_deref() {
         Ok(&[yaw, pitch]) => Ok(View { yaw, pitch, ..View::front() }),

@@ -17,6 +17,7 @@ use super::{Exit, GraphOptions, counted, eprint, in_bytes, interrupt, print, pri
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
 use crate::eval::{Evaluation, Forecast, Observer, State, Trace};
+use crate::golden;
 use crate::graph::{Graph, GraphOutput, nearest};
 use crate::node::CancelToken;
 
@@ -71,7 +72,10 @@ impl Run {
             Ok(evaluator) => evaluator,
             Err(why) => return Exit::Usage(why),
         };
-        let nodes: Vec<usize> = outputs.iter().map(|output| output.node).collect();
+        let mut nodes: Vec<usize> = outputs.iter().map(|output| output.node).collect();
+        let expectations = graph.expectations();
+        let judged = golden::nodes_of(&graph, &expectations);
+        nodes.extend(&judged);
         if self.dry_run {
             print(&forecast(&graph, &evaluator.forecast(&graph, &nodes)));
             return Exit::Done;
@@ -81,7 +85,8 @@ impl Run {
         let folder = self.out.clone().unwrap_or_else(|| default_folder(&self.graph));
         let into = Outputs::new(folder.clone());
         into.recall(&evaluator);
-        let values = into.nodes_to_write(&outputs, &graph, &mut evaluator);
+        let mut values = into.nodes_to_write(&outputs, &graph, &mut evaluator);
+        values.extend(judged);
         let evaluation = evaluator.evaluate(&graph, &nodes, &values, observer, &cancel);
         let (files, unwritten) = into.write(&outputs, &evaluation, &graph, &evaluator, &cancel);
         into.keep(&evaluator);
@@ -91,6 +96,8 @@ impl Run {
             return Exit::Interrupted;
         }
         problems.extend(evaluation.problems());
+        let violations = golden::violations(&graph, &evaluation, &expectations);
+        problems.extend(violations.into_iter().map(|violation| violation.problem));
         problems.extend(unwritten);
         self.print(Some(&evaluation), &files, &problems, start);
         if self.profile {

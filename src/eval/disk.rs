@@ -299,7 +299,7 @@ impl Store {
 }
 
 impl Columns for Store {
-    /// The caller checks the content against the hash; it is wrong once and removed by [`Disk::read`]'s caller computing it.
+    /// The content is not judged here: who asks compares its hash.
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
         let path = self.column_path(hash);
         let read = fs::File::open(&path).and_then(|mut file| {

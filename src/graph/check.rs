@@ -17,8 +17,9 @@ use super::{
     with_article,
 };
 use crate::catalog::{Catalog, Entry};
-use crate::error::{Problem, Severity, Source, Span, code};
+use crate::error::{Source, Span, code};
 use crate::eval::{NodeFile, Recipe};
+use crate::golden::Expectation;
 use crate::node::{AnyNode, Output, ending};
 use crate::value::ValueType;
 
@@ -26,7 +27,7 @@ use crate::value::ValueType;
 const FORMAT: f64 = 1.0;
 
 /// The fields of a graph.
-const FIELDS: [&str; 5] = ["format", "doc", "params", "nodes", "outputs"];
+const FIELDS: [&str; 6] = ["format", "doc", "params", "nodes", "outputs", "expect"];
 
 pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
     match std::fs::read_to_string(path) {
@@ -61,16 +62,7 @@ fn checked(
 ) -> Checked {
     let source = Arc::new(Source { name: path.to_owned(), text });
     findings.sort_by_key(|finding| finding.span);
-    let problem = |finding: Finding| Problem {
-        severity: Severity::Error,
-        code: finding.code,
-        source: source.clone(),
-        span: finding.span,
-        message: finding.message,
-        help: finding.help,
-        note: finding.note,
-    };
-    let problems: Vec<Problem> = findings.into_iter().map(problem).collect();
+    let problems: Vec<_> = findings.into_iter().map(|finding| finding.at(&source)).collect();
     let graph = graph.filter(|_| problems.is_empty()).map(|graph| Graph { source, ..graph });
     Checked { graph, problems, files }
 }
@@ -146,6 +138,7 @@ impl<'a> Check<'a> {
         let order = self.order(&drafts);
         self.types(&mut drafts, &order);
         let outputs = self.outputs(top.outputs, &drafts);
+        let expect = self.expectations(top.expect, &drafts);
         if !self.findings.is_empty() {
             return None;
         }
@@ -155,7 +148,7 @@ impl<'a> Check<'a> {
             outputs.map(|output| GraphOutput { node: places[output.node], ..output }).collect();
         let source = Arc::new(Source { name: PathBuf::new(), text: String::new() });
         let shape = Arc::new(Shape::new(&nodes));
-        Some(Graph { source, doc: top.doc, nodes: nodes.into(), shape, outputs })
+        Some(Graph { source, doc: top.doc, nodes: nodes.into(), shape, outputs, expect })
     }
 
     /// Whether the file is of another format version; then nothing else in it is judged.
@@ -188,7 +181,8 @@ impl<'a> Check<'a> {
             );
             return None;
         };
-        let mut top = TopLevel { doc: String::new(), params: &[], nodes: &[], outputs: &[] };
+        let mut top =
+            TopLevel { doc: String::new(), params: &[], nodes: &[], outputs: &[], expect: None };
         for (index, Field { name, value }) in fields.iter().enumerate() {
             if fields[..index].iter().any(|before| before.name.text == name.text) {
                 let message = format!("field `{}` is given twice", name.text);
@@ -201,6 +195,7 @@ impl<'a> Check<'a> {
                 ("params", Kind::Map(entries)) => top.params = entries,
                 ("nodes", Kind::Map(entries)) => top.nodes = entries,
                 ("outputs", Kind::Map(entries)) => top.outputs = entries,
+                ("expect", _) => top.expect = Some(value),
                 (known, _) if FIELDS.contains(&known) => {
                     let wanted = match known {
                         "format" => "the number 1",
@@ -605,6 +600,25 @@ impl<'a> Check<'a> {
         outputs
     }
 
+    /// What the graph expects of its values; each must be there.
+    fn expectations(
+        &mut self,
+        tree: Option<&Tree>,
+        drafts: &[Draft<'_>],
+    ) -> Vec<(Expectation, Span)> {
+        let Some(tree) = tree else { return Vec::new() };
+        let (expectations, findings) = Expectation::read_all(tree);
+        self.findings.extend(findings);
+        let names: HashMap<String, usize> =
+            (0..drafts.len()).map(|index| (drafts[index].name.text.clone(), index)).collect();
+        for (expectation, span) in &expectations {
+            for value in expectation.values() {
+                self.target(value, *span, drafts, &names);
+            }
+        }
+        expectations
+    }
+
     fn no_format(&mut self, name: &str, ending: &str, kind: Option<&ValueType>, span: Span) {
         let known = self.catalog.endings(kind);
         let what = kind.map_or_else(|| "a value".to_owned(), |kind| with_article(kind.name));
@@ -707,6 +721,7 @@ struct TopLevel<'t> {
     params: &'t [(Tree, Tree)],
     nodes: &'t [(Tree, Tree)],
     outputs: &'t [(Tree, Tree)],
+    expect: Option<&'t Tree>,
 }
 
 /// Puts a value at `field` or `field.field` of a call; a field that is not there is added.

@@ -22,8 +22,8 @@ pub struct Reader<'a> {
 /// Why a node's fields cannot be read, and where.
 #[derive(Debug)]
 pub(crate) struct ReadError {
-    pub(super) span: Option<Span>,
-    pub(super) message: String,
+    pub(crate) span: Option<Span>,
+    pub(crate) message: String,
 }
 
 impl fmt::Display for ReadError {
@@ -44,6 +44,11 @@ impl Reader<'_> {
     pub(crate) fn read<T: DeserializeOwned>(&self) -> Result<T, ReadError> {
         T::deserialize(Value { tree: self.tree, reader: self })
     }
+}
+
+/// Reads what is no node: without links and files.
+pub(crate) fn read_tree<T: DeserializeOwned>(tree: &Tree) -> Result<T, ReadError> {
+    Reader { tree, links: &[], files: &[] }.read()
 }
 
 #[derive(Clone, Copy)]

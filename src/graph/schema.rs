@@ -3,13 +3,14 @@
 //! Every problem is found, each at its own place, before serde reads the value.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
 
 use super::file::{Body, Field, Kind, Name, Origin, Tree};
 use super::suggest::nearest_or_all;
 use super::with_article;
-use crate::error::{Span, code};
+use crate::error::{Problem, Severity, Source, Span, code};
 use crate::value::Color;
 
 /// A link that a port holds.
@@ -42,6 +43,22 @@ pub(crate) struct Finding {
     pub(crate) message: String,
     pub(crate) help: String,
     pub(crate) note: Option<(Span, String)>,
+}
+
+impl Finding {
+    /// The same as an error in this file.
+    pub(crate) fn at(self, source: &Arc<Source>) -> Problem {
+        let Self { code, span, message, help, note } = self;
+        Problem {
+            severity: Severity::Error,
+            code,
+            source: source.clone(),
+            span,
+            message,
+            help,
+            note,
+        }
+    }
 }
 
 /// Checks one node against its schema.
@@ -84,7 +101,7 @@ impl Walk<'_> {
     }
 
     /// Checks the value of the field `field`.
-    fn value(&mut self, tree: &Tree, schema: &Json, field: &str) {
+    pub(crate) fn value(&mut self, tree: &Tree, schema: &Json, field: &str) {
         if tree.is_broken() {
             return;
         }

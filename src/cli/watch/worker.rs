@@ -9,6 +9,7 @@ use crate::cli::outputs::{Outputs, Written};
 use crate::cli::run::wanted;
 use crate::error::{Problem, Severity, Span, code};
 use crate::eval::{Disk, Evaluator, Observer, Trace};
+use crate::golden;
 use crate::graph::Graph;
 use crate::node::CancelToken;
 
@@ -96,13 +97,19 @@ fn evaluate(
         problems.push(about_graph(graph, Severity::Error, code::UNKNOWN_LINK, why));
         Vec::new()
     });
-    let nodes: Vec<usize> = wanted.iter().map(|output| output.node).collect();
+    let mut nodes: Vec<usize> = wanted.iter().map(|output| output.node).collect();
+    let expectations = graph.expectations();
+    let judged = golden::nodes_of(graph, &expectations);
+    nodes.extend(&judged);
     evaluator.set_memory(memory);
-    let values = outputs.nodes_to_write(&wanted, graph, evaluator);
+    let mut values = outputs.nodes_to_write(&wanted, graph, evaluator);
+    values.extend(judged);
     let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, &job.cancel);
     let (written, unwritten) = outputs.write(&wanted, &evaluation, graph, evaluator, &job.cancel);
     outputs.keep(evaluator);
     problems.extend(evaluation.problems());
+    let violations = golden::violations(graph, &evaluation, &expectations);
+    problems.extend(violations.into_iter().map(|violation| violation.problem));
     let trace = evaluation.trace();
     problems.extend(unwritten);
     if let Some(trouble) = evaluator.disk().and_then(Disk::trouble) {

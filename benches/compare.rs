@@ -1,0 +1,50 @@
+//! Two meshes of a million faces compared, and one rendered: the worst that a test meets.
+
+use divan::{Bencher, black_box};
+use maquette::render::{View, render};
+use maquette::value::{Faces, Mesh};
+use maquette::{AnyValue, Tolerance, compare};
+use nalgebra::Point3;
+
+fn main() {
+    divan::main();
+}
+
+/// A wavy sheet of 1 000 000 triangles; `turn` begins each face at another corner, and lists the faces in reverse.
+fn sheet(lift: f64, turn: bool) -> Mesh {
+    const N: u32 = 708;
+    let at = |k: u32| {
+        let (x, y) = (f64::from(k % N), f64::from(k / N));
+        Point3::new(x, y, 20.0 * libm::sin(x * 0.03) + 10.0 * libm::cos(y * 0.05) + lift)
+    };
+    let quads = (0..N - 1).flat_map(|row| (0..N - 1).map(move |column| row * N + column));
+    let mut faces: Vec<[u32; 3]> =
+        quads.flat_map(|a| [[a, a + 1, a + N], [a + 1, a + N + 1, a + N]]).collect();
+    faces.truncate(1_000_000);
+    if turn {
+        faces.iter_mut().for_each(|face| face.rotate_left(1));
+        faces.reverse();
+    }
+    Mesh::new((0..N * N).map(at).collect::<Vec<_>>(), Faces::triangles(faces)).unwrap()
+}
+
+#[divan::bench(args = ["same order", "other order", "other order and moved", "far away"], sample_count = 5, sample_size = 1)]
+fn million_faces(bencher: Bencher<'_, '_>, case: &str) {
+    let (lift, turn) = match case {
+        "same order" => (0.01, false),
+        "other order" => (0.0, true),
+        "other order and moved" => (0.01, true),
+        _ => (30.0, true),
+    };
+    let tolerance = Tolerance { max: Some(0.1), ..Tolerance::default() };
+    // The values are read anew each time, so that nothing is known of them.
+    bencher
+        .with_inputs(|| (AnyValue::new(sheet(0.0, false)), AnyValue::new(sheet(lift, turn))))
+        .bench_refs(|(old, new)| compare(black_box(old), black_box(new), &tolerance));
+}
+
+#[divan::bench(sample_count = 5, sample_size = 1)]
+fn render_a_million_faces(bencher: Bencher<'_, '_>) {
+    let mesh = sheet(0.0, false);
+    bencher.bench(|| render(black_box(&mesh), &View::front()));
+}

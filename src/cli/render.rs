@@ -1,0 +1,106 @@
+//! `maquette render`: a picture of a mesh or surface, from a graph or a file.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::caching::CacheOptions;
+use super::inspect::view;
+use super::outputs::write_whole;
+use super::progress::Progress;
+use super::{Exit, GraphOptions, compare, report};
+use crate::catalog::Catalog;
+use crate::format::png;
+use crate::golden::{mesh_of, target};
+use crate::graph::nearest;
+use crate::node::{CancelToken, ending};
+use crate::render::{Projection, View, render};
+use crate::value::AnyValue;
+
+#[derive(Args)]
+pub(super) struct Render {
+    /// A graph file, or a file with a mesh: ply, obj, glb, stl.
+    file: PathBuf,
+    /// The output of the graph, or a node of it, NODE[.OUTPUT]; for a mesh file the picture to be written.
+    #[arg(value_name = "OUTPUT")]
+    output: PathBuf,
+    /// The picture to be written, PNG.
+    #[arg(value_name = "PICTURE")]
+    picture: Option<PathBuf>,
+    /// From where: how far to the right and above, in degrees, and how much nearer than what just fits.
+    #[arg(long, value_name = "YAW,PITCH[,ZOOM]", value_parser = view, allow_hyphen_values = true)]
+    camera: Option<View>,
+    /// Width and height in pixels.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "800x600", value_parser = size)]
+    size: [usize; 2],
+    /// Far things look as large as near ones.
+    #[arg(long)]
+    orthographic: bool,
+    #[command(flatten)]
+    options: GraphOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
+}
+
+/// Larger pictures are a slip of the finger.
+const LARGEST: usize = 1 << 14;
+
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let parse = |part: &str| part.trim().parse().ok().filter(|size| (1..=LARGEST).contains(size));
+    let (width, height) = text.split_once('x').ok_or("write WIDTHxHEIGHT")?;
+    parse(width).zip(parse(height)).map(|(w, h)| [w, h]).ok_or_else(|| "write WIDTHxHEIGHT".into())
+}
+
+impl Render {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let (value, picture) = match &self.picture {
+            None => (compare::read(&self.file), &self.output),
+            Some(picture) => match self.evaluate(catalog) {
+                Ok(value) => (value, picture),
+                Err(exit) => return exit,
+            },
+        };
+        let value = match value {
+            Ok(value) => value,
+            Err(why) => return Exit::Usage(why),
+        };
+        if ending(picture) != "png" {
+            return Exit::Usage(format!("{} is no name of a PNG file", picture.display()));
+        }
+        let Some(mesh) = mesh_of(&value) else {
+            return Exit::Usage(format!("a {} has no faces to be seen", value.kind().name));
+        };
+        let mut view = View { size: self.size, ..self.camera.unwrap_or_else(View::front) };
+        if self.orthographic {
+            view.projection = Projection::Orthographic;
+        }
+        let written = png::encode_rgb(&render(&mesh, &view)).map_err(|error| error.to_string());
+        match written
+            .and_then(|bytes| write_whole(picture, &bytes).map_err(|error| error.to_string()))
+        {
+            Ok(()) => Exit::Done,
+            Err(error) => Exit::Usage(format!("cannot write {}: {error}", picture.display())),
+        }
+    }
+
+    fn evaluate(&self, catalog: &Catalog) -> Result<Result<AnyValue, String>, Exit> {
+        let checked = self.options.load(&self.file, catalog);
+        report(&checked.problems);
+        let graph = checked.graph.ok_or(Exit::Failed)?;
+        let name = self.output.to_string_lossy();
+        let Some((node, output)) = target(&graph, &name) else {
+            let known = graph.output_names().chain(graph.node_names());
+            return Ok(Err(format!(
+                "the graph has no output or node `{name}`; {}",
+                nearest(&name, known)
+            )));
+        };
+        let mut evaluator = self.cache.evaluator(0, catalog).map_err(Exit::Usage)?;
+        let progress = Progress::new(graph.nodes.len());
+        let evaluation =
+            evaluator.evaluate(&graph, &[node], &[node], &progress, &CancelToken::default());
+        progress.end();
+        report(&evaluation.problems());
+        evaluation.value(node, output).cloned().map(Ok).ok_or(Exit::Failed)
+    }
+}

@@ -1,0 +1,361 @@
+//! `maquette test`: golden tests of graphs.
+
+use std::fmt::Write as _;
+use std::io::BufRead as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use clap::Args;
+use serde_json::json;
+
+use super::caching::CacheOptions;
+use super::outputs::write_whole;
+use super::{Exit, counted, eprint, print, print_json, report};
+use crate::catalog::Catalog;
+use crate::error::{Problem, Severity};
+use crate::eval::State as NodeState;
+use crate::golden::case;
+use crate::golden::compare::{Verdict, six};
+use crate::golden::suite::{self, Case, Compared, Report, Settings, State};
+use crate::golden::{html, junit};
+
+#[derive(Args)]
+pub(super) struct Test {
+    /// Test files, or folders that are searched for them; the current folder if left out.
+    #[arg(value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Only cases whose graph or name holds this.
+    #[arg(long, value_name = "TEXT")]
+    filter: Option<String>,
+    /// Accept all results as they are. Refused on CI, and over goldens that are not committed.
+    #[arg(long, conflicts_with = "review")]
+    bless: bool,
+    /// Accept or reject the results one by one.
+    #[arg(long)]
+    review: bool,
+    /// Write a page for the browser, with pictures.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Write the results for CI systems.
+    #[arg(long, value_name = "FILE.xml")]
+    junit: Option<PathBuf>,
+    /// Compute everything: nothing may come from the cache.
+    #[arg(long)]
+    cold: bool,
+    #[command(flatten)]
+    cache: CacheOptions,
+    /// How many cases to run at once; 0 is as many as the machine has threads.
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Test {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let mut files = Vec::new();
+        let here = [PathBuf::from(".")];
+        for path in if self.paths.is_empty() { &here[..] } else { &self.paths } {
+            if !path.exists() {
+                return Exit::Usage(format!("there is no file or folder {}", path.display()));
+            }
+            files.extend(case::find(path).into_iter().map(|file| match file.strip_prefix(".") {
+                Ok(file) => file.to_owned(),
+                Err(_) => file,
+            }));
+        }
+        files.sort();
+        files.dedup();
+        if files.is_empty() {
+            return Exit::Usage(format!("no file ends in {}", case::ENDING));
+        }
+        let threads = match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        };
+        let settings = Settings {
+            catalog,
+            filter: self.filter.as_deref(),
+            cold: self.cold,
+            threads,
+            evaluator: &|| match self.cold {
+                true => crate::eval::Evaluator::new(1, 1 << 30).map_err(|error| error.to_string()),
+                false => self.cache.evaluator(1, catalog),
+            },
+        };
+        let report = match suite::run(&files, &settings) {
+            Ok(report) => report,
+            Err(why) => return Exit::Usage(why),
+        };
+        if let Err(why) = self.write_reports(&report) {
+            return Exit::Usage(why);
+        }
+        if self.bless || self.review {
+            return match self.accept(&report) {
+                Ok(()) => Exit::Done,
+                Err(why) => Exit::Usage(why),
+            };
+        }
+        if self.json {
+            print_json(&to_json(&report));
+        } else {
+            show(&report);
+        }
+        exit(&report)
+    }
+
+    fn write_reports(&self, report: &Report) -> Result<(), String> {
+        let write = |path: &Option<PathBuf>, make: &dyn Fn() -> String| match path {
+            None => Ok(()),
+            Some(path) => write_whole(path, make().as_bytes())
+                .map_err(|error| format!("cannot write {}: {error}", path.display())),
+        };
+        write(&self.report, &|| html::page(report))?;
+        write(&self.junit, &|| junit::document(report))
+    }
+
+    /// Makes the results the goldens: all of them, or those that the user accepts.
+    fn accept(&self, report: &Report) -> Result<(), String> {
+        if self.bless && std::env::var_os("CI").is_some_and(|ci| !ci.is_empty()) {
+            return Err("--bless is refused where CI is set: goldens are accepted by people".into());
+        }
+        let changed = |case: &&Case| {
+            case.state == State::Failed || case.outputs.iter().any(|o| !o.new.is_empty())
+        };
+        let cases: Vec<&Case> = report.cases.iter().filter(changed).collect();
+        let broken = report.count(|case| case.state == State::Broken);
+        for case in &cases {
+            if let Some(path) = uncommitted(&case.folder) {
+                return Err(format!(
+                    "{path} has changes that are not committed: commit or drop them first"
+                ));
+            }
+        }
+        let mut accepted = 0;
+        for case in cases.iter().filter(|case| case.state != State::Broken) {
+            let why = case.changed_nodes();
+            let blessed: Vec<&Compared> = case
+                .outputs
+                .iter()
+                .filter(|output| !output.new.is_empty() && (self.bless || ask(case, output, &why)))
+                .collect();
+            if blessed.is_empty() && case.orphans.is_empty() {
+                continue;
+            }
+            let wanted = |output: &Compared| blessed.iter().any(|other| other.name == output.name);
+            case.bless(wanted)
+                .map_err(|error| format!("cannot write {}: {error}", case.folder.display()))?;
+            accepted += blessed.len();
+            print(&format!("blessed   {}\n", case.title()));
+            for output in &blessed {
+                print(&format!("          {}: {}\n", output.name, in_short(output)));
+            }
+            for orphan in &case.orphans {
+                print(&format!("          {} is gone\n", orphan.display()));
+            }
+            for why in reason(&why, case) {
+                print(&format!("          because {why}\n"));
+            }
+        }
+        for orphan in &report.orphans {
+            let gone =
+                self.bless && uncommitted(orphan).is_none() && std::fs::remove_file(orphan).is_ok();
+            let word = if gone { "removed " } else { "orphan  " };
+            print(&format!("{word}  {}\n", orphan.display()));
+        }
+        print(&format!("{} blessed\n", counted(accepted, "golden")));
+        if broken > 0 {
+            show(report);
+            return Err(format!("{} could not run", counted(broken, "case")));
+        }
+        Ok(())
+    }
+}
+
+/// Why results are others than they were.
+fn reason(changed: &[String], case: &Case) -> Vec<String> {
+    let is_new = case.outputs.iter().all(|output| output.golden.is_err());
+    match changed {
+        _ if is_new => Vec::new(),
+        [] => vec!["no node of the graph changed: the program gives another result".into()],
+        changed => changed.to_vec(),
+    }
+}
+
+fn in_short(output: &Compared) -> String {
+    match output.comparison.reasons.first() {
+        Some(reason) => reason.clone(),
+        None => output.comparison.verdict.word().to_owned(),
+    }
+}
+
+/// Asks whether a result is right. No answer is no.
+fn ask(case: &Case, output: &Compared, why: &[String]) -> bool {
+    print(&format!("{} {}: {}\n", case.title(), output.name, output.comparison.verdict.word()));
+    for reason in output.comparison.reasons.iter().take(8) {
+        print(&format!("  {reason}\n"));
+    }
+    for why in reason(why, case) {
+        print(&format!("  because {why}\n"));
+    }
+    loop {
+        print("  accept, reject, skip? [a/r/s] ");
+        let mut answer = String::new();
+        let _ = std::io::Write::flush(&mut std::io::stdout());
+        match std::io::stdin().lock().read_line(&mut answer) {
+            Ok(0) | Err(_) => return false,
+            Ok(_) => match answer.trim() {
+                "a" | "accept" => return true,
+                "r" | "reject" | "s" | "skip" => return false,
+                _ => {}
+            },
+        }
+    }
+}
+
+/// The first file at a path, or below it, that git knows to be changed; none where there is no git.
+fn uncommitted(path: &Path) -> Option<String> {
+    let folder = path.ancestors().find(|folder| folder.is_dir() && !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    let path = std::path::absolute(path).ok()?;
+    let mut git = Command::new("git");
+    git.current_dir(folder)
+        .args(["status", "--porcelain", "--untracked-files=all", "--"])
+        .arg(path);
+    let output = git.output().ok().filter(|output| output.status.success())?;
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    text.lines().next().map(|line| line.get(3..).unwrap_or(line).to_owned())
+}
+
+fn exit(report: &Report) -> Exit {
+    let broken = report.count(|case| case.state == State::Broken) + report.problems.len();
+    if broken > 0 {
+        Exit::Usage(format!("{} could not run", counted(broken, "test")))
+    } else if report.count(Case::failed) + report.orphans.len() > 0 {
+        Exit::Failed
+    } else {
+        Exit::Done
+    }
+}
+
+/// The best verdict that all outputs of a case reach.
+fn verdict(case: &Case) -> Verdict {
+    case.outputs.iter().map(|output| output.comparison.verdict).max().unwrap_or(Verdict::Identical)
+}
+
+fn computed(case: &Case) -> usize {
+    case.trace.count(NodeState::Computed)
+}
+
+fn show(result: &Report) {
+    report(&result.problems);
+    let mut text = String::new();
+    for case in &result.cases {
+        let word = word(case);
+        let nodes =
+            format!("{} of {} computed", computed(case), counted(case.trace.0.len(), "node"));
+        let _ = match &case.state {
+            State::Skipped(why) => writeln!(text, "{word}  {}: {why}", case.title()),
+            State::Passed => writeln!(
+                text,
+                "{word}  {}  {}; {nodes}; {:.0} ms",
+                case.title(),
+                verdict(case).word(),
+                case.seconds * 1e3
+            ),
+            State::Failed | State::Broken => writeln!(text, "{word}  {}", case.title()),
+        };
+        if case.failed() {
+            let problems: Vec<Problem> = case
+                .problems
+                .iter()
+                .chain(case.violations.iter().map(|v| &v.problem))
+                .cloned()
+                .collect();
+            print(&std::mem::take(&mut text));
+            report(&problems);
+            for output in
+                case.outputs.iter().filter(|output| output.comparison.verdict == Verdict::Different)
+            {
+                for reason in output.comparison.reasons.iter().take(6) {
+                    let _ = writeln!(text, "          {}: {reason}", output.name);
+                }
+                let more = output.comparison.reasons.len().saturating_sub(6);
+                if more > 0 {
+                    let _ = writeln!(text, "          {}: and {more} more", output.name);
+                }
+            }
+            for orphan in &case.orphans {
+                let _ = writeln!(text, "          {} belongs to no output", orphan.display());
+            }
+            for node in case.changed_nodes() {
+                let _ = writeln!(text, "          {node}");
+            }
+        }
+        for note in &case.notes {
+            let _ = writeln!(text, "note      {}: {note}", case.title());
+        }
+    }
+    for orphan in &result.orphans {
+        let _ = writeln!(text, "failed    {} belongs to no test", orphan.display());
+    }
+    let passed = result.count(|case| case.state == State::Passed);
+    let skipped = result.count(|case| matches!(case.state, State::Skipped(_)));
+    let failed = result.count(Case::failed) + result.orphans.len() + result.problems.len();
+    let skips = if skipped > 0 { format!(", {skipped} skipped") } else { String::new() };
+    let _ = writeln!(text, "{passed} passed, {failed} failed{skips}; {:.2} s", result.seconds);
+    print(&text);
+    if failed > 0 {
+        eprint("help: --report FILE.html shows what differs; --review or --bless accepts it\n");
+    }
+}
+
+fn word(case: &Case) -> &'static str {
+    match case.state {
+        State::Passed => "passed  ",
+        State::Failed => "failed  ",
+        State::Broken => "broken  ",
+        State::Skipped(_) => "skipped ",
+    }
+}
+
+fn to_json(report: &Report) -> serde_json::Value {
+    let cases = report.cases.iter().map(|case| {
+        let outputs = case.outputs.iter().map(|output| {
+            let mut json = output.comparison.to_json();
+            json["name"] = output.name.clone().into();
+            json["files"] = output.files.clone().into();
+            json["type"] = output.value.kind().name.into();
+            json
+        });
+        let problems = case.problems.iter().chain(case.violations.iter().map(|v| &v.problem));
+        json!({
+            "graph": case.graph.display().to_string(),
+            "case": case.name,
+            "state": word(case).trim(),
+            "reasons": case.reasons(),
+            "outputs": outputs.collect::<Vec<_>>(),
+            "changed": if case.failed() { case.changed_nodes() } else { Vec::new() },
+            "problems": problems.map(Problem::to_json).collect::<Vec<_>>(),
+            "orphans": case.orphans.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+            "notes": case.notes,
+            "nodes": case.trace.0.iter().map(|node| node.to_json()).collect::<Vec<_>>(),
+            "seconds": case.seconds,
+        })
+    });
+    let errors = report.problems.iter().filter(|p| p.severity == Severity::Error);
+    json!({
+        "passed": report.count(|case| case.state == State::Passed),
+        "failed": report.count(Case::failed) + report.orphans.len() + report.problems.len(),
+        "cases": cases.collect::<Vec<_>>(),
+        "problems": errors.map(Problem::to_json).collect::<Vec<_>>(),
+        "orphans": report.orphans.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+        "seconds": report.seconds,
+    })
+}
+
+/// For messages of other commands: a measured number with its unit.
+pub(super) fn with_unit(x: f64, unit: &str) -> String {
+    if unit.is_empty() { six(x) } else { format!("{} {unit}", six(x)) }
+}

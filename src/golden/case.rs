@@ -1,0 +1,346 @@
+//! Test files: which graphs, with which parameters, and how much their outputs may differ from what they were.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::compare::Tolerance;
+use super::expect::{Expectation, Place};
+use crate::error::{Problem, Source, Span, code};
+use crate::graph::{Body, Finding, Kind, Tree, Walk, nearest_or_all, parse, read_tree};
+
+/// The ending of a test file's name.
+pub(crate) const ENDING: &str = ".test.ron";
+
+/// A test file as it is written.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct Test {
+    /// The graph, relative to this file. A `*` in its name stands for anything: then each graph is tested.
+    graph: String,
+    /// What is tested, by name; `{"default": ()}` if left out.
+    #[serde(default)]
+    cases: BTreeMap<String, Case>,
+    /// How much each output may differ, by its file name.
+    #[serde(default)]
+    compare: BTreeMap<String, Tolerance>,
+    /// What must hold of each case, beside what the graph itself expects.
+    #[serde(default)]
+    expect: Vec<Expectation>,
+    /// How much a case may use.
+    #[serde(default)]
+    budget: Budget,
+}
+
+/// One case of a test.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Case {
+    /// Values of parameters (`name`) and fields (`node.field`), as with `--set`.
+    set: BTreeMap<String, serde_json::Value>,
+    /// Why it is not run now; it is if this is left out.
+    pub(crate) skip: Option<String>,
+}
+
+/// How much a case may use.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Budget {
+    /// The time of all nodes together, in seconds.
+    #[schemars(range(min = 0.0))]
+    pub(crate) seconds: Option<f64>,
+}
+
+/// The file of a test, read.
+pub(crate) struct TestFile {
+    pub(crate) source: Arc<Source>,
+    /// The graphs that it is about.
+    pub(crate) graphs: Vec<PathBuf>,
+    pub(crate) cases: Vec<(String, TestCase)>,
+    pub(crate) compare: Vec<Allowed>,
+    pub(crate) expect: Vec<(Expectation, Span)>,
+    pub(crate) budget: Budget,
+}
+
+pub(crate) struct TestCase {
+    pub(crate) span: Span,
+    pub(crate) set: Vec<(String, String)>,
+    pub(crate) skip: Option<String>,
+}
+
+/// How much an output may differ.
+pub(crate) struct Allowed {
+    pub(crate) output: String,
+    /// The type of value that is written before the parentheses, with its place.
+    pub(crate) kind: String,
+    pub(crate) kind_span: Span,
+    pub(crate) span: Span,
+    pub(crate) tolerance: Tolerance,
+}
+
+/// Which fields of a tolerance make sense for which values.
+const FIELDS: [(&[&str], &[&str]); 3] = [
+    (
+        &["Mesh", "Surface", "RangeImage", "ControlNet", "Curve", "Points", "Region"],
+        &["max", "rms", "p99", "normals", "attributes", "differing", "level", "remeshed"],
+    ),
+    (&["Image", "Mask", "Labels"], &["differing", "level"]),
+    (
+        &["Field", "Trace", "KnotVector", "Direction"],
+        &["max", "normals", "attributes", "differing"],
+    ),
+];
+
+/// The files that a test file stands for, or every problem of it.
+pub(crate) fn read(path: &Path) -> Result<TestFile, Vec<Problem>> {
+    let (text, unread) = match std::fs::read_to_string(path) {
+        Ok(text) => (text, None),
+        Err(error) => (String::new(), Some(format!("cannot read the test: {error}"))),
+    };
+    let source = Arc::new(Source { name: path.to_owned(), text });
+    let result = match unread {
+        Some(message) => Err(vec![finding(code::MISSING_FILE, Span::default(), message, "")]),
+        None => read_text(path, &source),
+    };
+    result.map_err(|mut findings| {
+        findings.sort_by_key(|finding| finding.span);
+        findings.into_iter().map(|finding| finding.at(&source)).collect()
+    })
+}
+
+fn finding(code: &'static str, span: Span, message: String, help: impl Into<String>) -> Finding {
+    Finding { code, span, message, help: help.into(), note: None }
+}
+
+fn read_text(path: &Path, source: &Arc<Source>) -> Result<TestFile, Vec<Finding>> {
+    let (mut tree, mistakes) = parse(&source.text);
+    let mistake = |m: crate::graph::Mistake| finding(code::SYNTAX, m.span, m.message, m.help);
+    let mut findings: Vec<Finding> = mistakes.into_iter().map(mistake).collect();
+    if !findings.is_empty() {
+        return Err(findings);
+    }
+    if tree.name().is_none_or(|name| name.text != "Test") {
+        let message = format!("a test file holds Test(..), not {}", tree.in_words());
+        let help = "begin with `Test(graph: \"name.ron\")`";
+        return Err(vec![finding(code::SYNTAX, tree.span, message, help)]);
+    }
+    let kinds = take_kinds(&mut tree, &mut findings);
+    let schema = serde_json::to_value(schemars::schema_for!(Test)).unwrap_or_default();
+    let mut walk = Walk {
+        node: "Test",
+        root: &schema,
+        folder: Path::new(""),
+        findings: Vec::new(),
+        links: Vec::new(),
+        files: Vec::new(),
+    };
+    walk.node(&tree);
+    findings.append(&mut walk.findings);
+    if !findings.is_empty() {
+        return Err(findings);
+    }
+    let test: Test = read_tree(&tree).map_err(|error| {
+        vec![finding(code::WRONG_VALUE, error.span.unwrap_or(tree.span), error.message, "")]
+    })?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let graphs = graphs(folder, &test.graph);
+    if graphs.is_empty() {
+        let message = format!("there is no graph `{}`", test.graph);
+        let span = field(&tree, "graph").map_or(tree.span, |tree| tree.span);
+        return Err(vec![finding(
+            code::MISSING_FILE,
+            span,
+            message,
+            "the path is relative to the test",
+        )]);
+    }
+    let mut cases = cases(&tree, &test, &source.text);
+    if cases.is_empty() {
+        let span = tree.span;
+        cases.push(("default".to_owned(), TestCase { span, set: Vec::new(), skip: None }));
+    }
+    let items = match field(&tree, "expect").map(|tree| &tree.kind) {
+        Some(Kind::List(items)) => Vec::from_iter(items.iter().map(|item| item.span)),
+        _ => Vec::new(),
+    };
+    let compare = test.compare;
+    let allowed = kinds.into_iter().filter_map(|(output, kind, kind_span, span)| {
+        let tolerance = compare.get(&output)?.clone();
+        Some(Allowed { output, kind, kind_span, span, tolerance })
+    });
+    Ok(TestFile {
+        source: source.clone(),
+        graphs,
+        cases,
+        compare: allowed.collect(),
+        expect: test.expect.into_iter().zip(items).collect(),
+        budget: test.budget,
+    })
+}
+
+fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Tree> {
+    tree.fields()?.iter().find(|field| field.name.text == name).map(|field| &field.value)
+}
+
+/// Takes `Mesh` off `Mesh(max: 0.02)`, so that what is left reads as a tolerance; gives back output, type and both places.
+fn take_kinds(tree: &mut Tree, findings: &mut Vec<Finding>) -> Vec<(String, String, Span, Span)> {
+    let Kind::Call { body: Body::Fields(fields), .. } = &mut tree.kind else { return Vec::new() };
+    let compare = fields.iter_mut().find(|field| field.name.text == "compare");
+    let Some(Kind::Map(entries)) = compare.map(|field| &mut field.value.kind) else {
+        return Vec::new();
+    };
+    let known: Vec<&str> = FIELDS.iter().flat_map(|(kinds, _)| *kinds).copied().collect();
+    let mut kinds = Vec::new();
+    for (key, value) in entries {
+        let Some(output) = key.text().map(str::to_owned) else { continue };
+        let Some(name) = value.name() else {
+            let message = format!("`{output}` is compared as {}", value.in_words());
+            let help = "write the type of the value: `Mesh(max: 0.01)`";
+            findings.push(finding(code::WRONG_VALUE, value.span, message, help));
+            continue;
+        };
+        let fields = FIELDS.iter().find(|(kinds, _)| kinds.contains(&&name.text[..]));
+        let Some((_, fields)) = fields else {
+            value.kind = Kind::Broken;
+            let message = format!("values of the type `{}` have no tolerance", name.text);
+            let help = nearest_or_all(&name.text, "those that have", &known);
+            findings.push(finding(code::WRONG_TYPE, name.span, message, help));
+            continue;
+        };
+        for given in value.fields().unwrap_or_default() {
+            if !fields.contains(&&given.name.text[..]) {
+                let message = format!("{} has no tolerance `{}`", name.text, given.name.text);
+                let help = nearest_or_all(&given.name.text, "its tolerances", fields);
+                findings.push(finding(code::UNKNOWN_FIELD, given.name.span, message, help));
+            }
+        }
+        if let Kind::Call { name, body: Body::Fields(given) } = &mut value.kind {
+            *name = None;
+            given.retain(|given| fields.contains(&&given.name.text[..]));
+        } else {
+            value.kind = Kind::Call { name: None, body: Body::Empty };
+        }
+        kinds.push((output, name.text, name.span, key.span));
+    }
+    kinds
+}
+
+/// The cases in the order of the file. What is set is taken as text, as `--set` takes it.
+fn cases(tree: &Tree, test: &Test, text: &str) -> Vec<(String, TestCase)> {
+    let Some(Kind::Map(entries)) = field(tree, "cases").map(|tree| &tree.kind) else {
+        return Vec::new();
+    };
+    let mut cases = Vec::new();
+    for (key, value) in entries {
+        let Some(name) = key.text() else { continue };
+        let set = match field(value, "set").map(|tree| &tree.kind) {
+            Some(Kind::Map(entries)) => entries
+                .iter()
+                .filter_map(|(key, value)| {
+                    Some((
+                        key.text()?.to_owned(),
+                        text[value.span.start..value.span.end].to_owned(),
+                    ))
+                })
+                .collect(),
+            _ => Vec::new(),
+        };
+        let skip = test.cases.get(name).and_then(|case| case.skip.clone());
+        cases.push((name.to_owned(), TestCase { span: key.span, set, skip }));
+    }
+    cases
+}
+
+/// The graphs that a name with at most one `*` in its last part stands for, sorted.
+fn graphs(folder: &Path, pattern: &str) -> Vec<PathBuf> {
+    let path = folder.join(pattern);
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let Some((start, end)) = name.split_once('*') else {
+        return if path.is_file() { vec![path] } else { Vec::new() };
+    };
+    let fits = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let long = start.len() + end.len() <= name.len();
+        long && name.starts_with(start) && name.ends_with(end) && !name.ends_with(ENDING)
+    };
+    let files = std::fs::read_dir(path.parent().unwrap_or(folder)).into_iter().flatten().flatten();
+    let mut graphs: Vec<PathBuf> = files.map(|file| file.path()).filter(fits).collect();
+    graphs.sort();
+    graphs
+}
+
+/// All test files in a folder and those inside of it, sorted; the file itself if it is one.
+pub(crate) fn find(path: &Path) -> Vec<PathBuf> {
+    if path.is_file() {
+        return vec![path.to_owned()];
+    }
+    let mut found = Vec::new();
+    let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
+    for entry in entries.map(|entry| entry.path()) {
+        let name = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if entry.is_dir() && !name.starts_with('.') && name != "target" && name != "out" {
+            found.extend(find(&entry));
+        } else if name.ends_with(ENDING) {
+            found.push(entry);
+        }
+    }
+    found.sort();
+    found
+}
+
+impl TestFile {
+    /// The place of an expectation of this file.
+    pub(crate) fn place(&self, span: Span) -> Place {
+        Place { source: self.source.clone(), span }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn problems(text: &str) -> Vec<String> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("doll.ron"), "").unwrap();
+        let path = folder.path().join("doll.test.ron");
+        std::fs::write(&path, text).unwrap();
+        let problems = read(&path).err().unwrap_or_default();
+        let line = |problem: &Problem| {
+            let place = crate::error::Place::of(&problem.source.text, problem.span.start);
+            format!("{}:{} {} {}", place.line, place.column, problem.code, problem.message)
+        };
+        problems.iter().map(line).collect()
+    }
+
+    #[test]
+    fn a_whole_test_is_read() {
+        let text = r#"Test(
+            graph: "doll.ron",
+            cases: {"default": (), "long": (set: {"growth": 25.0, "red.select": Near(color: "x")})},
+            compare: {"model.ply": Mesh(max: 0.02, rms: 0.004, attributes: {"uv": 1e-4}), "a.png": Image(differing: 0.0)},
+            expect: [Closed("skin"), Near(of: "skin", to: "grid", max: 2.0)],
+            budget: (seconds: 2.0),
+        )"#;
+        assert_eq!(problems(text), [""; 0]);
+    }
+
+    #[test]
+    fn every_mistake_is_named_at_its_place() {
+        let text = "Test(\n graph: \"doll.ron\",\n case: {},\n compare: {\n  \"a.ply\": Mesh(maxx: 1.0),\n  \"b\": Image(rms: 1.0),\n  \"c\": Msh(max: 1.0),\n },\n expect: [Closd(\"x\")],\n)";
+        assert_eq!(
+            problems(text),
+            [
+                "3:2 G004 Test has no field `case`",
+                "5:17 G004 Mesh has no tolerance `maxx`",
+                "6:14 G004 Image has no tolerance `rms`",
+                "7:8 G012 values of the type `Msh` have no tolerance",
+                "9:11 G009 field `expect` of Test has no choice `Closd`",
+            ]
+        );
+        assert_eq!(problems("Test(graph: \"dol.ron\")"), ["1:13 G013 there is no graph `dol.ron`"]);
+        assert_eq!(problems("Graph()"), ["1:1 G001 a test file holds Test(..), not `Graph(..)`"]);
+    }
+}

@@ -1,0 +1,240 @@
+//! Two values compared by what they mean: how different they are, how much of it is allowed, and where it is worst.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde_json::json;
+
+use super::parts::{Class, Part, Parts};
+use crate::value::{AnyValue, Mesh};
+
+mod columns;
+mod mesh;
+mod nearest;
+mod order;
+
+pub(crate) use columns::{allowed, compare_columns};
+pub(crate) use mesh::{compare_meshes, distances};
+pub(crate) use order::without_order;
+
+/// How alike two values are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// The same to the last bit.
+    Identical,
+    /// The same but for the order of vertices, faces or points.
+    Reordered,
+    /// All differences are within the tolerance.
+    Within,
+    /// Something is not.
+    Different,
+}
+
+impl Verdict {
+    /// The word in reports.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Identical => "identical",
+            Self::Reordered => "same but reordered",
+            Self::Within => "within tolerance",
+            Self::Different => "different",
+        }
+    }
+}
+
+/// How much two values may differ. What is left out has a default: places a fifty-thousandth of the diagonal of the box around
+/// them, attributes likewise of their range, normals half a degree, everything else nothing.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Tolerance {
+    /// The largest distance of any place (mm), the largest difference of any number.
+    #[schemars(range(min = 0.0))]
+    pub max: Option<f64>,
+    /// The root of the mean square of all distances.
+    #[schemars(range(min = 0.0))]
+    pub rms: Option<f64>,
+    /// What 99 % of all distances stay below.
+    #[schemars(range(min = 0.0))]
+    pub p99: Option<f64>,
+    /// The largest angle between normals, in degrees.
+    #[schemars(range(min = 0.0, max = 180.0))]
+    pub normals: Option<f64>,
+    /// The largest difference of attributes, by name.
+    pub attributes: BTreeMap<String, f64>,
+    /// The share of pixels, or of other entries that are equal or not, that may differ.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub differing: f64,
+    /// By how much a channel of a color may differ without counting: 0 to 255.
+    #[schemars(range(min = 0.0, max = 255.0))]
+    pub level: f64,
+    /// Lets a mesh be of other faces, as long as its surface is near.
+    pub remeshed: bool,
+}
+
+/// How a column, or a surface, differs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measure {
+    /// What was compared.
+    pub name: String,
+    /// The largest difference.
+    pub max: f64,
+    /// The root of the mean square.
+    pub rms: f64,
+    /// What 99 % stay below.
+    pub p99: f64,
+    /// The share of elements that differ.
+    pub differing: f64,
+    /// `mm`, `degrees` or nothing.
+    pub unit: &'static str,
+    /// Where the largest difference is; empty if there is none.
+    pub worst: String,
+    /// What was allowed: the largest difference, if one was.
+    pub allowed: f64,
+    /// What is not allowed, in words; empty if all is well.
+    pub broken: String,
+}
+
+/// What a comparison found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// How alike the values are.
+    pub verdict: Verdict,
+    /// Why they are different: counts and kinds that are not equal, and whatever exceeds its tolerance.
+    pub reasons: Vec<String>,
+    /// What was measured.
+    pub measures: Vec<Measure>,
+}
+
+impl Comparison {
+    pub(crate) fn alike(verdict: Verdict) -> Self {
+        Self { verdict, reasons: Vec::new(), measures: Vec::new() }
+    }
+
+    /// The comparison of these facts and measures.
+    pub(crate) fn new(mut reasons: Vec<String>, measures: Vec<Measure>) -> Self {
+        reasons.extend(measures.iter().filter(|m| !m.broken.is_empty()).map(|m| m.broken.clone()));
+        let verdict = if reasons.is_empty() { Verdict::Within } else { Verdict::Different };
+        Self { verdict, reasons, measures }
+    }
+
+    /// The comparison as `--json` prints it.
+    pub fn to_json(&self) -> serde_json::Value {
+        let measures = self.measures.iter().map(|m| {
+            json!({
+                "name": m.name, "max": m.max, "rms": m.rms, "p99": m.p99, "differing": m.differing,
+                "unit": m.unit, "worst": m.worst, "allowed": m.allowed, "passed": m.broken.is_empty(),
+            })
+        });
+        json!({
+            "verdict": self.verdict.word(),
+            "reasons": self.reasons,
+            "measures": measures.collect::<Vec<_>>(),
+        })
+    }
+}
+
+/// Compares two values of any types. Topology and counts come first; what is not the same there is still measured, if it can be.
+pub fn compare(old: &AnyValue, new: &AnyValue, tolerance: &Tolerance) -> Comparison {
+    if old.kind() != new.kind() {
+        let reason = format!("a {} became a {}", old.kind().name, new.kind().name);
+        return Comparison::new(vec![reason], Vec::new());
+    }
+    if old.hash() == new.hash() {
+        return Comparison::alike(Verdict::Identical);
+    }
+    if let (Some(old), Some(new)) = (old.get::<Mesh>(), new.get::<Mesh>()) {
+        return compare_meshes(old, new, tolerance);
+    }
+    let order = |value: &AnyValue| without_order(value);
+    if let (Some(a), Some(b)) = (order(old), order(new))
+        && a == b
+    {
+        return Comparison::alike(Verdict::Reordered);
+    }
+    match (Parts::of(old), Parts::of(new)) {
+        (Some(old), Some(new)) => compare_parts(&old, &new, tolerance),
+        _ => compare_summaries(old, new),
+    }
+}
+
+/// Compares the facts and the columns of two values.
+pub(crate) fn compare_parts(old: &Parts, new: &Parts, tolerance: &Tolerance) -> Comparison {
+    let mut reasons = different_facts(&old.facts, &new.facts);
+    let names = |parts: &Parts| Vec::from_iter(parts.columns.iter().map(|part| part.name.clone()));
+    let (before, now) = (names(old), names(new));
+    reasons.extend(before.iter().filter(|n| !now.contains(n)).map(|n| format!("`{n}` is gone")));
+    reasons.extend(now.iter().filter(|n| !before.contains(n)).map(|n| format!("`{n}` is new")));
+    let mut measures = Vec::new();
+    for part in &old.columns {
+        let Some(other) = new.column(&part.name) else { continue };
+        if part.count != other.count || part.width != other.width {
+            let length = |part: &Part| format!("{} x {}", part.count, part.width);
+            reasons.push(format!(
+                "`{}`: {} entries became {}",
+                part.name,
+                length(part),
+                length(other)
+            ));
+            continue;
+        }
+        measures.push(compare_columns(part, other, new.row, tolerance));
+    }
+    Comparison::new(reasons, measures)
+}
+
+/// Facts that are not the same, in words.
+pub(crate) fn different_facts(old: &[(String, String)], new: &[(String, String)]) -> Vec<String> {
+    let mut reasons = Vec::new();
+    for (name, before) in old {
+        match new.iter().find(|(other, _)| other == name) {
+            Some((_, now)) if now == before => {}
+            Some((_, now)) => reasons.push(format!("{name}: {before} -> {now}")),
+            None => reasons.push(format!("{name}: {before} is gone")),
+        }
+    }
+    let is_new = |(name, _): &&(String, String)| !old.iter().any(|(other, _)| other == name);
+    reasons.extend(new.iter().filter(is_new).map(|(name, now)| format!("{name}: {now} is new")));
+    reasons
+}
+
+/// Values of a type that only its pack knows: by what they tell of themselves.
+fn compare_summaries(old: &AnyValue, new: &AnyValue) -> Comparison {
+    let facts = |value: &AnyValue| {
+        Vec::from_iter(value.describe().0.into_iter().map(|(name, fact)| (name, fact.to_string())))
+    };
+    let mut reasons = different_facts(&facts(old), &facts(new));
+    if reasons.is_empty() {
+        reasons.push("the content changed, but nothing that its summary tells".into());
+    }
+    Comparison::new(reasons, Vec::new())
+}
+
+/// The class's word for what a difference is measured in.
+pub(super) fn unit(class: Class) -> &'static str {
+    match class {
+        Class::Place => "mm",
+        Class::Normal => "degrees",
+        Class::Number | Class::Level | Class::Exact => "",
+    }
+}
+
+/// Six digits, as goldens and messages have them.
+pub(crate) fn six(x: f64) -> String {
+    let text = format!("{x:.5e}");
+    let exponent: i32 = text.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
+    // Not a number, or beyond what reads well as a plain one.
+    if !x.is_finite() || !(-5..=9).contains(&exponent) {
+        return if x == 0.0 { "0".into() } else { text.replace("e0", "") };
+    }
+    let plain = format!("{x:.*}", (5 - exponent).max(0) as usize);
+    let plain = if plain.contains('.') {
+        plain.trim_end_matches('0').trim_end_matches('.')
+    } else {
+        &plain
+    };
+    if plain == "-0" { "0".into() } else { plain.to_owned() }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,92 @@
+//! A mark of meshes and points that does not change when their elements change places.
+
+use rayon::prelude::*;
+
+use crate::golden::parts::{Part, Parts};
+use crate::value::{AnyValue, Attributes, Mesh, Points};
+
+/// The sum of the marks of all faces and vertices, or of all points; none for values in which the order matters.
+pub(crate) fn without_order(value: &AnyValue) -> Option<u128> {
+    if let Some(mesh) = value.get::<Mesh>() {
+        return Some(of_mesh(mesh));
+    }
+    value.get::<Points>()?;
+    let parts = Parts::of(value)?;
+    let columns = Vec::from_iter(&parts.columns);
+    let count = columns.first().map_or(0, |column| column.count);
+    Some(sum(&marks(&columns, count)))
+}
+
+/// A face's mark is that of the ring of its corners, so that it may begin at any of them.
+pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
+    let of = |attributes: &Attributes| columns_of(attributes);
+    let places: &[f64] = bytemuck::cast_slice(mesh.positions());
+    let mut vertex = of(mesh.vertex());
+    let (corner, face) = (of(mesh.corner()), of(mesh.face()));
+    let n = [mesh.positions().len(), mesh.faces().corners().len(), mesh.faces().len()];
+    vertex.push((3, places.iter().map(|x| x.to_bits()).collect()));
+    let [vertex, corner, face] =
+        [(vertex, n[0]), (corner, n[1]), (face, n[2])].map(|(columns, count)| {
+            let mark = |k: usize| {
+                let numbers = columns.iter().flat_map(|(width, bits)| &bits[k * width..][..*width]);
+                numbers.fold(1, |mark, &bits| mix(mark, bits))
+            };
+            Vec::from_iter((0..count).into_par_iter().map(mark).collect::<Vec<u64>>())
+        });
+    let of_face = |index: usize| {
+        let first = mesh.faces().first_corner(index);
+        let corners = mesh.faces().face(index).iter().zip(&corner[first..]);
+        let ring: Vec<u64> = corners.map(|(&v, &c)| mix(vertex[v as usize], c)).collect();
+        let start = (0..ring.len()).min_by_key(|&k| ring[k]).unwrap_or(0);
+        let turned = ring[start..].iter().chain(&ring[..start]);
+        turned.fold(face[index], |mark, &corner| mix(mark, corner))
+    };
+    let faces: Vec<u64> = (0..n[2]).into_par_iter().map(of_face).collect();
+    let creases = mesh.creases().map(|([a, b], sharpness)| {
+        let [a, b] = [a, b].map(|end| vertex[end as usize]);
+        mix(mix(a.min(b), a.max(b)), sharpness.to_bits())
+    });
+    let creases: Vec<u64> = creases.collect();
+    let texture = mesh.texture().map_or(0, |texture| {
+        u64::from_le_bytes(crate::value::hash_of(texture).0[..8].try_into().unwrap_or_default())
+    });
+    let frame = mesh.frame().map_or(0, |frame| {
+        let numbers = frame.camera.map_or(vec![], |camera| [camera.focal, camera.center].concat());
+        numbers.iter().fold(frame.depth.to_bits(), |mark, x| mix(mark, x.to_bits()))
+    });
+    [sum(&vertex), sum(&faces), sum(&creases), u128::from(mix(texture, frame))].iter().fold(
+        0,
+        |all, part: &u128| {
+            all.rotate_left(17).wrapping_mul(0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c835) ^ part
+        },
+    )
+}
+
+fn columns_of(attributes: &Attributes) -> Vec<(usize, Vec<u64>)> {
+    let parts = Parts::of_attributes(attributes);
+    parts
+        .iter()
+        .map(|part| (part.width, part.numbers.iter().map(|x| x.to_bits()).collect()))
+        .collect()
+}
+
+fn marks(columns: &[&Part], count: usize) -> Vec<u64> {
+    let mark = |k: usize| {
+        let numbers = columns.iter().flat_map(|column| column.element(k));
+        numbers.fold(1, |mark, x| mix(mark, x.to_bits()))
+    };
+    (0..count).into_par_iter().map(mark).collect()
+}
+
+fn sum(marks: &[u64]) -> u128 {
+    let spread = |&mark: &u64| u128::from(mix(mark, 1)) << 64 | u128::from(mix(mark, 2));
+    marks.par_iter().map(spread).reduce(|| 0, u128::wrapping_add)
+}
+
+/// Steele, Lea, Flood, "Fast splittable pseudorandom number generators" (2014), with the earlier mark as its state.
+fn mix(mark: u64, bits: u64) -> u64 {
+    let z = (mark ^ bits).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    (z ^ (z >> 31)).wrapping_add(mark.rotate_left(23))
+}

@@ -1,0 +1,179 @@
+//! Pairs of values whose difference is known.
+
+use nalgebra::{Point3, Vector3};
+
+use super::*;
+use crate::value::{Attribute, Faces, Image, Trace, TraceStep};
+
+/// A wavy sheet of quads split in two, `n` x `n` vertices.
+fn sheet(n: u32) -> Mesh {
+    let at = |k: u32| {
+        let (x, y) = (f64::from(k % n), f64::from(k / n));
+        Point3::new(x, y, 2.0 * libm::sin(x * 0.3) + libm::cos(y * 0.2))
+    };
+    let quads = (0..n - 1).flat_map(|row| (0..n - 1).map(move |column| row * n + column));
+    let faces = quads.flat_map(|a| [[a, a + 1, a + n], [a + 1, a + n + 1, a + n]]);
+    let positions: Vec<_> = (0..n * n).map(at).collect();
+    let uv: Vec<[f64; 2]> = positions.iter().map(|p| [p.x / 30.0, p.y / 30.0]).collect();
+    let mesh = Mesh::new(positions, Faces::triangles(faces.collect())).unwrap();
+    mesh.with_vertex("uv", Attribute::Pair(uv.into())).unwrap()
+}
+
+/// The same mesh with vertices and faces in reverse, and every face begun at its second corner.
+fn reversed(mesh: &Mesh) -> Mesh {
+    let last = mesh.positions().len() as u32 - 1;
+    let faces = mesh.faces().iter().map(|f| [last - f[1], last - f[2], last - f[0]]);
+    let mut faces: Vec<_> = faces.collect();
+    faces.reverse();
+    let places: Vec<u32> = (0..=last).rev().collect();
+    let positions: Vec<_> = mesh.positions().iter().rev().copied().collect();
+    let uv = mesh.vertex().get("uv").unwrap().select(&places);
+    Mesh::new(positions, Faces::triangles(faces)).unwrap().with_vertex("uv", uv).unwrap()
+}
+
+fn moved(mesh: &Mesh, by: Vector3<f64>) -> Mesh {
+    mesh.with_positions(mesh.positions().iter().map(|p| p + by).collect()).unwrap()
+}
+
+fn check(old: &Mesh, new: &Mesh, tolerance: &Tolerance) -> Comparison {
+    compare(&AnyValue::new(old.clone()), &AnyValue::new(new.clone()), tolerance)
+}
+
+fn within(max: f64) -> Tolerance {
+    // The nearest place of a lifted sheet is a little beside: there, texture coordinates are a little others.
+    Tolerance {
+        max: Some(max),
+        attributes: [("uv".to_owned(), 0.1)].into(),
+        ..Tolerance::default()
+    }
+}
+
+#[test]
+fn the_verdict_says_what_changed_at_most() {
+    let mesh = sheet(30);
+    let verdict = |new: &Mesh, max| check(&mesh, new, &within(max)).verdict;
+    assert_eq!(verdict(&mesh.clone(), 0.0), Verdict::Identical);
+    assert_eq!(verdict(&reversed(&mesh), 0.0), Verdict::Reordered);
+    let lifted = moved(&mesh, Vector3::new(0.0, 0.0, 0.01));
+    assert_eq!(verdict(&lifted, 0.011), Verdict::Within);
+    assert_eq!(verdict(&lifted, 0.009), Verdict::Different);
+    assert_eq!(
+        verdict(&moved(&reversed(&mesh), Vector3::new(0.0, 0.0, 0.01)), 0.011),
+        Verdict::Within
+    );
+}
+
+#[test]
+fn the_worst_place_is_named() {
+    let mesh = sheet(30);
+    let mut positions = mesh.positions().to_vec();
+    positions[321].z += 0.5;
+    let bent = mesh.with_positions(positions).unwrap();
+    let comparison = check(&mesh, &bent, &within(0.1));
+    assert_eq!(comparison.reasons.len(), 1);
+    assert!(
+        comparison.reasons[0].contains("differs by 0.5 mm, allowed is 0.1 mm; worst at entry 321"),
+        "{comparison:?}"
+    );
+    let comparison = check(&mesh, &reversed(&bent), &within(0.1));
+    assert!(comparison.reasons.iter().any(|why| why.contains("vertex 578 ")), "{comparison:?}");
+}
+
+#[test]
+fn topology_comes_before_distances() {
+    let mesh = sheet(10);
+    let fewer = mesh.faces().as_triangles().unwrap()[1..].to_vec();
+    let holed = Mesh::new(mesh.positions().to_vec(), Faces::triangles(fewer)).unwrap();
+    let holed = holed.with_vertex("uv", mesh.vertex().get("uv").unwrap().clone()).unwrap();
+    let comparison = check(&mesh, &holed, &within(100.0));
+    assert_eq!(comparison.verdict, Verdict::Different);
+    assert!(comparison.reasons.contains(&"faces: 162 -> 161".to_owned()), "{comparison:?}");
+    let lax = Tolerance { remeshed: true, ..within(100.0) };
+    assert_eq!(check(&mesh, &holed, &lax).verdict, Verdict::Within);
+}
+
+#[test]
+fn a_lost_and_a_changed_attribute_are_seen() {
+    let mesh = sheet(10);
+    let comparison = check(&mesh, &mesh.clone().without("uv"), &Tolerance::default());
+    assert_eq!(comparison.reasons, ["`uv` is gone"]);
+    let shifted: Vec<_> =
+        mesh.vertex().pairs("uv").unwrap().iter().map(|[u, v]| [*u, v + 0.01]).collect();
+    let shifted = mesh.clone().with_vertex("uv", Attribute::Pair(shifted.into())).unwrap();
+    let allowing =
+        |uv| Tolerance { attributes: [("uv".to_owned(), uv)].into(), ..Tolerance::default() };
+    assert_eq!(check(&mesh, &shifted, &allowing(0.02)).verdict, Verdict::Within);
+    assert_eq!(check(&mesh, &shifted, &allowing(0.005)).verdict, Verdict::Different);
+    assert_eq!(check(&mesh, &reversed(&shifted), &allowing(0.005)).verdict, Verdict::Different);
+}
+
+#[test]
+fn distances_of_shifted_planes_are_their_shift() {
+    let flat = |n: u32, z: f64| {
+        let mesh = sheet(n);
+        let scale = 29.0 / f64::from(n - 1);
+        let flat =
+            mesh.positions().iter().map(|p| Point3::new(p.x * scale, p.y * scale, z)).collect();
+        mesh.with_positions(flat).unwrap().without("uv")
+    };
+    let lax = Tolerance { remeshed: true, ..within(0.3) };
+    let comparison = check(&flat(30, 0.0), &flat(41, 0.25), &lax);
+    assert_eq!(comparison.verdict, Verdict::Within);
+    for measure in &comparison.measures {
+        assert!(
+            (measure.max - 0.25).abs() < 1e-9 && (measure.rms - 0.25).abs() < 1e-9,
+            "{measure:?}"
+        );
+    }
+}
+
+#[test]
+fn pixels_may_differ_in_a_share() {
+    let picture = |changed: usize| {
+        let mut pixels = vec![[10, 20, 30]; 100];
+        pixels[..changed].iter_mut().for_each(|pixel| pixel[1] = 25);
+        AnyValue::new(Image::new(10, 10, pixels).unwrap())
+    };
+    let verdict =
+        |changed, tolerance: &Tolerance| compare(&picture(0), &picture(changed), tolerance).verdict;
+    let some = Tolerance { differing: 0.05, ..Tolerance::default() };
+    assert_eq!(verdict(5, &some), Verdict::Within);
+    assert_eq!(verdict(6, &some), Verdict::Different);
+    assert_eq!(verdict(100, &Tolerance { level: 5.0, ..Tolerance::default() }), Verdict::Within);
+    let comparison = compare(&picture(0), &picture(1), &Tolerance::default());
+    assert!(comparison.reasons[0].contains("worst at column 0, row 0"), "{comparison:?}");
+}
+
+#[test]
+fn values_of_other_kinds_and_lengths_are_different() {
+    let trace =
+        |max| AnyValue::new(Trace::new(vec![TraceStep { iteration: 0, max, rms: 0.1 }]).unwrap());
+    let empty = AnyValue::new(Trace::default());
+    assert_eq!(
+        compare(&trace(1.0), &trace(1.0 + 1e-9), &Tolerance::default()).verdict,
+        Verdict::Within
+    );
+    assert_eq!(
+        compare(&trace(1.0), &trace(f64::INFINITY), &within(1e9)).verdict,
+        Verdict::Different
+    );
+    assert_eq!(compare(&trace(1.0), &empty, &within(1e9)).reasons[0], "steps: 1 -> 0");
+    let other = AnyValue::new(sheet(3));
+    assert_eq!(compare(&empty, &other, &within(1e9)).reasons, ["a Trace became a Mesh"]);
+}
+
+#[test]
+fn numbers_have_six_digits() {
+    let cases = [
+        (0.0, "0"),
+        (1.0, "1"),
+        (-12.345678, "-12.3457"),
+        (1234567.0, "1234567"),
+        (1e-9, "1.00000e-9"),
+        (f64::NAN, "NaN"),
+        (0.1 + 0.2, "0.3"),
+    ];
+    for (x, text) in cases {
+        assert_eq!(six(x), text);
+    }
+}

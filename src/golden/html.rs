@@ -1,0 +1,226 @@
+//! The report of tests: one page that needs nothing else, with what was, what is, and where they differ.
+
+use std::fmt::Write as _;
+
+use super::compare::{Measure, Verdict, six};
+use super::junit::escape;
+use super::picture::{self, Figure};
+use super::suite::{Case, Compared, Report, State};
+use crate::eval::NodeTrace;
+
+const STYLE: &str = include_str!("report.css");
+
+/// The page.
+pub(crate) fn page(report: &Report) -> String {
+    let failed = report.count(Case::failed) + report.orphans.len() + report.problems.len();
+    let passed = report.count(|case| case.state == State::Passed);
+    let skipped = report.count(|case| matches!(case.state, State::Skipped(_)));
+    let title = format!("{passed} passed, {failed} failed");
+    let mut text = String::new();
+    let _ = write!(
+        text,
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title>\
+         <meta name=\"viewport\" content=\"width=device-width\"><style>{STYLE}</style></head><body>\
+         <header><h1 class=\"{}\">{title}</h1><p>{} cases in {:.2} s{}</p></header><main>",
+        if failed > 0 { "bad" } else { "good" },
+        report.cases.len(),
+        report.seconds,
+        if skipped > 0 { format!(", {skipped} skipped") } else { String::new() },
+    );
+    for problem in &report.problems {
+        let (name, message) = (problem.source.name.display().to_string(), &problem.message);
+        let _ = write!(
+            text,
+            "<article class=\"case\"><h2>{}</h2><ul class=\"reasons\"><li>{}</li></ul></article>",
+            escape(&name),
+            escape(message)
+        );
+    }
+    for case in report.cases.iter().filter(|case| case.failed()) {
+        push_case(&mut text, case);
+    }
+    for orphan in &report.orphans {
+        let _ = write!(
+            text,
+            "<p class=\"reasons\">{} belongs to no test</p>",
+            escape(&orphan.display().to_string())
+        );
+    }
+    push_table(&mut text, report);
+    text + "</main></body></html>\n"
+}
+
+fn push_case(text: &mut String, case: &Case) {
+    let title = format!(
+        "{} <small>{}</small>",
+        escape(&case.graph.display().to_string()),
+        escape(&case.name)
+    );
+    let _ = write!(text, "<article class=\"case\"><h2>{title}</h2>");
+    let own =
+        case.problems.iter().chain(case.violations.iter().map(|violation| &violation.problem));
+    let own: Vec<_> = own.map(|problem| escape(&problem.message)).collect();
+    let orphans = case
+        .orphans
+        .iter()
+        .map(|path| format!("{} belongs to no output", escape(&path.display().to_string())));
+    push_list(text, "reasons", own.into_iter().chain(orphans));
+    let nodes = case.changed_nodes();
+    if !nodes.is_empty() {
+        text.push_str("<h3>What changed in the graph</h3>");
+        push_list(text, "nodes", nodes.iter().map(|node| escape(node)));
+    }
+    for violation in case.violations.iter().filter(|violation| !violation.places.is_empty()) {
+        let value = violation.value.as_ref();
+        let figures = value.and_then(|value| picture::marked(value, &violation.places));
+        push_figures(text, &figures.unwrap_or_default());
+    }
+    for output in
+        case.outputs.iter().filter(|output| output.comparison.verdict == Verdict::Different)
+    {
+        push_output(text, output);
+    }
+    push_profile(text, &case.trace.0);
+    text.push_str("</article>");
+}
+
+fn push_list(text: &mut String, class: &str, items: impl Iterator<Item = String>) {
+    let items: String = items.map(|item| format!("<li>{item}</li>")).collect();
+    if !items.is_empty() {
+        let _ = write!(text, "<ul class=\"{class}\">{items}</ul>");
+    }
+}
+
+fn push_output(text: &mut String, output: &Compared) {
+    let files = output.files.join(", ");
+    let _ = write!(
+        text,
+        "<section><h3>{} <small>{} {}</small></h3>",
+        escape(&output.name),
+        output.value.kind().name,
+        escape(&files)
+    );
+    push_list(text, "reasons", output.comparison.reasons.iter().map(|reason| escape(reason)));
+    let differs = |m: &&Measure| m.max > 0.0;
+    if output.comparison.measures.iter().any(|m| differs(&m)) {
+        text.push_str("<div class=\"wide\"><table><tr><th>measured<th>largest<th>rms<th>99 %<th>allowed<th>worst place</tr>");
+        for m in output.comparison.measures.iter().filter(differs) {
+            let class = if m.broken.is_empty() { "" } else { " class=\"bad\"" };
+            let number = |x: f64| if x.is_finite() { six(x) } else { "∞".into() };
+            let _ = write!(
+                text,
+                "<tr{class}><td>{} <small>{}</small><td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+                escape(&m.name),
+                m.unit,
+                number(m.max),
+                number(m.rms),
+                number(m.p99),
+                number(m.allowed),
+                escape(&m.worst)
+            );
+        }
+        text.push_str("</table></div>");
+    }
+    push_figures(text, &picture::figures(output));
+    text.push_str("</section>");
+}
+
+fn push_figures(text: &mut String, figures: &[Figure]) {
+    if figures.is_empty() {
+        return;
+    }
+    text.push_str("<div class=\"figures\">");
+    for figure in figures {
+        let caption = escape(&figure.caption);
+        let _ = write!(
+            text,
+            "<figure{}>",
+            if figure.pictures.len() > 1 { " class=\"flicker\"" } else { "" }
+        );
+        text.push_str("<div>");
+        for picture in &figure.pictures {
+            let _ = write!(
+                text,
+                "<img alt=\"{caption}\" src=\"data:image/png;base64,{}\">",
+                base64(picture)
+            );
+        }
+        let _ = write!(text, "</div><figcaption>{caption}</figcaption></figure>");
+    }
+    text.push_str("</div>");
+}
+
+fn push_profile(text: &mut String, nodes: &[NodeTrace]) {
+    if nodes.is_empty() {
+        return;
+    }
+    let longest = nodes.iter().map(|node| node.seconds).fold(1e-9, f64::max);
+    text.push_str("<details><summary>Nodes</summary><div class=\"wide\"><table><tr><th>node<th>type<th>state<th>why<th>time</tr>");
+    for node in nodes {
+        let share = 100.0 * node.seconds / longest;
+        let _ = write!(
+            text,
+            "<tr><td>{}<td>{}<td>{}<td>{}<td class=\"time\"><span style=\"width:{share:.1}%\"></span>{:.1} ms</tr>",
+            escape(&node.name),
+            escape(&node.node),
+            node.state.word(),
+            escape(&node.reason),
+            node.seconds * 1e3
+        );
+    }
+    text.push_str("</table></div></details>");
+}
+
+fn push_table(text: &mut String, report: &Report) {
+    let rest: Vec<&Case> = report.cases.iter().filter(|case| !case.failed()).collect();
+    if rest.is_empty() {
+        return;
+    }
+    text.push_str("<h2>Passed</h2><div class=\"wide\"><table><tr><th>graph<th>case<th>verdict<th>outputs<th>time</tr>");
+    for case in rest {
+        let worst = case.outputs.iter().map(|output| output.comparison.verdict).max();
+        let verdict = match &case.state {
+            State::Skipped(why) => format!("skipped: {}", escape(why)),
+            _ => worst.map_or("", Verdict::word).to_owned(),
+        };
+        let outputs =
+            Vec::from_iter(case.outputs.iter().map(|output| escape(&output.name))).join(", ");
+        let notes: String =
+            case.notes.iter().map(|note| format!("<br><small>{}</small>", escape(note))).collect();
+        let _ = write!(
+            text,
+            "<tr><td>{}<td>{}<td>{verdict}{notes}<td>{outputs}<td>{:.0} ms</tr>",
+            escape(&case.graph.display().to_string()),
+            escape(&case.name),
+            case.seconds * 1e3
+        );
+    }
+    text.push_str("</table></div>");
+}
+
+/// RFC 4648, section 4.
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let byte = |k: usize| u32::from(three.get(k).copied().unwrap_or(0));
+        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        for k in 0..4 {
+            let digit = DIGITS[(bits >> (18 - 6 * k)) as usize & 63];
+            text.push(if k <= three.len() { char::from(digit) } else { '=' });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::base64;
+
+    #[test]
+    fn base64_is_that_of_the_standard() {
+        let coded =
+            ["", "f", "fo", "foo", "foob", "fooba", "foobar"].map(|text| base64(text.as_bytes()));
+        assert_eq!(coded, ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"]);
+    }
+}

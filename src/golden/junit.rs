@@ -1,0 +1,82 @@
+//! Results for CI systems: JUnit's XML.
+
+use std::fmt::Write as _;
+
+use super::suite::{Report, State};
+
+/// The document.
+pub(crate) fn document(report: &Report) -> String {
+    let mut text = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
+    let failures = report.count(|case| case.state == State::Failed) + report.orphans.len();
+    let errors = report.count(|case| case.state == State::Broken) + report.problems.len();
+    let skipped = report.count(|case| matches!(case.state, State::Skipped(_)));
+    let tests = report.cases.len() + report.orphans.len() + report.problems.len();
+    let _ = writeln!(
+        text,
+        "<testsuites><testsuite name=\"maquette\" tests=\"{tests}\" failures=\"{failures}\" errors=\"{errors}\" skipped=\"{skipped}\" time=\"{:.3}\">",
+        report.seconds
+    );
+    for case in &report.cases {
+        let (graph, name) = (escape(&case.graph.display().to_string()), escape(&case.name));
+        let _ = writeln!(
+            text,
+            "<testcase classname=\"{graph}\" name=\"{name}\" time=\"{:.3}\">",
+            case.seconds
+        );
+        if !case.outputs.is_empty() {
+            text.push_str("<properties>");
+            for output in &case.outputs {
+                let (name, verdict) = (escape(&output.name), output.comparison.verdict.word());
+                let worst = output.comparison.measures.iter().map(|m| m.max).fold(0.0, f64::max);
+                let hash = output.value.hash().short();
+                let _ = write!(
+                    text,
+                    "<property name=\"{name}\" value=\"{verdict}; max {worst}; {hash}\"/>"
+                );
+            }
+            text.push_str("</properties>\n");
+        }
+        let reasons = escape(&case.reasons().join("\n"));
+        let first = escape(case.reasons().first().map_or("", |reason| reason));
+        let _ = match &case.state {
+            State::Passed => Ok(()),
+            State::Failed => writeln!(text, "<failure message=\"{first}\">{reasons}</failure>"),
+            State::Broken => writeln!(text, "<error message=\"{first}\">{reasons}</error>"),
+            State::Skipped(why) => writeln!(text, "<skipped message=\"{}\"/>", escape(why)),
+        };
+        text.push_str("</testcase>\n");
+    }
+    for orphan in &report.orphans {
+        let name = escape(&orphan.display().to_string());
+        let _ = writeln!(
+            text,
+            "<testcase classname=\"goldens\" name=\"{name}\"><failure message=\"belongs to no test\"/></testcase>"
+        );
+    }
+    for problem in &report.problems {
+        let (name, message) =
+            (escape(&problem.source.name.display().to_string()), escape(&problem.message));
+        let _ = writeln!(
+            text,
+            "<testcase classname=\"tests\" name=\"{name}\"><error message=\"{message}\"/></testcase>"
+        );
+    }
+    text + "</testsuite></testsuites>\n"
+}
+
+/// Text inside of XML and HTML; what XML cannot hold is left out.
+pub(super) fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            '\n' | '\t' => escaped.push(c),
+            c if c < ' ' => {}
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}

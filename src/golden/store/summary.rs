@@ -1,0 +1,87 @@
+//! What a value is, in lines that people read in a diff.
+
+use crate::golden::compare::{Tolerance, allowed, six, without_order};
+use crate::golden::parts::{Class, Parts};
+use crate::golden::topology::{Extent, Topology};
+use crate::pack::NewFile;
+use crate::value::{AnyValue, Hash, Mesh};
+
+/// What a value is in a golden: the texts of its summary, and how much those with numbers may differ.
+pub(super) struct Line {
+    pub(super) label: String,
+    pub(super) text: String,
+    /// The slack of the numbers in the text; none for what must be equal.
+    pub(super) slack: Option<f64>,
+}
+
+/// A fact that must be equal.
+pub(super) fn exact(label: &str, text: impl ToString) -> Line {
+    Line { label: label.to_owned(), text: text.to_string(), slack: None }
+}
+
+/// The facts of a value, and of the files that it is written to, in no order.
+pub(super) fn summary(
+    value: &AnyValue,
+    parts: Option<&Parts>,
+    outputs: &[NewFile],
+    tolerance: &Tolerance,
+) -> Vec<Line> {
+    let mut lines = vec![exact("type", value.kind().name), exact("hash", value.hash())];
+    lines.extend(
+        without_order(value).map(|mark| exact("hash without order", format!("{mark:032x}"))),
+    );
+    for file in outputs {
+        let text = format!("{} bytes, {}", file.bytes.len(), Hash::of(&file.bytes).short());
+        lines.push(exact(&format!("file {}", file.name), text));
+    }
+    let Some(parts) = parts else {
+        let facts = value.describe().0.into_iter();
+        lines.extend(facts.map(|(label, fact)| exact(&label, fact)));
+        return lines;
+    };
+    lines.extend(parts.facts.iter().map(|(label, fact)| exact(label, fact)));
+    if let Some(mesh) = value.get::<Mesh>() {
+        let topology = Topology::of(mesh);
+        let known = |name: &str| parts.facts.iter().any(|(label, _)| label == name);
+        let facts = topology.facts().into_iter().filter(|(name, _)| !known(name));
+        lines.extend(facts.map(|(name, fact)| exact(name, fact)));
+        let extent = Extent::of(mesh);
+        let slack = parts.column("position").map_or(0.0, |part| allowed(part, tolerance));
+        let mut number = |label: &str, x: f64, slack: f64| {
+            lines.push(Line { label: label.into(), text: six(x), slack: Some(slack) });
+        };
+        // A surface that moves by the slack changes its area by some of its edges, and its volume by its area.
+        number("area", extent.area, slack * (extent.area + slack).sqrt() * 100.0);
+        number("volume", extent.volume, slack * extent.area);
+        if topology.faces > 0 {
+            number("edge, shortest", extent.shortest, 2.0 * slack);
+            number("edge, longest", extent.longest, 2.0 * slack);
+        }
+    }
+    for part in &parts.columns {
+        let slack = match part.class {
+            Class::Exact => tolerance.differing,
+            Class::Level => tolerance.level.max(255.0 * tolerance.differing),
+            Class::Normal => 0.05,
+            _ => allowed(part, tolerance),
+        };
+        for (component, range) in part.ranges().into_iter().enumerate() {
+            let Some((low, high)) = range else { continue };
+            let column = part.numbers.iter().skip(component).step_by(part.width);
+            let (mut sum, mut count) = (0.0, 0usize);
+            for x in column.filter(|x| x.is_finite()) {
+                sum += x;
+                count += 1;
+            }
+            let mean = sum / count.max(1) as f64;
+            let label = match part.width {
+                1 => part.name.clone(),
+                width if width <= 4 => format!("{} {}", part.name, ["x", "y", "z", "w"][component]),
+                _ => format!("{} {component}", part.name),
+            };
+            let text = format!("{} .. {}, mean {}", six(low), six(high), six(mean));
+            lines.push(Line { label, text, slack: Some(slack) });
+        }
+    }
+    lines
+}

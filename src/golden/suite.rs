@@ -1,0 +1,272 @@
+//! Runs tests: every case of every graph, in parallel, and what became of each.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use super::case::{self, TestFile};
+use super::compare::Comparison;
+use super::expect::Violation;
+use super::store::{Golden, NoGolden};
+use crate::catalog::Catalog;
+use crate::error::{Problem, Severity};
+use crate::eval::{Evaluator, Trace};
+use crate::pack::NewFile;
+use crate::value::AnyValue;
+
+mod job;
+mod nodes;
+
+use job::Job;
+use nodes::changed_lines;
+
+/// The folder of goldens beside a test file.
+const FOLDER: &str = "goldens";
+
+/// The file of a case's golden that says what its nodes were.
+const NODES: &str = "nodes.txt";
+
+/// What became of a case.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum State {
+    Passed,
+    Failed,
+    /// The graph or its test is wrong.
+    Broken,
+    /// Why it was not run.
+    Skipped(String),
+}
+
+/// One case of one graph, and what became of it.
+pub(crate) struct Case {
+    pub(crate) graph: PathBuf,
+    pub(crate) name: String,
+    /// Where its goldens are.
+    pub(crate) folder: PathBuf,
+    pub(crate) state: State,
+    pub(crate) outputs: Vec<Compared>,
+    pub(crate) problems: Vec<Problem>,
+    pub(crate) violations: Vec<Violation>,
+    /// Goldens that nothing asks for.
+    pub(crate) orphans: Vec<PathBuf>,
+    /// What is worth a word although it is no failure.
+    pub(crate) notes: Vec<String>,
+    pub(crate) trace: Trace,
+    pub(crate) seconds: f64,
+    /// The nodes as they are now.
+    nodes: String,
+}
+
+/// A value that outputs give, beside its golden.
+pub(crate) struct Compared {
+    /// `node` or `node.output`: the golden's name.
+    pub(crate) name: String,
+    /// The files that it is written to.
+    pub(crate) files: Vec<String>,
+    pub(crate) comparison: Comparison,
+    pub(crate) golden: Result<Golden, NoGolden>,
+    pub(crate) value: AnyValue,
+    /// The golden that would be written.
+    pub(crate) new: Vec<NewFile>,
+}
+
+impl Case {
+    pub(crate) fn title(&self) -> String {
+        format!("{} {}", self.graph.display(), self.name)
+    }
+
+    pub(crate) fn failed(&self) -> bool {
+        matches!(self.state, State::Failed | State::Broken)
+    }
+
+    /// Everything that is wrong, one thing a line.
+    pub(crate) fn reasons(&self) -> Vec<String> {
+        let problems = self.problems.iter().filter(|p| p.severity == Severity::Error);
+        let mut reasons: Vec<String> = problems.map(|problem| problem.message.clone()).collect();
+        reasons.extend(self.violations.iter().map(|violation| violation.problem.message.clone()));
+        for output in &self.outputs {
+            reasons.extend(
+                output.comparison.reasons.iter().map(|why| format!("{}: {why}", output.name)),
+            );
+        }
+        reasons.extend(
+            self.orphans.iter().map(|path| format!("{} belongs to no output", path.display())),
+        );
+        reasons
+    }
+
+    /// Which nodes are not what they were when the golden was accepted, in words.
+    pub(crate) fn changed_nodes(&self) -> Vec<String> {
+        let Ok(before) = std::fs::read_to_string(self.folder.join(NODES)) else {
+            return Vec::new();
+        };
+        changed_lines(&before, &self.nodes)
+    }
+
+    /// Writes the goldens as the outputs are now; what changed, in words.
+    pub(crate) fn bless(&self, wanted: impl Fn(&Compared) -> bool) -> std::io::Result<()> {
+        for output in self.outputs.iter().filter(|output| wanted(output)) {
+            for suffix in [".txt", ".bin", ".png", ".view.png"] {
+                let path = self.folder.join(format!("{}{suffix}", output.name));
+                match output.new.iter().find(|file| file.name == suffix) {
+                    Some(file) => write(&path, &file.bytes)?,
+                    None if path.exists() => std::fs::remove_file(&path)?,
+                    None => {}
+                }
+            }
+        }
+        if !self.outputs.is_empty() {
+            write(&self.folder.join(NODES), self.nodes.as_bytes())?;
+        }
+        for orphan in &self.orphans {
+            std::fs::remove_file(orphan)?;
+        }
+        Ok(())
+    }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    if std::fs::read(path).is_ok_and(|before| before == bytes) {
+        return Ok(());
+    }
+    crate::cli::write_whole(path, bytes)
+}
+
+/// What shapes a run of tests.
+pub(crate) struct Settings<'a> {
+    pub(crate) catalog: &'a Catalog,
+    /// Only cases whose title holds this.
+    pub(crate) filter: Option<&'a str>,
+    /// Nothing may come from the cache.
+    pub(crate) cold: bool,
+    pub(crate) threads: usize,
+    /// Makes an evaluator for one thread.
+    pub(crate) evaluator: &'a (dyn Fn() -> Result<Evaluator, String> + Sync),
+}
+
+/// What came out of all tests.
+pub(crate) struct Report {
+    pub(crate) cases: Vec<Case>,
+    /// What is wrong with test files and folders of goldens.
+    pub(crate) problems: Vec<Problem>,
+    pub(crate) orphans: Vec<PathBuf>,
+    pub(crate) seconds: f64,
+}
+
+impl Report {
+    pub(crate) fn count(&self, wanted: impl Fn(&Case) -> bool) -> usize {
+        self.cases.iter().filter(|case| wanted(case)).count()
+    }
+}
+
+/// Runs the tests of these files.
+pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String> {
+    let start = Instant::now();
+    let mut problems = Vec::new();
+    let mut tests = Vec::new();
+    for path in paths {
+        match case::read(path) {
+            Ok(test) => tests.push(test),
+            Err(found) => problems.extend(found),
+        }
+    }
+    let jobs: Vec<Job<'_>> = tests.iter().flat_map(jobs_of).collect();
+    let claimed: BTreeSet<PathBuf> = jobs.iter().map(|job| job.folder.clone()).collect();
+    let orphans = match settings.filter {
+        None => orphan_folders(&tests, &claimed),
+        Some(_) => Vec::new(),
+    };
+    let title = |job: &Job<'_>| format!("{} {}", job.graph.display(), job.test.cases[job.case].0);
+    let wanted = |job: &Job<'_>| settings.filter.is_none_or(|filter| title(job).contains(filter));
+    let jobs: Vec<Job<'_>> = jobs.into_iter().filter(wanted).collect();
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<(usize, Case)>> = Mutex::new(Vec::new());
+    let failed: Mutex<Option<String>> = Mutex::new(None);
+    let work = || match (settings.evaluator)() {
+        Err(why) => *failed.lock().unwrap_or_else(|broken| broken.into_inner()) = Some(why),
+        Ok(mut evaluator) => {
+            while let Some((index, job)) = next_job(&next, &jobs) {
+                if settings.cold {
+                    evaluator.forget();
+                }
+                let case = job.run(&mut evaluator, settings.catalog);
+                done.lock().unwrap_or_else(|broken| broken.into_inner()).push((index, case));
+            }
+            if let Some(disk) = evaluator.disk() {
+                disk.finish();
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..settings.threads.clamp(1, jobs.len().max(1)) {
+            scope.spawn(work);
+        }
+    });
+    if let Some(why) = failed.into_inner().unwrap_or_else(|broken| broken.into_inner()) {
+        return Err(why);
+    }
+    let mut cases = done.into_inner().unwrap_or_else(|broken| broken.into_inner());
+    cases.sort_by_key(|(index, _)| *index);
+    let cases = cases.into_iter().map(|(_, case)| case).collect();
+    Ok(Report { cases, problems, orphans, seconds: start.elapsed().as_secs_f64() })
+}
+
+fn next_job<'a, 'j>(next: &AtomicUsize, jobs: &'j [Job<'a>]) -> Option<(usize, &'j Job<'a>)> {
+    let index = next.fetch_add(1, Ordering::Relaxed);
+    jobs.get(index).map(|job| (index, job))
+}
+
+fn jobs_of(test: &TestFile) -> Vec<Job<'_>> {
+    let beside = test.source.name.parent().unwrap_or(Path::new(""));
+    let mut jobs = Vec::new();
+    for graph in &test.graphs {
+        let inside = graph.strip_prefix(beside).unwrap_or(graph).with_extension("");
+        for (case, (name, _)) in test.cases.iter().enumerate() {
+            let folder = beside.join(FOLDER).join(&inside).join(name);
+            jobs.push(Job { test, graph: graph.clone(), case, folder });
+        }
+    }
+    jobs
+}
+
+/// Goldens in folders that no test beside them claims.
+fn orphan_folders(tests: &[TestFile], claimed: &BTreeSet<PathBuf>) -> Vec<PathBuf> {
+    let mut roots: BTreeSet<PathBuf> = BTreeSet::new();
+    let mut claimed = claimed.clone();
+    for test in tests {
+        let beside = test.source.name.parent().unwrap_or(Path::new(""));
+        if !roots.insert(beside.join(FOLDER)) {
+            continue;
+        }
+        // Tests that are not run now claim theirs, too.
+        let files =
+            std::fs::read_dir(if beside == Path::new("") { Path::new(".") } else { beside });
+        for file in files.into_iter().flatten().flatten() {
+            let path = beside.join(file.file_name());
+            if path.to_string_lossy().ends_with(case::ENDING)
+                && let Ok(other) = case::read(&path)
+            {
+                claimed.extend(jobs_of(&other).into_iter().map(|job| job.folder));
+            }
+        }
+    }
+    let mut orphans = Vec::new();
+    for root in roots {
+        files_below(&root, &mut |path| {
+            if !path.parent().is_some_and(|folder| claimed.contains(folder)) {
+                orphans.push(path.to_owned());
+            }
+        });
+    }
+    orphans.sort();
+    orphans
+}
+
+fn files_below(folder: &Path, found: &mut impl FnMut(&Path)) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() { files_below(&path, found) } else { found(&path) }
+    }
+}

@@ -1,0 +1,280 @@
+//! One case of one graph: evaluated, compared, judged.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::nodes::nodes_of;
+use super::{Case, Compared, NODES, State};
+use crate::catalog::Catalog;
+use crate::error::{Problem, Severity, Source, Span, code};
+use crate::eval::{Evaluation, Evaluator, Trace};
+use crate::golden::case::{Allowed, TestFile};
+use crate::golden::compare::{Comparison, Tolerance, Verdict, six};
+use crate::golden::expect::{Expectation, Place, nodes_of as expected_nodes, target, violations};
+use crate::golden::store::{self, Golden, NoGolden};
+use crate::graph::{Graph, Options};
+use crate::node::CancelToken;
+use crate::pack::NewFile;
+use crate::value::AnyValue;
+
+/// A tolerance this many times wider than what was ever needed is worth a word.
+const TOO_WIDE: f64 = 10.0;
+
+/// One case of one graph.
+pub(super) struct Job<'a> {
+    pub(super) test: &'a TestFile,
+    pub(super) graph: PathBuf,
+    pub(super) case: usize,
+    pub(super) folder: PathBuf,
+}
+
+impl Job<'_> {
+    pub(super) fn run(&self, evaluator: &mut Evaluator, catalog: &Catalog) -> Case {
+        let start = Instant::now();
+        let (name, test_case) = &self.test.cases[self.case];
+        let mut case = Case {
+            graph: self.graph.clone(),
+            name: name.clone(),
+            folder: self.folder.clone(),
+            state: State::Broken,
+            outputs: Vec::new(),
+            problems: Vec::new(),
+            violations: Vec::new(),
+            orphans: Vec::new(),
+            notes: Vec::new(),
+            trace: Trace::default(),
+            seconds: 0.0,
+            nodes: String::new(),
+        };
+        match &test_case.skip {
+            Some(why) if why.trim().is_empty() => {
+                case.problems.push(self.problem(
+                    code::WRONG_VALUE,
+                    test_case.span,
+                    format!("case `{name}` is skipped without a reason"),
+                ));
+                return case;
+            }
+            Some(why) => {
+                case.state = State::Skipped(why.clone());
+                return case;
+            }
+            None => {}
+        }
+        let options = Options { set: test_case.set.clone(), ..Options::default() };
+        let checked = Graph::load(&self.graph, catalog, &options);
+        case.problems = checked.problems;
+        let Some(graph) = checked.graph else { return case };
+        case.problems.extend(self.misfits(&graph));
+        let expectations = self.expectations(&graph);
+        let mut wanted: Vec<usize> = graph.outputs.iter().map(|output| output.node).collect();
+        wanted.extend(expected_nodes(&graph, &expectations));
+        let broken = !case.problems.is_empty();
+        let evaluation = evaluator.evaluate(&graph, &wanted, &wanted, &(), &CancelToken::default());
+        case.problems.extend(evaluation.problems());
+        case.nodes = nodes_of(&graph, &evaluation);
+        case.outputs = evaluator.install(|| self.outputs(&graph, &evaluation, &mut case.problems));
+        case.violations = violations(&graph, &evaluation, &expectations);
+        case.orphans = self.orphans(&case.outputs);
+        case.trace = evaluation.trace();
+        case.notes = self.wide(&graph, &case.outputs);
+        self.judge_budget(&mut case);
+        let errors = case.problems.iter().any(|problem| problem.severity == Severity::Error);
+        let different = case.outputs.iter().any(|o| o.comparison.verdict == Verdict::Different);
+        case.state = if broken {
+            State::Broken
+        } else if errors || different || !case.violations.is_empty() || !case.orphans.is_empty() {
+            State::Failed
+        } else {
+            State::Passed
+        };
+        case.seconds = start.elapsed().as_secs_f64();
+        case
+    }
+
+    fn problem(&self, code: &'static str, span: Span, message: String) -> Problem {
+        let (source, help, note) = (self.test.source.clone(), String::new(), None);
+        Problem { severity: Severity::Error, code, source, span, message, help, note }
+    }
+
+    fn expectations(&self, graph: &Graph) -> Vec<(Expectation, Place)> {
+        let of_graph = graph.expectations().into_iter();
+        let of_test = self.test.expect.iter();
+        // A test of many graphs expects of each what it has.
+        let many = self.test.graphs.len() > 1;
+        let has = |expectation: &Expectation| {
+            !many || expectation.values().iter().all(|value| target(graph, value).is_some())
+        };
+        let of_test = of_test.filter(|(expectation, _)| has(expectation));
+        of_graph.chain(of_test.map(|(e, span)| (e.clone(), self.test.place(*span)))).collect()
+    }
+
+    /// Tolerances for outputs that the graph does not have, or that are of another type.
+    fn misfits(&self, graph: &Graph) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        for allowed in &self.test.compare {
+            let Some(output) = graph.outputs.iter().find(|output| output.name == allowed.output)
+            else {
+                if self.test.graphs.len() == 1 {
+                    let names = Vec::from_iter(graph.output_names());
+                    let mut problem = self.problem(
+                        code::UNKNOWN_LINK,
+                        allowed.span,
+                        format!("the graph has no output `{}`", allowed.output),
+                    );
+                    problem.help =
+                        crate::graph::nearest_or_all(&allowed.output, "its outputs", &names);
+                    problems.push(problem);
+                }
+                continue;
+            };
+            let kind = graph.nodes[output.node].types[output.output];
+            if let Some(kind) = kind.filter(|kind| kind.name != allowed.kind) {
+                let message =
+                    format!("`{}` is a {}, not a {}", allowed.output, kind.name, allowed.kind);
+                problems.push(self.problem(code::WRONG_TYPE, allowed.kind_span, message));
+            }
+        }
+        problems
+    }
+
+    fn allowed(&self, files: &[String]) -> Option<&Allowed> {
+        self.test.compare.iter().find(|allowed| files.contains(&allowed.output))
+    }
+
+    /// Every value that some output gives, compared with its golden.
+    fn outputs(
+        &self,
+        graph: &Graph,
+        evaluation: &Evaluation,
+        problems: &mut Vec<Problem>,
+    ) -> Vec<Compared> {
+        let mut places: Vec<(usize, usize)> =
+            graph.outputs.iter().map(|o| (o.node, o.output)).collect();
+        places.sort_unstable();
+        places.dedup();
+        let mut compared = Vec::new();
+        for (node, output) in places {
+            let Some(value) = evaluation.value(node, output) else { continue };
+            let mine = graph.outputs.iter().filter(|o| (o.node, o.output) == (node, output));
+            let (mut names, mut files) = (Vec::new(), Vec::new());
+            for output in mine {
+                names.push(output.name.clone());
+                match evaluation.files(output) {
+                    Some(Ok(written)) => files.extend(written),
+                    Some(Err(error)) => {
+                        let message = format!("cannot write `{}`: {error}", output.name);
+                        let source: Arc<Source> = graph.source.clone();
+                        problems.push(Problem {
+                            source,
+                            span: output.span,
+                            ..self.problem(code::FAILED, output.span, message)
+                        });
+                    }
+                    None => {}
+                }
+            }
+            let tolerance =
+                self.allowed(&names).map(|allowed| allowed.tolerance.clone()).unwrap_or_default();
+            let names_of_node = &graph.nodes[node].outputs;
+            let name = match names_of_node.len() {
+                1 => graph.nodes[node].name.clone(),
+                _ => format!("{}.{}", graph.nodes[node].name, names_of_node[output]),
+            };
+            compared.push(self.compare(name, names, value, &files, &tolerance));
+        }
+        compared
+    }
+
+    fn compare(
+        &self,
+        name: String,
+        names: Vec<String>,
+        value: &AnyValue,
+        files: &[NewFile],
+        tolerance: &Tolerance,
+    ) -> Compared {
+        let golden = store::read(&self.folder, &name);
+        let comparison = match &golden {
+            Ok(golden) => golden.compare(value, files, tolerance),
+            Err(NoGolden::Missing) => Comparison::new(
+                vec!["there is no golden; look at the result, then bless it".into()],
+                Vec::new(),
+            ),
+            Err(NoGolden::Damaged(why)) => {
+                Comparison::new(vec![format!("the golden {why}")], Vec::new())
+            }
+        };
+        let identical = comparison.verdict == Verdict::Identical;
+        let mut needed = golden.as_ref().map(Golden::needed).unwrap_or_default();
+        for measure in comparison.measures.iter().filter(|m| m.max > 0.0 && m.max.is_finite()) {
+            match needed.iter_mut().find(|(name, _)| *name == measure.name) {
+                Some((_, most)) if comparison.verdict == Verdict::Within => {
+                    *most = most.max(measure.max);
+                }
+                None if comparison.verdict == Verdict::Within => {
+                    needed.push((measure.name.clone(), measure.max));
+                }
+                _ => {}
+            }
+        }
+        let new =
+            if identical { Vec::new() } else { store::files(value, files, &needed, tolerance) };
+        Compared { name, files: names, comparison, golden, value: value.clone(), new }
+    }
+
+    /// Files in the case's folder that no output asks for.
+    fn orphans(&self, outputs: &[Compared]) -> Vec<PathBuf> {
+        let mut orphans = Vec::new();
+        for entry in std::fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            let file = entry.file_name().to_string_lossy().into_owned();
+            let asked = |output: &Compared| {
+                [".txt", ".bin", ".png", ".view.png"]
+                    .iter()
+                    .any(|suffix| file == format!("{}{suffix}", output.name))
+            };
+            if file != NODES && !outputs.iter().any(asked) {
+                orphans.push(entry.path());
+            }
+        }
+        orphans.sort();
+        orphans
+    }
+
+    /// Tolerances that are much wider than any difference was.
+    fn wide(&self, graph: &Graph, outputs: &[Compared]) -> Vec<String> {
+        let _ = graph;
+        let mut notes = Vec::new();
+        for output in outputs {
+            let Some(max) = self.allowed(&output.files).and_then(|allowed| allowed.tolerance.max)
+            else {
+                continue;
+            };
+            let before = output.golden.as_ref().map(Golden::needed).unwrap_or_default();
+            let now = output.comparison.measures.iter().filter(|m| m.unit == "mm").map(|m| m.max);
+            let places = before.iter().filter(|(name, _)| {
+                name.contains("position") || name.contains("point") || name.contains("surface")
+            });
+            let most = places.map(|(_, needed)| *needed).chain(now).fold(0.0, f64::max);
+            if most > 0.0 && most * TOO_WIDE < max {
+                notes.push(format!(
+                    "{}: the tolerance of {} mm is more than ten times wider than ever needed ({} mm)",
+                    output.name, six(max), six(most)
+                ));
+            }
+        }
+        notes
+    }
+
+    /// Only the time of nodes that ran counts.
+    fn judge_budget(&self, case: &mut Case) {
+        let Some(budget) = self.test.budget.seconds else { return };
+        let spent: f64 = case.trace.0.iter().map(|node| node.seconds).sum();
+        if spent > budget {
+            let span = self.test.cases[self.case].1.span;
+            let message = format!("the nodes took {spent:.2} s; the budget is {budget} s");
+            case.problems.push(self.problem(code::EXPECTED, span, message));
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! What the nodes of a graph were when a golden was accepted, and which of them are others now: why a result changed.
+
+use crate::eval::Evaluation;
+use crate::graph::{Graph, Link};
+use crate::node::FILE;
+
+/// What of the nodes' lines differs: `raised: {..12..} -> {..15..}`.
+pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
+    fn split(line: &str) -> (&str, &str) {
+        line.split_once("  ").unwrap_or((line, ""))
+    }
+    let (old, new) =
+        (Vec::from_iter(before.lines().map(split)), Vec::from_iter(now.lines().map(split)));
+    let mut changes = Vec::new();
+    for (name, was) in &old {
+        match new.iter().find(|(other, _)| other == name) {
+            None => changes.push(format!("node `{name}` is gone")),
+            Some((_, is)) if is != was => {
+                // Only what lies between the common start and end is told.
+                let (was, is) = (between(was, is), between(is, was));
+                changes.push(format!("node `{name}`: {} -> {}", short(was), short(is)));
+            }
+            Some(_) => {}
+        }
+    }
+    let is_new = |(name, _): &&(&str, &str)| !old.iter().any(|(other, _)| other == name);
+    changes.extend(new.iter().filter(is_new).map(|(name, _)| format!("node `{name}` is new")));
+    changes
+}
+
+/// The part of a text that another one does not have, as whole words.
+fn between<'a>(text: &'a str, other: &str) -> &'a str {
+    const MARKS: [char; 8] = [' ', ',', '{', '}', '[', ']', '(', ')'];
+    let start = text.char_indices().zip(other.chars()).find(|((_, a), b)| a != b);
+    let start = start.map_or(text.len().min(other.len()), |((at, _), _)| at);
+    let start = text.get(..start).and_then(|before| before.rfind(MARKS)).map_or(0, |at| at + 1);
+    let same = text.chars().rev().zip(other.chars().rev()).take_while(|(a, b)| a == b);
+    let same: usize = same.map(|(c, _)| c.len_utf8()).sum();
+    let end = (text.len() - same).max(start);
+    let end = text[end..].find(MARKS).map_or(text.len(), |more| end + more);
+    &text[start..end]
+}
+
+fn short(text: &str) -> String {
+    match text.char_indices().nth(60) {
+        Some((end, _)) => format!("{}..", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// Each node's type, parameters and links on a line, sorted.
+pub(super) fn nodes_of(graph: &Graph, evaluation: &Evaluation) -> String {
+    let mut lines = Vec::new();
+    let needed = evaluation.trace();
+    for node in
+        graph.nodes.iter().filter(|node| needed.0.iter().any(|trace| trace.name == node.name))
+    {
+        let link = |link: &Link| {
+            let target = &graph.nodes[link.node];
+            format!("{}: {}.{}", link.port, target.name, target.outputs[link.output])
+        };
+        let links = Vec::from_iter(node.links.iter().map(link)).join(", ");
+        let mut parameters = node.recipe.parameters.clone();
+        without_machine(&mut parameters);
+        let files = node.files.iter().filter_map(|file| {
+            let hash = crate::Hash::of(&std::fs::read(&file.path).ok()?);
+            Some(format!(" {} {}", file.given, hash.short()))
+        });
+        let files: String = files.collect();
+        lines.push(format!("{}  {} {parameters} ({links}){files}", node.name, node.kind()));
+    }
+    lines.sort();
+    lines.join("\n") + "\n"
+}
+
+/// Takes away what depends on where the graph is: the paths of files, which are named apart.
+fn without_machine(parameters: &mut serde_json::Value) {
+    match parameters {
+        serde_json::Value::Object(entries) => {
+            entries.retain(|key, _| key != FILE);
+            entries.values_mut().for_each(without_machine);
+        }
+        serde_json::Value::Array(items) => items.iter_mut().for_each(without_machine),
+        _ => {}
+    }
+}

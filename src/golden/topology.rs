@@ -1,0 +1,112 @@
+//! How the faces of a mesh hang together, and how large it is.
+
+use nalgebra::Point3;
+
+use crate::value::Mesh;
+
+/// How the faces of a mesh hang together. Equal before any place is compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Topology {
+    pub(crate) vertices: usize,
+    pub(crate) edges: usize,
+    pub(crate) faces: usize,
+    /// Groups of faces that hang together by vertices.
+    pub(crate) components: usize,
+    /// Edges of one face.
+    pub(crate) boundary: usize,
+    /// Edges of more than two faces.
+    pub(crate) non_manifold: usize,
+    /// Edges whose faces run through them in the same direction.
+    pub(crate) misoriented: usize,
+}
+
+impl Topology {
+    pub(crate) fn of(mesh: &Mesh) -> Self {
+        let (edges, components) = rayon::join(|| mesh.edges(), || components(mesh));
+        let count = |wanted: fn(&u32) -> bool| edges.faces.iter().filter(|n| wanted(n)).count();
+        Self {
+            vertices: mesh.positions().len(),
+            edges: edges.vertices.len(),
+            faces: mesh.faces().len(),
+            components,
+            boundary: count(|&n| n == 1),
+            non_manifold: count(|&n| n > 2),
+            misoriented: edges.misoriented,
+        }
+    }
+
+    /// Vertices - edges + faces.
+    pub(crate) fn euler(&self) -> i64 {
+        self.vertices as i64 - self.edges as i64 + self.faces as i64
+    }
+
+    /// Its numbers with their names.
+    pub(crate) fn facts(&self) -> [(&'static str, i64); 8] {
+        [
+            ("vertices", self.vertices as i64),
+            ("edges", self.edges as i64),
+            ("faces", self.faces as i64),
+            ("components", self.components as i64),
+            ("Euler characteristic", self.euler()),
+            ("boundary edges", self.boundary as i64),
+            ("non-manifold edges", self.non_manifold as i64),
+            ("misoriented edges", self.misoriented as i64),
+        ]
+    }
+}
+
+/// How many groups of faces there are that share no vertex.
+fn components(mesh: &Mesh) -> usize {
+    let mut parents: Vec<u32> = (0..mesh.positions().len() as u32).collect();
+    fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
+        while parents[vertex as usize] != vertex {
+            // Halves the way for those who come later.
+            parents[vertex as usize] = parents[parents[vertex as usize] as usize];
+            vertex = parents[vertex as usize];
+        }
+        vertex
+    }
+    let mut used = vec![false; parents.len()];
+    for face in mesh.faces().iter() {
+        used[face[0] as usize] = true;
+        for &vertex in &face[1..] {
+            used[vertex as usize] = true;
+            let (a, b) = (root(&mut parents, face[0]), root(&mut parents, vertex));
+            parents[a.max(b) as usize] = a.min(b);
+        }
+    }
+    let is_root = |vertex: &usize| used[*vertex] && parents[*vertex] == *vertex as u32;
+    (0..parents.len()).filter(is_root).count()
+}
+
+/// Area, volume (of a closed mesh), and the shortest and longest edge.
+pub(crate) struct Extent {
+    pub(crate) area: f64,
+    pub(crate) volume: f64,
+    pub(crate) shortest: f64,
+    pub(crate) longest: f64,
+}
+
+impl Extent {
+    pub(crate) fn of(mesh: &Mesh) -> Self {
+        let middle =
+            mesh.bounds().map_or(Point3::origin(), |(low, high)| nalgebra::center(&low, &high));
+        let mut extent = Self { area: 0.0, volume: 0.0, shortest: f64::INFINITY, longest: 0.0 };
+        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        for face in mesh.faces().iter() {
+            let area = mesh.area_vector(face);
+            extent.area += area.norm();
+            for k in 1..face.len() - 1 {
+                let [a, b, c] =
+                    [face[0], face[k], face[k + 1]].map(|vertex| place(vertex) - middle);
+                extent.volume += a.dot(&b.cross(&c)) / 6.0;
+            }
+            for (&from, &to) in face.iter().zip(face[1..].iter().chain(&face[..1])) {
+                let length = (place(from) - place(to)).norm();
+                extent.shortest = extent.shortest.min(length);
+                extent.longest = extent.longest.max(length);
+            }
+        }
+        extent
+    }
+}

@@ -1,0 +1,119 @@
+//! Every graph of the project gives what it gave when somebody looked: the tests that `maquette test graphs` runs, by the same
+//! code.
+
+use std::path::{Path, PathBuf};
+
+use maquette::{Catalog, TestRun, test_graphs};
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
+
+fn run(folder: &Path, threads: usize) -> TestRun {
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    test_graphs(folder, &catalog, threads).unwrap()
+}
+
+#[test]
+fn every_graph_gives_what_it_gave() {
+    let run = run(Path::new(GRAPHS), 2);
+    assert!(run.failures.is_empty(), "{}", run.failures.join("\n"));
+    assert!(run.passed >= 50, "{} cases", run.passed);
+}
+
+#[test]
+fn every_graph_has_a_test() {
+    let names = |folder: &Path| -> Vec<PathBuf> {
+        let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
+        files.filter(|path| path.extension().is_some_and(|ending| ending == "ron")).collect()
+    };
+    let run = run(Path::new(GRAPHS), 2);
+    for folder in [GRAPHS, concat!(env!("CARGO_MANIFEST_DIR"), "/graphs/nodes")] {
+        let graphs = names(Path::new(folder)).into_iter();
+        for graph in graphs.filter(|path| !path.to_string_lossy().ends_with(".test.ron")) {
+            assert!(run.graphs.contains(&graph), "{} has no test", graph.display());
+        }
+    }
+}
+
+/// The doll's graph with its test and goldens, to be changed.
+fn copy() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let copy = |from: &Path, to: &Path| {
+        std::fs::create_dir_all(to).unwrap();
+        for file in std::fs::read_dir(from).unwrap().map(|file| file.unwrap().path()) {
+            if file.is_file() {
+                std::fs::copy(&file, to.join(file.file_name().unwrap())).unwrap();
+            }
+        }
+    };
+    let graphs = Path::new(GRAPHS);
+    for name in ["doll", "goldens/doll/default", "goldens/doll/long", "goldens/doll/coarse"] {
+        copy(&graphs.join(name), &folder.path().join(name));
+    }
+    for name in ["doll.ron", "doll.test.ron"] {
+        std::fs::copy(graphs.join(name), folder.path().join(name)).unwrap();
+    }
+    folder
+}
+
+/// The failures of the doll's test after a change of its files.
+fn failures(change: impl Fn(&Path)) -> String {
+    let folder = copy();
+    change(folder.path());
+    run(folder.path(), 2).failures.join("\n")
+}
+
+fn replace(path: &Path, old: &str, new: &str) {
+    let text = std::fs::read_to_string(path).unwrap();
+    assert!(text.contains(old));
+    std::fs::write(path, text.replacen(old, new, 1)).unwrap();
+}
+
+#[test]
+fn another_folder_and_one_thread_are_no_difference() {
+    let folder = copy();
+    assert_eq!(run(folder.path(), 1).failures, [""; 0]);
+}
+
+#[test]
+fn a_longer_nose_is_found_with_its_place() {
+    let found =
+        failures(|folder| replace(&folder.join("doll.ron"), "default: 12.0", "default: 12.1"));
+    assert!(found.contains("doll.ron default"), "{found}");
+    assert!(found.contains("model: `position` differs by 0.09"), "{found}");
+    assert!(!found.contains("doll.ron long"), "{found}");
+}
+
+#[test]
+fn a_missing_golden_and_an_orphan_are_failures() {
+    let found =
+        failures(|folder| std::fs::remove_file(folder.join("goldens/doll/long/red.txt")).unwrap());
+    assert!(found.contains("doll.ron long: red: there is no golden"), "{found}");
+    let found =
+        failures(|folder| std::fs::write(folder.join("goldens/doll/long/blue.txt"), "").unwrap());
+    assert!(found.contains("blue.txt belongs to no output"), "{found}");
+    let found = failures(|folder| {
+        std::fs::create_dir_all(folder.join("goldens/doll/short")).unwrap();
+        std::fs::write(folder.join("goldens/doll/short/red.txt"), "").unwrap();
+    });
+    assert!(found.contains("red.txt belongs to no test"), "{found}");
+}
+
+#[test]
+fn a_damaged_golden_is_a_failure() {
+    let found = failures(|folder| {
+        std::fs::write(folder.join("goldens/doll/long/blended.bin"), "golden1\nxyz").unwrap();
+    });
+    assert!(found.contains("blended.bin is damaged"), "{found}");
+}
+
+#[test]
+fn an_expectation_that_does_not_hold_names_what_offends() {
+    let found = failures(|folder| {
+        replace(
+            &folder.join("doll.ron"),
+            "    outputs: {",
+            "    expect: [Closed(\"skin\")],\n    outputs: {",
+        );
+    });
+    assert!(found.contains("expected Closed, but `skin` has 3374 edges with one face"), "{found}");
+}

@@ -1,0 +1,73 @@
+"""Faults that are put into nodes one at a time: the graph tests must notice them.
+
+Each is (file below nodes/, what stands there, what is put there, kind). What stands there must occur exactly once or the
+number behind the kind says which occurrence is meant. The list was written before any of them was tried; `run.py` tries them.
+"""
+
+MUTATIONS = [
+    # Pictures
+    ("image/select.rs", "*mark = (self.distance(pixel) <= limit) != invert;", "*mark = (self.distance(pixel) <= limit) == invert;", "sign"),
+    ("image/select.rs", "otsu(&histogram) + 1 }", "otsu(&histogram) + 2 }", "off by one"),
+    ("image/select.rs", "Lab::from_srgb(pixel).distance_sq(color, lightness).sqrt()", "Lab::from_srgb(pixel).distance_sq(color, lightness)", "formula"),
+    ("image/select.rs", "(b - r) / chroma + 2.0", "(b - r) / chroma + 1.0", "weight"),
+    ("image/select.rs", "sextant + 6.0", "sextant - 6.0", "sign"),
+    ("image/combine_masks.rs", "CombineMode::Or => a | b == 1", "CombineMode::Or => a & b == 1", "operator"),
+    ("image/gradient.rs", "299 * i32::from(r) + 587", "587 * i32::from(r) + 299", "swapped"),
+    ("image/gradient.rs", "114 * i32::from(b)", "115 * i32::from(b)", "weight"),
+    ("range/denoise.rs", "fn one_millimeter() -> f64 {\n    1.0", "fn one_millimeter() -> f64 {\n    1.2", "default"),
+    ("image/edges.rs", "[high * low.clamp(0.0, 1.0) as f32, high]", "[high, high * low.clamp(0.0, 1.0) as f32]", "swapped"),
+    ("image/grow_region.rs", "self.sum[k] / self.count)", "self.sum[k] / (self.count + 1.0))", "off by one"),
+    ("image/grow_region.rs", "(column + 1 < width).then_some(index + 1)", "(column + 2 < width).then_some(index + 2)", "off by one"),
+    ("image/label.rs", "while next < above.end && self.runs[next].start < end + reach {", "while next < above.end && self.runs[next].start <= end + reach {", "comparison"),
+    ("image/outline.rs", "&& mask.contains([column, row + 1]);", "&& mask.contains([column, row - 1]);", "sign"),
+    ("image/thin.rs", "yokoi == 1 && neighborhood.count_ones() > 1", "yokoi == 1 && neighborhood.count_ones() > 2", "off by one"),
+    ("image/percentile.rs", "(percent / 100.0 * total as f64)", "(percent / 101.0 * total as f64)", "weight"),
+    # Range data
+    ("range/average_normal.rs", "if vector.dot(&ray) > 0.0 { -vector } else { vector }", "if vector.dot(&ray) < 0.0 { -vector } else { vector }", "sign"),
+    ("range/denoise.rs", "let (mut sum, mut weights) = (0.0, 0.5);", "let (mut sum, mut weights) = (0.0, 0.6);", "weight"),
+    ("range/denoise.rs", "let bell = 1.0 - share * share;", "let bell = 1.0 - share.abs();", "formula"),
+    ("range/denoise.rs", "libm::exp(-(distance_sq as f64) / (2.0 * sigma * sigma))", "libm::exp(-(distance_sq as f64) / (sigma * sigma))", "weight"),
+    ("range/denoise.rs", "let is_first = 0 < row || 0 < column;", "let is_first = 0 < row;", "dropped"),
+    ("range/extract_region.rs", "Pick::Largest => rank(1)", "Pick::Largest => rank(2)", "off by one"),
+    ("range/triangulate.rs", "let longest_sq = jump * jump * median_spacing_sq(range);", "let longest_sq = jump * median_spacing_sq(range);", "formula"),
+    ("range/triangulate.rs", "(a.coords + b.coords + c.coords) / 3.0", "(a.coords + b.coords) / 2.0", "formula"),
+    ("range/grid_triangles.rs", "let (b, c, d) = (a + 1, a + width + 1, a + width);", "let (b, c, d) = (a + width, a + width + 1, a + 1);", "swapped axis"),
+    ("range/grid_triangles.rs", "(c - a).norm_squared() * SHORTER", "(c - a).norm_squared() * 1.5", "weight"),
+    ("range/contour.rs", "from = (to + 4) % 8;", "from = (to + 3) % 8;", "off by one"),
+    # Meshes
+    ("mesh/merge.rs", "part.faces().corners().iter().map(|&vertex| vertex + offset)", "part.faces().corners().iter().map(|&vertex| vertex)", "dropped"),
+    ("mesh/transform.rs", "let linear = z * y * x * Matrix3", "let linear = x * y * z * Matrix3", "order"),
+    ("mesh/transform.rs", "1.0, 0.0, 0.0, 0.0, cx, -sx, 0.0, sx, cx", "1.0, 0.0, 0.0, 0.0, cx, sx, 0.0, -sx, cx", "sign"),
+    ("mesh/transform.rs", "self.linear * point.coords + self.shift", "self.linear * point.coords - self.shift", "sign"),
+    ("mesh/transform.rs", "turned.try_normalize(0.0).unwrap_or_default().into()", "turned.into()", "dropped"),
+    # Nets and surfaces
+    ("nurbs/blend.rs", "x * x * (3.0 - 2.0 * x)", "x * x * (3.0 - 2.0 * x * x)", "formula"),
+    ("nurbs/blend.rs", "if offset == Vector3::zeros() { before } else { before + offset }", "if offset == Vector3::zeros() { before } else { before + offset * 0.999 }", "weight"),
+    ("nurbs/control_net.rs", "move |row, column| row == 0 || row + 1 == rows || column == 0 || column + 1 == columns", "move |row, column| row == 0 || row + 1 == rows || column == 0", "dropped"),
+    ("nurbs/fit_line.rs", "0 => rest -= ends[0] * value,", "0 => rest += ends[0] * value,", "sign"),
+    ("nurbs/banded.rs", "let change = factor * self.entries[self.at(k, column)];", "let change = 0.99 * factor * self.entries[self.at(k, column)];", "weight"),
+    ("nurbs/harmonic.rs", "2 => (rows - 1 - step, columns - 1),", "2 => (step, columns - 1),", "swapped"),
+    ("nurbs/harmonic.rs", "[u * scale[0], v * scale[1]]", "[u * scale[1], v * scale[0]]", "swapped axis"),
+    ("nurbs/mean_value.rs", "(length_a * length_b - (a[0] * b[0] + a[1] * b[1])) / cross", "(length_a * length_b + (a[0] * b[0] + a[1] * b[1])) / cross", "sign"),
+    ("nurbs/knots.rs", "Along::U => net.points()[k * columns + line],", "Along::U => net.points()[line * columns + k],", "swapped axis"),
+    ("nurbs/knots.rs", "lengths[k] = lengths[k - 1] + measure(", "lengths[k] = measure(", "dropped"),
+    ("nurbs/offset_net.rs", "direction = direction * cos", "direction = direction * sin", "swapped"),
+    ("nurbs/offset_net.rs", "sum += direction * step.distance;", "sum = direction * step.distance;", "dropped"),
+    ("nurbs/profile.rs", "Box::new(|d| (1.0 - libm::cos(std::f64::consts::PI * d)) / 2.0)", "Box::new(|d| (1.0 - libm::cos(std::f64::consts::PI * d)) / 2.1)", "weight"),
+    ("nurbs/profile.rs", "libm::exp(-(1.0 - d) * (1.0 - d) / (2.0 * width * width))", "libm::exp(-(1.0 - d) / (2.0 * width * width))", "formula"),
+    ("nurbs/revolve.rs", "let corner = 0.5f64.sqrt();", "let corner = 0.5f64;", "weight"),
+    ("nurbs/revolve.rs", "Point3::new(radius * x, y, radius * z)", "Point3::new(radius * z, y, radius * x)", "swapped axis"),
+    ("nurbs/rows.rs", "let t = b - before as f64;", "let t = 1.0 - (b - before as f64);", "sign"),
+    ("nurbs/polar.rs", "[x + column as f64 / n, y + row as f64 / n]", "[x + row as f64 / n, y + column as f64 / n]", "swapped axis"),
+    ("nurbs/patch.rs", "let (s, t) = (x - column as f64, y - row as f64);", "let (s, t) = (y - row as f64, x - column as f64);", "swapped axis"),
+    ("nurbs/weights.rs", "weight * (all * factor(rows, row) * factor(columns, column))", "weight * (all * factor(columns, row) * factor(rows, column))", "swapped axis"),
+    ("nurbs/distance.rs", "f64::from(down) * f64::from(down) + aside * aside", "f64::from(down) * f64::from(down) + aside", "formula"),
+    # Subdivision
+    ("subdivision/loop_masks.rs", "let center = 0.375 + libm::cos", "let center = 0.376 + libm::cos", "weight"),
+    ("subdivision/loop_masks.rs", "let end = 0.375 + 0.125 * sharp;", "let end = 0.374 + 0.125 * sharp;", "weight"),
+    ("subdivision/loop_masks.rs", "let opposite = 0.125 * (1.0 - sharp);", "let opposite = -0.125 * (1.0 - sharp);", "sign"),
+    ("subdivision/loop_masks.rs", "[1.0 - n as f64 * beta, beta], [0.75, 0.125]", "[1.0 - n as f64 * beta, beta], [0.5, 0.25]", "weight"),
+    ("subdivision/loop_masks.rs", "let w = 0.375 / self.beta(n);", "let w = 0.38 / self.beta(n);", "weight"),
+    ("subdivision/carry.rs", "(channel + 0.5) as u8", "channel as u8", "rounding"),
+    ("mesh/texture.rs", "Ok(mapped.with_texture(Some(image.clone())))", "Ok(mapped.with_texture(None))", "dropped"),
+]
