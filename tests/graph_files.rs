@@ -151,6 +151,24 @@ fn parameters_and_expressions_are_checked() {
 }
 
 #[test]
+fn a_parameter_out_of_its_range_is_one_problem_wherever_it_is_used() {
+    check(
+        r#"Graph(
+    format: 1,
+    params: { "step": Number(default: 99.0, max: 40.0) },
+    nodes: {
+        "doll": ReadMesh(path: "doll.obj"),
+        "moved": Transform(mesh: "doll", translate: (Param("step"), 0, 0)),
+    },
+    outputs: { "moved.ply": "moved" },
+)"#,
+        expect![[r#"
+            3:39-43 G010 parameter `step` is 99, but must be at most 40
+        "#]],
+    );
+}
+
+#[test]
 fn a_file_of_a_newer_format_is_not_judged() {
     check(
         "Graph(format: 99, meshes: {)",

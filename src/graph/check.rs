@@ -293,7 +293,8 @@ impl<'a> Check<'a> {
             }
             let types = vec![None; entry.map_or(0, |entry| entry.outputs().len())];
             let reader = Reader { tree: &tree, links: &links, files: &files };
-            let sound = entry.filter(|_| self.findings.len() == known);
+            // What is broken has been reported: a parameter out of its range, or a word that cannot be read.
+            let sound = entry.filter(|_| self.findings.len() == known && tree.is_whole());
             let node = sound.and_then(|entry| self.read(entry, &reader));
             self.note_files(&name.text, &files, node.as_deref());
             drafts.push(Draft {

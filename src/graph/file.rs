@@ -85,6 +85,21 @@ impl Tree {
         self.kind == Kind::Broken
     }
 
+    /// Whether nothing in it is broken.
+    pub(crate) fn is_whole(&self) -> bool {
+        match &self.kind {
+            Kind::Broken => false,
+            Kind::Call { body: Body::Fields(fields), .. } => {
+                fields.iter().all(|field| field.value.is_whole())
+            }
+            Kind::Call { body: Body::Items(items), .. } | Kind::List(items) => {
+                items.iter().all(Self::is_whole)
+            }
+            Kind::Map(entries) => entries.iter().all(|(_, value)| value.is_whole()),
+            _ => true,
+        }
+    }
+
     pub(crate) fn text(&self) -> Option<&str> {
         match &self.kind {
             Kind::Text(text) => Some(text),
