@@ -418,7 +418,7 @@ fn setting_a_value_and_setting_it_back_gives_the_same_bytes() {
             ("skin.levels", "3"),
             ("growth", "3"),
             ("net.points.0.0", "(9, 9, 9)"),
-            ("smooth.levels", "3"),
+            ("smooth.levels", "4"),
             ("scan.color", "another.png"),
             ("doll.path", "another.obj"),
             ("photo.path", "a folder/another.png"),
