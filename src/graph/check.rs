@@ -9,18 +9,16 @@ use std::sync::Arc;
 
 use super::file::{self, Body, Field, Kind, Name, Tree};
 use super::parameters::{Parameters, read_set};
-use super::paths::{PathProblem, may_read, project_root, stays_inside};
+use super::paths::{PathProblem, may_read, project_root};
 use super::schema::{Finding, FoundFile, FoundLink, Walk};
 use super::suggest::nearest_or_all;
 use super::{
-    Checked, Files, Graph, GraphNode, GraphOutput, Link, Options, ReadFile, Reader, Shape, any_of,
-    with_article,
+    Checked, Files, Graph, GraphNode, GraphOutput, Link, Options, ReadFile, Reader, Shape,
 };
 use crate::catalog::{Catalog, Entry};
 use crate::error::{Source, Span, code};
 use crate::eval::{NodeFile, Recipe};
-use crate::golden::Expectation;
-use crate::node::{AnyNode, Output, ending};
+use crate::node::{AnyNode, Output};
 use crate::value::ValueType;
 
 /// The version of the file format that this program reads.
@@ -73,33 +71,33 @@ pub(crate) fn is_name(word: &str) -> bool {
         && word.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
 }
 
-struct Check<'a> {
-    catalog: &'a Catalog,
-    options: &'a Options,
-    folder: PathBuf,
-    roots: Vec<PathBuf>,
-    findings: Vec<Finding>,
+pub(super) struct Check<'a> {
+    pub(super) catalog: &'a Catalog,
+    pub(super) options: &'a Options,
+    pub(super) folder: PathBuf,
+    pub(super) roots: Vec<PathBuf>,
+    pub(super) findings: Vec<Finding>,
     /// The files of the nodes that have been looked at.
-    files: Vec<ReadFile>,
+    pub(super) files: Vec<ReadFile>,
 }
 
 /// A node while it is checked.
-struct Draft<'a> {
-    name: Name,
-    tree: Tree,
-    entry: Option<&'a Entry>,
-    links: Vec<FoundLink>,
-    files: Vec<FoundFile>,
+pub(super) struct Draft<'a> {
+    pub(super) name: Name,
+    pub(super) tree: Tree,
+    pub(super) entry: Option<&'a Entry>,
+    pub(super) links: Vec<FoundLink>,
+    pub(super) files: Vec<FoundFile>,
     /// For each link, the node and output that it names, if they exist.
-    targets: Vec<Option<(usize, usize)>>,
+    pub(super) targets: Vec<Option<(usize, usize)>>,
     /// The type of each output, as far as it is known.
-    types: Vec<Option<&'static ValueType>>,
+    pub(super) types: Vec<Option<&'static ValueType>>,
     /// The node itself, if its fields have no problem.
-    node: Option<Box<dyn AnyNode>>,
+    pub(super) node: Option<Box<dyn AnyNode>>,
 }
 
 impl Draft<'_> {
-    fn outputs(&self) -> &[Output] {
+    pub(super) fn outputs(&self) -> &[Output] {
         self.entry.map_or(&[], Entry::outputs)
     }
 }
@@ -114,7 +112,13 @@ impl<'a> Check<'a> {
         Self { catalog, options, folder, roots, findings: Vec::new(), files: Vec::new() }
     }
 
-    fn find(&mut self, code: &'static str, span: Span, message: String, help: impl Into<String>) {
+    pub(super) fn find(
+        &mut self,
+        code: &'static str,
+        span: Span,
+        message: String,
+        help: impl Into<String>,
+    ) {
         self.findings.push(Finding { code, span, message, help: help.into(), note: None });
     }
 
@@ -386,252 +390,6 @@ impl<'a> Check<'a> {
                 self.find(code::UNKNOWN_LINK, Span::default(), message, help);
             }
         }
-    }
-
-    /// Finds what each link names.
-    fn link(&mut self, drafts: &mut [Draft<'a>]) {
-        let names: HashMap<String, usize> = drafts
-            .iter()
-            .enumerate()
-            .map(|(index, draft)| (draft.name.text.clone(), index))
-            .collect();
-        for index in 0..drafts.len() {
-            let targets = drafts[index].links.iter().map(|link| (link.text.clone(), link.span));
-            let targets: Vec<_> = targets.collect();
-            drafts[index].targets = targets
-                .into_iter()
-                .map(|(text, span)| self.target(&text, span, drafts, &names))
-                .collect();
-        }
-    }
-
-    fn target(
-        &mut self,
-        text: &str,
-        span: Span,
-        drafts: &[Draft<'_>],
-        names: &HashMap<String, usize>,
-    ) -> Option<(usize, usize)> {
-        let (node, output) = match text.split_once('.') {
-            Some((node, output)) => (node, Some(output)),
-            None => (text, None),
-        };
-        let Some(&index) = names.get(node) else {
-            let known: Vec<&str> = drafts.iter().map(|draft| &draft.name.text[..]).collect();
-            let help = nearest_or_all(node, "the graph's nodes", &known);
-            self.find(code::UNKNOWN_LINK, span, format!("there is no node `{node}`"), help);
-            return None;
-        };
-        let draft = &drafts[index];
-        let (Some(output), Some(entry)) = (output, draft.entry) else { return Some((index, 0)) };
-        let names: Vec<&str> = draft.outputs().iter().map(|output| output.name).collect();
-        let found = names.iter().position(|name| *name == output);
-        if found.is_none() {
-            let message = format!(
-                "`{node}` is {}, which has no output `{output}`",
-                with_article(&entry.name)
-            );
-            self.find(
-                code::UNKNOWN_LINK,
-                span,
-                message,
-                nearest_or_all(output, "its outputs", &names),
-            );
-        }
-        found.map(|output| (index, output))
-    }
-
-    /// The nodes, each after those that it hangs on; nodes in a cycle, which is reported, are left out.
-    fn order(&mut self, drafts: &[Draft<'_>]) -> Vec<usize> {
-        const NEW: u8 = 0;
-        const OPEN: u8 = 1;
-        const DONE: u8 = 2;
-        let mut state = vec![NEW; drafts.len()];
-        let mut order = Vec::with_capacity(drafts.len());
-        for start in 0..drafts.len() {
-            // Depth first without recursion: a chain of nodes may be longer than the stack is deep.
-            let mut path: Vec<(usize, usize)> = Vec::new();
-            if state[start] == NEW {
-                state[start] = OPEN;
-                path.push((start, 0));
-            }
-            while let Some(&mut (node, ref mut next)) = path.last_mut() {
-                let Some(target) = drafts[node].targets.get(*next) else {
-                    state[node] = DONE;
-                    order.push(node);
-                    path.pop();
-                    continue;
-                };
-                *next += 1;
-                let Some((target, _)) = *target else { continue };
-                if state[target] == NEW {
-                    state[target] = OPEN;
-                    path.push((target, 0));
-                } else if state[target] == OPEN {
-                    let first =
-                        path.iter().position(|(node, _)| *node == target).unwrap_or_default();
-                    let cycle: Vec<usize> = path[first..].iter().map(|(node, _)| *node).collect();
-                    self.cycle(&cycle, drafts);
-                }
-            }
-        }
-        order
-    }
-
-    fn cycle(&mut self, cycle: &[usize], drafts: &[Draft<'_>]) {
-        let lowest =
-            (0..cycle.len()).min_by_key(|&k| drafts[cycle[k]].name.span).unwrap_or_default();
-        let around =
-            (0..=cycle.len()).map(|k| &drafts[cycle[(lowest + k) % cycle.len()]].name.text[..]);
-        let path = Vec::from_iter(around).join(" <- ");
-        let span = drafts[cycle[lowest]].name.span;
-        let message = format!("nodes hang on each other in a circle: {path}");
-        self.find(
-            code::CYCLE,
-            span,
-            message,
-            "a node cannot need its own result: break one of these links",
-        );
-    }
-
-    /// Finds the type of every output and checks that every link fits.
-    fn types(&mut self, drafts: &mut [Draft<'a>], order: &[usize]) {
-        for &index in order {
-            let draft = &drafts[index];
-            let mut came_in: Vec<(&str, &'static ValueType)> = Vec::new();
-            let mut misfits = Vec::new();
-            for (link, target) in draft.links.iter().zip(&draft.targets) {
-                let Some((node, output)) = *target else { continue };
-                let Some(kind) = drafts[node].types.get(output).copied().flatten() else {
-                    continue;
-                };
-                if link.types.iter().any(|fits| fits == kind.name) {
-                    came_in.push((&link.wants, kind));
-                } else {
-                    misfits.push((link.clone(), kind));
-                }
-            }
-            let types = draft.outputs().iter().map(|output| match output.types[..] {
-                [kind] => Some(kind),
-                _ => came_in.iter().find(|(wants, _)| *wants == output.kind).map(|(_, kind)| *kind),
-            });
-            let types: Vec<_> = types.collect();
-            let owner = draft.entry.map_or("", |entry| &entry.name).to_owned();
-            drafts[index].types = types;
-            for (link, kind) in misfits {
-                self.misfit(&owner, &link, kind);
-            }
-        }
-    }
-
-    fn misfit(&mut self, owner: &str, link: &FoundLink, kind: &ValueType) {
-        let wanted = any_of(link.types.iter().map(String::as_str));
-        let message = format!(
-            "port `{}` of {owner} wants {}, but `{}` is {}",
-            link.port,
-            with_article(&wanted),
-            link.text,
-            with_article(kind.name)
-        );
-        let makers =
-            link.types.iter().map(|wanted| (wanted, self.catalog.converters(kind.name, wanted)));
-        let help = makers.filter_map(|(wanted, makers)| {
-            let maker = makers.first()?;
-            Some(format!("{} makes {} of it", with_article(maker), with_article(wanted)))
-        });
-        let help = Vec::from_iter(help).join("; ");
-        self.find(code::WRONG_TYPE, link.span, message, help);
-    }
-
-    fn outputs(&mut self, entries: &[(Tree, Tree)], drafts: &[Draft<'_>]) -> Vec<GraphOutput> {
-        let names: HashMap<String, usize> = drafts
-            .iter()
-            .enumerate()
-            .map(|(index, draft)| (draft.name.text.clone(), index))
-            .collect();
-        let mut outputs: Vec<GraphOutput> = Vec::with_capacity(entries.len());
-        for (key, value) in entries {
-            let Some(name) = key.text() else {
-                let message = format!("the name of an output is a text, not {}", key.in_words());
-                self.find(code::BAD_NAME, key.span, message, "write \"name.ply\": \"node\"");
-                continue;
-            };
-            if !stays_inside(name) {
-                let message = format!("output `{name}` lies outside of the folder of outputs");
-                self.find(
-                    code::OUTSIDE,
-                    key.span,
-                    message,
-                    "name a file, such as \"model.ply\"; --out chooses the folder",
-                );
-                continue;
-            }
-            if outputs.iter().any(|before| before.name == name) {
-                self.find(
-                    code::BAD_NAME,
-                    key.span,
-                    format!("there is already an output `{name}`"),
-                    "",
-                );
-                continue;
-            }
-            let Some(link) = value.text() else {
-                let message = format!("output `{name}` wants a link, not {}", value.in_words());
-                self.find(
-                    code::WRONG_VALUE,
-                    value.span,
-                    message,
-                    "write \"node\" or \"node.output\"",
-                );
-                continue;
-            };
-            let Some((node, output)) = self.target(link, value.span, drafts, &names) else {
-                continue;
-            };
-            let kind = drafts[node].types.get(output).copied().flatten();
-            let ending = ending(Path::new(name));
-            let format = kind.and_then(|kind| self.catalog.format(kind, &ending));
-            if let Some(format) = format {
-                let (name, format) = (name.to_owned(), *format);
-                outputs.push(GraphOutput { name, node, output, format, span: key.span });
-            } else if kind.is_some() || !self.catalog.endings(None).contains(&&ending[..]) {
-                self.no_format(name, &ending, kind, key.span);
-            }
-        }
-        outputs
-    }
-
-    /// What the graph expects of its values; each must be there.
-    fn expectations(
-        &mut self,
-        tree: Option<&Tree>,
-        drafts: &[Draft<'_>],
-    ) -> Vec<(Expectation, Span)> {
-        let Some(tree) = tree else { return Vec::new() };
-        let (expectations, findings) = Expectation::read_all(tree);
-        self.findings.extend(findings);
-        let names: HashMap<String, usize> =
-            (0..drafts.len()).map(|index| (drafts[index].name.text.clone(), index)).collect();
-        for (expectation, span) in &expectations {
-            for value in expectation.values() {
-                self.target(value, *span, drafts, &names);
-            }
-        }
-        expectations
-    }
-
-    fn no_format(&mut self, name: &str, ending: &str, kind: Option<&ValueType>, span: Span) {
-        let known = self.catalog.endings(kind);
-        let what = kind.map_or_else(|| "a value".to_owned(), |kind| with_article(kind.name));
-        let message = match ending {
-            "" => format!("output `{name}` has no ending that says how to write {what}"),
-            _ => format!("{what} cannot be written to a `.{ending}` file"),
-        };
-        let help = match (known.is_empty(), kind) {
-            (true, _) => format!("{what} has no file format"),
-            (false, _) => format!("{what} can be written to: {}", known.join(", ")),
-        };
-        self.find(code::OUTPUT_FORMAT, span, message, help);
     }
 
     /// The nodes in order, and the new place of each.
