@@ -124,15 +124,15 @@ impl KnotVector {
         let degree = self.degree() + 1;
         let raised = self.clamped(start, end, degree, |count| count + 1)?;
         let row = |j: usize| {
-            let span = self.span(raised.knots.middle(j));
             let arguments = &raised.knots.knots()[j + 1..=j + degree];
-            let mut factors = [0.0; MOST];
+            let mut sum = Row { first: 0, factors: [0.0; MOST] };
             for left_out in 0..degree {
                 let others = (0..degree).filter(|&k| k != left_out).map(|k| arguments[k]);
-                let blossom = self.blossom(span, others);
-                factors.iter_mut().zip(blossom).for_each(|(sum, x)| *sum += x / degree as f64);
+                let Row { first, factors } = self.blossom(raised.knots.knots()[j], others);
+                sum.first = first;
+                sum.factors.iter_mut().zip(factors).for_each(|(sum, x)| *sum += x / degree as f64);
             }
-            Row { first: span - self.degree(), factors }
+            sum
         };
         let rows = (0..raised.knots.n_control()).map(row).collect();
         Ok(KnotChange { rows, ..raised })
@@ -165,45 +165,38 @@ impl KnotVector {
 
     /// The factors of control point `j` of `to`, whose knots are of the same degree and are a part, or more, of these.
     fn row(&self, to: &Self, j: usize) -> Row {
-        let span = self.span(to.middle(j));
-        let arguments = to.knots()[j + 1..=j + self.degree()].iter().copied();
-        Row { first: span - self.degree(), factors: self.blossom(span, arguments) }
+        let arguments = &to.knots()[j + 1..=j + self.degree()];
+        self.blossom(to.knots()[j], arguments.iter().copied())
     }
 
-    /// A parameter inside of a piece that control point `j` reaches, as near to the middle of its reach as a piece lies.
-    fn middle(&self, j: usize) -> f64 {
-        let (first, last) = (self.degree(), self.n_control() - 1);
-        let lengths = |span: &usize| self.knots()[*span] < self.knots()[span + 1];
-        let reach = (j.max(first)..=(j + self.degree()).min(last)).filter(lengths);
-        let aim = j + self.degree() / 2;
-        let span = reach.min_by_key(|span| span.abs_diff(aim));
-        // A control point without any reach inside of the domain takes the nearest piece: nothing depends on it.
-        let span = span.or_else(|| (first..=last).filter(lengths).min_by_key(|s| s.abs_diff(aim)));
-        let span = span.expect("a domain is not empty");
-        self.knots()[span] + (self.knots()[span + 1] - self.knots()[span]) / 2.0
-    }
-
-    /// The blossom of the piece in a span at degree many arguments, as factors of the control points from `span - degree` on.
+    /// The blossom at degree many ascending arguments of the piece where `start`, the knot before them, lies.
     ///
-    /// The basis functions' recurrence with another argument in each round. Factors below 0 are rounding, or belong to a control
-    /// point without any reach.
-    fn blossom(&self, span: usize, arguments: impl Iterator<Item = f64>) -> [f64; MOST] {
-        let knots = self.knots();
+    /// The basis functions' recurrence with another argument in each round. With the arguments ascending, and in the span of the
+    /// knot before the first one, every term is a discrete B-spline or 0, so that nothing is ever subtracted: however unequal the
+    /// spans, there are no cancelling digits. In a span before the domain the first B-splines of a round do not exist, in one after
+    /// it the last: they are left out, because no control point depends on them.
+    fn blossom(&self, start: f64, arguments: impl Iterator<Item = f64>) -> Row {
+        let (knots, degree) = (self.knots(), self.degree());
+        let last = knots.partition_point(|&knot| knot < knots[knots.len() - 1]) - 1;
+        let span = (knots.partition_point(|&knot| knot <= start) - 1).min(last);
+        let (missing, exist) = (degree.saturating_sub(span), knots.len() - 1 - span);
         let mut factors = [0.0; MOST];
         factors[0] = 1.0;
-        for (round, x) in (1..).zip(arguments) {
+        for (round, x) in (1_usize..).zip(arguments) {
             let mut saved = 0.0;
-            for r in 0..round {
-                let right = knots[span + r + 1] - x;
-                let left = x - knots[span + 1 + r - round];
-                let share = factors[r] / (right + left);
-                factors[r] = saved + right * share;
-                saved = left * share;
+            for r in round.saturating_sub(span + 1)..round.min(exist) {
+                let (from, to) = (knots[span + 1 + r - round], knots[span + 1 + r]);
+                let share = factors[r] / (to - from);
+                factors[r] = saved + (to - x).max(0.0) * share;
+                saved = (x - from).max(0.0) * share;
             }
             factors[round] = saved;
         }
-        let sum: f64 = factors.iter().map(|factor| factor.max(0.0)).sum();
-        factors.map(|factor| factor.max(0.0) / sum)
+        factors[..missing].fill(0.0);
+        factors[exist.min(MOST)..].fill(0.0);
+        factors[..=degree].rotate_left(missing);
+        let sum: f64 = factors.iter().sum();
+        Row { first: span.saturating_sub(degree), factors: factors.map(|factor| factor / sum) }
     }
 }
 
