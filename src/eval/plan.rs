@@ -10,6 +10,8 @@ use crate::graph::Graph;
 pub(super) struct Plan {
     pub(super) wanted: Arc<[bool]>,
     pub(super) tasks: Vec<Task>,
+    /// The nodes that are not what stood at their place last time, whether wanted or not.
+    pub(super) replaced: Vec<usize>,
     /// How many nodes have a task.
     active: usize,
 }
@@ -39,7 +41,8 @@ impl Plan {
         let Some(last) = &evaluator.last else {
             let task = |&wanted: &bool| if wanted { Task::Look } else { Task::None };
             let tasks = Vec::from_iter(wanted.iter().map(task));
-            return Self { active: wanted.iter().filter(|wanted| **wanted).count(), wanted, tasks };
+            let active = wanted.iter().filter(|wanted| **wanted).count();
+            return Self { active, wanted, tasks, replaced: Vec::new() };
         };
         let mut tasks = vec![Task::None; count];
         let mut active = 0;
@@ -51,7 +54,9 @@ impl Plan {
             }
             false
         };
+        let replaced = Vec::from_iter(graph.shape.differences(&last.shape));
         let mut changed = changed(evaluator, last, graph, &wanted);
+        changed.extend(&replaced);
         while let Some(index) = changed.pop() {
             if mark(&mut tasks, index, Task::Look) {
                 changed.extend(graph.shape.users(index).iter().map(|&user| user as usize));
@@ -73,7 +78,7 @@ impl Plan {
                 mark(tasks, index, Task::Restore);
             }
             if tasks[index] != Task::None {
-                graph.nodes[index].links.iter().for_each(|link| needed[link.node] = true);
+                graph.shape.sources(index).iter().for_each(|&node| needed[node as usize] = true);
             }
         };
         for index in (0..count).rev() {
@@ -81,7 +86,7 @@ impl Plan {
                 look(index, &mut tasks, &mut needed);
             }
         }
-        Self { wanted, tasks, active }
+        Self { wanted, tasks, replaced, active }
     }
 
     pub(super) fn has_work(&self) -> bool {
@@ -101,22 +106,17 @@ fn wanted(graph: &Graph, roots: &[usize]) -> Arc<[bool]> {
     // Each node comes after those that it hangs on, so backwards every user is met before what it uses.
     for index in (0..wanted.len()).rev() {
         if wanted[index] {
-            graph.nodes[index].links.iter().for_each(|link| wanted[link.node] = true);
+            graph.shape.sources(index).iter().for_each(|&node| wanted[node as usize] = true);
         }
     }
     wanted.into()
 }
 
-/// The wanted nodes that are not what stood at their place last time, did not succeed then, or read a file that is not as it was.
+/// The wanted nodes that did not succeed last time, or read a file that is not as it was.
 fn changed(evaluator: &Evaluator, last: &Snapshot, graph: &Graph, wanted: &[bool]) -> Vec<usize> {
-    let (marks, before) = (&graph.shape.marks, &last.shape.marks);
-    let same_graph = Arc::ptr_eq(&graph.shape, &last.shape);
-    let is_changed = |index: usize| {
-        wanted[index]
-            && (!matches!(last.fates.get(index), Some(Fate::Current(_)))
-                || !same_graph && before.get(index) != Some(&marks[index]))
-    };
-    let mut changed = Vec::from_iter((0..marks.len()).filter(|&index| is_changed(index)));
+    let failed = |index: &usize| !matches!(last.fates.get(*index), Some(Fate::Current(_)));
+    let mut changed =
+        Vec::from_iter((0..wanted.len()).filter(|&index| wanted[index]).filter(failed));
     changed.extend(graph.shape.readers.iter().filter(|&&index| {
         let found = graph.nodes[index].files.iter().map(|file| evaluator.files.look(&file.path));
         let before = last.fates.get(index);

@@ -54,6 +54,7 @@ pub(super) struct Run<'a> {
     pub(super) evaluator: &'a Evaluator,
     pub(super) graph: &'a Graph,
     pub(super) tasks: &'a [Task],
+    replaced: &'a [usize],
     pub(super) observer: &'a dyn Observer,
     pub(super) cancel: &'a CancelToken,
     pub(super) start: Instant,
@@ -101,7 +102,8 @@ impl<'a> Run<'a> {
             for node in (0..tasks.len()).filter(|&node| tasks[node] != Task::None) {
                 places[node] = slots.len() as u32;
                 // Each node comes after those that it hangs on, so their slots are there.
-                let links = graph.nodes[node].links.iter().map(|link| places[link.node]);
+                let sources = graph.shape.sources(node).iter();
+                let links = sources.map(|&source| places[source as usize]);
                 let mut waiting = 0;
                 for place in links.filter(|&place| place != NOWHERE) {
                     *slots[place as usize].users.get_mut() += 1;
@@ -114,6 +116,7 @@ impl<'a> Run<'a> {
             evaluator,
             graph,
             tasks,
+            replaced: &plan.replaced,
             observer,
             cancel,
             start: Instant::now(),
@@ -317,9 +320,8 @@ impl<'a> Run<'a> {
     /// What is known now of the nodes that are not as they were, and what happened to them, in the graph's order.
     pub(super) fn end(self) -> (Vec<(usize, Fate)>, Vec<News>) {
         let visited = self.slots.iter().map(|slot| (slot.node, self.fate(slot)));
-        let last = self.evaluator.last.as_ref();
-        let replaced = last.into_iter().flat_map(|last| self.graph.shape.differences(&last.shape));
-        let unwanted = replaced.filter(|&index| self.tasks[index] == Task::None);
+        let unwanted =
+            self.replaced.iter().copied().filter(|&index| self.tasks[index] == Task::None);
         let fates = visited.chain(unwanted.map(|index| (index, self.stale(index)))).collect();
         let mut news = self.news.into_inner().unwrap_or_else(|broken| broken.into_inner());
         news.sort_by_key(|news| news.index);

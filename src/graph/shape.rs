@@ -12,34 +12,33 @@ pub(crate) struct Shape {
     pub(crate) marks: Vec<Hash>,
     /// The nodes that read files.
     pub(crate) readers: Vec<usize>,
-    /// The users of node `n`, once per link: `users[starts[n]..starts[n + 1]]`.
-    users: Vec<u32>,
+    /// The nodes that each one is linked to, once per link.
+    sources: Lists,
+    /// The nodes that are linked to each one, once per link.
+    users: Lists,
+}
+
+/// A list for each node: that of node `n` is `items[starts[n]..starts[n + 1]]`.
+#[derive(Debug, Default)]
+struct Lists {
+    items: Vec<u32>,
     starts: Vec<u32>,
+}
+
+impl Lists {
+    fn of(&self, node: usize) -> &[u32] {
+        &self.items[self.starts[node] as usize..self.starts[node + 1] as usize]
+    }
 }
 
 impl Shape {
     pub(crate) fn new(nodes: &[GraphNode]) -> Self {
-        let mut starts = vec![0u32; nodes.len() + 1];
-        for link in nodes.iter().flat_map(|node| &node.links) {
-            starts[link.node + 1] += 1;
-        }
-        for index in 0..nodes.len() {
-            starts[index + 1] += starts[index];
-        }
-        let mut next = starts.clone();
-        let mut users = vec![0; starts.last().map_or(0, |&count| count as usize)];
-        for (index, node) in nodes.iter().enumerate() {
-            for link in &node.links {
-                users[next[link.node] as usize] = index as u32;
-                next[link.node] += 1;
-            }
-        }
         Self {
             names: nodes.iter().map(|node| node.name.clone()).collect(),
             marks: nodes.iter().map(mark).collect(),
             readers: (0..nodes.len()).filter(|&index| !nodes[index].files.is_empty()).collect(),
-            users,
-            starts,
+            sources: sources(nodes),
+            users: users(nodes),
         }
     }
 
@@ -55,8 +54,41 @@ impl Shape {
 
     /// The nodes that are linked to a node, once per link.
     pub(crate) fn users(&self, node: usize) -> &[u32] {
-        &self.users[self.starts[node] as usize..self.starts[node + 1] as usize]
+        self.users.of(node)
     }
+
+    /// The nodes that a node is linked to, once per link.
+    pub(crate) fn sources(&self, node: usize) -> &[u32] {
+        self.sources.of(node)
+    }
+}
+
+fn sources(nodes: &[GraphNode]) -> Lists {
+    let mut lists = Lists { items: Vec::new(), starts: vec![0] };
+    for node in nodes {
+        lists.items.extend(node.links.iter().map(|link| link.node as u32));
+        lists.starts.push(lists.items.len() as u32);
+    }
+    lists
+}
+
+fn users(nodes: &[GraphNode]) -> Lists {
+    let mut starts = vec![0u32; nodes.len() + 1];
+    for link in nodes.iter().flat_map(|node| &node.links) {
+        starts[link.node + 1] += 1;
+    }
+    for index in 0..nodes.len() {
+        starts[index + 1] += starts[index];
+    }
+    let mut next = starts.clone();
+    let mut items = vec![0; starts.last().map_or(0, |&count| count as usize)];
+    for (index, node) in nodes.iter().enumerate() {
+        for link in &node.links {
+            items[next[link.node] as usize] = index as u32;
+            next[link.node] += 1;
+        }
+    }
+    Lists { items, starts }
 }
 
 fn mark(node: &GraphNode) -> Hash {
