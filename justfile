@@ -26,6 +26,10 @@ bench *args:
 peers *args:
     python3 benches/peers/peers.py {{args}}
 
+# Our subdivision beside OpenSubdiv (Debian: libosd-dev) and CGAL (libcgal-dev), point by point. Needs ../shared/data.
+oracles:
+    bash tests/oracles/subdivision/run
+
 # Every reader of files, for some seconds each.
 fuzz seconds="5":
     bash .ci/fuzz {{seconds}}

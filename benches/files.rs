@@ -3,7 +3,7 @@
 use maquette::format::{pcd, ply};
 use maquette::value::{Faces, Mesh, RangeImage};
 use maquette_nodes::range::triangulate;
-use maquette_nodes::subdivision::{Boundary, Scheme, Subdivision, subdivide};
+use maquette_nodes::subdivision::{Boundary, Corners, Creases, Scheme, Subdivision, subdivide};
 use nalgebra::Point3;
 
 fn main() {
@@ -79,6 +79,8 @@ fn subdivide_to_million_triangles(bencher: divan::Bencher<'_, '_>) {
         levels: 1,
         limit: false,
         boundary: Boundary::EdgeAndCorner,
+        creases: Creases::OpenSubdiv,
+        corners: Corners::Linear,
     };
     bencher.bench(|| subdivide(&mesh, how).expect("a mesh"));
 }

@@ -2,13 +2,16 @@
 
 use maquette::Pack;
 
+pub mod deform;
 pub mod image;
 pub mod mesh;
 pub mod nurbs;
 pub mod range;
 pub mod subdivision;
 
+mod cholesky;
 mod laplace;
 
 /// All built-in packs, in pipeline order.
-pub const PACKS: &[Pack] = &[image::PACK, range::PACK, nurbs::PACK, subdivision::PACK, mesh::PACK];
+pub const PACKS: &[Pack] =
+    &[image::PACK, range::PACK, nurbs::PACK, subdivision::PACK, deform::PACK, mesh::PACK];

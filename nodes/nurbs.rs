@@ -36,6 +36,7 @@ pub use crate::laplace::Unsolved;
 pub use blend::{Blend, BlendError, BlendMode, Blended, blend};
 pub use control_net::{ControlNet, NetError, NetMethod, control_net};
 pub use fit_surface::{FitError, FitMethod, FitParameters, FitSurface, Fitted, fit_surface};
+pub(crate) use knots::parameters;
 pub use knots::{Knots, KnotsError, KnotsKind, knots};
 pub use loft::{Loft, LoftError, Section, loft};
 pub use nurbs::{Nurbs, NurbsError, nurbs};

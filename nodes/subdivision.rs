@@ -1,16 +1,93 @@
-//! Nodes on subdivision surfaces.
+//! Nodes on subdivision surfaces and curves: refinement, and what passes through or near given points.
 
 use maquette::{Pack, node};
 
+mod blocks;
 mod carry;
+mod catmull_clark;
+mod columns;
+mod composed;
 mod connectivity;
+mod control_curve;
+mod crease;
+mod curvature;
+mod doo_sabin;
+mod finer_limit;
+mod fit_subdivision;
+mod geometric;
+mod interpolate;
+mod interpolate_curve;
+mod interpolate_surface;
+mod least_squares;
+mod level;
+mod limit;
+mod limit_feet;
+mod limit_matrix;
+mod limit_surface;
 mod loop_masks;
-mod plan;
+mod manifold;
+mod masks;
+mod patches;
+mod place;
+mod primal;
+mod quadric;
+mod read_creases;
+#[cfg(test)]
+mod shapes;
 mod sharpness;
+mod simplify;
+mod smooth_corners;
+mod split;
+mod stencils;
+mod step;
 mod subdivide;
+mod subdivide_curve;
+mod topology;
+mod transpose;
+mod turns;
+mod without_border;
 
-pub use subdivide::{Boundary, Scheme, Subdivide, SubdivideError, Subdivision, subdivide};
+pub use crease::{Crease, crease};
+pub use curvature::{
+    AngleBending, Bending, BentMesh, Curvature, CurvatureError, CurvatureMethod, CurvatureRamp,
+    angle_bending, curvature,
+};
+pub use fit_subdivision::{
+    FitSubdivision, FitSubdivisionError, FittedSubdivision, Scattered, fit_subdivision,
+};
+pub use geometric::{Direction, Foot, Interpolation, Norm, NotLinear, Solver};
+pub use interpolate::{
+    Interpolate, InterpolateError, InterpolateOptions, Interpolated, OnSingular, interpolate,
+};
+pub use interpolate_curve::{
+    CurveBasis, InterpolateCurve, InterpolateCurveError, InterpolatedCurve, interpolate_curve,
+};
+pub use interpolate_surface::{
+    InterpolateSurface, InterpolateSurfaceError, InterpolatedSurface, interpolate_surface,
+};
+pub use limit_surface::{LimitPoint, LimitSurface};
+pub use read_creases::{ReadCreases, ReadCreasesError, read_creases};
+pub use simplify::{Simplify, SimplifyError, simplify};
+pub use subdivide::{
+    Boundary, Corners, Creases, Plan, Scheme, Subdivide, SubdivideError, Subdivision, subdivide,
+};
+pub use subdivide_curve::{CurveScheme, SubdivideCurve, SubdivideCurveError, subdivide_curve};
 
-/// Nodes on subdivision surfaces.
-pub const PACK: Pack =
-    Pack { name: "subdivision", nodes: &[node::<Subdivide>()], values: &[], formats: &[] };
+/// Nodes on subdivision surfaces and curves.
+pub const PACK: Pack = Pack {
+    name: "subdivision",
+    nodes: &[
+        node::<ReadCreases>(),
+        node::<Crease>(),
+        node::<Subdivide>(),
+        node::<Interpolate>(),
+        node::<Curvature>(),
+        node::<SubdivideCurve>(),
+        node::<InterpolateCurve>(),
+        node::<InterpolateSurface>(),
+        node::<Simplify>(),
+        node::<FitSubdivision>(),
+    ],
+    values: &[],
+    formats: &[],
+};

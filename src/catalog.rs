@@ -43,34 +43,59 @@ impl Entry {
 
     /// Its ports, in order.
     pub(crate) fn ports(&self) -> Vec<PortDescription> {
-        let properties = self.schema().get("properties").and_then(Json::as_object);
-        let required = self.schema().get("required").and_then(Json::as_array);
-        let is_optional = |name: &str| {
-            !required
-                .is_some_and(|required| required.iter().any(|field| field.as_str() == Some(name)))
-        };
-        let port = |(name, field): (&String, &Json)| port(name, field, is_optional(name));
-        properties.into_iter().flatten().filter_map(port).collect()
+        ports(self.schema())
     }
 
     /// The node's description as `maquette nodes --json` prints it.
     pub(crate) fn to_json(&self) -> Json {
+        self.description().to_json()
+    }
+
+    /// What people and programs are told of it.
+    pub(crate) fn description(&self) -> Description<'_> {
+        let output = |output: &Output| {
+            (output.name.to_owned(), output.types.iter().map(|kind| kind.name).collect())
+        };
+        Description {
+            name: &self.name,
+            pack: self.pack,
+            schema: self.schema(),
+            outputs: self.outputs().iter().map(output).collect(),
+        }
+    }
+}
+
+/// What is told of a type of nodes: a built-in one, or a graph that others use.
+pub(crate) struct Description<'a> {
+    pub(crate) name: &'a str,
+    /// The pack, or the file.
+    pub(crate) pack: &'a str,
+    pub(crate) schema: &'a Json,
+    /// Names and types.
+    pub(crate) outputs: Vec<(String, Vec<&'static str>)>,
+}
+
+impl Description<'_> {
+    /// Its ports, in order.
+    pub(crate) fn ports(&self) -> Vec<PortDescription> {
+        ports(self.schema)
+    }
+
+    pub(crate) fn to_json(&self) -> Json {
         let ports = self.ports();
-        let mut parameters = self.schema().clone();
+        let mut parameters = self.schema.clone();
         if let Some(properties) = parameters.get_mut("properties").and_then(Json::as_object_mut) {
             properties.retain(|name, _| ports.iter().all(|port| port.name != *name));
         }
         if let Some(required) = parameters.get_mut("required").and_then(Json::as_array_mut) {
             required.retain(|name| ports.iter().all(|port| name.as_str() != Some(&port.name)));
         }
-        let outputs = self.outputs().iter().map(|output| {
-            let types: Vec<&str> = output.types.iter().map(|kind| kind.name).collect();
-            json!({ "name": output.name, "types": types })
-        });
+        let outputs =
+            self.outputs.iter().map(|(name, types)| json!({ "name": name, "types": types }));
         json!({
             "name": self.name,
             "pack": self.pack,
-            "doc": self.schema().get("description").cloned().unwrap_or_default(),
+            "doc": self.schema.get("description").cloned().unwrap_or_default(),
             "inputs": ports.iter().map(PortDescription::to_json).collect::<Vec<_>>(),
             "outputs": outputs.collect::<Vec<_>>(),
             "parameters": parameters,
@@ -97,6 +122,17 @@ impl PortDescription {
             "doc": self.doc,
         })
     }
+}
+
+/// The ports among the fields of a schema, in order.
+fn ports(schema: &Json) -> Vec<PortDescription> {
+    let properties = schema.get("properties").and_then(Json::as_object);
+    let required = schema.get("required").and_then(Json::as_array);
+    let is_optional = |name: &str| {
+        !required.is_some_and(|required| required.iter().any(|field| field.as_str() == Some(name)))
+    };
+    let port = |(name, field): (&String, &Json)| port(name, field, is_optional(name));
+    properties.into_iter().flatten().filter_map(port).collect()
 }
 
 fn port(name: &str, field: &Json, optional: bool) -> Option<PortDescription> {
@@ -176,7 +212,8 @@ impl Catalog {
             entry
                 .outputs()
                 .first()
-                .is_some_and(|output| output.types.iter().any(|kind| kind.name == to))
+                // An output of several types has the one that came in.
+                .is_some_and(|output| output.types.len() == 1 && output.types[0].name == to)
                 && entry
                     .ports()
                     .first()
@@ -274,7 +311,12 @@ fn describe_content(content: &Json, root: &Json) -> String {
 
 /// ` = default`, if the schema has one.
 pub(crate) fn describe_default(schema: &Json) -> String {
-    schema.get("default").map_or_else(String::new, |default| format!(" = {}", as_ron(default)))
+    let default = schema.get("default");
+    // A graph's own choices may be in lower case.
+    if let (Some(Json::String(word)), true) = (default, schema.get("enum").is_some()) {
+        return format!(" = {word}");
+    }
+    default.map_or_else(String::new, |default| format!(" = {}", as_ron(default)))
 }
 
 /// A default as a graph file would have it.

@@ -24,6 +24,7 @@ mod diff;
 mod draw;
 mod events;
 mod fmt;
+mod gallery;
 mod inspect;
 mod interrupt;
 mod nodes;
@@ -72,6 +73,8 @@ enum Command {
     Render(render::Render),
     /// Print the reference of all nodes, or of one.
     Nodes(nodes::Nodes),
+    /// Make a page of all graphs of a folder, each with its picture.
+    Gallery(gallery::Gallery),
     /// Show what a node gives: counts, bounds, topology, or what is under a pixel.
     Inspect(inspect::Inspect),
     /// Say why a node would run, or why not, since the last evaluation of the graph.
@@ -137,6 +140,7 @@ pub fn main(packs: &[Pack]) -> ExitCode {
         Command::Compare(command) => command.run(),
         Command::Render(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
+        Command::Gallery(command) => command.run(&catalog),
         Command::Inspect(command) => command.run(&catalog),
         Command::Why(command) => command.run(&catalog),
         Command::Cache(command) => command.run(),
@@ -227,10 +231,14 @@ fn snippet(problem: &Problem) -> Group<'_> {
         let Place { line, column } = Place::of(text, problem.span.start);
         group.element(Origin::path(path).line(line).char_column(column))
     };
-    match &problem.help[..] {
+    let group = match &problem.help[..] {
         "" => group,
         help => group.element(Level::HELP.message(help)),
-    }
+    };
+    let uses = problem.uses.iter().rev();
+    let uses =
+        uses.map(|at| Level::NOTE.message(format!("used by `{}` at {}", at.name, at.place())));
+    group.elements(uses)
 }
 
 /// A text longer than this is not shown around a problem: nobody would read it, and drawing marks under it takes long.

@@ -1,7 +1,9 @@
 //! A graph as a picture: boxes for nodes and output files, links with the types that they carry.
 
+use std::collections::HashMap;
+
 use crate::catalog::Catalog;
-use crate::graph::Graph;
+use crate::graph::{Graph, GraphUse};
 
 mod dot;
 mod layout;
@@ -72,36 +74,44 @@ impl Drawing {
             }
         }
         let pack_of = |kind: &str| catalog.find(kind).map_or("", |entry| entry.pack);
-        let used = |name: &str| graph.nodes.iter().any(|node| pack_of(node.kind()) == name);
-        let packs = places.into_iter().filter(|(_, name)| used(name));
+        let boxes = boxes(graph);
+        let kinds = boxes.iter().map(|part| match part {
+            Part::Node(index) => pack_of(graph.nodes[*index].kind()),
+            Part::Use(_) => GRAPHS,
+        });
+        let kinds = Vec::from_iter(kinds);
+        places.push((places.len(), GRAPHS));
+        let packs = places.into_iter().filter(|(_, name)| kinds.contains(name));
         drawing.packs = packs.map(|(place, name)| Pack { name: name.to_owned(), place }).collect();
-        for (index, node) in graph.nodes.iter().enumerate() {
-            let pack = drawing.packs.iter().position(|pack| pack.name == pack_of(node.kind()));
-            let mut inputs: Vec<String> = Vec::new();
-            for link in &node.links {
-                if inputs.last() != Some(&link.port) {
-                    inputs.push(link.port.clone());
+        let sources = sources(graph, &boxes);
+        for (index, (part, pack)) in boxes.iter().zip(&kinds).enumerate() {
+            let pack = drawing.packs.iter().position(|known| known.name == **pack);
+            let links: Vec<(&str, (usize, usize))> = match part {
+                Part::Node(node) => {
+                    let links = graph.nodes[*node].links.iter();
+                    links.map(|link| (&link.port[..], (link.node, link.output))).collect()
                 }
-                let wire = Wire { from: [link.node, link.output], to: [index, inputs.len() - 1] };
-                drawing.wires.push(wire);
+                Part::Use(given) => {
+                    given.inputs.iter().map(|(port, target)| (&port[..], *target)).collect()
+                }
+            };
+            let mut inputs: Vec<String> = Vec::new();
+            for (port, target) in links {
+                if inputs.last().is_none_or(|last| last != port) {
+                    inputs.push(port.to_owned());
+                }
+                let from = sources.get(&target).copied();
+                let to = [index, inputs.len() - 1];
+                drawing.wires.extend(from.map(|from| Wire { from, to }));
             }
-            let outputs = node.outputs.iter().zip(&node.types).map(|(name, kind)| Port {
-                name: (*name).to_owned(),
-                kind: kind.map_or_else(String::new, |kind| kind.name.to_owned()),
-            });
-            drawing.boxes.push(Block {
-                name: node.name.clone(),
-                node: Some(NodeBlock {
-                    kind: node.kind().to_owned(),
-                    pack: pack.unwrap_or_default(),
-                }),
-                inputs,
-                outputs: outputs.collect(),
-            });
+            let (name, kind, outputs) = described(graph, part);
+            let node = Some(NodeBlock { kind, pack: pack.unwrap_or_default() });
+            drawing.boxes.push(Block { name, node, inputs, outputs });
         }
         for output in &graph.outputs {
-            let wire = Wire { from: [output.node, output.output], to: [drawing.boxes.len(), 0] };
-            drawing.wires.push(wire);
+            let to = [drawing.boxes.len(), 0];
+            let from = sources.get(&(output.node, output.output)).copied();
+            drawing.wires.extend(from.map(|from| Wire { from, to }));
             drawing.boxes.push(Block {
                 name: output.name.clone(),
                 node: None,
@@ -115,6 +125,83 @@ impl Drawing {
     /// Whether some link begins at an output.
     fn is_linked(&self, output: [usize; 2]) -> bool {
         self.wires.iter().any(|wire| wire.from == output)
+    }
+}
+
+/// What graphs that are used are listed as, beside packs.
+const GRAPHS: &str = "graphs";
+
+/// What is one box: a node, or the use of a graph with all that is in it.
+enum Part<'g> {
+    Node(usize),
+    Use(&'g GraphUse),
+}
+
+/// The boxes of a graph: its own nodes and uses, each where the first of its nodes stands.
+fn boxes(graph: &Graph) -> Vec<Part<'_>> {
+    let of_graph =
+        |given: &&GraphUse| given.kind != "Switch" && !given.kind.starts_with("ForEach(");
+    let mut uses: HashMap<&str, &GraphUse> = HashMap::new();
+    uses.extend(graph.uses.iter().filter(of_graph).map(|given| (&given.name[..], given)));
+    let mut boxes: Vec<Part<'_>> = Vec::new();
+    for (index, node) in graph.nodes.iter().enumerate() {
+        let ends = node.name.match_indices('/').map(|(at, _)| at);
+        let outermost = ends.filter_map(|at| uses.get(&node.name[..at]).copied()).next();
+        match (outermost, boxes.last()) {
+            (Some(given), Some(Part::Use(last))) if std::ptr::eq(given, *last) => {}
+            (Some(given), _) => boxes.push(Part::Use(given)),
+            (None, _) => boxes.push(Part::Node(index)),
+        }
+    }
+    boxes
+}
+
+/// For each value that boxes give, by its node and output: the box and the place among its outputs.
+fn sources(graph: &Graph, boxes: &[Part<'_>]) -> HashMap<(usize, usize), [usize; 2]> {
+    let mut sources = HashMap::new();
+    for (index, part) in boxes.iter().enumerate() {
+        match part {
+            Part::Node(node) => {
+                let outputs = 0..graph.nodes[*node].outputs.len();
+                sources.extend(outputs.map(|output| ((*node, output), [index, output])));
+            }
+            Part::Use(given) => {
+                for (output, (_, targets)) in given.outputs.iter().enumerate() {
+                    // What only goes through comes from where it was made.
+                    for target in targets {
+                        sources.entry(*target).or_insert([index, output]);
+                    }
+                }
+            }
+        }
+    }
+    sources
+}
+
+/// The name, type and outputs of a box.
+fn described(graph: &Graph, part: &Part<'_>) -> (String, String, Vec<Port>) {
+    let kind_of = |node: usize, output: usize| {
+        let kind = graph.nodes[node].types.get(output).copied().flatten();
+        kind.map_or_else(String::new, |kind| kind.name.to_owned())
+    };
+    match part {
+        Part::Node(index) => {
+            let node = &graph.nodes[*index];
+            let outputs = node.outputs.iter().enumerate();
+            let port = |(output, name): (usize, &&'static str)| Port {
+                name: (*name).to_owned(),
+                kind: kind_of(*index, output),
+            };
+            (node.name.clone(), node.kind().to_owned(), outputs.map(port).collect())
+        }
+        Part::Use(given) => {
+            let port = |(name, targets): &(String, Vec<(usize, usize)>)| Port {
+                name: name.clone(),
+                kind: targets.first().map_or_else(String::new, |&(node, at)| kind_of(node, at)),
+            };
+            let outputs = given.outputs.iter().map(port).collect();
+            (given.name.clone(), given.kind.clone(), outputs)
+        }
     }
 }
 

@@ -110,6 +110,35 @@ pub struct Source {
     pub text: String,
 }
 
+/// One use of a graph in another one, on the way to a problem.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Use {
+    /// The name of the node that uses it; the name of the type, if no node does.
+    pub name: String,
+    /// The file that uses it.
+    pub source: Arc<Source>,
+    /// Where in the file.
+    pub span: Span,
+}
+
+impl Use {
+    /// `graphs/face.ron:9:9`.
+    pub fn place(&self) -> String {
+        let Place { line, column } = Place::of(&self.source.text, self.span.start);
+        format!("{}:{line}:{column}", self.source.name.display())
+    }
+
+    fn to_json(&self) -> serde_json::Value {
+        let Place { line, column } = Place::of(&self.source.text, self.span.start);
+        json!({
+            "name": self.name,
+            "file": self.source.name.display().to_string(),
+            "line": line,
+            "column": column,
+        })
+    }
+}
+
 /// Something wrong at a place of a graph file: where, what, and what to do.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
@@ -127,6 +156,8 @@ pub struct Problem {
     pub help: String,
     /// Another place that explains it, with a few words.
     pub note: Option<(Span, String)>,
+    /// For a problem inside of a subgraph: the uses that lead there, from the outermost on.
+    pub uses: Vec<Use>,
 }
 
 /// The codes of problems. They keep their meaning.
@@ -178,7 +209,7 @@ impl Problem {
     pub fn to_json(&self) -> serde_json::Value {
         let start = Place::of(&self.source.text, self.span.start);
         let end = Place::of(&self.source.text, self.span.end);
-        json!({
+        let mut json = json!({
             "severity": self.severity.word(),
             "code": self.code,
             "file": self.source.name.display().to_string(),
@@ -188,7 +219,11 @@ impl Problem {
             "end_column": end.column,
             "message": self.message,
             "help": self.help,
-        })
+        });
+        if !self.uses.is_empty() {
+            json["uses"] = self.uses.iter().map(Use::to_json).collect();
+        }
+        json
     }
 }
 

@@ -9,7 +9,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use crate::error::{Error, Problem, Severity, Source, code};
+use crate::error::{Error, Problem, Severity, code};
 use crate::graph::{Graph, GraphNode, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
@@ -84,7 +84,6 @@ pub struct ThreadsError(String);
 
 /// The result of one evaluation.
 pub struct Evaluation {
-    source: Arc<Source>,
     nodes: Arc<[GraphNode]>,
     wanted: Arc<[bool]>,
     found: Arc<Snapshot>,
@@ -133,44 +132,16 @@ impl Evaluation {
         for (index, node) in self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index])
         {
             if let Some(news) = news.next_if(|news| news.index == index) {
-                problems.extend(news.error.as_ref().map(|error| self.failure(node, error)));
-                problems.extend(news.differs.then(|| self.difference(node)));
+                problems.extend(news.error.as_ref().map(|error| failure(node, error)));
+                problems.extend(news.differs.then(|| difference(node)));
             }
             let outcome = self.found.current(index).map(|done| &done.outcome);
             for warning in outcome.iter().flat_map(|outcome| &outcome.warnings) {
                 let message = format!("`{}`: {warning}", node.name);
-                problems.push(self.problem(node, Severity::Warning, code::WARNING, message, ""));
+                problems.push(node.problem(Severity::Warning, code::WARNING, message, ""));
             }
         }
         problems
-    }
-
-    fn failure(&self, node: &GraphNode, error: &Error) -> Problem {
-        let message = format!("`{}` cannot be computed: {error}", node.name);
-        let (code, help) = match error.downcast::<Panic>() {
-            Some(_) => (code::PANIC, "this is a bug of the node; please report it with the graph"),
-            None => (code::FAILED, ""),
-        };
-        self.problem(node, Severity::Error, code, message, help)
-    }
-
-    fn difference(&self, node: &GraphNode) -> Problem {
-        let message = format!("`{}` gave another result than the one in the cache", node.name);
-        let help =
-            "this is a bug of the node: equal inputs must give equal bytes; the new result is used";
-        self.problem(node, Severity::Error, code::NOT_PURE, message, help)
-    }
-
-    fn problem(
-        &self,
-        node: &GraphNode,
-        severity: Severity,
-        code: &'static str,
-        message: String,
-        help: &str,
-    ) -> Problem {
-        let (source, help) = (self.source.clone(), help.into());
-        Problem { severity, code, source, span: node.span, message, help, note: None }
     }
 
     /// The value of a node's output, both by their place in the graph, if it was asked for and computed.
@@ -187,11 +158,11 @@ impl Evaluation {
     /// The value of a node's output by their names; the first output if `output` is empty. Nodes that were not asked for are
     /// not found.
     pub fn find(&self, graph: &Graph, node: &str, output: &str) -> Option<&AnyValue> {
-        let index = graph.find(node)?;
-        let names = &graph.nodes[index].outputs;
-        let output =
-            if output.is_empty() { Some(0) } else { names.iter().position(|name| *name == output) };
-        self.value(index, output?)
+        let (node, output) = match output {
+            "" => graph.target(node)?,
+            _ => graph.target(&format!("{node}.{output}"))?,
+        };
+        self.value(node, output)
     }
 
     /// The files of one of the graph's outputs; none if its node failed.
@@ -201,6 +172,22 @@ impl Evaluation {
         let write = AssertUnwindSafe(|| output.format.write(value, &name));
         Some(catch_unwind(write).unwrap_or_else(|panic| Err(Panic(in_words(&*panic)).into())))
     }
+}
+
+fn failure(node: &GraphNode, error: &Error) -> Problem {
+    let message = format!("`{}` cannot be computed: {error}", node.name);
+    let (code, help) = match error.downcast::<Panic>() {
+        Some(_) => (code::PANIC, "this is a bug of the node; please report it with the graph"),
+        None => (code::FAILED, ""),
+    };
+    node.problem(Severity::Error, code, message, help)
+}
+
+fn difference(node: &GraphNode) -> Problem {
+    let message = format!("`{}` gave another result than the one in the cache", node.name);
+    let help =
+        "this is a bug of the node: equal inputs must give equal bytes; the new result is used";
+    node.problem(Severity::Error, code::NOT_PURE, message, help)
 }
 
 /// A panic that was caught: our bug, or a plugin's.
@@ -308,14 +295,7 @@ impl Evaluator {
         if let Some(disk) = self.disk.as_ref().filter(|_| changed) {
             disk.keep_snapshot(&graph.source.name, &found, self.files.of(graph.files()));
         }
-        Evaluation {
-            source: graph.source.clone(),
-            nodes: graph.nodes.clone(),
-            wanted: plan.wanted,
-            found,
-            news,
-            values,
-        }
+        Evaluation { nodes: graph.nodes.clone(), wanted: plan.wanted, found, news, values }
     }
 
     /// The results on disk, if they may be believed.
@@ -340,7 +320,7 @@ impl Evaluator {
 
     /// Evaluates what the nodes of these names need; names that the graph does not have are left out.
     pub fn evaluate_nodes(&mut self, graph: &Graph, names: &[&str]) -> Evaluation {
-        let wanted = Vec::from_iter(names.iter().filter_map(|name| graph.find(name)));
+        let wanted = Vec::from_iter(names.iter().flat_map(|name| graph.nodes_of(name)));
         self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
     }
 

@@ -13,6 +13,7 @@ pub mod camera;
 mod corners;
 pub mod depth;
 pub mod glb;
+pub mod handles;
 pub mod jpeg;
 mod json;
 pub mod obj;
@@ -65,6 +66,7 @@ pub const FORMATS: &[Format] = &[
     format::<json::LabelsJson>(),
     format::<json::TraceJson>(),
     format::<json::ControlNetJson>(),
+    format::<handles::HandlesJson>(),
 ];
 
 /// A place in a file: a line of a text, or a byte of anything else.

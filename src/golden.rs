@@ -13,6 +13,7 @@ mod intersect;
 pub(crate) mod junit;
 mod parts;
 mod picture;
+mod sketch;
 pub(crate) mod store;
 pub(crate) mod suite;
 mod topology;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::error::{Problem, Source, Span};
+use crate::error::{Problem, Severity, Source, Span, Use};
 use crate::eval::{NodeFile, Recipe};
 use crate::golden::Expectation;
 use crate::node::AnyNode;
@@ -11,23 +11,34 @@ use crate::pack::Format;
 use crate::value::ValueType;
 
 mod check;
+mod declaration;
+mod definition;
+mod describe;
 mod diff;
+mod draft;
+mod each;
 mod edit;
+mod expand;
 mod expression;
 mod file;
 mod format;
+mod input;
 mod link;
 mod meaning;
+mod node;
 mod outputs;
 mod parameters;
+mod patch;
 mod paths;
 mod reader;
 mod schema;
 mod shape;
+mod sheet;
 mod suggest;
 mod tools;
+mod top;
 
-pub(crate) use check::is_name;
+pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub use edit::{Edited, Put};
 pub(crate) use paths::{MARKER, project_root};
@@ -36,10 +47,13 @@ pub use reader::Reader;
 pub(crate) use schema::{check_default, inside_option, variants};
 pub(crate) use shape::Shape;
 pub(crate) use suggest::nearest;
+pub(crate) use top::is_name;
 
+use file::Origin;
 pub(crate) use file::{Body, Kind, Mistake, Tree, parse};
 pub(crate) use reader::read_tree;
 pub(crate) use schema::{Finding, Walk};
+pub(crate) use sheet::Sheet;
 pub(crate) use suggest::nearest_or_all;
 
 use crate::catalog::Catalog;
@@ -55,23 +69,42 @@ pub struct Graph {
     pub(crate) outputs: Vec<GraphOutput>,
     /// What must hold of its values, and where the file says so.
     pub(crate) expect: Vec<(Expectation, Span)>,
+    /// Its inputs and parameters, described as a node's fields are.
+    pub(crate) schema: serde_json::Value,
+    /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
+    pub(crate) uses: Vec<GraphUse>,
 }
 
 /// A node of a graph.
 pub(crate) struct GraphNode {
     pub(crate) name: String,
     pub(crate) recipe: Arc<Recipe>,
+    /// The text in which it stands.
+    pub(crate) sheet: Arc<Sheet>,
     pub(crate) span: Span,
-    pub(crate) node: Box<dyn AnyNode>,
+    /// The uses of graphs that lead to it.
+    pub(crate) uses: Arc<[Use]>,
+    pub(crate) node: Arc<dyn AnyNode>,
     /// What its ports are linked to; a port's slot is its index here.
     pub(crate) links: Vec<Link>,
     /// The files that it reads.
     pub(crate) files: Vec<NodeFile>,
     /// What stands in the file.
-    pub(crate) tree: Tree,
+    pub(crate) tree: Arc<Tree>,
     pub(crate) outputs: Vec<&'static str>,
     /// The type of each output; none for that of a union whose port has no link.
     pub(crate) types: Vec<Option<&'static ValueType>>,
+}
+
+/// A use of a graph, or what else stands for nodes.
+pub(crate) struct GraphUse {
+    pub(crate) name: String,
+    /// The type's name: `Feature`.
+    pub(crate) kind: String,
+    /// What each port is linked to, by node and output.
+    pub(crate) inputs: Vec<(String, (usize, usize))>,
+    /// What each output gives; several values only for a `ForEach`.
+    pub(crate) outputs: Vec<(String, Vec<(usize, usize)>)>,
 }
 
 /// A link from a port to another node's output.
@@ -89,6 +122,8 @@ pub(crate) struct GraphOutput {
     pub(crate) node: usize,
     pub(crate) output: usize,
     pub(crate) format: Format,
+    /// The file that names it, and where.
+    pub(crate) source: Arc<Source>,
     pub(crate) span: Span,
 }
 
@@ -122,6 +157,8 @@ pub struct Checked {
     /// The files that its nodes read, those that are not there included: all of them if there is a graph, else those of the
     /// nodes that could be understood.
     pub files: Vec<ReadFile>,
+    /// The files of the graphs that it uses, those that are not there included.
+    pub subgraphs: Vec<PathBuf>,
 }
 
 /// A file that a node of a graph reads.
@@ -141,14 +178,32 @@ impl GraphNode {
         &self.recipe.kind
     }
 
-    /// Where the parameter at the end of this way through the node's fields stands, as far as the file says it.
-    pub(crate) fn place_of(&self, path: &[String]) -> Span {
-        self.tree.at(path).span
+    /// Where the parameter at the end of this way through the node's fields stands, as far as the file says it: in words. What
+    /// comes through uses stands where the first of them has it.
+    pub(crate) fn place_of(&self, path: &[String]) -> String {
+        let tree = self.tree.at(path);
+        match &tree.origin {
+            Some(Origin::Given(given)) => given.place(),
+            _ => self.sheet.place_in_words(tree.span),
+        }
+    }
+
+    /// A problem of the node, at its place.
+    pub(crate) fn problem(
+        &self,
+        severity: Severity,
+        code: &'static str,
+        message: String,
+        help: &str,
+    ) -> Problem {
+        let (source, span) = self.sheet.place(self.span);
+        let (help, uses) = (help.into(), self.uses.to_vec());
+        Problem { severity, code, source, span, message, help, note: None, uses }
     }
 }
 
 impl Graph {
-    /// Reads and checks a graph file. Runs no node and opens no other file.
+    /// Reads and checks a graph file and those that it uses. Runs no node and opens no other file.
     pub fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
         check::load(path, catalog, options)
     }
@@ -166,6 +221,40 @@ impl Graph {
     /// The names of its outputs.
     pub fn output_names(&self) -> impl Iterator<Item = &str> {
         self.outputs.iter().map(|output| output.name.as_str())
+    }
+
+    /// The node and output that a link names: `node`, `node.output`, and the same of a use of a graph.
+    pub(crate) fn target(&self, link: &str) -> Option<(usize, usize)> {
+        let (name, output) = match link.split_once('.') {
+            Some((name, output)) => (name, Some(output)),
+            None => (link, None),
+        };
+        if let Some(index) = self.find(name) {
+            let names = &self.nodes[index].outputs;
+            let output = output.map_or(Some(0), |output| names.iter().position(|n| *n == output));
+            return output.map(|output| (index, output));
+        }
+        let given = self.uses.iter().find(|given| given.name == name)?;
+        let wanted = |(name, _): &&(String, _)| output.is_none_or(|output| output == name);
+        match given.outputs.iter().find(wanted)?.1[..] {
+            [target] => Some(target),
+            _ => None,
+        }
+    }
+
+    /// The nodes of this name, or all that make what a use of this name gives.
+    pub(crate) fn nodes_of(&self, name: &str) -> Vec<usize> {
+        let given = self.uses.iter().filter(|given| given.name == name);
+        let given = given.flat_map(|given| &given.outputs).flat_map(|(_, targets)| targets);
+        let mut nodes = Vec::from_iter(given.map(|(node, _)| *node).chain(self.find(name)));
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes
+    }
+
+    /// The names of nodes and of what else looks like nodes.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        self.node_names().chain(self.uses.iter().map(|given| &given.name[..]))
     }
 
     /// The place of a node, by name.

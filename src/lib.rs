@@ -5,6 +5,7 @@ pub mod conformance;
 pub mod format;
 pub mod memory;
 pub mod render;
+pub mod simd;
 pub mod value;
 
 mod catalog;
@@ -15,7 +16,6 @@ mod golden;
 mod graph;
 mod node;
 mod pack;
-mod simd;
 mod watch;
 
 pub use catalog::Catalog;

@@ -1,25 +1,32 @@
-//! Wide vectors where the machine has them.
+//! Wide vectors where the machine has them, and what loops on them need.
 //!
-//! The program is built for every x86-64, whose vectors hold two `f64`. A [`Kernel`] is compiled a second time for four; which
-//! of the two runs is decided when it is called. Neither fuses multiplications and additions, so that the bits are the same.
+//! The program is built for every x86-64, whose vectors hold two `f64`. A [`Kernel`] is compiled again for four and for eight;
+//! which of them runs is decided when it is called. None fuses multiplications and additions, so that the bits are the same.
 
 #![allow(
     unsafe_code,
     reason = "calling code for a detected feature is unsafe; each use has its proof"
 )]
 
-/// A loop over plain numbers. `run`, and whatever it calls in the loop, must be marked `#[inline(always)]`, or it stays as it is.
-pub(crate) trait Kernel {
+/// A loop over plain numbers. `run`, and whatever it calls in the loop, must be marked `#[inline(always)]`, or it stays as it
+/// is.
+pub trait Kernel {
     /// Does the work.
     fn run(self);
 }
 
 /// Runs a kernel with the widest vectors that this machine has.
-pub(crate) fn widest(kernel: impl Kernel) {
+pub fn widest(kernel: impl Kernel) {
     #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the feature was found just now.
-        return unsafe { with_avx2(kernel) };
+    {
+        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") {
+            // SAFETY: the features were found just now.
+            return unsafe { with_avx512(kernel) };
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the feature was found just now.
+            return unsafe { with_avx2(kernel) };
+        }
     }
     kernel.run();
 }
@@ -28,6 +35,59 @@ pub(crate) fn widest(kernel: impl Kernel) {
 #[target_feature(enable = "avx2")]
 fn with_avx2(kernel: impl Kernel) {
     kernel.run();
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl")]
+fn with_avx512(kernel: impl Kernel) {
+    kernel.run();
+}
+
+/// Numbers for a loop of a kernel, where they cross no line of the processor's cache.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub struct Lanes<const N: usize>(pub [f64; N]);
+
+impl<const N: usize> Lanes<N> {
+    /// Zeros.
+    pub const ZERO: Self = Self([0.0; N]);
+}
+
+/// Added to a number of small size it leaves the nearest integer, plus 1023, in the sum's lowest bits.
+const ROUND: f64 = (3_u64 << 51) as f64 + 1023.0;
+
+/// The polynomial that meets `2^x` at the 12 Chebyshev points of -1/2 to 1/2: off by 2e-17 at most, rounding of these numbers
+/// included. Computed with 60 digits for this file.
+const POWERS: [f64; 12] = [
+    1.0,
+    std::f64::consts::LN_2,
+    0.24022650695910158,
+    0.055504108664821625,
+    0.009618129107587256,
+    0.001333355814640647,
+    0.00015403530463724353,
+    1.5252733841556773e-05,
+    1.3215432535912375e-06,
+    1.0178057087733941e-07,
+    7.074194297288521e-09,
+    4.4558179083360645e-10,
+];
+
+/// `2^x` for `x` below 1023.5, for loops of a [`Kernel`]: no branch, no table, and the same bits on every machine.
+///
+/// Off by 2 units in the last place at most, and exact for integers. Below -1022, where the numbers lose digits, it stays at
+/// `2^-1022`, some 2e-308; from 1023.5 on it is wrong. NaN stays NaN. The integer next to `x` becomes the exponent's bits, a
+/// polynomial does the rest: its even and odd powers apart, which halves the chain of operations.
+#[inline(always)]
+pub fn exp2(x: f64) -> f64 {
+    let x = if x < -1022.0 { -1022.0 } else { x };
+    let rounded = x + ROUND;
+    let rest = x - (rounded - ROUND);
+    let sq = rest * rest;
+    let c = &POWERS;
+    let even = ((((c[10] * sq + c[8]) * sq + c[6]) * sq + c[4]) * sq + c[2]) * sq + c[0];
+    let odd = ((((c[11] * sq + c[9]) * sq + c[7]) * sq + c[5]) * sq + c[3]) * sq + c[1];
+    (even + rest * odd) * f64::from_bits(rounded.to_bits() << 52)
 }
 
 #[cfg(test)]
@@ -43,12 +103,55 @@ mod tests {
         }
     }
 
+    struct Powers<'a>(&'a mut [f64]);
+
+    impl Kernel for Powers<'_> {
+        #[inline(always)]
+        fn run(self) {
+            self.0.iter_mut().for_each(|x| *x = exp2(*x));
+        }
+    }
+
+    fn same_bits(numbers: Vec<f64>, run: impl Fn(&mut [f64]), on_all: impl Fn(&mut [f64])) {
+        let (mut wide, mut plain) = (numbers.clone(), numbers);
+        on_all(&mut wide);
+        run(&mut plain);
+        assert!(wide.iter().zip(&plain).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+
     #[test]
     fn wide_vectors_give_the_same_bits() {
         let numbers: Vec<f64> = (0..103).map(|k| libm::sin(f64::from(k)) * 1e3).collect();
-        let (mut wide, mut plain) = (numbers.clone(), numbers);
-        widest(Cubes(&mut wide));
-        Cubes(&mut plain).run();
-        assert!(wide.iter().zip(&plain).all(|(a, b)| a.to_bits() == b.to_bits()));
+        same_bits(numbers.clone(), |x| Cubes(x).run(), |x| widest(Cubes(x)));
+        same_bits(numbers.clone(), |x| Powers(x).run(), |x| widest(Powers(x)));
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the feature was found just now.
+            same_bits(numbers, |x| Powers(x).run(), |x| unsafe { with_avx2(Powers(x)) });
+        }
+    }
+
+    #[test]
+    fn powers_of_two_are_off_by_two_units_at_most() {
+        // Steps of an irrational size, from the least to the greatest number, and finer ones around 0.
+        let far =
+            (0..1_000_000).map(|k| -1022.0 + 2045.0 * (f64::from(k) * 0.618_033_988_75).fract());
+        let near = (0..200_000).map(|k| f64::from(k) * 1e-5 - 1.0);
+        let mut worst = 0.0_f64;
+        for x in far.chain(near) {
+            let exact = libm::exp2(x);
+            let unit = f64::from_bits(exact.to_bits() + 1) - exact;
+            worst = worst.max((exp2(x) - exact).abs() / unit);
+        }
+        assert!(worst <= 2.0, "{worst} units in the last place");
+    }
+
+    #[test]
+    fn powers_with_whole_exponents_are_exact_and_the_ends_are_safe() {
+        assert!((-1022..=1023).all(|k| exp2(f64::from(k)) == libm::scalbn(1.0, k)));
+        for x in [-1022.5, -1e5, -1e300, f64::NEG_INFINITY] {
+            assert_eq!(exp2(x), f64::MIN_POSITIVE);
+        }
+        assert!(exp2(f64::NAN).is_nan());
     }
 }

@@ -99,6 +99,14 @@ fn a_missing_golden_and_an_orphan_are_failures() {
 }
 
 #[test]
+fn a_budget_of_memory_is_kept() {
+    let found = failures(|folder| {
+        replace(&folder.join("doll.test.ron"), "(seconds: 20.0)", "(seconds: 20.0, memory: 0.5)");
+    });
+    assert!(found.contains("the nodes' results take") && found.contains("is 0.5 MB"), "{found}");
+}
+
+#[test]
 fn a_damaged_golden_is_a_failure() {
     let found = failures(|folder| {
         std::fs::write(folder.join("goldens/doll/long/blended.bin"), "golden1\nxyz").unwrap();

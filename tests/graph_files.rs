@@ -211,7 +211,7 @@ fn a_broken_text_says_where() {
             1:34-35 G006 the name of a node is a text in double quotes, not `b`
             1:65-68 G006 there is already a node `a` (give one of them another name)
             1:84-86 G009 field `outputs` of Graph wants a map: {"name": .., ..}, not a list
-            1:88-93 G004 Graph has no field `extra` (its fields: format, doc, params, nodes, outputs, expect)
+            1:88-93 G004 Graph has no field `extra` (its fields: format, doc, use, inputs, params, nodes, outputs, expect)
         "#]],
     );
 }

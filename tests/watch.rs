@@ -164,6 +164,24 @@ fn a_file_that_a_node_can_do_without_is_watched_too() {
 }
 
 #[test]
+fn a_graph_that_is_used_is_watched_from_the_start_even_if_it_is_broken() {
+    let used = r#"Graph(format: 1, inputs: {}, nodes: { "net": PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]) },
+        outputs: { "net": "net" })"#;
+    let project = Project::new(
+        r#"Graph(format: 1, use: { "Net": "net.ron" }, nodes: { "it": Net() }, outputs: { "net.ply": "it" })"#,
+    );
+    let file = project.folder().join("net.ron");
+    std::fs::write(&file, &used[..60]).unwrap();
+    let mut watch = project.start(&[]);
+    assert_eq!(watch.run().done["ok"], false);
+    std::fs::write(&file, used).unwrap();
+    assert_eq!(watch.run_until_ok().state("it/net"), "computed");
+    std::fs::write(&file, used.replace("(1, 1, 0)", "(1, 1, 5)")).unwrap();
+    assert_eq!(watch.run_until_ok().state("it/net"), "computed");
+    watch.end();
+}
+
+#[test]
 fn an_asset_and_a_whole_folder_can_be_replaced() {
     let project = Project::doll();
     let mut watch = project.watch(&[]);

@@ -11,10 +11,18 @@ use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 
+use maquette::Progress;
 use maquette::format::{pcd, ply};
-use maquette::value::{ControlNet, Image, KnotVector, Rgb, Surface};
+use maquette::value::{
+    ControlNet, Faces, Handle, HandleSpace, Handles, Image, KnotVector, Mesh, Points, Rgb, Surface,
+};
+use maquette_nodes::deform::{Deforming, Drag, ffd};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
+};
+use maquette_nodes::mesh::Movable;
+use maquette_nodes::subdivision::{
+    Boundary, Corners, Creases, Plan, Scheme, Subdivision, subdivide,
 };
 use nalgebra::Point3;
 
@@ -37,6 +45,10 @@ fn main() {
         "points-3" => points(folder, 3),
         "normals-2" => points_and_normals(folder, 2),
         "normals-3" => points_and_normals(folder, 3),
+        "ffd-64" => deform(folder, 64, 1.0, 0.0),
+        "ffd-256" => deform(folder, 256, 1.0, 0.0),
+        "ffd-near" => deform(folder, 64, NARROW, 5e-8),
+        "ffd-drag" => drag(folder),
         "read-pcd" => {
             let bytes = read(&folder.join("grid.pcd"));
             serve(|| pcd::read(&bytes).expect("a grid"), |range| range.n_valid() as f64);
@@ -49,6 +61,11 @@ fn main() {
             let mesh = ply::read(&read(&folder.join("mesh.ply"))).expect("a mesh");
             serve(|| ply::encode(&mesh), |_| mesh.faces().len() as f64);
         }
+        "catmull-clark" => refine(folder, Scheme::CatmullClark),
+        "loop" => refine(folder, Scheme::Loop),
+        "doo-sabin" => refine(folder, Scheme::DooSabin),
+        "catmull-clark-places" => places(folder, Scheme::CatmullClark),
+        "loop-places" => places(folder, Scheme::Loop),
         _ => println!("there is no work `{work}`"),
     }
 }
@@ -116,6 +133,86 @@ fn surface(folder: &Path, degree: usize) -> Surface {
         .and_then(|net| net.with_weights(weights.into_iter().map(|[weight]| weight).collect()))
         .expect("finite points and positive weights");
     Surface::new(net, knots(shape[0]), knots(shape[1])).expect("knots for the net")
+}
+
+/// Four steps to some 1.5 million faces.
+fn refine(folder: &Path, scheme: Scheme) {
+    let mesh = control_mesh(folder, scheme);
+    serve(|| subdivide(&mesh, four_steps(scheme)).expect("a surface"), squares);
+}
+
+/// The same with the plan kept.
+fn places(folder: &Path, scheme: Scheme) {
+    let mesh = control_mesh(folder, scheme);
+    let plan = Plan::new(&mesh, four_steps(scheme)).expect("a surface");
+    serve(|| plan.apply(&mesh).expect("a surface"), squares);
+}
+
+fn four_steps(scheme: Scheme) -> Subdivision {
+    Subdivision {
+        scheme,
+        levels: 4,
+        limit: false,
+        boundary: Boundary::EdgeOnly,
+        creases: Creases::OpenSubdiv,
+        corners: Corners::Linear,
+    }
+}
+
+fn control_mesh(folder: &Path, scheme: Scheme) -> Mesh {
+    let name = if scheme == Scheme::Loop { "sub_tri" } else { "sub_quad" };
+    let (_, points) = open::<[f64; 3]>(folder, &format!("{name}_v"));
+    let (shape, corners) = open::<[u32; 1]>(folder, &format!("{name}_f"));
+    let faces = Faces::uniform(shape[1], corners.into_flattened()).expect("whole faces");
+    Mesh::new(Vec::from_iter(points.into_iter().map(Point3::from)), faces).expect("a mesh")
+}
+
+fn squares(mesh: &Mesh) -> f64 {
+    mesh.positions().iter().map(|point| point.x * point.x).sum()
+}
+
+/// Deviations in the row `near`, as a share of those in the others.
+const NARROW: f64 = 1.0 / 3.0;
+
+fn deform(folder: &Path, count: usize, narrower: f64, accuracy: f64) {
+    let (what, handles) = (cloud(folder), handles(folder, count, narrower));
+    let how = Deforming { accuracy, ..Deforming::default() };
+    let run = || ffd(&what, &handles, how, &Progress::none()).expect("a well conditioned layout").0;
+    serve(run, sum);
+}
+
+/// The 22nd handle, by a little more than its own move.
+fn drag(folder: &Path) {
+    let handles = handles(folder, 64, 1.0);
+    let drag = Drag::new(&cloud(folder), &handles, &[21], Deforming::default());
+    let drag = drag.expect("a well conditioned layout");
+    let to = [(21, handles.to()[21] + nalgebra::Vector3::new(0.01, 0.02, 0.03))];
+    serve(|| drag.to(&to, &Progress::none()).expect("finite points").0, sum);
+}
+
+fn cloud(folder: &Path) -> Movable {
+    let (_, points) = open::<[f64; 3]>(folder, "ffd_pts");
+    let points = Vec::from_iter(points.into_iter().map(Point3::from));
+    Movable::Points(Points::new(points).expect("finite points"))
+}
+
+fn handles(folder: &Path, count: usize, narrower: f64) -> Handles {
+    let list = |name: &str| open::<[f64; 3]>(folder, &format!("ffd_{name}{count}")).1;
+    let numbers = |name: &str| open::<[f64; 1]>(folder, &format!("ffd_{name}{count}")).1;
+    let (at, moves, sigma, weight) = (list("h"), list("d"), numbers("s"), numbers("w"));
+    let handle = |k: usize| Handle {
+        at: at[k],
+        to: Some([0, 1, 2].map(|axis| at[k][axis] + moves[k][axis])),
+        sigma: Some([sigma[k][0] * narrower; 3]),
+        weight: weight[k][0],
+    };
+    Handles::new(HandleSpace::World, &Vec::from_iter((0..at.len()).map(handle)))
+        .expect("finite handles")
+}
+
+fn sum(what: &Movable) -> f64 {
+    let Movable::Points(points) = what else { return f64::NAN };
+    points.positions().iter().map(|point| point.coords.sum()).sum()
 }
 
 fn image<const N: usize>(folder: &Path, name: &str, color: impl Fn(&[u8; N]) -> Rgb) -> Image

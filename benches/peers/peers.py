@@ -33,7 +33,7 @@ DATA = WORK / "data"
 OUT = WORK / "out"
 THREADS = 2
 # Installed by name, in the version of the peers' requirements.txt where that names one.
-PACKAGES = ["numpy", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d"]
+PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d"]
 RUNS_OF_A_PROCESS = 4
 
 
@@ -116,6 +116,70 @@ def splinepy_nurbs(degree):
     return open_peer
 
 
+def ffd_system(count, narrower, drag):
+    """Points, handles, factors of the exponents, weights, coefficients: what a peer solves for in each run."""
+    import numpy
+
+    handles, moves, sigma, weights = (load(f"ffd_{k}{count}") for k in "hdsw")
+    if drag:
+        moves[21] += (0.01, 0.02, 0.03)
+    factors = -0.5 / (sigma * narrower) ** 2
+
+    def basis(points):
+        squares = (points * points).sum(1)[:, None] + (handles * handles).sum(1) - 2 * (points @ handles.T)
+        powers = numpy.exp(squares * factors) * weights
+        return powers / powers.sum(1, keepdims=True)
+
+    return handles, factors, weights, basis, lambda: numpy.linalg.solve(basis(handles), moves)
+
+
+def numpy_ffd(count, narrower=1.0, drag=False):
+    def open_peer():
+        import numpy
+
+        points, (_, _, _, basis, solve) = load("ffd_pts"), ffd_system(count, narrower, drag)
+
+        def run(chunk=8192):
+            coefficients, moved = solve(), numpy.empty_like(points)
+            for start in range(0, len(points), chunk):
+                part = points[start : start + chunk]
+                moved[start : start + chunk] = part + basis(part) @ coefficients
+            return moved
+
+        return Peer(f"NumPy {numpy.__version__}, chunks of 8192", run, lambda result: float(result.sum()))
+
+    return open_peer
+
+
+def numba_ffd(count, narrower=1.0, drag=False):
+    def open_peer():
+        import numba
+        import numpy
+
+        points, (handles, factors, weights, _, solve) = load("ffd_pts"), ffd_system(count, narrower, drag)
+        numba.set_num_threads(THREADS)
+
+        @numba.njit(parallel=True, fastmath=True)
+        def move(points, handles, factors, weights, coefficients):
+            moved = numpy.empty_like(points)
+            for i in numba.prange(len(points)):
+                x = y = z = total = 0.0
+                for j in range(len(handles)):
+                    a, b, c = points[i, 0] - handles[j, 0], points[i, 1] - handles[j, 1], points[i, 2] - handles[j, 2]
+                    power = weights[j] * numpy.exp(factors[j] * (a * a + b * b + c * c))
+                    total += power
+                    x += power * coefficients[j, 0]
+                    y += power * coefficients[j, 1]
+                    z += power * coefficients[j, 2]
+                moved[i, 0], moved[i, 1], moved[i, 2] = points[i, 0] + x / total, points[i, 1] + y / total, points[i, 2] + z / total
+            return moved
+
+        run = lambda: move(points, handles, factors, weights, solve())
+        return Peer(f"Numba {numba.__version__}, fastmath", run, lambda result: float(result.sum()))
+
+    return open_peer
+
+
 def open3d_pcd():
     import open3d
 
@@ -165,6 +229,37 @@ def meshio_ply(write):
     return open_peer
 
 
+class Served:
+    """A program that does its work whenever a line comes in, as ours does, and prints the milliseconds."""
+
+    def __init__(self, command):
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.check = float(self.process.stdout.readline())
+
+    def run(self):
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+        return float(self.process.stdout.readline())
+
+
+def opensubdiv(scheme, part, large_pages=False):
+    def open_peer():
+        if not Path("/usr/include/opensubdiv/far/primvarRefiner.h").exists():
+            raise ImportError("apt-get install libosd-dev")
+        source, program = Path(__file__).with_name("opensubdiv.cpp"), WORK / "opensubdiv"
+        if not program.exists() or program.stat().st_mtime < source.stat().st_mtime:
+            flags = ["-O3", "-march=native", "-DNDEBUG", "-std=c++17", f"-I{PEERS}/cpp"]
+            subprocess.run(["g++", *flags, source, "-o", program, "-losdCPU"], check=True)
+        command = [program, str(scheme), str(part), ["sub_quad", "sub_tri"][scheme]]
+        tunables = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"} if large_pages else {}
+        served = Served(["env", *(f"{name}={value}" for name, value in tunables.items()), *command])
+        peer = Peer("OpenSubdiv" + (", large pages" if large_pages else ""), served.run, lambda _: served.check)
+        peer.milliseconds = lambda result: result
+        return peer
+
+    return open_peer
+
+
 def python_pipeline(nurbs, mesh):
     def open_peer():
         import json
@@ -191,6 +286,15 @@ ROWS = [
     Row("NURBS degree 3, 2000 x 2000 points", "points-3", 20, [scipy_nurbs(3, False), splinepy_nurbs(3)]),
     Row("NURBS degree 2, points and normals", "normals-2", 40, [scipy_nurbs(2, True)]),
     Row("NURBS degree 3, points and normals", "normals-3", 40, [scipy_nurbs(3, True)]),
+    Row("Catmull-Clark, 4 steps to 1.5 M quads", "catmull-clark", 70, [opensubdiv(0, 0), opensubdiv(0, 0, True)]),
+    Row("Catmull-Clark, positions alone", "catmull-clark-places", 20, [opensubdiv(0, 1), opensubdiv(0, 1, True)]),
+    Row("Loop, 4 steps to 1.5 M triangles", "loop", 45, [opensubdiv(1, 0), opensubdiv(1, 0, True)]),
+    Row("Loop, positions alone", "loop-places", 10, [opensubdiv(1, 1), opensubdiv(1, 1, True)]),
+    Row("Doo-Sabin, 4 steps to 1.5 M faces", "doo-sabin", None, []),
+    Row("ffd, 1 M points, 64 handles", "ffd-64", 40, [numpy_ffd(64), numba_ffd(64)]),
+    Row("ffd, 1 M points, 256 handles", "ffd-256", 150, [numpy_ffd(256), numba_ffd(256)]),
+    Row("ffd near, 64 handles, within 1e-7", "ffd-near", 15, [numpy_ffd(64, 1 / 3), numba_ffd(64, 1 / 3)]),
+    Row("ffd drag of one of 64 handles", "ffd-drag", 10, [numpy_ffd(64, 1.0, True), numba_ffd(64, 1.0, True)]),
     Row("pipeline, 1.27 M faces, OBJ and PNG", PIPELINE, 250, [python_pipeline("splinepy", "pymeshlab")]),
     Row("read PCD, 640 x 480, binary", "read-pcd", 4, [open3d_pcd]),
     Row("read PLY, 1 M triangles, binary", "read-ply", 25, [trimesh_ply(False), meshio_ply(False), open3d_ply(False)]),

@@ -139,7 +139,7 @@ pub(super) fn even(points: usize) -> Vec<f64> {
 /// the parameters are spaced evenly.
 ///
 /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), algorithm A9.3.
-pub(super) fn parameters(
+pub(crate) fn parameters(
     net: &value::ControlNet,
     along: Along,
     measure: fn(f64) -> f64,

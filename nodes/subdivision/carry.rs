@@ -4,7 +4,7 @@ use maquette::value::{Attribute, Rgb};
 use nalgebra::Point3;
 
 /// Data of which a weighed mean can be taken.
-pub(super) trait Mix: Copy + Send + Sync {
+pub(super) trait Mix: Copy + PartialEq + Send + Sync {
     /// The mean of some values with weights that add up to 1; there is at least one.
     fn mix(parts: impl Iterator<Item = (f64, Self)>) -> Self;
 }

@@ -1,7 +1,11 @@
-//! How the faces of a manifold mesh hang together.
+//! How the faces of a manifold mesh hang together, and how those of its refinement do.
 //!
 //! Notation: the *half-edge* `h` runs from corner `h` of a mesh to the next corner of the same face; its *twin* runs the other
-//! way along the same edge, in the neighboring face. A *ring* is what lies around a vertex, counter-clockwise.
+//! way along the same edge, in the neighboring face. The *owner* of an edge is the first of its half-edges; edges are numbered
+//! by their owners, which is the order of [`maquette::value::Mesh::edges`]. A *ring* is what lies around a vertex,
+//! counter-clockwise.
+
+use std::ops::Range;
 
 use maquette::value::{Edges, Faces};
 use rayon::prelude::*;
@@ -9,27 +13,35 @@ use rayon::prelude::*;
 use super::SubdivideError;
 
 /// In place of a half-edge that does not exist.
-const NONE: u32 = u32::MAX;
-
-/// How many bad edges or vertices an error lists.
-const LISTED: usize = 5;
+pub(super) const NONE: u32 = u32::MAX;
 
 /// The half-edges of a mesh whose edges have at most two faces, and whose vertices have their faces in one fan.
-pub(super) struct Connectivity<'a> {
-    corners: &'a [u32],
-    /// Next and previous half-edge in the face; none if all faces are triangles, where they are computed.
-    turns: Option<Vec<[u32; 2]>>,
-    edges: Edges,
-    twins: Vec<u32>,
-    /// A half-edge of each edge.
-    halves: Vec<u32>,
-    /// A half-edge from each vertex; at a boundary the clockwise-most one.
-    starts: Vec<u32>,
+#[derive(Debug)]
+pub(super) struct Connectivity {
+    pub(super) faces: Faces,
+    /// Number of vertices.
+    pub(super) vertices: usize,
+    /// The edge of each half-edge.
+    pub(super) edge_of: Vec<u32>,
+    /// The owner of each edge, and its twin or [`NONE`]. Owners ascend.
+    pub(super) halves: Vec<[u32; 2]>,
+    turns: Turns,
+}
+
+/// Where a half-edge's neighbors are in its face.
+#[derive(Debug)]
+enum Turns {
+    Triangles,
+    Quads,
+    /// Faces of any number of sides: next and previous half-edge, and face, of each half-edge.
+    Polygons(Vec<[u32; 3]>),
 }
 
 /// What lies around a vertex, counter-clockwise; at a boundary from one boundary edge to the other.
 #[derive(Default)]
 pub(super) struct Ring {
+    /// The half-edges from the vertex; at a boundary the last edge has none.
+    pub(super) halves: Vec<u32>,
     /// The other ends of the vertex's edges.
     pub(super) neighbors: Vec<u32>,
     /// The edges, in the same order.
@@ -41,121 +53,167 @@ pub(super) struct Ring {
 impl Ring {
     /// Number of faces around the vertex.
     pub(super) fn n_faces(&self) -> usize {
-        self.edges.len() - usize::from(!self.closed && !self.edges.is_empty())
+        self.halves.len()
     }
 }
 
-impl<'a> Connectivity<'a> {
-    /// The half-edges of `faces`, which name vertices below `vertices`.
+impl Connectivity {
+    /// The half-edges of `faces`, which name vertices below `vertices`, and a half-edge from each vertex: at a boundary the
+    /// clockwise-most one, and [`NONE`] for a vertex of no face.
     ///
     /// # Errors
     /// If the mesh is not manifold, or neighboring faces disagree about their sides.
-    pub(super) fn new(faces: &'a Faces, vertices: usize) -> Result<Self, SubdivideError> {
-        let corners: &[u32] = faces.corners();
+    pub(super) fn new(faces: &Faces, vertices: usize) -> Result<(Self, Vec<u32>), SubdivideError> {
         let edges = faces.edges();
-        let mut twins = vec![NONE; corners.len()];
-        let mut halves = vec![NONE; edges.vertices.len()];
-        for (half, &edge) in (0u32..).zip(&edges.of_corner) {
-            let first = halves[edge as usize];
-            if first == NONE {
-                halves[edge as usize] = half;
-            } else {
-                twins[first as usize] = half;
-                twins[half as usize] = first;
-            }
-        }
-        check_edges(&edges, corners, &twins, &halves)?;
+        let mesh = Self::paired(faces, vertices, &edges);
+        check_edges(&edges, &mesh)?;
         let mut starts = vec![NONE; vertices];
-        for ((half, &vertex), &twin) in (0u32..).zip(corners).zip(&twins) {
+        for (half, &vertex) in (0u32..).zip(mesh.corners()) {
             let start = &mut starts[vertex as usize];
-            if twin == NONE || *start == NONE {
+            if *start == NONE || mesh.twin(half) == NONE {
                 *start = half;
             }
         }
-        let turns = (faces.sides() != Some(3)).then(|| turns(faces));
-        let connectivity = Self { corners, turns, edges, twins, halves, starts };
-        connectivity.check_vertices()?;
-        Ok(connectivity)
+        mesh.check_vertices(&starts)?;
+        Ok((mesh, starts))
     }
 
-    /// The edges.
-    pub(super) fn edges(&self) -> &Edges {
-        &self.edges
+    /// The half-edges of faces whose edges are known to have two faces at most.
+    pub(super) fn unchecked(faces: &Faces, vertices: usize) -> Self {
+        Self::paired(faces, vertices, &faces.edges())
+    }
+
+    fn paired(faces: &Faces, vertices: usize, edges: &Edges) -> Self {
+        let mut halves = vec![[NONE; 2]; edges.vertices.len()];
+        for (half, &edge) in (0u32..).zip(&edges.of_corner) {
+            let [owner, twin] = &mut halves[edge as usize];
+            *if *owner == NONE { owner } else { twin } = half;
+        }
+        let (faces, edge_of) = (faces.clone(), edges.of_corner.clone());
+        Self::from_parts(faces, vertices, edge_of, halves)
+    }
+
+    /// The half-edges of faces that are known to be manifold, from their parts.
+    pub(super) fn from_parts(
+        faces: Faces,
+        vertices: usize,
+        edge_of: Vec<u32>,
+        halves: Vec<[u32; 2]>,
+    ) -> Self {
+        let turns = Turns::of(&faces);
+        Self { faces, vertices, edge_of, halves, turns }
+    }
+
+    /// The vertices at the half-edges' starts.
+    pub(super) fn corners(&self) -> &[u32] {
+        self.faces.corners()
     }
 
     /// Whether the edge has only one face.
     pub(super) fn is_boundary(&self, edge: u32) -> bool {
-        self.edges.faces[edge as usize] == 1
+        self.halves[edge as usize][1] == NONE
     }
 
-    /// The vertices that complete an edge of triangles to its one or two faces.
-    pub(super) fn opposite(&self, edge: u32) -> impl Iterator<Item = u32> {
-        let half = self.halves[edge as usize];
-        let halves = [Some(half), self.twin(half)];
-        halves.into_iter().flatten().map(|half| self.corners[self.previous(half) as usize])
+    /// The ends of an edge; the first one is where its owner starts.
+    pub(super) fn ends(&self, edge: u32) -> [u32; 2] {
+        let owner = self.halves[edge as usize][0];
+        [owner, self.next(owner)].map(|half| self.corners()[half as usize])
     }
 
-    /// Fills `ring` with what lies around a vertex; empty for a vertex of no face.
-    pub(super) fn ring(&self, vertex: usize, ring: &mut Ring) {
-        ring.neighbors.clear();
-        ring.edges.clear();
-        ring.closed = false;
-        let start = self.starts[vertex];
-        let mut half = start;
-        while half != NONE {
-            ring.neighbors.push(self.corners[self.next(half) as usize]);
-            ring.edges.push(self.edges.of_corner[half as usize]);
-            let previous = self.previous(half);
-            match self.twin(previous) {
-                None => {
-                    ring.neighbors.push(self.corners[previous as usize]);
-                    ring.edges.push(self.edges.of_corner[previous as usize]);
-                    return;
-                }
-                Some(twin) if twin == start => {
-                    ring.closed = true;
-                    return;
-                }
-                Some(twin) => half = twin,
+    /// The one or two half-edges of an edge.
+    pub(super) fn halves_of(&self, edge: u32) -> impl Iterator<Item = u32> {
+        self.halves[edge as usize].into_iter().filter(|&half| half != NONE)
+    }
+
+    /// The half-edges of a face.
+    pub(super) fn halves_around(&self, face: u32) -> Range<u32> {
+        let first = self.faces.first_corner(face as usize) as u32;
+        first..self.faces.first_corner(face as usize + 1) as u32
+    }
+
+    /// The half-edge that runs the other way, or [`NONE`].
+    pub(super) fn twin(&self, half: u32) -> u32 {
+        let [owner, twin] = self.halves[self.edge_of[half as usize] as usize];
+        if owner == half { twin } else { owner }
+    }
+
+    pub(super) fn next(&self, half: u32) -> u32 {
+        match &self.turns {
+            Turns::Triangles if half % 3 == 2 => half - 2,
+            Turns::Triangles => half + 1,
+            Turns::Quads => half & !3 | (half + 1) & 3,
+            Turns::Polygons(turns) => turns[half as usize][0],
+        }
+    }
+
+    pub(super) fn previous(&self, half: u32) -> u32 {
+        match &self.turns {
+            Turns::Triangles if half.is_multiple_of(3) => half + 2,
+            Turns::Triangles => half - 1,
+            Turns::Quads => half & !3 | half.wrapping_sub(1) & 3,
+            Turns::Polygons(turns) => turns[half as usize][1],
+        }
+    }
+
+    /// The face of a half-edge.
+    pub(super) fn face_of(&self, half: u32) -> u32 {
+        match &self.turns {
+            Turns::Triangles => half / 3,
+            Turns::Quads => half / 4,
+            Turns::Polygons(turns) => turns[half as usize][2],
+        }
+    }
+
+    /// The clockwise-most half-edge from the vertex from which `half` runs, or `half` itself at a vertex without a boundary.
+    pub(super) fn first(&self, half: u32) -> u32 {
+        let mut first = half;
+        loop {
+            match self.twin(first) {
+                NONE => return first,
+                twin => first = self.next(twin),
+            }
+            if first == half {
+                return half;
             }
         }
     }
 
-    fn twin(&self, half: u32) -> Option<u32> {
-        Some(self.twins[half as usize]).filter(|&twin| twin != NONE)
-    }
-
-    fn next(&self, half: u32) -> u32 {
-        match &self.turns {
-            None if half % 3 == 2 => half - 2,
-            None => half + 1,
-            Some(turns) => turns[half as usize][0],
-        }
-    }
-
-    fn previous(&self, half: u32) -> u32 {
-        match &self.turns {
-            None if half.is_multiple_of(3) => half + 2,
-            None => half - 1,
-            Some(turns) => turns[half as usize][1],
+    /// Fills `ring` with what lies around the vertex from which `start` runs, at a boundary the clockwise-most half-edge.
+    pub(super) fn ring(&self, start: u32, ring: &mut Ring) {
+        ring.halves.clear();
+        ring.neighbors.clear();
+        ring.edges.clear();
+        ring.closed = false;
+        let mut half = start;
+        while half != NONE {
+            ring.halves.push(half);
+            ring.neighbors.push(self.corners()[self.next(half) as usize]);
+            ring.edges.push(self.edge_of[half as usize]);
+            let previous = self.previous(half);
+            half = self.twin(previous);
+            if half == NONE {
+                ring.neighbors.push(self.corners()[previous as usize]);
+                ring.edges.push(self.edge_of[previous as usize]);
+            } else if half == start {
+                ring.closed = true;
+                return;
+            }
         }
     }
 
     /// Compares the faces in the fan around each vertex with the faces that name it.
-    fn check_vertices(&self) -> Result<(), SubdivideError> {
-        let mut degrees = vec![0u32; self.starts.len()];
-        self.corners.iter().for_each(|&vertex| degrees[vertex as usize] += 1);
-        let bad: Vec<usize> = (0..self.starts.len())
+    fn check_vertices(&self, starts: &[u32]) -> Result<(), SubdivideError> {
+        let mut degrees = vec![0u32; starts.len()];
+        self.corners().iter().for_each(|&vertex| degrees[vertex as usize] += 1);
+        let vertices: Vec<u32> = (0..starts.len() as u32)
             .into_par_iter()
             .with_min_len(4096)
-            .filter(|&vertex| self.n_fan(self.starts[vertex]) != degrees[vertex])
+            .filter(|&vertex| self.n_fan(starts[vertex as usize]) != degrees[vertex as usize])
             .collect();
-        if bad.is_empty() {
-            return Ok(());
+        match vertices.is_empty() {
+            true => Ok(()),
+            false => Err(SubdivideError::NonManifold { edges: Vec::new(), vertices }),
         }
-        let first = bad.iter().take(LISTED).map(ToString::to_string).collect::<Vec<_>>();
-        let first = format!("vertices {}", first.join(", "));
-        Err(SubdivideError::NonManifold { edges: 0, vertices: bad.len(), first })
     }
 
     /// Number of faces in the fan that begins with a half-edge.
@@ -163,46 +221,54 @@ impl<'a> Connectivity<'a> {
         let (mut half, mut count) = (start, 0);
         while half != NONE {
             count += 1;
-            half = self.twins[self.previous(half) as usize];
+            half = self.twin(self.previous(half));
             if half == start {
                 break;
             }
         }
         count
     }
+
+    /// How many bytes it holds.
+    pub(super) fn size(&self) -> usize {
+        let turns = if let Turns::Polygons(turns) = &self.turns { turns.len() * 12 } else { 0 };
+        self.faces.corners().size() + self.edge_of.len() * 4 + self.halves.len() * 8 + turns
+    }
 }
 
-/// Next and previous half-edge of each half-edge, for faces of any number of sides.
-fn turns(faces: &Faces) -> Vec<[u32; 2]> {
+impl Turns {
+    fn of(faces: &Faces) -> Self {
+        match faces.sides() {
+            Some(3) => Self::Triangles,
+            Some(4) => Self::Quads,
+            _ => Self::Polygons(turns(faces)),
+        }
+    }
+}
+
+/// Next and previous half-edge and the face of each half-edge, for faces of any number of sides.
+fn turns(faces: &Faces) -> Vec<[u32; 3]> {
     let mut turns = Vec::with_capacity(faces.corners().len());
-    for face in faces.iter() {
+    for (index, face) in (0..).zip(faces.iter()) {
         let first = turns.len() as u32;
         let sides = face.len() as u32;
-        turns
-            .extend((0..sides).map(|k| [first + (k + 1) % sides, first + (k + sides - 1) % sides]));
+        turns.extend(
+            (0..sides).map(|k| [first + (k + 1) % sides, first + (k + sides - 1) % sides, index]),
+        );
     }
     turns
 }
 
 /// Finds edges with more than two faces, and those that both faces run through in the same direction.
-fn check_edges(
-    edges: &Edges,
-    corners: &[u32],
-    twins: &[u32],
-    halves: &[u32],
-) -> Result<(), SubdivideError> {
+fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), SubdivideError> {
     if edges.misoriented == 0 && edges.faces.iter().all(|&faces| faces <= 2) {
         return Ok(());
     }
+    let start = |half: u32| mesh.corners()[half as usize];
     let is_bad = |edge: &usize| {
-        let half = halves[*edge] as usize;
-        let twin = twins[half];
-        edges.faces[*edge] > 2 || (twin != NONE && corners[half] == corners[twin as usize])
+        let [owner, twin] = mesh.halves[*edge];
+        edges.faces[*edge] > 2 || (edges.faces[*edge] == 2 && start(owner) == start(twin))
     };
-    let bad: Vec<usize> = (0..halves.len()).filter(is_bad).collect();
-    let ends =
-        |&edge: &usize| format!("({}, {})", edges.vertices[edge][0], edges.vertices[edge][1]);
-    let first = bad.iter().take(LISTED).map(ends).collect::<Vec<_>>();
-    let first = format!("edges {}", first.join(", "));
-    Err(SubdivideError::NonManifold { edges: bad.len(), vertices: 0, first })
+    let bad = (0..mesh.halves.len()).filter(is_bad).map(|edge| edges.vertices[edge]).collect();
+    Err(SubdivideError::NonManifold { edges: bad, vertices: Vec::new() })
 }

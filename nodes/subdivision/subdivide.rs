@@ -1,24 +1,30 @@
 //! Refines a mesh towards a smooth surface.
 //!
-//! The part of the work that depends on topology alone is in `plan.rs` and memoized: a mesh whose vertices have only moved is
-//! refined by sparse products.
+//! The part of the work that depends on topology alone is in `step.rs` and memoized: a mesh whose vertices have only moved is
+//! refined by products.
 
-use maquette::value::{Faces, Mesh, MeshError};
+use maquette::value::{Attribute, Mesh, MeshError};
 use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::plan::{Limit, Step, Topology};
+use super::limit::Limit;
+use super::manifold::manifold;
+use super::smooth_corners::smooth_corners;
+use super::step::{LastLimit, Step};
+use super::topology::{Rules, Topology};
+use super::without_border::without_border;
 
 /// Refines a mesh towards a smooth surface.
 ///
-/// New vertices stand behind the old ones, which keep their numbers. Vertex attributes (texture coordinates among them) run
+/// New vertices stand behind the old ones, which keep their numbers, but for `DooSabin`, which has a vertex for each corner of a
+/// face. Vertex attributes (texture coordinates among them) run
 /// straight along old edges and corner attributes within old faces, so that a picture stays where it is; of indices the one
 /// at the lower end is taken, and a flag is set between two vertices if it is at one of them. Faces hand their attributes
 /// down to their parts. Normals are dropped, because they are no longer right.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Subdivide {
-    /// What is refined: manifold, with triangles only for `Loop`. Its creases stay sharp, or soften by 1 a step.
+    /// What is refined: a surface, of triangles only for `Loop`. Its creases stay sharp, or soften by 1 a step.
     pub mesh: In<Mesh>,
     /// The rules.
     pub scheme: Scheme,
@@ -32,6 +38,16 @@ pub struct Subdivide {
     /// What happens at the border of an open mesh.
     #[serde(default)]
     pub boundary: Boundary,
+    /// How creases are treated.
+    #[serde(default)]
+    pub creases: Creases,
+    /// How data at corners run, texture coordinates among them.
+    #[serde(default)]
+    pub corners: Corners,
+    /// Cuts a mesh apart where it is no surface: at edges with more than two faces or with faces that disagree about their side,
+    /// and at vertices that join fans of faces. If left out, these are an error.
+    #[serde(default)]
+    pub split: bool,
 }
 
 fn two() -> u32 {
@@ -43,18 +59,47 @@ fn two() -> u32 {
 pub enum Scheme {
     /// Loop (1987): triangles, which become box splines.
     Loop,
+    /// Catmull and Clark (1978): polygons, which become bicubic B-splines.
+    CatmullClark,
+    /// Doo and Sabin (1978): polygons, which become biquadratic B-splines. It knows no creases, and drops them.
+    DooSabin,
 }
 
 /// What happens at the border of an open mesh. The words are those of USD and OpenSubdiv.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Boundary {
-    /// The border becomes a smooth curve, which passes through the vertices that have only one face.
+    /// The border becomes a smooth curve, which passes through the vertices that have only one face; not through these with
+    /// `DooSabin`, for which this is as `EdgeOnly`.
     #[default]
     EdgeAndCorner,
     /// The whole border becomes a smooth curve.
     EdgeOnly,
-    /// Faces that touch the border only support their neighbors and are left out of the result.
+    /// Faces that touch the border only support their neighbors and are left out of the result; with `DooSabin` the border gets no
+    /// faces of its own, and shrinks.
     None,
+}
+
+/// How creases are treated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Creases {
+    /// A crease is a cubic B-spline whatever is beside it, and each step takes 1 off its sharpness.
+    #[default]
+    OpenSubdiv,
+    /// The same, but the sharpness of neighboring edges of a crease that softens flows together.
+    Chaikin,
+    /// The rules of Hoppe et al. (1994) for triangles, which differ at irregular vertices of a crease.
+    Hoppe94,
+}
+
+/// How data at the corners of faces run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Corners {
+    /// Straight within each old face, so that a picture stays where it is.
+    #[default]
+    Linear,
+    /// Numbers, pairs and vectors by the rules of the scheme, as if the mesh were cut at the seams, where they jump: a picture is
+    /// less distorted, but moves. Other data, and all with `DooSabin`, run straight.
+    Smooth,
 }
 
 /// How a mesh is to be refined; the fields are those of [`Subdivide`].
@@ -68,6 +113,16 @@ pub struct Subdivision {
     pub limit: bool,
     /// What happens at the border.
     pub boundary: Boundary,
+    /// How creases are treated.
+    pub creases: Creases,
+    /// How data at corners run.
+    pub corners: Corners,
+}
+
+impl Subdivision {
+    pub(super) fn rules(self) -> Rules {
+        Rules { scheme: self.scheme, boundary: self.boundary, creases: self.creases }
+    }
 }
 
 /// Why a mesh cannot be refined.
@@ -82,17 +137,20 @@ pub enum SubdivideError {
         corners: usize,
     },
     /// Edges with more than two faces or with faces of opposite orientation, or vertices at which several fans of faces meet.
-    #[error(
-        "the mesh is not a surface: {edges} edges have more than two faces or faces that disagree about their side, \
-         {vertices} vertices join fans of faces; the first are the {first}"
-    )]
+    #[error("the mesh is not a surface: {}", list(edges, vertices))]
     NonManifold {
-        /// Number of bad edges.
-        edges: usize,
-        /// Number of bad vertices; not counted if there are bad edges.
-        vertices: usize,
-        /// The first few of them.
-        first: String,
+        /// The ends of the bad edges.
+        edges: Vec<[u32; 2]>,
+        /// The bad vertices; not looked for if there are bad edges.
+        vertices: Vec<u32>,
+    },
+    /// A face whose limit would take too much memory.
+    #[error("face {face} has {corners} corners, too many for the limit of its vertices")]
+    LargeFace {
+        /// The largest face.
+        face: usize,
+        /// Its corners.
+        corners: usize,
     },
     /// A result that memory could not hold.
     #[error(
@@ -104,9 +162,39 @@ pub enum SubdivideError {
         /// Number of faces before the first.
         faces: usize,
     },
+    /// A scheme whose limit surface is not made of patches over faces.
+    #[error("the surface of Doo and Sabin has patches over vertices, not over faces")]
+    NoPatches,
+    /// A mesh with other faces, creases or numbers of vertices than those that a plan was made for.
+    #[error("the plan was made for a mesh of another topology")]
+    OtherTopology,
     /// A place became infinite.
     #[error(transparent)]
     Mesh(#[from] MeshError),
+}
+
+/// How many bad edges or vertices a message lists.
+const LISTED: usize = 5;
+
+fn list(edges: &[[u32; 2]], vertices: &[u32]) -> String {
+    let (count, what, mut first) = match edges {
+        [] => {
+            let first: Vec<String> = vertices.iter().take(LISTED).map(u32::to_string).collect();
+            (vertices.len(), "vertices join fans of faces", first)
+        }
+        edges => {
+            let first = edges.iter().take(LISTED).map(|[a, b]| format!("({a}, {b})")).collect();
+            (
+                edges.len(),
+                "edges have more than two faces or faces that disagree about their side",
+                first,
+            )
+        }
+    };
+    if count > LISTED {
+        first.push("...".to_owned());
+    }
+    format!("{count} {what}: {}", first.join(", "))
 }
 
 /// Most corners that a result may have: some 90 million triangles, which with their plan take about 6 GB.
@@ -117,8 +205,12 @@ impl Node for Subdivide {
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let mesh = cx.get(&self.mesh);
-        let Self { scheme, levels, limit, boundary, .. } = *self;
+        let split = self.split.then(|| manifold(cx.get(&self.mesh))).transpose()?;
+        let mesh = split.as_ref().unwrap_or(cx.get(&self.mesh));
+        let Self { scheme, levels, limit, boundary, creases, corners, .. } = *self;
+        if scheme == Scheme::DooSabin && mesh.creases().len() > 0 {
+            cx.warn("the scheme of Doo and Sabin knows no creases; they are dropped");
+        }
         let softens = |(_, sharpness)| f64::from(levels) < sharpness && sharpness < 10.0;
         if limit && mesh.creases().any(softens) {
             cx.warn(format!(
@@ -126,62 +218,160 @@ impl Node for Subdivide {
             ));
         }
         let mut done = 0;
-        let step = |topology: &Topology| {
+        let step = |before: Before<'_>| {
             cx.tick(f64::from(done) / f64::from(levels.max(1)))?;
             done += 1;
-            cx.memo(topology, Step::memo)
+            match before {
+                Before::Nothing(topology) => cx.memo(topology, Step::memo_first),
+                Before::Step(step) => cx.memo(step, Step::memo_next),
+            }
         };
-        let limits = |topology: &Topology| cx.memo(topology, Limit::memo);
-        let how = Subdivision { scheme, levels, limit, boundary };
-        Ok((subdivide_with::<Error>(mesh, how, step, limits)?,))
+        let end = |before: Before<'_>| match before {
+            Before::Nothing(topology) => Ok(EndLimit::Control(cx.memo(topology, Limit::memo)?)),
+            Before::Step(step) => Ok(EndLimit::Refined(cx.memo(step, LastLimit::memo)?)),
+        };
+        let how = Subdivision { scheme, levels, limit, boundary, creases, corners };
+        Ok((Plan::with::<Error>(mesh, how, step, end)?.apply(mesh)?,))
     }
 }
 
-/// Refines `mesh`. New vertices are the old ones, then the midpoints of the edges in the order of [`Mesh::edges`]; new
-/// faces are four for each old one in their order: those at corners 0, 1 and 2, then the one in the middle. With
-/// [`Boundary::None`] the vertices and faces that are left out are skipped in these orders.
+/// What a step comes after.
+enum Before<'a> {
+    Nothing(&'a Topology),
+    Step(&'a Step),
+}
+
+/// Refines `mesh`. New vertices and faces have a fixed order, in terms of the old vertices, the faces, and the edges as
+/// [`Mesh::edges`] gives them; n steps at once give the same as n steps one after the other.
+///
+/// - [`Scheme::Loop`], [`Scheme::CatmullClark`]: the old vertices, those on the edges, and with the latter those in the faces.
+///   Loop makes four faces of each: those at corners 0, 1 and 2, each beginning there, then the one in the middle; Catmull and
+///   Clark one at each corner, beginning there. With [`Boundary::None`] the vertices and faces that are left out are skipped.
+/// - [`Scheme::DooSabin`]: a vertex at each corner of each face; then for each edge of the border, as its face runs, those at
+///   1/4 and 3/4 of it. The faces inside the old ones, those across the edges, those around the vertices.
 ///
 /// Positions have the mesh's unit. With `limit` the vertex attribute `normal` holds unit normals, the mean of both sides on
-/// a crease. Loop, "Smooth subdivision surfaces based on triangles" (1987); the masks are in `loop_masks.rs`.
+/// a crease. The masks and their sources are in `loop_masks.rs`, `catmull_clark.rs`, `doo_sabin.rs` and `masks.rs`.
 ///
 /// # Errors
-/// If a face is no triangle, the mesh is not manifold, or the result would be too large.
+/// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
 pub fn subdivide(mesh: &Mesh, how: Subdivision) -> Result<Mesh, SubdivideError> {
-    subdivide_with(mesh, how, Step::new, Limit::new)
+    Plan::new(mesh, how)?.apply(mesh)
 }
 
-/// [`subdivide`] with plans from `step` and `limits`.
-fn subdivide_with<E: From<SubdivideError>>(
-    mesh: &Mesh,
+/// What of a subdivision depends on the topology of a mesh alone: made once, applied to every mesh of this topology.
+pub struct Plan {
     how: Subdivision,
-    mut step: impl FnMut(&Topology) -> Result<Step, E>,
-    limits: impl FnOnce(&Topology) -> Result<Limit, E>,
-) -> Result<Mesh, E> {
-    check_size(mesh, how.levels)?;
-    let mut topology = Topology {
-        scheme: how.scheme,
-        boundary: how.boundary,
-        vertices: mesh.positions().len(),
-        faces: mesh.faces().clone(),
-        creases: mesh.creases().collect(),
-    };
-    let mut refined = mesh.clone();
-    let mut ancestors: Vec<u32> = (0..mesh.faces().len() as u32).collect();
-    for _ in 0..how.levels {
-        let step = step(&topology)?;
-        refined = step.apply(&refined).map_err(SubdivideError::from)?;
-        if how.boundary == Boundary::None {
-            ancestors = step.parents().iter().map(|&parent| ancestors[parent as usize]).collect();
+    topology: Topology,
+    steps: Vec<Step>,
+    limit: Option<EndLimit>,
+}
+
+/// The limit of the last vertices.
+enum EndLimit {
+    Control(Limit),
+    Refined(LastLimit),
+}
+
+impl Plan {
+    /// The plan for the faces, creases and number of vertices of `mesh`.
+    ///
+    /// # Errors
+    /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
+    pub fn new(mesh: &Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
+        let step = |before: Before<'_>| match before {
+            Before::Nothing(topology) => Step::first(topology),
+            Before::Step(step) => step.next(),
+        };
+        Self::with(mesh, how, step, |before| match before {
+            Before::Nothing(topology) => Ok(EndLimit::Control(Limit::new(topology)?)),
+            Before::Step(step) => Ok(EndLimit::Refined(LastLimit::new(step)?)),
+        })
+    }
+
+    /// [`Self::new`] with parts from `step` and `limit`.
+    fn with<E: From<SubdivideError>>(
+        mesh: &Mesh,
+        how: Subdivision,
+        mut step: impl FnMut(Before<'_>) -> Result<Step, E>,
+        limit: impl FnOnce(Before<'_>) -> Result<EndLimit, E>,
+    ) -> Result<Self, E> {
+        check_size(mesh, how.levels)?;
+        let topology = Topology::of(mesh, how);
+        let mut steps: Vec<Step> = Vec::with_capacity(how.levels as usize);
+        for _ in 0..how.levels {
+            steps.push(step(steps.last().map_or(Before::Nothing(&topology), Before::Step))?);
         }
-        topology = step.refined();
+        let end = steps.last().map_or(Before::Nothing(&topology), Before::Step);
+        let limit = how.limit.then(|| limit(end)).transpose()?;
+        Ok(Self { how, topology, steps, limit })
     }
-    if how.limit {
-        refined = limits(&topology)?.apply(&refined).map_err(SubdivideError::from)?;
+
+    /// Refines `mesh` as [`subdivide`] does.
+    ///
+    /// # Errors
+    /// If its topology is not that of the plan, or a place becomes infinite.
+    pub fn apply(&self, mesh: &Mesh) -> Result<Mesh, SubdivideError> {
+        let Self { how, topology, steps, limit } = self;
+        if mesh.positions().len() != topology.vertices
+            || *mesh.faces() != topology.faces
+            || !mesh.creases().eq(topology.creases.iter().copied())
+        {
+            return Err(SubdivideError::OtherTopology);
+        }
+        let mut refined = apply(mesh, steps)?;
+        if how.corners == Corners::Smooth && how.scheme != Scheme::DooSabin && !steps.is_empty() {
+            refined = smooth_corners(mesh, *how, refined)?;
+        }
+        refined = match limit {
+            Some(EndLimit::Control(limit)) => limit.apply(&refined)?,
+            Some(EndLimit::Refined(limit)) => limit.apply(&refined)?,
+            None => refined,
+        };
+        if how.boundary == Boundary::None && how.scheme != Scheme::DooSabin {
+            refined = without_border(mesh, &ancestors(mesh, steps), &refined)?;
+        }
+        Ok(refined)
     }
-    if how.boundary == Boundary::None {
-        refined = without_border(mesh, &ancestors, &refined).map_err(SubdivideError::from)?;
+}
+
+/// Refines the positions and attributes of a mesh step by step.
+fn apply(mesh: &Mesh, steps: &[Step]) -> Result<Mesh, MeshError> {
+    let Some((first, later)) = steps.split_first() else {
+        return Ok(mesh.clone());
+    };
+    let last = later.last().unwrap_or(first);
+    let positions = later
+        .iter()
+        .fold(first.positions(mesh.positions()), |positions, step| step.positions(&positions));
+    let mut refined = Mesh::new(positions, last.finer().clone())?
+        .with_creases(last.finer_creases())
+        .with_texture(mesh.texture().cloned())
+        .with_frame(mesh.frame().copied());
+    let all = |attribute: &Attribute, carry: fn(&Step, &Attribute) -> Attribute| {
+        later.iter().fold(carry(first, attribute), |carried, step| carry(step, &carried))
+    };
+    for (name, attribute) in mesh.vertex().iter().filter(|(name, _)| *name != "normal") {
+        refined = refined.with_vertex(name, all(attribute, Step::vertex_attribute))?;
+    }
+    for (name, attribute) in mesh.corner().iter().filter(|(name, _)| *name != "normal") {
+        refined = refined.with_corner(name, all(attribute, Step::corner_attribute))?;
+    }
+    if mesh.face().iter().next().is_some() {
+        let ancestors = ancestors(mesh, steps);
+        for (name, attribute) in mesh.face().iter() {
+            refined = refined.with_face(name, attribute.select(&ancestors))?;
+        }
     }
     Ok(refined)
+}
+
+/// The face of `mesh` from which each face comes that the last step makes.
+fn ancestors(mesh: &Mesh, steps: &[Step]) -> Vec<u32> {
+    let first = (0..mesh.faces().len() as u32).collect();
+    steps.iter().fold(first, |ancestors: Vec<u32>, step| {
+        step.parents().iter().map(|&parent| ancestors[parent as usize]).collect()
+    })
 }
 
 fn check_size(mesh: &Mesh, levels: u32) -> Result<(), SubdivideError> {
@@ -191,56 +381,6 @@ fn check_size(mesh: &Mesh, levels: u32) -> Result<(), SubdivideError> {
         Some(corners) if corners <= MOST_CORNERS => Ok(()),
         _ => Err(SubdivideError::TooLarge { levels, faces: mesh.faces().len() }),
     }
-}
-
-/// `refined` without the faces whose ancestor in `mesh` touches the border, and without the vertices that then have no face.
-fn without_border(mesh: &Mesh, ancestors: &[u32], refined: &Mesh) -> Result<Mesh, MeshError> {
-    let edges = mesh.edges();
-    let mut on_border = vec![false; mesh.positions().len()];
-    let border = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
-    border.flat_map(|(ends, _)| ends).for_each(|&end| on_border[end as usize] = true);
-    let touches: Vec<bool> =
-        mesh.faces().iter().map(|face| face.iter().any(|&v| on_border[v as usize])).collect();
-    let kept = |face: &u32| !touches[ancestors[*face as usize] as usize];
-    let faces: Vec<u32> = (0..refined.faces().len() as u32).filter(kept).collect();
-    select_faces(refined, &faces)
-}
-
-/// The faces with these indices, and the vertices that they name, both in their old order.
-fn select_faces(mesh: &Mesh, faces: &[u32]) -> Result<Mesh, MeshError> {
-    const GONE: u32 = u32::MAX;
-    let old = mesh.faces();
-    let places: Vec<u32> = faces
-        .iter()
-        .map(|&face| face as usize)
-        .flat_map(|face| (old.first_corner(face) as u32..).take(old.face(face).len()))
-        .collect();
-    let mut renamed = vec![GONE; mesh.positions().len()];
-    places.iter().for_each(|&place| renamed[old.corners()[place as usize] as usize] = 0);
-    let vertices: Vec<u32> =
-        (0..renamed.len() as u32).filter(|&vertex| renamed[vertex as usize] != GONE).collect();
-    (0..).zip(&vertices).for_each(|(new, &old)| renamed[old as usize] = new);
-    let sides: Vec<usize> = faces.iter().map(|&face| old.face(face as usize).len()).collect();
-    let corners = places.iter().map(|&place| renamed[old.corners()[place as usize] as usize]);
-    let positions: Vec<_> = vertices.iter().map(|&v| mesh.positions()[v as usize]).collect();
-    let creases = mesh
-        .creases()
-        .map(|(ends, sharpness)| (ends.map(|end| renamed[end as usize]), sharpness))
-        .filter(|(ends, _)| !ends.contains(&GONE));
-    let mut selected = Mesh::new(positions, Faces::polygons(&sides, corners.collect())?)?
-        .with_creases(creases)
-        .with_texture(mesh.texture().cloned())
-        .with_frame(mesh.frame().copied());
-    for (name, attribute) in mesh.vertex().iter() {
-        selected = selected.with_vertex(name, attribute.select(&vertices))?;
-    }
-    for (name, attribute) in mesh.corner().iter() {
-        selected = selected.with_corner(name, attribute.select(&places))?;
-    }
-    for (name, attribute) in mesh.face().iter() {
-        selected = selected.with_face(name, attribute.select(faces))?;
-    }
-    Ok(selected)
 }
 
 #[cfg(test)]

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::test::with_unit;
 use super::{Exit, print, print_json};
 use crate::format::{glb, obj, pcd, picture_file, ply, stl};
+use crate::golden::compare::in_unit;
 use crate::golden::{Tolerance, Verdict, compare};
 use crate::node::ending;
 use crate::value::AnyValue;
@@ -45,6 +45,9 @@ pub(super) struct Compare {
     json: bool,
 }
 
+/// What the rounding of files to `float` may change, as a share of the whole.
+const FLOATS: f64 = 1e-6;
+
 fn attribute(text: &str) -> Result<(String, f64), String> {
     let (name, number) = text.split_once('=').ok_or("write NAME=NUMBER")?;
     Ok((name.to_owned(), number.parse().map_err(|_| "write NAME=NUMBER")?))
@@ -66,6 +69,7 @@ impl Compare {
             differing: self.differing,
             level: self.level,
             remeshed: self.remeshed,
+            share: Some(FLOATS),
         };
         let comparison = compare(&old, &new, &tolerance);
         if self.json {
@@ -73,7 +77,7 @@ impl Compare {
         } else {
             let mut text = format!("{}\n", comparison.verdict.word());
             for m in &comparison.measures {
-                let number = |x: f64| with_unit(x, m.unit);
+                let number = |x: f64| in_unit(x, m.unit);
                 let _ = writeln!(
                     text,
                     "  {}: max {}, rms {}, 99 % {}",

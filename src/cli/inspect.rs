@@ -63,6 +63,9 @@ pub(super) fn view(text: &str) -> Result<View, String> {
     }
 }
 
+/// The name of an output, and its node and place there.
+type Found = (String, (usize, usize));
+
 impl Inspect {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
         let checked = self.options.load(&self.graph, catalog);
@@ -70,7 +73,7 @@ impl Inspect {
             report(&checked.problems);
             return Exit::Failed;
         };
-        let (node, outputs) = match self.find(&graph) {
+        let outputs = match self.find(&graph) {
             Ok(found) => found,
             Err(why) => return Exit::Usage(why),
         };
@@ -79,19 +82,21 @@ impl Inspect {
             Err(why) => return Exit::Usage(why),
         };
         let progress = Progress::new(graph.nodes.len());
-        let evaluation =
-            evaluator.evaluate(&graph, &[node], &[node], &progress, &CancelToken::default());
+        let mut nodes = Vec::from_iter(outputs.iter().map(|(_, (node, _))| *node));
+        nodes.sort_unstable();
+        nodes.dedup();
+        let cancel = CancelToken::default();
+        let evaluation = evaluator.evaluate(&graph, &nodes, &nodes, &progress, &cancel);
         progress.end();
         if !self.json {
             report(&evaluation.problems());
         }
-        let found: Vec<(&str, &AnyValue)> = outputs
-            .iter()
-            .filter_map(|&output| {
-                Some((graph.nodes[node].outputs[output], evaluation.value(node, output)?))
-            })
-            .collect();
-        self.print(&graph.nodes[node].name, &found, &evaluation.problems());
+        let found = outputs.iter().filter_map(|(name, (node, output))| {
+            Some((&name[..], evaluation.value(*node, *output)?))
+        });
+        let found = Vec::from_iter(found);
+        let node = self.node.split_once('.').map_or(&self.node[..], |(node, _)| node);
+        self.print(node, &found, &evaluation.problems());
         let Some((_, value)) = found.first() else { return Exit::Failed };
         match &self.out {
             Some(path) => self.write(value, path, catalog),
@@ -99,21 +104,43 @@ impl Inspect {
         }
     }
 
-    /// The node that is meant, and the outputs of it.
-    fn find(&self, graph: &Graph) -> Result<(usize, Vec<usize>), String> {
+    /// The outputs that are meant, by name, each with its node and place there.
+    fn find(&self, graph: &Graph) -> Result<Vec<Found>, String> {
         let (name, output) = match self.node.split_once('.') {
             Some((name, output)) => (name, Some(output)),
             None => (&self.node[..], None),
         };
-        let node = graph.find(name).ok_or_else(|| {
-            format!("the graph has no node `{name}`; {}", nearest(name, graph.node_names()))
-        })?;
-        let names = &graph.nodes[node].outputs;
-        let Some(output) = output else { return Ok((node, (0..names.len()).collect())) };
-        let found = names.iter().position(|name| *name == output);
-        found.map(|output| (node, vec![output])).ok_or_else(|| {
-            format!("`{name}` has no output `{output}`; its outputs: {}", names.join(", "))
-        })
+        let outputs: Vec<Found> = match graph.find(name) {
+            Some(node) => {
+                let names = graph.nodes[node].outputs.iter().enumerate();
+                names.map(|(index, name)| ((*name).to_owned(), (node, index))).collect()
+            }
+            None => {
+                let given = graph.uses.iter().find(|given| given.name == name);
+                let given = given.ok_or_else(|| {
+                    let help = nearest(name, graph.names());
+                    format!("the graph has no node `{name}`; {help}")
+                })?;
+                let all = given.outputs.iter().flat_map(|(name, targets)| {
+                    let one = targets.len() == 1;
+                    let label = move |k: usize| match one {
+                        true => name.clone(),
+                        false => format!("{name} {}", k + 1),
+                    };
+                    targets.iter().enumerate().map(move |(k, &target)| (label(k), target))
+                });
+                all.collect()
+            }
+        };
+        let Some(output) = output else { return Ok(outputs) };
+        let names = Vec::from_iter(outputs.iter().map(|(name, _)| &name[..])).join(", ");
+        let none = || format!("`{name}` has no output `{output}`; its outputs: {names}");
+        let is_meant = |name: &str| {
+            name.strip_prefix(output).is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
+        };
+        let error = none();
+        let found = Vec::from_iter(outputs.into_iter().filter(|(name, _)| is_meant(name)));
+        if found.is_empty() { Err(error) } else { Ok(found) }
     }
 
     fn print(&self, node: &str, found: &[(&str, &AnyValue)], problems: &[Problem]) {

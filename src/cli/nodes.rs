@@ -1,18 +1,25 @@
 //! `maquette nodes`: the reference, printed from the types themselves.
 
 use std::fmt::Write;
+use std::path::Path;
 
 use clap::Args;
 use serde_json::{Value as Json, json};
 
-use super::{Exit, print, print_json};
-use crate::catalog::{Catalog, Entry, describe_choices, describe_default, describe_parameter};
-use crate::graph::any_of;
+use super::{Exit, print, print_json, report};
+use crate::catalog::{
+    Catalog, Description, Entry, describe_choices, describe_default, describe_parameter,
+};
+use crate::graph::{Files, Graph, Options, Subgraph, any_of};
 
 #[derive(Args)]
 pub(super) struct Nodes {
-    /// Only this node, in full.
+    /// Only this node, in full; or a graph file: the graphs that it uses, in full.
+    #[arg(value_name = "NODE|GRAPH")]
     node: Option<String>,
+    /// Of a graph's, only this node.
+    #[arg(value_name = "NODE")]
+    of_graph: Option<String>,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -29,15 +36,42 @@ impl Nodes {
             }
             return Exit::Done;
         };
+        if name.ends_with(".ron") {
+            return self.graph(Path::new(name), catalog);
+        }
         let Some(entry) = catalog.find(name) else {
             let help = crate::graph::nearest(name, catalog.names());
             return Exit::Usage(format!("there is no node type `{name}`; {help}"));
         };
-        match self.json {
-            true => print_json(&json!({ "nodes": [entry.to_json()] })),
-            false => print(&in_full(entry)),
-        }
+        self.print(&[entry.description()]);
         Exit::Done
+    }
+
+    fn print(&self, nodes: &[Description<'_>]) {
+        if self.json {
+            let nodes = nodes.iter().map(Description::to_json).collect::<Vec<_>>();
+            return print_json(&json!({ "nodes": nodes }));
+        }
+        let nodes = nodes.iter().map(in_full);
+        print(&Vec::from_iter(nodes).join("\n"));
+    }
+
+    /// The graphs that a graph uses; itself first, if it is made to be used.
+    fn graph(&self, path: &Path, catalog: &Catalog) -> Exit {
+        let options = Options { files: Files::Ignored, ..Options::default() };
+        let (subgraphs, problems) = Graph::subgraphs(path, catalog, &options);
+        report(&problems);
+        let wanted = |it: &&Subgraph| self.of_graph.as_ref().is_none_or(|name| it.name == *name);
+        let found = Vec::from_iter(subgraphs.iter().filter(wanted).map(Subgraph::description));
+        if let (true, Some(name)) = (found.is_empty(), &self.of_graph) {
+            let help = crate::graph::nearest(name, subgraphs.iter().map(|it| &it.name[..]));
+            return Exit::Usage(format!("{} uses no graph `{name}`; {help}", path.display()));
+        }
+        self.print(&found);
+        if found.is_empty() && !self.json && problems.is_empty() {
+            print(&format!("{} uses no other graph\n", path.display()));
+        }
+        if problems.is_empty() { Exit::Done } else { Exit::Failed }
     }
 }
 
@@ -64,8 +98,8 @@ fn doc(schema: &Json) -> &str {
 }
 
 /// Everything that is known of a node.
-fn in_full(entry: &Entry) -> String {
-    let schema = entry.schema();
+fn in_full(entry: &Description<'_>) -> String {
+    let schema = entry.schema;
     let mut text = format!("{} ({})\n\n{}\n", entry.name, entry.pack, indent(doc(schema), 0));
     let ports = entry.ports();
     if !ports.is_empty() {
@@ -97,10 +131,9 @@ fn in_full(entry: &Entry) -> String {
         }
     }
     text += "\nOutputs\n";
-    for output in entry.outputs() {
-        let types = any_of(output.types.iter().map(|kind| kind.name));
-        let same = if output.types.len() > 1 { " (the type that came in)" } else { "" };
-        let _ = writeln!(text, "  {}: {types}{same}", output.name);
+    for (name, types) in &entry.outputs {
+        let same = if types.len() > 1 { " (the type that came in)" } else { "" };
+        let _ = writeln!(text, "  {name}: {}{same}", any_of(types.iter().copied()));
     }
     text
 }

@@ -145,11 +145,12 @@ impl Outputs {
             Box::new(Problem {
                 severity: Severity::Error,
                 code: code::FAILED,
-                source: graph.source.clone(),
+                source: output.source.clone(),
                 span: output.span,
                 message,
                 help: help.into(),
                 note: None,
+                uses: Vec::new(),
             })
         };
         let files = match evaluation.files(output) {

@@ -15,7 +15,7 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
 use crate::eval::State as NodeState;
 use crate::golden::case;
-use crate::golden::compare::{Verdict, six};
+use crate::golden::compare::Verdict;
 use crate::golden::suite::{self, Case, Compared, Report, Settings, State};
 use crate::golden::{html, junit};
 
@@ -27,10 +27,10 @@ pub(super) struct Test {
     /// Only cases whose graph or name holds this.
     #[arg(long, value_name = "TEXT")]
     filter: Option<String>,
-    /// Accept all results as they are. Refused on CI, and over goldens that are not committed.
+    /// Accept all results as they are. Refused, as is --review, where CI is set and over goldens that are not committed.
     #[arg(long, conflicts_with = "review")]
     bless: bool,
-    /// Accept or reject the results one by one.
+    /// Accept or refuse the results one by one.
     #[arg(long)]
     review: bool,
     /// Write a page for the browser, with pictures.
@@ -92,10 +92,7 @@ impl Test {
             return Exit::Usage(why);
         }
         if self.bless || self.review {
-            return match self.accept(&report) {
-                Ok(()) => Exit::Done,
-                Err(why) => Exit::Usage(why),
-            };
+            return self.accept(&report).unwrap_or_else(Exit::Usage);
         }
         if self.json {
             print_json(&to_json(&report));
@@ -115,103 +112,146 @@ impl Test {
         write(&self.junit, &|| junit::document(report))
     }
 
-    /// Makes the results the goldens: all of them, or those that the user accepts.
-    fn accept(&self, report: &Report) -> Result<(), String> {
-        if self.bless && std::env::var_os("CI").is_some_and(|ci| !ci.is_empty()) {
-            return Err("--bless is refused where CI is set: goldens are accepted by people".into());
+    /// Makes the results the goldens: all of them, or those that the user accepts. What cannot be accepted, or was not, fails.
+    fn accept(&self, report: &Report) -> Result<Exit, String> {
+        if std::env::var_os("CI").is_some_and(|ci| !ci.is_empty()) {
+            return Err("refused where CI is set: goldens are accepted by people".into());
         }
-        let changed = |case: &&Case| {
-            case.state == State::Failed || case.outputs.iter().any(|o| !o.new.is_empty())
+        let changes = |case: &&Case| {
+            let rest = case.warnings.len() + case.orphans.len();
+            case.state != State::Broken && (rest > 0 || case.changed_outputs().next().is_some())
         };
-        let cases: Vec<&Case> = report.cases.iter().filter(changed).collect();
-        let broken = report.count(|case| case.state == State::Broken);
-        for case in &cases {
-            if let Some(path) = uncommitted(&case.folder) {
-                return Err(format!(
-                    "{path} has changes that are not committed: commit or drop them first"
-                ));
-            }
+        let cases: Vec<&Case> = report.cases.iter().filter(changes).collect();
+        let paths = cases.iter().map(|case| &case.folder).chain(&report.orphans);
+        if let Some(path) = paths.filter_map(|path| uncommitted(path)).next() {
+            return Err(format!(
+                "{path} has changes that are not committed: commit or drop them first"
+            ));
         }
-        let mut accepted = 0;
-        for case in cases.iter().filter(|case| case.state != State::Broken) {
-            let why = case.changed_nodes();
-            let blessed: Vec<&Compared> = case
-                .outputs
-                .iter()
-                .filter(|output| !output.new.is_empty() && (self.bless || ask(case, output, &why)))
-                .collect();
-            if blessed.is_empty() && case.orphans.is_empty() {
-                continue;
-            }
-            let wanted = |output: &Compared| blessed.iter().any(|other| other.name == output.name);
-            case.bless(wanted)
-                .map_err(|error| format!("cannot write {}: {error}", case.folder.display()))?;
-            accepted += blessed.len();
-            print(&format!("blessed   {}\n", case.title()));
-            for output in &blessed {
-                print(&format!("          {}: {}\n", output.name, in_short(output)));
-            }
-            for orphan in &case.orphans {
-                print(&format!("          {} is gone\n", orphan.display()));
-            }
-            for why in reason(&why, case) {
-                print(&format!("          because {why}\n"));
+        let mut count = Count::default();
+        for case in cases {
+            let done = self.accept_case(case, &mut count);
+            done.map_err(|error| format!("cannot write {}: {error}", case.folder.display()))?;
+            if count.quit {
+                break;
             }
         }
         for orphan in &report.orphans {
-            let gone =
-                self.bless && uncommitted(orphan).is_none() && std::fs::remove_file(orphan).is_ok();
+            let gone = self.bless && std::fs::remove_file(orphan).is_ok();
+            count.refused += usize::from(!gone);
             let word = if gone { "removed " } else { "orphan  " };
             print(&format!("{word}  {}\n", orphan.display()));
         }
-        print(&format!("{} blessed\n", counted(accepted, "golden")));
-        if broken > 0 {
-            show(report);
-            return Err(format!("{} could not run", counted(broken, "case")));
+        print(&format!("{} blessed\n", counted(count.accepted, "golden")));
+        let errors = |case: &&Case| {
+            let is_error = |problem: &Problem| problem.severity == Severity::Error;
+            !case.violations.is_empty() || case.problems.iter().any(is_error)
+        };
+        let wrong: Vec<&Case> = report.cases.iter().filter(errors).collect();
+        for case in &wrong {
+            let problems = case.problems.iter().chain(case.violations.iter().map(|v| &v.problem));
+            print(&format!("{}  {}\n", word(case), case.title()));
+            self::report(&problems.cloned().collect::<Vec<_>>());
+        }
+        self::report(&report.problems);
+        let failed = count.quit || count.refused + wrong.len() + report.problems.len() > 0;
+        Ok(if failed { Exit::Failed } else { Exit::Done })
+    }
+
+    fn accept_case(&self, case: &Case, count: &mut Count) -> std::io::Result<()> {
+        let why = reason(case);
+        let mut all = true;
+        for output in case.changed_outputs() {
+            if !self.asks(count, case, &output.name, &reasons_of(output), &why) {
+                all = false;
+                continue;
+            }
+            case.bless(output, &why)?;
+            count.accepted += 1;
+            print(&format!("blessed   {} {}: {}\n", case.title(), output.name, in_short(output)));
+            why.iter().for_each(|why| print(&format!("          because {why}\n")));
+        }
+        let orphans = case.orphans.iter().map(|path| format!("{} goes", path.display()));
+        let rest: Vec<String> = case.warnings.iter().cloned().chain(orphans).collect();
+        if all && (rest.is_empty() || self.asks(count, case, "the rest", &rest, &why)) {
+            case.bless_rest()?;
+            rest.iter().for_each(|rest| print(&format!("          {rest}\n")));
         }
         Ok(())
     }
+
+    /// Asks whether a result is right, unless all are. No answer is no, and the end.
+    fn asks(
+        &self,
+        count: &mut Count,
+        case: &Case,
+        what: &str,
+        reasons: &[String],
+        why: &[String],
+    ) -> bool {
+        if self.bless || count.quit {
+            return self.bless;
+        }
+        print(&format!("\n{} {what}\n", case.title()));
+        reasons.iter().for_each(|reason| print(&format!("  {reason}\n")));
+        why.iter().for_each(|why| print(&format!("  because {why}\n")));
+        loop {
+            print("  accept, refuse, quit? [a/r/q] ");
+            let mut answer = String::new();
+            let _ = std::io::Write::flush(&mut std::io::stdout());
+            let read = std::io::stdin().lock().read_line(&mut answer);
+            match (read, answer.trim()) {
+                (Ok(0) | Err(_), _) | (_, "q" | "quit") => {
+                    count.quit = true;
+                    return false;
+                }
+                (_, "a" | "accept") => return true,
+                (_, "r" | "refuse") => {
+                    count.refused += 1;
+                    return false;
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+/// What a user decided.
+#[derive(Default)]
+struct Count {
+    accepted: usize,
+    refused: usize,
+    quit: bool,
 }
 
 /// Why results are others than they were.
-fn reason(changed: &[String], case: &Case) -> Vec<String> {
+fn reason(case: &Case) -> Vec<String> {
     let is_new = case.outputs.iter().all(|output| output.golden.is_err());
-    match changed {
+    match case.changed_nodes() {
         _ if is_new => Vec::new(),
-        [] => vec!["no node of the graph changed: the program gives another result".into()],
-        changed => changed.to_vec(),
+        changed if changed.is_empty() => {
+            vec!["no node of the graph changed: the program gives another result".into()]
+        }
+        changed => changed,
     }
 }
+
+/// Some of what is to be said of an output.
+fn reasons_of(output: &Compared) -> Vec<String> {
+    let reasons = &output.comparison.reasons;
+    if reasons.is_empty() {
+        return vec![output.comparison.verdict.word().to_owned()];
+    }
+    let more = reasons.len().saturating_sub(MOST_REASONS);
+    let more = (more > 0).then(|| format!("and {more} more"));
+    reasons.iter().take(MOST_REASONS).cloned().chain(more).collect()
+}
+
+/// How many reasons of an output are told; the page tells all.
+const MOST_REASONS: usize = 6;
 
 fn in_short(output: &Compared) -> String {
-    match output.comparison.reasons.first() {
-        Some(reason) => reason.clone(),
-        None => output.comparison.verdict.word().to_owned(),
-    }
-}
-
-/// Asks whether a result is right. No answer is no.
-fn ask(case: &Case, output: &Compared, why: &[String]) -> bool {
-    print(&format!("{} {}: {}\n", case.title(), output.name, output.comparison.verdict.word()));
-    for reason in output.comparison.reasons.iter().take(8) {
-        print(&format!("  {reason}\n"));
-    }
-    for why in reason(why, case) {
-        print(&format!("  because {why}\n"));
-    }
-    loop {
-        print("  accept, reject, skip? [a/r/s] ");
-        let mut answer = String::new();
-        let _ = std::io::Write::flush(&mut std::io::stdout());
-        match std::io::stdin().lock().read_line(&mut answer) {
-            Ok(0) | Err(_) => return false,
-            Ok(_) => match answer.trim() {
-                "a" | "accept" => return true,
-                "r" | "reject" | "s" | "skip" => return false,
-                _ => {}
-            },
-        }
-    }
+    reasons_of(output).swap_remove(0)
 }
 
 /// The first file at a path, or below it, that git knows to be changed; none where there is no git.
@@ -278,13 +318,12 @@ fn show(result: &Report) {
             for output in
                 case.outputs.iter().filter(|output| output.comparison.verdict == Verdict::Different)
             {
-                for reason in output.comparison.reasons.iter().take(6) {
+                for reason in reasons_of(output) {
                     let _ = writeln!(text, "          {}: {reason}", output.name);
                 }
-                let more = output.comparison.reasons.len().saturating_sub(6);
-                if more > 0 {
-                    let _ = writeln!(text, "          {}: and {more} more", output.name);
-                }
+            }
+            for warning in &case.warnings {
+                let _ = writeln!(text, "          {warning}");
             }
             for orphan in &case.orphans {
                 let _ = writeln!(text, "          {} belongs to no output", orphan.display());
@@ -304,7 +343,12 @@ fn show(result: &Report) {
     let skipped = result.count(|case| matches!(case.state, State::Skipped(_)));
     let failed = result.count(Case::failed) + result.orphans.len() + result.problems.len();
     let skips = if skipped > 0 { format!(", {skipped} skipped") } else { String::new() };
-    let _ = writeln!(text, "{passed} passed, {failed} failed{skips}; {:.2} s", result.seconds);
+    let nodes = match result.node_seconds() {
+        0.0 => String::new(),
+        seconds => format!(" ({seconds:.2} s of nodes on {})", counted(result.threads, "thread")),
+    };
+    let seconds = result.seconds;
+    let _ = writeln!(text, "{passed} passed, {failed} failed{skips}; {seconds:.2} s{nodes}");
     print(&text);
     if failed > 0 {
         eprint("help: --report FILE.html shows what differs; --review or --bless accepts it\n");
@@ -352,10 +396,7 @@ fn to_json(report: &Report) -> serde_json::Value {
         "problems": errors.map(Problem::to_json).collect::<Vec<_>>(),
         "orphans": report.orphans.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
         "seconds": report.seconds,
+        "node_seconds": report.node_seconds(),
+        "threads": report.threads,
     })
-}
-
-/// For messages of other commands: a measured number with its unit.
-pub(super) fn with_unit(x: f64, unit: &str) -> String {
-    if unit.is_empty() { six(x) } else { format!("{} {unit}", six(x)) }
 }

@@ -117,7 +117,8 @@ impl Watch {
     fn print_list(&self, catalog: &Catalog) -> Exit {
         let checked = self.options.load(&self.graph, catalog);
         report(&checked.problems);
-        let list = self.watch_list(&checked.files, reads_outside(&checked.problems));
+        let outside = reads_outside(&checked.problems);
+        let list = self.watch_list(&checked.files, &checked.subgraphs, outside);
         let here = std::env::current_dir().unwrap_or_default();
         for file in list.files() {
             let path = file.path.strip_prefix(&here).unwrap_or(&file.path);
@@ -127,14 +128,16 @@ impl Watch {
         Exit::Done
     }
 
-    /// Everything that the outcome depends on: the graph, the files that its nodes read (`files`), and what says which files they
-    /// may read. The files of subgraphs belong here as soon as graphs have them.
-    fn watch_list(&self, files: &[ReadFile], outside: bool) -> WatchList {
+    /// Everything that the outcome depends on: the graph, those that it uses, the files that their nodes read (`files`), and what
+    /// says which files they may read.
+    fn watch_list(&self, files: &[ReadFile], subgraphs: &[PathBuf], outside: bool) -> WatchList {
         let path = std::path::absolute(&self.graph).unwrap_or_else(|_| self.graph.clone());
         let folder = path.parent().unwrap_or(&path);
         let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let root = project_root(&folder);
         let mut wishes = vec![Wish { path, why: "the graph".into() }];
+        let used = |path: &PathBuf| Wish { path: path.clone(), why: "a graph that it uses".into() };
+        wishes.extend(subgraphs.iter().map(used));
         wishes.extend(files.iter().map(|file| {
             let optional = if file.optional { " if it is there" } else { "" };
             Wish { path: file.path.clone(), why: format!("read by `{}`{optional}", file.node) }

@@ -8,7 +8,6 @@ use clap::Args;
 use super::caching::CacheOptions;
 use super::{Exit, GraphOptions, print, report};
 use crate::catalog::Catalog;
-use crate::error::{Place, Span};
 use crate::eval::{Change, Forecast, Outlook, Reason};
 use crate::graph::{Graph, nearest};
 
@@ -16,7 +15,7 @@ use crate::graph::{Graph, nearest};
 pub(super) struct Why {
     /// The graph file.
     graph: PathBuf,
-    /// The node.
+    /// The node, or a use of a graph: then the nodes that make its outputs.
     node: String,
     #[command(flatten)]
     options: GraphOptions,
@@ -29,15 +28,17 @@ impl Why {
         let checked = self.options.load(&self.graph, catalog);
         report(&checked.problems);
         let Some(graph) = checked.graph else { return Exit::Failed };
-        let Some(node) = graph.find(&self.node) else {
-            let help = nearest(&self.node, graph.node_names());
+        let nodes = graph.nodes_of(&self.node);
+        if nodes.is_empty() {
+            let help = nearest(&self.node, graph.names());
             return Exit::Usage(format!("the graph has no node `{}`; {help}", self.node));
-        };
+        }
         let mut evaluator = match self.cache.evaluator(1, catalog) {
             Ok(evaluator) => evaluator,
             Err(why) => return Exit::Usage(why),
         };
-        print(&explain(&graph, node, &evaluator.forecast(&graph, &[node])));
+        let forecasts = evaluator.forecast(&graph, &nodes);
+        nodes.iter().for_each(|&node| print(&explain(&graph, node, &forecasts)));
         Exit::Done
     }
 }
@@ -76,14 +77,13 @@ pub(super) fn reason_with_place(graph: &Graph, forecast: &Forecast) -> String {
     let node = &graph.nodes[forecast.index];
     let mut text = forecast.reason.in_words(node, &graph.nodes);
     if let Reason::Changed(change) | Reason::Before(change) = &forecast.reason {
-        let span = match change {
-            Change::Parameter { path, .. } => node.place_of(path),
-            Change::Kind { .. } => node.span,
-            Change::Input(_) | Change::File(_) => Span::default(),
+        let place = match change {
+            Change::Parameter { path, .. } => Some(node.place_of(path)),
+            Change::Kind { .. } => Some(node.place_of(&[])),
+            Change::Input(_) | Change::File(_) => None,
         };
-        if span != Span::default() {
-            let Place { line, column } = Place::of(&graph.source.text, span.start);
-            let _ = write!(text, ", {}:{line}:{column}", graph.source.name.display());
+        if let Some(place) = place {
+            let _ = write!(text, ", {place}");
         }
     }
     text

@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::value::{
-    AnyValue, ControlNet, Curve, Direction, Faces, Field, Image, KnotVector, Labels, Mask, Mesh,
-    Points, RangeImage, Region, Surface, Trace, TraceStep,
+    AnyValue, ControlNet, Curve, Direction, Faces, Field, Handle, HandleSpace, Handles, Image,
+    KnotVector, Labels, Mask, Mesh, Points, RangeImage, Region, Surface, Trace, TraceStep,
 };
 
 /// Hostile values of the type of that name; none for a type that the engine does not know.
@@ -26,6 +26,7 @@ pub(super) fn values(kind: &str) -> Vec<AnyValue> {
         "Curve" => curves().into_iter().map(AnyValue::new).collect(),
         "Points" => points().into_iter().map(AnyValue::new).collect(),
         "Trace" => traces().into_iter().map(AnyValue::new).collect(),
+        "Handles" => handles().into_iter().map(AnyValue::new).collect(),
         "Mesh" => meshes().into_iter().map(AnyValue::new).collect(),
         _ => Vec::new(),
     }
@@ -151,6 +152,26 @@ fn traces() -> Vec<Trace> {
         vec![step(0, 0.0), step(1, 1e300), step(1 << 60, 1e-300)],
     ];
     steps.into_iter().flat_map(Trace::new).collect()
+}
+
+/// None, at one place, far away, of enormous and of vanishing reach and weight, and many at almost one place.
+fn handles() -> Vec<Handles> {
+    let lists = [0, 1, 2, 9].into_iter().flat_map(clouds).flat_map(|points| {
+        [(1.0, 1.0), (1e-300, 1e300), (1e300, 1e-300), (1e-5, 1.0)].map(|(sigma, weight)| {
+            let handle = |(k, point): (usize, &Point3<f64>)| {
+                let to = point + Vector3::new(0.0, k as f64, 0.0);
+                Handle {
+                    at: (*point).into(),
+                    to: (k % 2 == 0).then(|| to.into()),
+                    sigma: (k % 3 != 0).then_some([sigma, 1.0, 2.0 * sigma]),
+                    weight,
+                }
+            };
+            Vec::from_iter(points.iter().enumerate().map(handle))
+        })
+    });
+    let spaces = [HandleSpace::Box, HandleSpace::Cube, HandleSpace::World];
+    lists.flat_map(|list| spaces.map(|space| Handles::new(space, &list))).flatten().collect()
 }
 
 fn meshes() -> Vec<Mesh> {

@@ -49,9 +49,13 @@ pub(crate) struct Case {
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Budget {
-    /// The time of all nodes together, in seconds.
-    #[schemars(range(min = 0.0))]
+    /// The time of all nodes together. Nodes whose results come from the cache take none.
+    #[schemars(range(min = 0.0), extend("unit" = "s"))]
     pub(crate) seconds: Option<f64>,
+    /// The memory of all nodes' results together, cached or not: what is held while a graph is worked on. What a node needs only
+    /// while it runs is not counted.
+    #[schemars(range(min = 0.0), extend("unit" = "MB"))]
+    pub(crate) memory: Option<f64>,
 }
 
 /// The file of a test, read.

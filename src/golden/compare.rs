@@ -11,11 +11,10 @@ use crate::value::{AnyValue, Mesh};
 
 mod columns;
 mod mesh;
-mod nearest;
 mod order;
 
-pub(crate) use columns::{allowed, compare_columns};
-pub(crate) use mesh::{compare_meshes, distances};
+pub(crate) use columns::{allowed, compare_columns, given, judge, limit_of, measure, size};
+pub(crate) use mesh::{compare_meshes, distances, distances_of};
 pub(crate) use order::without_order;
 
 /// How alike two values are.
@@ -43,8 +42,8 @@ impl Verdict {
     }
 }
 
-/// How much two values may differ. What is left out has a default: places a fifty-thousandth of the diagonal of the box around
-/// them, attributes likewise of their range, normals half a degree, everything else nothing.
+/// How much two values may differ. What is left out has a default: places a billionth of the diagonal of the box around them,
+/// numbers likewise of their range, everything else nothing. The same program gives the same bits.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tolerance {
@@ -70,6 +69,19 @@ pub struct Tolerance {
     pub level: f64,
     /// Lets a mesh be of other faces, as long as its surface is near.
     pub remeshed: bool,
+    /// The share of the diagonal, or of the range, that is allowed where nothing is said. Files whose numbers are `float` need
+    /// a millionth.
+    #[serde(skip)]
+    pub share: Option<f64>,
+}
+
+impl Tolerance {
+    /// The largest differences that are said, by the name of what they are of.
+    pub(crate) fn limits(&self) -> impl Iterator<Item = (&str, f64)> {
+        let fields = [("max", self.max), ("normals", self.normals)].into_iter();
+        let fields = fields.filter_map(|(name, most)| Some((name, most?)));
+        fields.chain(self.attributes.iter().map(|(name, most)| (&name[..], *most)))
+    }
 }
 
 /// How a column, or a surface, differs.
@@ -211,12 +223,17 @@ fn compare_summaries(old: &AnyValue, new: &AnyValue) -> Comparison {
 }
 
 /// The class's word for what a difference is measured in.
-pub(super) fn unit(class: Class) -> &'static str {
+pub(crate) fn unit(class: Class) -> &'static str {
     match class {
         Class::Place => "mm",
         Class::Normal => "degrees",
         Class::Number | Class::Level | Class::Exact => "",
     }
+}
+
+/// A measured number with its unit.
+pub(crate) fn in_unit(x: f64, unit: &str) -> String {
+    if unit.is_empty() { six(x) } else { format!("{} {unit}", six(x)) }
 }
 
 /// Six digits, as goldens and messages have them.

@@ -168,14 +168,7 @@ pub(crate) fn target(graph: &Graph, name: &str) -> Option<(usize, usize)> {
     if let Some(output) = graph.outputs.iter().find(|output| output.name == name) {
         return Some((output.node, output.output));
     }
-    let (node, output) = match name.split_once('.') {
-        Some((node, output)) => (node, Some(output)),
-        None => (name, None),
-    };
-    let index = graph.find(node)?;
-    let names = &graph.nodes[index].outputs;
-    let output = output.map_or(Some(0), |output| names.iter().position(|name| *name == output));
-    output.map(|output| (index, output))
+    graph.target(name)
 }
 
 /// The nodes whose values these expectations speak of.
@@ -210,6 +203,7 @@ pub(crate) fn violations(
             message,
             help: String::new(),
             note: None,
+            uses: Vec::new(),
         };
         if let Some(unknown) = targets.iter().position(Option::is_none) {
             let message = format!("there is no value `{}`", names[unknown]);

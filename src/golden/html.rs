@@ -6,6 +6,7 @@ use super::compare::{Measure, Verdict, six};
 use super::junit::escape;
 use super::picture::{self, Figure};
 use super::suite::{Case, Compared, Report, State};
+use crate::error::Severity;
 use crate::eval::NodeTrace;
 
 const STYLE: &str = include_str!("report.css");
@@ -36,8 +37,10 @@ pub(crate) fn page(report: &Report) -> String {
             escape(message)
         );
     }
-    for case in report.cases.iter().filter(|case| case.failed()) {
-        push_case(&mut text, case);
+    let failed: Vec<&Case> = report.cases.iter().filter(|case| case.failed()).collect();
+    push_contents(&mut text, &failed);
+    for (index, case) in failed.iter().enumerate() {
+        push_case(&mut text, case, index);
     }
     for orphan in &report.orphans {
         let _ = write!(
@@ -50,21 +53,44 @@ pub(crate) fn page(report: &Report) -> String {
     text + "</main></body></html>\n"
 }
 
-fn push_case(text: &mut String, case: &Case) {
+/// The failed cases with the first thing that is wrong, if they are so many that one would have to look for them.
+fn push_contents(text: &mut String, failed: &[&Case]) {
+    const FEW: usize = 3;
+    if failed.len() <= FEW {
+        return;
+    }
+    text.push_str(
+        "<div class=\"wide\"><table class=\"contents\"><tr><th>failed<th>case<th>first reason</tr>",
+    );
+    for (index, case) in failed.iter().enumerate() {
+        let first = case.reasons().into_iter().next().unwrap_or_default();
+        let _ = write!(
+            text,
+            "<tr><td><a href=\"#case-{index}\">{}</a><td>{}<td>{}</tr>",
+            escape(&case.graph.display().to_string()),
+            escape(&case.name),
+            escape(&first)
+        );
+    }
+    text.push_str("</table></div>");
+}
+
+fn push_case(text: &mut String, case: &Case, index: usize) {
     let title = format!(
         "{} <small>{}</small>",
         escape(&case.graph.display().to_string()),
         escape(&case.name)
     );
-    let _ = write!(text, "<article class=\"case\"><h2>{title}</h2>");
-    let own =
-        case.problems.iter().chain(case.violations.iter().map(|violation| &violation.problem));
+    let _ = write!(text, "<article class=\"case\" id=\"case-{index}\"><h2>{title}</h2>");
+    let errors = case.problems.iter().filter(|problem| problem.severity == Severity::Error);
+    let own = errors.chain(case.violations.iter().map(|violation| &violation.problem));
     let own: Vec<_> = own.map(|problem| escape(&problem.message)).collect();
     let orphans = case
         .orphans
         .iter()
         .map(|path| format!("{} belongs to no output", escape(&path.display().to_string())));
-    push_list(text, "reasons", own.into_iter().chain(orphans));
+    let warnings = case.warnings.iter().map(|warning| escape(warning));
+    push_list(text, "reasons", own.into_iter().chain(warnings).chain(orphans));
     let nodes = case.changed_nodes();
     if !nodes.is_empty() {
         text.push_str("<h3>What changed in the graph</h3>");
@@ -189,7 +215,7 @@ fn push_table(text: &mut String, report: &Report) {
             case.notes.iter().map(|note| format!("<br><small>{}</small>", escape(note))).collect();
         let _ = write!(
             text,
-            "<tr><td>{}<td>{}<td>{verdict}{notes}<td>{outputs}<td>{:.0} ms</tr>",
+            "<tr><td>{}<td>{}<td>{verdict}{notes}<td>{outputs}<td class=\"number\">{:.0} ms</tr>",
             escape(&case.graph.display().to_string()),
             escape(&case.name),
             case.seconds * 1e3

@@ -3,8 +3,8 @@
 use nalgebra::Point3;
 
 use crate::value::{
-    AnyValue, Attribute, Attributes, CaptureFrame, ControlNet, Curve, Direction, Field, Image,
-    KnotVector, Labels, Mask, Mesh, Points, RangeImage, Region, Surface, Trace,
+    AnyValue, Attribute, Attributes, CaptureFrame, ControlNet, Curve, Direction, Field, Handles,
+    Image, KnotVector, Labels, Mask, Mesh, Points, RangeImage, Region, Surface, Trace,
 };
 
 /// What the numbers of a column mean, and so how two of them are compared.
@@ -132,6 +132,8 @@ impl Parts {
             self.push("resultant", Class::Number, 1, vec![direction.resultant()]);
         } else if let Some(knots) = value.get::<KnotVector>() {
             self.knots("knots", knots);
+        } else if let Some(handles) = value.get::<Handles>() {
+            self.handles(handles);
         } else if let Some(trace) = value.get::<Trace>() {
             let steps = trace.steps();
             self.fact("steps", steps.len());
@@ -261,6 +263,15 @@ impl Parts {
     fn knots(&mut self, name: &str, knots: &KnotVector) {
         self.fact(&format!("degree of {name}"), knots.degree());
         self.push(name, Class::Number, 1, knots.knots().to_vec());
+    }
+
+    fn handles(&mut self, handles: &Handles) {
+        self.fact("handles", handles.len());
+        self.fact("space", format!("{:?}", handles.space()));
+        self.places("at", handles.at());
+        self.places("to", handles.to());
+        self.push("sigma", Class::Number, 3, handles.sigma().as_flattened().to_vec());
+        self.push("weight", Class::Number, 1, handles.weight().to_vec());
     }
 
     fn range(&mut self, range: &RangeImage) {

@@ -38,15 +38,11 @@ pub(crate) fn figures(output: &Compared) -> Vec<Figure> {
     if let Some(mesh) = mesh_of(&output.value) {
         return of_mesh(&mesh, golden);
     }
-    let Some(new) = flat(&output.value) else { return Vec::new() };
-    let old = golden.and_then(|golden| match golden.picture() {
-        Some(picture) => Some(picture.clone()),
-        None => golden.parts().and_then(flat_parts),
-    });
+    let (old, new) = pictures(&output.value, golden);
+    let Some(new) = new else { return Vec::new() };
     let Some(old) = old else {
         return Figure::new("new", &[&new]).into_iter().collect();
     };
-    let new = shrunk(&new, [old.width(), old.height()]);
     let mut figures = vec![Figure::new("old", &[&old]), Figure::new("new", &[&new])];
     if (old.width(), old.height()) == (new.width(), new.height()) {
         let (picture, share) = difference(&old, &new);
@@ -57,8 +53,27 @@ pub(crate) fn figures(output: &Compared) -> Vec<Figure> {
     figures.into_iter().flatten().collect()
 }
 
+/// What was and what is as pictures, of both only what was kept.
+fn pictures(value: &AnyValue, golden: Option<&Golden>) -> (Option<Image>, Option<Image>) {
+    if let Some(new) = picture_of(value) {
+        let old = golden.and_then(Golden::picture);
+        let size = old.map_or([0, 0], |old| [old.width(), old.height()]);
+        let new = if old.is_some() { shrunk(&new, size) } else { new };
+        return (old.cloned(), Some(new));
+    }
+    let Some(parts) = Parts::of(value) else { return (None, None) };
+    let Some(part) = grid_part(&parts) else { return (None, None) };
+    let kept = golden.and_then(Golden::parts).and_then(|kept| kept.column(&part.name));
+    let Some(kept) = kept.filter(|kept| kept.count == part.count && kept.width == part.width)
+    else {
+        return (None, gray(part, parts.row, part));
+    };
+    (gray(kept, parts.row, kept), gray(&part.every(kept.stride), parts.row, kept))
+}
+
 fn of_mesh(new: &Mesh, golden: Option<&Golden>) -> Vec<Figure> {
-    let old = golden.and_then(Golden::mesh);
+    // Both are seen from the same side.
+    let old = golden.and_then(Golden::mesh).map(|old| old.with_frame(new.frame().copied()));
     let far = match (&old, golden) {
         (Some(old), _) => Some(distances(new, old)),
         (None, Some(golden)) => golden.differences(new),
@@ -140,23 +155,20 @@ fn shrunk(picture: &Image, size: [usize; 2]) -> Image {
     if stride == 1 { picture.clone() } else { super::store::every(picture, stride) }
 }
 
-/// A value on a grid as a picture.
-fn flat(value: &AnyValue) -> Option<Image> {
-    picture_of(value).or_else(|| flat_parts(&Parts::of(value)?))
+/// The first column that fills a grid.
+fn grid_part(parts: &Parts) -> Option<&Part> {
+    let row = parts.row.filter(|row| *row > 1)?;
+    let fills = |part: &&Part| part.count.is_multiple_of(row) && part.count >= 2 * row;
+    parts.columns.iter().find(fills)
 }
 
-/// The first column that fills a grid: depths and numbers in gray, labels in colors.
-fn flat_parts(parts: &Parts) -> Option<Image> {
-    let row = parts.row.filter(|row| *row > 1)?;
-    let fills =
-        |part: &&Part| part.stride == 1 && part.count.is_multiple_of(row) && part.count >= 2 * row;
-    let part = parts.columns.iter().find(fills)?;
-    let number =
-        |k: usize| part.element(k)[if part.class == Class::Place { part.width - 1 } else { 0 }];
-    let known = || (0..part.count).map(number).filter(|x| x.is_finite());
-    let (low, high) =
-        known().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
-    let pixel = |k: usize| match (number(k), part.class) {
+/// A column as a picture: depths and numbers in gray, as far as those of `scale` reach, labels in colors. What was not kept is as
+/// what was kept before it.
+fn gray(part: &Part, row: Option<usize>, scale: &Part) -> Option<Image> {
+    let row = row?;
+    let component = if part.class == Class::Place { part.width - 1 } else { 0 };
+    let (low, high) = (*scale.ranges().get(component)?).unwrap_or((0.0, 1.0));
+    let pixel = |k: usize| match (part.element(k / part.stride)[component], part.class) {
         (0.0, Class::Exact) => [0; 3],
         (x, Class::Exact) => [97.0, 57.0, 149.0].map(|step| (64.0 + (x * step) % 192.0) as u8),
         (x, _) if x.is_finite() => {

@@ -1,25 +1,29 @@
 //! What is kept of a value: a summary that people read in a diff, and its numbers as far as they are few.
 //!
-//! The summary has the value's hash and a mark that does not depend on order, so that both best verdicts need no numbers. The
-//! numbers are rounded to a tenth of what may differ, written as differences of neighbors, and deflated. Where they take more
-//! than [`MOST_BYTES`], only every n-th element is kept, and the summary's statistics vouch for the rest.
+//! The summary has the value's hash and a mark that does not depend on order, so that both best verdicts need no numbers; a
+//! sketch of each column finds the least change of any number. The numbers themselves show where a value differs: they are
+//! rounded, written as differences of neighbors, and deflated. Where they take more than [`MOST_BYTES`], only every n-th element
+//! is kept.
 
 use std::path::Path;
 
-use super::compare::{
-    Comparison, Tolerance, Verdict, compare_meshes, compare_parts, different_facts, six,
-    without_order,
-};
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+use super::compare::{Tolerance, distances_of, six};
 use super::parts::{Class, Part, Parts};
 use crate::format::png;
 use crate::pack::NewFile;
 use crate::render::{View, render};
-use crate::value::{AnyValue, Attribute, Faces, Hash, Image, Mask, Mesh, Surface};
+use crate::value::{
+    AnyValue, Attribute, ControlNet, Faces, Hash, Image, KnotVector, Mask, Mesh, Surface,
+};
 
+mod judge;
 mod pack;
 mod summary;
 
-use pack::{FACES, MOST_BYTES, pack, unpack};
+use pack::{MOST_BYTES, pack, unpack};
 use summary::{Line, exact, summary};
 
 /// What was kept of a value.
@@ -32,10 +36,39 @@ pub(crate) struct Golden {
     view: Option<Image>,
 }
 
+/// A file that a value was written to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Written {
+    name: String,
+    /// Its length and hash.
+    content: String,
+}
+
+impl Written {
+    pub(crate) fn of(file: &NewFile) -> Self {
+        let content = format!("{} bytes, {}", file.bytes.len(), Hash::of(&file.bytes).short());
+        Self { name: file.name.clone(), content }
+    }
+
+    /// The files in as many lines.
+    pub(crate) fn note(files: &[Self]) -> Vec<u8> {
+        let line = |file: &Self| format!("{}\t{}\n", file.content, file.name);
+        files.iter().map(line).collect::<String>().into_bytes()
+    }
+
+    pub(crate) fn read(note: &[u8]) -> Option<Vec<Self>> {
+        let file = |line: &str| {
+            let (content, name) = line.split_once('\t')?;
+            Some(Self { name: name.to_owned(), content: content.to_owned() })
+        };
+        std::str::from_utf8(note).ok()?.lines().map(file).collect()
+    }
+}
+
 /// The files of a golden, by what follows its name.
 pub(crate) fn files(
     value: &AnyValue,
-    outputs: &[NewFile],
+    outputs: &[Written],
     needed: &[(String, f64)],
     tolerance: &Tolerance,
 ) -> Vec<NewFile> {
@@ -53,17 +86,29 @@ pub(crate) fn files(
         let (stride, bytes) = pack(parts, tolerance);
         lines.push(exact("kept", format!("every {stride}. element")));
         files.push(NewFile { name: ".bin".into(), bytes });
-        let view = View { size: [240, 180], ..View::front() };
+        let view = View { size: [160, 120], ..View::front() };
         let mesh = mesh_of(value).filter(|_| stride > 1);
         let look = mesh.and_then(|mesh| png::encode_rgb(&render(&mesh, &view)).ok());
         files.extend(look.map(|bytes| NewFile { name: ".view.png".into(), bytes }));
     }
     lines.sort_by(|a, b| a.label.cmp(&b.label));
-    for line in lines {
-        text += &format!("{:<28}  {}\n", line.label, line.text);
+    for Line { label, text: fact, .. } in lines {
+        text += &line(&label, &fact);
     }
     files.insert(0, NewFile { name: ".txt".into(), bytes: text.into_bytes() });
     files
+}
+
+/// Begins the line that says why a golden is as it is.
+const BECAUSE: &str = "accepted because";
+
+/// The line of a summary that says why the golden was accepted; none if there is no reason to give.
+pub(crate) fn because(why: &[String]) -> String {
+    if why.is_empty() { String::new() } else { line(BECAUSE, &why.join("; ")) }
+}
+
+fn line(label: &str, text: &str) -> String {
+    format!("{label:<28}  {text}\n")
 }
 
 /// A mesh, or a surface as one.
@@ -160,30 +205,60 @@ impl Golden {
         self.parts.as_ref()
     }
 
-    /// How far each vertex of a mesh is from where it was, judged by the nearest vertex in the list that was kept.
+    /// How far each vertex of a mesh is from where it was, judged by the vertex that was kept nearest to it: in the list if this
+    /// is as long as it was, else in space.
     pub(super) fn differences(&self, mesh: &Mesh) -> Option<Vec<f64>> {
         let position = self.parts.as_ref()?.column("position")?;
-        if position.count != mesh.positions().len() {
-            return None;
+        let kept: Vec<Point3<f64>> =
+            position.numbers.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2])).collect();
+        if position.count == mesh.positions().len() {
+            let now = mesh.positions().iter().step_by(position.stride);
+            let far: Vec<f64> = now.zip(&kept).map(|(now, was)| (now - was).norm()).collect();
+            return Some((0..position.count).map(|k| far[k / position.stride]).collect());
         }
-        let distance = |place: usize| {
-            let p = position.element(place);
-            (mesh.positions()[place * position.stride] - nalgebra::Point3::new(p[0], p[1], p[2]))
-                .norm()
+        let far = distances_of(&kept, mesh);
+        let nearest = |vertex: &Point3<f64>| {
+            let distance_sq = |k: &usize| (kept[*k] - vertex).norm_squared();
+            let nearest = (0..kept.len()).min_by(|a, b| distance_sq(a).total_cmp(&distance_sq(b)));
+            nearest.map_or(f64::INFINITY, |k| far[k])
         };
-        let kept = Vec::from_iter((0..position.count.div_ceil(position.stride)).map(distance));
-        Some((0..position.count).map(|vertex| kept[vertex / position.stride]).collect())
+        Some(mesh.positions().par_iter().map(nearest).collect())
     }
 
-    /// The mesh that was kept, if all of it was.
+    /// The mesh that was kept, or the surface as one, if all of it was.
     pub(crate) fn mesh(&self) -> Option<Mesh> {
-        let parts = self.parts.as_ref().filter(|_| self.line("type") == Some("Mesh"))?;
+        let parts = self.parts.as_ref()?;
         if parts.columns.iter().any(|part| part.stride > 1) {
             return None;
         }
+        match self.line("type")? {
+            "Mesh" => Self::kept_mesh(parts),
+            "Surface" => self.kept_surface(parts)?.tessellate(0, 0).ok(),
+            _ => None,
+        }
+    }
+
+    fn kept_surface(&self, parts: &Parts) -> Option<Surface> {
+        let column = |name: &str| parts.column(name).map(|part| &part.numbers[..]);
+        let places = |name: &str| {
+            let places = column(name)?.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2]));
+            Some(places.collect::<Vec<_>>())
+        };
+        let knots = |name: &str| {
+            let degree = self.line(&format!("degree of {name}"))?.parse().ok()?;
+            KnotVector::new(degree, column(name)?.to_vec()).ok()
+        };
+        let (rows, columns) = self.line("control points")?.split_once(" x ")?;
+        let size = [rows, columns].map(|count| count.parse().unwrap_or(0));
+        let net = ControlNet::new(size[0], size[1], places("base")?).ok()?;
+        let net = net.with_points(places("point")?).ok()?;
+        let net = net.with_weights(column("weight")?.to_vec()).ok()?;
+        Surface::new(net, knots("knots u")?, knots("knots v")?).ok()
+    }
+
+    fn kept_mesh(parts: &Parts) -> Option<Mesh> {
         let position = parts.column("position")?;
-        let positions =
-            position.numbers.chunks_exact(3).map(|p| nalgebra::Point3::new(p[0], p[1], p[2]));
+        let positions = position.numbers.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2]));
         let corners = parts.column("corners")?;
         let vertices: Vec<u32> = corners.numbers.iter().map(|&x| x as u32).collect();
         let faces = match parts.column("sides") {
@@ -208,145 +283,6 @@ impl Golden {
             };
         }
         Some(mesh)
-    }
-
-    /// How a value, written to these files, differs from what was kept.
-    pub(crate) fn compare(
-        &self,
-        value: &AnyValue,
-        outputs: &[NewFile],
-        tolerance: &Tolerance,
-    ) -> Comparison {
-        if self.line("hash") == Some(&value.hash().to_string()) {
-            let mut reasons = Vec::new();
-            for file in outputs {
-                let text = format!("{} bytes, {}", file.bytes.len(), Hash::of(&file.bytes).short());
-                match self.line(&format!("file {}", file.name)) {
-                    Some(before) if before == text => {}
-                    Some(before) => reasons.push(format!(
-                        "the value is the same, but not its file {}: {before} -> {text}",
-                        file.name
-                    )),
-                    None => reasons.push(format!("file {} is new", file.name)),
-                }
-            }
-            let is_file = |label: &str| label.strip_prefix("file ").map(str::to_owned);
-            let gone = self.lines.iter().filter_map(|(label, _)| is_file(label));
-            let gone = gone.filter(|name| !outputs.iter().any(|file| file.name == *name));
-            reasons.extend(gone.map(|name| format!("file {name} is gone")));
-            return if reasons.is_empty() {
-                Comparison::alike(Verdict::Identical)
-            } else {
-                Comparison::new(reasons, Vec::new())
-            };
-        }
-        let mark = without_order(value).map(|mark| format!("{mark:032x}"));
-        if mark.is_some() && self.line("hash without order") == mark.as_deref() {
-            return Comparison::alike(Verdict::Reordered);
-        }
-        self.compare_numbers(value, tolerance)
-    }
-
-    fn compare_numbers(&self, value: &AnyValue, tolerance: &Tolerance) -> Comparison {
-        let parts = Parts::of(value);
-        let now = summary(value, parts.as_ref(), &[], tolerance);
-        let mut reasons = self.changed_facts(&now, tolerance);
-        let stride = self.stride();
-        let comparison = match (&self.picture, picture_of(value), &self.parts, parts) {
-            (Some(old), Some(new), _, _) => {
-                let parts = |picture: &Image| {
-                    Parts::of(&AnyValue::new(picture.clone())).unwrap_or_default()
-                };
-                let mut comparison =
-                    compare_parts(&parts(old), &parts(&every(&new, stride)), tolerance);
-                if stride > 1 {
-                    let kept = format!(" (of every {stride}. pixel)");
-                    comparison.reasons.iter_mut().for_each(|reason| *reason += &kept);
-                }
-                comparison
-            }
-            (_, _, Some(old), Some(mut new)) => match (self.mesh(), value.get::<Mesh>()) {
-                (Some(old), Some(new)) => compare_meshes(
-                    &old,
-                    &new.clone().with_texture(None).with_creases([]),
-                    tolerance,
-                ),
-                _ => {
-                    let facts = new.facts.clone();
-                    new.columns.retain(|part| {
-                        !FACES.contains(&&part.name[..]) || old.column(&part.name).is_some()
-                    });
-                    compare_parts(&Parts { facts, ..old.clone() }, &new, tolerance)
-                }
-            },
-            _ => Comparison::new(Vec::new(), Vec::new()),
-        };
-        let whole = stride == 1 && (self.parts.is_some() || self.picture.is_some());
-        if !whole {
-            reasons.extend(self.changed_numbers(&now));
-        }
-        // What an unordered comparison finds equal, and what was rounded away, is as it was.
-        let mut reasons_of_all = reasons;
-        for reason in comparison.reasons {
-            if !reasons_of_all.contains(&reason) {
-                reasons_of_all.push(reason);
-            }
-        }
-        let verdict = if reasons_of_all.is_empty() { Verdict::Within } else { Verdict::Different };
-        Comparison { verdict, reasons: reasons_of_all, measures: comparison.measures }
-    }
-
-    /// Counts and kinds that are not as they were.
-    fn changed_facts(&self, now: &[Line], tolerance: &Tolerance) -> Vec<String> {
-        const OWN: [&str; 4] = ["hash", "hash without order", "kept", "faces"];
-        let by_itself = |label: &str| {
-            OWN[..3].contains(&label) || label.starts_with("file ") || label.starts_with("needed ")
-        };
-        let is_number =
-            |label: &str| now.iter().any(|line| line.label == label && line.slack.is_some());
-        let about_faces = |label: &str| {
-            [
-                "vertices",
-                "edges",
-                "faces",
-                "components",
-                "Euler characteristic",
-                "boundary edges",
-                "non-manifold edges",
-                "misoriented edges",
-                "corners of a face",
-            ]
-            .contains(&label)
-        };
-        let lax = |label: &str| tolerance.remeshed && about_faces(label);
-        let old = self.lines.iter().filter(|(label, text)| {
-            // The numbers of a column that is gone are told with the column.
-            !by_itself(label) && !is_number(label) && !lax(label) && !text.contains(" .. ")
-        });
-        let new = now
-            .iter()
-            .filter(|line| line.slack.is_none() && !by_itself(&line.label) && !lax(&line.label));
-        let new: Vec<_> = new.map(|line| (line.label.clone(), line.text.clone())).collect();
-        different_facts(&old.cloned().collect::<Vec<_>>(), &new)
-    }
-
-    /// Statistics that are not as they were.
-    fn changed_numbers(&self, now: &[Line]) -> Vec<String> {
-        let numbers = |text: &str| -> Vec<f64> {
-            let words = text.split([' ', ',']).filter(|word| !word.is_empty());
-            words.filter_map(|word| word.parse().ok()).collect()
-        };
-        let mut reasons = Vec::new();
-        for Line { label, text, slack } in now {
-            let (Some(slack), Some(before)) = (slack, self.line(label)) else { continue };
-            let (old, new) = (numbers(before), numbers(text));
-            // Six digits are kept of each number.
-            let near = |(a, b): (&f64, &f64)| (a - b).abs() <= slack + 1e-5 * a.abs().max(b.abs());
-            if old.len() != new.len() || !old.iter().zip(&new).all(near) {
-                reasons.push(format!("{label}: {before} -> {text}"));
-            }
-        }
-        reasons
     }
 }
 

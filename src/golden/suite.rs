@@ -9,7 +9,7 @@ use std::time::Instant;
 use super::case::{self, TestFile};
 use super::compare::Comparison;
 use super::expect::Violation;
-use super::store::{Golden, NoGolden};
+use super::store::{Golden, NoGolden, because};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
 use crate::eval::{Evaluator, Trace};
@@ -20,13 +20,16 @@ mod job;
 mod nodes;
 
 use job::Job;
-use nodes::changed_lines;
+use nodes::{changed_lines, changed_warnings};
 
 /// The folder of goldens beside a test file.
 const FOLDER: &str = "goldens";
 
 /// The file of a case's golden that says what its nodes were.
 const NODES: &str = "nodes.txt";
+
+/// The files of a golden, by what follows its name.
+const SUFFIXES: [&str; 4] = [".txt", ".bin", ".png", ".view.png"];
 
 /// What became of a case.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,6 +52,8 @@ pub(crate) struct Case {
     pub(crate) outputs: Vec<Compared>,
     pub(crate) problems: Vec<Problem>,
     pub(crate) violations: Vec<Violation>,
+    /// Warnings of nodes that came or went.
+    pub(crate) warnings: Vec<String>,
     /// Goldens that nothing asks for.
     pub(crate) orphans: Vec<PathBuf>,
     /// What is worth a word although it is no failure.
@@ -86,6 +91,7 @@ impl Case {
         let problems = self.problems.iter().filter(|p| p.severity == Severity::Error);
         let mut reasons: Vec<String> = problems.map(|problem| problem.message.clone()).collect();
         reasons.extend(self.violations.iter().map(|violation| violation.problem.message.clone()));
+        reasons.extend(self.warnings.iter().cloned());
         for output in &self.outputs {
             reasons.extend(
                 output.comparison.reasons.iter().map(|why| format!("{}: {why}", output.name)),
@@ -99,31 +105,47 @@ impl Case {
 
     /// Which nodes are not what they were when the golden was accepted, in words.
     pub(crate) fn changed_nodes(&self) -> Vec<String> {
-        let Ok(before) = std::fs::read_to_string(self.folder.join(NODES)) else {
-            return Vec::new();
-        };
-        changed_lines(&before, &self.nodes)
+        self.nodes_before().map_or(Vec::new(), |before| changed_lines(&before, &self.nodes))
     }
 
-    /// Writes the goldens as the outputs are now; what changed, in words.
-    pub(crate) fn bless(&self, wanted: impl Fn(&Compared) -> bool) -> std::io::Result<()> {
-        for output in self.outputs.iter().filter(|output| wanted(output)) {
-            for suffix in [".txt", ".bin", ".png", ".view.png"] {
-                let path = self.folder.join(format!("{}{suffix}", output.name));
-                match output.new.iter().find(|file| file.name == suffix) {
-                    Some(file) => write(&path, &file.bytes)?,
-                    None if path.exists() => std::fs::remove_file(&path)?,
-                    None => {}
+    fn nodes_before(&self) -> Option<String> {
+        std::fs::read_to_string(self.folder.join(NODES)).ok()
+    }
+
+    /// Finds the warnings that came or went since the golden was accepted.
+    fn judge_warnings(&mut self) {
+        let changed = |before: String| changed_warnings(&before, &self.nodes);
+        self.warnings = self.nodes_before().map_or(Vec::new(), changed);
+    }
+
+    /// The outputs whose goldens would be others.
+    pub(crate) fn changed_outputs(&self) -> impl Iterator<Item = &Compared> {
+        self.outputs.iter().filter(|output| !output.new.is_empty())
+    }
+
+    /// Makes an output, as it is now, its golden, which says why it was accepted.
+    pub(crate) fn bless(&self, output: &Compared, why: &[String]) -> std::io::Result<()> {
+        for suffix in SUFFIXES {
+            let path = self.folder.join(format!("{}{suffix}", output.name));
+            match output.new.iter().find(|file| file.name == suffix) {
+                Some(file) if suffix == ".txt" => {
+                    let because = because(why);
+                    write(&path, &[&file.bytes[..], because.as_bytes()].concat())?;
                 }
+                Some(file) => write(&path, &file.bytes)?,
+                None if path.exists() => std::fs::remove_file(&path)?,
+                None => {}
             }
         }
+        Ok(())
+    }
+
+    /// Accepts what is no output: the nodes as they are, their warnings, and that orphans go.
+    pub(crate) fn bless_rest(&self) -> std::io::Result<()> {
         if !self.outputs.is_empty() {
             write(&self.folder.join(NODES), self.nodes.as_bytes())?;
         }
-        for orphan in &self.orphans {
-            std::fs::remove_file(orphan)?;
-        }
-        Ok(())
+        self.orphans.iter().try_for_each(std::fs::remove_file)
     }
 }
 
@@ -153,9 +175,16 @@ pub(crate) struct Report {
     pub(crate) problems: Vec<Problem>,
     pub(crate) orphans: Vec<PathBuf>,
     pub(crate) seconds: f64,
+    /// How many cases were run at once.
+    pub(crate) threads: usize,
 }
 
 impl Report {
+    /// The time of all nodes that ran.
+    pub(crate) fn node_seconds(&self) -> f64 {
+        self.cases.iter().flat_map(|case| &case.trace.0).map(|node| node.seconds).sum()
+    }
+
     pub(crate) fn count(&self, wanted: impl Fn(&Case) -> bool) -> usize {
         self.cases.iter().filter(|case| wanted(case)).count()
     }
@@ -210,7 +239,8 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
     let mut cases = done.into_inner().unwrap_or_else(|broken| broken.into_inner());
     cases.sort_by_key(|(index, _)| *index);
     let cases = cases.into_iter().map(|(_, case)| case).collect();
-    Ok(Report { cases, problems, orphans, seconds: start.elapsed().as_secs_f64() })
+    let (seconds, threads) = (start.elapsed().as_secs_f64(), settings.threads);
+    Ok(Report { cases, problems, orphans, seconds, threads })
 }
 
 fn next_job<'a, 'j>(next: &AtomicUsize, jobs: &'j [Job<'a>]) -> Option<(usize, &'j Job<'a>)> {

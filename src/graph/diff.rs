@@ -12,7 +12,9 @@ use serde_json::json;
 use super::Graph;
 use super::file::{Body, Kind, Tree, parse};
 use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
+use super::patch::patched_tree;
 use super::tools::syntax_problems;
+use super::{Files, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source};
 
@@ -122,7 +124,21 @@ impl Graph {
         let read = |source: &Source| {
             let (tree, mistakes) = parse(&source.text);
             let problems = syntax_problems(&source.name, &source.text, mistakes);
-            (Meaning::of(&tree, catalog), problems)
+            let is_plain = tree.fields().is_some_and(|fields| {
+                fields.iter().all(|field| field.name.text != "use" && field.name.text != "of")
+            });
+            if is_plain || !problems.is_empty() {
+                return (Meaning::of(&tree, catalog, &[]), problems);
+            }
+            // The graphs that it uses say which of its values are defaults; a patch says what it is by the graph that it patches.
+            let options = Options { files: Files::Ignored, ..Options::default() };
+            let (path, text) = (&source.name, source.text.clone());
+            let (graphs, _) = Self::subgraphs_of(path, text.clone(), catalog, &options);
+            let tree = match tree.name().is_some_and(|name| name.text == "Patch") {
+                true => patched_tree(path, text, catalog, &options),
+                false => tree,
+            };
+            (Meaning::of(&tree, catalog, &graphs), problems)
         };
         let ((old, mut problems), (new, others)) = (read(old), read(new));
         problems.extend(others);

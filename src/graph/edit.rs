@@ -70,7 +70,7 @@ impl Judge<'_> {
         let mut chosen: Vec<usize> = Vec::with_capacity(set.len());
         for ((target, _), spellings) in set.iter().zip(&spellings) {
             // A word in place of a text is meant as a text.
-            let old = place(text, target, &spellings[0]).ok().and_then(|(_, before)| before);
+            let old = place(text, target, &spellings[0], false).ok().and_then(|(_, before)| before);
             let is_text = old.is_some_and(|old| old.starts_with('"'));
             chosen.push(if is_text { spellings.len() - 1 } else { 0 });
         }
@@ -105,7 +105,7 @@ impl Judge<'_> {
     ) -> Result<Edited, Vec<Problem>> {
         let mut edited = Edited { text: text.to_owned(), changes: Vec::new() };
         for ((target, given), value) in set.iter().zip(values) {
-            let (edits, before) = place(&edited.text, target, value)
+            let (edits, before) = place(&edited.text, target, value, false)
                 .map_err(|refusal| vec![self.refused(&edited.text, target, given, refusal)])?;
             edited.text = apply(&edited.text, edits);
             edited.changes.push(Put { target: target.clone(), before, after: value.clone() });
@@ -135,6 +135,7 @@ impl Judge<'_> {
             message: format!("{target}={value}: {}", refusal.message),
             help: refusal.help,
             note: None,
+            uses: Vec::new(),
         }
     }
 }
@@ -169,11 +170,11 @@ fn spellings(value: &str) -> Vec<String> {
 }
 
 /// Why a value cannot be put where it should be.
-struct Refusal {
-    code: &'static str,
-    span: Span,
-    message: String,
-    help: String,
+pub(super) struct Refusal {
+    pub(super) code: &'static str,
+    pub(super) span: Span,
+    pub(super) message: String,
+    pub(super) help: String,
 }
 
 impl Refusal {
@@ -183,7 +184,7 @@ impl Refusal {
 }
 
 /// A text in place of a part of another.
-type Edit = (Span, String);
+pub(super) type Edit = (Span, String);
 
 fn apply(text: &str, mut edits: Vec<Edit>) -> String {
     edits.sort_by_key(|(span, _)| *span);
@@ -197,23 +198,47 @@ fn apply(text: &str, mut edits: Vec<Edit>) -> String {
     result + &text[copied..]
 }
 
-/// The edits that put a value to its place, and what stands there now.
-fn place(text: &str, target: &str, value: &str) -> Result<(Vec<Edit>, Option<String>), Refusal> {
+/// The edits that put a value to its place, and what stands there now. What stands for a parameter is replaced only if
+/// `overrules`.
+pub(super) fn place(
+    text: &str,
+    target: &str,
+    value: &str,
+    overrules: bool,
+) -> Result<(Vec<Edit>, Option<String>), Refusal> {
     let (tree, _) = parse(text);
+    let is_patch = tree.name().is_some_and(|name| name.text == "Patch");
     let (section, what, name, path) = match target.split_once('.') {
+        _ if overrules && target == "doc" => {
+            return in_call(text, &tree, &["doc"], value, overrules);
+        }
         Some((node, path)) => ("nodes", "node", node, path),
+        None if is_patch => ("params", "parameter", target, ""),
         None => ("params", "parameter", target, "default"),
     };
-    let entries = tree.fields().unwrap_or_default().iter();
-    let entries = entries.filter(|field| field.name.text == section);
-    let entries: Vec<_> = entries
-        .filter_map(|field| match &field.value.kind {
-            Kind::Map(entries) => Some(entries),
-            _ => None,
-        })
-        .flatten()
-        .collect();
-    let Some((_, entry)) = entries.iter().find(|(key, _)| key.text() == Some(name)) else {
+    let fields = tree.fields().unwrap_or_default().iter();
+    let maps = fields.filter(|field| field.name.text == section);
+    let entries = maps.filter_map(|field| match &field.value.kind {
+        Kind::Map(entries) => Some(entries),
+        _ => None,
+    });
+    let entries: Vec<_> = entries.flatten().collect();
+    let entry = entries.iter().find(|(key, _)| key.text() == Some(name));
+    if is_patch {
+        // Of a node that is patched further in, the longest name there is counts.
+        let begins = |key: &str| {
+            target.strip_prefix(key).and_then(|rest| rest.strip_prefix('.')).map(str::to_owned)
+        };
+        let known = entries.iter().filter_map(|(key, entry)| Some((begins(key.text()?)?, entry)));
+        return match (known.min_by_key(|(rest, _)| rest.len()), entry) {
+            (Some((rest, entry)), _) => {
+                in_call(text, entry, &Vec::from_iter(rest.split('.')), value, overrules)
+            }
+            (None, Some((_, entry))) => in_call(text, entry, &[], value, overrules),
+            (None, None) => Ok((new_entry(text, &tree, section, target, value), None)),
+        };
+    }
+    let Some((_, entry)) = entry else {
         let known: Vec<&str> = entries.iter().filter_map(|(key, _)| key.text()).collect();
         let help = nearest_or_all(name, &format!("its {what}s"), &known);
         let message = format!("the graph has no {what} `{name}`");
@@ -222,14 +247,24 @@ fn place(text: &str, target: &str, value: &str) -> Result<(Vec<Edit>, Option<Str
             ..Refusal::new(Span::default(), message, help)
         });
     };
-    let steps: Vec<&str> = path.split('.').collect();
+    in_call(text, entry, &Vec::from_iter(path.split('.')), value, overrules)
+}
+
+/// The same within one value.
+fn in_call(
+    text: &str,
+    entry: &Tree,
+    steps: &[&str],
+    value: &str,
+    overrules: bool,
+) -> Result<(Vec<Edit>, Option<String>), Refusal> {
     let is_computed = |text: &str| {
         let tree = parse(text).0;
         tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
     };
-    match find(entry, &steps)? {
+    match find(entry, steps)? {
         Found::Value(tree) => {
-            if !is_computed(value) {
+            if !overrules && !is_computed(value) {
                 not_computed(tree, value)?;
             }
             let before = text[tree.span.start..tree.span.end].to_owned();
@@ -245,6 +280,25 @@ fn place(text: &str, target: &str, value: &str) -> Result<(Vec<Edit>, Option<Str
             let value = inner.iter().rev().fold(value.to_owned(), within);
             Ok((added(text, owner, name, &value), None))
         }
+    }
+}
+
+/// The edits that give a patch an entry that it does not have: `"growth": 25.0`, or `"red.select": (distance: 25.0)`.
+fn new_entry(text: &str, patch: &Tree, section: &str, target: &str, value: &str) -> Vec<Edit> {
+    let entry = match target.rsplit_once('.') {
+        Some((node, field)) => format!("\"{node}\": ({field}: {value})"),
+        None => format!("\"{target}\": {value}"),
+    };
+    let map = field(patch, section).map(|field| &field.value);
+    match map.map(|map| (&map.kind, map.span)) {
+        Some((Kind::Map(entries), span)) => match entries.last() {
+            Some((_, last)) => {
+                let at = Span { start: last.span.end, end: last.span.end };
+                vec![(at, format!(", {entry}"))]
+            }
+            None => vec![(span, format!("{{ {entry} }}"))],
+        },
+        _ => added(text, patch, section, &format!("{{ {entry} }}")),
     }
 }
 

@@ -3,8 +3,11 @@
 //! `ronin-core` parses it without losing a byte and recovers from mistakes; this module is the only one that knows it. What
 //! comes out is [`Tree`], small enough to be substituted into, checked against a schema and read by serde.
 
+use std::sync::Arc;
+
 use ronin_core::{SyntaxElement, SyntaxKind, SyntaxNode, SyntaxToken, TextRange};
 
+use super::sheet::Sheet;
 use crate::error::{Place, Span};
 
 /// One value of the file, and where it stands.
@@ -23,6 +26,28 @@ pub(crate) enum Origin {
     Default(Span),
     /// `--set` with this text.
     Set(String),
+    /// Another file than the one that it is used in.
+    Given(Given),
+}
+
+/// A value that comes from another file: through a use of a graph, or by a patch.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Given {
+    pub(crate) sheet: Arc<Sheet>,
+    /// Where it stands there.
+    pub(crate) span: Span,
+    /// With which `--set` it was given there, if it was.
+    pub(crate) set: Option<String>,
+}
+
+impl Given {
+    /// In words: `graphs/face.ron:9:30`.
+    pub(crate) fn place(&self) -> String {
+        match &self.set {
+            Some(set) => format!("`--set {set}`"),
+            None => self.sheet.place_in_words(self.span),
+        }
+    }
 }
 
 /// What kind of value it is.

@@ -49,6 +49,7 @@ impl Graph {
             message: "the canonical form would not say the same".into(),
             help: "this is a fault of the formatter: the file is left as it is".into(),
             note: None,
+            uses: Vec::new(),
         }])
     }
 

@@ -2,69 +2,153 @@
 
 use std::collections::HashMap;
 
-use super::check::{Check, Draft};
+use super::check::Check;
+use super::draft::{Draft, What};
+use super::each::Each;
 use super::schema::FoundLink;
 use super::suggest::nearest_or_all;
 use super::{any_of, with_article};
 use crate::error::{Span, code};
+use crate::node::Output;
 use crate::value::ValueType;
 
-impl<'a> Check<'a> {
+/// More links than this one after the other through `ForEach`es without elements are a circle.
+const MOST_LINKS: usize = 64;
+
+/// The names that links may begin with.
+pub(super) struct Names<'e> {
+    places: HashMap<String, Named>,
+    eaches: &'e [Each],
+}
+
+#[derive(Clone, Copy)]
+enum Named {
+    Draft(usize),
+    Each(usize),
+}
+
+impl<'e> Names<'e> {
+    pub(super) fn new(drafts: &[Draft<'_>], eaches: &'e [Each]) -> Self {
+        let nodes = drafts.iter().enumerate();
+        let nodes = nodes.map(|(index, draft)| (draft.name.text.clone(), Named::Draft(index)));
+        let all = eaches.iter().enumerate();
+        let all = all.map(|(index, each)| (each.name.clone(), Named::Each(index)));
+        Self { places: nodes.chain(all).collect(), eaches }
+    }
+}
+
+impl<'a> Check<'_, 'a> {
     /// Finds what each link names.
-    pub(super) fn link(&mut self, drafts: &mut [Draft<'a>]) {
-        let names: HashMap<String, usize> = drafts
-            .iter()
-            .enumerate()
-            .map(|(index, draft)| (draft.name.text.clone(), index))
-            .collect();
+    pub(super) fn link(&mut self, drafts: &mut [Draft<'a>], names: &Names<'_>) {
         for index in 0..drafts.len() {
-            let targets = drafts[index].links.iter().map(|link| (link.text.clone(), link.span));
-            let targets: Vec<_> = targets.collect();
-            drafts[index].targets = targets
-                .into_iter()
-                .map(|(text, span)| self.target(&text, span, drafts, &names))
-                .collect();
+            let targets = (0..drafts[index].links.len()).map(|link| {
+                let link = &drafts[index].links[link];
+                self.target(&link.text, link.span, drafts, names)
+            });
+            drafts[index].targets = targets.collect();
         }
     }
 
+    /// The nodes and outputs that a link names, by the drafts' places: several if it names the output of a `ForEach`.
     pub(super) fn target(
         &mut self,
         text: &str,
         span: Span,
         drafts: &[Draft<'_>],
-        names: &HashMap<String, usize>,
-    ) -> Option<(usize, usize)> {
+        names: &Names<'_>,
+    ) -> Option<Vec<(usize, usize)>> {
         let (node, output) = match text.split_once('.') {
             Some((node, output)) => (node, Some(output)),
             None => (text, None),
         };
-        let Some(&index) = names.get(node) else {
-            let known: Vec<&str> = drafts.iter().map(|draft| &draft.name.text[..]).collect();
-            let help = nearest_or_all(node, "the graph's nodes", &known);
-            self.find(code::UNKNOWN_LINK, span, format!("there is no node `{node}`"), help);
-            return None;
-        };
-        let draft = &drafts[index];
-        let (Some(output), Some(entry)) = (output, draft.entry) else { return Some((index, 0)) };
-        let names: Vec<&str> = draft.outputs().iter().map(|output| output.name).collect();
+        match names.places.get(node) {
+            Some(&Named::Draft(index)) => {
+                let what = &drafts[index].what;
+                let output = match output {
+                    Some(output) if !matches!(what, What::Unknown) => {
+                        self.output(node, what.kind(), &what.outputs(), output, span)
+                    }
+                    _ => Some(0),
+                };
+                output.map(|output| vec![(index, output)])
+            }
+            Some(&Named::Each(index)) => {
+                self.target_in_each(&names.eaches[index], output, span, drafts, names)
+            }
+            None => {
+                let mut known: Vec<&str> =
+                    drafts.iter().map(|draft| &draft.name.text[..]).collect();
+                known.retain(|name| !name.contains('/'));
+                known.extend(names.eaches.iter().map(|each| &each.name[..]));
+                let help = nearest_or_all(node, "the graph's nodes", &known);
+                self.find(code::UNKNOWN_LINK, span, format!("there is no node `{node}`"), help);
+                None
+            }
+        }
+    }
+
+    /// The place of the output of this name.
+    fn output(
+        &mut self,
+        node: &str,
+        kind: &str,
+        names: &[&str],
+        output: &str,
+        span: Span,
+    ) -> Option<usize> {
         let found = names.iter().position(|name| *name == output);
         if found.is_none() {
-            let message = format!(
-                "`{node}` is {}, which has no output `{output}`",
-                with_article(&entry.name)
-            );
-            self.find(
-                code::UNKNOWN_LINK,
-                span,
-                message,
-                nearest_or_all(output, "its outputs", &names),
-            );
+            let kind = with_article(kind);
+            let message = format!("`{node}` is {kind}, which has no output `{output}`");
+            let help = nearest_or_all(output, "its outputs", names);
+            self.find(code::UNKNOWN_LINK, span, message, help);
         }
-        found.map(|output| (index, output))
+        found
+    }
+
+    fn target_in_each(
+        &mut self,
+        each: &Each,
+        output: Option<&str>,
+        span: Span,
+        drafts: &[Draft<'_>],
+        names: &Names<'_>,
+    ) -> Option<Vec<(usize, usize)>> {
+        let element = each.elements.first().map(|&element| &drafts[element].what);
+        let outputs = match (element, &each.outputs) {
+            (Some(What::Unknown), _) | (None, None) => return None,
+            (Some(what), _) => what.outputs(),
+            (None, Some(outputs)) => outputs.iter().map(String::as_str).collect(),
+        };
+        let output = match output {
+            Some(output) => self.output(&each.name, &each.kind, &outputs, output, span)?,
+            None => 0,
+        };
+        let name = outputs.get(output)?;
+        let Some((_, first)) = each.carry.iter().find(|(carried, _)| carried == name) else {
+            return Some(each.elements.iter().map(|&element| (element, output)).collect());
+        };
+        match each.elements.last() {
+            Some(&last) => Some(vec![(last, output)]),
+            // Nothing is done to what is carried through no element. A circle of links through such has no end.
+            None if self.depth < MOST_LINKS => {
+                self.depth += 1;
+                let found =
+                    self.target(first.text().unwrap_or_default(), first.span, drafts, names);
+                self.depth -= 1;
+                found
+            }
+            None => None,
+        }
     }
 
     /// The nodes, each after those that it hangs on; nodes in a cycle, which is reported, are left out.
     pub(super) fn order(&mut self, drafts: &[Draft<'_>]) -> Vec<usize> {
+        let sources = |draft: &Draft<'_>| -> Vec<usize> {
+            let targets = draft.targets.iter().flatten().flatten();
+            targets.map(|(node, _)| *node).collect()
+        };
+        let sources: Vec<Vec<usize>> = drafts.iter().map(sources).collect();
         const NEW: u8 = 0;
         const OPEN: u8 = 1;
         const DONE: u8 = 2;
@@ -78,14 +162,13 @@ impl<'a> Check<'a> {
                 path.push((start, 0));
             }
             while let Some(&mut (node, ref mut next)) = path.last_mut() {
-                let Some(target) = drafts[node].targets.get(*next) else {
+                let Some(&target) = sources[node].get(*next) else {
                     state[node] = DONE;
                     order.push(node);
                     path.pop();
                     continue;
                 };
                 *next += 1;
-                let Some((target, _)) = *target else { continue };
                 if state[target] == NEW {
                     state[target] = OPEN;
                     path.push((target, 0));
@@ -122,28 +205,75 @@ impl<'a> Check<'a> {
             let draft = &drafts[index];
             let mut came_in: Vec<(&str, &'static ValueType)> = Vec::new();
             let mut misfits = Vec::new();
-            for (link, target) in draft.links.iter().zip(&draft.targets) {
-                let Some((node, output)) = *target else { continue };
-                let Some(kind) = drafts[node].types.get(output).copied().flatten() else {
+            for (link, targets) in draft.links.iter().zip(&draft.targets) {
+                let Some(targets) = targets else { continue };
+                if targets.len() != 1 && !link.many {
+                    self.not_one(draft.what.kind(), link, targets.len());
                     continue;
-                };
-                if link.types.iter().any(|fits| fits == kind.name) {
-                    came_in.push((&link.wants, kind));
-                } else {
-                    misfits.push((link.clone(), kind));
+                }
+                for &(node, output) in targets {
+                    let Some(kind) = drafts[node].types.get(output).copied().flatten() else {
+                        continue;
+                    };
+                    let fits = match draft.what {
+                        What::Switch(_) => came_in.first().is_none_or(|(_, first)| *first == kind),
+                        _ => link.types.iter().any(|fits| fits == kind.name || fits.is_empty()),
+                    };
+                    if fits {
+                        came_in.push((&link.wants, kind));
+                    } else {
+                        misfits.push((link.clone(), kind));
+                        break;
+                    }
                 }
             }
-            let types = draft.outputs().iter().map(|output| match output.types[..] {
-                [kind] => Some(kind),
-                _ => came_in.iter().find(|(wants, _)| *wants == output.kind).map(|(_, kind)| *kind),
-            });
-            let types: Vec<_> = types.collect();
-            let owner = draft.entry.map_or("", |entry| &entry.name).to_owned();
+            let first = came_in.first().map(|(_, kind)| *kind);
+            let types = match &draft.what {
+                What::Node(entry) => {
+                    let kind = |output: &Output| match output.types[..] {
+                        [kind] => Some(kind),
+                        _ => came_in.iter().find(|(wants, _)| *wants == output.kind).map(|x| x.1),
+                    };
+                    entry.outputs().iter().map(kind).collect()
+                }
+                What::Switch(_) => vec![first],
+                _ => draft.types.clone(),
+            };
+            let is_switch = matches!(draft.what, What::Switch(_));
+            let owner = draft.what.kind().to_owned();
             drafts[index].types = types;
             for (link, kind) in misfits {
-                self.misfit(&owner, &link, kind);
+                match first.filter(|_| is_switch) {
+                    Some(first) => self.unlike(&link, first, kind),
+                    None => self.misfit(&owner, &link, kind),
+                }
             }
         }
+    }
+
+    /// A list of values comes to a port for one.
+    fn not_one(&mut self, owner: &str, link: &FoundLink, count: usize) {
+        let (port, text) = (&link.port, &link.text);
+        let message =
+            format!("port `{port}` of {owner} takes one link, but `{text}` is a list of {count}");
+        let help = match count {
+            0 => "a port that takes many links takes it".to_owned(),
+            _ => {
+                let (node, output) = match text.split_once('.') {
+                    Some((node, output)) => (node, format!(".{output}")),
+                    None => (&text[..], String::new()),
+                };
+                format!("a port that takes many links takes it; `{node}/1{output}` is the first")
+            }
+        };
+        self.find(code::WRONG_TYPE, link.span, message, help);
+    }
+
+    /// What a `Switch` gives must not hang on what it chooses.
+    fn unlike(&mut self, link: &FoundLink, first: &ValueType, kind: &ValueType) {
+        let (case, other, kind) = (&link.port, with_article(first.name), with_article(kind.name));
+        let message = format!("case `{case}` of Switch is {kind}, but the first one is {other}");
+        self.find(code::WRONG_TYPE, link.span, message, "all cases give one type");
     }
 
     fn misfit(&mut self, owner: &str, link: &FoundLink, kind: &ValueType) {
@@ -155,8 +285,10 @@ impl<'a> Check<'a> {
             link.text,
             with_article(kind.name)
         );
-        let makers =
-            link.types.iter().map(|wanted| (wanted, self.catalog.converters(kind.name, wanted)));
+        let makers = link
+            .types
+            .iter()
+            .map(|wanted| (wanted, self.world.catalog.converters(kind.name, wanted)));
         let help = makers.filter_map(|(wanted, makers)| {
             let maker = makers.first()?;
             Some(format!("{} makes {} of it", with_article(maker), with_article(wanted)))

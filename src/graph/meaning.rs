@@ -9,9 +9,10 @@ use std::collections::HashMap;
 
 use serde_json::Value as Json;
 
+use super::describe::Subgraph;
 use super::file::{Body, Field, Kind, Name, Tree};
 use super::schema::{as_tree, inside_option, resolve, variants};
-use crate::catalog::Catalog;
+use crate::catalog::{Catalog, Entry};
 use crate::error::Span;
 
 /// The parts of a graph whose entries have names.
@@ -49,10 +50,10 @@ impl Item {
 }
 
 impl Meaning {
-    pub(super) fn of(tree: &Tree, catalog: &Catalog) -> Self {
+    pub(super) fn of(tree: &Tree, catalog: &Catalog, graphs: &[Subgraph]) -> Self {
         let fields = tree.fields().unwrap_or_default();
         let kinds = kinds(fields);
-        let reader = Reading { catalog, kinds: &kinds };
+        let reader = Reading { catalog, graphs, kinds: &kinds };
         let mut rest = Vec::new();
         if let Some(name) = tree.name().filter(|name| name.text != "Graph") {
             rest.push(("type".to_owned(), bare(Kind::Word(name.text))));
@@ -165,21 +166,28 @@ fn is_computed(tree: &Tree) -> bool {
 
 struct Reading<'a> {
     catalog: &'a Catalog,
+    /// The graphs that it uses, as far as they could be read.
+    graphs: &'a [Subgraph],
     kinds: &'a HashMap<String, String>,
 }
 
 impl Reading<'_> {
     fn node(&self, tree: &Tree) -> Tree {
         let Some(name) = tree.name() else { return self.links(tree) };
-        match (self.catalog.find(&name.text), tree.fields()) {
-            (Some(entry), Some(fields)) => {
-                let schema = entry.schema();
+        let built_in = self.catalog.find(&name.text).map(Entry::schema);
+        let schema = built_in.or_else(|| Some(self.graph(&name.text)?.schema()));
+        match (schema, tree.fields()) {
+            (Some(schema), Some(fields)) => {
                 let body = self.fields(fields, schema, schema);
                 bare(Kind::Call { name: Some(bare_name(&name)), body })
             }
             // A text that names a node is taken for a link where the type is not known.
             _ => self.links(tree),
         }
+    }
+
+    fn graph(&self, kind: &str) -> Option<&Subgraph> {
+        self.graphs.iter().find(|graph| graph.name == kind)
     }
 
     fn links(&self, tree: &Tree) -> Tree {
@@ -194,8 +202,12 @@ impl Reading<'_> {
 
     fn link(&self, text: &str) -> Kind {
         let first = text.split_once('.').and_then(|(node, output)| {
-            let entry = self.catalog.find(self.kinds.get(node)?)?;
-            (entry.outputs().first()?.name == output).then_some(node)
+            let kind = self.kinds.get(node)?;
+            let first = match self.catalog.find(kind) {
+                Some(entry) => entry.outputs().first()?.name,
+                None => self.graph(kind)?.first_output()?,
+            };
+            (first == output).then_some(node)
         });
         Kind::Word(format!("\"{}\"", first.unwrap_or(text)))
     }
@@ -209,7 +221,14 @@ impl Reading<'_> {
             };
             let value = self.value(&field.value, schema, root);
             let default = schema.get("default").cloned().unwrap_or_default();
-            let is_default = value == self.value(&as_tree(&default), schema, root);
+            let default = match &default {
+                // A graph's own choices may be in lower case.
+                Json::String(word) if schema.get("enum").is_some() => {
+                    bare(Kind::Word(word.clone()))
+                }
+                default => as_tree(default),
+            };
+            let is_default = value == self.value(&default, schema, root);
             (!is_default).then(|| named(&field.name, value))
         });
         sorted(kept.collect())

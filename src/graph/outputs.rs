@@ -1,28 +1,26 @@
 //! What a graph gives: files, each in a format that its value has, and what is expected of values.
 
-use std::collections::HashMap;
 use std::path::Path;
 
-use super::check::{Check, Draft};
+use super::check::Check;
+use super::definition::Port;
+use super::draft::Draft;
 use super::file::Tree;
+use super::link::Names;
 use super::paths::stays_inside;
-use super::{GraphOutput, with_article};
+use super::{GraphOutput, is_name, with_article};
 use crate::error::{Span, code};
 use crate::golden::Expectation;
 use crate::node::ending;
 use crate::value::ValueType;
 
-impl Check<'_> {
+impl Check<'_, '_> {
     pub(super) fn outputs(
         &mut self,
         entries: &[(Tree, Tree)],
         drafts: &[Draft<'_>],
+        names: &Names<'_>,
     ) -> Vec<GraphOutput> {
-        let names: HashMap<String, usize> = drafts
-            .iter()
-            .enumerate()
-            .map(|(index, draft)| (draft.name.text.clone(), index))
-            .collect();
         let mut outputs: Vec<GraphOutput> = Vec::with_capacity(entries.len());
         for (key, value) in entries {
             let Some(name) = key.text() else {
@@ -49,30 +47,88 @@ impl Check<'_> {
                 );
                 continue;
             }
-            let Some(link) = value.text() else {
-                let message = format!("output `{name}` wants a link, not {}", value.in_words());
-                self.find(
-                    code::WRONG_VALUE,
-                    value.span,
-                    message,
-                    "write \"node\" or \"node.output\"",
-                );
-                continue;
-            };
-            let Some((node, output)) = self.target(link, value.span, drafts, &names) else {
-                continue;
-            };
+            let Some(targets) = self.output_link(name, value, drafts, names) else { continue };
+            let Some((node, output)) = self.only(name, value, &targets) else { continue };
             let kind = drafts[node].types.get(output).copied().flatten();
             let ending = ending(Path::new(name));
-            let format = kind.and_then(|kind| self.catalog.format(kind, &ending));
+            let format = kind.and_then(|kind| self.world.catalog.format(kind, &ending));
             if let Some(format) = format {
                 let (name, format) = (name.to_owned(), *format);
-                outputs.push(GraphOutput { name, node, output, format, span: key.span });
-            } else if kind.is_some() || !self.catalog.endings(None).contains(&&ending[..]) {
+                let (source, span) = self.sheet.place(key.span);
+                outputs.push(GraphOutput { name, node, output, format, source, span });
+            } else if kind.is_some() || !self.world.catalog.endings(None).contains(&&ending[..]) {
                 self.no_format(name, &ending, kind, key.span);
             }
         }
         outputs
+    }
+
+    fn output_link(
+        &mut self,
+        name: &str,
+        value: &Tree,
+        drafts: &[Draft<'_>],
+        names: &Names<'_>,
+    ) -> Option<Vec<(usize, usize)>> {
+        let Some(link) = value.text() else {
+            let message = format!("output `{name}` wants a link, not {}", value.in_words());
+            let help = "write \"node\" or \"node.output\"";
+            self.find(code::WRONG_VALUE, value.span, message, help);
+            return None;
+        };
+        self.target(link, value.span, drafts, names)
+    }
+
+    /// The only value of a link.
+    fn only(
+        &mut self,
+        name: &str,
+        value: &Tree,
+        targets: &[(usize, usize)],
+    ) -> Option<(usize, usize)> {
+        if let [target] = targets {
+            return Some(*target);
+        }
+        let message =
+            format!("output `{name}` is one value, but this is a list of {}", targets.len());
+        let help = "join them first, or name an output for each";
+        self.find(code::WRONG_TYPE, value.span, message, help);
+        None
+    }
+
+    /// The outputs of a graph that others use: ports instead of files.
+    pub(super) fn ports(
+        &mut self,
+        entries: &[(Tree, Tree)],
+        drafts: &[Draft<'_>],
+        names: &Names<'_>,
+    ) -> Vec<Port> {
+        let mut ports: Vec<Port> = Vec::with_capacity(entries.len());
+        for (key, value) in entries {
+            let Some(name) = key.text() else {
+                let message = format!("the name of an output is a text, not {}", key.in_words());
+                self.find(code::BAD_NAME, key.span, message, "write \"name\": \"node\"");
+                continue;
+            };
+            if !is_name(&name.replace('_', "-")) {
+                let message = format!("`{name}` cannot name an output of a graph that others use");
+                let help = "its outputs are ports, not files: lower-case letters, digits, hyphens";
+                self.find(code::BAD_NAME, key.span, message, help);
+                continue;
+            }
+            if ports.iter().any(|before| before.name == name) {
+                let message = format!("there is already an output `{name}`");
+                self.find(code::BAD_NAME, key.span, message, "");
+                continue;
+            }
+            let targets = self.output_link(name, value, drafts, names);
+            // An output whose link is wrong is still there for those who use the graph.
+            let target = targets.and_then(|targets| self.only(name, value, &targets));
+            let kind = target.and_then(|(node, output)| drafts[node].types.get(output));
+            let (name, kind) = (name.to_owned(), kind.copied().flatten());
+            ports.push(Port { name, target, kind });
+        }
+        ports
     }
 
     /// What the graph expects of its values; each must be there.
@@ -80,22 +136,21 @@ impl Check<'_> {
         &mut self,
         tree: Option<&Tree>,
         drafts: &[Draft<'_>],
+        names: &Names<'_>,
     ) -> Vec<(Expectation, Span)> {
         let Some(tree) = tree else { return Vec::new() };
         let (expectations, findings) = Expectation::read_all(tree);
         self.findings.extend(findings);
-        let names: HashMap<String, usize> =
-            (0..drafts.len()).map(|index| (drafts[index].name.text.clone(), index)).collect();
         for (expectation, span) in &expectations {
             for value in expectation.values() {
-                self.target(value, *span, drafts, &names);
+                self.target(value, *span, drafts, names);
             }
         }
         expectations
     }
 
     fn no_format(&mut self, name: &str, ending: &str, kind: Option<&ValueType>, span: Span) {
-        let known = self.catalog.endings(kind);
+        let known = self.world.catalog.endings(kind);
         let what = kind.map_or_else(|| "a value".to_owned(), |kind| with_article(kind.name));
         let message = match ending {
             "" => format!("output `{name}` has no ending that says how to write {what}"),

@@ -1,58 +1,71 @@
 //! A graph's own parameters, and how their values stand in for `Param` and `Expr`.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use indexmap::IndexMap;
 
+use super::declaration::Declaration;
 use super::expression::{Outcome, evaluate};
-use super::file::{Body, Field, Kind, Origin, Tree, parse};
+use super::file::{Body, Field, Given, Kind, Origin, Tree, parse};
 use super::schema::Finding;
-use super::suggest::{nearest, nearest_or_all};
+use super::sheet::Sheet;
+use super::suggest::nearest_or_all;
 use crate::error::{Span, code};
-use crate::value::Color;
 
 /// The values of a graph's parameters.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Parameters {
     values: IndexMap<String, Tree>,
     numbers: BTreeMap<String, Outcome>,
 }
 
-/// The types that a parameter can have.
-const TYPES: [&str; 7] = ["Number", "Integer", "Toggle", "Color", "Text", "Choice", "Vector"];
-
 impl Parameters {
     /// Reads the declarations, with `--set` values in place of defaults.
     pub(crate) fn read(
-        declarations: &[(Tree, Tree)],
+        entries: &[(&Tree, &Tree)],
         set: &[(String, String)],
         findings: &mut Vec<Finding>,
-    ) -> Self {
+    ) -> (Vec<Declaration>, Self) {
         let mut parameters = Self::default();
-        for (key, declaration) in declarations {
+        let mut declarations = Vec::with_capacity(entries.len());
+        for (key, declaration) in entries {
             let Some(name) = key.text() else { continue };
             let declared = Declaration::read(name, declaration, findings);
             let Some(mut declared) = declared else {
-                let broken = Tree::new(declaration.span, Kind::Broken);
-                parameters.values.insert(name.to_owned(), broken);
+                parameters.put(name, Tree::new(declaration.span, Kind::Broken));
                 continue;
             };
             if let Some((_, text)) = set.iter().rev().find(|(target, _)| target == name) {
                 declared.default = read_set(text, &format!("{name}={text}"), declaration.span);
             }
-            let value = declared.value(findings);
-            match value.kind {
-                Kind::Number { value, .. } => {
-                    parameters.numbers.insert(name.to_owned(), Outcome::Number(value));
-                }
-                Kind::Bool(truth) => {
-                    parameters.numbers.insert(name.to_owned(), Outcome::Truth(truth));
-                }
-                _ => {}
-            }
-            parameters.values.insert(name.to_owned(), value);
+            declared.default = declared.value(findings);
+            parameters.put(name, declared.default.clone());
+            declarations.push(declared);
+        }
+        (declarations, parameters)
+    }
+
+    /// The same parameters with the values that a use gives to some of them.
+    pub(crate) fn with(&self, given: impl IntoIterator<Item = (String, Tree)>) -> Self {
+        let mut parameters = self.clone();
+        for (name, value) in given {
+            parameters.put(&name, value);
         }
         parameters
+    }
+
+    fn put(&mut self, name: &str, value: Tree) {
+        match value.kind {
+            Kind::Number { value, .. } => {
+                self.numbers.insert(name.to_owned(), Outcome::Number(value));
+            }
+            Kind::Bool(truth) => {
+                self.numbers.insert(name.to_owned(), Outcome::Truth(truth));
+            }
+            _ => {}
+        }
+        self.values.insert(name.to_owned(), value);
     }
 
     pub(crate) fn names(&self) -> Vec<&str> {
@@ -72,6 +85,9 @@ impl Parameters {
                 )),
             };
             return match found {
+                Ok(value) if matches!(value.origin, Some(Origin::Given(_))) => {
+                    moved(value, tree.span)
+                }
                 Ok(value) => Tree { span: tree.span, ..value },
                 Err((message, help)) => {
                     let span = argument.span;
@@ -152,6 +168,42 @@ pub(crate) fn read_set(text: &str, set: &str, span: Span) -> Tree {
     Tree { span, kind, origin: Some(Origin::Set(set.to_owned())) }
 }
 
+/// The value as another file gets it: with the place in this file that it comes from.
+pub(crate) fn handed_over(tree: Tree, sheet: &Arc<Sheet>) -> Tree {
+    let given = |span, set| Some(Origin::Given(Given { sheet: sheet.clone(), span, set }));
+    let again = |tree: Tree| handed_over(tree, sheet);
+    let origin = match tree.origin {
+        Some(Origin::Default(span)) => given(span, None),
+        Some(Origin::Set(text)) => given(tree.span, Some(text)),
+        None => given(tree.span, None),
+        // It was handed over before; where it was first is what counts.
+        given => given,
+    };
+    let kind = match tree.kind {
+        Kind::List(items) => Kind::List(items.into_iter().map(again).collect()),
+        Kind::Call { name, body: Body::Items(items) } => {
+            Kind::Call { name, body: Body::Items(items.into_iter().map(again).collect()) }
+        }
+        plain => plain,
+    };
+    Tree { span: tree.span, kind, origin }
+}
+
+/// Whether a part of the value is computed from parameters.
+pub(crate) fn is_parametric(tree: &Tree) -> bool {
+    match &tree.kind {
+        Kind::Call { name: Some(name), .. } if matches!(&name.text[..], "Param" | "Expr") => true,
+        Kind::Call { body: Body::Fields(fields), .. } => {
+            fields.iter().any(|field| is_parametric(&field.value))
+        }
+        Kind::Call { body: Body::Items(items), .. } | Kind::List(items) => {
+            items.iter().any(is_parametric)
+        }
+        Kind::Map(entries) => entries.iter().any(|(_, value)| is_parametric(value)),
+        _ => false,
+    }
+}
+
 /// The tree with all its places set to one, because its own are not in the file.
 fn moved(tree: Tree, span: Span) -> Tree {
     let all = |trees: Vec<Tree>| trees.into_iter().map(|tree| moved(tree, span)).collect();
@@ -167,177 +219,4 @@ fn moved(tree: Tree, span: Span) -> Tree {
         plain => plain,
     };
     Tree { span, kind, origin: tree.origin }
-}
-
-/// `"growth": Number(default: 12.0, min: 0.0, max: 40.0)`.
-struct Declaration<'a> {
-    name: &'a str,
-    kind: String,
-    default: Tree,
-    min: Option<f64>,
-    max: Option<f64>,
-    choices: Vec<String>,
-}
-
-impl<'a> Declaration<'a> {
-    fn read(name: &'a str, tree: &Tree, findings: &mut Vec<Finding>) -> Option<Self> {
-        let mut find = |code, span, message: String, help: String| {
-            findings.push(Finding { code, span, message, help, note: None });
-        };
-        let kind = match tree.name() {
-            Some(kind) if TYPES.contains(&&kind.text[..]) => kind.text,
-            Some(kind) => {
-                let message = format!("there is no type of parameters `{}`", kind.text);
-                find(
-                    code::WRONG_VALUE,
-                    kind.span,
-                    message,
-                    nearest_or_all(&kind.text, "types", &TYPES),
-                );
-                return None;
-            }
-            None if tree.is_broken() => return None,
-            None => {
-                let message = format!("parameter `{name}` has no type");
-                find(code::WRONG_VALUE, tree.span, message, "write Number(default: 1.0)".into());
-                return None;
-            }
-        };
-        let known: &[&str] = match &kind[..] {
-            "Number" | "Integer" | "Vector" => &["default", "doc", "min", "max", "unit"],
-            "Choice" => &["default", "doc", "of"],
-            _ => &["default", "doc"],
-        };
-        let mut declaration = Self {
-            name,
-            kind,
-            default: Tree::new(tree.span, Kind::Broken),
-            min: None,
-            max: None,
-            choices: Vec::new(),
-        };
-        let mut has_default = false;
-        for field in tree.fields().unwrap_or_default() {
-            let (word, value) = (&field.name.text[..], &field.value);
-            if !known.contains(&word) {
-                let message = format!("{} has no field `{word}`", declaration.kind);
-                find(
-                    code::UNKNOWN_FIELD,
-                    field.name.span,
-                    message,
-                    nearest_or_all(word, "its fields", known),
-                );
-                continue;
-            }
-            let fits = match (word, &value.kind) {
-                (_, Kind::Broken) => true,
-                ("default", _) => {
-                    has_default = true;
-                    declaration.default =
-                        Tree { origin: Some(Origin::Default(value.span)), ..value.clone() };
-                    true
-                }
-                ("min", Kind::Number { value, .. }) => declaration.min.replace(*value).is_none(),
-                ("max", Kind::Number { value, .. }) => declaration.max.replace(*value).is_none(),
-                ("of", Kind::List(items)) => {
-                    declaration.choices =
-                        items.iter().filter_map(|item| item.name()).map(|name| name.text).collect();
-                    declaration.choices.len() == items.len() && !items.is_empty()
-                }
-                ("doc" | "unit", Kind::Text(_)) => true,
-                _ => false,
-            };
-            if !fits {
-                let message = format!(
-                    "field `{word}` of {} cannot be {}",
-                    declaration.kind,
-                    value.in_words()
-                );
-                find(code::WRONG_VALUE, value.span, message, String::new());
-            }
-        }
-        if !has_default {
-            let message = format!("parameter `{name}` has no default");
-            find(code::MISSING_FIELD, tree.span, message, "write `default: ..`".into());
-            return None;
-        }
-        Some(declaration)
-    }
-
-    /// The value, if it is one of the declared type and in range.
-    fn value(&self, findings: &mut Vec<Finding>) -> Tree {
-        let tree = &self.default;
-        let is_set = matches!(tree.origin, Some(Origin::Set(_)));
-        let in_range =
-            |x: f64| self.min.is_none_or(|min| min <= x) && self.max.is_none_or(|max| x <= max);
-        let number = |tree: &Tree| match tree.kind {
-            Kind::Number { value, .. } => Some(value),
-            _ => None,
-        };
-        let mut out_of_range = None;
-        let mut limited = |x: f64| {
-            if !in_range(x) {
-                out_of_range = Some(x);
-            }
-            true
-        };
-        let (fits, kind) = match (&self.kind[..], &tree.kind) {
-            ("Number", Kind::Number { value, .. }) => (limited(*value), tree.kind.clone()),
-            ("Integer", Kind::Number { value, .. }) => {
-                (value.fract() == 0.0 && limited(*value), tree.kind.clone())
-            }
-            ("Toggle", Kind::Bool(_)) => (true, tree.kind.clone()),
-            ("Color", Kind::Text(text)) => (text.parse::<Color>().is_ok(), tree.kind.clone()),
-            ("Text", Kind::Text(_)) => (true, tree.kind.clone()),
-            ("Text", Kind::Word(word)) if is_set => (true, Kind::Text(word.clone())),
-            ("Choice", Kind::Word(word)) => (self.choices.contains(word), tree.kind.clone()),
-            ("Vector", Kind::Call { name: None, body: Body::Items(items) }) => {
-                let fits = items.iter().all(|item| number(item).is_some_and(&mut limited));
-                (fits, tree.kind.clone())
-            }
-            (_, Kind::Broken) => return tree.clone(),
-            _ => (false, Kind::Broken),
-        };
-        let (at, note) = match &tree.origin {
-            Some(Origin::Set(text)) => {
-                (tree.span, Some((tree.span, format!("set by `--set {text}`"))))
-            }
-            _ => (tree.span, None),
-        };
-        let mut find = |code, message: String, help: String| {
-            findings.push(Finding { code, span: at, message, help, note: note.clone() });
-        };
-        if let Some(x) = out_of_range {
-            let limits = [
-                self.min.map(|min| format!("at least {min}")),
-                self.max.map(|max| format!("at most {max}")),
-            ];
-            let limits = Vec::from_iter(limits.into_iter().flatten()).join(" and ");
-            find(
-                code::OUT_OF_RANGE,
-                format!("parameter `{}` is {x}, but must be {limits}", self.name),
-                String::new(),
-            );
-            return Tree::new(tree.span, Kind::Broken);
-        }
-        if fits {
-            return Tree { kind, ..tree.clone() };
-        }
-        let wanted = match &self.kind[..] {
-            "Number" => "a number".to_owned(),
-            "Integer" => "a number without fraction".to_owned(),
-            "Toggle" => "true or false".to_owned(),
-            "Color" => "a color as in \"#c33923\"".to_owned(),
-            "Text" => "a text in double quotes".to_owned(),
-            "Choice" => format!("one of {}", self.choices.join(", ")),
-            _ => "numbers in parentheses: (0, 0, 1)".to_owned(),
-        };
-        let help = match &tree.kind {
-            Kind::Word(word) => nearest(word, self.choices.iter().map(String::as_str)),
-            _ => String::new(),
-        };
-        let message = format!("parameter `{}` wants {wanted}, not {}", self.name, tree.in_words());
-        find(code::WRONG_VALUE, message, help);
-        Tree::new(tree.span, Kind::Broken)
-    }
 }

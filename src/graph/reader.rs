@@ -8,15 +8,23 @@ use std::fmt;
 use serde::de::{self, DeserializeOwned, DeserializeSeed, IntoDeserializer, Visitor};
 
 use super::file::{Body, Field, Kind, Tree};
-use super::schema::{FoundFile, FoundLink};
+use super::schema::FoundFile;
 use crate::error::Span;
 use crate::node::{FILE, LINK};
 
 /// Gives a node its fields: made by the check, read by [`node`](crate::node()).
 pub struct Reader<'a> {
     pub(super) tree: &'a Tree,
-    pub(super) links: &'a [FoundLink],
+    pub(super) links: &'a [Slots],
     pub(super) files: &'a [FoundFile],
+}
+
+/// Where the values of a link come in: a link to the output of a `ForEach` has many.
+pub(super) struct Slots {
+    /// Where the link stands.
+    pub(super) span: Span,
+    pub(super) first: usize,
+    pub(super) count: usize,
 }
 
 /// Why a node's fields cannot be read, and where.
@@ -42,7 +50,7 @@ impl de::Error for ReadError {
 
 impl Reader<'_> {
     pub(crate) fn read<T: DeserializeOwned>(&self) -> Result<T, ReadError> {
-        T::deserialize(Value { tree: self.tree, reader: self })
+        T::deserialize(Value { tree: self.tree, reader: self, nth: 0 })
     }
 }
 
@@ -55,11 +63,22 @@ pub(crate) fn read_tree<T: DeserializeOwned>(tree: &Tree) -> Result<T, ReadError
 struct Value<'a> {
     tree: &'a Tree,
     reader: &'a Reader<'a>,
+    /// Which of the values of a link.
+    nth: usize,
 }
 
 impl<'a> Value<'a> {
     fn at(self, tree: &'a Tree) -> Self {
-        Self { tree, ..self }
+        Self { tree, nth: 0, ..self }
+    }
+
+    /// How many values the link at this place has; one for what is no link.
+    fn count(self, tree: &Tree) -> usize {
+        if tree.text().is_none() {
+            return 1;
+        }
+        let link = self.reader.links.iter().find(|link| link.span == tree.span);
+        link.map_or(1, |link| link.count)
     }
 
     /// Gives an error its place, unless something inside has done so.
@@ -80,7 +99,7 @@ impl<'a> Value<'a> {
         items: &[Tree],
         visitor: V,
     ) -> Result<V::Value, ReadError> {
-        visitor.visit_seq(Items { value: self, items })
+        visitor.visit_seq(Items { value: self, items, nth: 0 })
     }
 
     fn body<'de, V: Visitor<'de>>(self, body: &Body, visitor: V) -> Result<V::Value, ReadError> {
@@ -146,6 +165,15 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
         }
     }
 
+    fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        let is_link = self.reader.links.iter().any(|link| link.span == self.tree.span);
+        match &self.tree.kind {
+            // One link where a list of them may stand.
+            Kind::Text(_) if is_link => self.items(std::slice::from_ref(self.tree), visitor),
+            _ => self.deserialize_any(visitor),
+        }
+    }
+
     fn deserialize_newtype_struct<V: Visitor<'de>>(
         self,
         name: &'static str,
@@ -153,7 +181,8 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
     ) -> Result<V::Value, ReadError> {
         match name {
             LINK => {
-                let slot = self.reader.links.iter().position(|link| link.span == self.tree.span);
+                let link = self.reader.links.iter().find(|link| link.span == self.tree.span);
+                let slot = link.map(|link| link.first + self.nth);
                 let slot = slot.ok_or_else(|| de::Error::custom("this link was not found"));
                 self.place(slot.and_then(|slot| visitor.visit_u64(slot as u64)))
             }
@@ -181,7 +210,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
     }
 
     serde::forward_to_deserialize_any! {
-        bool f32 f64 char str string bytes byte_buf unit unit_struct seq tuple tuple_struct map struct
+        bool f32 f64 char str string bytes byte_buf unit unit_struct tuple tuple_struct map struct
         identifier ignored_any i128 u128
     }
 }
@@ -189,6 +218,8 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
 struct Items<'a> {
     value: Value<'a>,
     items: &'a [Tree],
+    /// How many values of the first item, a link, have been read.
+    nth: usize,
 }
 
 impl<'de> de::SeqAccess<'de> for Items<'_> {
@@ -198,9 +229,15 @@ impl<'de> de::SeqAccess<'de> for Items<'_> {
         &mut self,
         seed: T,
     ) -> Result<Option<T::Value>, ReadError> {
-        let Some((first, rest)) = self.items.split_first() else { return Ok(None) };
-        self.items = rest;
-        seed.deserialize(self.value.at(first)).map(Some)
+        while let Some((first, rest)) = self.items.split_first() {
+            if self.nth < self.value.count(first) {
+                let value = Value { nth: self.nth, ..self.value.at(first) };
+                self.nth += 1;
+                return seed.deserialize(value).map(Some);
+            }
+            (self.items, self.nth) = (rest, 0);
+        }
+        Ok(None)
     }
 }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
 
-use super::file::{Body, Field, Kind, Name, Origin, Tree};
+use super::file::{Body, Field, Given, Kind, Name, Origin, Tree};
 use super::suggest::nearest_or_all;
 use super::with_article;
 use crate::error::{Problem, Severity, Source, Span, code};
@@ -25,6 +25,8 @@ pub(crate) struct FoundLink {
     pub(crate) wants: String,
     /// The values that fit.
     pub(crate) types: Vec<String>,
+    /// Whether the port takes a list of links.
+    pub(crate) many: bool,
 }
 
 /// A file that a field names.
@@ -33,6 +35,8 @@ pub(crate) struct FoundFile {
     pub(crate) span: Span,
     pub(crate) given: String,
     pub(crate) resolved: PathBuf,
+    /// Where its name comes from, if that is another file.
+    pub(crate) from: Option<Given>,
 }
 
 /// A problem without its file.
@@ -57,6 +61,7 @@ impl Finding {
             message,
             help,
             note,
+            uses: Vec::new(),
         }
     }
 }
@@ -92,12 +97,19 @@ impl Walk<'_> {
     }
 
     fn find(&mut self, code: &'static str, tree: &Tree, message: String, help: impl Into<String>) {
+        let mut help = help.into();
         let note = match &tree.origin {
             Some(Origin::Default(span)) => Some((*span, "the value comes from here".to_owned())),
             Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
+            Some(Origin::Given(given)) => {
+                // A note can only be shown in the file of the problem itself.
+                let gap = if help.is_empty() { "" } else { "; " };
+                help = format!("the value comes from {}{gap}{help}", given.place());
+                None
+            }
             None => None,
         };
-        self.findings.push(Finding { code, span: tree.span, message, help: help.into(), note });
+        self.findings.push(Finding { code, span: tree.span, message, help, note });
     }
 
     /// Checks the value of the field `field`.
@@ -190,9 +202,12 @@ impl Walk<'_> {
 
     fn link(&mut self, tree: &Tree, schema: &Json, field: &str) {
         let wants = schema["port"].as_str().unwrap_or_default().to_owned();
-        let Some(text) = tree.text() else {
-            let message =
-                format!("port `{field}` of {} wants a link, not {}", self.node, tree.in_words());
+        // A link is part of what the graph is: no parameter changes it.
+        let is_parameter = matches!(tree.origin, Some(Origin::Default(_) | Origin::Given(_)));
+        let Some(text) = tree.text().filter(|_| !is_parameter) else {
+            let found =
+                if is_parameter { "the value of a parameter".into() } else { tree.in_words() };
+            let message = format!("port `{field}` of {} wants a link, not {found}", self.node);
             let help =
                 format!("write the name of a node that gives {}: \"node\"", with_article(&wants));
             return self.find(code::WRONG_VALUE, tree, message, help);
@@ -204,7 +219,19 @@ impl Walk<'_> {
             port: field.to_owned(),
             wants,
             types: types.filter_map(Json::as_str).map(str::to_owned).collect(),
+            many: false,
         });
+    }
+
+    /// Checks the links of a port that takes many: a list, or one link to many values.
+    fn links(&mut self, tree: &Tree, schema: &Json, field: &str) {
+        let first = self.links.len();
+        match &tree.kind {
+            Kind::List(items) => items.iter().for_each(|item| self.value(item, schema, field)),
+            Kind::Text(_) => self.value(tree, schema, field),
+            _ => self.wrong(tree, field, "a list of links: `[\"node\", ..]`"),
+        }
+        self.links[first..].iter_mut().for_each(|link| link.many = true);
     }
 
     fn variant(&mut self, tree: &Tree, variants: &[(String, Option<Json>)], field: &str) {
@@ -253,6 +280,10 @@ impl Walk<'_> {
     }
 
     fn array(&mut self, tree: &Tree, schema: &Json, field: &str) {
+        let items = schema.get("items").filter(|items| items.get("port").is_some());
+        if let Some(items) = items.filter(|_| schema.get("minItems").is_none()) {
+            return self.links(tree, items, field);
+        }
         let fixed = schema.get("prefixItems").and_then(Json::as_array);
         let least = schema.get("minItems").and_then(Json::as_u64);
         let most = schema.get("maxItems").and_then(Json::as_u64);
@@ -333,11 +364,16 @@ impl Walk<'_> {
                 let message = format!("field `{field}` of {} names no file", self.node);
                 self.find(code::MISSING_FILE, tree, message, "write the path of a file");
             }
-            Some("file") => self.files.push(FoundFile {
-                span: tree.span,
-                given: text.to_owned(),
-                resolved: self.folder.join(text),
-            }),
+            Some("file") => {
+                let from = match &tree.origin {
+                    Some(Origin::Given(given)) => Some(given.clone()),
+                    _ => None,
+                };
+                let folder =
+                    from.as_ref().map_or(self.folder, |from| from.sheet.folder_of(from.span));
+                let (given, resolved) = (text.to_owned(), folder.join(text));
+                self.files.push(FoundFile { span: tree.span, given, resolved, from });
+            }
             _ => {}
         }
     }

@@ -17,6 +17,7 @@ pub(super) fn syntax_problems(name: &Path, text: &str, mistakes: Vec<Mistake>) -
         message: mistake.message,
         help: mistake.help,
         note: None,
+        uses: Vec::new(),
     };
     mistakes.into_iter().map(problem).collect()
 }

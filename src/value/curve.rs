@@ -5,7 +5,10 @@ use thiserror::Error;
 
 use super::{Column, DecodeError, Decoder, Encoder, KnotVector, Summary, Value};
 
+mod closest;
 mod evaluate;
+
+pub use closest::CurveFoot;
 
 /// Why points do not make a curve.
 #[derive(Clone, Debug, PartialEq, Error)]

@@ -8,9 +8,11 @@ use super::{Attribute, AttributeError, Attributes, CaptureFrame, Column, Image, 
 
 mod describe;
 mod faces;
+mod nearest;
 mod normals;
 
 pub use faces::{Edges, Faces};
+pub use nearest::{NearestPlace, TriangleTree};
 
 /// Why vertices and faces do not make a mesh.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -107,7 +109,7 @@ impl Mesh {
         let positions = positions.into();
         check_count("vertices", positions.len())?;
         check_positions(&positions)?;
-        check_faces(&faces, positions.len())?;
+        faces.check(positions.len())?;
         Ok(Self {
             positions,
             faces,
@@ -257,43 +259,6 @@ fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
         positions.iter().position(nowhere).map(|place| block * BLOCK + place)
     });
     bad.map_or(Ok(()), |vertex| Err(MeshError::NotFinite { vertex }))
-}
-
-/// Finds the first face that names no vertex, or one twice.
-fn check_faces(faces: &Faces, vertices: usize) -> Result<(), MeshError> {
-    let triangles = faces.as_triangles();
-    let check = |index: usize| match triangles.map(|triangles| triangles[index]) {
-        Some([a, b, c]) if a != b && b != c && c != a && (a.max(b).max(c) as usize) < vertices => {
-            None
-        }
-        _ => check_face(index, faces.face(index), vertices).err(),
-    };
-    let blocks = (0..faces.len().div_ceil(BLOCK)).into_par_iter();
-    let bad = blocks.find_map_first(|block| {
-        (block * BLOCK..faces.len().min((block + 1) * BLOCK)).find_map(check)
-    });
-    bad.map_or(Ok(()), Err)
-}
-
-/// Faces up to this many corners are searched for repeated ones pair by pair; larger ones are sorted.
-const FEW_CORNERS: usize = 16;
-
-fn check_face(face: usize, corners: &[u32], vertices: usize) -> Result<(), MeshError> {
-    if let Some(&vertex) = corners.iter().find(|&&vertex| vertices <= vertex as usize) {
-        return Err(MeshError::NoVertex { face, vertex, vertices });
-    }
-    let repeated = if corners.len() <= FEW_CORNERS {
-        (1..corners.len()).find(|&k| corners[..k].contains(&corners[k]))
-    } else {
-        let mut places: Vec<(u32, usize)> = corners.iter().copied().zip(0..).collect();
-        places.sort_unstable();
-        let repeats = places.windows(2).filter(|pair| pair[0].0 == pair[1].0);
-        repeats.map(|pair| pair[1].1).min()
-    };
-    match repeated {
-        Some(place) => Err(MeshError::RepeatedVertex { face, vertex: corners[place] }),
-        None => Ok(()),
-    }
 }
 
 /// Lowest and highest coordinates; none without points.

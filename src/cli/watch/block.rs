@@ -310,6 +310,7 @@ mod tests {
             message: "there is no node type `Treshold`".into(),
             help: "did you mean `Threshold`?".into(),
             note: None,
+            uses: Vec::new(),
         };
         Block { run: 13, problems: vec![problem; 3], ..after_a_run() }
     }

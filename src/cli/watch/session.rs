@@ -37,6 +37,8 @@ pub(super) struct Session<'a> {
     sources: Sources,
     /// The files that the graph reads, as of the last time that they could be found out.
     files: Vec<ReadFile>,
+    /// The graphs that it uses.
+    subgraphs: Vec<PathBuf>,
     /// Whether it wants to read files outside of its project.
     outside: bool,
     /// What was last said to be watched, and why it is looked at again and again.
@@ -86,6 +88,7 @@ impl<'a> Session<'a> {
             catalog,
             sources,
             files: Vec::new(),
+            subgraphs: Vec::new(),
             outside: false,
             told: None,
             contents: Contents::default(),
@@ -205,14 +208,20 @@ impl<'a> Session<'a> {
 
     /// Reads and checks the graph; shows its errors at once, unless it may be half a file.
     fn check_graph(&mut self) {
-        let Checked { graph, problems, files } =
+        let Checked { graph, problems, files, subgraphs } =
             self.command.options.load(&self.command.graph, self.catalog);
         let readable = !problems
             .iter()
             .any(|problem| problem.code == code::SYNTAX || problem.source.text.is_empty());
         if readable {
             self.files = files;
+            self.subgraphs = subgraphs;
             self.outside = reads_outside(&problems);
+        } else {
+            // Half a graph may be one that it uses: then its next save has to be noticed.
+            let new = subgraphs.into_iter().filter(|path| !self.subgraphs.contains(path));
+            let new = Vec::from_iter(new);
+            self.subgraphs.extend(new);
         }
         self.check = match graph {
             Some(graph) => {
@@ -238,8 +247,9 @@ impl<'a> Session<'a> {
 
     /// Watches what the outcome depends on now.
     fn rewatch(&mut self) {
-        let (command, files, outside) = (self.command, &self.files, self.outside);
-        for file in self.sources.update(|| command.watch_list(files, outside)) {
+        let (command, outside) = (self.command, self.outside);
+        let (files, subgraphs) = (&self.files, &self.subgraphs);
+        for file in self.sources.update(|| command.watch_list(files, subgraphs, outside)) {
             self.reread(&file);
         }
         self.contents.keep(self.sources.paths());

@@ -134,5 +134,6 @@ fn evaluate(
 /// A problem that has no place in the graph's text.
 fn about_graph(graph: &Graph, severity: Severity, code: &'static str, message: String) -> Problem {
     let (source, span) = (graph.source.clone(), Span::default());
-    Problem { severity, code, source, span, message, help: String::new(), note: None }
+    let (help, note, uses) = (String::new(), None, Vec::new());
+    Problem { severity, code, source, span, message, help, note, uses }
 }

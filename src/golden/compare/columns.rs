@@ -5,35 +5,73 @@ use rayon::prelude::*;
 use super::{Measure, Tolerance, six, unit};
 use crate::golden::parts::{Class, Part};
 
-/// What is allowed where nothing is said, as a share of the diagonal of all places or numbers: ten times what is lost when a
-/// golden is kept, and far below what can be seen.
-const DEFAULT_SHARE: f64 = 2e-5;
+/// What is allowed where nothing is said, as a share of the diagonal of all places or numbers: a billionth. The same program
+/// gives the same bits, so only the last digits of sums that are taken in another order are forgiven, some 1e-13; above that
+/// a fault hides, below a harmless change of code fails.
+const DEFAULT_SHARE: f64 = 1e-9;
 
-/// The angle between normals that is allowed where nothing is said, in degrees.
-const DEFAULT_ANGLE: f64 = 0.5;
+/// The angle between normals that is allowed where places may move but nothing is said of normals, in degrees: no eye sees less.
+const ANGLE_OF_MOVED: f64 = 0.5;
 
 /// The largest difference that is allowed in a column.
 pub(crate) fn allowed(part: &Part, tolerance: &Tolerance) -> f64 {
+    let share = tolerance.share.unwrap_or(DEFAULT_SHARE);
+    given(part, tolerance).unwrap_or_else(|| match part.class {
+        Class::Place | Class::Number => share * size(part),
+        Class::Normal => share.to_degrees(),
+        Class::Level | Class::Exact => 0.0,
+    })
+}
+
+/// What a tolerance says of a column, if it does.
+pub(crate) fn given(part: &Part, tolerance: &Tolerance) -> Option<f64> {
+    let limit = limit_of(part, tolerance)?;
+    let said = tolerance.limits().find(|(name, _)| *name == limit).map(|(_, most)| most);
+    said.or(match part.class {
+        Class::Exact => Some(0.0),
+        Class::Level => Some(tolerance.level),
+        Class::Normal => Some(ANGLE_OF_MOVED),
+        // A mean alone is said: then any single place may be anywhere.
+        Class::Place | Class::Number => Some(f64::INFINITY),
+    })
+}
+
+/// The name of what a tolerance says of a column, if it does: that of an attribute, or of a field.
+pub(crate) fn limit_of<'t>(part: &Part, tolerance: &'t Tolerance) -> Option<&'t str> {
     // `corner uv` and `face area` are meant by `uv` and `area`, too.
     let short = part.name.rsplit(' ').next().unwrap_or_default();
-    let named = tolerance.attributes.get(&part.name).or_else(|| tolerance.attributes.get(short));
-    match (part.class, named) {
-        (_, Some(&named)) => named,
-        (Class::Place, None) => tolerance.max.unwrap_or_else(|| DEFAULT_SHARE * part.diagonal()),
-        (Class::Normal, None) => tolerance.normals.unwrap_or(DEFAULT_ANGLE),
-        (Class::Number, None) => {
-            let known =
-                tolerance.max.filter(|_| part.width == 1 && tolerance.attributes.is_empty());
-            // A column of equal numbers has no range: then they themselves say what is small.
-            let size = part
-                .numbers
-                .iter()
-                .filter(|x| x.is_finite())
-                .fold(0.0, |m, x| f64::max(m, x.abs()));
-            known.unwrap_or_else(|| DEFAULT_SHARE * part.diagonal().max(size * 1e-3))
-        }
-        (Class::Level, None) => tolerance.level,
-        (Class::Exact, None) => 0.0,
+    let attributes = &tolerance.attributes;
+    if let Some((name, _)) =
+        attributes.get_key_value(&part.name).or_else(|| attributes.get_key_value(short))
+    {
+        return Some(name);
+    }
+    let by_mean = tolerance.rms.is_some() || tolerance.p99.is_some();
+    let known = match part.class {
+        Class::Place => tolerance.max.is_some() || by_mean,
+        Class::Normal => tolerance.normals.is_some() || tolerance.max.is_some() || by_mean,
+        Class::Number => tolerance.max.is_some() && part.width == 1 && attributes.is_empty(),
+        Class::Level => tolerance.level > 0.0 || tolerance.differing > 0.0,
+        Class::Exact => tolerance.differing > 0.0,
+    };
+    let name = match part.class {
+        Class::Place | Class::Number => "max",
+        Class::Normal => "normals",
+        Class::Level => "level",
+        Class::Exact => "differing",
+    };
+    known.then_some(name)
+}
+
+/// What the shares of a column are of: the diagonal of the box around all of it.
+pub(crate) fn size(part: &Part) -> f64 {
+    // Places are as far apart as the thing is large, whatever their distance to the origin. A column of equal numbers has no
+    // range: then they themselves say what is small.
+    let largest =
+        || part.numbers.iter().filter(|x| x.is_finite()).fold(0.0, |m, x| f64::max(m, x.abs()));
+    match part.class {
+        Class::Place => part.diagonal(),
+        _ => part.diagonal().max(largest() * 1e-3),
     }
 }
 
@@ -67,7 +105,7 @@ pub(crate) fn compare_columns(
 }
 
 /// Statistics of some differences.
-pub(super) fn measure(
+pub(crate) fn measure(
     name: &str,
     differences: &[f64],
     unit: &'static str,
@@ -110,7 +148,7 @@ fn percentile(differences: &[f64]) -> f64 {
 }
 
 /// Says what of a measure is not allowed.
-pub(super) fn judge(measure: &mut Measure, class: Class, tolerance: &Tolerance) {
+pub(crate) fn judge(measure: &mut Measure, class: Class, tolerance: &Tolerance) {
     let (name, unit) = (&measure.name, if measure.unit.is_empty() { "" } else { " " });
     let unit = format!("{unit}{}", measure.unit);
     let by_share = matches!(class, Class::Level | Class::Exact);
@@ -184,7 +222,10 @@ pub(super) fn difference(class: Class, a: &[f64], b: &[f64]) -> f64 {
             if a == b {
                 0.0
             } else if lengths > 0.0 {
-                libm::acos((dot(a, b) / lengths).clamp(-1.0, 1.0)).to_degrees()
+                // By the chord: the arc cosine knows no angle below a millionth of a degree.
+                let chord = |k: usize| a[k] / dot(a, a).sqrt() - b[k] / dot(b, b).sqrt();
+                let half = (0..a.len()).map(|k| chord(k) * chord(k)).sum::<f64>().sqrt() / 2.0;
+                (2.0 * libm::asin(half.min(1.0))).to_degrees()
             } else {
                 180.0
             }

@@ -51,7 +51,10 @@ pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
         u64::from_le_bytes(crate::value::hash_of(texture).0[..8].try_into().unwrap_or_default())
     });
     let frame = mesh.frame().map_or(0, |frame| {
-        let numbers = frame.camera.map_or(vec![], |camera| [camera.focal, camera.center].concat());
+        let mut numbers =
+            frame.camera.map_or(vec![], |camera| [camera.focal, camera.center].concat());
+        numbers.extend(frame.picture.map(|size| size as f64));
+        numbers.extend(frame.world_from_camera.iter().flatten());
         numbers.iter().fold(frame.depth.to_bits(), |mark, x| mix(mark, x.to_bits()))
     });
     [sum(&vertex), sum(&faces), sum(&creases), u128::from(mix(texture, frame))].iter().fold(

@@ -93,6 +93,30 @@ fn topology_comes_before_distances() {
 }
 
 #[test]
+fn the_same_surface_of_other_faces_is_another_mesh() {
+    let mesh = sheet(10);
+    let with_faces = |mesh: &Mesh, change: &dyn Fn(&mut Vec<[u32; 3]>)| {
+        let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
+        change(&mut faces);
+        let other = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
+        other.with_vertex("uv", mesh.vertex().get("uv").unwrap().clone()).unwrap()
+    };
+    let flipped = with_faces(&mesh, &|faces| faces.iter_mut().for_each(|face| face.swap(1, 2)));
+    let crossed = with_faces(&mesh, &|faces| {
+        let ([a, b, d], [_, c, _]) = (faces[8], faces[9]);
+        (faces[8], faces[9]) = ([a, b, c], [a, c, d]);
+    });
+    let told = |new: &Mesh, lax: bool| {
+        check(&mesh, new, &Tolerance { remeshed: lax, ..within(1.0) }).reasons.join("; ")
+    };
+    assert_eq!(told(&flipped, false), "162 faces join other vertices, or in another sense");
+    assert_eq!(told(&crossed, false), "2 faces join other vertices, or in another sense");
+    let moved = moved(&reversed(&flipped), Vector3::new(0.0, 0.0, 0.01));
+    assert_eq!(told(&moved, false), "100 % of the faces look to the other side");
+    assert_eq!([told(&flipped, true), told(&moved, true)], ["", ""]);
+}
+
+#[test]
 fn a_lost_and_a_changed_attribute_are_seen() {
     let mesh = sheet(10);
     let comparison = check(&mesh, &mesh.clone().without("uv"), &Tolerance::default());
@@ -105,6 +129,40 @@ fn a_lost_and_a_changed_attribute_are_seen() {
     assert_eq!(check(&mesh, &shifted, &allowing(0.02)).verdict, Verdict::Within);
     assert_eq!(check(&mesh, &shifted, &allowing(0.005)).verdict, Verdict::Different);
     assert_eq!(check(&mesh, &reversed(&shifted), &allowing(0.005)).verdict, Verdict::Different);
+}
+
+#[test]
+fn attributes_of_corners_and_faces_are_compared_when_the_faces_are_others() {
+    // A mesh whose corners and faces have numbers that only depend on their places; its faces in either order.
+    let numbered = |turned: bool, off: f64| {
+        let mesh = sheet(12).without("uv");
+        let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
+        if turned {
+            faces.reverse();
+            faces.iter_mut().for_each(|face| face.rotate_left(1));
+        }
+        let corners = faces.as_flattened().iter().map(|&v| f64::from(v % 12)).collect::<Vec<_>>();
+        let sums: Vec<f64> =
+            faces.iter().map(|face| off + f64::from(face.iter().sum::<u32>())).collect();
+        let mut corners: Vec<f64> = corners;
+        corners[40] += off;
+        let mesh = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
+        let mesh = mesh.with_corner("tint", Attribute::Number(corners.into())).unwrap();
+        mesh.with_face("sum", Attribute::Number(sums.into())).unwrap()
+    };
+    let old = numbered(false, 0.0);
+    let near = |off| moved(&numbered(true, off), Vector3::new(0.0, 0.0, 1e-6));
+    let tolerance = Tolerance {
+        attributes: [("tint".to_owned(), 1e-3), ("sum".to_owned(), 0.5)].into(),
+        ..within(1e-4)
+    };
+    assert_eq!(check(&old, &near(0.0), &tolerance).verdict, Verdict::Within);
+    let comparison = check(&old, &near(0.6), &tolerance);
+    let told = |what: &str| comparison.reasons.iter().any(|why| why.contains(what));
+    assert!(
+        told("`corner tint` differs by 0.2") && told("`face sum` differs by 0.6"),
+        "{comparison:?}"
+    );
 }
 
 #[test]
@@ -150,7 +208,7 @@ fn values_of_other_kinds_and_lengths_are_different() {
         |max| AnyValue::new(Trace::new(vec![TraceStep { iteration: 0, max, rms: 0.1 }]).unwrap());
     let empty = AnyValue::new(Trace::default());
     assert_eq!(
-        compare(&trace(1.0), &trace(1.0 + 1e-9), &Tolerance::default()).verdict,
+        compare(&trace(1.0), &trace(1.0 + 1e-13), &Tolerance::default()).verdict,
         Verdict::Within
     );
     assert_eq!(

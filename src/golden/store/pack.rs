@@ -2,14 +2,17 @@
 
 use serde_json::{Value as Json, json};
 
-use crate::golden::compare::{Tolerance, allowed};
+use crate::golden::compare::{Tolerance, given, size};
 use crate::golden::parts::{Class, Part, Parts};
 
 /// More than this is not kept of one value: the goldens of a project stay small enough to be committed again and again.
-pub(super) const MOST_BYTES: usize = 48 << 10;
+pub(super) const MOST_BYTES: usize = 24 << 10;
 
 /// Columns of no more numbers than this are kept to the last bit.
 const FEW: usize = 256;
+
+/// To how much the numbers of longer ones are rounded, as a share of the diagonal of all of them: some three bytes a number.
+const KEPT_STEP: f64 = 2e-6;
 
 /// The columns that are the faces of a mesh.
 pub(super) const FACES: [&str; 2] = ["corners", "sides"];
@@ -45,7 +48,10 @@ fn pack_columns(columns: &[Part], row: Option<usize>, tolerance: &Tolerance) -> 
             _ if part.numbers.len() <= FEW => 0.0,
             Class::Exact | Class::Level => 1.0,
             Class::Normal => 1e-3,
-            Class::Place | Class::Number => allowed(part, tolerance) / 10.0,
+            Class::Place | Class::Number => match given(part, tolerance) {
+                Some(most) if 0.0 < most && most < f64::INFINITY => most / 10.0,
+                _ => KEPT_STEP * size(part),
+            },
         };
         let start = body.len();
         if step > 0.0 {

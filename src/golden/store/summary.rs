@@ -1,10 +1,11 @@
 //! What a value is, in lines that people read in a diff.
 
+use super::Written;
 use crate::golden::compare::{Tolerance, allowed, six, without_order};
 use crate::golden::parts::{Class, Parts};
+use crate::golden::sketch::Sketch;
 use crate::golden::topology::{Extent, Topology};
-use crate::pack::NewFile;
-use crate::value::{AnyValue, Hash, Mesh};
+use crate::value::{AnyValue, Mesh};
 
 /// What a value is in a golden: the texts of its summary, and how much those with numbers may differ.
 pub(super) struct Line {
@@ -13,6 +14,9 @@ pub(super) struct Line {
     /// The slack of the numbers in the text; none for what must be equal.
     pub(super) slack: Option<f64>,
 }
+
+/// Begins the label of a column's sketch.
+pub(super) const SKETCH: &str = "sketch of ";
 
 /// A fact that must be equal.
 pub(super) fn exact(label: &str, text: impl ToString) -> Line {
@@ -23,7 +27,7 @@ pub(super) fn exact(label: &str, text: impl ToString) -> Line {
 pub(super) fn summary(
     value: &AnyValue,
     parts: Option<&Parts>,
-    outputs: &[NewFile],
+    outputs: &[Written],
     tolerance: &Tolerance,
 ) -> Vec<Line> {
     let mut lines = vec![exact("type", value.kind().name), exact("hash", value.hash())];
@@ -31,8 +35,7 @@ pub(super) fn summary(
         without_order(value).map(|mark| exact("hash without order", format!("{mark:032x}"))),
     );
     for file in outputs {
-        let text = format!("{} bytes, {}", file.bytes.len(), Hash::of(&file.bytes).short());
-        lines.push(exact(&format!("file {}", file.name), text));
+        lines.push(exact(&format!("file {}", file.name), &file.content));
     }
     let Some(parts) = parts else {
         let facts = value.describe().0.into_iter();
@@ -59,6 +62,8 @@ pub(super) fn summary(
         }
     }
     for part in &parts.columns {
+        let label = format!("{SKETCH}{}", part.name);
+        lines.push(exact(&label, Sketch::of(&part.numbers).to_text()));
         let slack = match part.class {
             Class::Exact => tolerance.differing,
             Class::Level => tolerance.level.max(255.0 * tolerance.differing),

@@ -1,21 +1,20 @@
 //! One case of one graph: evaluated, compared, judged.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Instant;
 
 use super::nodes::nodes_of;
-use super::{Case, Compared, NODES, State};
+use super::{Case, Compared, NODES, SUFFIXES, State};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, Source, Span, code};
-use crate::eval::{Evaluation, Evaluator, Trace};
+use crate::error::{Problem, Severity, Span, code};
+use crate::eval::{Disk, Evaluation, Evaluator, Trace};
 use crate::golden::case::{Allowed, TestFile};
-use crate::golden::compare::{Comparison, Tolerance, Verdict, six};
+use crate::golden::compare::{Comparison, Tolerance, Verdict, limit_of, six};
 use crate::golden::expect::{Expectation, Place, nodes_of as expected_nodes, target, violations};
-use crate::golden::store::{self, Golden, NoGolden};
-use crate::graph::{Graph, Options};
+use crate::golden::parts::Parts;
+use crate::golden::store::{self, Golden, NoGolden, Written};
+use crate::graph::{Graph, GraphOutput, Options};
 use crate::node::CancelToken;
-use crate::pack::NewFile;
 use crate::value::AnyValue;
 
 /// A tolerance this many times wider than what was ever needed is worth a word.
@@ -41,6 +40,7 @@ impl Job<'_> {
             outputs: Vec::new(),
             problems: Vec::new(),
             violations: Vec::new(),
+            warnings: Vec::new(),
             orphans: Vec::new(),
             notes: Vec::new(),
             trace: Trace::default(),
@@ -74,17 +74,21 @@ impl Job<'_> {
         let evaluation = evaluator.evaluate(&graph, &wanted, &wanted, &(), &CancelToken::default());
         case.problems.extend(evaluation.problems());
         case.nodes = nodes_of(&graph, &evaluation);
-        case.outputs = evaluator.install(|| self.outputs(&graph, &evaluation, &mut case.problems));
+        let disk = evaluator.disk();
+        case.outputs =
+            evaluator.install(|| self.outputs(&graph, &evaluation, disk, &mut case.problems));
         case.violations = violations(&graph, &evaluation, &expectations);
         case.orphans = self.orphans(&case.outputs);
         case.trace = evaluation.trace();
-        case.notes = self.wide(&graph, &case.outputs);
+        case.notes = self.wide(&case.outputs);
         self.judge_budget(&mut case);
-        let errors = case.problems.iter().any(|problem| problem.severity == Severity::Error);
-        let different = case.outputs.iter().any(|o| o.comparison.verdict == Verdict::Different);
+        case.judge_warnings();
+        let failed = case.problems.iter().any(|problem| problem.severity == Severity::Error)
+            || case.outputs.iter().any(|o| o.comparison.verdict == Verdict::Different)
+            || !(case.violations.is_empty() && case.warnings.is_empty() && case.orphans.is_empty());
         case.state = if broken {
             State::Broken
-        } else if errors || different || !case.violations.is_empty() || !case.orphans.is_empty() {
+        } else if failed {
             State::Failed
         } else {
             State::Passed
@@ -95,7 +99,8 @@ impl Job<'_> {
 
     fn problem(&self, code: &'static str, span: Span, message: String) -> Problem {
         let (source, help, note) = (self.test.source.clone(), String::new(), None);
-        Problem { severity: Severity::Error, code, source, span, message, help, note }
+        let (severity, uses) = (Severity::Error, Vec::new());
+        Problem { severity, code, source, span, message, help, note, uses }
     }
 
     fn expectations(&self, graph: &Graph) -> Vec<(Expectation, Place)> {
@@ -148,6 +153,7 @@ impl Job<'_> {
         &self,
         graph: &Graph,
         evaluation: &Evaluation,
+        disk: Option<&Disk>,
         problems: &mut Vec<Problem>,
     ) -> Vec<Compared> {
         let mut places: Vec<(usize, usize)> =
@@ -158,23 +164,9 @@ impl Job<'_> {
         for (node, output) in places {
             let Some(value) = evaluation.value(node, output) else { continue };
             let mine = graph.outputs.iter().filter(|o| (o.node, o.output) == (node, output));
-            let (mut names, mut files) = (Vec::new(), Vec::new());
-            for output in mine {
-                names.push(output.name.clone());
-                match evaluation.files(output) {
-                    Some(Ok(written)) => files.extend(written),
-                    Some(Err(error)) => {
-                        let message = format!("cannot write `{}`: {error}", output.name);
-                        let source: Arc<Source> = graph.source.clone();
-                        problems.push(Problem {
-                            source,
-                            span: output.span,
-                            ..self.problem(code::FAILED, output.span, message)
-                        });
-                    }
-                    None => {}
-                }
-            }
+            let mine: Vec<&GraphOutput> = mine.collect();
+            let names: Vec<String> = mine.iter().map(|output| output.name.clone()).collect();
+            let files = self.written(&mine, value, evaluation, disk, (graph, problems));
             let tolerance =
                 self.allowed(&names).map(|allowed| allowed.tolerance.clone()).unwrap_or_default();
             let names_of_node = &graph.nodes[node].outputs;
@@ -182,9 +174,48 @@ impl Job<'_> {
                 1 => graph.nodes[node].name.clone(),
                 _ => format!("{}.{}", graph.nodes[node].name, names_of_node[output]),
             };
+            // A node inside of a use is named by the way to it; its golden is a file beside the others.
+            let name = name.replace('/', ".");
             compared.push(self.compare(name, names, value, &files, &tolerance));
         }
         compared
+    }
+
+    /// The files that a value is written to. This program writes equal values to equal files: what it wrote of one before is
+    /// noted on disk, where no other program's notes are, and is not written again.
+    fn written(
+        &self,
+        outputs: &[&GraphOutput],
+        value: &AnyValue,
+        evaluation: &Evaluation,
+        disk: Option<&Disk>,
+        (graph, problems): (&Graph, &mut Vec<Problem>),
+    ) -> Vec<Written> {
+        let names = outputs.iter().map(|output| format!("/{}", output.name));
+        let key = PathBuf::from(format!("written/{}{}", value.hash(), String::from_iter(names)));
+        let known = disk.and_then(|disk| Written::read(&disk.note(&key)?));
+        if let Some(known) = known {
+            return known;
+        }
+        let (mut files, mut complete) = (Vec::new(), true);
+        for output in outputs {
+            match evaluation.files(output) {
+                Some(Ok(written)) => files.extend(written.iter().map(Written::of)),
+                Some(Err(error)) => {
+                    complete = false;
+                    let message = format!("cannot write `{}`: {error}", output.name);
+                    problems.push(Problem {
+                        source: graph.source.clone(),
+                        ..self.problem(code::FAILED, output.span, message)
+                    });
+                }
+                None => complete = false,
+            }
+        }
+        if let Some(disk) = disk.filter(|_| complete) {
+            disk.keep_note(&key, Written::note(&files));
+        }
+        files
     }
 
     fn compare(
@@ -192,7 +223,7 @@ impl Job<'_> {
         name: String,
         names: Vec<String>,
         value: &AnyValue,
-        files: &[NewFile],
+        files: &[Written],
         tolerance: &Tolerance,
     ) -> Compared {
         let golden = store::read(&self.folder, &name);
@@ -230,9 +261,7 @@ impl Job<'_> {
         for entry in std::fs::read_dir(&self.folder).into_iter().flatten().flatten() {
             let file = entry.file_name().to_string_lossy().into_owned();
             let asked = |output: &Compared| {
-                [".txt", ".bin", ".png", ".view.png"]
-                    .iter()
-                    .any(|suffix| file == format!("{}{suffix}", output.name))
+                SUFFIXES.iter().any(|suffix| file == format!("{}{suffix}", output.name))
             };
             if file != NODES && !outputs.iter().any(asked) {
                 orphans.push(entry.path());
@@ -242,39 +271,48 @@ impl Job<'_> {
         orphans
     }
 
-    /// Tolerances that are much wider than any difference was.
-    fn wide(&self, graph: &Graph, outputs: &[Compared]) -> Vec<String> {
-        let _ = graph;
+    /// Tolerances that are much wider than any difference was, now or when a golden was accepted.
+    fn wide(&self, outputs: &[Compared]) -> Vec<String> {
         let mut notes = Vec::new();
         for output in outputs {
-            let Some(max) = self.allowed(&output.files).and_then(|allowed| allowed.tolerance.max)
-            else {
-                continue;
-            };
+            let Some(allowed) = self.allowed(&output.files) else { continue };
             let before = output.golden.as_ref().map(Golden::needed).unwrap_or_default();
-            let now = output.comparison.measures.iter().filter(|m| m.unit == "mm").map(|m| m.max);
-            let places = before.iter().filter(|(name, _)| {
-                name.contains("position") || name.contains("point") || name.contains("surface")
-            });
-            let most = places.map(|(_, needed)| *needed).chain(now).fold(0.0, f64::max);
-            if most > 0.0 && most * TOO_WIDE < max {
-                notes.push(format!(
-                    "{}: the tolerance of {} mm is more than ten times wider than ever needed ({} mm)",
-                    output.name, six(max), six(most)
-                ));
+            let now = output.comparison.measures.iter().map(|m| (m.name.clone(), m.max));
+            let needed: Vec<(String, f64)> = before.into_iter().chain(now).collect();
+            let parts = Parts::of(&output.value).unwrap_or_default();
+            for (name, limit) in allowed.tolerance.limits() {
+                let is_of = |measure: &str| match parts.column(measure) {
+                    Some(part) => limit_of(part, &allowed.tolerance) == Some(name),
+                    None => name == "max" && measure.starts_with("surface,"),
+                };
+                let of_limit = needed.iter().filter(|(measure, _)| is_of(measure));
+                let most = of_limit.map(|(_, needed)| *needed).fold(0.0, f64::max);
+                if most > 0.0 && most * TOO_WIDE < limit {
+                    let (limit, most) = (six(limit), six(most));
+                    notes.push(format!(
+                        "{}: the tolerance `{name}` of {limit} is more than ten times wider than ever needed ({most})",
+                        output.name
+                    ));
+                }
             }
         }
         notes
     }
 
-    /// Only the time of nodes that ran counts.
     fn judge_budget(&self, case: &mut Case) {
-        let Some(budget) = self.test.budget.seconds else { return };
-        let spent: f64 = case.trace.0.iter().map(|node| node.seconds).sum();
-        if spent > budget {
-            let span = self.test.cases[self.case].1.span;
-            let message = format!("the nodes took {spent:.2} s; the budget is {budget} s");
-            case.problems.push(self.problem(code::EXPECTED, span, message));
+        let budget = self.test.budget;
+        let seconds: f64 = case.trace.0.iter().map(|node| node.seconds).sum();
+        let memory = case.trace.0.iter().map(|node| node.bytes as f64).sum::<f64>() / 1e6;
+        let spent = [
+            ("the nodes took", seconds, budget.seconds, "s"),
+            ("the nodes' results take", memory, budget.memory, "MB"),
+        ];
+        for (what, spent, budget, unit) in spent {
+            if let Some(budget) = budget.filter(|budget| spent > *budget) {
+                let span = self.test.cases[self.case].1.span;
+                let message = format!("{what} {spent:.2} {unit}; the budget is {budget} {unit}");
+                case.problems.push(self.problem(code::EXPECTED, span, message));
+            }
         }
     }
 }

@@ -4,13 +4,32 @@ use crate::eval::Evaluation;
 use crate::graph::{Graph, Link};
 use crate::node::FILE;
 
+/// Begins the line of a warning, among those of the nodes.
+const WARNING: &str = "warning  ";
+
+/// Which warnings of nodes came or went, in words.
+pub(super) fn changed_warnings(before: &str, now: &str) -> Vec<String> {
+    let of = |text: &str| {
+        let lines = text.lines().filter_map(|line| line.strip_prefix(WARNING));
+        lines.map(str::to_owned).collect::<Vec<_>>()
+    };
+    let (old, new) = (of(before), of(now));
+    let gone = old.iter().filter(|line| !new.contains(line));
+    let gone = gone.map(|line| format!("there is no longer the warning {line}"));
+    let came = new.iter().filter(|line| !old.contains(line));
+    gone.chain(came.map(|line| format!("there is a new warning {line}"))).collect()
+}
+
 /// What of the nodes' lines differs: `raised: {..12..} -> {..15..}`.
 pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
     fn split(line: &str) -> (&str, &str) {
         line.split_once("  ").unwrap_or((line, ""))
     }
+    fn nodes(text: &str) -> impl Iterator<Item = &str> {
+        text.lines().filter(|line| !line.starts_with(WARNING))
+    }
     let (old, new) =
-        (Vec::from_iter(before.lines().map(split)), Vec::from_iter(now.lines().map(split)));
+        (Vec::from_iter(nodes(before).map(split)), Vec::from_iter(nodes(now).map(split)));
     let mut changes = Vec::new();
     for (name, was) in &old {
         match new.iter().find(|(other, _)| other == name) {
@@ -48,7 +67,7 @@ fn short(text: &str) -> String {
     }
 }
 
-/// Each node's type, parameters and links on a line, sorted.
+/// Each node's type, parameters and links on a line, sorted; then each warning.
 pub(super) fn nodes_of(graph: &Graph, evaluation: &Evaluation) -> String {
     let mut lines = Vec::new();
     let needed = evaluation.trace();
@@ -70,6 +89,9 @@ pub(super) fn nodes_of(graph: &Graph, evaluation: &Evaluation) -> String {
         lines.push(format!("{}  {} {parameters} ({links}){files}", node.name, node.kind()));
     }
     lines.sort();
+    for node in &needed.0 {
+        lines.extend(node.warnings.iter().map(|text| format!("{WARNING}`{}`: {text}", node.name)));
+    }
     lines.join("\n") + "\n"
 }
 

@@ -90,7 +90,7 @@ impl Curve {
     }
 
     /// The piece of a polyline that holds `t`: its start, the way to its end, and the share of it up to `t`.
-    fn piece(&self, t: f64) -> (Point3<f64>, Vector3<f64>, f64) {
+    pub(super) fn piece(&self, t: f64) -> (Point3<f64>, Vector3<f64>, f64) {
         let (start, end) = self.domain();
         let t = t.max(start).min(end);
         let index = (t as usize).min(end as usize - 1);

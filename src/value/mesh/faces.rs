@@ -1,15 +1,29 @@
 //! The faces of a mesh, and the edges between them.
 
-use super::{MeshError, check_count};
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
+
+use rayon::prelude::*;
+
+use super::{BLOCK, MeshError, check_count};
 use crate::value::{Column, DecodeError, Decoder, Encoder};
 
 /// The faces of a mesh: corners by vertex index, counter-clockwise seen from outside.
 ///
 /// Invariant, checked by its constructors: every face has at least 3 corners.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Faces {
     corners: Column<u32>,
     shape: Shape,
+    /// How many vertices there must be for these faces to be sound, found when first asked for and shared by copies; none if a
+    /// face meets a vertex twice.
+    needed: Arc<OnceLock<Option<u32>>>,
+}
+
+impl PartialEq for Faces {
+    fn eq(&self, other: &Self) -> bool {
+        self.corners == other.corners && self.shape == other.shape
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -34,12 +48,12 @@ impl Faces {
             return Err(MeshError::CutOff { corners: corners.len(), sides });
         }
         check_count("corners", corners.len())?;
-        Ok(Self { corners, shape: Shape::Uniform(sides) })
+        Ok(Self::new(corners, Shape::Uniform(sides)))
     }
 
     /// Triangles.
     pub fn triangles(triangles: Vec<[u32; 3]>) -> Self {
-        Self { corners: triangles.into_flattened().into(), shape: Shape::Uniform(3) }
+        Self::new(triangles.into_flattened().into(), Shape::Uniform(3))
     }
 
     /// Faces with these numbers of corners, one after the other.
@@ -63,7 +77,41 @@ impl Faces {
             *end += sides as u32;
             Some(*end)
         }));
-        Ok(Self { corners: corners.into(), shape: Shape::Mixed(starts.into()) })
+        Ok(Self::new(corners.into(), Shape::Mixed(starts.into())))
+    }
+
+    fn new(corners: Column<u32>, shape: Shape) -> Self {
+        Self { corners, shape, needed: Arc::default() }
+    }
+
+    /// Finds the first face that names no vertex, or one twice. Looks at the faces only once, however many meshes share them.
+    pub(super) fn check(&self, vertices: usize) -> Result<(), MeshError> {
+        match self.needed.get_or_init(|| self.count_needed()) {
+            Some(needed) if *needed as usize <= vertices => Ok(()),
+            _ => {
+                let bad = (0..self.len())
+                    .find_map(|face| check_face(face, self.face(face), vertices).err());
+                bad.map_or(Ok(()), Err)
+            }
+        }
+    }
+
+    fn count_needed(&self) -> Option<u32> {
+        let blocks = (0..self.len().div_ceil(BLOCK)).into_par_iter();
+        let faces = |block: usize| block * BLOCK..self.len().min((block + 1) * BLOCK);
+        let needed = blocks.map(|block| match self.sides() {
+            Some(3) => count_needed::<3>(&self.corners, faces(block)),
+            Some(4) => count_needed::<4>(&self.corners, faces(block)),
+            _ => {
+                let mut faces = faces(block).map(|face| self.face(face));
+                let needed =
+                    |face: &[u32]| face.iter().max().map_or(0, |highest| highest.saturating_add(1));
+                faces.try_fold(0, |most, face| {
+                    (repeated(face).is_none()).then(|| u32::max(most, needed(face)))
+                })
+            }
+        });
+        needed.try_reduce(|| 0, |a, b| Some(u32::max(a, b)))
     }
 
     /// Number of faces.
@@ -181,7 +229,7 @@ impl Faces {
         let corners = from.column()?;
         let [sides] = from.counts()?;
         let shape = from.option(Decoder::column)?.map_or(Shape::Uniform(sides), Shape::Mixed);
-        Ok(Self { corners, shape })
+        Ok(Self::new(corners, shape))
     }
 
     pub(super) fn size(&self) -> usize {
@@ -191,6 +239,45 @@ impl Faces {
                 Shape::Mixed(starts) => starts.size(),
             }
     }
+}
+
+/// The vertices that some faces of `N` corners need; none if one meets a vertex twice.
+fn count_needed<const N: usize>(corners: &[u32], faces: Range<usize>) -> Option<u32> {
+    let faces = corners[N * faces.start..N * faces.end].as_chunks::<N>().0;
+    let (mut highest, mut repeats) = (0, false);
+    for face in faces {
+        for i in 0..N {
+            highest = highest.max(face[i]);
+            for j in 0..i {
+                repeats |= face[i] == face[j];
+            }
+        }
+    }
+    (!repeats).then_some(if faces.is_empty() { 0 } else { highest.saturating_add(1) })
+}
+
+/// Faces up to this many corners are searched for repeated ones pair by pair; larger ones are sorted.
+const FEW_CORNERS: usize = 16;
+
+fn check_face(face: usize, corners: &[u32], vertices: usize) -> Result<(), MeshError> {
+    if let Some(&vertex) = corners.iter().find(|&&vertex| vertices <= vertex as usize) {
+        return Err(MeshError::NoVertex { face, vertex, vertices });
+    }
+    match repeated(corners) {
+        Some(place) => Err(MeshError::RepeatedVertex { face, vertex: corners[place] }),
+        None => Ok(()),
+    }
+}
+
+/// The first corner whose vertex an earlier one has, too.
+fn repeated(corners: &[u32]) -> Option<usize> {
+    if corners.len() <= FEW_CORNERS {
+        return (1..corners.len()).find(|&k| corners[..k].contains(&corners[k]));
+    }
+    let mut places: Vec<(u32, usize)> = corners.iter().copied().zip(0..).collect();
+    places.sort_unstable();
+    let repeats = places.windows(2).filter(|pair| pair[0].0 == pair[1].0);
+    repeats.map(|pair| pair[1].1).min()
 }
 
 /// No edge.

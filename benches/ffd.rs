@@ -1,0 +1,98 @@
+//! How long does it take to deform a million points by handles? The work is that of the peers (`benches/peers/peers.py ffd`):
+//! handles in a jittered grid, every one of them moved, f64, two threads. `near` has deviations of a third, for which handles
+//! far away are left out; `drag` moves one handle while its layout stays; `surface` is a mesh with normals.
+
+use divan::{Bencher, black_box};
+use maquette::Progress;
+use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, Points};
+use maquette_nodes::deform::{Deforming, Drag, ffd};
+use maquette_nodes::mesh::Movable;
+use nalgebra::{Point3, Vector3};
+
+fn main() {
+    rayon::ThreadPoolBuilder::new().num_threads(2).build_global().expect("the first thread pool");
+    divan::main();
+}
+
+const POINTS: usize = 1_000_000;
+
+/// Numbers from 0 to 1 without any order; see `nurbs.rs`.
+fn noise(k: usize) -> f64 {
+    let mut bits = (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    bits ^= bits >> 29;
+    bits = bits.wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    bits ^= bits >> 32;
+    (bits >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Points in the unit cube.
+fn cloud() -> Movable {
+    let point = |k: usize| Point3::new(noise(3 * k), noise(3 * k + 1), noise(3 * k + 2));
+    Movable::Points(Points::new((0..POINTS).map(point).collect::<Vec<_>>()).expect("finite points"))
+}
+
+/// A sheet of as many vertices, with its normals.
+fn sheet() -> Movable {
+    let side = 1000;
+    let place = |k: usize| k as f64 / (side - 1) as f64;
+    let vertex = |k: usize| Point3::new(place(k % side), place(k / side), 0.3);
+    let corner = |k: usize| (k / (side - 1) * side + k % (side - 1)) as u32;
+    let down = side as u32;
+    let quad = |k: usize| [corner(k), corner(k) + 1, corner(k) + down + 1, corner(k) + down];
+    let corners: Vec<u32> = (0..(side - 1) * (side - 1)).flat_map(quad).collect();
+    let normals = Attribute::Vector(vec![[0.0, 0.0, 1.0]; POINTS].into());
+    let mesh = Faces::uniform(4, corners)
+        .and_then(|faces| Mesh::new((0..POINTS).map(vertex).collect::<Vec<_>>(), faces))
+        .and_then(|mesh| mesh.with_vertex("normal", normals));
+    Movable::Mesh(mesh.expect("a sheet"))
+}
+
+/// Handles in a jittered grid, with deviations of about `reach` cells.
+fn handles(grid: [usize; 3], reach: f64) -> Handles {
+    let cells = Vector3::from(grid.map(|count| 1.0 / count as f64));
+    let handle = |k: usize| {
+        let place = [k % grid[0], k / grid[0] % grid[1], k / grid[0] / grid[1]];
+        let jitter = |axis: usize| 0.5 + 0.4 * (noise(8 * k + axis) - 0.5);
+        let at = [0, 1, 2].map(|axis| (place[axis] as f64 + jitter(axis)) * cells[axis]);
+        let to = [0, 1, 2].map(|axis| at[axis] + 0.04 * (noise(8 * k + 3 + axis) - 0.5));
+        let sigma = (reach + 0.2 * reach * noise(8 * k + 6)) * cells.mean();
+        Handle { at, to: Some(to), sigma: Some([sigma; 3]), weight: 0.5 + noise(8 * k + 7) }
+    };
+    let count = grid.iter().product();
+    let all = (0..count).map(handle).collect::<Vec<_>>();
+    Handles::new(HandleSpace::World, &all).expect("finite handles")
+}
+
+fn grid(count: usize) -> [usize; 3] {
+    if count == 64 { [4, 4, 4] } else { [8, 8, 4] }
+}
+
+fn deform(bencher: Bencher<'_, '_>, what: &Movable, handles: &Handles, how: Deforming) {
+    bencher.bench(|| ffd(black_box(what), black_box(handles), how, &Progress::none()));
+}
+
+#[divan::bench(args = [64, 256])]
+fn exact(bencher: Bencher<'_, '_>, count: usize) {
+    deform(bencher, &cloud(), &handles(grid(count), 0.55), Deforming::default());
+}
+
+#[divan::bench(args = [64, 256])]
+fn near(bencher: Bencher<'_, '_>, count: usize) {
+    let how = Deforming { accuracy: 5e-8, ..Deforming::default() };
+    deform(bencher, &cloud(), &handles(grid(count), 0.2), how);
+}
+
+#[divan::bench(args = [64, 256])]
+fn surface(bencher: Bencher<'_, '_>, count: usize) {
+    deform(bencher, &sheet(), &handles(grid(count), 0.55), Deforming::default());
+}
+
+/// One drag, of points without and of a mesh with normals.
+#[divan::bench(args = ["points", "mesh"])]
+fn drag(bencher: Bencher<'_, '_>, what: &str) {
+    let what = if what == "points" { cloud() } else { sheet() };
+    let drag = Drag::new(&what, &handles([4, 4, 4], 0.55), &[21], Deforming::default());
+    let drag = drag.expect("a well conditioned layout");
+    let to = [(21, Point3::new(0.4, 0.4, 0.5))];
+    bencher.bench(|| drag.to(black_box(&to), &Progress::none()));
+}

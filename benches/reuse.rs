@@ -1,0 +1,149 @@
+//! What do graphs cost that are made of graphs? 2 041 uses, nested three deep, of a graph with two nodes that do next to nothing.
+//!
+//! Each use gives its own value to a parameter, so that no two nodes have one key. Evaluates on two threads.
+
+use std::path::PathBuf;
+
+use divan::{Bencher, black_box};
+use maquette::{
+    Catalog, Checked, Context, DecodeError, Decoder, Encoder, Error, Evaluator, Graph, In, Node,
+    Options, Pack, Summary, Value, node, value_type,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+fn main() {
+    divan::main();
+}
+
+/// A number on a link.
+#[derive(Clone, Debug)]
+struct Number(f64);
+
+impl Value for Number {
+    const NAME: &'static str = "Number";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.plain(&self.0);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self(from.plain()?))
+    }
+
+    fn size(&self) -> usize {
+        size_of::<Self>()
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default().with("number", self.0)
+    }
+}
+
+/// Adds a number.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Add {
+    /// To this one, or to 0.
+    to: Option<In<Number>>,
+    /// What is added.
+    number: f64,
+}
+
+impl Node for Add {
+    type Outputs = (Number,);
+    const OUTPUTS: [&'static str; 1] = ["sum"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let to = self.to.as_ref().map_or(0.0, |to| cx.get(to).0);
+        Ok((Number(to + self.number),))
+    }
+}
+
+const PACK: Pack = Pack {
+    name: "numbers",
+    nodes: &[node::<Add>()],
+    values: &[value_type::<Number>()],
+    formats: &[],
+};
+
+/// A graph that uses another one so many times, each after the one before.
+fn level(used: &str, count: usize, is_first: bool) -> String {
+    let uses = (0..count).map(|k| {
+        let to = match k {
+            0 if is_first => "zero".to_owned(),
+            0 => "to".to_owned(),
+            _ => format!("n{}", k - 1),
+        };
+        let number = if is_first {
+            format!("{}", k * 1000)
+        } else {
+            format!("Expr(\"number * {count} + {k}\")")
+        };
+        format!("\"n{k}\": Used(to: \"{to}\", number: {number}),\n")
+    });
+    let (inputs, zero, output) = match is_first {
+        true => ("", "\"zero\": Add(number: 0),\n", ""),
+        false => (
+            "inputs: { \"to\": Number() }, params: { \"number\": Number(default: 0) },",
+            "",
+            "\"sum\": \"LAST\"",
+        ),
+    };
+    let output = output.replace("LAST", &format!("n{}", count - 1));
+    format!(
+        "Graph(format: 1, use: {{ \"Used\": \"{used}\" }}, {inputs} nodes: {{ {zero}{} }}, outputs: {{ {output} }})",
+        String::from_iter(uses)
+    )
+}
+
+const LEAF: &str = "Graph(format: 1, inputs: { \"to\": Number() }, params: { \"number\": Number(default: 0) },
+    nodes: { \"a\": Add(to: \"to\", number: Param(\"number\")), \"b\": Add(to: \"a\", number: 1) }, outputs: { \"sum\": \"b\" })";
+
+/// 13 uses of 12 uses of 12 uses.
+fn project() -> PathBuf {
+    let folder = tempfile::tempdir().expect("a temporary folder").keep();
+    let files = [
+        ("leaf.ron", LEAF.to_owned()),
+        ("inner.ron", level("leaf.ron", 12, false)),
+        ("outer.ron", level("inner.ron", 12, false)),
+        ("graph.ron", level("outer.ron", 13, true)),
+    ];
+    for (name, text) in files {
+        std::fs::write(folder.join(name), text).expect("a file");
+    }
+    folder.join("graph.ron")
+}
+
+fn load(path: &std::path::Path) -> Graph {
+    let Checked { graph, problems, .. } =
+        Graph::load(path, &Catalog::new(&[PACK]), &Options::default());
+    graph.unwrap_or_else(|| panic!("{}", problems[0].message))
+}
+
+/// At most 100 ms.
+#[divan::bench(sample_count = 21)]
+fn check_2041_uses(bencher: Bencher<'_, '_>) {
+    let path = project();
+    bencher.bench(|| black_box(load(&path)));
+}
+
+fn evaluator() -> Evaluator {
+    Evaluator::new(2, 1 << 30).expect("threads")
+}
+
+/// 3 745 nodes: at most 2 us each, 7.5 ms.
+#[divan::bench(sample_count = 51)]
+fn evaluate_3745_nodes(bencher: Bencher<'_, '_>) {
+    let graph = load(&project());
+    assert_eq!(graph.node_names().count(), 3745);
+    bencher.with_inputs(evaluator).bench_refs(|evaluator| {
+        black_box(evaluator.evaluate_nodes(&graph, &["n12"]));
+    });
+}
+
+#[divan::bench(sample_count = 51)]
+fn evaluate_again(bencher: Bencher<'_, '_>) {
+    let (graph, mut evaluator) = (load(&project()), evaluator());
+    evaluator.evaluate_nodes(&graph, &["n12"]);
+    bencher.bench_local(|| black_box(evaluator.evaluate_nodes(&graph, &["n12"])));
+}

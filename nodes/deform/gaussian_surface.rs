@@ -1,0 +1,259 @@
+//! Rational Gaussian surfaces.
+
+use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
+use maquette::{Context, Error, Node};
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::deformation::{Base, Deformation};
+use super::layout::{Bounds, chosen, prepare};
+use super::system::System;
+use super::{FfdError, Mode};
+
+/// Makes a surface of control points with rational Gaussian functions.
+///
+/// The points may stand anywhere on the square of the parameters u and v, each 0 to 1, in any number; no grid is needed. How
+/// far a point reaches is its deviation: small ones draw the surface to their points, in flat steps; large ones smooth it. The
+/// mesh has the surface's exact normals, and u and v as `uv`.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct GaussianSurface {
+    /// The control points.
+    pub points: Vec<SurfacePoint>,
+    /// Meets the points instead of only drawing near to them.
+    #[serde(default)]
+    pub through: bool,
+    /// Quads along u.
+    #[schemars(range(min = 1, max = 8192))]
+    #[serde(default = "quads")]
+    pub u: usize,
+    /// Quads along v.
+    #[schemars(range(min = 1, max = 8192))]
+    #[serde(default = "quads")]
+    pub v: usize,
+}
+
+fn quads() -> usize {
+    32
+}
+
+/// A control point of a Gaussian surface.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SurfacePoint {
+    /// Its parameters, u and v: 0 to 1 on the surface, and it may stand outside.
+    pub at: [f64; 2],
+    /// Its place in space.
+    #[schemars(extend("unit" = "mm"))]
+    pub to: [f64; 3],
+    /// Standard deviations along u and v; 0.75 of the mean distance to the three nearest points if left out.
+    #[schemars(extend("items" = serde_json::json!({ "type": "number", "format": "double", "exclusiveMinimum": 0.0 })))]
+    #[serde(default)]
+    pub sigma: Option<[f64; 2]>,
+    /// How much it counts beside the others, greater than 0.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[serde(default = "one")]
+    pub weight: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// Why control points make no surface.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GaussianSurfaceError {
+    /// No points.
+    #[error("a surface needs at least one point")]
+    Nothing,
+    /// No quads, or too many.
+    #[error("{u} x {v} quads are none, or more than a mesh can hold")]
+    Size {
+        /// Quads along u.
+        u: usize,
+        /// Quads along v.
+        v: usize,
+    },
+    /// Points that are none, or that cannot be met.
+    #[error(transparent)]
+    Points(#[from] FfdError),
+    /// A mesh that is not finite.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}
+
+impl Node for GaussianSurface {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((gaussian_surface(&self.points, self.through, [self.u, self.v])?,))
+    }
+}
+
+/// The square of the parameters, as a box.
+const SQUARE: Bounds = (Point3::new(0.0, 0.0, 0.0), Point3::new(1.0, 1.0, 1.0));
+
+/// The surface `P(u, v) = sum_i V_i g_i(u, v)` as a mesh of `u` x `v` quads: rows of vertices along u, places in mm.
+///
+/// The coefficients V are the points' places, or with `through` what makes `P` meet these. Goshtasby, "Geometric modelling
+/// using rational Gaussian curves and surfaces" (1995); Yoshida, Kanou and Kitajima, equations 1 to 3. Normals are those of the
+/// derivatives.
+///
+/// # Errors
+/// If there is no point, a number is not finite or not greater than 0 where it must be, two points with `through` are at one
+/// place or too near to be solved for, or there are no quads or too many.
+pub fn gaussian_surface(
+    points: &[SurfacePoint],
+    through: bool,
+    [u, v]: [usize; 2],
+) -> Result<Mesh, GaussianSurfaceError> {
+    if points.is_empty() {
+        return Err(GaussianSurfaceError::Nothing);
+    }
+    let count = (u.saturating_add(1)).saturating_mul(v.saturating_add(1));
+    if u == 0 || v == 0 || MOST_VERTICES < count {
+        return Err(GaussianSurfaceError::Size { u, v });
+    }
+    let surface = coefficients(points, through)?;
+    let at = |index: usize| {
+        let (row, column) = (index / (v + 1), index % (v + 1));
+        Point3::new(row as f64 / u as f64, column as f64 / v as f64, 0.0)
+    };
+    let parameters: Vec<Point3<f64>> = (0..count).map(at).collect();
+    let mut places = vec![Point3::origin(); count];
+    let mut slopes = vec![Matrix3::zeros(); count];
+    let chunks = parameters.par_chunks(CHUNK).zip(places.par_chunks_mut(CHUNK));
+    chunks.zip(slopes.par_chunks_mut(CHUNK)).for_each(|((parameters, places), slopes)| {
+        surface.apply(&surface.terms, parameters, places, Some(slopes));
+    });
+    let corner = |quad: usize| (quad / v * (v + 1) + quad % v) as u32;
+    let quad = |quad: usize| {
+        let (a, b) = (corner(quad), corner(quad) + v as u32 + 1);
+        [a, b, b + 1, a + 1]
+    };
+    let mesh = Mesh::new(places, Faces::uniform(4, Vec::from_iter((0..u * v).flat_map(quad)))?)?;
+    let faces = mesh.vertex_normals();
+    let normal = |(slope, face): (&Matrix3<f64>, &Vector3<f64>)| {
+        // Where the surface is a point or an edge its faces must do.
+        let normal: Vector3<f64> = slope.column(0).cross(&slope.column(1));
+        normal.try_normalize(0.0).unwrap_or(*face).into()
+    };
+    let normals = slopes.iter().zip(&faces).map(normal).collect();
+    let uv = parameters.iter().map(|at| [at.x, at.y]).collect();
+    Ok(mesh
+        .with_vertex("normal", Attribute::Vector(normals))?
+        .with_vertex("uv", Attribute::Pair(uv))?)
+}
+
+/// As many vertices as a surface of the greatest number of quads per direction would hardly fill.
+const MOST_VERTICES: usize = 1 << 26;
+
+/// Vertices that one task computes.
+const CHUNK: usize = 4096;
+
+/// The sum of Gaussians that is the surface.
+fn coefficients(points: &[SurfacePoint], through: bool) -> Result<Deformation, FfdError> {
+    let handle = |point: &SurfacePoint| Handle {
+        at: [point.at[0], point.at[1], 0.0],
+        to: Some(point.to),
+        sigma: point.sigma.map(|[u, v]| [u, v, 1.0]),
+        weight: point.weight,
+    };
+    let handles = Vec::from_iter(points.iter().map(handle));
+    let handles = Handles::new(HandleSpace::World, &handles)?;
+    let base = Base::keep(0.0);
+    if !through {
+        let (layout, to) = chosen(&handles, SQUARE, Mode::Displacement)?;
+        let values = to.iter().map(|to| (*to).into()).collect();
+        return Ok(Deformation::new(layout.gaussians(), values, base));
+    }
+    let prepared = prepare(&handles, SQUARE, Mode::Displacement, 0.0, 0.0)?;
+    let system = System::new(&prepared.layout)?;
+    let solve = |axis: usize| system.solve(prepared.to.iter().map(|to| to[axis])).coefficients;
+    let [x, y, z] = [0, 1, 2].map(solve);
+    let values = (0..x.len()).map(|index| [x[index], y[index], z[index]]).collect();
+    Ok(Deformation::new(prepared.layout.gaussians(), values, base))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(at: [f64; 2], height: f64, sigma: f64) -> SurfacePoint {
+        SurfacePoint { at, to: [at[0], at[1], height], sigma: Some([sigma; 2]), weight: 1.0 }
+    }
+
+    /// The nine points of algorithms.md, 9.7: a bump in the middle, with a deviation of its own.
+    fn bump(middle: f64) -> Vec<SurfacePoint> {
+        let place = |k: usize| [(k / 3) as f64 / 2.0, (k % 3) as f64 / 2.0];
+        (0..9)
+            .map(|k| if k == 4 { point(place(k), 1.0, middle) } else { point(place(k), 0.0, 0.25) })
+            .collect()
+    }
+
+    // T-FFD-10.
+    #[test]
+    fn the_bump_has_the_heights_of_the_published_figure() {
+        for (sigma, beside) in
+            [(0.25, 0.389_922_2), (0.18, 0.286_561_0), (0.12, 0.107_380_8), (0.06, 0.000_179_0)]
+        {
+            let mesh = gaussian_surface(&bump(sigma), false, [4, 4]).unwrap();
+            let height = |u: usize, v: usize| mesh.positions()[u * 5 + v].z;
+            let top = 1.0 / (1.0 + 4.0 * libm::exp(-2.0) + 4.0 * libm::exp(-4.0));
+            assert!((height(2, 2) - top).abs() <= 1e-6, "{sigma}: {}", height(2, 2));
+            assert!((top - 0.619_347_0).abs() <= 1e-6);
+            assert!((height(3, 2) - beside).abs() <= 1e-6, "{sigma}: {}", height(3, 2));
+        }
+    }
+
+    // T-FFD-10.
+    #[test]
+    fn the_surface_lies_in_the_hull_of_its_points() {
+        let mesh = gaussian_surface(&bump(0.1), false, [20, 20]).unwrap();
+        for k in 0..100 {
+            let k = f64::from(k);
+            let direction =
+                Vector3::new(libm::sin(k), libm::cos(1.7 * k), libm::sin(2.3 * k + 1.0));
+            let support = |points: &mut dyn Iterator<Item = Vector3<f64>>| {
+                points.map(|point| point.dot(&direction)).fold(f64::NEG_INFINITY, f64::max)
+            };
+            let hull = support(&mut bump(0.1).iter().map(|point| Vector3::from(point.to)));
+            let surface = support(&mut mesh.positions().iter().map(|point| point.coords));
+            assert!(surface <= hull + 1e-14, "{surface} {hull}");
+        }
+    }
+
+    #[test]
+    fn a_surface_through_its_points_meets_them() {
+        let mesh = gaussian_surface(&bump(0.2), true, [2, 2]).unwrap();
+        for (vertex, point) in mesh.positions().iter().zip(bump(0.2)) {
+            assert!((vertex - Point3::from(point.to)).norm() <= 1e-12, "{vertex}");
+        }
+    }
+
+    #[test]
+    fn normals_are_those_of_the_surface() {
+        let mesh = gaussian_surface(&bump(0.25), false, [200, 200]).unwrap();
+        let (exact, faces) = (mesh.vertex().vectors("normal").unwrap(), mesh.vertex_normals());
+        for (vertex, (exact, faces)) in exact.iter().zip(&faces).enumerate() {
+            let inside = (1..200).contains(&(vertex / 201)) && (1..200).contains(&(vertex % 201));
+            let angle = (Vector3::from(*exact) - faces).norm();
+            assert!(!inside || angle <= 1e-3, "{vertex}: {angle}");
+        }
+        assert!(exact[200 * 100 + 300][2] > 0.0);
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        assert_eq!(gaussian_surface(&[], false, [1, 1]), Err(GaussianSurfaceError::Nothing));
+        assert!(gaussian_surface(&bump(0.1), false, [0, 1]).is_err());
+        assert!(gaussian_surface(&bump(0.1), false, [usize::MAX, 2]).is_err());
+        assert!(gaussian_surface(&bump(-0.1), false, [1, 1]).is_err());
+        let twice = [point([0.5; 2], 0.0, 0.1), point([0.5; 2], 1.0, 0.1)];
+        assert!(gaussian_surface(&twice, false, [1, 1]).is_ok());
+        let error = gaussian_surface(&twice, true, [1, 1]).unwrap_err();
+        assert_eq!(error, FfdError::Conflicting { first: 0, second: 1 }.into());
+    }
+}

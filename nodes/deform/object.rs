@@ -1,0 +1,116 @@
+//! What can be deformed, as points and back.
+
+use maquette::value::{Attribute, Mesh, Points};
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+use super::FfdError;
+use super::field::{Field, Wanted, turned};
+use super::layout::Bounds;
+use crate::mesh::Movable;
+
+/// All points of an object.
+pub(super) fn points(what: &Movable) -> &[Point3<f64>] {
+    match what {
+        Movable::Mesh(mesh) => mesh.positions(),
+        Movable::RangeImage(range) => range.points(),
+        Movable::Points(points) => points.positions(),
+        Movable::Curve(curve) => curve.points(),
+        Movable::ControlNet(net) => net.points(),
+    }
+}
+
+/// The box around an object; none without points.
+pub(super) fn bounds(what: &Movable) -> Option<Bounds> {
+    bounds_of(points(what))
+}
+
+/// Points that one task looks at.
+const CHUNK: usize = 32768;
+
+/// The box around the points that are there.
+pub(super) fn bounds_of(points: &[Point3<f64>]) -> Option<Bounds> {
+    let both = |a: Bounds, b: Bounds| -> Bounds {
+        (a.0.coords.inf(&b.0.coords).into(), a.1.coords.sup(&b.1.coords).into())
+    };
+    let of_chunk = |points: &[Point3<f64>]| {
+        let there = points.iter().filter(|point| !point.x.is_nan());
+        there.map(|point| (*point, *point)).reduce(both)
+    };
+    let chunks: Vec<Option<Bounds>> = points.par_chunks(CHUNK).map(of_chunk).collect();
+    chunks.into_iter().flatten().reduce(both)
+}
+
+/// What an object needs of its deformation beside the positions. Points without normals have no inside that could be turned
+/// out.
+pub(super) fn wanted(what: &Movable) -> Wanted<'_> {
+    let wanted = Wanted { folds: true, ..Wanted::default() };
+    match what {
+        Movable::Mesh(mesh) => Wanted {
+            normals: mesh.vertex().vectors("normal").map(|normals| &normals[..]),
+            jacobians: mesh.corner().vectors("normal").is_some(),
+            ..wanted
+        },
+        Movable::Points(points) => match points.attributes().vectors("normal") {
+            Some(normals) => Wanted { normals: Some(normals), ..wanted },
+            None => Wanted::default(),
+        },
+        Movable::RangeImage(_) | Movable::Curve(_) | Movable::ControlNet(_) => wanted,
+    }
+}
+
+/// The object with its points moved.
+pub(super) fn rebuilt(what: &Movable, field: Field) -> Result<Movable, FfdError> {
+    Ok(match what {
+        Movable::Mesh(mesh) => Movable::Mesh(mesh_of(mesh, field)?),
+        Movable::Points(points) => Movable::Points(points_of(points, field)?),
+        Movable::Curve(curve) => Movable::Curve(curve.with_points(field.positions)?),
+        Movable::RangeImage(range) => {
+            let places = range.points().iter().zip(&field.positions);
+            let lost = |(old, new): (&Point3<f64>, &Point3<f64>)| {
+                !old.x.is_nan() && !new.coords.iter().all(|x| x.is_finite())
+            };
+            if let Some(cell) = places.into_iter().position(lost) {
+                return Err(FfdError::NotFinite { cell });
+            }
+            Movable::RangeImage(range.with_points(field.positions)?)
+        }
+        Movable::ControlNet(net) => {
+            let mut positions = field.positions;
+            for ((new, old), fixed) in positions.iter_mut().zip(net.points()).zip(net.fixed()) {
+                if *fixed == 1 {
+                    *new = *old;
+                }
+            }
+            Movable::ControlNet(net.clone().with_points(positions)?)
+        }
+    })
+}
+
+fn mesh_of(mesh: &Mesh, field: Field) -> Result<Mesh, FfdError> {
+    let mut moved = mesh.with_positions(field.positions)?.without("folded");
+    if !field.normals.is_empty() {
+        moved = moved.with_vertex("normal", Attribute::Vector(field.normals.into()))?;
+    }
+    if let Some(normals) = mesh.corner().vectors("normal") {
+        let corners = mesh.faces().corners().iter().zip(normals.iter());
+        let turned =
+            corners.map(|(&vertex, normal)| turned(&field.jacobians[vertex as usize], normal));
+        moved = moved.with_corner("normal", Attribute::Vector(turned.collect()))?;
+    }
+    if field.folded.contains(&1) {
+        moved = moved.with_vertex("folded", Attribute::Flag(field.folded.into()))?;
+    }
+    Ok(moved)
+}
+
+fn points_of(points: &Points, field: Field) -> Result<Points, FfdError> {
+    let mut moved = points.with_positions(field.positions)?;
+    if !field.normals.is_empty() {
+        moved = moved.with_attribute("normal", Attribute::Vector(field.normals.into()))?;
+    }
+    if field.folded.contains(&1) {
+        moved = moved.with_attribute("folded", Attribute::Flag(field.folded.into()))?;
+    }
+    Ok(moved)
+}

@@ -1,0 +1,151 @@
+//! What must hold of deformations, with exact answers; the identifiers are those of algorithms.md, section 13.
+
+use maquette::Progress;
+use maquette::value::{Handle, HandleSpace, Handles, Points};
+use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
+
+use super::gaussians::Gaussians;
+use super::layout::{Layout, prepare};
+use super::system::System;
+use super::{Deforming, FfdError, Mode, Report, ffd};
+use crate::mesh::Movable;
+
+mod forms;
+mod objects;
+mod tables;
+
+/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
+pub(super) struct Random(pub(super) u64);
+
+impl Random {
+    /// Evenly between 0 and 1.
+    pub(super) fn even(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.0;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    pub(super) fn point(&mut self) -> Point3<f64> {
+        let mut next = || self.even();
+        Point3::new(next(), next(), next())
+    }
+
+    pub(super) fn points(&mut self, count: usize) -> Vec<Point3<f64>> {
+        (0..count).map(|_| self.point()).collect()
+    }
+}
+
+pub(super) const UNIT: (Point3<f64>, Point3<f64>) =
+    (Point3::new(0.0, 0.0, 0.0), Point3::new(1.0, 1.0, 1.0));
+
+pub(super) fn handle(at: Point3<f64>, to: Point3<f64>, sigma: [f64; 3]) -> Handle {
+    Handle { at: at.into(), to: Some(to.into()), sigma: Some(sigma), weight: 1.0 }
+}
+
+/// The corners of the unit cube, at rest.
+pub(super) fn corners(sigma: [f64; 3]) -> Vec<Handle> {
+    let bit = |k: usize, axis: usize| (k >> axis & 1) as f64;
+    let corner = |k| Point3::new(bit(k, 0), bit(k, 1), bit(k, 2));
+    (0..8).map(|k| handle(corner(k), corner(k), sigma)).collect()
+}
+
+pub(super) fn in_world(handles: &[Handle]) -> Handles {
+    Handles::new(HandleSpace::World, handles).unwrap()
+}
+
+/// In the unit cube.
+pub(super) fn how(mode: Mode) -> Deforming {
+    Deforming { mode, frame: Some(UNIT), ..Deforming::default() }
+}
+
+pub(super) fn try_move(
+    points: &[Point3<f64>],
+    handles: &[Handle],
+    how: Deforming,
+) -> Result<(Vec<Point3<f64>>, Report), FfdError> {
+    let what = Movable::Points(Points::new(points.to_vec()).unwrap());
+    let (moved, report) = ffd(&what, &in_world(handles), how, &Progress::none())?;
+    let Movable::Points(moved) = moved else { panic!("points stay points") };
+    Ok((moved.positions().to_vec(), report))
+}
+
+pub(super) fn moved(
+    points: &[Point3<f64>],
+    handles: &[Handle],
+    how: Deforming,
+) -> Vec<Point3<f64>> {
+    try_move(points, handles, how).unwrap().0
+}
+
+pub(super) fn layout(handles: &[Handle], mode: Mode) -> Layout {
+    prepare(&in_world(handles), UNIT, mode, 0.0, 0.0).unwrap().layout
+}
+
+/// The condition in the 2-norm of the matrix of shares, by its singular values.
+pub(super) fn condition(handles: &[Handle]) -> f64 {
+    let layout = layout(handles, Mode::Displacement);
+    let gaussians: Gaussians = layout.gaussians();
+    let rows = layout.at.iter().flat_map(|&at| gaussians.shares(at));
+    let n = layout.at.len();
+    let values = DMatrix::from_row_iterator(n, n, rows).singular_values();
+    values.max() / values.min()
+}
+
+pub(super) fn farthest(a: &[Point3<f64>], b: &[Point3<f64>]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+}
+
+/// Handles in a jittered grid, with anisotropic deviations, weights and targets of their own.
+pub(super) fn scattered(random: &mut Random, sides: usize, reach: f64) -> Vec<Handle> {
+    let cell = |k: usize| (k as f64 + 0.5) / sides as f64;
+    let step = 0.3 / sides as f64;
+    let place =
+        |k: usize| Point3::new(cell(k % sides), cell(k / sides % sides), cell(k / sides / sides));
+    let mut handles = Vec::new();
+    for k in 0..sides * sides * sides {
+        let mut shift = || (random.point() - Point3::new(0.5, 0.5, 0.5)) * step;
+        let at = place(k) + shift();
+        let to = at + shift();
+        let sigma = [0, 1, 2].map(|_| reach * (0.8 + 0.4 * random.even()) / sides as f64);
+        handles.push(Handle { weight: 0.5 + random.even(), ..handle(at, to, sigma) });
+    }
+    handles
+}
+
+fn solve(handles: &[Handle], mode: Mode) -> System {
+    System::new(&layout(handles, mode)).unwrap()
+}
+
+/// Where one point goes, and the derivatives there.
+fn deformed(handles: &[Handle], mode: Mode, point: Point3<f64>) -> (Point3<f64>, Matrix3<f64>) {
+    let prepared = prepare(&in_world(handles), UNIT, mode, 0.0, 0.0).unwrap();
+    let deformation = ffd::deformation(&prepared, &solve(handles, mode));
+    let (mut there, mut jacobian) = ([point], [Matrix3::zeros()]);
+    deformation.apply(&deformation.terms, &[point], &mut there, Some(&mut jacobian));
+    (there[0], jacobian[0])
+}
+
+/// What holds for every form.
+const MODES: [Mode; 3] = [Mode::Displacement, Mode::Absolute, Mode::Affine];
+
+// T-FFD-09.
+#[test]
+fn derivatives_are_those_of_differences() {
+    let mut random = Random(3);
+    let handles = scattered(&mut random, 3, 0.7);
+    for mode in MODES {
+        for point in random.points(20).into_iter().chain([Point3::new(3.0, -2.0, 0.5)]) {
+            let (_, jacobian) = deformed(&handles, mode, point);
+            for axis in 0..3 {
+                let step = Vector3::ith(axis, 1e-5);
+                let there = |sign: f64| deformed(&handles, mode, point + step * sign).0;
+                let difference = (there(1.0) - there(-1.0)) / 2e-5;
+                let off = (jacobian.column(axis) - difference).norm();
+                assert!(off <= 1e-6 * jacobian.norm().max(1.0), "{mode:?} at {point}: {off}");
+            }
+        }
+    }
+}

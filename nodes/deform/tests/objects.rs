@@ -1,0 +1,214 @@
+//! What is deformed: meshes, range images, points, curves and nets; and by how many threads.
+
+use maquette::value::{Attribute, ControlNet, Curve, Faces, KnotVector, Mesh, RangeImage};
+
+use super::super::Drag;
+use super::*;
+
+fn apply(what: &Movable, handles: &[Handle], how: Deforming) -> (Movable, Report) {
+    ffd(what, &in_world(handles), how, &Progress::none()).unwrap()
+}
+
+/// A sheet of quads in the unit square at this height, with normals up.
+fn sheet(sides: usize, height: f64) -> Mesh {
+    let point = |k: usize| {
+        let at = |k: usize| k as f64 / sides as f64;
+        Point3::new(at(k % (sides + 1)), at(k / (sides + 1)), height)
+    };
+    let corner = |k: usize| (k / sides * (sides + 1) + k % sides) as u32;
+    let next = sides as u32 + 1;
+    let quad = |k: usize| [corner(k), corner(k) + 1, corner(k) + next + 1, corner(k) + next];
+    let faces = Faces::uniform(4, (0..sides * sides).flat_map(quad).collect::<Vec<_>>()).unwrap();
+    let count = (sides + 1) * (sides + 1);
+    let mesh = Mesh::new((0..count).map(point).collect::<Vec<_>>(), faces).unwrap();
+    let normals = Attribute::Vector(vec![[0.0, 0.0, 1.0]; count].into());
+    let corners = Attribute::Vector(vec![[0.0, 0.0, 1.0]; 4 * sides * sides].into());
+    let uv = Attribute::Pair(vec![[0.25, 0.5]; count].into());
+    mesh.with_vertex("normal", normals)
+        .unwrap()
+        .with_corner("normal", corners)
+        .unwrap()
+        .with_vertex("uv", uv)
+        .unwrap()
+}
+
+fn mesh_of(what: Movable) -> Mesh {
+    let Movable::Mesh(mesh) = what else { panic!("a mesh stays a mesh") };
+    mesh
+}
+
+// T-FFD-09.
+#[test]
+fn normals_of_a_plane_under_an_affine_motion_are_those_of_its_image() {
+    let linear = Matrix3::new(0.8, 0.3, -0.2, 0.1, 1.2, 0.4, 0.5, -0.1, 0.9);
+    let handles: Vec<Handle> = corners([0.5; 3])
+        .into_iter()
+        .map(|handle| Handle { to: Some((linear * Vector3::from(handle.at)).into()), ..handle })
+        .collect();
+    let mesh = mesh_of(apply(&Movable::Mesh(sheet(4, 0.3)), &handles, how(Mode::Affine)).0);
+    let expected = (linear.column(0).cross(&linear.column(1))).normalize();
+    let normals = mesh.vertex().vectors("normal").unwrap().iter();
+    for normal in normals.chain(mesh.corner().vectors("normal").unwrap().iter()) {
+        assert!((Vector3::from(*normal) - expected).norm() <= 1e-12, "{normal:?} {expected}");
+    }
+    // T-TEX-02.
+    assert_eq!(mesh.vertex().pairs("uv").unwrap()[3], [0.25, 0.5]);
+    assert_eq!(mesh.faces(), sheet(4, 0.3).faces());
+}
+
+#[test]
+fn normals_of_a_bent_sheet_are_near_those_of_its_faces() {
+    let mut handles = corners([0.4; 3]);
+    let at = Point3::new(0.5, 0.5, 0.5);
+    handles.push(handle(at, at + Vector3::new(0.1, 0.0, 0.3), [0.25; 3]));
+    let mesh = mesh_of(apply(&Movable::Mesh(sheet(100, 0.5)), &handles, how(Mode::Displacement)).0);
+    let exact = mesh.vertex().vectors("normal").unwrap();
+    for (vertex, faces) in mesh.vertex_normals().iter().enumerate() {
+        let inside = (1..100).contains(&(vertex / 101)) && (1..100).contains(&(vertex % 101));
+        let off = (Vector3::from(exact[vertex]) - faces).norm();
+        assert!(!inside || off <= 2e-3, "{vertex}: {off}");
+    }
+}
+
+#[test]
+fn folds_are_counted_and_marked_and_their_marks_do_not_stay() {
+    let pulled = |far: f64| {
+        let mut handles = corners([0.5; 3]);
+        let at = Point3::new(0.5, 0.5, 0.5);
+        handles.push(handle(at, at + Vector3::new(far, 0.0, 0.0), [0.15; 3]));
+        handles
+    };
+    let how = Deforming { background: 0.01, ..how(Mode::Displacement) };
+    let (calm, report) = apply(&Movable::Mesh(sheet(40, 0.5)), &pulled(0.05), how);
+    assert_eq!(report.folded, 0);
+    assert!(0.0 < report.least && report.least < 1.0, "{}", report.least);
+    assert_eq!(mesh_of(calm).vertex().get("folded"), None);
+    let (folded, report) = apply(&Movable::Mesh(sheet(40, 0.5)), &pulled(0.6), how);
+    assert!(0 < report.folded && report.folded < 41 * 41 / 2 && report.least < 0.0, "{report:?}");
+    let mesh = mesh_of(folded.clone());
+    let Some(Attribute::Flag(flags)) = mesh.vertex().get("folded") else { panic!("no marks") };
+    assert_eq!(flags.iter().filter(|flag| **flag == 1).count(), report.folded);
+    let (calm, _) = apply(&folded, &pulled(0.01), how);
+    assert_eq!(mesh_of(calm).vertex().get("folded"), None);
+}
+
+fn pull() -> Vec<Handle> {
+    let mut handles = corners([0.5; 3]);
+    handles[0].to = Some([0.0, 0.1, -0.2]);
+    handles
+}
+
+#[test]
+fn a_range_image_keeps_its_holes_and_its_camera() {
+    let hole = Point3::new(f64::NAN, 0.0, 0.0);
+    let points = vec![Point3::origin(), hole, Point3::new(1.0, 1.0, 1.0), hole];
+    let camera = maquette::value::Pinhole { focal: [1.0; 2], center: [0.0; 2] };
+    let range = RangeImage::new(2, 2, points).unwrap().with_camera(Some(camera));
+    let (there, _) = apply(&Movable::RangeImage(range), &pull(), how(Mode::Displacement));
+    let Movable::RangeImage(there) = there else { panic!("a range image stays one") };
+    assert!((there.point(0).unwrap() - Point3::new(0.0, 0.1, -0.2)).norm() <= 1e-14);
+    assert_eq!((there.n_valid(), there.point(1), there.camera()), (2, None, Some(&camera)));
+}
+
+#[test]
+fn a_net_keeps_its_fixed_points_and_its_base() {
+    let points = vec![Point3::origin(), Point3::origin(), Point3::new(1.0, 0.0, 0.0)];
+    let net = ControlNet::new(1, 3, points).unwrap();
+    let net = net.with_weights(vec![1., 2., 3.]).unwrap().with_fixed(vec![0, 1, 0]).unwrap();
+    let (there, _) = apply(&Movable::ControlNet(net.clone()), &pull(), how(Mode::Displacement));
+    let Movable::ControlNet(there) = there else { panic!("a net stays a net") };
+    assert!((there.points()[0] - Point3::new(0.0, 0.1, -0.2)).norm() <= 1e-14);
+    assert_eq!((there.points()[1], there.base()), (Point3::origin(), net.base()));
+    assert_eq!(there.weights(), net.weights());
+}
+
+#[test]
+fn curves_and_points_move_with_what_they_carry() {
+    let places = vec![Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(1.0, 1.0, 0.0)];
+    let knots = KnotVector::uniform(3, 3).unwrap();
+    let curve = Curve::rational(places.clone(), vec![1., 2., 1.], knots).unwrap();
+    let (there, _) = apply(&Movable::Curve(curve.clone()), &pull(), how(Mode::Displacement));
+    let Movable::Curve(there) = there else { panic!("a curve stays a curve") };
+    assert!((there.points()[0] - Point3::new(0.0, 0.1, -0.2)).norm() <= 1e-14);
+    assert_eq!((there.weights(), there.knots()), (curve.weights(), curve.knots()));
+    let normals = Attribute::Vector(vec![[0.0, 0.0, 1.0]; 3].into());
+    let points = Points::new(places).unwrap().with_attribute("normal", normals).unwrap();
+    let (there, report) = apply(&Movable::Points(points), &pull(), how(Mode::Displacement));
+    let Movable::Points(there) = there else { panic!("points stay points") };
+    let normal = Vector3::from(there.attributes().vectors("normal").unwrap()[1]);
+    assert!((normal.norm() - 1.0).abs() <= 1e-14 && report.least.is_finite());
+}
+
+#[test]
+fn the_box_is_that_of_the_object_or_of_another() {
+    let points = [Point3::new(2.0, 2.0, 2.0), Point3::new(4.0, 6.0, 2.0)];
+    let handles =
+        [Handle { at: [1.0, 1.0, 0.0], to: Some([1.5, 1.0, 0.0]), sigma: None, weight: 1.0 }];
+    let handles = Handles::new(HandleSpace::Box, &handles).unwrap();
+    let what = Movable::Points(Points::new(points.to_vec()).unwrap());
+    let first = |frame| {
+        let how = Deforming { frame, ..Deforming::default() };
+        let (moved, _) = ffd(&what, &handles, how, &Progress::none()).unwrap();
+        let Movable::Points(moved) = moved else { panic!("points stay points") };
+        moved.positions()[0]
+    };
+    assert_eq!(first(None), Point3::new(3.0, 2.0, 2.0));
+    assert_eq!(first(Some(UNIT)), Point3::new(2.5, 2.0, 2.0));
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let mut random = Random(21);
+    let handles = scattered(&mut random, 3, 0.6);
+    let mesh = Movable::Mesh(sheet(150, 0.4));
+    for accuracy in [0.0, 1e-7] {
+        let how = Deforming { accuracy, ..how(Mode::Affine) };
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let (moved, _) = pool.install(|| apply(&mesh, &handles, how));
+            let mesh = mesh_of(moved);
+            maquette::hash_of(&mesh)
+        };
+        assert!([2, 8].iter().all(|&threads| run(threads) == run(1)));
+    }
+}
+
+#[test]
+fn a_drag_gives_what_a_deformation_gives() {
+    let mut random = Random(22);
+    let handles = scattered(&mut random, 3, 0.6);
+    let at_rest: Vec<Handle> =
+        handles.iter().map(|handle| Handle { to: Some(handle.at), ..*handle }).collect();
+    let mesh = Movable::Mesh(sheet(20, 0.4));
+    let dragged = [3, 20, 7, 11, 3];
+    for (handles, mode) in
+        [(&handles, MODES[0]), (&handles, MODES[1]), (&handles, MODES[2]), (&at_rest, MODES[0])]
+    {
+        let drag = Drag::new(&mesh, &in_world(handles), &dragged, how(mode)).unwrap();
+        let targets: Vec<_> = dragged.iter().map(|&k| (k, random.point())).collect();
+        let (there, report) = drag.to(&targets, &Progress::none()).unwrap();
+        let mut now = handles.clone();
+        targets.iter().for_each(|(k, to)| now[*k].to = Some((*to).into()));
+        let (expected, direct) = apply(&mesh, &now, how(mode));
+        let (there, expected) = (mesh_of(there), mesh_of(expected));
+        assert!(farthest(there.positions(), expected.positions()) <= 1e-12, "{mode:?}");
+        let normals = |mesh: &Mesh| mesh.vertex().vectors("normal").unwrap().to_vec();
+        for (a, b) in normals(&there).into_iter().zip(normals(&expected)) {
+            assert!((Vector3::from(a) - Vector3::from(b)).norm() <= 1e-9);
+        }
+        assert_eq!(report.folded, direct.folded);
+        assert!((report.least - direct.least).abs() <= 1e-9 * direct.least.abs().max(1.0));
+        assert!(report.residual <= 1e-10);
+    }
+    let error = Drag::new(&mesh, &in_world(&handles), &[27], how(MODES[0])).err();
+    assert_eq!(error, Some(FfdError::NoHandle { handle: 27, handles: 27 }));
+}
+
+#[test]
+fn a_drag_of_nothing_changes_nothing() {
+    let mesh = Movable::Mesh(sheet(3, 0.4));
+    let handles = corners([0.5; 3]);
+    let drag = Drag::new(&mesh, &in_world(&handles), &[2], how(Mode::Displacement)).unwrap();
+    let (there, _) = drag.to(&[(2, Point3::from(handles[2].at))], &Progress::none()).unwrap();
+    assert_eq!(mesh_of(there), sheet(3, 0.4));
+}

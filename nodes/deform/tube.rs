@@ -1,0 +1,198 @@
+//! Curves as tubes, to be seen and printed.
+
+use maquette::value::{Curve, Faces, Mesh, MeshError};
+use maquette::{Context, Error, In, Node};
+use nalgebra::{Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Makes a tube of a curve: a mesh to be seen and printed. An open curve's tube is closed at both ends.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Tube {
+    /// The curve.
+    pub curve: In<Curve>,
+    /// The tube's radius.
+    #[schemars(range(min = 1e-6), extend("unit" = "mm"))]
+    #[serde(default = "one")]
+    pub radius: f64,
+    /// Corners around it.
+    #[schemars(range(min = 3, max = 256))]
+    #[serde(default = "eight")]
+    pub sides: usize,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn eight() -> usize {
+    8
+}
+
+/// Why there is no tube.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TubeError {
+    /// A radius or a number of sides that makes no tube.
+    #[error("a tube of radius {radius} mm with {sides} sides is none")]
+    Size {
+        /// The radius.
+        radius: f64,
+        /// The number of sides.
+        sides: usize,
+    },
+    /// A curve whose points are all one.
+    #[error("the curve has no length")]
+    NoLength,
+    /// No mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}
+
+impl Node for Tube {
+    type Outputs = (Mesh,);
+    const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((tube(cx.get(&self.curve), self.radius, self.sides)?,))
+    }
+}
+
+/// A ring of `sides` vertices around each point of a polyline, or around as many points of a B-spline as its shape needs,
+/// `radius` mm away, and quads between rings.
+///
+/// Rings are square to the mean of the directions before and behind their point, and turn no more than the curve bends:
+/// Bishop, "There is more than one way to frame a curve" (1975).
+///
+/// # Errors
+/// If the radius is not greater than 0 and finite, there are fewer than 3 sides or more than 256, or the curve has no length.
+pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError> {
+    if !(radius > 0.0 && radius.is_finite() && (3..=256).contains(&sides)) {
+        return Err(TubeError::Size { radius, sides });
+    }
+    let is_closed = curve.is_closed();
+    let mut points = curve.sample(0);
+    // A place that repeats the one before it has no direction.
+    points.dedup();
+    if is_closed && points.first() == points.last() {
+        points.pop();
+    }
+    let directions = directions(&points, is_closed).ok_or(TubeError::NoLength)?;
+    let mut side = any_normal(directions[0]);
+    let mut positions = Vec::with_capacity(points.len() * sides);
+    for (point, direction) in points.iter().zip(&directions) {
+        let rest = side - direction * side.dot(direction);
+        side = rest.try_normalize(0.0).unwrap_or_else(|| any_normal(*direction));
+        let other = direction.cross(&side);
+        positions.extend((0..sides).map(|corner| {
+            let angle = std::f64::consts::TAU * corner as f64 / sides as f64;
+            let (sine, cosine) = libm::sincos(angle);
+            point + (side * cosine + other * sine) * radius
+        }));
+    }
+    let faces = faces(&positions, points.len(), sides, is_closed)?;
+    Ok(Mesh::new(positions, faces)?)
+}
+
+/// The direction of the curve at each point; none if it has nowhere one.
+fn directions(points: &[Point3<f64>], is_closed: bool) -> Option<Vec<Vector3<f64>>> {
+    let count = points.len();
+    let step = |from: usize, to: usize| (points[to] - points[from]).try_normalize(0.0);
+    let direction = |index: usize| {
+        let before = (is_closed || index > 0).then(|| step((index + count - 1) % count, index));
+        let behind = (is_closed || index + 1 < count).then(|| step(index, (index + 1) % count));
+        let before = before.flatten();
+        let both = before.unwrap_or_default() + behind.flatten().unwrap_or_default();
+        // Where the curve turns back there is only the direction that it came from.
+        both.try_normalize(1e-9).or(before)
+    };
+    if count < 2 {
+        return None;
+    }
+    (0..count).map(direction).collect()
+}
+
+fn any_normal(direction: Vector3<f64>) -> Vector3<f64> {
+    let axis = direction.iamin();
+    let rest = Vector3::ith(axis, 1.0) - direction * direction[axis];
+    rest.normalize()
+}
+
+/// The quads between neighboring rings, and the ends.
+fn faces(
+    positions: &[Point3<f64>],
+    rings: usize,
+    sides: usize,
+    is_closed: bool,
+) -> Result<Faces, MeshError> {
+    let mut corners = Vec::new();
+    let vertex = |ring: usize, corner: usize| (ring * sides + corner % sides) as u32;
+    let mut quads = |from: usize, to: usize, turn: usize| {
+        for corner in 0..sides {
+            corners.extend([
+                vertex(from, corner),
+                vertex(from, corner + 1),
+                vertex(to, corner + 1 + turn),
+                vertex(to, corner + turn),
+            ]);
+        }
+    };
+    (1..rings).for_each(|ring| quads(ring - 1, ring, 0));
+    if is_closed {
+        // What the rings have turned on the way round is undone by whole corners.
+        let last = positions[(rings - 1) * sides];
+        let far = |turn: &usize| (positions[*turn] - last).norm();
+        let turn = (0..sides).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
+        quads(rings - 1, 0, turn);
+        return Faces::uniform(4, corners);
+    }
+    let mut counts = vec![4; (rings - 1) * sides];
+    corners.extend((0..sides).rev().map(|corner| vertex(0, corner)));
+    corners.extend((0..sides).map(|corner| vertex(rings - 1, corner)));
+    counts.extend([sides; 2]);
+    Faces::polygons(&counts, corners)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn volume(mesh: &Mesh) -> f64 {
+        let cone =
+            |face: &[u32]| mesh.area_vector(face).dot(&mesh.positions()[face[0] as usize].coords);
+        mesh.faces().iter().map(cone).sum::<f64>() / 3.0
+    }
+
+    #[test]
+    fn a_straight_tube_is_a_closed_prism_turned_outside() {
+        let ends = vec![Point3::new(1.0, 2.0, 3.0), Point3::new(1.0, 2.0, 8.0)];
+        let mesh = tube(&Curve::polyline(ends, false).unwrap(), 2.0, 4).unwrap();
+        assert!((volume(&mesh) - 5.0 * 8.0).abs() < 1e-12, "{}", volume(&mesh));
+        let edges = mesh.edges();
+        assert!(edges.faces.iter().all(|faces| *faces == 2) && edges.misoriented == 0);
+    }
+
+    #[test]
+    fn a_closed_tube_is_a_torus_of_the_right_volume() {
+        let point = |k: i32| {
+            let (sine, cosine) = libm::sincos(f64::from(k) * std::f64::consts::TAU / 200.0);
+            Point3::new(3.0 * cosine, 3.0 * sine, 0.2 * sine)
+        };
+        let points: Vec<_> = (0..200).map(point).collect();
+        let mesh = tube(&Curve::polyline(points, true).unwrap(), 0.5, 40).unwrap();
+        let torus = 2.0 * std::f64::consts::PI * std::f64::consts::PI * 3.0 * 0.25;
+        assert!((volume(&mesh) / torus - 1.0).abs() < 0.01, "{}", volume(&mesh) / torus);
+        let edges = mesh.edges();
+        assert!(edges.faces.iter().all(|faces| *faces == 2) && edges.misoriented == 0);
+        assert_eq!(edges.vertices.len(), 2 * mesh.faces().len());
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        let point = Point3::new(1.0, 1.0, 1.0);
+        let curve = Curve::polyline(vec![point; 3], false).unwrap();
+        assert_eq!(tube(&curve, 1.0, 8), Err(TubeError::NoLength));
+        assert!(tube(&curve, 0.0, 8).is_err() && tube(&curve, 1.0, 2).is_err());
+        let back = vec![point, Point3::new(2.0, 1.0, 1.0), point];
+        assert!(tube(&Curve::polyline(back, false).unwrap(), 0.1, 3).is_ok());
+    }
+}

@@ -1,0 +1,140 @@
+//! The limit points of a refined mesh as explicit sparse products of its control points, and the other way round.
+
+use maquette::value::{Faces, Mesh, MeshError};
+use nalgebra::Point3;
+
+use super::columns::Column;
+use super::connectivity::Connectivity;
+use super::level::{check_triangles, creases};
+use super::limit::Limit;
+use super::loop_masks::LoopMasks;
+use super::masks::{Scratch, Stars};
+use super::sharpness::Sharpness;
+use super::stencils::Stencils;
+use super::step::Step;
+use super::topology::{Rules, Topology};
+use super::{Boundary, Creases, Scheme, SubdivideError};
+
+/// Some steps of Loop's scheme, and then the limit, for any control points of one mesh.
+///
+/// They are kept apart: their product has some 15 entries a row, each of them some 7 a row, but most rows are in the last.
+pub(super) struct Composed {
+    /// Forwards: the steps and the limit.
+    rows: Vec<Stencils>,
+    /// Backwards.
+    transposed: Vec<Stencils>,
+    /// The refined faces.
+    faces: Faces,
+}
+
+impl Composed {
+    /// # Errors
+    /// If a face is no triangle or the mesh is not manifold.
+    pub(super) fn new(mesh: &Mesh, levels: u32) -> Result<Self, SubdivideError> {
+        let rules = Rules {
+            scheme: Scheme::Loop,
+            boundary: Boundary::EdgeAndCorner,
+            creases: Creases::OpenSubdiv,
+        };
+        let mut topology = Topology {
+            rules,
+            vertices: mesh.positions().len(),
+            faces: mesh.faces().clone(),
+            creases: mesh.creases().collect(),
+        };
+        let mut rows = Vec::new();
+        let mut step: Option<Step> = None;
+        for _ in 0..levels {
+            rows.push(refinement(&topology)?);
+            let next = match &step {
+                None => Step::first(&topology)?,
+                Some(step) => step.next()?,
+            };
+            topology.vertices = rows[rows.len() - 1].len();
+            topology.faces = next.finer().clone();
+            topology.creases = next.finer_creases();
+            step = Some(next);
+        }
+        rows.push(Limit::new(&topology)?.positions);
+        let mut columns = mesh.positions().len();
+        let mut transposed = Vec::with_capacity(rows.len());
+        for rows in &rows {
+            transposed.insert(0, rows.transposed(columns));
+            columns = rows.len();
+        }
+        Ok(Self { transposed, rows, faces: topology.faces })
+    }
+
+    /// The limit points of these control points.
+    pub(super) fn scatter(&self, control: &[Column]) -> Vec<Column> {
+        self.rows.iter().fold(control.to_vec(), |column, rows| rows.apply(&column))
+    }
+
+    /// The transposed product.
+    pub(super) fn gather(&self, limits: &[Column]) -> Vec<Column> {
+        self.transposed.iter().fold(limits.to_vec(), |column, rows| rows.apply(&column))
+    }
+
+    /// The refined mesh of these control points, on the limit surface.
+    ///
+    /// # Errors
+    /// If a place is infinite.
+    pub(super) fn surface(&self, control: &[Point3<f64>]) -> Result<Mesh, MeshError> {
+        let control: Vec<Column> = control.iter().map(|point| point.coords.into()).collect();
+        let points: Vec<Point3<f64>> =
+            self.scatter(&control).into_iter().map(Point3::from).collect();
+        Mesh::new(points, self.faces.clone())
+    }
+}
+
+/// The new vertices of one step of Loop's scheme in terms of the old ones.
+fn refinement(topology: &Topology) -> Result<Stencils, SubdivideError> {
+    check_triangles(&topology.faces)?;
+    let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
+    let creases = creases(topology, &mesh);
+    let rules = topology.rules;
+    let sharpness = Sharpness::new(&mesh, rules, &creases);
+    let stars = Stars { mesh: &mesh, sharpness: &sharpness, rules, masks: LoopMasks };
+    let count = starts.len() + mesh.halves.len();
+    let (rows, _) = Stencils::build(count, |scratch: &mut Scratch, row, rows| {
+        match row.checked_sub(starts.len()) {
+            None => stars.vertex(scratch, row as u32, starts[row], rows),
+            Some(edge) => stars.edge(edge as u32, rows),
+        }
+        rows.end();
+    });
+    Ok(rows)
+}
+
+/// How far each control point is from the mean of its neighbors, and the transposed matrix. On creases and borders its two neighbors
+/// there count; where creases end or meet nothing does.
+pub(super) fn laplacian(mesh: &Mesh) -> [Stencils; 2] {
+    let count = mesh.positions().len();
+    let edges = mesh.edges();
+    let (mut all, mut sharp) = (vec![Vec::new(); count], vec![Vec::new(); count]);
+    let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
+    let creases = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
+    let held = borders.map(|(&ends, _)| ends).chain(creases.map(|(ends, _)| ends));
+    for (lists, ends) in
+        [(&mut all, Vec::from_iter(edges.vertices.iter().copied())), (&mut sharp, held.collect())]
+    {
+        for [a, b] in ends {
+            lists[a as usize].push(b);
+            lists[b as usize].push(a);
+        }
+    }
+    let (rows, _) = Stencils::build(count, |_: &mut (), vertex, rows| {
+        let neighbors = match sharp[vertex].len() {
+            0 => &all[vertex][..],
+            2 => &sharp[vertex][..],
+            _ => &[],
+        };
+        if !neighbors.is_empty() {
+            rows.push(vertex as u32, 1.0);
+        }
+        neighbors.iter().for_each(|&other| rows.push(other, -1.0 / neighbors.len() as f64));
+        rows.end();
+    });
+    let transposed = rows.transposed(count);
+    [rows, transposed]
+}

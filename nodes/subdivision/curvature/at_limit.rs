@@ -1,0 +1,174 @@
+//! The curvature of a subdivision surface at the limits of its control points.
+//!
+//! At a regular vertex the surface is a uniform B-spline or box spline of the control points around, whose second derivatives are
+//! differences of them. Elsewhere the limit has no curvature, or none that means anything: it vanishes or grows without bound. There
+//! the surface close by is taken: a quadratic surface through the limit points of the mesh refined three times.
+
+use maquette::value::{Mesh, NearestPlace, TriangleTree};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::super::connectivity::{Connectivity, NONE, Ring};
+use super::super::limit::Limit;
+use super::super::topology::Topology;
+use super::super::without_border::select_faces;
+use super::super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
+use super::bending::Bending;
+use super::discrete::Neighbors;
+use super::{BentMesh, CurvatureError};
+
+/// Steps after which the surface around an extraordinary vertex is looked at.
+const LEVELS: u32 = 3;
+
+pub(super) fn at_limit(
+    mesh: &Mesh,
+    scheme: Scheme,
+    boundary: Boundary,
+) -> Result<BentMesh, CurvatureError> {
+    if boundary == Boundary::None {
+        return Err(CurvatureError::NoBorder);
+    }
+    let (creases, corners) = (Creases::OpenSubdiv, Corners::Linear);
+    let how = Subdivision { scheme, levels: 0, limit: false, boundary, creases, corners };
+    let limit = Limit::new(&Topology::of(mesh, how))?.apply(mesh)?;
+    let (connectivity, starts) = Connectivity::new(mesh.faces(), mesh.positions().len())?;
+    let mut creased = vec![false; starts.len()];
+    let sharp = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
+    sharp.flat_map(|(ends, _)| ends).for_each(|end| creased[end as usize] = true);
+    let stars = Stars { connectivity: &connectivity, control: mesh.positions(), scheme };
+    let of = |ring: &mut Ring, vertex: usize| {
+        if starts[vertex] == NONE || creased[vertex] && scheme != Scheme::DooSabin {
+            return None;
+        }
+        connectivity.ring(starts[vertex], ring);
+        stars.derivatives(vertex, ring)
+    };
+    let regular: Vec<Option<Derivatives>> =
+        (0..starts.len()).into_par_iter().with_min_len(1024).map_init(Ring::default, of).collect();
+    let extraordinary = Vec::from_iter(regular.iter().map(Option::is_none));
+    let mut bending = Vec::from_iter(
+        regular.into_iter().map(|found| found.and_then(|(u, uu)| Bending::of_derivatives(u, uu))),
+    );
+    let others = Vec::from_iter((0..starts.len() as u32).filter(|&v| extraordinary[v as usize]));
+    for (&vertex, found) in others.iter().zip(close_by(mesh, &limit, how, &others)?) {
+        bending[vertex as usize] = found;
+    }
+    Ok(BentMesh { mesh: limit, bending, extraordinary })
+}
+
+/// First derivatives by two parameters, and second ones: by the first, by both, by the second.
+type Derivatives = ([Vector3<f64>; 2], [Vector3<f64>; 3]);
+
+/// What lies around the vertices of a control mesh.
+struct Stars<'a> {
+    connectivity: &'a Connectivity,
+    control: &'a [Point3<f64>],
+    scheme: Scheme,
+}
+
+impl Stars<'_> {
+    /// The derivatives of the surface at a vertex; none if it is not regular there.
+    fn derivatives(&self, vertex: usize, ring: &Ring) -> Option<Derivatives> {
+        let control = |vertex: u32| self.control[vertex as usize].coords;
+        let own = self.control[vertex].coords;
+        if self.scheme == Scheme::Loop {
+            let around: [u32; 6] = ring.neighbors[..].try_into().ok().filter(|_| ring.closed)?;
+            return Some(box_spline(own, around.map(control)));
+        }
+        let beside: [u32; 4] = ring.neighbors[..].try_into().ok().filter(|_| ring.closed)?;
+        let across = |&half: &u32| {
+            let is_quad =
+                self.connectivity.faces.face(self.connectivity.face_of(half) as usize).len() == 4;
+            let corner = self.connectivity.next(self.connectivity.next(half));
+            is_quad.then(|| self.connectivity.corners()[corner as usize])
+        };
+        let across: Option<Vec<u32>> = ring.halves.iter().map(across).collect();
+        let across: [u32; 4] = across?.try_into().ok()?;
+        // The mask of the value in the direction that is not derived: cubic or quadratic.
+        let [middle, side] = match self.scheme {
+            Scheme::DooSabin => [6.0 / 8.0, 1.0 / 8.0],
+            _ => [4.0 / 6.0, 1.0 / 6.0],
+        };
+        Some(tensor(own, beside.map(control), across.map(control), [middle, side]))
+    }
+}
+
+/// The quartic box spline on the unit hexagonal lattice, whose neighbor `j` lies at `j` times 60 degrees.
+fn box_spline(own: Vector3<f64>, around: [Vector3<f64>; 6]) -> Derivatives {
+    let [a, b, c, d, e, f] = around;
+    let root = 3f64.sqrt();
+    let u = (a - d) + (b - c + f - e) * 0.5;
+    let v = (b + c - e - f) * (root / 2.0);
+    let second = [a + d, b + e, c + f].map(|pair| pair - own * 2.0);
+    let uu = second[0];
+    let vv = (second[1] * 2.0 + second[2] * 2.0 - second[0]) / 3.0;
+    let uv = (second[1] - second[2]) / root;
+    ([u / 3.0, v / 3.0], [uu, uv, vv])
+}
+
+/// A tensor product of uniform B-splines on the unit grid: neighbors counter-clockwise from the one along u, and the corners between
+/// them and the next.
+fn tensor(
+    own: Vector3<f64>,
+    [east, north, west, south]: [Vector3<f64>; 4],
+    [north_east, north_west, south_west, south_east]: [Vector3<f64>; 4],
+    [middle, side]: [f64; 2],
+) -> Derivatives {
+    let smooth = |[before, here, after]: [Vector3<f64>; 3]| here * middle + (before + after) * side;
+    let columns =
+        [[south_west, west, north_west], [south, own, north], [south_east, east, north_east]];
+    let rows =
+        [[south_west, south, south_east], [west, own, east], [north_west, north, north_east]];
+    let first = |lines: [[Vector3<f64>; 3]; 3]| (smooth(lines[2]) - smooth(lines[0])) / 2.0;
+    let second = |lines: [[Vector3<f64>; 3]; 3]| {
+        smooth(lines[2]) - smooth(lines[1]) * 2.0 + smooth(lines[0])
+    };
+    let uv = (north_east - south_east - north_west + south_west) / 4.0;
+    ([first(columns), first(rows)], [second(columns), uv, second(rows)])
+}
+
+/// The curvature near the limits of some vertices.
+fn close_by(
+    mesh: &Mesh,
+    limit: &Mesh,
+    how: Subdivision,
+    vertices: &[u32],
+) -> Result<Vec<Option<Bending>>, CurvatureError> {
+    if vertices.is_empty() {
+        return Ok(Vec::new());
+    }
+    let part = around(mesh, vertices)?;
+    let how = Subdivision { levels: LEVELS, limit: true, ..how };
+    let fine = Plan::new(&part, how)?.apply(&part)?;
+    let neighbors = Neighbors::new(&fine.edges(), fine.positions().len());
+    let places = Vec::from_iter(vertices.iter().map(|&vertex| limit.positions()[vertex as usize]));
+    let hits = TriangleTree::new(&fine).nearest_to_all(&places);
+    let normals = fine.vertex_normals();
+    let of = |(&place, hit): (&Point3<f64>, &Option<NearestPlace>)| {
+        let hit = hit.as_ref()?;
+        let face = fine.faces().face(hit.face as usize);
+        let nearest = |&&vertex: &&u32| (fine.positions()[vertex as usize] - place).norm_squared();
+        let corner = *face.iter().min_by(|a, b| nearest(a).total_cmp(&nearest(b)))?;
+        let around = neighbors.near(corner, 6).into_iter().chain([corner]);
+        let around = Vec::from_iter(around.map(|other| fine.positions()[other as usize]));
+        Bending::of_points(place, normals[corner as usize], &around)
+    };
+    Ok(places.par_iter().zip(&hits).with_min_len(64).map(of).collect())
+}
+
+/// The faces within three edges of some vertices: what their surface close by depends on, and more.
+fn around(mesh: &Mesh, vertices: &[u32]) -> Result<Mesh, CurvatureError> {
+    let mut marked = vec![false; mesh.positions().len()];
+    vertices.iter().for_each(|&vertex| marked[vertex as usize] = true);
+    let mut chosen = vec![false; mesh.faces().len()];
+    for _ in 0..3 {
+        for (face, chosen) in mesh.faces().iter().zip(&mut chosen) {
+            *chosen |= face.iter().any(|&vertex| marked[vertex as usize]);
+        }
+        for (face, _) in mesh.faces().iter().zip(&chosen).filter(|(_, chosen)| **chosen) {
+            face.iter().for_each(|&vertex| marked[vertex as usize] = true);
+        }
+    }
+    let faces = Vec::from_iter((0..chosen.len() as u32).filter(|&face| chosen[face as usize]));
+    Ok(select_faces(mesh, &faces)?)
+}

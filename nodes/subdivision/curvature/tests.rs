@@ -1,0 +1,162 @@
+use super::super::shapes::{cube, noisy, sphere, torus};
+use super::super::{InterpolateOptions, interpolate};
+use super::*;
+use maquette::Progress;
+use nalgebra::{Point3, Vector3};
+
+// T-CUR-01.
+#[test]
+fn the_missing_angles_of_a_closed_mesh_are_its_euler_characteristic() {
+    for (mesh, characteristic) in
+        [(noisy(&sphere(3), 0.02), 2.0), (noisy(&torus(30, 15, true), 0.02), 0.0)]
+    {
+        let sum: f64 = angle_bending(&mesh).iter().map(|bend| bend.gaussian * bend.area).sum();
+        assert!((sum - std::f64::consts::TAU * characteristic).abs() <= 1e-10, "{sum}");
+    }
+}
+
+/// The Gaussian and the mean curvature of the torus at a point.
+fn of_torus(point: &Point3<f64>) -> [f64; 2] {
+    let radius = (point.x * point.x + point.y * point.y).sqrt();
+    let cosine = (radius - 2.0) / 0.7;
+    let around = cosine / (2.0 + 0.7 * cosine);
+    [around / 0.7, (around + 1.0 / 0.7) / 2.0]
+}
+
+/// The largest errors of both.
+fn errors(data: &Mesh, bent: &BentMesh) -> [f64; 2] {
+    let pairs = data.positions().iter().zip(&bent.bending);
+    pairs.fold([0.0, 0.0], |[k, h], (point, bending)| {
+        let (bending, [gaussian, mean]) = (bending.unwrap(), of_torus(point));
+        [f64::max(k, (bending.gaussian - gaussian).abs()), f64::max(h, (bending.mean - mean).abs())]
+    })
+}
+
+fn interpolated(data: &Mesh, scheme: Scheme) -> BentMesh {
+    let mut options = InterpolateOptions::default();
+    options.how.tolerance = 1e-12;
+    let control = interpolate(data, scheme, &options, &Progress::none()).unwrap().mesh;
+    curvature(&control, CurvatureMethod::Limit, scheme, Boundary::default()).unwrap()
+}
+
+// T-CUR-02: the table of reference errors on a torus.
+#[test]
+fn curvature_on_a_torus_is_as_near_as_its_reference() {
+    let reference = [
+        (24, [0.02897, 0.03337], [0.02790, 0.00567], [0.03280, 0.01816], [0.04931, 0.02725]),
+        (48, [0.00695, 0.00804], [0.00718, 0.00155], [0.00793, 0.00439], [0.01190, 0.00659]),
+        (96, [0.00172, 0.00199], [0.00181, 0.00039], [0.00197, 0.00109], [0.00295, 0.00163]),
+    ];
+    let mut before: Option<[[f64; 2]; 4]> = None;
+    for (n, by_loop, by_angles, by_catmull_clark, by_doo_sabin) in reference {
+        let (triangles, quads) = (torus(n, n / 2, true), torus(n, n / 2, false));
+        let angles =
+            curvature(&triangles, CurvatureMethod::Mesh, Scheme::Loop, Boundary::default());
+        let found = [
+            errors(&triangles, &interpolated(&triangles, Scheme::Loop)),
+            errors(&triangles, &angles.unwrap()),
+            errors(&quads, &interpolated(&quads, Scheme::CatmullClark)),
+            errors(&quads, &interpolated(&quads, Scheme::DooSabin)),
+        ];
+        let expected = [by_loop, by_angles, by_catmull_clark, by_doo_sabin];
+        eprintln!("{n}x{}: {found:.5?}", n / 2);
+        for (found, expected) in found.iter().flatten().zip(expected.iter().flatten()) {
+            assert!((found - expected).abs() <= 6e-6, "{n}: {found} {expected}");
+        }
+        if let Some(before) = before {
+            let rates = before.iter().flatten().zip(found.iter().flatten());
+            assert!(rates.map(|(a, b)| libm::log2(a / b)).all(|order| order >= 1.85));
+        }
+        before = Some(found);
+    }
+}
+
+// T-CUR-03.
+#[test]
+fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
+    // A tube of triangles with edges along its axis: control points that the scheme sums to a straight line there.
+    let (n, m) = (24u32, 9u32);
+    let at = |k: u32| {
+        let angle = f64::from(k % n) / f64::from(n) * std::f64::consts::TAU;
+        Point3::new(2.0 * libm::cos(angle), 2.0 * libm::sin(angle), 0.5 * f64::from(k / n))
+    };
+    let name = |i: u32, j: u32| i % n + j * n;
+    let cells = (0..n * (m - 1)).map(|k| (k % n, k / n));
+    let faces = cells.flat_map(|(i, j)| {
+        let [a, b, c, d] = [name(i, j), name(i + 1, j), name(i + 1, j + 1), name(i, j + 1)];
+        [[a, b, c], [a, c, d]]
+    });
+    let faces = maquette::value::Faces::triangles(faces.collect());
+    let tube = Mesh::new((0..n * m).map(at).collect::<Vec<_>>(), faces).unwrap();
+    let bent = curvature(&tube, CurvatureMethod::Limit, Scheme::Loop, Boundary::default()).unwrap();
+    let middle = (n * 4) as usize;
+    let bending = bent.bending[middle].unwrap();
+    let place = bent.mesh.positions()[middle];
+    // The control points lie on a circle, the limit on one a little smaller.
+    let radius = (place.x * place.x + place.y * place.y).sqrt();
+    assert!((bending.principal[0] * radius - 1.0).abs() < 0.01, "{bending:?} {radius}");
+    assert!(bending.principal[1].abs() < 1e-10);
+    assert!((bending.directions[1].z.abs() - 1.0).abs() < 1e-10, "along the axis");
+    assert!(!bent.extraordinary[middle] && bent.extraordinary[0], "the border is extraordinary");
+
+    let flat =
+        tube.with_positions(tube.positions().iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect());
+    let flat = curvature(&flat.unwrap(), CurvatureMethod::Fit, Scheme::Loop, Boundary::default());
+    let known = flat.unwrap().bending.into_iter().flatten();
+    assert!(known.map(|bend| bend.mean.abs()).fold(0.0, f64::max) < 1e-9);
+
+    for method in [CurvatureMethod::Limit, CurvatureMethod::Mesh, CurvatureMethod::Fit] {
+        let round = curvature(&sphere(3), method, Scheme::Loop, Boundary::default()).unwrap();
+        for bending in round.bending {
+            let [k1, k2] = bending.unwrap().principal;
+            assert!(k1 >= k2 && k2 > 0.4 && k1 < 1.8, "{method:?} {k1} {k2}");
+        }
+    }
+}
+
+// T-CUR-04.
+#[test]
+fn curvature_scales_and_keeps_its_sign_when_mirrored() {
+    let mesh = noisy(&torus(24, 12, true), 0.03);
+    for method in [CurvatureMethod::Limit, CurvatureMethod::Mesh, CurvatureMethod::Fit] {
+        let bend = |mesh: &Mesh| {
+            curvature(mesh, method, Scheme::Loop, Boundary::default()).unwrap().bending
+        };
+        let places = |map: fn(&Point3<f64>) -> Point3<f64>| mesh.positions().iter().map(map);
+        let large = mesh.with_positions(places(|p| p * 3.0).collect()).unwrap();
+        let turned = mesh.faces().as_triangles().unwrap().iter().map(|&[a, b, c]| [a, c, b]);
+        let turned = maquette::value::Faces::triangles(turned.collect());
+        let mirrored =
+            Mesh::new(places(|p| Point3::new(-p.x, p.y, p.z)).collect::<Vec<_>>(), turned);
+        let own = bend(&mesh);
+        for (own, large) in own.iter().zip(bend(&large)) {
+            let (own, large) = (own.unwrap(), large.unwrap());
+            assert!(
+                (own.gaussian - 9.0 * large.gaussian).abs() < 1e-9 * (1.0 + own.gaussian.abs())
+            );
+            assert!((own.mean - 3.0 * large.mean).abs() < 1e-9 * (1.0 + own.mean.abs()));
+        }
+        for (own, mirrored) in own.iter().zip(bend(&mirrored.unwrap())) {
+            let (own, mirrored) = (own.unwrap(), mirrored.unwrap());
+            assert!((own.gaussian - mirrored.gaussian).abs() < 1e-8 * (1.0 + own.gaussian.abs()));
+            assert!((own.mean - mirrored.mean).abs() < 1e-8 * (1.0 + own.mean.abs()));
+        }
+    }
+}
+
+#[test]
+fn polygons_bend_as_their_triangles_and_colors_show_the_sign() {
+    let bent =
+        curvature(&cube(), CurvatureMethod::Mesh, Scheme::Loop, Boundary::default()).unwrap();
+    assert!(bent.bending.iter().all(|bending| bending.unwrap().gaussian > 0.0));
+    let saddle = torus(24, 12, true);
+    let bent = curvature(&saddle, CurvatureMethod::Fit, Scheme::Loop, Boundary::default()).unwrap();
+    let mesh = bent.into_mesh(CurvatureRamp::Gaussian, 0.0).unwrap();
+    let colors = mesh.vertex().colors("color").unwrap();
+    for (point, &[red, _, blue]) in mesh.positions().iter().zip(colors.iter()) {
+        let outside = Vector3::new(point.x, point.y, 0.0).norm() > 2.2;
+        let inside = Vector3::new(point.x, point.y, 0.0).norm() < 1.8;
+        assert!(!outside || red > blue, "{point}");
+        assert!(!inside || blue > red, "{point}");
+    }
+}

@@ -1,0 +1,321 @@
+//! The geometric algorithm: control points move by what their curve or surface misses the given points by.
+//!
+//! ```text
+//! Q_i = the foot of S_i on the curve or surface of P        d_i = S_i - Q_i        P_i += d_i
+//! ```
+//!
+//! from `P = S` on, until the distances are small enough. Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm",
+//! Computer-Aided Design 39 (2007); with the vertex's own limit point as foot it is the progressive interpolation of Cheng et al.,
+//! "Loop subdivision surface based progressive interpolation", Journal of Computer Science and Technology 24 (2009).
+
+use maquette::value::{Trace, TraceStep};
+use maquette::{Cancelled, Progress};
+use nalgebra::{Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Which point of a curve or surface a given point is compared with.
+///
+/// The form with the nearest point is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
+/// progressive form.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Foot {
+    /// The limit point of its own control point: a linear problem with one solution, where there is one.
+    #[default]
+    Vertex,
+    /// The nearest one. The curve or surface then passes through the point, but not at its control point's own parameter.
+    Closest,
+}
+
+/// Which way a control point moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Direction {
+    /// From the foot to the given point.
+    #[default]
+    Residual,
+    /// Along the normal at the foot, as far as the given point is away; from the foot to the point where there is no
+    /// perpendicular, at ends, borders and creases.
+    Normal,
+}
+
+/// How control points are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Solver {
+    /// Conjugate gradients: fewest iterations. For `foot: Vertex` and `direction: Residual`.
+    #[default]
+    Pcg,
+    /// The geometric iteration itself: for every foot and direction.
+    Plain,
+    /// One factorization, exact up to rounding. For `foot: Vertex` and `direction: Residual`.
+    Direct,
+}
+
+/// Which distance must be within the tolerance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Norm {
+    /// The largest one.
+    #[default]
+    Max,
+    /// The root of the mean of the squares.
+    Mean,
+}
+
+/// How to interpolate; the fields are those of the nodes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interpolation {
+    /// The compared point.
+    pub foot: Foot,
+    /// The way of a control point.
+    pub direction: Direction,
+    /// How control points are found.
+    pub solver: Solver,
+    /// The distance that counts.
+    pub norm: Norm,
+    /// Distance that is small enough, over the diagonal of the given points' box.
+    pub tolerance: f64,
+    /// Most iterations.
+    pub iterations: u32,
+}
+
+impl Default for Interpolation {
+    fn default() -> Self {
+        Self {
+            foot: Foot::default(),
+            direction: Direction::default(),
+            solver: Solver::default(),
+            norm: Norm::default(),
+            tolerance: 1e-6,
+            iterations: 200,
+        }
+    }
+}
+
+impl Interpolation {
+    /// Whether the control points are the solution of linear equations.
+    pub(super) fn is_linear(&self) -> bool {
+        self.foot == Foot::Vertex && self.direction == Direction::Residual
+    }
+
+    /// # Errors
+    /// If the solver is not for this foot and direction.
+    pub(super) fn check(&self) -> Result<(), NotLinear> {
+        match self.solver {
+            Solver::Pcg | Solver::Direct if !self.is_linear() => {
+                Err(NotLinear { solver: self.solver })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A solver of linear equations for what is none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "solver {solver:?} solves linear equations, which only `foot: Vertex` with `direction: Residual` gives: take `solver: Plain`"
+)]
+pub struct NotLinear {
+    /// The solver.
+    pub solver: Solver,
+}
+
+/// The control points that were found, and how.
+#[derive(Clone, Debug)]
+pub(super) struct Found {
+    pub(super) control: Vec<Point3<f64>>,
+    pub(super) trace: Trace,
+    /// Whether the distances are within the tolerance.
+    pub(super) settled: bool,
+}
+
+/// Control points, and whether the limits of any are nearer to the given points.
+pub(super) struct Solution {
+    pub(super) found: Found,
+    /// Whether what is left of the distances is beyond the reach of the matrix.
+    pub(super) unreachable: bool,
+}
+
+/// A point of a curve or surface, and which way is perpendicular there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FootPoint {
+    pub(super) point: Point3<f64>,
+    pub(super) perpendicular: Perpendicular,
+}
+
+/// Which directions are at right angles.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Perpendicular {
+    /// Those to this unit tangent.
+    To(Vector3<f64>),
+    /// This unit normal.
+    Along(Vector3<f64>),
+    /// None: an end, a border, a crease.
+    Nowhere,
+}
+
+impl FootPoint {
+    /// What something that ran away has in place of a foot.
+    pub(super) fn nowhere() -> Self {
+        let point = Point3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY);
+        Self { point, perpendicular: Perpendicular::Nowhere }
+    }
+
+    /// The step of the control point that belongs to `to`.
+    fn step(&self, to: Point3<f64>, direction: Direction) -> Vector3<f64> {
+        let missed = to - self.point;
+        let normal = match (direction, self.perpendicular) {
+            (Direction::Residual, _) | (_, Perpendicular::Nowhere) => None,
+            (_, Perpendicular::To(tangent)) => {
+                let across = missed - tangent * missed.dot(&tangent);
+                across.try_normalize(1e-9 * missed.norm())
+            }
+            (_, Perpendicular::Along(normal)) if missed.dot(&normal) < 0.0 => Some(-normal),
+            (_, Perpendicular::Along(normal)) => Some(normal),
+        };
+        normal.map_or(missed, |normal| normal * missed.norm())
+    }
+}
+
+/// What some points are missed by.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Missed {
+    max_sq: f64,
+    sum_sq: f64,
+    count: usize,
+}
+
+impl Missed {
+    /// No points.
+    pub(super) fn none() -> Self {
+        Self { max_sq: 0.0, sum_sq: 0.0, count: 0 }
+    }
+
+    /// These points and one more, by the square of its distance.
+    pub(super) fn and_by(self, distance_sq: f64) -> Self {
+        self.and(Self { max_sq: distance_sq, sum_sq: distance_sq, count: 1 })
+    }
+
+    /// These points and others.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self {
+            max_sq: self.max_sq.max(other.max_sq),
+            sum_sq: self.sum_sq + other.sum_sq,
+            count: self.count + other.count,
+        }
+    }
+
+    /// The largest distance and the root of the mean of the squares.
+    pub(super) fn distances(self) -> [f64; 2] {
+        [self.max_sq.sqrt(), (self.sum_sq / self.count.max(1) as f64).sqrt()]
+    }
+}
+
+/// The distances of an iteration, and whether they are small enough.
+pub(super) struct Record {
+    norm: Norm,
+    tolerance: f64,
+    steps: Vec<TraceStep>,
+}
+
+impl Record {
+    /// Nothing yet; `tolerance` in mm.
+    pub(super) fn new(norm: Norm, tolerance: f64) -> Self {
+        Self { norm, tolerance, steps: Vec::new() }
+    }
+
+    /// The distance that is small enough, in mm.
+    pub(super) fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
+    /// Whether these distances are small enough.
+    pub(super) fn allows(&self, [max, rms]: [f64; 2]) -> bool {
+        let distance = match self.norm {
+            Norm::Max => max,
+            Norm::Mean => rms,
+        };
+        distance <= self.tolerance
+    }
+
+    /// Notes the distances after the next iteration, the first time before all; whether they are small enough.
+    pub(super) fn note(&mut self, [max, rms]: [f64; 2]) -> bool {
+        self.steps.push(TraceStep { iteration: self.steps.len() as u64, max, rms });
+        self.allows([max, rms])
+    }
+
+    /// Puts these distances in place of the last ones; whether they are small enough.
+    pub(super) fn correct(&mut self, distances: [f64; 2]) -> bool {
+        self.steps.pop();
+        self.note(distances)
+    }
+
+    /// Whether the last ten iterations took next to nothing away: the rest is what no control points reach.
+    pub(super) fn stalls(&self) -> bool {
+        const WINDOW: usize = 10;
+        let Some(last) = self.steps.len().checked_sub(1).filter(|&last| last >= WINDOW) else {
+            return false;
+        };
+        let [before, now] = [last - WINDOW, last].map(|step| self.steps[step]);
+        now.rms > 0.999 * before.rms
+    }
+
+    pub(super) fn into_trace(self) -> Trace {
+        // Distances that overflowed are no numbers; the trace ends before them.
+        let sound = self.steps.into_iter().take_while(|step| step.max >= 0.0 && step.rms >= 0.0);
+        Trace::new(sound.collect()).expect("iterations are counted up and distances not negative")
+    }
+}
+
+/// Every so many iterations feet are looked for everywhere, not only near the last ones.
+const WHOLE: u32 = 5;
+
+/// The geometric iteration. `feet` gives the foot of each point on what some control points make, looking everywhere if it is
+/// told so, else near the last ones. Control points that `fixed` marks stay and have no say; it may be empty.
+///
+/// # Errors
+/// If the evaluation is told to stop.
+pub(super) fn iterate(
+    points: &[Point3<f64>],
+    how: &Interpolation,
+    fixed: &[bool],
+    progress: &Progress<'_>,
+    mut feet: impl FnMut(&[Point3<f64>], bool) -> Vec<FootPoint>,
+) -> Result<Solution, Cancelled> {
+    let is_free = |index: &usize| !fixed.get(*index).is_some_and(|&fixed| fixed);
+    let free = Vec::from_iter((0..points.len()).filter(is_free));
+    let distances = |feet: &[FootPoint]| {
+        let missed = free.iter().map(|&k| (points[k] - feet[k].point).norm_squared());
+        missed.fold(Missed::none(), Missed::and_by).distances()
+    };
+    let mut record = Record::new(how.norm, how.tolerance * diagonal(points));
+    let mut control = points.to_vec();
+    for iteration in 0..=how.iterations {
+        progress.tick(f64::from(iteration) / f64::from(how.iterations.max(1)))?;
+        let whole = iteration % WHOLE == 0;
+        let mut found = feet(&control, whole);
+        // Near the last foot there may be one, and a nearer one elsewhere: no iteration ends on that.
+        if !whole && record.allows(distances(&found)) {
+            found = feet(&control, true);
+        }
+        if record.note(distances(&found)) {
+            let found = Found { control, trace: record.into_trace(), settled: true };
+            return Ok(Solution { found, unreachable: false });
+        }
+        if how.is_linear() && record.stalls() {
+            let found = Found { control, trace: record.into_trace(), settled: false };
+            return Ok(Solution { found, unreachable: true });
+        }
+        if iteration < how.iterations {
+            free.iter().for_each(|&k| control[k] += found[k].step(points[k], how.direction));
+        }
+    }
+    let found = Found { control, trace: record.into_trace(), settled: false };
+    Ok(Solution { found, unreachable: false })
+}
+
+/// The diagonal of the box around some points.
+pub(super) fn diagonal(points: &[Point3<f64>]) -> f64 {
+    let Some(first) = points.first() else { return 0.0 };
+    let (low, high) =
+        points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p)));
+    (high - low).norm()
+}

@@ -1,0 +1,294 @@
+//! Finds the control mesh of a subdivision surface through given vertices.
+
+use maquette::value::{Attribute, Mesh, MeshError, Trace};
+use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::blocks::limit_matrix;
+use super::geometric::{
+    Direction, Foot, Interpolation, Norm, NotLinear, Solution, Solver, iterate,
+};
+use super::interpolate_curve::{millionth, two_hundred};
+use super::least_squares::least_squares;
+use super::limit::Limit;
+use super::limit_feet::{ClosestFeet, vertex_feet};
+use super::topology::Topology;
+use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivision};
+
+/// Finds the control mesh whose subdivision surface passes through the vertices of a mesh.
+///
+/// The control mesh has the same faces and attributes; only its vertices are elsewhere. Refine it with `Subdivide`, with
+/// `limit: true` for points on the surface itself: with `levels: 0` the given vertices come out again.
+///
+/// Borders and creases are curves of their own, and are met first. `Loop` and `DooSabin` have a control mesh for every closed mesh.
+/// `CatmullClark` has none for some: a pattern that alternates around vertices of three faces, as on a cube, is smoothed away whole.
+///
+/// The form with `foot: Closest` is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
+/// progressive form.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Interpolate {
+    /// The vertices to meet, and how they hang together.
+    pub mesh: In<Mesh>,
+    /// The rules of the subdivision.
+    pub scheme: Scheme,
+    /// What happens at the border of an open mesh.
+    #[serde(default)]
+    pub boundary: Boundary,
+    /// Which point of the surface each vertex is compared with.
+    #[serde(default)]
+    pub foot: Foot,
+    /// Which way a control point moves.
+    #[serde(default)]
+    pub direction: Direction,
+    /// How control points are found.
+    #[serde(default)]
+    pub solver: Solver,
+    /// Distance from the vertices that is small enough, over the diagonal of their box.
+    #[schemars(range(min = 1e-14, max = 1.0))]
+    #[serde(default = "millionth")]
+    pub tolerance: f64,
+    /// Which distance that is.
+    #[serde(default)]
+    pub norm: Norm,
+    /// Most iterations.
+    #[schemars(range(max = 100_000))]
+    #[serde(default = "two_hundred")]
+    pub iterations: u32,
+    /// What to do if no control mesh has a surface through all vertices.
+    #[serde(default)]
+    pub on_singular: OnSingular,
+    /// A vertex attribute of flags: the control points where it is set stay on their vertices, which the surface then misses. None
+    /// if left empty.
+    #[serde(default)]
+    pub fixed: String,
+}
+
+/// What to do if no control mesh has a surface through all vertices.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum OnSingular {
+    /// Fails, and says how far the surface stays away.
+    #[default]
+    Error,
+    /// Comes as near as possible with the least change of the control points.
+    LeastSquares,
+    /// Refines the mesh once, which makes enough control points, and moves them as little as possible.
+    RefineOnce,
+}
+
+/// Why there is no control mesh.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InterpolateError {
+    /// A solver for other feet or directions.
+    #[error(transparent)]
+    NotLinear(#[from] NotLinear),
+    /// A mesh that the scheme cannot refine.
+    #[error(transparent)]
+    Subdivide(#[from] SubdivideError),
+    /// Faces at the border that the surface does not have.
+    #[error(
+        "with `boundary: None` the surface ends before the border, whose vertices it therefore cannot meet"
+    )]
+    NoBorder,
+    /// Vertices that no surface of this connectivity passes through.
+    #[error(
+        "no control mesh of this connectivity has a surface through all vertices: {residual:.3e} mm stay at vertex {vertex}, a pattern \
+         that the scheme smooths away; move vertices, or take `on_singular: RefineOnce` or `LeastSquares`"
+    )]
+    NotInterpolable {
+        /// The largest distance that no control points take away, in mm.
+        residual: f64,
+        /// Where it is.
+        vertex: usize,
+        /// What is left at each vertex, in mm.
+        mode: Vec<[f64; 3]>,
+    },
+    /// No attribute of flags.
+    #[error("the mesh has no vertex attribute `{name}` of flags")]
+    Fixed {
+        /// Its name.
+        name: String,
+    },
+    /// Control points out of all bounds.
+    #[error("the iteration ran away: {0}")]
+    Mesh(#[from] MeshError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Vertices to meet, apart from their places.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct InterpolateOptions<'a> {
+    /// What happens at the border.
+    pub boundary: Boundary,
+    /// How control points are found.
+    pub how: Interpolation,
+    /// What to do if there are none.
+    pub on_singular: OnSingular,
+    /// Marks the control points that stay where they are; empty for none.
+    pub fixed: &'a [bool],
+}
+
+/// A control mesh, and how it was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Interpolated {
+    /// The control mesh.
+    pub mesh: Mesh,
+    /// The distances before each iteration and at the end, in mm.
+    pub trace: Trace,
+    /// Whether the distances are within the tolerance.
+    pub settled: bool,
+}
+
+impl Node for Interpolate {
+    type Outputs = (Mesh, Trace);
+    const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let mesh = cx.get(&self.mesh);
+        let Self { foot, direction, solver, norm, tolerance, iterations, .. } = *self;
+        let how = Interpolation { foot, direction, solver, norm, tolerance, iterations };
+        let fixed = fixed_vertices(mesh, &self.fixed)?;
+        let (boundary, on_singular) = (self.boundary, self.on_singular);
+        let options = InterpolateOptions { boundary, how, on_singular, fixed: &fixed };
+        let limit = |topology: &Topology| cx.memo(topology, Limit::memo);
+        let found = interpolate_with::<Error>(mesh, self.scheme, &options, cx.progress(), limit)?;
+        if !found.settled {
+            let last = found.trace.steps().last().map_or(0.0, |step| step.max);
+            cx.warn(format!(
+                "the surface is not within the tolerance after {} iterations: it misses a vertex by {last:.3e} mm",
+                found.trace.steps().last().map_or(0, |step| step.iteration)
+            ));
+        }
+        Ok((found.mesh, found.trace))
+    }
+}
+
+fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, InterpolateError> {
+    if name.is_empty() {
+        return Ok(Vec::new());
+    }
+    match mesh.vertex().get(name) {
+        Some(Attribute::Flag(flags)) => Ok(flags.iter().map(|&flag| flag == 1).collect()),
+        _ => Err(InterpolateError::Fixed { name: name.to_owned() }),
+    }
+}
+
+/// The control mesh whose limit surface passes through the vertices of `mesh`.
+///
+/// With `foot: Vertex` the distances are those of each vertex from its control point's limit, and the problem is linear: Halstead,
+/// Kass and DeRose, "Efficient, fair interpolation using Catmull-Clark surfaces" (1993), solved by conjugate gradients or by the
+/// progressive iteration of Cheng et al., "Loop subdivision surface based progressive interpolation" (2009). With `foot: Closest` they
+/// are those from the nearest point of the surface: Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm",
+/// Computer-Aided Design 39 (2007).
+///
+/// # Errors
+/// If the scheme cannot refine the mesh, no control mesh has such a surface, the solver is not for this foot and direction, or the
+/// evaluation is told to stop.
+pub fn interpolate(
+    mesh: &Mesh,
+    scheme: Scheme,
+    options: &InterpolateOptions<'_>,
+    progress: &Progress<'_>,
+) -> Result<Interpolated, InterpolateError> {
+    let limit = |topology: &Topology| Limit::new(topology).map_err(InterpolateError::from);
+    interpolate_with(mesh, scheme, options, progress, limit)
+}
+
+/// [`interpolate`] with limits from `limit`.
+fn interpolate_with<E: From<InterpolateError>>(
+    mesh: &Mesh,
+    scheme: Scheme,
+    options: &InterpolateOptions<'_>,
+    progress: &Progress<'_>,
+    limit: impl Fn(&Topology) -> Result<Limit, E>,
+) -> Result<Interpolated, E> {
+    options.how.check().map_err(InterpolateError::from)?;
+    if options.boundary == Boundary::None {
+        return Err(InterpolateError::NoBorder.into());
+    }
+    let subdivision = Subdivision {
+        scheme,
+        levels: 0,
+        limit: false,
+        boundary: options.boundary,
+        creases: Creases::OpenSubdiv,
+        corners: Corners::Linear,
+    };
+    let points = mesh.positions();
+    let how = &options.how;
+    let limits = limit(&Topology::of(mesh, subdivision))?;
+    let solved = match (how.foot, how.solver) {
+        (Foot::Closest, _) => {
+            let feet = ClosestFeet::new(mesh, subdivision).map_err(InterpolateError::from)?;
+            iterate(points, how, options.fixed, progress, |control, _| feet.of(control)).map(Some)
+        }
+        (Foot::Vertex, Solver::Plain) => {
+            let feet = |control: &[Point3<f64>], _| vertex_feet(&limits, control, how.direction);
+            iterate(points, how, options.fixed, progress, feet).map(Some)
+        }
+        (Foot::Vertex, Solver::Pcg | Solver::Direct) => {
+            limit_matrix(&limits, mesh.faces(), options.fixed).solve(points, how, progress)
+        }
+    };
+    let solved = solved.map_err(InterpolateError::from)?;
+    let solution = match solved.filter(|solution| !solution.unreachable) {
+        Some(solution) => solution,
+        None if options.on_singular == OnSingular::RefineOnce && scheme != Scheme::DooSabin => {
+            return refined_once(mesh, subdivision, how, progress, limit);
+        }
+        None => {
+            let nearest =
+                least_squares(&limits.positions, points, points, options.fixed, how, progress);
+            let nearest = nearest.map_err(InterpolateError::from)?;
+            if options.on_singular != OnSingular::LeastSquares && nearest.unreachable {
+                return Err(not_interpolable(&limits, points, &nearest).into());
+            }
+            nearest
+        }
+    };
+    let found = solution.found;
+    let mesh = mesh.with_positions(found.control).map_err(InterpolateError::from)?;
+    let mesh = mesh.without("normal");
+    Ok(Interpolated { mesh, trace: found.trace, settled: found.settled })
+}
+
+fn not_interpolable(
+    limits: &Limit,
+    points: &[Point3<f64>],
+    solution: &Solution,
+) -> InterpolateError {
+    let surface = limits.positions.apply(&solution.found.control);
+    let left = points.iter().zip(&surface).map(|(point, surface)| (point - surface).into());
+    let mode: Vec<[f64; 3]> = left.collect();
+    let length = |[x, y, z]: &[f64; 3]| (x * x + y * y + z * z).sqrt();
+    let worst = mode.iter().map(length).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+    let (vertex, residual) = worst.unwrap_or_default();
+    InterpolateError::NotInterpolable { residual, vertex, mode }
+}
+
+/// The control mesh after one refinement whose limit passes through the old vertices, with the least change of the refined one.
+///
+/// It has many more control points than there are vertices to meet, so that there is one even where the mesh itself has none.
+fn refined_once<E: From<InterpolateError>>(
+    mesh: &Mesh,
+    subdivision: Subdivision,
+    how: &Interpolation,
+    progress: &Progress<'_>,
+    limit: impl Fn(&Topology) -> Result<Limit, E>,
+) -> Result<Interpolated, E> {
+    let plan = Plan::new(mesh, Subdivision { levels: 1, ..subdivision });
+    let refined = plan.and_then(|plan| plan.apply(mesh)).map_err(InterpolateError::from)?;
+    let limits = limit(&Topology::of(&refined, subdivision))?;
+    let old = limits.positions.head(mesh.positions().len());
+    let solution = least_squares(&old, refined.positions(), mesh.positions(), &[], how, progress);
+    let found = solution.map_err(InterpolateError::from)?.found;
+    let mesh = refined.with_positions(found.control).map_err(InterpolateError::from)?;
+    Ok(Interpolated { mesh, trace: found.trace, settled: found.settled })
+}
+
+#[cfg(test)]
+#[expect(clippy::print_stderr, reason = "tables to read beside their references")]
+mod tests;

@@ -1,0 +1,357 @@
+use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
+
+use super::super::shapes::{bumpy, cube, noisy, octahedron, prism, sphere, tetrahedron, torus};
+use super::super::subdivide::subdivide;
+use super::super::without_border::select_faces;
+use super::*;
+
+const SCHEMES: [Scheme; 3] = [Scheme::Loop, Scheme::CatmullClark, Scheme::DooSabin];
+
+fn refined(mesh: &Mesh, scheme: Scheme, levels: u32, limit: bool) -> Mesh {
+    let (boundary, creases, corners) = Default::default();
+    subdivide(mesh, Subdivision { scheme, levels, limit, boundary, creases, corners }).unwrap()
+}
+
+fn limits(mesh: &Mesh, scheme: Scheme) -> Limit {
+    let (levels, limit) = (0, false);
+    let (boundary, creases, corners) = Default::default();
+    let how = Subdivision { scheme, levels, limit, boundary, creases, corners };
+    Limit::new(&Topology::of(mesh, how)).unwrap()
+}
+
+fn options(solver: Solver, tolerance: f64) -> InterpolateOptions<'static> {
+    let how = Interpolation { solver, tolerance, iterations: 1000, ..Interpolation::default() };
+    InterpolateOptions { how, ..InterpolateOptions::default() }
+}
+
+fn found(mesh: &Mesh, scheme: Scheme, options: &InterpolateOptions<'_>) -> Interpolated {
+    interpolate(mesh, scheme, options, &Progress::none()).unwrap()
+}
+
+/// The largest distance of a limit point from the vertex that it should be.
+fn farthest(mesh: &Mesh, control: &Mesh, scheme: Scheme) -> f64 {
+    let surface = limits(control, scheme).positions.apply(control.positions());
+    let pairs = mesh.positions().iter().zip(&surface);
+    pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+}
+
+/// How many iterations take all but these shares of the largest distance away.
+fn counts(mesh: &Mesh, scheme: Scheme, solver: Solver) -> [u64; 3] {
+    let trace = found(mesh, scheme, &options(solver, 1e-13)).trace;
+    let first = trace.steps()[0].max;
+    [1e-3, 1e-6, 1e-10].map(|share| {
+        let step = trace.steps().iter().find(|step| step.max <= share * first);
+        step.unwrap_or_else(|| panic!("{share}: {trace:?}")).iteration
+    })
+}
+
+// T-INT-01: the table of reference counts.
+#[test]
+fn solvers_need_as_many_iterations_as_their_reference() {
+    let cube = refined(&cube(), Scheme::CatmullClark, 4, false);
+    let cases = [
+        ("Loop, sphere", Scheme::Loop, noisy(&bumpy(&sphere(4)), 0.01), [20, 43, 74], [7, 13, 22]),
+        ("Loop, torus", Scheme::Loop, noisy(&torus(60, 30, true), 0.01), [20, 42, 73], [7, 13, 21]),
+        (
+            "Catmull-Clark, torus",
+            Scheme::CatmullClark,
+            noisy(&torus(60, 30, false), 0.01),
+            [42, 96, 173],
+            [11, 20, 33],
+        ),
+        (
+            "Catmull-Clark, cube",
+            Scheme::CatmullClark,
+            noisy(&cube, 0.01),
+            [51, 110, 189],
+            [11, 21, 34],
+        ),
+        (
+            "Doo-Sabin, torus",
+            Scheme::DooSabin,
+            noisy(&torus(60, 30, false), 0.01),
+            [19, 41, 72],
+            [7, 13, 21],
+        ),
+        ("smooth torus", Scheme::CatmullClark, torus(60, 30, false), [2, 3, 5], [2, 2, 2]),
+    ];
+    for (name, scheme, mesh, plain, pcg) in cases {
+        // Noise is another one; a share of the plain counts of slow modes.
+        for (solver, expected, allowed) in [(Solver::Plain, plain, 3), (Solver::Pcg, pcg, 2)] {
+            let counts = counts(&mesh, scheme, solver);
+            eprintln!("{name} {solver:?}: {counts:?}, reference {expected:?}");
+            for (count, expected) in counts.into_iter().zip(expected) {
+                let allowed = (expected * 6 / 100).max(allowed);
+                assert!(count.abs_diff(expected) <= allowed, "{name} {solver:?} {counts:?}");
+            }
+        }
+    }
+}
+
+// T-INT-01: exact.
+#[test]
+fn every_solver_meets_the_vertices_of_closed_and_open_and_creased_meshes() {
+    let mut open = torus(12, 8, false);
+    let some = Vec::from_iter((0..open.faces().len() as u32).filter(|face| face % 12 > 2));
+    open = select_faces(&open, &some).unwrap();
+    let creased = noisy(&torus(12, 8, false), 0.05);
+    let ring = (0..12).map(|k| ([k, (k + 1) % 12], 10.0));
+    let spoke = (0..4).map(|k| ([k * 12, (k + 1) * 12], 10.0));
+    let creased = creased.with_creases(ring.chain(spoke));
+    for scheme in SCHEMES {
+        for mesh in [noisy(&torus(12, 8, false), 0.05), open.clone(), creased.clone()] {
+            let mesh = match scheme {
+                Scheme::Loop => triangulated(&mesh),
+                _ => mesh,
+            };
+            for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
+                let found = found(&mesh, scheme, &options(solver, 1e-11));
+                let off = farthest(&mesh, &found.mesh, scheme);
+                assert!(
+                    found.settled && off <= 1e-9,
+                    "{scheme:?} {solver:?} {off} {} {:?}",
+                    mesh.creases().len(),
+                    found.trace
+                );
+            }
+        }
+    }
+}
+
+/// The smallest eigenvalue of the limit masks.
+fn smallest(mesh: &Mesh, scheme: Scheme) -> f64 {
+    let limit = limits(mesh, scheme);
+    let matrix = limit_matrix(&limit, mesh.faces(), &[]);
+    let scale = matrix.scale.unwrap();
+    let mut dense = DMatrix::zeros(scale.len(), scale.len());
+    for row in 0..scale.len() {
+        let (indices, weights) = limit.positions.row(row);
+        for (&column, weight) in indices.iter().zip(weights) {
+            dense[(row, column as usize)] = weight * (scale[row] / scale[column as usize]).sqrt();
+        }
+    }
+    let skew = (&dense - dense.transpose()).amax();
+    assert!(skew <= 1e-14, "the scale makes the masks symmetric: {skew}");
+    SymmetricEigen::new(dense).eigenvalues.min()
+}
+
+// T-INT-02.
+#[test]
+fn the_limit_masks_have_their_known_smallest_eigenvalues() {
+    let check = |name: &str, mesh: Mesh, scheme, expected: f64, precision: f64| {
+        let found = smallest(&mesh, scheme);
+        assert!((found - expected).abs() <= precision, "{name}: {found} {expected}");
+    };
+    check("tetrahedron", tetrahedron(), Scheme::Loop, 0.2, 1e-10);
+    check("octahedron", octahedron(), Scheme::Loop, 0.154_545_454_5, 1e-9);
+    check("icosahedron", sphere(0), Scheme::Loop, 0.235_034_336_8, 1e-9);
+    check("sphere 2", sphere(2), Scheme::Loop, 0.251_756_7, 1e-7);
+    check("torus", torus(24, 12, true), Scheme::Loop, 0.25, 1e-10);
+    check("cube", cube(), Scheme::CatmullClark, 0.0, 1e-12);
+    for (steps, expected) in [(1, 0.077_918_5), (2, 0.100_984_0)] {
+        let cube = refined(&cube(), Scheme::CatmullClark, steps, false);
+        check("refined cube", cube, Scheme::CatmullClark, expected, 1e-7);
+    }
+    check("tetrahedron", tetrahedron(), Scheme::CatmullClark, 2.0 / 9.0, 1e-10);
+    check("octahedron", octahedron(), Scheme::CatmullClark, 2.0 / 9.0, 1e-10);
+    check("icosahedron", sphere(0), Scheme::CatmullClark, 0.324_633_7, 1e-7);
+    check("torus", torus(24, 12, false), Scheme::CatmullClark, 1.0 / 9.0, 1e-10);
+    check("hexagonal prism", prism(6), Scheme::CatmullClark, 0.0, 1e-12);
+    check("pentagonal prism", prism(5), Scheme::CatmullClark, 0.031_830_5, 1e-7);
+    check("cube", cube(), Scheme::DooSabin, 0.25, 1e-10);
+    check("tetrahedron", tetrahedron(), Scheme::DooSabin, 5.0 / 9.0, 1e-10);
+    check("octahedron", octahedron(), Scheme::DooSabin, 0.5, 1e-10);
+}
+
+// T-INT-03.
+#[test]
+fn a_cube_is_interpolated_but_not_a_cube_with_one_vertex_moved() {
+    let plain = options(Solver::Plain, 1e-12);
+    let trace = found(&cube(), Scheme::CatmullClark, &plain).trace;
+    let last = trace.steps().last().unwrap().iteration;
+    assert!(last.abs_diff(40) <= 6, "{last}");
+    let mut places = cube().positions().to_vec();
+    places[3].x += 0.1;
+    let moved = cube().with_positions(places).unwrap();
+    for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
+        let refused =
+            interpolate(&moved, Scheme::CatmullClark, &options(solver, 1e-9), &Progress::none());
+        match refused {
+            Err(InterpolateError::NotInterpolable { residual, mode, .. }) => {
+                assert!((residual - 0.0125).abs() <= 1e-6, "{solver:?} {residual} {mode:?}");
+                assert!(mode.iter().all(|[x, ..]| (x.abs() - 0.0125).abs() <= 1e-6), "{mode:?}");
+            }
+            other => panic!("{solver:?} {other:?}"),
+        }
+    }
+    let near =
+        InterpolateOptions { on_singular: OnSingular::LeastSquares, ..options(Solver::Pcg, 1e-9) };
+    let near = found(&moved, Scheme::CatmullClark, &near);
+    assert!(!near.settled);
+    assert!((farthest(&moved, &near.mesh, Scheme::CatmullClark) - 0.0125).abs() <= 1e-6);
+    let once =
+        InterpolateOptions { on_singular: OnSingular::RefineOnce, ..options(Solver::Pcg, 1e-12) };
+    let once = found(&moved, Scheme::CatmullClark, &once);
+    assert!(once.settled && once.mesh.positions().len() == 26);
+    let surface = limits(&once.mesh, Scheme::CatmullClark).positions.apply(once.mesh.positions());
+    for (surface, vertex) in surface.iter().zip(moved.positions().iter()) {
+        assert!((surface - vertex).norm() <= 1e-10);
+    }
+}
+
+// T-INT-05.
+#[test]
+fn the_plain_iteration_shrinks_by_the_smallest_eigenvalue_in_every_step() {
+    let mesh = noisy(&bumpy(&sphere(2)), 0.02);
+    let limit = limits(&mesh, Scheme::Loop);
+    let scale = limit_matrix(&limit, mesh.faces(), &[]).scale.unwrap();
+    let length = |iterations: u32| {
+        let how = Interpolation {
+            iterations,
+            tolerance: 1e-14,
+            solver: Solver::Plain,
+            ..Interpolation::default()
+        };
+        let options = InterpolateOptions { how, ..InterpolateOptions::default() };
+        let control = found(&mesh, Scheme::Loop, &options).mesh;
+        let surface = limit.positions.apply(control.positions());
+        let missed = mesh.positions().iter().zip(&surface).zip(&scale);
+        missed.map(|((a, b), scale)| scale * (a - b).norm_squared()).sum::<f64>().sqrt()
+    };
+    let lengths = Vec::from_iter((0..12).map(length));
+    for pair in lengths.windows(2) {
+        assert!(pair[1] / pair[0] <= 1.0 - 0.251_756_7 + 1e-6, "{lengths:?}");
+    }
+}
+
+// T-INT-06.
+#[test]
+fn the_published_iteration_comes_nearer_and_begins_at_the_vertices() {
+    for mesh in [
+        bumpy(&sphere(2)),
+        noisy(&bumpy(&sphere(2)), 0.02),
+        torus(24, 12, true),
+        noisy(&torus(24, 12, true), 0.02),
+    ] {
+        let closest = |iterations, norm| {
+            let (foot, solver, tolerance) = (Foot::Closest, Solver::Plain, 1e-5);
+            let how = Interpolation {
+                foot,
+                solver,
+                tolerance,
+                norm,
+                iterations,
+                ..Interpolation::default()
+            };
+            found(&mesh, Scheme::Loop, &InterpolateOptions { how, ..InterpolateOptions::default() })
+        };
+        assert_eq!(closest(0, Norm::Max).mesh.positions(), mesh.positions());
+        let allowed = 1e-5 * super::super::geometric::diagonal(mesh.positions());
+        for norm in [Norm::Max, Norm::Mean] {
+            let found = closest(60, norm);
+            let steps = Vec::from_iter(found.trace.steps().iter().map(|step| match norm {
+                Norm::Max => step.max,
+                Norm::Mean => step.rms,
+            }));
+            assert!(found.settled && steps[steps.len() - 1] <= allowed, "{steps:?}");
+            assert!(steps[..steps.len() - 1].iter().all(|step| *step > allowed));
+            assert!(steps.windows(4).all(|window| window[3] <= window[0]), "{steps:?}");
+        }
+        let (vertex, near) = (options(Solver::Plain, 1e-5), closest(60, Norm::Max));
+        let vertex = found(&mesh, Scheme::Loop, &vertex).trace.steps().len();
+        eprintln!("{} iterations, with the vertices' own feet {vertex}", near.trace.steps().len());
+        assert!(near.trace.steps().len() <= vertex + 1);
+    }
+}
+
+// T-INT-07.
+#[test]
+fn an_affine_map_before_is_the_same_map_after() {
+    let map = Matrix3::new(2.0, 0.3, -0.1, 0.0, 0.7, 0.4, 0.5, 0.0, 1.5);
+    let shift = Vector3::new(3.0, -20.0, 1.0);
+    let moved = |mesh: &Mesh| {
+        let places = mesh.positions().iter().map(|p| Point3::from(map * p.coords + shift));
+        mesh.with_positions(places.collect()).unwrap()
+    };
+    for (scheme, mesh) in
+        SCHEMES.into_iter().zip([sphere(2), torus(12, 8, false), torus(12, 8, false)])
+    {
+        let mesh = noisy(&mesh, 0.05);
+        let options = options(Solver::Pcg, 1e-13);
+        let after = moved(&found(&mesh, scheme, &options).mesh);
+        let before = found(&moved(&mesh), scheme, &options).mesh;
+        let pairs = before.positions().iter().zip(after.positions().iter());
+        assert!(pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) <= 1e-9, "{scheme:?}");
+    }
+}
+
+// T-INT-08.
+#[test]
+fn fixed_control_points_stay_and_the_others_still_interpolate() {
+    let mesh = noisy(&bumpy(&sphere(2)), 0.02);
+    let fixed = Vec::from_iter((0..mesh.positions().len()).map(|vertex| vertex % 5 == 0));
+    for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
+        let options = InterpolateOptions { fixed: &fixed, ..options(solver, 1e-11) };
+        let control = found(&mesh, Scheme::Loop, &options).mesh;
+        let surface = limits(&mesh, Scheme::Loop).positions.apply(control.positions());
+        for vertex in 0..fixed.len() {
+            let point = mesh.positions()[vertex];
+            if fixed[vertex] {
+                assert_eq!(control.positions()[vertex], point);
+            } else {
+                assert!((surface[vertex] - point).norm() <= 1e-9, "{solver:?}");
+            }
+        }
+    }
+}
+
+// T-INT-09.
+#[test]
+fn limits_of_a_known_control_mesh_give_it_back() {
+    let meshes = [noisy(&sphere(2), 0.05), noisy(&torus(12, 8, false), 0.05), noisy(&cube(), 0.2)];
+    for (scheme, mesh) in SCHEMES.into_iter().zip(meshes) {
+        let surface = limits(&mesh, scheme).positions.apply(mesh.positions());
+        let given = mesh.with_positions(surface).unwrap();
+        let control = found(&given, scheme, &options(Solver::Pcg, 1e-12)).mesh;
+        let pairs = control.positions().iter().zip(mesh.positions().iter());
+        assert!(pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) <= 1e-8, "{scheme:?}");
+    }
+}
+
+#[test]
+fn the_bytes_do_not_depend_on_the_number_of_threads() {
+    let mesh = noisy(&bumpy(&sphere(4)), 0.01);
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| found(&mesh, Scheme::Loop, &options(Solver::Pcg, 1e-9)).mesh)
+    };
+    let first = run(1);
+    for threads in [2, 8] {
+        assert_eq!(run(threads).positions(), first.positions());
+    }
+}
+
+#[test]
+fn what_cannot_be_interpolated_is_refused() {
+    let refused = |options: &InterpolateOptions<'_>| {
+        interpolate(&cube(), Scheme::DooSabin, options, &Progress::none()).unwrap_err()
+    };
+    let none = InterpolateOptions { boundary: Boundary::None, ..InterpolateOptions::default() };
+    assert_eq!(refused(&none), InterpolateError::NoBorder);
+    let how = Interpolation { foot: Foot::Closest, ..Interpolation::default() };
+    let closest = InterpolateOptions { how, ..InterpolateOptions::default() };
+    assert!(matches!(refused(&closest), InterpolateError::NotLinear(_)));
+    let loops =
+        interpolate(&cube(), Scheme::Loop, &InterpolateOptions::default(), &Progress::none());
+    assert!(matches!(loops, Err(InterpolateError::Subdivide(_))));
+}
+
+/// Each polygon as a fan of triangles.
+fn triangulated(mesh: &Mesh) -> Mesh {
+    let fans = mesh
+        .faces()
+        .iter()
+        .flat_map(|face| (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
+    let faces = maquette::value::Faces::triangles(fans.collect());
+    Mesh::new(mesh.positions().clone(), faces).unwrap().with_creases(mesh.creases())
+}

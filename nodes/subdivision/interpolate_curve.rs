@@ -1,0 +1,215 @@
+//! Finds the control points of a smooth curve through given points.
+
+use maquette::value::{Curve, CurveError, KnotVectorError, Trace};
+use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::control_curve::ControlCurve;
+use super::geometric::{
+    Direction, Foot, FootPoint, Interpolation, Norm, NotLinear, Perpendicular, Solver, iterate,
+};
+use super::limit_matrix::LimitMatrix;
+
+/// Finds the control points of a smooth curve through given points.
+///
+/// The control points of `Chaikin` and `Cubic` are a polyline: refine it with `SubdivideCurve`. Those of `BSpline` come with knots
+/// and weights of 1, as a curve that is ready. An open curve begins and ends at its first and last point.
+///
+/// The form with `foot: Closest` is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
+/// progressive form.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct InterpolateCurve {
+    /// The points to meet: a polyline, open or closed.
+    pub curve: In<Curve>,
+    /// The kind of curve.
+    pub scheme: CurveBasis,
+    /// Which point of the curve each point is compared with.
+    #[serde(default)]
+    pub foot: Foot,
+    /// Which way a control point moves.
+    #[serde(default)]
+    pub direction: Direction,
+    /// How control points are found.
+    #[serde(default)]
+    pub solver: Solver,
+    /// Distance from the points that is small enough, over the diagonal of their box.
+    #[schemars(range(min = 1e-14, max = 1.0))]
+    #[serde(default = "millionth")]
+    pub tolerance: f64,
+    /// Which distance that is.
+    #[serde(default)]
+    pub norm: Norm,
+    /// Most iterations.
+    #[schemars(range(max = 100_000))]
+    #[serde(default = "two_hundred")]
+    pub iterations: u32,
+}
+
+pub(super) fn millionth() -> f64 {
+    1e-6
+}
+
+pub(super) fn two_hundred() -> u32 {
+    200
+}
+
+/// The kind of a curve through points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum CurveBasis {
+    /// The limit of Chaikin's subdivision: quadratic.
+    Chaikin,
+    /// The limit of the cubic subdivision.
+    Cubic,
+    /// A B-spline of this degree: uniform if it is closed, else with knots after the points' distances.
+    BSpline(#[schemars(range(min = 1, max = 9))] usize),
+}
+
+impl CurveBasis {
+    pub(super) fn degree(self) -> usize {
+        match self {
+            Self::Chaikin => 2,
+            Self::Cubic => 3,
+            Self::BSpline(degree) => degree,
+        }
+    }
+}
+
+/// Why there is no curve through some points.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InterpolateCurveError {
+    /// A B-spline, whose control points are not points to meet.
+    #[error("the curve is a B-spline; only the points of a polyline are interpolated")]
+    Spline,
+    /// A solver for other feet or directions.
+    #[error(transparent)]
+    NotLinear(#[from] NotLinear),
+    /// Too few points for the degree, or points in one place.
+    #[error(transparent)]
+    Knots(#[from] KnotVectorError),
+    /// Equations without one solution.
+    #[error("the points do not determine the curve: some lie in one place")]
+    Singular,
+    /// Control points out of all bounds.
+    #[error("the iteration ran away: {0}")]
+    Curve(#[from] CurveError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// A curve through points, and how it was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InterpolatedCurve {
+    /// The control points, for a B-spline with their knots.
+    pub curve: Curve,
+    /// The distances before each iteration and at the end, in mm.
+    pub trace: Trace,
+    /// Whether the distances are within the tolerance.
+    pub settled: bool,
+}
+
+impl Node for InterpolateCurve {
+    type Outputs = (Curve, Trace);
+    const OUTPUTS: [&'static str; 2] = ["curve", "trace"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let Self { foot, direction, solver, norm, tolerance, iterations, .. } = *self;
+        let how = Interpolation { foot, direction, solver, norm, tolerance, iterations };
+        let found = interpolate_curve(cx.get(&self.curve), self.scheme, &how, cx.progress())?;
+        if !found.settled {
+            cx.warn(format!("the curve is not within the tolerance after {iterations} iterations"));
+        }
+        Ok((found.curve, found.trace))
+    }
+}
+
+/// The control points of a curve through the points of a polyline.
+///
+/// Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm", Computer-Aided Design 39 (2007), for B-splines; the same
+/// iteration on the limit curves of subdivisions. With `foot: Vertex` the distances are those at the points' own parameters.
+///
+/// # Errors
+/// If the curve is no polyline, has too few points for the degree or points in one place, if the solver is not for this foot and
+/// direction, or the evaluation is told to stop.
+pub fn interpolate_curve(
+    curve: &Curve,
+    basis: CurveBasis,
+    how: &Interpolation,
+    progress: &Progress<'_>,
+) -> Result<InterpolatedCurve, InterpolateCurveError> {
+    if curve.knots().is_some() {
+        return Err(InterpolateCurveError::Spline);
+    }
+    how.check()?;
+    let points = curve.points();
+    let family = ControlCurve::new(basis, points, curve.is_closed())?;
+    let solution = match how.solver {
+        Solver::Plain => {
+            let mut feet = Feet::new(&family, points, how.foot);
+            iterate(points, how, &[], progress, |control, whole| feet.of(control, whole))?
+        }
+        Solver::Pcg | Solver::Direct => {
+            let matrix = matrix(&family, basis, points.len(), curve.is_closed());
+            matrix.solve(points, how, progress)?.ok_or(InterpolateCurveError::Singular)?
+        }
+    };
+    let found = solution.found;
+    let curve = match basis {
+        CurveBasis::BSpline(_) => family.curve(&found.control)?,
+        _ => curve.with_points(found.control)?,
+    };
+    Ok(InterpolatedCurve { curve, trace: found.trace, settled: found.settled })
+}
+
+/// The equations of the control points: the ends of an open curve first.
+fn matrix(family: &ControlCurve, basis: CurveBasis, count: usize, closed: bool) -> LimitMatrix {
+    let all = 0..count as u32;
+    let blocks = match closed {
+        true => vec![all.collect()],
+        false => vec![vec![0, all.end - 1], (1..all.end - 1).collect()],
+    };
+    let is_symmetric = closed || !matches!(basis, CurveBasis::BSpline(_));
+    let scale = is_symmetric.then(|| vec![1.0; count]);
+    LimitMatrix { rows: family.collocation(), blocks, scale }
+}
+
+/// The feet of points on the curves of an iteration.
+struct Feet<'a> {
+    family: &'a ControlCurve,
+    points: &'a [Point3<f64>],
+    foot: Foot,
+    /// The parameters of the last feet.
+    parameters: Vec<f64>,
+}
+
+impl<'a> Feet<'a> {
+    fn new(family: &'a ControlCurve, points: &'a [Point3<f64>], foot: Foot) -> Self {
+        Self { family, points, foot, parameters: family.parameters().to_vec() }
+    }
+
+    fn of(&mut self, control: &[Point3<f64>], whole: bool) -> Vec<FootPoint> {
+        // A curve that ran away has no feet; the iteration notes infinite distances and ends.
+        let Ok(curve) = self.family.curve(control) else {
+            return vec![FootPoint::nowhere(); self.points.len()];
+        };
+        let (start, end) = curve.domain();
+        let feet = self.points.iter().zip(&mut self.parameters).map(|(&to, t)| {
+            match self.foot {
+                Foot::Vertex => {}
+                Foot::Closest if whole => *t = curve.closest(to).t,
+                Foot::Closest => *t = curve.closest_from(to, *t).t,
+            }
+            let derivatives = curve.derivatives(*t, 1);
+            let inside = curve.is_closed() || start < *t && *t < end;
+            let tangent = derivatives[1].try_normalize(0.0).filter(|_| inside);
+            let perpendicular = tangent.map_or(Perpendicular::Nowhere, Perpendicular::To);
+            FootPoint { point: derivatives[0].into(), perpendicular }
+        });
+        feet.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

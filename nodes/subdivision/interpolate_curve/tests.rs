@@ -1,0 +1,155 @@
+use std::f64::consts::TAU;
+
+use super::super::subdivide_curve::{CurveScheme, subdivide_curve};
+use super::*;
+
+fn ring(radius: impl Fn(usize) -> [f64; 2]) -> Curve {
+    let point = |k: usize| {
+        let angle = TAU * k as f64 / 12.0;
+        let [x, y] = radius(k);
+        Point3::new(x * libm::cos(angle), y * libm::sin(angle), 0.0)
+    };
+    Curve::polyline((0..12).map(point).collect::<Vec<_>>(), true).unwrap()
+}
+
+fn ellipse() -> Curve {
+    ring(|_| [2.0, 1.0])
+}
+
+fn star() -> Curve {
+    ring(|k| [if k % 2 == 0 { 1.3 } else { 0.7 }; 2])
+}
+
+/// An open curve in space.
+fn helix(count: u32) -> Curve {
+    let point = |k: u32| {
+        let t = f64::from(k) * TAU / 6.0;
+        Point3::new(5.0 * libm::cos(t), 5.0 * libm::sin(t), t)
+    };
+    Curve::polyline((0..count).map(point).collect::<Vec<_>>(), false).unwrap()
+}
+
+fn plain(foot: Foot) -> Interpolation {
+    Interpolation { foot, solver: Solver::Plain, ..Interpolation::default() }
+}
+
+fn interpolated(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> InterpolatedCurve {
+    interpolate_curve(curve, basis, how, &Progress::none()).unwrap()
+}
+
+/// How many iterations bring the largest distance under 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal.
+fn counts(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> [u64; 4] {
+    let size = super::super::geometric::diagonal(curve.points());
+    let trace = interpolated(curve, basis, how).trace;
+    [1e-3, 1e-4, 1e-5, 1e-6].map(|tolerance| {
+        let under = trace.steps().iter().find(|step| step.max < tolerance * size);
+        under.expect("the iteration settles").iteration
+    })
+}
+
+// T-INT-10.
+#[test]
+fn the_geometric_iteration_needs_as_many_iterations_as_its_reference() {
+    let check = |curve: Curve, basis, foot, expected| {
+        for direction in [Direction::Residual, Direction::Normal] {
+            // The direction is told at the foot, and a vertex's own limit point need not be one.
+            if foot == Foot::Closest || direction == Direction::Residual {
+                let how = Interpolation { direction, ..plain(foot) };
+                assert_eq!(counts(&curve, basis, &how), expected, "{basis:?} {foot:?}");
+            }
+        }
+    };
+    check(ellipse(), CurveBasis::Chaikin, Foot::Vertex, [1, 2, 3, 3]);
+    check(ellipse(), CurveBasis::Chaikin, Foot::Closest, [2, 3, 5, 8]);
+    check(ellipse(), CurveBasis::Cubic, Foot::Vertex, [1, 2, 3, 4]);
+    check(ellipse(), CurveBasis::Cubic, Foot::Closest, [2, 5, 8, 11]);
+    for foot in [Foot::Vertex, Foot::Closest] {
+        check(star(), CurveBasis::Chaikin, foot, [5, 8, 11, 14]);
+        check(star(), CurveBasis::Cubic, foot, [9, 14, 19, 23]);
+    }
+}
+
+#[test]
+fn every_solver_finds_the_curve_through_the_points() {
+    for curve in [ellipse(), star(), helix(19), helix(2), helix(3)] {
+        for basis in [CurveBasis::Chaikin, CurveBasis::Cubic, CurveBasis::BSpline(1)] {
+            let family = ControlCurve::new(basis, curve.points(), curve.is_closed()).unwrap();
+            for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
+                let how = Interpolation { solver, tolerance: 1e-12, ..plain(Foot::Vertex) };
+                let found = interpolated(&curve, basis, &how);
+                assert!(found.settled, "{basis:?} {solver:?} {:?}", found.trace);
+                let through = family.curve(found.curve.points()).unwrap();
+                for (&t, point) in family.parameters().iter().zip(curve.points().iter()) {
+                    assert!((through.point(t) - point).norm() <= 1e-10, "{basis:?} {solver:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn b_splines_of_every_degree_pass_through_the_points() {
+    for degree in 1..=9 {
+        for curve in [star(), helix(19)] {
+            for solver in [Solver::Pcg, Solver::Direct] {
+                let how = Interpolation { solver, tolerance: 1e-10, ..plain(Foot::Vertex) };
+                let how = Interpolation { iterations: 2000, ..how };
+                let found = interpolated(&curve, CurveBasis::BSpline(degree), &how);
+                assert!(found.settled, "{degree} {solver:?}");
+                assert_eq!(found.curve.is_closed(), curve.is_closed());
+                for &point in curve.points().iter() {
+                    let distance = found.curve.closest(point).distance;
+                    assert!(distance <= 1e-8, "{degree} {solver:?} {distance}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_limit_of_the_subdivision_passes_through_the_points() {
+    let schemes =
+        [(CurveBasis::Chaikin, CurveScheme::Chaikin), (CurveBasis::Cubic, CurveScheme::Cubic)];
+    for (basis, scheme) in schemes {
+        for curve in [star(), helix(19)] {
+            let how = Interpolation { tolerance: 1e-9, ..Interpolation::default() };
+            let control = interpolated(&curve, basis, &how).curve;
+            let refined = subdivide_curve(&control, scheme, 9).unwrap();
+            for &point in curve.points().iter() {
+                assert!(refined.closest(point).distance <= 2e-5, "{scheme:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn both_norms_stop_where_they_say() {
+    for norm in [Norm::Max, Norm::Mean] {
+        let how = Interpolation { norm, tolerance: 1e-4, ..plain(Foot::Vertex) };
+        let trace = interpolated(&star(), CurveBasis::Cubic, &how).trace;
+        let allowed = 1e-4 * super::super::geometric::diagonal(star().points());
+        let distances = Vec::from_iter(trace.steps().iter().map(|step| match norm {
+            Norm::Max => step.max,
+            Norm::Mean => step.rms,
+        }));
+        let (last, before) = distances.split_last().unwrap();
+        assert!(*last <= allowed && before.iter().all(|distance| *distance > allowed));
+    }
+}
+
+#[test]
+fn what_cannot_be_interpolated_is_refused() {
+    let refused = |curve: &Curve, basis, how: &Interpolation| {
+        interpolate_curve(curve, basis, how, &Progress::none()).unwrap_err()
+    };
+    let closest = Interpolation { foot: Foot::Closest, ..Interpolation::default() };
+    let not_linear = InterpolateCurveError::NotLinear(NotLinear { solver: Solver::Pcg });
+    assert_eq!(refused(&star(), CurveBasis::Cubic, &closest), not_linear);
+    let spline = interpolated(&star(), CurveBasis::BSpline(3), &Interpolation::default()).curve;
+    assert_eq!(
+        refused(&spline, CurveBasis::Cubic, &Interpolation::default()),
+        InterpolateCurveError::Spline
+    );
+    let few = refused(&helix(3), CurveBasis::BSpline(3), &Interpolation::default());
+    assert!(matches!(few, InterpolateCurveError::Knots(_)), "{few}");
+}

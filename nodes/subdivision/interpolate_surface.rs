@@ -1,0 +1,323 @@
+//! Finds the control net of a B-spline surface through a grid of points.
+
+use maquette::value::{
+    Along, ControlNet, ControlNetError, KnotVector, KnotVectorError, Surface, SurfaceError, Trace,
+};
+use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use nalgebra::Point3;
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::geometric::{
+    Direction, Foot, FootPoint, Interpolation, Norm, NotLinear, Perpendicular, Solver, iterate,
+};
+use super::interpolate_curve::{millionth, two_hundred};
+use super::limit_matrix::LimitMatrix;
+use super::stencils::Stencils;
+use crate::nurbs::parameters;
+
+/// Finds the control net of a B-spline surface through a grid of points.
+///
+/// The surface has no weights; it begins and ends with the first and last rows and columns of points. Where it is to be written back
+/// into a scan by `Blend`, take `FitSurface`, which knows the scan's cells.
+///
+/// The form with `foot: Closest` is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
+/// progressive form.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct InterpolateSurface {
+    /// The points to meet, row by row.
+    pub points: In<ControlNet>,
+    /// Orders along u and v, one more than the degrees: 2 is straight, 3 quadratic, 4 cubic.
+    #[schemars(inner(range(min = 2, max = 10)))]
+    #[serde(default = "fours")]
+    pub order: [usize; 2],
+    /// Which point of the surface each point is compared with.
+    #[serde(default)]
+    pub foot: Foot,
+    /// Which way a control point moves.
+    #[serde(default)]
+    pub direction: Direction,
+    /// How control points are found.
+    #[serde(default)]
+    pub solver: Solver,
+    /// Distance from the points that is small enough, over the diagonal of their box.
+    #[schemars(range(min = 1e-14, max = 1.0))]
+    #[serde(default = "millionth")]
+    pub tolerance: f64,
+    /// Which distance that is.
+    #[serde(default)]
+    pub norm: Norm,
+    /// Most iterations.
+    #[schemars(range(max = 100_000))]
+    #[serde(default = "two_hundred")]
+    pub iterations: u32,
+}
+
+fn fours() -> [usize; 2] {
+    [4, 4]
+}
+
+/// Why there is no surface through some points.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InterpolateSurfaceError {
+    /// A solver for other feet or directions.
+    #[error(transparent)]
+    NotLinear(#[from] NotLinear),
+    /// Too few points for the order, or points in one place.
+    #[error(transparent)]
+    Knots(#[from] KnotVectorError),
+    /// Equations without one solution.
+    #[error("the points do not determine the surface: some lie in one place")]
+    Singular,
+    /// Control points out of all bounds.
+    #[error("the iteration ran away: {0}")]
+    Net(#[from] ControlNetError),
+    /// No surface.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// A surface through points, and how it was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InterpolatedSurface {
+    /// The surface.
+    pub surface: Surface,
+    /// The distances before each iteration and at the end, in mm.
+    pub trace: Trace,
+    /// Whether the distances are within the tolerance.
+    pub settled: bool,
+}
+
+impl Node for InterpolateSurface {
+    type Outputs = (Surface, Trace);
+    const OUTPUTS: [&'static str; 2] = ["surface", "trace"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let Self { foot, direction, solver, norm, tolerance, iterations, .. } = *self;
+        let how = Interpolation { foot, direction, solver, norm, tolerance, iterations };
+        let net = cx.get(&self.points);
+        if net.weights().windows(2).any(|pair| pair[0] != pair[1]) {
+            cx.warn("the weights of the net are not used: an interpolating surface has none");
+        }
+        let found = interpolate_surface(net, self.order, &how, cx.progress())?;
+        if !found.settled {
+            cx.warn(format!(
+                "the surface is not within the tolerance after {iterations} iterations"
+            ));
+        }
+        Ok((found.surface, found.trace))
+    }
+}
+
+/// The B-spline surface of these orders through the points of a net, with a control point for each.
+///
+/// The parameters are centripetal in the mean over all lines, the knots averaged from them: Piegl and Tiller, *The NURBS Book*, 2nd
+/// ed. (1997), section 9.2.5. With `foot: Vertex` the distances are those at the points' own parameters: Lin, Bao and Wang, "Totally
+/// positive bases and progressive iteration approximation", Computers & Mathematics with Applications 50 (2005); with `Closest` those
+/// of Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm" (2007). The matrix is not symmetric: `Solver::Pcg` runs on
+/// `A A^T`.
+///
+/// # Errors
+/// If there are fewer points than the order, or in one place, the solver is not for this foot and direction, or the evaluation is
+/// told to stop.
+pub fn interpolate_surface(
+    net: &ControlNet,
+    order: [usize; 2],
+    how: &Interpolation,
+    progress: &Progress<'_>,
+) -> Result<InterpolatedSurface, InterpolateSurfaceError> {
+    how.check()?;
+    let sheet = Sheet::new(net, order)?;
+    let solution = match how.solver {
+        Solver::Plain => {
+            let mut feet = Feet::new(&sheet, net.points(), how.foot);
+            iterate(net.points(), how, &[], progress, |control, whole| feet.of(control, whole))?
+        }
+        Solver::Pcg | Solver::Direct => {
+            let blocks = vec![(0..net.points().len() as u32).collect()];
+            let matrix = LimitMatrix { rows: sheet.collocation(), blocks, scale: None };
+            let solution = matrix.solve(net.points(), how, progress)?;
+            solution.ok_or(InterpolateSurfaceError::Singular)?
+        }
+    };
+    let found = solution.found;
+    let surface = sheet.surface(found.control)?;
+    Ok(InterpolatedSurface { surface, trace: found.trace, settled: found.settled })
+}
+
+/// The surfaces of a net's size.
+struct Sheet<'a> {
+    net: &'a ControlNet,
+    knots: [KnotVector; 2],
+    /// Where the points' parameters are.
+    parameters: [Vec<f64>; 2],
+}
+
+impl<'a> Sheet<'a> {
+    fn new(net: &'a ControlNet, order: [usize; 2]) -> Result<Self, KnotVectorError> {
+        let parameters = [Along::U, Along::V].map(|along| parameters(net, along, f64::sqrt));
+        let knots = |k: usize| KnotVector::averaged(&parameters[k], order[k].saturating_sub(1));
+        Ok(Self { net, knots: [knots(0)?, knots(1)?], parameters })
+    }
+
+    fn surface(&self, control: Vec<Point3<f64>>) -> Result<Surface, InterpolateSurfaceError> {
+        let net = ControlNet::new(self.net.rows(), self.net.columns(), control)?;
+        let [u, v] = self.knots.clone();
+        Ok(Surface::new(net.with_frame(self.net.frame().copied()), u, v)?)
+    }
+
+    /// The points of the surface at the parameters of the net's points, in terms of the control points.
+    fn collocation(&self) -> Stencils {
+        let columns = self.net.columns();
+        let bases = [0, 1].map(|k| {
+            let at = self.parameters[k].iter().map(|&t| self.knots[k].basis(t));
+            Vec::from_iter(at)
+        });
+        let (rows, _) = Stencils::build(self.net.points().len(), |_: &mut (), k, rows| {
+            let ((first_u, us), (first_v, vs)) = (&bases[0][k / columns], &bases[1][k % columns]);
+            for (row, u) in (*first_u..).zip(us).filter(|(_, u)| **u != 0.0) {
+                for (column, v) in (*first_v..).zip(vs).filter(|(_, v)| **v != 0.0) {
+                    rows.push((row * columns + column) as u32, u * v);
+                }
+            }
+            rows.end();
+        });
+        rows
+    }
+
+    /// The parameters of a point of the net.
+    fn at(&self, k: usize) -> [f64; 2] {
+        let columns = self.net.columns();
+        [self.parameters[0][k / columns], self.parameters[1][k % columns]]
+    }
+}
+
+/// The feet of points on the surfaces of an iteration.
+struct Feet<'a> {
+    sheet: &'a Sheet<'a>,
+    points: &'a [Point3<f64>],
+    foot: Foot,
+    /// The parameters of the last feet.
+    parameters: Vec<[f64; 2]>,
+}
+
+impl<'a> Feet<'a> {
+    fn new(sheet: &'a Sheet<'a>, points: &'a [Point3<f64>], foot: Foot) -> Self {
+        let parameters = (0..points.len()).map(|k| sheet.at(k)).collect();
+        Self { sheet, points, foot, parameters }
+    }
+
+    fn of(&mut self, control: &[Point3<f64>], whole: bool) -> Vec<FootPoint> {
+        // A surface that ran away has no feet; the iteration notes infinite distances and ends.
+        let Ok(surface) = self.sheet.surface(control.to_vec()) else {
+            return vec![FootPoint::nowhere(); self.points.len()];
+        };
+        let [u, v] = [surface.u().domain(), surface.v().domain()];
+        let points = self.points.par_iter().zip(&mut self.parameters);
+        let feet = points.map(|(&to, at)| {
+            let found = match self.foot {
+                Foot::Vertex => None,
+                Foot::Closest if whole => Some(surface.closest(to)),
+                Foot::Closest => Some(surface.closest_from(to, *at)),
+            };
+            if let Some(found) = found {
+                *at = [found.u, found.v];
+            }
+            let inside = u.0 < at[0] && at[0] < u.1 && v.0 < at[1] && at[1] < v.1;
+            let normal = surface.normal(at[0], at[1]).filter(|_| inside);
+            let perpendicular = normal
+                .map_or(Perpendicular::Nowhere, |normal| Perpendicular::Along(normal.into_inner()));
+            FootPoint { point: surface.point(at[0], at[1]), perpendicular }
+        });
+        feet.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn waves(rows: usize, columns: usize) -> ControlNet {
+        let point = |k: usize| {
+            let (a, b) = ((k / columns) as f64, (k % columns) as f64);
+            let (y, x) = (a + 0.3 * libm::sin(2.0 * a), b + 0.1 * b * b);
+            Point3::new(x, y, libm::sin(0.7 * x) * libm::cos(0.9 * y))
+        };
+        ControlNet::new(rows, columns, (0..rows * columns).map(point).collect::<Vec<_>>()).unwrap()
+    }
+
+    fn found(net: &ControlNet, order: [usize; 2], how: &Interpolation) -> InterpolatedSurface {
+        interpolate_surface(net, order, how, &Progress::none()).unwrap()
+    }
+
+    #[test]
+    fn every_solver_finds_the_surface_through_the_points() {
+        let net = waves(9, 12);
+        for order in [[4, 4], [2, 3], [5, 4]] {
+            let sheet = Sheet::new(&net, order).unwrap();
+            for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
+                let how = Interpolation { solver, tolerance: 1e-10, ..Interpolation::default() };
+                let how = Interpolation { iterations: 3000, ..how };
+                let found = found(&net, order, &how);
+                assert!(found.settled, "{order:?} {solver:?}");
+                for (k, point) in net.points().iter().enumerate() {
+                    let [u, v] = sheet.at(k);
+                    let distance = (found.surface.point(u, v) - point).norm();
+                    assert!(distance <= 1e-8, "{order:?} {solver:?} {distance}");
+                }
+            }
+        }
+    }
+
+    // T-INT-10, of a B-spline surface: both norms stop where they say.
+    #[test]
+    fn nearest_feet_end_on_the_points_in_both_norms_and_directions() {
+        let net = waves(6, 7);
+        for norm in [Norm::Max, Norm::Mean] {
+            for direction in [Direction::Residual, Direction::Normal] {
+                let (foot, solver) = (Foot::Closest, Solver::Plain);
+                let how = Interpolation {
+                    foot,
+                    direction,
+                    solver,
+                    norm,
+                    tolerance: 1e-5,
+                    iterations: 500,
+                };
+                let found = found(&net, [4, 4], &how);
+                assert!(found.settled, "{norm:?} {direction:?}");
+                let allowed = 1e-5 * super::super::geometric::diagonal(net.points());
+                let distances: Vec<f64> = net
+                    .points()
+                    .iter()
+                    .map(|&point| found.surface.closest(point).distance)
+                    .collect();
+                let max = distances.iter().copied().fold(0.0, f64::max);
+                let squares = distances.iter().map(|distance| distance * distance).sum::<f64>();
+                let rms = (squares / distances.len() as f64).sqrt();
+                let [distance, before] = match norm {
+                    Norm::Max => [max, found.trace.steps().iter().rev().nth(1).unwrap().max],
+                    Norm::Mean => [rms, found.trace.steps().iter().rev().nth(1).unwrap().rms],
+                };
+                assert!(distance <= allowed * (1.0 + 1e-9) && allowed < before);
+            }
+        }
+    }
+
+    #[test]
+    fn points_in_one_place_and_too_few_are_refused() {
+        let refused = |net: &ControlNet, order| {
+            interpolate_surface(net, order, &Interpolation::default(), &Progress::none())
+        };
+        assert!(matches!(
+            refused(&waves(3, 5), [4, 4]),
+            Err(InterpolateSurfaceError::Knots(KnotVectorError::TooFew { .. }))
+        ));
+        let flat = ControlNet::new(5, 5, vec![Point3::origin(); 25]).unwrap();
+        assert!(refused(&flat, [4, 4]).is_ok(), "one point is a surface of one point");
+    }
+}

@@ -1,0 +1,162 @@
+//! Where the vertices of a mesh go if it is subdivided forever, and which way the surface faces there.
+
+use std::ops::Range;
+
+use maquette::value::{Attribute, Column, Encoder, Mesh, MeshError, Summary};
+use maquette::{Error, Value};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::catmull_clark::CatmullClarkMasks;
+use super::connectivity::Connectivity;
+use super::doo_sabin::DualLimit;
+use super::level::{check_triangles, creases};
+use super::loop_masks::LoopMasks;
+use super::masks::{Masks, Scratch, Stars};
+use super::sharpness::Sharpness;
+use super::stencils::Stencils;
+use super::topology::Topology;
+use super::{Scheme, SubdivideError};
+
+/// Vertices that one task looks at.
+const BLOCK: usize = 4096;
+
+/// Most entries of the limit's rows: a face of `m` corners has some `m` in the row of each of its corners.
+const MOST_ENTRIES: usize = 1 << 28;
+
+/// The limit of each vertex of a mesh, as sparse rows in terms of the mesh's own vertices.
+#[derive(Clone, Debug)]
+pub(super) struct Limit {
+    /// What it was made from.
+    pub(super) topology: Topology,
+    /// The places.
+    pub(super) positions: Stencils,
+    /// Rows in pairs: two tangents, the first turning counter-clockwise to the second; a pair for each side of a crease.
+    pub(super) tangents: Stencils,
+    /// The first row of each vertex in `tangents`, and behind the last vertex the number of rows.
+    pub(super) sides: Column<u32>,
+}
+
+/// A function of its topology, which therefore stands for it in the hash.
+impl Value for Limit {
+    const NAME: &'static str = "SubdivisionLimit";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.value(&self.topology);
+    }
+
+    fn size(&self) -> usize {
+        let tangents = self.tangents.size() + self.sides.size();
+        self.topology.size() + self.positions.size() + tangents
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default().with("vertices", self.positions.len())
+    }
+}
+
+impl Limit {
+    /// The limit of the scheme that `topology` names.
+    ///
+    /// # Errors
+    /// Faces that the scheme has no rule for, or that are too large, or a mesh that is not manifold.
+    pub(super) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
+        let rules = topology.rules;
+        if rules.scheme == Scheme::Loop {
+            check_triangles(&topology.faces)?;
+        }
+        check_faces(topology)?;
+        let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
+        let creases = creases(topology, &mesh);
+        let (positions, (tangents, sides)) = match rules.scheme {
+            Scheme::DooSabin => {
+                let limit = DualLimit::new(mesh, starts, rules.boundary);
+                (limit.positions(), limit.tangents())
+            }
+            Scheme::Loop => {
+                let sharpness = Sharpness::new(&mesh, rules, &creases);
+                let masks = LoopMasks;
+                rows(&Stars { mesh: &mesh, sharpness: &sharpness, rules, masks }, &starts)
+            }
+            Scheme::CatmullClark => {
+                let sharpness = Sharpness::new(&mesh, rules, &creases);
+                let masks = CatmullClarkMasks;
+                rows(&Stars { mesh: &mesh, sharpness: &sharpness, rules, masks }, &starts)
+            }
+        };
+        Ok(Self { topology: topology.clone(), positions, tangents, sides })
+    }
+
+    /// The same, as [`maquette::Context::memo`] wants it.
+    pub(super) fn memo(topology: &Topology) -> Result<Self, Error> {
+        Ok(Self::new(topology)?)
+    }
+
+    /// The same mesh with its vertices on the limit surface, and the attribute `normal`.
+    ///
+    /// # Errors
+    /// If a place becomes infinite.
+    pub(super) fn apply(&self, mesh: &Mesh) -> Result<Mesh, MeshError> {
+        let limit = mesh.with_positions(self.positions.apply(mesh.positions()))?;
+        let fallback = limit.vertex_normals();
+        let normals: Vec<[f64; 3]> = (0..self.positions.len())
+            .into_par_iter()
+            .with_min_len(BLOCK)
+            .map(|vertex| self.normal(vertex, mesh.positions(), fallback[vertex]).into())
+            .collect();
+        limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
+    }
+
+    /// The unit normal at a vertex: on a crease the mean of its sides. `fallback` is taken where the tangents do not span a
+    /// plane, and tells which way a side of a corner faces, whose tangents may be more than a half turn apart.
+    pub(super) fn normal(
+        &self,
+        vertex: usize,
+        control: &[Point3<f64>],
+        fallback: Vector3<f64>,
+    ) -> Vector3<f64> {
+        let rows = self.sides[vertex] as usize..self.sides[vertex + 1] as usize;
+        side_normals(&self.tangents, rows, control, fallback)
+    }
+}
+
+/// The mean of the unit normals of the pairs of tangents in `rows`; as for [`Limit::normal`].
+pub(super) fn side_normals(
+    tangents: &Stencils,
+    rows: Range<usize>,
+    control: &[Point3<f64>],
+    fallback: Vector3<f64>,
+) -> Vector3<f64> {
+    let several = rows.len() > 2;
+    let sides = rows.step_by(2).map(|row| {
+        let [along, across] = [row, row + 1].map(|row| tangents.apply_row(row, control).coords);
+        let normal = along.cross(&across).try_normalize(0.0).unwrap_or_default();
+        if several && normal.dot(&fallback) < 0.0 { -normal } else { normal }
+    });
+    sides.sum::<Vector3<f64>>().try_normalize(1e-6).unwrap_or(fallback)
+}
+
+/// The rows of all vertices: places, tangents, and the first tangent of each.
+fn rows<M: Masks>(stars: &Stars<'_, M>, starts: &[u32]) -> (Stencils, (Stencils, Column<u32>)) {
+    let (positions, _) = Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
+        stars.limit(scratch, vertex as u32, starts[vertex], rows);
+        rows.end();
+    });
+    let tangents = Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
+        stars.tangents(scratch, vertex as u32, starts[vertex], rows);
+    });
+    (positions, tangents)
+}
+
+fn check_faces(topology: &Topology) -> Result<(), SubdivideError> {
+    let faces = &topology.faces;
+    let sides = |face: &usize| faces.face(*face).len();
+    let entries = (0..faces.len()).map(|face| sides(&face).saturating_mul(sides(&face)));
+    if topology.rules.scheme == Scheme::Loop
+        || entries.fold(0, usize::saturating_add) <= MOST_ENTRIES
+    {
+        return Ok(());
+    }
+    let face = (0..faces.len()).max_by_key(sides).unwrap_or_default();
+    Err(SubdivideError::LargeFace { face, corners: sides(&face) })
+}

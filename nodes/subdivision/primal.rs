@@ -1,0 +1,356 @@
+//! One step of a primal scheme, Loop's or Catmull's and Clark's: what of it depends on topology alone, and its products.
+
+use std::sync::Arc;
+
+use maquette::memory::huge_vec;
+use maquette::value::Faces;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::Scheme;
+use super::carry::Mix;
+use super::catmull_clark::CatmullClarkMasks;
+use super::connectivity::{Connectivity, NONE};
+use super::level::{BLOCK, Level};
+use super::loop_masks::LoopMasks;
+use super::masks::{Masks, Scratch, Stars};
+use super::sharpness::Sharpness;
+use super::split::{Corners, Split, Triangles, split_faces};
+use super::stencils::Stencils;
+
+/// How to refine a mesh once.
+#[derive(Debug)]
+pub(super) struct Primal {
+    /// The mesh.
+    pub(super) level: Arc<Level>,
+    /// The new vertices at the odd ones and on the sharp edges.
+    odd_rows: Vec<u32>,
+    /// Their stencils: columns are the old vertices, then the new ones in the faces.
+    stencils: Stencils,
+    /// The refined faces.
+    pub(super) finer: Faces,
+}
+
+/// What is the same for all meshes of a scheme.
+trait Kind: Split {
+    type Masks: Masks + Default;
+
+    /// The new vertex at a regular one at `old`, from its neighbors and the new vertices of its faces.
+    fn regular(
+        self,
+        old: Point3<f64>,
+        neighbors: impl Iterator<Item = Point3<f64>>,
+        faces: impl Iterator<Item = Point3<f64>>,
+    ) -> Point3<f64>;
+
+    /// The new vertex on a smooth edge with these half-edges; `faces` are the new vertices of the faces.
+    fn on_edge(
+        self,
+        walk: &impl Walk,
+        corners: &[u32],
+        halves: [u32; 2],
+        old: &[Point3<f64>],
+        faces: &[Point3<f64>],
+    ) -> Point3<f64>;
+}
+
+/// How to go from a half-edge to its neighbor and its face; where all faces are alike, without a look at the mesh.
+trait Walk: Sync {
+    fn next(&self, half: u32) -> u32;
+    fn face(&self, half: u32) -> u32;
+}
+
+struct Quads;
+
+impl Walk for Quads {
+    #[inline]
+    fn next(&self, half: u32) -> u32 {
+        half & !3 | (half + 1) & 3
+    }
+
+    #[inline]
+    fn face(&self, half: u32) -> u32 {
+        half / 4
+    }
+}
+
+struct ThreeSided;
+
+impl Walk for ThreeSided {
+    #[inline]
+    fn next(&self, half: u32) -> u32 {
+        if half % 3 == 2 { half - 2 } else { half + 1 }
+    }
+
+    #[inline]
+    fn face(&self, half: u32) -> u32 {
+        half / 3
+    }
+}
+
+impl Walk for Connectivity {
+    fn next(&self, half: u32) -> u32 {
+        self.next(half)
+    }
+
+    fn face(&self, half: u32) -> u32 {
+        self.face_of(half)
+    }
+}
+
+impl Kind for Triangles {
+    type Masks = LoopMasks;
+
+    #[inline]
+    fn regular(
+        self,
+        old: Point3<f64>,
+        neighbors: impl Iterator<Item = Point3<f64>>,
+        _: impl Iterator<Item = Point3<f64>>,
+    ) -> Point3<f64> {
+        let sum = neighbors.map(|point| point.coords).fold(Point3::origin(), |sum, x| sum + x);
+        (old.coords * 0.625 + sum.coords * 0.0625).into()
+    }
+
+    #[inline]
+    fn on_edge(
+        self,
+        walk: &impl Walk,
+        corners: &[u32],
+        [owner, twin]: [u32; 2],
+        old: &[Point3<f64>],
+        _: &[Point3<f64>],
+    ) -> Point3<f64> {
+        let at = |half: u32| old[corners[half as usize] as usize].coords;
+        let next = walk.next(owner);
+        let [a, b, c] = [at(owner), at(next), at(walk.next(next))];
+        if twin == NONE {
+            return ((a + b) * 0.5).into();
+        }
+        let d = at(walk.next(walk.next(twin)));
+        ((a + b) * 0.375 + (c + d) * 0.125).into()
+    }
+}
+
+impl Kind for Corners {
+    type Masks = CatmullClarkMasks;
+
+    #[inline]
+    fn regular(
+        self,
+        old: Point3<f64>,
+        neighbors: impl Iterator<Item = Point3<f64>>,
+        faces: impl Iterator<Item = Point3<f64>>,
+    ) -> Point3<f64> {
+        let pairs = neighbors.zip(faces);
+        let sum = pairs.fold(Point3::origin(), |sum, (a, b)| sum + (a.coords + b.coords));
+        (old.coords * 0.5 + sum.coords * 0.0625).into()
+    }
+
+    #[inline]
+    fn on_edge(
+        self,
+        walk: &impl Walk,
+        corners: &[u32],
+        [owner, twin]: [u32; 2],
+        old: &[Point3<f64>],
+        faces: &[Point3<f64>],
+    ) -> Point3<f64> {
+        let [a, b] =
+            [owner, walk.next(owner)].map(|half| old[corners[half as usize] as usize].coords);
+        if twin == NONE {
+            return ((a + b) * 0.5).into();
+        }
+        let [f, g] = [owner, twin].map(|half| faces[walk.face(half) as usize].coords);
+        (((a + b) + (f + g)) * 0.25).into()
+    }
+}
+
+impl Primal {
+    /// How to refine `level`.
+    pub(super) fn new(level: Arc<Level>) -> Self {
+        match level.rules.scheme {
+            Scheme::Loop => Self::of(level, Triangles),
+            _ => Self::of(level, Corners),
+        }
+    }
+
+    fn of<K: Kind>(level: Arc<Level>, kind: K) -> Self {
+        let Level { rules, mesh, creases, odd, .. } = &*level;
+        let sharpness = Sharpness::new(mesh, *rules, creases);
+        let stars =
+            Stars { mesh, sharpness: &sharpness, rules: *rules, masks: K::Masks::default() };
+        let items = odd.len() + creases.len();
+        let (stencils, _) = Stencils::build(items, |scratch: &mut Scratch, item, rows| {
+            match odd.get(item) {
+                Some(&[vertex, start]) => stars.vertex(scratch, vertex, start, rows),
+                None => stars.edge(creases[item - odd.len()].0, rows),
+            }
+            rows.end();
+        });
+        let kept = mesh.vertices as u32;
+        let on_edges = creases.iter().map(|(edge, _)| kept + edge);
+        let odd_rows = odd.iter().map(|[vertex, _]| *vertex).chain(on_edges).collect();
+        let finer = split_faces(mesh, kind);
+        Self { level, odd_rows, stencils, finer }
+    }
+
+    /// The refined mesh.
+    pub(super) fn next(&self) -> Level {
+        Level::after(&self.level, &self.finer)
+    }
+
+    /// Number of vertices of the refined mesh.
+    pub(super) fn n_finer(&self) -> usize {
+        match self.level.rules.scheme {
+            Scheme::Loop => Triangles.vertices(&self.level.mesh),
+            _ => Corners.vertices(&self.level.mesh),
+        }
+    }
+
+    /// The refined creases, by vertices.
+    pub(super) fn finer_creases(&self) -> Vec<([u32; 2], f64)> {
+        let sharpness = Sharpness::new(&self.level.mesh, self.level.rules, &self.level.creases);
+        // Two new edges on each old one, told apart by a bit.
+        let refined = sharpness.refined(|edge| [2 * edge, 2 * edge + 1]);
+        let lasting = refined.into_iter().filter(|(_, sharpness)| sharpness.is_finite());
+        lasting
+            .map(|(half, sharpness)| {
+                let end = self.level.mesh.ends(half / 2)[half as usize % 2];
+                ([end, self.level.mesh.vertices as u32 + half / 2], sharpness)
+            })
+            .collect()
+    }
+
+    /// The refined vertices' places.
+    pub(super) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
+        match self.level.rules.scheme {
+            Scheme::Loop => self.refine(old, Triangles),
+            _ => self.refine(old, Corners),
+        }
+    }
+
+    fn refine(&self, old: &[Point3<f64>], kind: impl Kind) -> Vec<Point3<f64>> {
+        match self.level.mesh.faces.sides() {
+            Some(3) => self.refine_along(old, kind, &ThreeSided),
+            Some(4) => self.refine_along(old, kind, &Quads),
+            _ => self.refine_along(old, kind, &self.level.mesh),
+        }
+    }
+
+    fn refine_along(
+        &self,
+        old: &[Point3<f64>],
+        kind: impl Kind,
+        walk: &impl Walk,
+    ) -> Vec<Point3<f64>> {
+        let corners = self.level.mesh.corners();
+        let mut new: Vec<Point3<f64>> = huge_vec(self.n_finer());
+        let (kept, rest) = new.split_at_mut(old.len());
+        let (on_edges, in_faces) = rest.split_at_mut(self.level.mesh.halves.len());
+        self.centroids(old, in_faces);
+        let in_faces = &in_faces[..];
+        let blocks = on_edges.par_chunks_mut(BLOCK).zip(self.level.mesh.halves.par_chunks(BLOCK));
+        blocks.for_each(|(new, halves)| {
+            for (new, &halves) in new.iter_mut().zip(halves) {
+                *new = kind.on_edge(walk, corners, halves, old, in_faces);
+            }
+        });
+        self.level.at_regular(kept, kind, |vertex, halves| {
+            let neighbors = halves.iter().map(|&h| old[corners[walk.next(h) as usize] as usize]);
+            let faces = halves.iter().map(|&half| in_faces[walk.face(half) as usize]);
+            kind.regular(old[vertex], neighbors, faces)
+        });
+        let column = |column: u32| match old.get(column as usize) {
+            Some(point) => *point,
+            None => in_faces[column as usize - old.len()],
+        };
+        let rows = (0..self.stencils.len()).into_par_iter().with_min_len(BLOCK);
+        let odd: Vec<Point3<f64>> = rows.map(|row| self.stencils.point(row, column)).collect();
+        self.odd_rows.iter().zip(odd).for_each(|(&row, point)| new[row as usize] = point);
+        new
+    }
+
+    /// The centroids of the faces, as far as there is place for them.
+    fn centroids(&self, old: &[Point3<f64>], to: &mut [Point3<f64>]) {
+        let faces = &self.level.mesh.faces;
+        let at = |&corner: &u32| old[corner as usize].coords;
+        to.par_chunks_mut(BLOCK).enumerate().for_each(|(block, to)| {
+            if faces.sides() == Some(4) {
+                let quads = faces.corners()[4 * BLOCK * block..].as_chunks::<4>().0;
+                for (to, quad) in to.iter_mut().zip(quads) {
+                    let [a, b, c, d] = quad.each_ref().map(at);
+                    *to = (((a + b) + (c + d)) * 0.25).into();
+                }
+            } else {
+                for (face, to) in (BLOCK * block..).zip(to) {
+                    let face = faces.face(face);
+                    *to = (face.iter().map(at).sum::<Vector3<f64>>() / face.len() as f64).into();
+                }
+            }
+        });
+    }
+
+    /// A column of vertex data, straight along old edges and within old faces.
+    pub(super) fn carry_vertices<T: Mix>(&self, old: &[T]) -> Vec<T> {
+        let mut new = Vec::with_capacity(self.n_finer());
+        new.extend_from_slice(old);
+        let halves = self.level.mesh.halves.par_iter().with_min_len(BLOCK);
+        new.par_extend(halves.map(|[owner, _]| {
+            let mut ends = [*owner, self.level.mesh.next(*owner)]
+                .map(|half| self.level.mesh.corners()[half as usize]);
+            ends.sort_unstable();
+            T::mix(ends.into_iter().map(|end| (0.5, old[end as usize])))
+        }));
+        if self.level.rules.scheme == Scheme::CatmullClark {
+            let faces = (0..self.level.mesh.faces.len()).into_par_iter().with_min_len(BLOCK);
+            new.par_extend(faces.map(|face| {
+                let face = self.level.mesh.faces.face(face);
+                let weight = 1.0 / face.len() as f64;
+                T::mix(face.iter().map(|&corner| (weight, old[corner as usize])))
+            }));
+        }
+        new
+    }
+
+    /// A column of corner data, straight within old faces.
+    pub(super) fn carry_corners<T: Mix>(&self, old: &[T]) -> Vec<T> {
+        let mean = |a: T, b: T| T::mix([(0.5, a), (0.5, b)].into_iter());
+        if self.level.rules.scheme == Scheme::Loop {
+            let triangles = old.par_chunks_exact(3).with_min_len(BLOCK);
+            return triangles
+                .flat_map_iter(|old| {
+                    let [a, b, c] = [old[0], old[1], old[2]];
+                    let [ab, bc, ca] = [mean(a, b), mean(b, c), mean(c, a)];
+                    [a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca]
+                })
+                .collect();
+        }
+        let faces = (0..self.level.mesh.faces.len()).into_par_iter().with_min_len(BLOCK);
+        faces
+            .flat_map_iter(|face| {
+                let first = self.level.mesh.faces.first_corner(face);
+                let old = &old[first..self.level.mesh.faces.first_corner(face + 1)];
+                let weight = 1.0 / old.len() as f64;
+                let middle = T::mix(old.iter().map(|&corner| (weight, corner)));
+                (0..old.len()).flat_map(move |k| {
+                    let [last, next] = [k + old.len() - 1, k + 1].map(|k| old[k % old.len()]);
+                    [old[k], mean(old[k], next), middle, mean(last, old[k])]
+                })
+            })
+            .collect()
+    }
+
+    /// The old face of each new one.
+    pub(super) fn parents(&self) -> Vec<u32> {
+        match self.level.rules.scheme {
+            Scheme::Loop => (0..self.finer.len() as u32).map(|face| face / 4).collect(),
+            _ => (0..self.finer.len() as u32).map(|half| self.level.mesh.face_of(half)).collect(),
+        }
+    }
+
+    /// How many bytes it holds.
+    pub(super) fn size(&self) -> usize {
+        self.level.size() + self.finer.corners().size() + self.stencils.size()
+    }
+}

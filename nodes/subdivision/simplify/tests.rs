@@ -1,0 +1,115 @@
+use maquette::value::Attribute;
+
+use super::*;
+
+/// A square sheet of `n` by `n` cells over the unit square, lifted by `height`.
+fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
+    let at = |k: u32| {
+        let [x, y] = [k % (n + 1), k / (n + 1)].map(|k| f64::from(k) / f64::from(n));
+        Point3::new(x, y, height(x, y))
+    };
+    let cells = (0..n * n).map(|k| k / n * (n + 1) + k % n);
+    let faces = cells.flat_map(|a| [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]]);
+    let places: Vec<_> = (0..(n + 1) * (n + 1)).map(at).collect();
+    Mesh::new(places, Faces::triangles(faces.collect())).unwrap()
+}
+
+fn simple(mesh: &Mesh, target: usize) -> Mesh {
+    simplify(mesh, target, &Progress::none()).unwrap()
+}
+
+fn area(mesh: &Mesh) -> f64 {
+    let corners = |face: &[u32]| [0, 1, 2].map(|k| mesh.positions()[face[k] as usize]);
+    let twice = mesh.faces().iter().map(corners).map(|[a, b, c]| (b - a).cross(&(c - a)).norm());
+    twice.sum::<f64>() / 2.0
+}
+
+#[test]
+fn a_flat_sheet_becomes_two_triangles_and_keeps_its_corners() {
+    let flat = simple(&sheet(16, |_, _| 0.0), 2);
+    assert_eq!(flat.faces().len(), 2);
+    assert!((area(&flat) - 1.0).abs() < 1e-12);
+    let mut places = Vec::from_iter(flat.positions().iter().map(|p| [p.x, p.y].map(|x| x as i32)));
+    places.sort_unstable();
+    assert_eq!(places, [[0, 0], [0, 1], [1, 0], [1, 1]]);
+}
+
+#[test]
+fn a_wave_keeps_its_shape_with_a_tenth_of_the_faces() {
+    let height = |x: f64, y: f64| 0.1 * libm::sin(6.0 * x) * libm::cos(4.0 * y);
+    let fine = sheet(60, height);
+    let coarse = simple(&fine, 720);
+    assert!(coarse.faces().len() <= 720);
+    let edges = coarse.edges();
+    assert!(edges.misoriented == 0 && edges.faces.iter().all(|&faces| faces <= 2));
+    for place in coarse.positions().iter() {
+        assert!((place.z - height(place.x, place.y)).abs() < 2e-3, "{place}");
+    }
+    assert!((area(&coarse) / area(&fine) - 1.0).abs() < 5e-3);
+    // No face looks down.
+    assert!(coarse.faces().iter().all(|face| coarse.area_vector(face).z > 0.0));
+}
+
+#[test]
+fn a_closed_mesh_stays_closed_and_of_its_kind() {
+    // A torus of 40 by 20 quads, cut into triangles.
+    let (n, m) = (40u32, 20u32);
+    let at = |k: u32| {
+        let [u, v] = [f64::from(k % n) / f64::from(n), f64::from(k / n) / f64::from(m)]
+            .map(|t| t * std::f64::consts::TAU);
+        let radius = 2.0 + 0.7 * libm::cos(v);
+        Point3::new(radius * libm::cos(u), radius * libm::sin(u), 0.7 * libm::sin(v))
+    };
+    let name = |i: u32, j: u32| i % n + j % m * n;
+    let cells = (0..n * m).map(|k| (k % n, k / n));
+    let faces = cells.flat_map(|(i, j)| {
+        let [a, b, c, d] = [name(i, j), name(i + 1, j), name(i + 1, j + 1), name(i, j + 1)];
+        [[a, b, c], [a, c, d]]
+    });
+    let torus =
+        Mesh::new((0..n * m).map(at).collect::<Vec<_>>(), Faces::triangles(faces.collect()));
+    let coarse = simple(&torus.unwrap(), 200);
+    let edges = coarse.edges();
+    assert!(coarse.faces().len() <= 200 && edges.faces.iter().all(|&faces| faces == 2));
+    let counts = [coarse.positions().len(), edges.vertices.len(), coarse.faces().len()];
+    let [v, e, f] = counts.map(|count| count as i64);
+    assert_eq!(v - e + f, 0);
+    // As far as a closed surface of so little genus can go.
+    assert!(simple(&coarse, 0).faces().len() >= 14);
+}
+
+#[test]
+fn creases_stay_where_they_are() {
+    // A roof: its ridge runs along y.
+    let roof = sheet(20, |x, _| 0.5 - (x - 0.5).abs());
+    let ridge = (0..20u32).map(|row| ([row * 21 + 10, (row + 1) * 21 + 10], 10.0));
+    let roof = roof.with_creases(ridge);
+    let coarse = simple(&roof, 4);
+    assert_eq!(coarse.faces().len(), 4);
+    let creases = Vec::from_iter(coarse.creases());
+    assert_eq!(creases.len(), 1);
+    for end in creases[0].0 {
+        let place = coarse.positions()[end as usize];
+        assert!((place.x - 0.5).abs() < 1e-9 && (place.z - 0.5).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn attributes_go_with_their_vertices_and_faces() {
+    let fine = sheet(10, |x, y| x * y);
+    let uv = fine.positions().iter().map(|place| [place.x, place.y]);
+    let side = (0..200u32).map(|face| u32::from(face >= 100));
+    let fine = fine
+        .clone()
+        .with_vertex("uv", Attribute::Pair(uv.collect::<Vec<_>>().into()))
+        .and_then(|mesh| mesh.with_face("side", Attribute::Index(side.collect::<Vec<_>>().into())))
+        .unwrap();
+    let coarse = simple(&fine, 40);
+    let Some(Attribute::Pair(uv)) = coarse.vertex().get("uv") else { panic!("uv") };
+    for (place, [u, v]) in coarse.positions().iter().zip(uv.iter()) {
+        // Straight along an edge is where a mixed vertex is, but for what the surface bends.
+        assert!((place.x - u).abs() < 0.08 && (place.y - v).abs() < 0.08, "{place} {u} {v}");
+    }
+    let Some(Attribute::Index(side)) = coarse.face().get("side") else { panic!("side") };
+    assert_eq!(side.len(), coarse.faces().len());
+}

@@ -1,0 +1,131 @@
+//! Sparse matrices from old to new vertices.
+
+use maquette::value::Column;
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+use super::carry::Mix;
+
+/// Rows that one task computes: enough to outweigh the cost of giving it to a thread, some 10 us.
+const BLOCK: usize = 4096;
+
+/// A sparse matrix by rows: row `r` has the entries `starts[r]..starts[r + 1]`.
+#[derive(Clone, Debug)]
+pub(super) struct Stencils {
+    starts: Column<u32>,
+    indices: Column<u32>,
+    weights: Column<f64>,
+}
+
+/// Rows of a sparse matrix while they are written.
+#[derive(Default)]
+pub(super) struct Rows {
+    ends: Vec<u32>,
+    indices: Vec<u32>,
+    weights: Vec<f64>,
+}
+
+impl Rows {
+    /// Adds an entry to the current row.
+    pub(super) fn push(&mut self, index: u32, weight: f64) {
+        self.indices.push(index);
+        self.weights.push(weight);
+    }
+
+    /// Number of entries of all rows.
+    pub(super) fn len(&self) -> usize {
+        self.indices.len()
+    }
+
+    /// Multiplies the entries from the one at `first` on.
+    pub(super) fn scale_from(&mut self, first: usize, factor: f64) {
+        self.weights[first..].iter_mut().for_each(|weight| *weight *= factor);
+    }
+
+    /// Takes all entries away.
+    pub(super) fn take_entries(&mut self) -> Vec<(u32, f64)> {
+        self.indices.drain(..).zip(self.weights.drain(..)).collect()
+    }
+
+    /// Ends the current row.
+    pub(super) fn end(&mut self) {
+        self.ends.push(self.indices.len() as u32);
+    }
+}
+
+impl Stencils {
+    /// The rows that `write` writes for each of `items`, in their order, and the first row of each item (with the number of
+    /// rows behind the last). `write` gets a scratch space, an item, and where to write its rows.
+    pub(super) fn build<S: Default>(
+        items: usize,
+        write: impl Fn(&mut S, usize, &mut Rows) + Sync,
+    ) -> (Self, Column<u32>) {
+        let blocks: Vec<(Vec<u32>, Rows)> = (0..items.div_ceil(BLOCK))
+            .into_par_iter()
+            .map(|block| {
+                let (mut scratch, mut rows) = (S::default(), Rows::default());
+                rows.indices.reserve(BLOCK * 4);
+                rows.weights.reserve(BLOCK * 4);
+                let items = block * BLOCK..items.min((block + 1) * BLOCK);
+                let ends = items.map(|item| {
+                    write(&mut scratch, item, &mut rows);
+                    rows.ends.len() as u32
+                });
+                (ends.collect(), rows)
+            })
+            .collect();
+        let total = |len: fn(&Rows) -> usize| blocks.iter().map(|(_, rows)| len(rows)).sum();
+        let mut groups = Vec::with_capacity(items + 1);
+        let mut starts = Vec::with_capacity(total(|rows| rows.ends.len()) + 1);
+        let mut indices = Vec::with_capacity(total(|rows| rows.indices.len()));
+        let mut weights = Vec::with_capacity(indices.capacity());
+        groups.push(0);
+        starts.push(0);
+        for (ends, rows) in &blocks {
+            let (row, entry) = (starts.len() as u32 - 1, indices.len() as u32);
+            groups.extend(ends.iter().map(|end| row + end));
+            starts.extend(rows.ends.iter().map(|end| entry + end));
+            indices.extend_from_slice(&rows.indices);
+            weights.extend_from_slice(&rows.weights);
+        }
+        let stencils =
+            Self { starts: starts.into(), indices: indices.into(), weights: weights.into() };
+        (stencils, groups.into())
+    }
+
+    /// Number of rows.
+    pub(super) fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// The entries of a row: indices and weights.
+    pub(super) fn row(&self, row: usize) -> (&[u32], &[f64]) {
+        let entries = self.starts[row] as usize..self.starts[row + 1] as usize;
+        (&self.indices[entries.clone()], &self.weights[entries])
+    }
+
+    /// One row times a column.
+    pub(super) fn apply_row<T: Mix>(&self, row: usize, column: &[T]) -> T {
+        let (indices, weights) = self.row(row);
+        T::mix(
+            weights.iter().zip(indices).map(|(&weight, &index)| (weight, column[index as usize])),
+        )
+    }
+
+    /// One row times the places that `column` gives.
+    pub(super) fn point(&self, row: usize, column: impl Fn(u32) -> Point3<f64>) -> Point3<f64> {
+        let (indices, weights) = self.row(row);
+        let terms = indices.iter().zip(weights);
+        terms.fold(Point3::origin(), |sum, (&index, &weight)| sum + column(index).coords * weight)
+    }
+
+    /// The matrix times a column, row by row in parallel; each row adds its terms in their order.
+    pub(super) fn apply<T: Mix>(&self, column: &[T]) -> Vec<T> {
+        let rows = (0..self.len()).into_par_iter().with_min_len(BLOCK);
+        rows.map(|row| self.apply_row(row, column)).collect()
+    }
+
+    pub(super) fn size(&self) -> usize {
+        self.starts.size() + self.indices.size() + self.weights.size()
+    }
+}

@@ -1,0 +1,137 @@
+//! The limit surface at any place.
+
+use nalgebra::Vector3;
+
+use super::super::super::limit_surface::{LimitPoint, LimitSurface};
+use super::super::*;
+use super::shapes::*;
+use super::with;
+
+fn surface(mesh: &Mesh, scheme: Scheme) -> LimitSurface {
+    LimitSurface::new(mesh, with(scheme, 0, true, Boundary::EdgeAndCorner)).unwrap()
+}
+
+fn families(scheme: Scheme) -> Vec<Mesh> {
+    let triangles =
+        [tetrahedron(), icosahedron(), bipyramid(5), rosette(7, 3), fan(5, 3), fan(1, 3)];
+    let polygons =
+        [cube_faces(), trapezohedron(5), prism(5), sheet(3, 3, false), patchwork(), fan(1, 4)];
+    let all = if scheme == Scheme::Loop { triangles } else { polygons };
+    all.into_iter()
+        .map(scattered)
+        .flat_map(|mesh| {
+            let edges = mesh.edges().vertices;
+            let creases: Vec<_> =
+                edges.into_iter().step_by(3).zip([10.0, 1.5, 10.0, 0.5]).collect();
+            [mesh.clone(), mesh.with_creases(creases)]
+        })
+        .collect()
+}
+
+/// Places in the faces of the control mesh, and the vertices of the refined mesh there.
+fn places(mesh: &Mesh, scheme: Scheme) -> Vec<(usize, [f64; 2], u32)> {
+    let how = with(scheme, 1, false, Boundary::EdgeAndCorner);
+    let refined = subdivide(mesh, how).unwrap();
+    let mut places = Vec::new();
+    for (face, corners) in mesh.faces().iter().enumerate() {
+        let first = mesh.faces().first_corner(face);
+        let at: &[(usize, usize, [f64; 2])] = match (scheme, corners.len()) {
+            (Scheme::Loop, _) => &[
+                (0, 0, [0., 0.]),
+                (0, 1, [0.5, 0.]),
+                (0, 2, [0., 0.5]),
+                (1, 0, [1., 0.]),
+                (1, 1, [0.5, 0.5]),
+            ],
+            (_, 4) => &[
+                (0, 0, [0., 0.]),
+                (0, 1, [0.5, 0.]),
+                (0, 2, [0.5, 0.5]),
+                (2, 0, [1., 1.]),
+                (3, 1, [0., 0.5]),
+            ],
+            _ => &[(0, 0, [0., 0.]), (2, 0, [2., 0.]), (1, 3, [1., 1.])],
+        };
+        for &(part, corner, place) in at {
+            let finer = if scheme == Scheme::Loop { 4 * face + part } else { first + part };
+            places.push((face, place, refined.faces().face(finer)[corner]));
+        }
+    }
+    places
+}
+
+#[test]
+fn at_vertices_and_middles_the_surface_is_where_the_masks_say() {
+    for scheme in [Scheme::CatmullClark, Scheme::Loop] {
+        for mesh in families(scheme) {
+            if mesh.creases().any(|(_, sharpness)| sharpness < 10.0) {
+                continue;
+            }
+            let surface = surface(&mesh, scheme);
+            let how = with(scheme, 1, true, Boundary::EdgeAndCorner);
+            let limit = subdivide(&mesh, how).unwrap();
+            for (face, [u, v], vertex) in places(&mesh, scheme) {
+                let point = surface.at(face, u, v).point;
+                let error = (point - limit.positions()[vertex as usize]).norm();
+                assert!(error < 1e-13, "{scheme:?} {face} {u} {v} {error} {:?}", mesh.faces());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_regular_patch_is_a_b_spline_with_its_derivatives() {
+    // Heights of degree 1 and 2 are reproduced but for a constant, and x, y exactly.
+    let mesh = lattice(5, |x, y| 0.5 * x * x - x * y + 0.25 * y * y + x);
+    let surface = surface(&mesh, Scheme::CatmullClark);
+    for k in 0..50 {
+        let [u, v] = [f64::from(k % 7) / 6.0, f64::from(k % 5) / 4.0];
+        // Face 12 is the square from (2, 2) on, with corners counter-clockwise from above.
+        let point = surface.at(12, u, v);
+        let [x, y] = [2.0 + u, 2.0 + v];
+        let height = 0.5 * x * x - x * y + 0.25 * y * y + x + (1.0 + 0.5) / 6.0;
+        assert!((point.point.coords - Vector3::new(x, y, height)).norm() < 1e-13);
+        assert!((point.first[0] - Vector3::new(1.0, 0.0, x - y + 1.0)).norm() < 1e-13);
+        assert!((point.first[1] - Vector3::new(0.0, 1.0, 0.5 * y - x)).norm() < 1e-13);
+        let second = point.second.unwrap();
+        for (second, expected) in second.into_iter().zip([1.0, -1.0, 0.5]) {
+            assert!((second - Vector3::new(0.0, 0.0, expected)).norm() < 1e-12, "{second}");
+        }
+    }
+}
+
+#[test]
+fn derivatives_are_those_of_the_points_and_neighboring_faces_meet() {
+    const STEP: f64 = 1e-5;
+    for scheme in [Scheme::CatmullClark, Scheme::Loop] {
+        for mesh in families(scheme) {
+            let surface = surface(&mesh, scheme);
+            for face in 0..mesh.faces().len() {
+                for [u, v] in [[0.3, 0.4], [0.07, 0.61], [0.45, 0.02], [0.6, 0.3]] {
+                    let at = |u: f64, v: f64| surface.at(face, u, v);
+                    let here = at(u, v);
+                    let [right, left, up, down] =
+                        [at(u + STEP, v), at(u - STEP, v), at(u, v + STEP), at(u, v - STEP)];
+                    let slope = |a: &LimitPoint, b: &LimitPoint| (a.point - b.point) / (2.0 * STEP);
+                    let error = (slope(&right, &left) - here.first[0]).norm();
+                    assert!(error < 1e-6, "{scheme:?} {face} {u} {v} {error}");
+                    assert!((slope(&up, &down) - here.first[1]).norm() < 1e-6);
+                    let bend = |a: &LimitPoint, b: &LimitPoint, k: usize| {
+                        (a.first[k] - b.first[k]) / (2.0 * STEP)
+                    };
+                    let [uu, uv, vv] = here.second.unwrap();
+                    let scale = 1.0 + uu.norm().max(vv.norm()).max(uv.norm());
+                    assert!((bend(&right, &left, 0) - uu).norm() < 1e-3 * scale);
+                    assert!((bend(&up, &down, 0) - uv).norm() < 1e-3 * scale);
+                    assert!((bend(&up, &down, 1) - vv).norm() < 1e-3 * scale);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_surface_of_doo_and_sabin_is_refused() {
+    let error = LimitSurface::new(&cube(), with(Scheme::DooSabin, 0, true, Boundary::EdgeOnly));
+    assert_eq!(error.err(), Some(SubdivideError::NoPatches));
+}

@@ -1,0 +1,183 @@
+//! Refines a polyline towards a smooth curve.
+
+use maquette::value::{Curve, CurveError};
+use maquette::{Context, Error, In, Node};
+use nalgebra::{Point3, center};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Refines a polyline towards a smooth curve.
+///
+/// The ends of an open one stay where they are. The new points run along the curve, beginning with those of the first point or
+/// edge.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct SubdivideCurve {
+    /// What is refined: a polyline, open or closed.
+    pub curve: In<Curve>,
+    /// The rules.
+    pub scheme: CurveScheme,
+    /// How often each edge is split in two.
+    #[schemars(range(max = 16))]
+    #[serde(default = "three")]
+    pub levels: u32,
+}
+
+fn three() -> u32 {
+    3
+}
+
+/// The rules of a curve's subdivision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum CurveScheme {
+    /// Chaikin (1974): corners are cut off; the limit is a quadratic B-spline, which touches every edge in its middle.
+    Chaikin,
+    /// The limit is a cubic B-spline, whose curvature is continuous.
+    Cubic,
+}
+
+/// Why a curve cannot be refined.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SubdivideCurveError {
+    /// A B-spline.
+    #[error("the curve is a B-spline and smooth already; only polylines are refined")]
+    Spline,
+    /// A result that memory could not hold.
+    #[error("{levels} levels would make more than {most} points of {points}")]
+    TooLarge {
+        /// Number of steps.
+        levels: u32,
+        /// Points before the first.
+        points: usize,
+        /// Most points.
+        most: usize,
+    },
+    /// Points out of all bounds.
+    #[error(transparent)]
+    Curve(#[from] CurveError),
+}
+
+/// Most points of a result: 100 MB.
+const MOST_POINTS: usize = 1 << 22;
+
+impl Node for SubdivideCurve {
+    type Outputs = (Curve,);
+    const OUTPUTS: [&'static str; 1] = ["curve"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((subdivide_curve(cx.get(&self.curve), self.scheme, self.levels)?,))
+    }
+}
+
+/// Refines a polyline `levels` times.
+///
+/// `Chaikin` puts `3/4 a + 1/4 b` and `1/4 a + 3/4 b` on each edge, n points become 2 n: Chaikin, "An algorithm for high-speed
+/// curve generation", Computer Graphics and Image Processing 3 (1974). `Cubic` moves each point `b` with the neighbors `a`, `c` to
+/// `1/8 a + 3/4 b + 1/8 c` and puts a new one in the middle of each edge: n points become 2 n, in an open curve 2 n - 1: Lane and
+/// Riesenfeld, "A theoretical development for the computer generation and display of piecewise polynomial surfaces" (1980).
+///
+/// # Errors
+/// If the curve is a B-spline or the result would be too large.
+pub fn subdivide_curve(
+    curve: &Curve,
+    scheme: CurveScheme,
+    levels: u32,
+) -> Result<Curve, SubdivideCurveError> {
+    if curve.knots().is_some() {
+        return Err(SubdivideCurveError::Spline);
+    }
+    let points = curve.points().len();
+    let count = 2usize.checked_pow(levels).and_then(|growth| points.checked_mul(growth));
+    if count.is_none_or(|count| count > MOST_POINTS) {
+        return Err(SubdivideCurveError::TooLarge { levels, points, most: MOST_POINTS });
+    }
+    let mut refined = curve.points().to_vec();
+    for _ in 0..levels {
+        refined = match scheme {
+            CurveScheme::Chaikin => cut_corners(&refined, curve.is_closed()),
+            CurveScheme::Cubic => smooth(&refined, curve.is_closed()),
+        };
+    }
+    Ok(Curve::polyline(refined, curve.is_closed())?)
+}
+
+fn cut_corners(points: &[Point3<f64>], closed: bool) -> Vec<Point3<f64>> {
+    let last = points.len() - 1;
+    let pair = |a: Point3<f64>, b: Point3<f64>| [a + (b - a) * 0.25, a + (b - a) * 0.75];
+    let inner = points.windows(2).flat_map(|edge| pair(edge[0], edge[1]));
+    if closed {
+        inner.chain(pair(points[last], points[0])).collect()
+    } else {
+        [points[0]].into_iter().chain(inner).chain([points[last]]).collect()
+    }
+}
+
+fn smooth(points: &[Point3<f64>], closed: bool) -> Vec<Point3<f64>> {
+    let count = points.len();
+    let mut refined = Vec::with_capacity(2 * count);
+    for (index, &point) in points.iter().enumerate() {
+        let [before, after] = [(index + count - 1) % count, (index + 1) % count].map(|k| points[k]);
+        let is_end = !closed && (index == 0 || index + 1 == count);
+        let middle = center(&before, &after);
+        refined.push(if is_end { point } else { point + (middle - point) * 0.25 });
+        if closed || index + 1 < count {
+            refined.push(center(&point, &after));
+        }
+    }
+    refined
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn curve(points: &[[f64; 2]], closed: bool) -> Curve {
+        let points = points.iter().map(|&[x, y]| Point3::new(x, y, 0.0));
+        Curve::polyline(points.collect::<Vec<_>>(), closed).unwrap()
+    }
+
+    fn refined(curve: &Curve, scheme: CurveScheme) -> Vec<[f64; 2]> {
+        let refined = subdivide_curve(curve, scheme, 1).unwrap();
+        refined.points().iter().map(|point| [point.x, point.y]).collect()
+    }
+
+    #[test]
+    fn corners_are_cut_and_the_ends_of_an_open_curve_stay() {
+        let corner = [[0., 0.], [4., 0.], [4., 4.]];
+        assert_eq!(
+            refined(&curve(&corner, false), CurveScheme::Chaikin),
+            [[0., 0.], [1., 0.], [3., 0.], [4., 1.], [4., 3.], [4., 4.]]
+        );
+        assert_eq!(
+            refined(&curve(&corner, true), CurveScheme::Chaikin),
+            [[1., 0.], [3., 0.], [4., 1.], [4., 3.], [3., 3.], [1., 1.]]
+        );
+    }
+
+    #[test]
+    fn the_cubic_rule_moves_points_and_adds_the_middles() {
+        let corner = [[0., 0.], [4., 0.], [4., 4.]];
+        assert_eq!(
+            refined(&curve(&corner, false), CurveScheme::Cubic),
+            [[0., 0.], [2., 0.], [3.5, 0.5], [4., 2.], [4., 4.]]
+        );
+        assert_eq!(
+            refined(&curve(&corner, true), CurveScheme::Cubic),
+            [[1., 0.5], [2., 0.], [3.5, 0.5], [4., 2.], [3.5, 3.], [2., 2.]]
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_refined_is_refused() {
+        let ring = curve(&[[0., 0.], [4., 0.], [4., 4.]], true);
+        assert!(matches!(
+            subdivide_curve(&ring, CurveScheme::Cubic, 40),
+            Err(SubdivideCurveError::TooLarge { levels: 40, points: 3, .. })
+        ));
+        let knots = maquette::value::KnotVector::uniform(3, 3).unwrap();
+        let spline = Curve::rational(ring.points().to_vec(), vec![1.0; 3], knots).unwrap();
+        assert_eq!(
+            subdivide_curve(&spline, CurveScheme::Cubic, 1),
+            Err(SubdivideCurveError::Spline)
+        );
+    }
+}

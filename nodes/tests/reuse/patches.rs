@@ -1,0 +1,132 @@
+//! Graphs that are other graphs with other values.
+
+use expect_test::expect;
+use maquette::{Catalog, Graph, Options, Source};
+
+use super::folder::{DOLL, Folder, graph};
+
+fn with_patch(patch: &str) -> Folder {
+    let text = graph(
+        r#""a": Moved(mesh: "doll", step: Param("far")), "out": Moved(mesh: "a", step: 2.0)"#,
+    );
+    let far = DOLL.replace("v 0 0 0", "v 100 0 0");
+    Folder::new(&[
+        ("base/graph.ron", &text.replace("lib/", "../lib/")),
+        ("base/doll.obj", DOLL),
+        ("doll.obj", &far),
+        ("graph.ron", patch),
+    ])
+}
+
+#[test]
+fn a_patch_is_a_graph() {
+    let folder = with_patch(
+        r#"Patch(of: "base/graph.ron", params: { "far": 5.0 }, nodes: { "out": (step: 4.0) })"#,
+    );
+    assert_eq!(folder.x_of(&[], "out"), 9.0);
+    assert_eq!(folder.x_of(&[("far", "1.0"), ("out.step", "0.5")], "out"), 1.5);
+    assert_eq!(Vec::from_iter(folder.graph().output_names()), ["out.ply"]);
+    let patch =
+        r#"Patch(format: 1, doc: "Twice.", of: "base/graph.ron", nodes: { "a": (step: 3.5) })"#;
+    let folder = with_patch(patch);
+    assert_eq!(folder.x_of(&[], "out"), 5.5);
+    assert_eq!(folder.graph().doc(), "Twice.");
+}
+
+#[test]
+fn a_patch_of_a_patch_and_a_patch_that_is_used() {
+    let folder = with_patch(r#"Patch(of: "first.ron", params: { "far": 7.0 })"#);
+    let first =
+        r#"Patch(of: "base/graph.ron", params: { "far": 5.0 }, nodes: { "out": (step: 4.0) })"#;
+    std::fs::write(folder.path("first.ron"), first).unwrap();
+    assert_eq!(folder.x_of(&[], "out"), 11.0);
+    let moved = r#"Patch(of: "moved.ron", params: { "step": 9.0 })"#;
+    std::fs::write(folder.path("lib/far.ron"), moved).unwrap();
+    let text = graph(r#""out": Moved(mesh: "doll")"#).replace("lib/moved", "lib/far");
+    std::fs::write(folder.path("graph.ron"), text).unwrap();
+    assert_eq!(folder.x_of(&[], "out"), 109.0);
+}
+
+#[test]
+fn a_path_in_a_patch_is_relative_to_the_patch() {
+    let patch = r#"Patch(of: "base/graph.ron", nodes: { "doll": (path: "doll.obj") })"#;
+    assert_eq!(with_patch(patch).x_of(&[], "doll"), 100.0);
+    assert_eq!(
+        with_patch(&patch.replace("\"doll.obj\"", "\"base/doll.obj\"")).x_of(&[], "doll"),
+        0.0
+    );
+}
+
+#[test]
+fn mistakes_are_reported_where_they_stand() {
+    let folder = with_patch(
+        r#"Patch(
+    of: "base/graph.ron",
+    params: { "fr": 1.0, "far": "x" },
+    nodes: { "ot": (step: 1.0), "out": (stp: 1.0, step: 40.0), "doll": (path: "dll.obj"), "a": 5 },
+    node: {},
+)"#,
+    );
+    folder.check(expect![[r#"
+        graph.ron:3:33-36 G009 parameter `far` wants a number, not the text "x"
+        graph.ron:4:79-88 G013 there is no file `dll.obj` (did you mean `doll.obj`?)
+        graph.ron:4:57-61 G010 field `step` of Moved is 40 mm, but must be at least 0 and at most 10 mm
+        graph.ron:4:48-51 G004 Moved has no field `stp` (did you mean `step`?)
+        graph.ron:3:15-19 G007 `fr`: the graph has no parameter `fr` (did you mean `far`?)
+        graph.ron:4:14-18 G007 `ot.step`: the graph has no node `ot` (did you mean `out`?)
+        graph.ron:4:96-97 G009 a patch of `a` is a group of fields, not the number 5 (write `(field: value, ..)`)
+        graph.ron:5:5-9 G004 Patch has no field `node` (did you mean `nodes`?)
+    "#]]);
+    std::fs::write(folder.path("graph.ron"), r#"Patch(of: "base/graph.ron")"#).unwrap();
+    let base = std::fs::read_to_string(folder.path("base/graph.ron")).unwrap();
+    std::fs::write(folder.path("base/graph.ron"), base.replace("step: 2.0", "stp: 2.0")).unwrap();
+    folder.check(expect![[r#"
+        base/graph.ron:3:71-74 G004 Moved has no field `stp` (did you mean `step`?)
+    "#]]);
+    std::fs::write(folder.path("base/graph.ron"), base.replace("nodes: {", "nodes: ")).unwrap();
+    folder.check(expect![[r#"
+        base/graph.ron:1:6-7 G001 this `(` is not closed before the `}` at 4:1 (put a `)` where it ends)
+    "#]]);
+    for patch in ["Patch()", "Patch(of: \"graph.ron\")", "Patch(of: 5)", "Patch(of: \"gone.ron\")"]
+    {
+        std::fs::write(folder.path("graph.ron"), patch).unwrap();
+        assert_eq!(folder.problems(&[]).lines().count(), 1, "{patch}: {}", folder.problems(&[]));
+    }
+}
+
+#[test]
+fn a_patch_is_set_and_compared_like_a_graph() {
+    let folder = with_patch(
+        "Patch(\n    of: \"base/graph.ron\", // here\n    params: { \"far\": 5.0 },\n)\n",
+    );
+    let path = folder.path("graph.ron");
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let edited = |text: &str, set: &[(&str, &str)]| {
+        let set = Vec::from_iter(set.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())));
+        Graph::edited(&path, text, &set, &catalog, &Options::default())
+    };
+    let text = std::fs::read_to_string(&path).unwrap();
+    let new =
+        edited(&text, &[("far", "6"), ("out.step", "1.5"), ("out.mesh", "doll")]).unwrap().text;
+    expect![[r#"
+        Patch(
+            of: "base/graph.ron", // here
+            params: { "far": 6 },
+            nodes: { "out": (step: 1.5, mesh: "doll") },
+        )
+    "#]]
+    .assert_eq(&new);
+    assert!(edited(&text, &[("out.step", "99")]).is_err());
+    assert!(edited(&text, &[("ot.step", "1")]).is_err());
+    let source = |path, text: &str| Source { name: path, text: text.to_owned() };
+    let base = std::fs::read_to_string(folder.path("base/graph.ron")).unwrap();
+    let base = source(folder.path("base/graph.ron"), &base);
+    let found = Graph::differences(&base, &source(path.clone(), &new), &catalog).unwrap();
+    let lines = Vec::from_iter(found.iter().map(|found| format!("{found}\n")));
+    expect![[r#"
+        parameter far: changed default: 3 -> 6
+        node out: rewired mesh: "a" -> "doll"
+        node out: changed step: 2 -> 1.5
+    "#]]
+    .assert_eq(&String::from_iter(lines));
+}

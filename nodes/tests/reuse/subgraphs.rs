@@ -1,0 +1,289 @@
+//! Graphs that use graphs: what they compute, and what is said of their mistakes.
+
+use std::path::{Path, PathBuf};
+
+use expect_test::{Expect, expect};
+use maquette::{Checked, Place, State};
+
+use super::folder::{DOLL, Folder, MOVED, evaluator, graph};
+
+fn check_nodes(nodes: &str, expected: Expect) {
+    Folder::with_nodes(nodes).check(expected);
+}
+
+#[test]
+fn a_graph_is_used_like_a_node() {
+    let folder = Folder::with_nodes(
+        r#""a": Moved(mesh: "doll"), "b": Moved(mesh: "a", step: Param("far")), "out": Moved(mesh: "b.mesh", step: Expr("far - 1"))"#,
+    );
+    assert_eq!(folder.x_of(&[], "a"), 1.0);
+    assert_eq!(folder.x_of(&[], "out"), 6.0);
+    assert_eq!(folder.x_of(&[], "out.mesh"), 6.0);
+    assert_eq!(folder.x_of(&[], "out/it.mesh"), 6.0);
+    assert_eq!(folder.x_of(&[("far", "5")], "out"), 10.0);
+    assert_eq!(folder.x_of(&[("b.step", "0.5")], "out"), 3.5);
+    assert_eq!(folder.x_of(&[("a.step", "0.5")], "out"), 5.5);
+}
+
+#[test]
+fn nodes_are_named_by_the_way_to_them_and_come_after_what_they_hang_on() {
+    let twice = r#"Graph(format: 1, use: { "Moved": "moved.ron" }, inputs: { "it": Mesh() }, params: { "far": Number(default: 2.0) },
+        nodes: { "b": Moved(mesh: "a", step: Param("far")), "a": Moved(mesh: "it") }, outputs: { "out": "b" })"#;
+    let text = graph(r#""out": Moved(mesh: "t.out"), "t": Twice(it: "doll", far: 4.0)"#)
+        .replace("use: {", "use: { \"Twice\": \"lib/twice.ron\",");
+    let folder = Folder::new(&[("graph.ron", &text), ("lib/twice.ron", twice)]);
+    let graph = folder.graph();
+    assert_eq!(Vec::from_iter(graph.node_names()), ["doll", "t/a/it", "t/b/it", "out/it"]);
+    assert_eq!(folder.x_of(&[], "out"), 6.0);
+}
+
+#[test]
+fn two_uses_with_equal_inputs_are_computed_once() {
+    let folder = Folder::with_nodes(
+        r#""a": Moved(mesh: "doll", step: 2.0), "b": Moved(mesh: "doll", step: Expr("far - 1")), "out": Merge(meshes: ["a", "b"])"#,
+    );
+    let trace = evaluator().evaluate_all(&folder.graph()).trace();
+    let state = |name: &str| trace.0.iter().find(|node| node.name == name).unwrap().state;
+    let both = [state("a/it"), state("b/it")];
+    assert!(both.contains(&State::Computed) && both != [State::Computed; 2], "{trace}");
+}
+
+#[test]
+fn a_use_is_checked_at_the_border() {
+    check_nodes(
+        r#""net": PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]),
+"a": Moved(mesh: "net"),
+"b": Moved(step: 2.0),
+"c": Moved(mesh: "doll", step: 11.0),
+"d": Moved(mesh: "doll", stp: 1.0, step: true),
+"e": Moved(mesh: "doll", mesh: "doll", step: Expr("far * 4")),
+"f": Movd(mesh: "doll"),
+"g": Moved(mesh: 4),
+"out": Moved(mesh: "c.msh")"#,
+        expect![[r#"
+            graph.ron:4:18-23 G012 port `mesh` of Moved wants a Mesh, but `net` is a ControlNet
+            graph.ron:5:6-22 G005 Moved needs a link at its port `mesh` (write `mesh: "node"` with a node that gives a Mesh)
+            graph.ron:6:32-36 G010 field `step` of Moved is 11 mm, but must be at least 0 and at most 10 mm
+            graph.ron:7:26-29 G004 Moved has no field `stp` (did you mean `step`?)
+            graph.ron:7:42-46 G009 field `step` of Moved wants a number, not true
+            graph.ron:8:26-30 G006 field `mesh` is given twice (keep one of them)
+            graph.ron:8:46-61 G010 field `step` of Moved is 12 mm, but must be at least 0 and at most 10 mm
+            graph.ron:9:6-10 G003 there is no node type `Movd` (did you mean `Moved`?)
+            graph.ron:10:18-19 G009 port `mesh` of Moved wants a link, not the number 4 (write the name of a node that gives a Mesh: "node")
+            graph.ron:11:20-27 G007 `c` is a Moved, which has no output `msh` (did you mean `mesh`?)
+        "#]],
+    );
+}
+
+#[test]
+fn a_mistake_inside_is_one_problem_at_its_own_line() {
+    let moved = MOVED.replace("translate:", "translat:");
+    let text = graph(r#""a": Moved(mesh: "doll"), "out": Moved(mesh: "a")"#);
+    let folder = Folder::new(&[("graph.ron", &text), ("lib/moved.ron", &moved)]);
+    folder.check(expect![[r#"
+        lib/moved.ron:7:44-52 G004 Transform has no field `translat` (did you mean `translate`?) <- a at graph.ron:3:1
+    "#]]);
+}
+
+#[test]
+fn a_value_that_only_the_inside_refuses_is_reported_there_with_where_it_comes_from() {
+    let finer = r#"Graph(format: 1, inputs: { "mesh": Mesh() }, params: { "levels": Integer(default: 1) },
+nodes: { "it": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("levels")) }, outputs: { "mesh": "it" })"#;
+    let outer = r#"Graph(format: 1, use: { "Finer": "finer.ron" }, inputs: { "mesh": Mesh() }, params: { "n": Integer(default: 1) },
+nodes: { "inner": Finer(mesh: "mesh", levels: Param("n")) }, outputs: { "mesh": "inner" })"#;
+    let text = graph(r#""out": Outer(mesh: "doll", n: 40), "other": Outer(mesh: "doll", n: 2)"#)
+        .replace("use: {", "use: { \"Outer\": \"lib/outer.ron\",");
+    let folder =
+        Folder::new(&[("graph.ron", &text), ("lib/outer.ron", outer), ("lib/finer.ron", finer)]);
+    folder.check(expect![[r#"
+        lib/finer.ron:2:62-77 G010 field `levels` of Subdivide is 40, but must be at least 0 and at most 8 (the value comes from graph.ron:3:31) <- out at graph.ron:3:1 <- inner at lib/outer.ron:2:10
+    "#]]);
+}
+
+#[test]
+fn graphs_that_use_each_other_are_refused_with_their_path() {
+    let a =
+        r#"Graph(format: 1, use: { "B": "b.ron" }, inputs: {}, nodes: { "b": B() }, outputs: {})"#;
+    let text = r#"Graph(format: 1, use: { "A": "lib/a.ron" }, nodes: { "a": A() }, outputs: {})"#;
+    let folder = Folder::new(&[
+        ("graph.ron", text),
+        ("lib/a.ron", a),
+        ("lib/b.ron", &a.replace("\"b.ron\"", "\"../lib/./a.ron\"")),
+    ]);
+    folder.check(expect![[r#"
+        lib/b.ron:1:30-46 G008 graphs use each other in a circle: lib/a.ron -> lib/b.ron -> lib/a.ron (a graph cannot be a part of itself) <- a at graph.ron:1:54 <- b at lib/a.ron:1:62
+    "#]]);
+    let itself = text.replace("lib/a.ron", "graph.ron");
+    Folder::new(&[("graph.ron", &itself)]).check(expect![[r#"
+        graph.ron:1:30-41 G008 graphs use each other in a circle: graph.ron -> graph.ron (a graph cannot be a part of itself)
+    "#]]);
+}
+
+#[test]
+fn what_a_graph_says_of_itself_is_checked() {
+    let moved = r#"Graph(
+format: 1,
+inputs: { "mesh": Msh(), "Net": Mesh(), "other": Mesh(dok: "x"), "odd": 5 },
+params: { "mesh": Number(default: 1.0) },
+nodes: { "other": Merge(meshes: ["mesh"]), "it": Merge(meshes: ["mesh", "odd"]) },
+outputs: { "out.ply": "it", "mesh": "it", "mesh": "it", "lost": "ti" },
+expect: [Closed("it")],
+)"#;
+    let text = graph(r#""out": Moved(mesh: "doll", other: "doll", odd: "doll")"#);
+    Folder::new(&[("graph.ron", &text), ("lib/moved.ron", moved)]).check(expect![[r#"
+        lib/moved.ron:3:19-22 G009 there is no type of values `Msh` (did you mean `Mesh`?) <- out at graph.ron:3:1
+        lib/moved.ron:3:26-31 G006 `Net` cannot name an input (names begin with a lower-case letter; lower-case letters, digits and hyphens follow) <- out at graph.ron:3:1
+        lib/moved.ron:3:55-58 G004 an input has no field `dok` (did you mean `doc`?) <- out at graph.ron:3:1
+        lib/moved.ron:3:73-74 G009 input `odd` has no type, but is the number 5 (write Mesh(doc: "what it is")) <- out at graph.ron:3:1
+        lib/moved.ron:4:11-17 G006 there is already an input `mesh` (give one of them another name) <- out at graph.ron:3:1
+        lib/moved.ron:5:10-17 G006 there is already an input `other` (give one of them another name) <- out at graph.ron:3:1
+        lib/moved.ron:6:12-21 G006 `out.ply` cannot name an output of a graph that others use (its outputs are ports, not files: lower-case letters, digits, hyphens) <- out at graph.ron:3:1
+        lib/moved.ron:6:43-49 G006 there is already an output `mesh` <- out at graph.ron:3:1
+        lib/moved.ron:6:65-69 G007 there is no node `ti` (did you mean `it`?) <- out at graph.ron:3:1
+        lib/moved.ron:7:9-23 G004 a graph with inputs can expect nothing of values (what is expected is said by the graph that uses it) <- out at graph.ron:3:1
+    "#]]);
+}
+
+#[test]
+fn files_of_graphs_must_be_there_and_inside() {
+    let text = r#"Graph(format: 1, use: { "A": "lib/movd.ron", "B": "../../x.ron", "c": "lib/moved.ron", "Merge": "lib/moved.ron", "D": 4, "E": "lib" },
+nodes: { "a": A(mesh: "b"), "b": B(x: 1) }, outputs: {})"#;
+    Folder::new(&[("graph.ron", text)]).check(expect![[r#"
+        graph.ron:1:30-44 G013 there is no file `lib/movd.ron` (did you mean `moved.ron`?)
+        graph.ron:1:51-64 G014 `../../x.ron` lies outside of the project (move the file into ROOT, put a maquette.toml into a folder above both, or allow its folder with --root)
+        graph.ron:1:66-69 G006 the text "c" cannot name a type of nodes (such names begin with a capital letter: "Feature")
+        graph.ron:1:88-95 G006 there is already a node type `Merge` (give it another name)
+        graph.ron:1:119-120 G009 `D` wants the path of a graph, not the number 4 (write "lib/name.ron")
+        graph.ron:1:127-132 G013 `lib` is not a file
+    "#]]);
+}
+
+#[test]
+fn a_path_is_relative_to_the_file_where_it_stands() {
+    let read = r#"Graph(format: 1, inputs: {}, params: { "file": Text(default: "own.obj", doc: "Which.") },
+nodes: { "it": ReadMesh(path: Param("file")) }, outputs: { "mesh": "it" })"#;
+    let through = r#"Graph(format: 1, use: { "Read": "../lib/read.ron" }, inputs: {}, params: { "which": Text(default: "mid.obj") },
+nodes: { "r": Read(file: Param("which")), "own": Read() }, outputs: { "mesh": "r", "own": "own" })"#;
+    let text = graph(r#""a": Through(), "b": Through(which: "doll.obj"), "out": Merge(meshes: ["a", "b", "a.own"])"#)
+        .replace("use: {", "use: { \"Through\": \"mid/through.ron\",");
+    let files = [
+        ("graph.ron", &text[..]),
+        ("lib/read.ron", read),
+        ("lib/own.obj", &DOLL.replace("v 0 0 0", "v 7 0 0")),
+        ("mid/through.ron", through),
+        ("mid/mid.obj", &DOLL.replace("v 0 0 0", "v 5 0 0")),
+    ];
+    let folder = Folder::new(&files);
+    assert_eq!([folder.x_of(&[], "a"), folder.x_of(&[], "b")], [5.0, 0.0]);
+    assert_eq!(folder.x_of(&[], "b.own"), 7.0);
+    assert_eq!(folder.x_of(&[("a.which", "lib/own.obj")], "a"), 7.0);
+    std::fs::remove_file(folder.path("doll.obj")).unwrap();
+    std::fs::remove_file(folder.path("lib/own.obj")).unwrap();
+    folder.check(expect![[r#"
+        graph.ron:2:24-34 G013 there is no file `doll.obj`
+        lib/read.ron:2:31-44 G013 there is no file `own.obj` <- a at graph.ron:3:1 <- own at mid/through.ron:2:43
+        graph.ron:3:37-47 G013 there is no file `doll.obj`
+    "#]]);
+}
+
+#[test]
+fn parameters_of_every_type_go_through() {
+    let all = r##"Graph(format: 1, inputs: { "mesh": Mesh() }, params: {
+"number": Number(default: 0.5), "integer": Integer(default: 1), "toggle": Toggle(default: false), "color": Color(default: "#ffffff"),
+"text": Text(default: "doll.obj"), "choice": Choice(default: EdgeOnly, of: [EdgeOnly, EdgeAndCorner]), "vector": Vector(default: (0, 0, 0), min: -9) },
+nodes: {
+"read": ReadMesh(path: Param("text")),
+"fine": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("integer"), limit: Param("toggle"), boundary: Param("choice")),
+"it": Transform(mesh: "fine", translate: Param("vector"), scale: (Param("number"), 1, 1)),
+"both": Merge(meshes: ["it", "read"]),
+"photo": ReadImage(path: "photo.png"),
+"red": Threshold(image: "photo", select: Near(color: Param("color"))),
+}, outputs: { "mesh": "both" })"##;
+    let nodes = r##""out": All(mesh: "doll", number: 2.0, integer: 2, toggle: true, color: "#c33923", text: "doll.obj", choice: EdgeAndCorner, vector: (1, Expr("far"), 3))"##;
+    let with_all = |nodes: &str| graph(nodes).replace("use: {", "use: { \"All\": \"all.ron\",");
+    let files = |text: &str| {
+        let folder = Folder::new(&[("graph.ron", text), ("all.ron", all), ("photo.png", "")]);
+        folder.problems(&[])
+    };
+    assert_eq!(files(&with_all(nodes)), "");
+    let wrong = r##""out": All(mesh: "doll", number: "2", integer: 2.5, toggle: yes, color: "red", text: Word, choice: Edge, vector: (1, -20, 3)),
+"two": All(mesh: "doll", vector: (1, 2))"##;
+    expect![[r##"
+        graph.ron:3:34-37 G009 field `number` of All wants a number, not the text "2" (parameters take values; for a parameter of the graph write Param("2"))
+        graph.ron:3:48-51 G009 field `integer` of All wants a number without fraction, not the number 2.5
+        graph.ron:3:61-64 G009 field `toggle` of All wants true or false, not `yes`
+        graph.ron:3:73-78 G009 field `color` of All: `red` is not a color; write six hexadecimal digits, as in "#c33923"
+        graph.ron:3:86-90 G009 field `text` of All wants a text in double quotes, not `Word`
+        graph.ron:3:100-104 G009 field `choice` of All has no choice `Edge` (its choices: EdgeOnly, EdgeAndCorner)
+        graph.ron:3:118-121 G010 field `vector` of All is -20, but must be at least -9
+        graph.ron:4:34-40 G009 field `vector` of All wants 3 values, not 2
+    "##]].assert_eq(&files(&with_all(wrong)));
+}
+
+#[test]
+fn a_trap_of_uses_that_double_each_time_is_refused() {
+    let lib = |inner: &str| {
+        let nodes = (0..10).map(|k| format!("\"n{k}\": {inner},"));
+        format!(
+            "Graph(format: 1, use: {{ {} }}, inputs: {{}}, nodes: {{ {} }}, outputs: {{}})",
+            if inner == "I()" { "\"I\": \"INNER\"" } else { "" },
+            String::from_iter(nodes)
+        )
+    };
+    let mut files = vec![("l0.ron".to_owned(), lib("PointNet(points: [[(0, 0, 0)]])"))];
+    for k in 1..9 {
+        files.push((format!("l{k}.ron"), lib("I()").replace("INNER", &format!("l{}.ron", k - 1))));
+    }
+    let top = lib("I()").replace("INNER", "l8.ron").replace("inputs: {}, ", "");
+    files.push(("graph.ron".to_owned(), top));
+    let files = Vec::from_iter(files.iter().map(|(name, text)| (&name[..], &text[..])));
+    let folder = Folder::new(&files);
+    assert!(folder.problems(&[]).contains("more than 1000000 nodes"), "{}", folder.problems(&[]));
+}
+
+#[test]
+fn a_graph_with_inputs_is_checked_by_itself_and_cannot_be_computed() {
+    let folder = Folder::new(&[]);
+    let checked = folder.load_with("lib/moved.ron", &[]);
+    let graph = checked.graph.unwrap();
+    let evaluation = evaluator().evaluate_nodes(&graph, &["it"]);
+    let problems = evaluation.problems();
+    assert_eq!(problems.len(), 1);
+    assert_eq!(
+        problems[0].message,
+        "`mesh` cannot be computed: `mesh` is an input: only a graph that uses this one gives it a value"
+    );
+}
+
+#[test]
+fn a_node_that_fails_inside_says_where() {
+    let moved = MOVED.replace(
+        "Transform(mesh: \"mesh\", translate: (Param(\"step\"), 0, 0))",
+        "ReadMesh(path: \"bad.obj\")",
+    );
+    let text = graph(r#""out": Moved(mesh: "doll")"#);
+    let folder = Folder::new(&[
+        ("graph.ron", &text),
+        ("lib/moved.ron", &moved),
+        ("lib/bad.obj", "v 1 x 2\n"),
+    ]);
+    let graph = folder.graph();
+    let problems = evaluator().evaluate_all(&graph).problems();
+    assert_eq!(problems.len(), 1, "{problems:?}");
+    let problem = &problems[0];
+    assert!(problem.source.name.ends_with(Path::new("lib/moved.ron")));
+    assert_eq!(Place::of(&problem.source.text, problem.span.start).line, 7);
+    assert_eq!(Vec::from_iter(problem.uses.iter().map(|at| &at.name[..])), ["out"]);
+}
+
+#[test]
+fn every_file_of_a_graph_is_known_even_if_it_is_not_there() {
+    let text =
+        graph(r#""out": Moved(mesh: "doll")"#).replace("use: {", "use: { \"Gone\": \"gone.ron\",");
+    let folder = Folder::new(&[("graph.ron", &text)]);
+    let names = |checked: &Checked| -> Vec<String> {
+        let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
+        checked.subgraphs.iter().map(name).collect()
+    };
+    assert_eq!(names(&folder.load_with("graph.ron", &[])), ["gone.ron", "moved.ron"]);
+}

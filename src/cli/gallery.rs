@@ -1,0 +1,209 @@
+//! `maquette gallery`: a page of all graphs of a folder, each with its picture, its parameters and what it is for.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::Value as Json;
+
+use super::caching::CacheOptions;
+use super::outputs::write_whole;
+use super::{Exit, eprint, print, report};
+use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
+use crate::eval::Evaluator;
+use crate::format::png;
+use crate::golden::mesh_of;
+use crate::graph::{Graph, Options, Subgraph, any_of};
+use crate::render::{View, render};
+
+#[derive(Args)]
+pub(super) struct Gallery {
+    /// The folder of graphs. The page is its README.md, the pictures lie in `pictures/`.
+    #[arg(default_value = "graphs", value_name = "FOLDER")]
+    graphs: PathBuf,
+    /// Write nothing and compute nothing; fail if the page is not up to date or a picture is missing.
+    #[arg(long)]
+    check: bool,
+    #[command(flatten)]
+    cache: CacheOptions,
+}
+
+/// Width and height of a picture in pixels: several fit side by side, and each takes some tens of kilobytes.
+const SIZE: [usize; 2] = [320, 240];
+
+/// From the right and a little above, so that depth is seen.
+const VIEW: View = View { size: SIZE, yaw: 25.0, pitch: 10.0, ..FRONT };
+const FRONT: View = View {
+    size: SIZE,
+    yaw: 0.0,
+    pitch: 0.0,
+    zoom: 1.0,
+    projection: crate::render::Projection::Perspective,
+};
+
+const PAGE: &str = "README.md";
+const PICTURES: &str = "pictures";
+
+impl Gallery {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        match self.make(catalog) {
+            Ok(exit) => exit,
+            Err(why) => {
+                eprint(&format!("error: {why}\n"));
+                Exit::Failed
+            }
+        }
+    }
+
+    fn make(&self, catalog: &Catalog) -> Result<Exit, String> {
+        let mut page = String::from(HEAD);
+        let mut used: Vec<Subgraph> = Vec::new();
+        let mut evaluator = None;
+        let mut complete = true;
+        let graphs = graphs(&self.graphs)?;
+        for path in &graphs {
+            let checked = Graph::load(path, catalog, &Options::default());
+            report(&checked.problems);
+            let graph = checked.graph.ok_or_else(|| format!("{} has problems", path.display()))?;
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            let picture = Path::new(PICTURES).join(&name).with_extension("png");
+            let (subgraphs, _) = Graph::subgraphs(path, catalog, &Options::default());
+            self.entry(&mut page, &name, &picture, &graph, &subgraphs);
+            let file = self.graphs.join(&picture);
+            if self.check {
+                complete &= file.is_file();
+            } else {
+                let evaluator = match &mut evaluator {
+                    Some(evaluator) => evaluator,
+                    none => none.insert(self.cache.evaluator(0, catalog)?),
+                };
+                let bytes = picture_of(&graph, evaluator)
+                    .ok_or_else(|| format!("{} gives nothing to be seen", path.display()))?;
+                put(&file, &bytes)?;
+            }
+            for subgraph in subgraphs {
+                if used.iter().all(|known| known.file != subgraph.file) {
+                    used.push(subgraph);
+                }
+            }
+        }
+        self.library(&mut page, &mut used);
+        let path = self.graphs.join(PAGE);
+        if !self.check {
+            put(&path, page.as_bytes())?;
+            print(&format!("{}: {} graphs\n", path.display(), graphs.len()));
+            return Ok(Exit::Done);
+        }
+        if complete && std::fs::read_to_string(&path).is_ok_and(|known| known == page) {
+            return Ok(Exit::Done);
+        }
+        Err(format!("{} is not up to date: `maquette gallery` makes it anew", path.display()))
+    }
+
+    fn entry(
+        &self,
+        page: &mut String,
+        name: &str,
+        picture: &Path,
+        graph: &Graph,
+        used: &[Subgraph],
+    ) {
+        let (picture, doc) = (picture.display(), graph.doc());
+        let _ = write!(page, "\n## [{name}]({name}.ron)\n\n![{name}]({picture})\n\n{doc}\n\n");
+        let fields = graph.schema.get("properties").and_then(Json::as_object);
+        for (name, field) in fields.into_iter().flatten() {
+            parameter(page, name, field, &graph.schema);
+        }
+        let outputs = Vec::from_iter(graph.output_names().map(|name| format!("`{name}`")));
+        let _ = writeln!(page, "- writes {}", outputs.join(", "));
+        if !used.is_empty() {
+            let link = |it: &Subgraph| format!("[{}]({})", it.name, self.relative(&it.file));
+            let _ = writeln!(page, "- uses {}", Vec::from_iter(used.iter().map(link)).join(", "));
+        }
+    }
+
+    /// What graphs in the folder are made of.
+    fn library(&self, page: &mut String, used: &mut [Subgraph]) {
+        if used.is_empty() {
+            return;
+        }
+        used.sort_by(|a, b| a.file.cmp(&b.file));
+        *page += LIBRARY;
+        for subgraph in used {
+            let Description { name, schema, outputs, .. } = subgraph.description();
+            let doc = schema["description"].as_str().unwrap_or_default();
+            let _ = write!(page, "\n### [{name}]({})\n\n{doc}\n\n", self.relative(&subgraph.file));
+            let ports = subgraph.description().ports();
+            for port in &ports {
+                let types = any_of(port.types.iter().map(String::as_str));
+                let _ = writeln!(page, "- takes `{}`, {types}: {}", port.name, port.doc);
+            }
+            let fields = schema.get("properties").and_then(Json::as_object);
+            for (name, field) in fields.into_iter().flatten() {
+                if ports.iter().all(|port| port.name != *name) {
+                    parameter(page, name, field, schema);
+                }
+            }
+            for (name, types) in outputs {
+                let _ = writeln!(page, "- gives `{name}`, {}", any_of(types));
+            }
+        }
+    }
+
+    fn relative(&self, file: &str) -> String {
+        let path = Path::new(file);
+        path.strip_prefix(&self.graphs).unwrap_or(path).display().to_string().replace('\\', "/")
+    }
+}
+
+const HEAD: &str = "# Graphs to start from
+
+This page is made by `maquette gallery graphs`. Run a graph as it stands, `maquette run graphs/face.ron`, with other values,
+`--set nose=20`, or as a file of its own that says what differs: `Patch(of: \"face.ron\", params: { \"nose\": 20.0 })`.
+";
+
+const LIBRARY: &str = "
+## To be used in other graphs
+
+Name the file under `use`, and it is a node like any other: `maquette nodes GRAPH` prints its reference.
+";
+
+/// One line for a parameter.
+fn parameter(page: &mut String, name: &str, field: &Json, root: &Json) {
+    let (kind, default) = (describe_parameter(field, root), describe_default(field));
+    let doc = field["description"].as_str().unwrap_or_default();
+    let _ = writeln!(page, "- `{name}`: {kind}{default}. {doc}");
+}
+
+/// The graphs of a folder, by name; tests are none.
+fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
+    let unread = |error: std::io::Error| format!("cannot read {}: {error}", folder.display());
+    let entries = std::fs::read_dir(folder).map_err(unread)?;
+    let mut graphs = Vec::new();
+    for entry in entries {
+        let path = entry.map_err(unread)?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if path.is_file() && name.ends_with(".ron") && !name.ends_with(".test.ron") {
+            graphs.push(path);
+        }
+    }
+    graphs.sort();
+    Ok(graphs)
+}
+
+/// The first output that has faces, as it looks.
+fn picture_of(graph: &Graph, evaluator: &mut Evaluator) -> Option<Vec<u8>> {
+    let evaluation = evaluator.evaluate_all(graph);
+    report(&evaluation.problems());
+    let mut values = graph.outputs.iter().filter_map(|it| evaluation.value(it.node, it.output));
+    let mesh = values.find_map(mesh_of)?;
+    png::encode_rgb(&render(&mesh, &VIEW)).ok()
+}
+
+/// Writes a file, unless it holds these bytes already.
+fn put(path: &Path, bytes: &[u8]) -> Result<(), String> {
+    if std::fs::read(path).is_ok_and(|known| known == bytes) {
+        return Ok(());
+    }
+    write_whole(path, bytes).map_err(|error| format!("cannot write {}: {error}", path.display()))
+}

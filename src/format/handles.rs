@@ -1,0 +1,241 @@
+//! Handles as small texts: RON, JSON and CSV, to be written by hand or by a script.
+
+use serde::Deserialize;
+use serde_json::{Value, json};
+use thiserror::Error;
+
+use super::json::print;
+use super::{At, excerpt};
+use crate::error::{Error, Place};
+use crate::graph;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{Handle, HandleSpace, Handles, HandlesError};
+
+/// Why bytes are no handles.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum HandlesFileError {
+    /// The bytes are no text.
+    #[error("the file is not text in UTF-8")]
+    NoText,
+    /// The text is no RON or JSON, or holds something else than handles.
+    #[error("{at}: {message}")]
+    Syntax {
+        /// Where.
+        at: At,
+        /// What is wrong.
+        message: String,
+    },
+    /// A column of a CSV file that no handle has, or that is missing.
+    #[error(
+        "the first line must name the columns x, y and z, and may name to_x, to_y, to_z, sigma_x, sigma_y, sigma_z and weight; {problem}"
+    )]
+    Columns {
+        /// What is wrong.
+        problem: String,
+    },
+    /// Numbers that are no handles.
+    #[error(transparent)]
+    Handles(#[from] HandlesError),
+}
+
+/// What a RON or JSON file holds.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Content {
+    space: Option<HandleSpace>,
+    handles: Vec<Handle>,
+}
+
+fn text(bytes: &[u8]) -> Result<&str, HandlesFileError> {
+    str::from_utf8(bytes).map_err(|_| HandlesFileError::NoText)
+}
+
+/// The handles of a RON file: `Handles(space: World, handles: [(at: (0, 0, 0), to: (0, 0, 1), sigma: (1, 1, 1))])`, where `to`,
+/// `sigma` and `weight` may be left out, as may the space, which is `space` then. A list of handles alone will do.
+///
+/// # Errors
+/// If the text is no such file, or a number is not finite or not greater than 0 where it must be.
+pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
+    let text = text(bytes)?;
+    let place = |offset: usize| At::Line(Place::of(text, offset).line);
+    let (tree, mistakes) = graph::parse(text);
+    if let Some(mistake) = mistakes.into_iter().next() {
+        let at = place(mistake.span.start);
+        return Err(HandlesFileError::Syntax { at, message: mistake.message });
+    }
+    let content = match &tree.kind {
+        graph::Kind::List(_) => {
+            graph::read_tree(&tree).map(|handles| Content { space: None, handles })
+        }
+        _ => graph::read_tree(&tree),
+    };
+    let content = content.map_err(|error| {
+        let at = place(error.span.map_or(0, |span| span.start));
+        HandlesFileError::Syntax { at, message: error.message }
+    })?;
+    Ok(Handles::new(content.space.unwrap_or(space), &content.handles)?)
+}
+
+/// The handles of a JSON file: `{"space": "World", "handles": [{"at": [0, 0, 0], "to": [0, 0, 1]}]}`; see [`read_ron`].
+///
+/// # Errors
+/// As [`read_ron`].
+pub fn read_json(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
+    let is_list = text(bytes)?.trim_start().starts_with('[');
+    let content = if is_list {
+        serde_json::from_slice(bytes).map(|handles| Content { space: None, handles })
+    } else {
+        serde_json::from_slice(bytes)
+    };
+    let content = content.map_err(|error| HandlesFileError::Syntax {
+        at: At::Line(error.line()),
+        message: error.to_string(),
+    })?;
+    Ok(Handles::new(content.space.unwrap_or(space), &content.handles)?)
+}
+
+/// The columns that a CSV file may have, in the order of a handle's numbers.
+const COLUMNS: [&str; 10] =
+    ["x", "y", "z", "to_x", "to_y", "to_z", "sigma_x", "sigma_y", "sigma_z", "weight"];
+
+/// The handles of a CSV file, one a line; the first line names the columns, in any order: `x`, `y`, `z`, and if wanted all of
+/// `to_x`, `to_y`, `to_z`, all of `sigma_x`, `sigma_y`, `sigma_z`, and `weight`. An entry that is empty is left out.
+///
+/// # Errors
+/// As [`read_ron`].
+pub fn read_csv(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
+    let mut lines = text(bytes)?.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    let first = lines.next().map_or("", |(_, line)| line);
+    let mut columns = Vec::new();
+    for name in first.split(',').map(str::trim) {
+        let Some(column) = COLUMNS.iter().position(|known| *known == name) else {
+            let problem = format!("`{}` is none of them", excerpt(name.as_bytes()));
+            return Err(HandlesFileError::Columns { problem });
+        };
+        if columns.contains(&column) {
+            return Err(HandlesFileError::Columns {
+                problem: format!("`{name}` stands there twice"),
+            });
+        }
+        columns.push(column);
+    }
+    if let Some(missing) = (0..3).find(|column| !columns.contains(column)) {
+        let problem = format!("`{}` is missing", COLUMNS[missing]);
+        return Err(HandlesFileError::Columns { problem });
+    }
+    let handles: Result<Vec<Handle>, _> = lines
+        .map(|(index, line)| {
+            row(line, &columns)
+                .map_err(|message| HandlesFileError::Syntax { at: At::Line(index + 1), message })
+        })
+        .collect();
+    Ok(Handles::new(space, &handles?)?)
+}
+
+fn row(line: &str, columns: &[usize]) -> Result<Handle, String> {
+    let mut numbers = [None; 10];
+    let mut count = 0;
+    for entry in line.split(',').map(str::trim) {
+        if let Some(&column) = columns.get(count).filter(|_| !entry.is_empty()) {
+            let number = super::parse(entry.as_bytes());
+            let number =
+                number.ok_or_else(|| format!("`{}` is not a number", excerpt(entry.as_bytes())))?;
+            numbers[column] = Some(number);
+        }
+        count += 1;
+    }
+    if count != columns.len() {
+        return Err(format!("there are {count} entries for {} columns", columns.len()));
+    }
+    let three = |first: usize| match [0, 1, 2].map(|axis| numbers[first + axis]) {
+        [Some(x), Some(y), Some(z)] => Ok(Some([x, y, z])),
+        [None, None, None] => Ok(None),
+        _ => Err(format!("of `{}` and its like all or none must be given", COLUMNS[first])),
+    };
+    let at = three(0)?.ok_or("there is no place")?;
+    Ok(Handle { at, to: three(3)?, sigma: three(6)?, weight: numbers[9].unwrap_or(1.0) })
+}
+
+/// Writes handles as [`read_json`] reads them.
+pub(super) struct HandlesJson;
+
+impl FileFormat for HandlesJson {
+    type Value = Handles;
+    const ENDING: &'static str = "json";
+
+    fn write(handles: &Handles, name: &str) -> Result<Vec<NewFile>, Error> {
+        let entry = |handle: Handle| match handle.sigma {
+            Some(sigma) => {
+                json!({ "at": handle.at, "to": handle.to, "sigma": sigma, "weight": handle.weight })
+            }
+            None => json!({ "at": handle.at, "to": handle.to, "weight": handle.weight }),
+        };
+        let document = json!({
+            "space": handles.space(),
+            "handles": Value::from_iter(handles.iter().map(entry)),
+        });
+        Ok(NewFile::only(name, print(&document)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::hostile::survive;
+    use super::*;
+
+    const RON: &str = "// Two handles.\nHandles(space: World, handles: [\n    (at: (0, 1, 2), to: (3, 4.5, 5), sigma: (1, 2, 3), weight: 2),\n    (at: (1, 1, 1)),\n])\n";
+    const CSV: &str = "x, y, z, weight, to_x, to_y, to_z, sigma_x, sigma_y, sigma_z\n0,1,2,2,3,4.5,5,1,2,3\n\n1,1,1,,,,,,,\n";
+
+    fn expected() -> Handles {
+        let first = Handle {
+            at: [0.0, 1.0, 2.0],
+            to: Some([3.0, 4.5, 5.0]),
+            sigma: Some([1.0, 2.0, 3.0]),
+            weight: 2.0,
+        };
+        let second = Handle { at: [1.0; 3], to: None, sigma: None, weight: 1.0 };
+        Handles::new(HandleSpace::World, &[first, second]).unwrap()
+    }
+
+    #[test]
+    fn the_same_handles_are_read_from_every_format() {
+        assert_eq!(read_ron(RON.as_bytes(), HandleSpace::Box).unwrap(), expected());
+        assert_eq!(read_csv(CSV.as_bytes(), HandleSpace::World).unwrap(), expected());
+        let json = HandlesJson::write(&expected(), "a.json").unwrap().remove(0).bytes;
+        assert_eq!(read_json(&json, HandleSpace::Box).unwrap(), expected());
+    }
+
+    #[test]
+    fn a_list_alone_has_the_space_that_it_is_given() {
+        let from_ron = read_ron(b"[(at: (1, 1, 1))]", HandleSpace::Cube).unwrap();
+        let from_json = read_json(b"[{\"at\": [1, 1, 1]}]", HandleSpace::Cube).unwrap();
+        assert_eq!((from_ron.space(), from_ron.len()), (HandleSpace::Cube, 1));
+        assert_eq!(from_ron, from_json);
+    }
+
+    #[test]
+    fn mistakes_have_a_line() {
+        let ron = |text: &str| read_ron(text.as_bytes(), HandleSpace::Box).unwrap_err().to_string();
+        assert_eq!(
+            ron("[\n(at: (0, 0, 0), too: 1)]"),
+            "line 2: unknown field `too`, expected one of `at`, `to`, `sigma`, `weight`"
+        );
+        assert!(ron("[\n\n(at: (0, 0]").starts_with("line 3: "), "{}", ron("[\n\n(at: (0, 0]"));
+        let csv = |text: &str| read_csv(text.as_bytes(), HandleSpace::Box).unwrap_err().to_string();
+        assert_eq!(csv("x,y,z\n0,0,0\n0,a,0"), "line 3: `a` is not a number");
+        assert_eq!(csv("x,y,z\n0,0"), "line 2: there are 2 entries for 3 columns");
+        assert!(csv("x,y,w\n").ends_with("`w` is none of them"));
+        assert!(csv("").ends_with("`` is none of them"));
+        assert!(csv("x,y,z,to_x\n1,2,3,4").starts_with("line 2: of `to_x`"));
+        let json = read_json(b"{\"handles\": 5}", HandleSpace::Box).unwrap_err().to_string();
+        assert!(json.starts_with("line 1: invalid type"), "{json}");
+    }
+
+    #[test]
+    fn damaged_files_never_panic() {
+        survive(RON.as_bytes(), |bytes| read_ron(bytes, HandleSpace::Box));
+        survive(CSV.as_bytes(), |bytes| read_csv(bytes, HandleSpace::Box));
+        let json = HandlesJson::write(&expected(), "a.json").unwrap().remove(0).bytes;
+        survive(&json, |bytes| read_json(bytes, HandleSpace::Box));
+    }
+}

@@ -1,0 +1,248 @@
+//! A graph's declaration of a parameter: its type, its default, and what values it may have.
+
+use serde_json::{Value as Json, json};
+
+use super::file::{Body, Kind, Origin, Tree};
+use super::schema::Finding;
+use super::suggest::{nearest, nearest_or_all};
+use crate::error::code;
+use crate::value::Color;
+
+/// The types that a parameter can have.
+const TYPES: [&str; 7] = ["Number", "Integer", "Toggle", "Color", "Text", "Choice", "Vector"];
+
+/// `"growth": Number(default: 12.0, min: 0.0, max: 40.0)`.
+#[derive(Clone, Debug)]
+pub(crate) struct Declaration {
+    pub(crate) name: String,
+    kind: String,
+    pub(crate) default: Tree,
+    min: Option<f64>,
+    max: Option<f64>,
+    choices: Vec<String>,
+    unit: Option<String>,
+    doc: String,
+}
+
+impl Declaration {
+    /// The declaration; none if it has no type or default.
+    pub(crate) fn read(name: &str, tree: &Tree, findings: &mut Vec<Finding>) -> Option<Self> {
+        let mut find = |code, span, message: String, help: String| {
+            findings.push(Finding { code, span, message, help, note: None });
+        };
+        let kind = match tree.name() {
+            Some(kind) if TYPES.contains(&&kind.text[..]) => kind.text,
+            Some(kind) => {
+                let message = format!("there is no type of parameters `{}`", kind.text);
+                find(
+                    code::WRONG_VALUE,
+                    kind.span,
+                    message,
+                    nearest_or_all(&kind.text, "types", &TYPES),
+                );
+                return None;
+            }
+            None if tree.is_broken() => return None,
+            None => {
+                let message = format!("parameter `{name}` has no type");
+                find(code::WRONG_VALUE, tree.span, message, "write Number(default: 1.0)".into());
+                return None;
+            }
+        };
+        let known: &[&str] = match &kind[..] {
+            "Number" | "Integer" | "Vector" => &["default", "doc", "min", "max", "unit"],
+            "Choice" => &["default", "doc", "of"],
+            _ => &["default", "doc"],
+        };
+        let mut declaration = Self {
+            name: name.to_owned(),
+            kind,
+            default: Tree::new(tree.span, Kind::Broken),
+            min: None,
+            max: None,
+            choices: Vec::new(),
+            unit: None,
+            doc: String::new(),
+        };
+        let mut has_default = false;
+        for field in tree.fields().unwrap_or_default() {
+            let (word, value) = (&field.name.text[..], &field.value);
+            if !known.contains(&word) {
+                let message = format!("{} has no field `{word}`", declaration.kind);
+                find(
+                    code::UNKNOWN_FIELD,
+                    field.name.span,
+                    message,
+                    nearest_or_all(word, "its fields", known),
+                );
+                continue;
+            }
+            let fits = match (word, &value.kind) {
+                (_, Kind::Broken) => true,
+                ("default", _) => {
+                    has_default = true;
+                    declaration.default =
+                        Tree { origin: Some(Origin::Default(value.span)), ..value.clone() };
+                    true
+                }
+                ("min", Kind::Number { value, .. }) => declaration.min.replace(*value).is_none(),
+                ("max", Kind::Number { value, .. }) => declaration.max.replace(*value).is_none(),
+                ("of", Kind::List(items)) => {
+                    declaration.choices =
+                        items.iter().filter_map(|item| item.name()).map(|name| name.text).collect();
+                    declaration.choices.len() == items.len() && !items.is_empty()
+                }
+                ("doc", Kind::Text(text)) => {
+                    declaration.doc.clone_from(text);
+                    true
+                }
+                ("unit", Kind::Text(text)) => declaration.unit.replace(text.clone()).is_none(),
+                _ => false,
+            };
+            if !fits {
+                let message = format!(
+                    "field `{word}` of {} cannot be {}",
+                    declaration.kind,
+                    value.in_words()
+                );
+                find(code::WRONG_VALUE, value.span, message, String::new());
+            }
+        }
+        if !has_default {
+            let message = format!("parameter `{name}` has no default");
+            find(code::MISSING_FIELD, tree.span, message, "write `default: ..`".into());
+            return None;
+        }
+        Some(declaration)
+    }
+
+    /// The value, if it is one of the declared type and in range.
+    pub(crate) fn value(&self, findings: &mut Vec<Finding>) -> Tree {
+        let tree = &self.default;
+        let is_set = matches!(tree.origin, Some(Origin::Set(_)));
+        let in_range =
+            |x: f64| self.min.is_none_or(|min| min <= x) && self.max.is_none_or(|max| x <= max);
+        let number = |tree: &Tree| match tree.kind {
+            Kind::Number { value, .. } => Some(value),
+            _ => None,
+        };
+        let mut out_of_range = None;
+        let mut limited = |x: f64| {
+            if !in_range(x) {
+                out_of_range = Some(x);
+            }
+            true
+        };
+        let (fits, kind) = match (&self.kind[..], &tree.kind) {
+            ("Number", Kind::Number { value, .. }) => (limited(*value), tree.kind.clone()),
+            ("Integer", Kind::Number { value, .. }) => {
+                (value.fract() == 0.0 && limited(*value), tree.kind.clone())
+            }
+            ("Toggle", Kind::Bool(_)) => (true, tree.kind.clone()),
+            ("Color", Kind::Text(text)) => (text.parse::<Color>().is_ok(), tree.kind.clone()),
+            ("Text", Kind::Text(_)) => (true, tree.kind.clone()),
+            ("Text", Kind::Word(word)) if is_set => (true, Kind::Text(word.clone())),
+            ("Choice", Kind::Word(word)) => (self.choices.contains(word), tree.kind.clone()),
+            ("Vector", Kind::Call { name: None, body: Body::Items(items) }) => {
+                let fits = items.iter().all(|item| number(item).is_some_and(&mut limited));
+                (fits, tree.kind.clone())
+            }
+            (_, Kind::Broken) => return tree.clone(),
+            _ => (false, Kind::Broken),
+        };
+        let (at, note) = match &tree.origin {
+            Some(Origin::Set(text)) => {
+                (tree.span, Some((tree.span, format!("set by `--set {text}`"))))
+            }
+            _ => (tree.span, None),
+        };
+        let mut find = |code, message: String, help: String| {
+            findings.push(Finding { code, span: at, message, help, note: note.clone() });
+        };
+        if let Some(x) = out_of_range {
+            let limits = [
+                self.min.map(|min| format!("at least {min}")),
+                self.max.map(|max| format!("at most {max}")),
+            ];
+            let limits = Vec::from_iter(limits.into_iter().flatten()).join(" and ");
+            find(
+                code::OUT_OF_RANGE,
+                format!("parameter `{}` is {x}, but must be {limits}", self.name),
+                String::new(),
+            );
+            return Tree::new(tree.span, Kind::Broken);
+        }
+        if fits {
+            return Tree { kind, ..tree.clone() };
+        }
+        let wanted = match &self.kind[..] {
+            "Number" => "a number".to_owned(),
+            "Integer" => "a number without fraction".to_owned(),
+            "Toggle" => "true or false".to_owned(),
+            "Color" => "a color as in \"#c33923\"".to_owned(),
+            "Text" => "a text in double quotes".to_owned(),
+            "Choice" => format!("one of {}", self.choices.join(", ")),
+            _ => "numbers in parentheses: (0, 0, 1)".to_owned(),
+        };
+        let help = match &tree.kind {
+            Kind::Word(word) => nearest(word, self.choices.iter().map(String::as_str)),
+            _ => String::new(),
+        };
+        let message = format!("parameter `{}` wants {wanted}, not {}", self.name, tree.in_words());
+        find(code::WRONG_VALUE, message, help);
+        Tree::new(tree.span, Kind::Broken)
+    }
+}
+
+/// The description as that of a built-in node's field, so that a use of the graph is checked and documented by the same code.
+impl Declaration {
+    pub(crate) fn schema(&self) -> Json {
+        let limited = |kind: &str| {
+            let mut schema = json!({ "type": kind });
+            let limits = [("minimum", self.min), ("maximum", self.max)];
+            for (name, limit) in limits {
+                if let Some(limit) = limit {
+                    schema[name] = limit.into();
+                }
+            }
+            schema
+        };
+        let mut schema = match &self.kind[..] {
+            "Number" => limited("number"),
+            "Integer" => limited("integer"),
+            "Toggle" => json!({ "type": "boolean" }),
+            "Color" => json!({ "type": "string", "format": "color" }),
+            "Choice" => json!({ "type": "string", "enum": self.choices }),
+            "Vector" => {
+                let count = match &self.default.kind {
+                    Kind::Call { body: Body::Items(items), .. } => items.len(),
+                    _ => 0,
+                };
+                let items = limited("number");
+                json!({ "type": "array", "items": items, "minItems": count, "maxItems": count })
+            }
+            _ => json!({ "type": "string" }),
+        };
+        schema["description"] = self.doc.clone().into();
+        if let Some(unit) = &self.unit {
+            schema["unit"] = unit.clone().into();
+        }
+        if let Some(default) = as_json(&self.default) {
+            schema["default"] = default;
+        }
+        schema
+    }
+}
+
+fn as_json(tree: &Tree) -> Option<Json> {
+    Some(match &tree.kind {
+        Kind::Number { value, whole: true } => (*value as i64).into(),
+        Kind::Number { value, .. } => (*value).into(),
+        Kind::Bool(truth) => (*truth).into(),
+        Kind::Text(text) | Kind::Word(text) => text.clone().into(),
+        Kind::Call { body: Body::Items(items), .. } => {
+            items.iter().map(as_json).collect::<Option<Vec<_>>>()?.into()
+        }
+        _ => return None,
+    })
+}

@@ -1,0 +1,301 @@
+//! What a file says that a graph is: checked once, however often other graphs use it.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::{Map, Value as Json, json};
+
+use super::check::Check;
+use super::declaration::Declaration;
+use super::draft::Draft;
+use super::each::Each;
+use super::file::{Kind, Name, Tree};
+use super::parameters::Parameters;
+use super::paths::{PathProblem, may_read, without_dots};
+use super::sheet::Sheet;
+use super::suggest::{nearest, nearest_or_all};
+use super::top::TopLevel;
+use super::{Options, ReadFile};
+use crate::catalog::Catalog;
+use crate::error::{Problem, Span, Use, code};
+use crate::value::ValueType;
+
+/// A graph as its file has it, with the default values of its parameters.
+pub(super) struct Definition<'a> {
+    pub(super) sheet: Arc<Sheet>,
+    pub(super) doc: String,
+    /// Its parameters and their values where a use gives none.
+    pub(super) declared: Vec<Declaration>,
+    pub(super) defaults: Parameters,
+    /// Its inputs, as many as `inputs`, then its nodes.
+    pub(super) drafts: Vec<Draft<'a>>,
+    pub(super) inputs: usize,
+    /// The drafts, each after those that it hangs on.
+    pub(super) order: Vec<usize>,
+    pub(super) eaches: Vec<Each>,
+    /// Its outputs, if other graphs use it; files are kept elsewhere.
+    pub(super) ports: Vec<Port>,
+    /// Inputs and parameters, described as a built-in node's fields are.
+    pub(super) schema: Json,
+}
+
+/// An output of a graph that others use.
+pub(super) struct Port {
+    pub(super) name: String,
+    /// The draft and output that it gives; none if its link is wrong.
+    pub(super) target: Option<(usize, usize)>,
+    pub(super) kind: Option<&'static ValueType>,
+}
+
+/// What all files of a graph share while they are checked.
+pub(super) struct World<'a> {
+    pub(super) catalog: &'a Catalog,
+    pub(super) options: &'a Options,
+    pub(super) roots: Vec<PathBuf>,
+    pub(super) values: BTreeMap<&'static str, &'static ValueType>,
+    /// The files that have been read, by their real path; none if nothing is known of their ports.
+    known: HashMap<PathBuf, Option<Arc<Definition<'a>>>>,
+    /// What uses make types of nodes: how deep the use is, the type's name, and the graph.
+    pub(super) listed: Vec<(usize, String, Arc<Definition<'a>>)>,
+    /// The files that are being read, each used by the one before: real path and name.
+    pub(super) open: Vec<(PathBuf, PathBuf)>,
+    pub(super) problems: Vec<Problem>,
+    /// All files of graphs beside the first one, those that are not there included.
+    pub(super) subgraphs: Vec<PathBuf>,
+    /// The files that the nodes read that have been looked at.
+    pub(super) files: Vec<ReadFile>,
+}
+
+/// Graphs that use each other are nested less deep than this: far deeper than anybody can follow.
+const DEEPEST: usize = 256;
+
+/// So many levels fit into the stack of a thread, whose 2 MB are the least that systems give.
+const LEVELS: usize = 32;
+
+/// Does what goes one level deeper; every now and then with a stack of its own.
+pub(super) fn deeper<R: Send>(depth: usize, work: impl FnOnce() -> R + Send) -> R {
+    if !depth.is_multiple_of(LEVELS) || depth == 0 {
+        return work();
+    }
+    let done = std::thread::scope(|scope| scope.spawn(work).join());
+    done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+impl<'a> World<'a> {
+    pub(super) fn new(catalog: &'a Catalog, options: &'a Options, root: PathBuf) -> Self {
+        let allowed = options.roots.iter().filter_map(|root| std::fs::canonicalize(root).ok());
+        Self {
+            catalog,
+            options,
+            roots: std::iter::once(root).chain(allowed).collect(),
+            values: catalog.value_types().into_iter().collect(),
+            known: HashMap::new(),
+            listed: Vec::new(),
+            open: Vec::new(),
+            problems: Vec::new(),
+            subgraphs: Vec::new(),
+            files: Vec::new(),
+        }
+    }
+}
+
+/// A type of nodes that a graph makes of another graph: its name there, and what it is if its file says so.
+pub(super) struct Used<'a> {
+    pub(super) name: String,
+    pub(super) definition: Option<Arc<Definition<'a>>>,
+}
+
+/// The file of a graph that another one names.
+pub(super) struct FoundGraph {
+    pub(super) path: PathBuf,
+    /// The same without links and dots.
+    pub(super) real: PathBuf,
+    /// The path for messages: relative to what the first graph's is relative to.
+    pub(super) name: PathBuf,
+}
+
+impl<'a> Check<'_, 'a> {
+    /// Reads the graphs that this one uses.
+    pub(super) fn subgraphs(&mut self, top: &TopLevel<'_>) -> Vec<Used<'a>> {
+        let mut subgraphs: Vec<Used<'a>> = Vec::with_capacity(top.uses.len());
+        for (key, value) in top.uses {
+            let Some(name) = key.text().filter(|name| is_type_name(name)) else {
+                let message = format!("{} cannot name a type of nodes", key.in_words());
+                let help = "such names begin with a capital letter: \"Feature\"";
+                self.find(code::BAD_NAME, key.span, message, help);
+                continue;
+            };
+            let is_word = matches!(name, "ForEach" | "Switch" | "Graph" | "Patch");
+            let is_taken = is_word || self.world.catalog.has(name);
+            if is_taken || subgraphs.iter().any(|known| known.name == name) {
+                let message = format!("there is already a node type `{name}`");
+                self.find(code::BAD_NAME, key.span, message, "give it another name");
+                continue;
+            }
+            let at = first_use(top, name).unwrap_or((name, key.span));
+            let definition = match value.text() {
+                Some(path) => self.subgraph(path, value.span, at),
+                None => {
+                    let message =
+                        format!("`{name}` wants the path of a graph, not {}", value.in_words());
+                    self.find(code::WRONG_VALUE, value.span, message, "write \"lib/name.ron\"");
+                    None
+                }
+            };
+            if let Some(definition) = &definition {
+                let listed = (self.world.open.len(), name.to_owned(), definition.clone());
+                self.world.listed.push(listed);
+            }
+            subgraphs.push(Used { name: name.to_owned(), definition });
+        }
+        subgraphs
+    }
+
+    /// The graph in the file `given`, which the node `at` is the first to use.
+    fn subgraph(
+        &mut self,
+        given: &str,
+        span: Span,
+        at: (&str, Span),
+    ) -> Option<Arc<Definition<'a>>> {
+        let FoundGraph { path, real, name } = self.enter(given, span)?;
+        if let Some(known) = self.world.known.get(&real) {
+            return known.clone();
+        }
+        let mut uses = self.uses.clone();
+        let (source, place) = self.sheet.place(at.1);
+        uses.push(Use { name: at.0.to_owned(), source, span: place });
+        self.world.open.push((real.clone(), name.clone()));
+        let world = &mut *self.world;
+        let depth = world.open.len();
+        let definition = deeper(depth, move || super::check::definition(world, &path, name, uses));
+        self.world.open.pop();
+        self.world.known.insert(real, definition.clone());
+        definition
+    }
+
+    /// The file of another graph, if it may be read now: not while it is being read.
+    pub(super) fn enter(&mut self, given: &str, span: Span) -> Option<FoundGraph> {
+        let path = self.sheet.folder_of(span).join(given);
+        self.world.subgraphs.push(path.clone());
+        if let Err(problem) = may_read(given, &path, &self.world.roots) {
+            let (code, message, help) = match problem {
+                PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
+                PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),
+            };
+            self.find(code, span, message, help);
+            return None;
+        }
+        let real = std::fs::canonicalize(&path).unwrap_or_else(|_| without_dots(&path));
+        let (source, _) = self.sheet.place(span);
+        let name = without_dots_within(&source.name.with_file_name(""), given);
+        if let Some(first) = self.world.open.iter().position(|(open, _)| *open == real) {
+            let names = self.world.open[first..].iter().map(|(_, name)| name);
+            let around = names.chain([&name]).map(|name| name.display().to_string());
+            let path = Vec::from_iter(around).join(" -> ");
+            let message = format!("graphs use each other in a circle: {path}");
+            self.find(code::CYCLE, span, message, "a graph cannot be a part of itself");
+            return None;
+        }
+        if self.world.open.len() >= DEEPEST {
+            let message = format!("graphs are nested more than {DEEPEST} deep here");
+            self.find(code::CYCLE, span, message, "use the inner ones side by side");
+            return None;
+        }
+        Some(FoundGraph { path, real, name })
+    }
+
+    /// The inputs that a graph declares, as drafts of nodes that give them.
+    pub(super) fn inputs(
+        &mut self,
+        entries: &[(Tree, Tree)],
+    ) -> (Vec<Draft<'a>>, Map<String, Json>) {
+        let (mut drafts, mut schema) = (Vec::new(), Map::new());
+        for (key, value) in self.named(entries, "input", &[]) {
+            let name = key.text().unwrap_or_default();
+            let kind = self.input(name, value);
+            let text = name.to_owned();
+            drafts.push(Draft::input(Name { text, span: key.span }, value.clone(), kind));
+            let doc = value.fields().unwrap_or_default().iter();
+            let doc = doc.filter(|field| field.name.text == "doc").find_map(|f| f.value.text());
+            // A port of which nothing is known takes nothing; what is linked to it is not judged either.
+            let kind = kind.map_or("", |kind| kind.name);
+            let doc = doc.unwrap_or_default();
+            let port = json!({ "port": kind, "types": [kind], "description": doc });
+            schema.insert(name.to_owned(), port);
+        }
+        (drafts, schema)
+    }
+
+    fn input(&mut self, name: &str, value: &Tree) -> Option<&'static ValueType> {
+        let Some(kind) = value.name() else {
+            let message = format!("input `{name}` has no type, but is {}", value.in_words());
+            self.find(code::WRONG_VALUE, value.span, message, "write Mesh(doc: \"what it is\")");
+            return None;
+        };
+        for field in value.fields().unwrap_or_default() {
+            let word = &field.name.text;
+            if word != "doc" {
+                let message = format!("an input has no field `{word}`");
+                let help = nearest_or_all(word, "its fields", &["doc"]);
+                self.find(code::UNKNOWN_FIELD, field.name.span, message, help);
+            } else if field.value.text().is_none() && !field.value.is_broken() {
+                let message =
+                    format!("field `doc` of an input is a text, not {}", field.value.in_words());
+                self.find(code::WRONG_VALUE, field.value.span, message, "");
+            }
+        }
+        if let Kind::Call { body: super::file::Body::Items(_), .. } = value.kind {
+            let message = format!("input `{name}` has a value without a name");
+            self.find(code::WRONG_VALUE, value.span, message, "write Mesh(doc: \"what it is\")");
+        }
+        let found = self.world.values.get(&kind.text[..]).copied();
+        if found.is_none() {
+            let message = format!("there is no type of values `{}`", kind.text);
+            let known = Vec::from_iter(self.world.values.keys().copied());
+            let help = match nearest(&kind.text, known.iter().copied()) {
+                help if help.is_empty() => format!("types: {}", known.join(", ")),
+                help => help,
+            };
+            self.find(code::WRONG_VALUE, kind.span, message, help);
+        }
+        found
+    }
+}
+
+/// The first node of this type, and its place.
+fn first_use<'t>(top: &TopLevel<'t>, name: &str) -> Option<(&'t str, Span)> {
+    let is_of_type = |node: &&(Tree, Tree)| {
+        let graph = |field: &super::file::Field| {
+            field.name.text == "graph" && field.value.text() == Some(name)
+        };
+        let kind = node.1.name();
+        kind.as_ref().is_some_and(|kind| kind.text == name)
+            || kind.is_some_and(|kind| kind.text == "ForEach")
+                && node.1.fields().is_some_and(|fields| fields.iter().any(graph))
+    };
+    let (key, _) = top.nodes.iter().find(is_of_type)?;
+    Some((key.text()?, key.span))
+}
+
+/// Whether a word can name a type of nodes.
+fn is_type_name(word: &str) -> bool {
+    word.starts_with(|c: char| c.is_ascii_uppercase())
+        && word.chars().all(|c| c.is_ascii_alphanumeric())
+}
+
+/// A path from a folder on, without more dots than the folder itself has.
+fn without_dots_within(folder: &Path, given: &str) -> PathBuf {
+    let mut path = folder.to_owned();
+    for part in Path::new(given).components() {
+        match part {
+            std::path::Component::CurDir => {}
+            std::path::Component::ParentDir if path.file_name().is_some() => {
+                path.pop();
+            }
+            part => path.push(part),
+        }
+    }
+    path
+}

@@ -1,0 +1,89 @@
+//! What is told of a graph that others use: the same as of a built-in node.
+
+use std::path::Path;
+
+use serde_json::Value as Json;
+
+use super::check::{self, Whole};
+use super::definition::{Definition, World};
+use super::{Graph, Options};
+use crate::catalog::{Catalog, Description};
+use crate::error::Problem;
+
+/// A graph that others use, as far as they see it.
+pub(crate) struct Subgraph {
+    /// The type of nodes that it is for who uses it.
+    pub(crate) name: String,
+    pub(crate) file: String,
+    schema: Json,
+    outputs: Vec<(String, Vec<&'static str>)>,
+}
+
+impl Subgraph {
+    pub(super) fn new(name: &str, definition: &Definition<'_>) -> Self {
+        let output = |port: &super::definition::Port| {
+            (port.name.clone(), port.kind.iter().map(|kind| kind.name).collect())
+        };
+        Self {
+            name: name.to_owned(),
+            file: definition.sheet.source.name.display().to_string(),
+            schema: definition.schema.clone(),
+            outputs: definition.ports.iter().map(output).collect(),
+        }
+    }
+
+    pub(crate) fn description(&self) -> Description<'_> {
+        let (name, pack, schema) = (&self.name[..], &self.file[..], &self.schema);
+        Description { name, pack, schema, outputs: self.outputs.clone() }
+    }
+
+    /// The description of its fields as a built-in node's.
+    pub(super) fn schema(&self) -> &Json {
+        &self.schema
+    }
+
+    /// The name of its first output.
+    pub(super) fn first_output(&self) -> Option<&str> {
+        self.outputs.first().map(|(name, _)| &name[..])
+    }
+}
+
+impl Graph {
+    /// The graphs that a graph uses, and those that they use: outer ones first. Itself before them if it has inputs.
+    pub(crate) fn subgraphs(
+        path: &Path,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> (Vec<Subgraph>, Vec<Problem>) {
+        match std::fs::read_to_string(path) {
+            Ok(text) => Self::subgraphs_of(path, text, catalog, options),
+            Err(_) => (Vec::new(), check::load(path, catalog, options).problems),
+        }
+    }
+
+    /// The same for a text that stands in the file, or will.
+    pub(super) fn subgraphs_of(
+        path: &Path,
+        text: String,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> (Vec<Subgraph>, Vec<Problem>) {
+        let (mut world, whole) = check::first(path, text, catalog, options);
+        let mut found = Vec::new();
+        if let Some(Whole { definition, .. }) = whole.filter(|whole| whole.is_used) {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy();
+            found.push(Subgraph::new(&name, &definition));
+        }
+        world.listed.sort_by_key(|listed| listed.0);
+        let World { listed, problems, .. } = world;
+        for (_, name, definition) in listed {
+            let subgraph = Subgraph::new(&name, &definition);
+            let is_known =
+                |known: &Subgraph| (&known.name, &known.file) == (&subgraph.name, &subgraph.file);
+            if !found.iter().any(is_known) {
+                found.push(subgraph);
+            }
+        }
+        (found, problems)
+    }
+}

@@ -1,0 +1,263 @@
+//! The nodes of a graph as its file has them, looked at one by one with the defaults of parameters.
+
+use std::sync::Arc;
+
+use super::check::Check;
+use super::definition::{Definition, Used};
+use super::each::{Branches, Each, element_name};
+use super::file::{Kind, Name, Tree};
+use super::node::{Built, Survey};
+use super::parameters::{Parameters, is_parametric};
+use super::schema::FoundLink;
+use super::suggest::nearest;
+use crate::catalog::Entry;
+use crate::error::code;
+use crate::value::ValueType;
+
+/// A node while it is checked.
+pub(super) struct Draft<'a> {
+    pub(super) name: Name,
+    /// What stands in the file.
+    pub(super) tree: Tree,
+    pub(super) what: What<'a>,
+    pub(super) links: Vec<FoundLink>,
+    /// For each link, the nodes and outputs that it names, if they exist.
+    pub(super) targets: Vec<Option<Vec<(usize, usize)>>>,
+    /// The type of each output, as far as it is known.
+    pub(super) types: Vec<Option<&'static ValueType>>,
+    /// Whether parameters of the graph shape it.
+    pub(super) parametric: bool,
+    /// Whether its fields have no problem with the defaults.
+    pub(super) is_sound: bool,
+    /// Its fields with the defaults, if they have no problem, until the node is made of them.
+    survey: Option<Survey>,
+    /// A built-in node itself, with the defaults.
+    pub(super) built: Option<Built>,
+}
+
+/// What a node is.
+pub(super) enum What<'a> {
+    /// Built in.
+    Node(&'a Entry),
+    /// A graph, under this name.
+    Use(String, Arc<Definition<'a>>),
+    /// What comes into the graph.
+    Input,
+    /// One of its links.
+    Switch(Branches),
+    Unknown,
+}
+
+impl What<'_> {
+    /// The names of the outputs.
+    pub(super) fn outputs(&self) -> Vec<&str> {
+        match self {
+            Self::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
+            Self::Use(_, graph) => graph.ports.iter().map(|port| &port.name[..]).collect(),
+            Self::Input | Self::Switch(_) | Self::Unknown => Vec::new(),
+        }
+    }
+
+    /// The name of its type.
+    pub(super) fn kind(&self) -> &str {
+        match self {
+            Self::Node(entry) => &entry.name,
+            Self::Use(name, _) => name,
+            Self::Input => "input",
+            Self::Switch(_) => "Switch",
+            Self::Unknown => "",
+        }
+    }
+}
+
+impl<'a> Draft<'a> {
+    pub(super) fn input(name: Name, tree: Tree, kind: Option<&'static ValueType>) -> Self {
+        Self { types: vec![kind], ..Self::new(name, tree, What::Input) }
+    }
+
+    pub(super) fn new(name: Name, tree: Tree, what: What<'a>) -> Self {
+        Self {
+            name,
+            parametric: is_parametric(&tree),
+            tree,
+            what,
+            links: Vec::new(),
+            targets: Vec::new(),
+            types: Vec::new(),
+            is_sound: true,
+            survey: None,
+            built: None,
+        }
+    }
+}
+
+impl<'a> Check<'_, 'a> {
+    /// The nodes as drafts, behind those that are there already.
+    pub(super) fn drafts(
+        &mut self,
+        entries: &[(&Tree, &Tree)],
+        subgraphs: &[Used<'a>],
+        defaults: &Parameters,
+        drafts: &mut Vec<Draft<'a>>,
+    ) -> Vec<Each> {
+        let mut eaches = Vec::new();
+        for (key, value) in entries {
+            let text = key.text().unwrap_or_default().to_owned();
+            let name = Name { text, span: key.span };
+            let value = self.with_sets(&name.text, (*value).clone());
+            match value.name().as_ref().map(|kind| &kind.text[..]) {
+                Some("ForEach") => {
+                    eaches.extend(self.each(name, &value, subgraphs, defaults, drafts));
+                }
+                Some("Switch") => drafts.push(self.switch(name, value, defaults)),
+                _ => {
+                    let what = self.what(&value, &name, subgraphs);
+                    let mut draft = Draft::new(name, value, what);
+                    self.look(&mut draft, defaults);
+                    drafts.push(draft);
+                }
+            }
+        }
+        eaches
+    }
+
+    /// The nodes of a `ForEach`. What is wrong with all of them is one problem.
+    fn each(
+        &mut self,
+        name: Name,
+        value: &Tree,
+        subgraphs: &[Used<'a>],
+        defaults: &Parameters,
+        drafts: &mut Vec<Draft<'a>>,
+    ) -> Option<Each> {
+        let Some(repeated) = self.repeated(&name.text, value) else {
+            drafts.push(Draft::new(name, value.clone(), What::Unknown));
+            return None;
+        };
+        let first = drafts.len();
+        let known = self.findings.len();
+        let mut outputs = None;
+        for (index, call) in repeated.calls.into_iter().enumerate() {
+            let text = element_name(&name.text, index);
+            let call = self.with_sets(&text, call);
+            let element = Name { text, span: name.span };
+            let what = self.what(&call, &element, subgraphs);
+            let mut draft = Draft::new(element, call, what);
+            self.look(&mut draft, defaults);
+            drafts.push(draft);
+        }
+        let mut said: Vec<(&'static str, String)> = Vec::new();
+        let mut index = 0;
+        self.findings.retain(|finding| {
+            index += 1;
+            let what = (finding.code, finding.message.clone());
+            let is_new = index <= known || !said.contains(&what);
+            said.extend((index > known && is_new).then_some(what));
+            is_new
+        });
+        if drafts.len() == first {
+            // Without elements there is still something to say about the type.
+            let call = Tree::new(value.span, Kind::Word(repeated.kind.clone()));
+            let what = self.what(&call, &name, subgraphs);
+            outputs = Some(what.outputs().iter().map(|&name| name.to_owned()).collect());
+        }
+        Some(Each {
+            name: name.text,
+            kind: repeated.kind,
+            elements: (first..drafts.len()).collect(),
+            carry: repeated.carry,
+            outputs,
+        })
+    }
+
+    fn switch(&mut self, name: Name, value: Tree, defaults: &Parameters) -> Draft<'a> {
+        let Some(branches) = self.branches(&value) else {
+            return Draft::new(name, value, What::Unknown);
+        };
+        let chosen = defaults.substitute(&branches.choose, &mut self.findings);
+        if let Err((message, help)) = branches.chosen(&chosen)
+            && !chosen.is_broken()
+        {
+            self.find(code::WRONG_VALUE, chosen.span, message, help);
+        }
+        let link = |(name, link): &(String, Tree)| FoundLink {
+            span: link.span,
+            text: link.text().unwrap_or_default().to_owned(),
+            port: name.clone(),
+            wants: String::new(),
+            types: Vec::new(),
+            many: true,
+        };
+        let links = branches.cases.iter().map(link).collect();
+        Draft { links, ..Draft::new(name, value, What::Switch(branches)) }
+    }
+
+    /// What a node is by the name before its parentheses.
+    fn what(&mut self, tree: &Tree, name: &Name, subgraphs: &[Used<'a>]) -> What<'a> {
+        let Some(kind) = tree.name() else {
+            if !tree.is_broken() {
+                let message = format!("node `{}` is {}, not a node", name.text, tree.in_words());
+                self.find(code::WRONG_VALUE, tree.span, message, "write `Type(field: value, ..)`");
+            }
+            return What::Unknown;
+        };
+        if let Some(entry) = self.world.catalog.find(&kind.text) {
+            return What::Node(entry);
+        }
+        if let Some(subgraph) = subgraphs.iter().find(|subgraph| subgraph.name == kind.text) {
+            // What is wrong with its file is said there.
+            let definition = subgraph.definition.clone();
+            return definition.map_or(What::Unknown, |it| What::Use(kind.text.clone(), it));
+        }
+        let message = format!("there is no node type `{}`", kind.text);
+        let mut names = self.world.catalog.names();
+        names.extend(subgraphs.iter().map(|subgraph| &subgraph.name[..]));
+        let help = match nearest(&kind.text, names) {
+            help if help.is_empty() => "`maquette nodes` lists them all".into(),
+            help => help,
+        };
+        self.find(code::UNKNOWN_NODE, kind.span, message, help);
+        What::Unknown
+    }
+
+    /// Looks at a node's fields with the default values of parameters.
+    fn look(&mut self, draft: &mut Draft<'a>, defaults: &Parameters) {
+        let count = draft.what.outputs().len();
+        draft.types = vec![None; count];
+        if let What::Use(_, graph) = &draft.what {
+            draft.types = graph.ports.iter().map(|port| port.kind).collect();
+        }
+        let known = self.findings.len();
+        let survey = self.survey(&draft.what, &draft.tree, defaults);
+        // Which file a parameter names is a matter of the uses.
+        let is_open = draft.parametric && !self.is_first();
+        if is_open {
+            let mut index = 0;
+            self.findings.retain(|finding| {
+                index += 1;
+                index <= known || finding.code != code::MISSING_FILE
+            });
+        } else {
+            survey.files.iter().for_each(|file| self.may_read(file));
+        }
+        // A file that is not there is waited for.
+        self.note_files(&draft.name.text, &survey.files, None);
+        draft.links.clone_from(&survey.links);
+        let sound = self.findings.len() == known && survey.tree.is_whole();
+        draft.is_sound = sound;
+        let left_open = is_open && !survey.files.is_empty();
+        draft.survey = (sound && !left_open).then_some(survey);
+    }
+
+    /// Makes the nodes whose fields have no problem.
+    pub(super) fn build(&mut self, drafts: &mut [Draft<'a>]) {
+        for draft in drafts {
+            let Some(survey) = draft.survey.take() else { continue };
+            let What::Node(entry) = draft.what else { continue };
+            draft.built = self.built(entry, survey, &draft.targets);
+            if let Some(built) = &draft.built {
+                self.note_files(&draft.name.text, &[], Some(&*built.node));
+            }
+        }
+    }
+}

@@ -1,0 +1,304 @@
+//! One flat graph of built-in nodes, made of a graph and all that it uses.
+//!
+//! The nodes of a use `nose` are named `nose/mask`. The evaluator knows nothing of uses: two of them with equal inputs have nodes
+//! with equal keys, which are computed once.
+
+use std::sync::Arc;
+
+use super::check::{Check, Whole};
+use super::definition::{Definition, World, deeper};
+use super::draft::{Draft, What};
+use super::each::Branches;
+use super::input::input_node;
+use super::node::Built;
+use super::parameters::{Parameters, handed_over};
+use super::{Graph, GraphNode, GraphOutput, GraphUse, Link, Shape};
+use crate::error::{Use, code};
+
+/// A node and an output of it, by their places in the flat graph.
+type Target = (usize, usize);
+
+/// What each draft gives: the value at each of its outputs.
+type Values = Vec<Vec<Target>>;
+
+/// A graph of more nodes than this is a mistake, or a trap: ten files that use each other ten times each would make 10^10.
+const MOST: usize = 1_000_000;
+
+/// The flat graph; none if something is wrong that depends on the values which uses give to parameters, which is reported, or
+/// if the graph is broken anyway.
+pub(super) fn expand<'a>(
+    world: &mut World<'a>,
+    whole: Whole<'a>,
+    is_broken: bool,
+) -> Option<Graph> {
+    let Whole { definition, outputs, expect, .. } = whole;
+    let mut expansion = Expansion { world, nodes: Vec::new(), uses: Vec::new(), count: 0 };
+    let inputs = expansion.inputs(&definition);
+    let scope = Scope { prefix: String::new(), uses: Arc::new([]), inputs, values: None };
+    let values = expansion.graph(&definition, &scope);
+    let Expansion { nodes, uses, .. } = expansion;
+    // Where something is wrong, links may lead to nodes that could not be made.
+    if !world.problems.is_empty() || is_broken {
+        return None;
+    }
+    let output = |output: GraphOutput| {
+        let (node, index) = *values.get(output.node)?.get(output.output)?;
+        Some(GraphOutput { node, output: index, ..output })
+    };
+    let outputs = outputs.into_iter().map(output).collect::<Option<_>>()?;
+    let shape = Arc::new(Shape::new(&nodes));
+    let source = definition.sheet.source.clone();
+    let Definition { doc, schema, .. } = definition;
+    Some(Graph { source, doc, nodes: nodes.into(), shape, outputs, expect, schema, uses })
+}
+
+struct Expansion<'w, 'a> {
+    world: &'w mut World<'a>,
+    nodes: Vec<GraphNode>,
+    uses: Vec<GraphUse>,
+    /// How many graphs and nodes have been put in.
+    count: usize,
+}
+
+/// One use of a graph.
+struct Scope {
+    /// What stands before the names of its nodes: `nose/`.
+    prefix: String,
+    uses: Arc<[Use]>,
+    /// What comes in.
+    inputs: Vec<Target>,
+    /// The values of its parameters, if some are not the defaults.
+    values: Option<Parameters>,
+}
+
+impl Scope {
+    fn values<'s>(&'s self, definition: &'s Definition<'_>) -> &'s Parameters {
+        self.values.as_ref().unwrap_or(&definition.defaults)
+    }
+}
+
+impl<'a> Expansion<'_, 'a> {
+    /// Nodes that stand for the inputs of a graph that nobody uses.
+    fn inputs(&mut self, definition: &Definition<'a>) -> Vec<Target> {
+        let scope =
+            Scope { prefix: String::new(), uses: Arc::new([]), inputs: Vec::new(), values: None };
+        let inputs = definition.drafts[..definition.inputs].iter().map(|draft| {
+            let built = input_node(&draft.name.text, &draft.tree);
+            self.put(definition, draft, built, &scope, Vec::new())
+        });
+        inputs.map(|node| (node, 0)).collect()
+    }
+
+    /// Puts the nodes of a graph in; what all of its nodes give.
+    fn graph(&mut self, definition: &Definition<'a>, scope: &Scope) -> Values {
+        let mut values: Values = vec![Vec::new(); definition.drafts.len()];
+        for &index in &definition.order {
+            self.count += 1;
+            if self.count > MOST {
+                if self.count == MOST + 1 {
+                    self.checked(definition, scope, |check| {
+                        let message = format!("the graph has more than {MOST} nodes");
+                        let span = definition.drafts[index].name.span;
+                        check.find(code::CYCLE, span, message, "use fewer graphs in each other");
+                    });
+                }
+                break;
+            }
+            let draft = &definition.drafts[index];
+            values[index] = match &draft.what {
+                What::Input => scope.inputs.get(index).copied().into_iter().collect(),
+                What::Node(_) => self.node(definition, draft, scope, &values),
+                What::Use(_, graph) => self.used(definition, draft, graph, scope, &values),
+                What::Switch(branches) => self.switch(definition, draft, branches, scope, &values),
+                What::Unknown => Vec::new(),
+            };
+        }
+        for each in &definition.eaches {
+            let element = each.elements.first().map(|&element| &definition.drafts[element].what);
+            let Some(element) = element else { continue };
+            let output = |(index, name): (usize, &str)| {
+                let carried = each.carry.iter().any(|(carried, _)| carried == name);
+                let elements = if carried {
+                    &each.elements[each.elements.len() - 1..]
+                } else {
+                    &each.elements
+                };
+                let given = elements.iter().filter_map(|&k| values[k].get(index).copied());
+                (name.to_owned(), given.collect())
+            };
+            let outputs = element.outputs().into_iter().enumerate().map(output).collect();
+            let name = format!("{}{}", scope.prefix, each.name);
+            let kind = format!("ForEach({})", each.kind);
+            self.uses.push(GraphUse { name, kind, inputs: Vec::new(), outputs });
+        }
+        values
+    }
+
+    /// Does something that may find problems in the file of a graph.
+    fn checked<R>(
+        &mut self,
+        definition: &Definition<'a>,
+        scope: &Scope,
+        work: impl FnOnce(&mut Check<'_, 'a>) -> R,
+    ) -> R {
+        let mut check = Check::new(self.world, definition.sheet.clone(), scope.uses.to_vec());
+        let result = work(&mut check);
+        let mut findings = check.findings;
+        findings.sort_by_key(|finding| finding.span);
+        let problems = findings.into_iter();
+        let problems = problems.map(|finding| definition.sheet.problem(finding, &scope.uses));
+        self.world.problems.extend(problems);
+        result
+    }
+
+    fn node(
+        &mut self,
+        definition: &Definition<'a>,
+        draft: &Draft<'a>,
+        scope: &Scope,
+        values: &Values,
+    ) -> Vec<Target> {
+        let What::Node(entry) = draft.what else { return Vec::new() };
+        let as_it_stands = draft.built.as_ref();
+        let as_it_stands = as_it_stands.filter(|_| scope.values.is_none() || !draft.parametric);
+        let built = match as_it_stands {
+            Some(built) => Some(built.clone()),
+            None => self.checked(definition, scope, |check| {
+                let survey = check.survey(&draft.what, &draft.tree, scope.values(definition));
+                survey.files.iter().for_each(|file| check.may_read(file));
+                let sound = check.findings.is_empty() && survey.tree.is_whole();
+                sound.then(|| check.built(entry, survey, &draft.targets)).flatten()
+            }),
+        };
+        let Some(built) = built else { return Vec::new() };
+        let mut links = Vec::with_capacity(draft.links.len());
+        for (case, link) in draft.links.iter().enumerate() {
+            let link = |(node, output)| Link { port: link.port.clone(), node, output };
+            links.extend(linked(draft, case, values).map(link));
+        }
+        let node = self.put(definition, draft, built, scope, links);
+        (0..draft.types.len()).map(|output| (node, output)).collect()
+    }
+
+    fn put(
+        &mut self,
+        definition: &Definition<'a>,
+        draft: &Draft<'a>,
+        built: Built,
+        scope: &Scope,
+        links: Vec<Link>,
+    ) -> usize {
+        let outputs = match draft.what {
+            What::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
+            _ => vec!["value"],
+        };
+        self.nodes.push(GraphNode {
+            name: format!("{}{}", scope.prefix, draft.name.text),
+            recipe: built.recipe,
+            sheet: definition.sheet.clone(),
+            span: draft.tree.span,
+            uses: scope.uses.clone(),
+            node: built.node,
+            links,
+            files: built.files,
+            tree: built.tree,
+            outputs,
+            types: draft.types.clone(),
+        });
+        self.nodes.len() - 1
+    }
+
+    /// Puts a used graph in; what its ports give.
+    fn used(
+        &mut self,
+        definition: &Definition<'a>,
+        draft: &Draft<'a>,
+        graph: &Definition<'a>,
+        scope: &Scope,
+        values: &Values,
+    ) -> Vec<Target> {
+        let own = scope.values(definition);
+        let is_known = scope.values.is_none() || !draft.parametric;
+        let tree = match is_known {
+            true => draft.is_sound.then(|| own.substitute(&draft.tree, &mut Vec::new())),
+            // Other values than those that the file has been checked with.
+            false => self.checked(definition, scope, |check| {
+                let survey = check.survey(&draft.what, &draft.tree, own);
+                (check.findings.is_empty() && survey.tree.is_whole()).then_some(survey.tree)
+            }),
+        };
+        // What is wrong at the border says nothing of the inside.
+        let Some(tree) = tree else { return Vec::new() };
+        let fields = tree.fields().unwrap_or_default().iter();
+        let is_parameter = |name: &str| graph.declared.iter().any(|declared| declared.name == name);
+        let given = fields.filter(|field| is_parameter(&field.name.text)).map(|field| {
+            let value = handed_over(field.value.clone(), &definition.sheet);
+            (field.name.text.clone(), value)
+        });
+        let given = Vec::from_iter(given);
+        let mut inputs = vec![(0, 0); graph.inputs];
+        let mut linked_ports = Vec::with_capacity(graph.inputs);
+        for (case, link) in draft.links.iter().enumerate() {
+            let port = graph.drafts[..graph.inputs].iter().position(|d| d.name.text == link.port);
+            if let (Some(port), Some(target)) = (port, linked(draft, case, values).next()) {
+                inputs[port] = target;
+                linked_ports.push((link.port.clone(), target));
+            }
+        }
+        let (source, span) = definition.sheet.place(draft.name.span);
+        let name = draft.name.text.clone();
+        let uses = scope.uses.iter().cloned().chain([Use { name, source, span }]).collect();
+        let name = format!("{}{}", scope.prefix, draft.name.text);
+        let values = (!given.is_empty()).then(|| graph.defaults.with(given));
+        let inside = Scope { prefix: format!("{name}/"), uses, inputs, values };
+        let values = deeper(inside.uses.len(), || self.graph(graph, &inside));
+        let output = |port: &super::definition::Port| {
+            let (node, output) = port.target?;
+            values.get(node)?.get(output).copied()
+        };
+        let outputs =
+            Vec::from_iter(graph.ports.iter().map(|port| output(port).unwrap_or_default()));
+        let names = graph.ports.iter().map(|port| port.name.clone());
+        let given = names.zip(outputs.iter().map(|&target| vec![target])).collect();
+        let kind = draft.what.kind().to_owned();
+        self.uses.push(GraphUse { name, kind, inputs: linked_ports, outputs: given });
+        outputs
+    }
+
+    /// What the chosen branch gives. The nodes of the others are in the graph, but nothing needs them.
+    fn switch(
+        &mut self,
+        definition: &Definition<'a>,
+        draft: &Draft<'a>,
+        branches: &Branches,
+        scope: &Scope,
+        values: &Values,
+    ) -> Vec<Target> {
+        let chosen = self.checked(definition, scope, |check| {
+            let own = scope.values(definition);
+            let chosen = own.substitute(&branches.choose, &mut check.findings);
+            let case = branches.chosen(&chosen);
+            let wrong = |(message, help): (String, String)| {
+                check.find(code::WRONG_VALUE, chosen.span, message, help);
+            };
+            case.map_err(wrong)
+        });
+        let Ok(case) = chosen else { return Vec::new() };
+        let given = Vec::from_iter(linked(draft, case, values));
+        let outputs = vec![(String::new(), given.clone())];
+        let name = format!("{}{}", scope.prefix, draft.name.text);
+        let inputs = Vec::new();
+        self.uses.push(GraphUse { name, kind: "Switch".into(), inputs, outputs });
+        given
+    }
+}
+
+/// What comes in at a link of a draft.
+fn linked<'v>(
+    draft: &'v Draft<'_>,
+    link: usize,
+    values: &'v Values,
+) -> impl Iterator<Item = Target> + 'v {
+    let targets = draft.targets.get(link).and_then(Option::as_ref).into_iter().flatten();
+    targets.filter_map(|&(node, output)| values[node].get(output).copied())
+}

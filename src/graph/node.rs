@@ -1,0 +1,241 @@
+//! One node of a graph: its fields looked at, and the node itself made of them.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::check::Check;
+use super::draft::{Draft, What};
+use super::each::Each;
+use super::file::{Body, Field, Kind, Name, Tree};
+use super::parameters::{Parameters, read_set};
+use super::paths::{PathProblem, may_read};
+use super::reader::{Reader, Slots};
+use super::schema::{Finding, FoundFile, FoundLink, Walk};
+use super::suggest::nearest_or_all;
+use super::{Files, ReadFile};
+use crate::catalog::Entry;
+use crate::error::{Span, code};
+use crate::eval::{NodeFile, Recipe};
+use crate::node::AnyNode;
+
+/// A node's fields, looked at: the values that they have, and the links and files among them.
+pub(super) struct Survey {
+    pub(super) tree: Tree,
+    pub(super) links: Vec<FoundLink>,
+    pub(super) files: Vec<FoundFile>,
+}
+
+/// A built-in node, ready to be put into a graph.
+#[derive(Clone)]
+pub(super) struct Built {
+    pub(super) node: Arc<dyn AnyNode>,
+    pub(super) recipe: Arc<Recipe>,
+    pub(super) files: Vec<NodeFile>,
+    pub(super) tree: Arc<Tree>,
+}
+
+impl<'a> Check<'_, 'a> {
+    /// Finds the problems of a node's fields with these values of parameters.
+    pub(super) fn survey(&mut self, what: &What<'a>, tree: &Tree, values: &Parameters) -> Survey {
+        let tree = values.substitute(tree, &mut self.findings);
+        let (name, schema) = match what {
+            What::Node(entry) => (&entry.name, entry.schema()),
+            What::Use(name, graph) => (name, &graph.schema),
+            _ => return Survey { tree, links: Vec::new(), files: Vec::new() },
+        };
+        let folder = self.sheet.folder_of(tree.span).to_owned();
+        let mut walk = Walk {
+            node: name,
+            root: schema,
+            folder: &folder,
+            findings: Vec::new(),
+            links: Vec::new(),
+            files: Vec::new(),
+        };
+        walk.node(&tree);
+        self.findings.append(&mut walk.findings);
+        let (links, mut files) = (walk.links, walk.files);
+        if !self.sheet.parts.is_empty() {
+            // The name of a file may come from a patch.
+            for file in files.iter_mut().filter(|file| file.from.is_none()) {
+                file.resolved = self.sheet.folder_of(file.span).join(&file.given);
+            }
+        }
+        Survey { tree, links, files }
+    }
+
+    /// The node itself, with what only its own type can tell of its fields. `targets` says how many values each link has.
+    pub(super) fn built(
+        &mut self,
+        entry: &'a Entry,
+        survey: Survey,
+        targets: &[Option<Vec<(usize, usize)>>],
+    ) -> Option<Built> {
+        let mut first = 0;
+        let slots = survey.links.iter().zip(targets).map(|(link, targets)| {
+            let count = targets.as_ref().map_or(1, Vec::len);
+            first += count;
+            Slots { span: link.span, first: first - count, count }
+        });
+        let slots = Vec::from_iter(slots);
+        let reader = Reader { tree: &survey.tree, links: &slots, files: &survey.files };
+        let node = match (entry.node.read)(&reader) {
+            Ok(node) => node,
+            Err(error) => {
+                let message = format!("{} cannot be read: {}", entry.name, error.message);
+                let span = error.span.unwrap_or(survey.tree.span);
+                self.find(code::WRONG_VALUE, span, message, "");
+                return None;
+            }
+        };
+        let optional = node.files();
+        if self.world.options.files == Files::Needed {
+            for file in &optional {
+                let (given, resolved) = (file.given(), file.resolved());
+                if let Err(PathProblem::Outside { message, help }) =
+                    may_read(given, resolved, &self.world.roots)
+                {
+                    self.find(code::OUTSIDE, survey.tree.span, message, help);
+                }
+            }
+        }
+        let parameters = match node.parameters() {
+            Ok(parameters) => parameters,
+            Err(error) => {
+                let message = format!("{} cannot be written: {error}", entry.name);
+                let help = "this is a fault of the node";
+                self.find(code::WRONG_VALUE, survey.tree.span, message, help);
+                return None;
+            }
+        };
+        let file = |given: &str, path: &Path, needed| NodeFile {
+            given: given.to_owned(),
+            path: path.to_owned(),
+            needed,
+        };
+        let named = survey.files.iter().map(|found| file(&found.given, &found.resolved, true));
+        let optional = optional.iter().map(|found| file(found.given(), found.resolved(), false));
+        let files = Vec::from_iter(named.chain(optional));
+        let recipe = Arc::new(Recipe::new(&entry.name, parameters, &files));
+        Some(Built { node: node.into(), recipe, files, tree: Arc::new(survey.tree) })
+    }
+
+    pub(super) fn may_read(&mut self, file: &FoundFile) {
+        if self.world.options.files == Files::Ignored {
+            return;
+        }
+        let (code, message, help) = match may_read(&file.given, &file.resolved, &self.world.roots) {
+            Ok(()) => return,
+            Err(PathProblem::Outside { message, help }) => (code::OUTSIDE, message, help),
+            Err(PathProblem::Missing { message, help }) => (code::MISSING_FILE, message, help),
+        };
+        let Some(from) = &file.from else { return self.find(code, file.span, message, help) };
+        // The mistake is where the name stands, not in the graph that was given it.
+        let (source, _) = from.sheet.place(from.span);
+        let outer = self.uses.iter().position(|at| Arc::ptr_eq(&at.source, &source));
+        let uses = &self.uses[..outer.unwrap_or(0)];
+        let finding = Finding { code, span: from.span, message, help, note: None };
+        self.world.problems.push(from.sheet.problem(finding, uses));
+    }
+
+    /// Remembers which files a node reads; those that it can do without are known only if its fields have no problem.
+    pub(super) fn note_files(
+        &mut self,
+        node: &str,
+        named: &[FoundFile],
+        read: Option<&dyn AnyNode>,
+    ) {
+        let uses = self.uses.iter().map(|at| &at.name[..]);
+        let name = Vec::from_iter(uses.chain([node])).join("/");
+        let file = |path: &Path, optional| ReadFile {
+            path: path.to_owned(),
+            node: name.clone(),
+            optional,
+        };
+        self.world.files.extend(named.iter().map(|found| file(&found.resolved, false)));
+        let optional = read.map(AnyNode::files).unwrap_or_default();
+        self.world.files.extend(optional.iter().map(|found| file(found.resolved(), true)));
+    }
+
+    /// The node's call with the fields that `--set node.field=value` gives.
+    pub(super) fn with_sets(&self, node: &str, mut tree: Tree) -> Tree {
+        if !self.is_first() {
+            return tree;
+        }
+        for (target, text) in &self.world.options.set {
+            let Some(path) = target.strip_prefix(node).and_then(|rest| rest.strip_prefix('.'))
+            else {
+                continue;
+            };
+            let value = read_set(text, &format!("{target}={text}"), Span::default());
+            set_field(&mut tree, path, &value);
+        }
+        tree
+    }
+
+    /// Values of `--set` that go nowhere.
+    pub(super) fn unknown_sets(
+        &mut self,
+        parameters: &Parameters,
+        drafts: &[Draft<'_>],
+        eaches: &[Each],
+    ) {
+        let nodes = drafts.iter().map(|draft| &draft.name.text[..]);
+        let nodes = Vec::from_iter(nodes.chain(eaches.iter().map(|each| &each.name[..])));
+        let options = self.world.options;
+        for (target, text) in &options.set {
+            let (what, name, known) = match target.split_once('.') {
+                Some((node, _)) => ("node", node, nodes.clone()),
+                None => ("parameter", &target[..], parameters.names()),
+            };
+            if !known.contains(&name) {
+                let message = format!("--set {target}={text}: the graph has no {what} `{name}`");
+                let inside = name.split_once('/').map(|(outer, _)| outer);
+                let help = match inside.filter(|outer| known.contains(outer)) {
+                    Some(outer) => format!(
+                        "what is inside of `{outer}` is set by its parameters: --set {outer}.name=VALUE"
+                    ),
+                    None => nearest_or_all(name, &format!("its {what}s"), &known),
+                };
+                self.find(code::UNKNOWN_LINK, Span::default(), message, help);
+            }
+        }
+    }
+}
+
+/// Puts a value at `field` or `field.field` of a call, or `field.0` of a list; a field that is not there is added.
+fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
+    let (name, rest) = match path.split_once('.') {
+        Some((name, rest)) => (name, Some(rest)),
+        None => (path, None),
+    };
+    let span = tree.span;
+    let index = name.parse::<usize>().ok();
+    let field = match &mut tree.kind {
+        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
+            match index.and_then(|index| items.get_mut(index)) {
+                Some(item) => item,
+                None => return,
+            }
+        }
+        Kind::Call { body, .. } => {
+            if *body == Body::Empty {
+                *body = Body::Fields(Vec::new());
+            }
+            let Body::Fields(fields) = body else { return };
+            let found = fields.iter().position(|field| field.name.text == name);
+            let index = found.unwrap_or_else(|| {
+                let name = Name { text: name.to_owned(), span };
+                let value = Tree::new(span, Kind::Call { name: None, body: Body::Empty });
+                fields.push(Field { name, value });
+                fields.len() - 1
+            });
+            &mut fields[index].value
+        }
+        _ => return,
+    };
+    match rest {
+        Some(rest) => set_field(field, rest, value),
+        None => *field = Tree { span: field.span, ..value.clone() },
+    }
+}

@@ -1,0 +1,235 @@
+//! `Patch(of: "doll.ron", params: {..}, nodes: {..})`: a graph that is another one with other values.
+//!
+//! The values are put into the other graph's text, as `maquette set` would; what comes of it is checked and evaluated like any
+//! graph. The [`Sheet`] knows which part of the text stands in which file, so that problems are reported where their cause
+//! stands, and paths are relative to the file that has them.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::Options;
+use super::check::{Check, first, folder_of};
+use super::edit::{Edit, place};
+use super::file::{self, Body, Kind, Tree};
+use super::sheet::{Part, Sheet};
+use super::suggest::nearest_or_all;
+use crate::catalog::Catalog;
+use crate::error::{Source, Span, code};
+
+/// The tree of the graph that a patch makes; the patch's own if the other graph is not there, or one of them is wrong.
+pub(super) fn patched_tree(
+    path: &Path,
+    text: String,
+    catalog: &Catalog,
+    options: &Options,
+) -> Tree {
+    let (tree, _) = file::parse(&text);
+    let (_, whole) = first(path, text, catalog, options);
+    whole.map_or(tree, |whole| file::parse(&whole.definition.sheet.source.text).0)
+}
+
+/// A value, what it is for, and where the patch names that.
+type Wanted = (String, Span, Tree);
+
+/// The fields of a patch.
+const FIELDS: [&str; 5] = ["format", "doc", "of", "params", "nodes"];
+
+impl Check<'_, '_> {
+    /// The tree of the file's text. If it is a patch, of the graph that it makes of another one; the sheet is that graph's, then.
+    pub(super) fn tree(&mut self) -> Option<Tree> {
+        let (tree, mistakes) = file::parse(&self.sheet.source.text);
+        if self.is_newer(&tree) {
+            return None;
+        }
+        if !mistakes.is_empty() {
+            for mistake in mistakes {
+                self.find(code::SYNTAX, mistake.span, mistake.message, mistake.help);
+            }
+            return None;
+        }
+        if tree.name().is_none_or(|name| name.text != "Patch") {
+            return Some(tree);
+        }
+        self.sheet = self.patched(&tree)?;
+        Some(file::parse(&self.sheet.source.text).0)
+    }
+
+    /// The text of the graph that a patch makes; none if something in the patch or in the other graph's text is wrong.
+    fn patched(&mut self, patch: &Tree) -> Option<Arc<Sheet>> {
+        let own = self.sheet.clone();
+        let mut of = None;
+        let mut puts = Vec::new();
+        for field in patch.fields().unwrap_or_default() {
+            match (&field.name.text[..], &field.value.kind) {
+                ("format", Kind::Number { .. }) => {}
+                ("doc", Kind::Text(_)) => {
+                    puts.push(("doc".into(), field.name.span, field.value.clone()));
+                }
+                ("of", Kind::Text(path)) => of = Some((path.clone(), field.value.span)),
+                ("params", Kind::Map(entries)) => self.params(entries, &mut puts),
+                ("nodes", Kind::Map(entries)) => self.fields(entries, &mut puts),
+                (known, _) if FIELDS.contains(&known) => {
+                    let wanted = match known {
+                        "of" => "the path of a graph",
+                        "format" => "the number 1",
+                        "doc" => "a text",
+                        _ => "a map: {\"name\": .., ..}",
+                    };
+                    let found = field.value.in_words();
+                    let message = format!("field `{known}` of Patch wants {wanted}, not {found}");
+                    self.find(code::WRONG_VALUE, field.value.span, message, "");
+                }
+                (unknown, _) => {
+                    let message = format!("Patch has no field `{unknown}`");
+                    let help = nearest_or_all(unknown, "its fields", &FIELDS);
+                    self.find(code::UNKNOWN_FIELD, field.name.span, message, help);
+                }
+            }
+        }
+        let Some((path, span)) = of else {
+            if self.findings.is_empty() {
+                let message = "Patch needs a field `of`".to_owned();
+                self.find(code::MISSING_FIELD, patch.span, message, "write `of: \"graph.ron\"`");
+            }
+            return None;
+        };
+        let mut sheet = self.base(&path, span)?;
+        for (target, named, value) in puts {
+            let text = &own.source.text[value.span.start..value.span.end];
+            match place(&sheet.source.text, &target, text, true) {
+                Ok((edits, _)) => sheet = spliced(&sheet, edits, text, &own, value.span),
+                Err(refusal) => {
+                    let message = format!("`{target}`: {}", refusal.message);
+                    let is_unknown = refusal.code == code::UNKNOWN_LINK;
+                    let span = if is_unknown { named } else { value.span };
+                    self.find(refusal.code, span, message, refusal.help);
+                }
+            }
+        }
+        // They are about the patch, and what is found from here on is about the graph that it makes.
+        let uses = self.uses.clone();
+        self.findings.sort_by_key(|finding| finding.span);
+        let problems = self.findings.drain(..).map(|finding| own.problem(finding, &uses));
+        self.world.problems.extend(problems);
+        Some(sheet)
+    }
+
+    fn params(&mut self, entries: &[(Tree, Tree)], puts: &mut Vec<Wanted>) {
+        for (key, value) in entries {
+            match key.text() {
+                Some(name) => puts.push((name.to_owned(), key.span, value.clone())),
+                None => self.no_name(key),
+            }
+        }
+    }
+
+    /// The fields of nodes: `"red": (select: ..)`, or `"red.select": (distance: 20.0)` for what lies further in.
+    fn fields(&mut self, entries: &[(Tree, Tree)], puts: &mut Vec<Wanted>) {
+        for (key, value) in entries {
+            let Some(node) = key.text() else {
+                self.no_name(key);
+                continue;
+            };
+            match &value.kind {
+                Kind::Call { name: None, body: Body::Fields(fields) } => {
+                    let target = |field: &file::Field| format!("{node}.{}", field.name.text);
+                    let put = |field: &file::Field| (target(field), key.span, field.value.clone());
+                    puts.extend(fields.iter().map(put));
+                }
+                Kind::Call { name: None, body: Body::Empty } => {}
+                _ => {
+                    let message = format!(
+                        "a patch of `{node}` is a group of fields, not {}",
+                        value.in_words()
+                    );
+                    self.find(code::WRONG_VALUE, value.span, message, "write `(field: value, ..)`");
+                }
+            }
+        }
+    }
+
+    fn no_name(&mut self, key: &Tree) {
+        let message = format!("a name is a text in double quotes, not {}", key.in_words());
+        self.find(code::BAD_NAME, key.span, message, "");
+    }
+
+    /// The text of the graph that is patched, which may be a patch itself.
+    fn base(&mut self, given: &str, span: Span) -> Option<Arc<Sheet>> {
+        let own = self.sheet.clone();
+        let found = self.enter(given, span)?;
+        let text = match std::fs::read_to_string(&found.path) {
+            Ok(text) => text,
+            Err(error) => {
+                self.find(code::MISSING_FILE, span, format!("cannot read `{given}`: {error}"), "");
+                return None;
+            }
+        };
+        let source = Arc::new(Source { name: found.name.clone(), text });
+        self.world.open.push((found.real, found.name));
+        self.sheet = Sheet::new(source, folder_of(&found.path));
+        // What is wrong with its text is a problem of its file.
+        let known = std::mem::take(&mut self.findings);
+        let tree = self.tree();
+        let mut findings = std::mem::replace(&mut self.findings, known);
+        self.world.open.pop();
+        let sheet = std::mem::replace(&mut self.sheet, own.clone());
+        findings.sort_by_key(|finding| finding.span);
+        let problems = findings.into_iter().map(|finding| sheet.problem(finding, &self.uses));
+        self.world.problems.extend(problems);
+        tree?;
+        let parts = whole(&sheet);
+        let source = Source { name: own.source.name.clone(), text: sheet.source.text.clone() };
+        Some(Arc::new(Sheet { source: Arc::new(source), folder: sheet.folder.clone(), parts }))
+    }
+}
+
+/// The parts of a text; the text itself if it has none.
+fn whole(sheet: &Sheet) -> Vec<Part> {
+    if !sheet.parts.is_empty() {
+        return sheet.parts.clone();
+    }
+    let span = Span { start: 0, end: sheet.source.text.len() };
+    vec![Part { span, source: sheet.source.clone(), start: 0, folder: sheet.folder.clone() }]
+}
+
+/// The text with edits that put a value of another file into it.
+fn spliced(sheet: &Sheet, mut edits: Vec<Edit>, value: &str, from: &Sheet, at: Span) -> Arc<Sheet> {
+    edits.sort_by_key(|(span, _)| *span);
+    let old = &sheet.source.text;
+    let (mut text, mut parts) = (String::with_capacity(old.len() + value.len()), Vec::new());
+    let mut copied = 0;
+    let copy = |text: &mut String, parts: &mut Vec<Part>, start: usize, end: usize| {
+        for part in &sheet.parts {
+            let (first, last) = (part.span.start.max(start), part.span.end.min(end));
+            if first < last {
+                let shift = text.len();
+                text.push_str(&old[first..last]);
+                let span = Span { start: shift, end: text.len() };
+                let start = part.start + (first - part.span.start);
+                parts.push(Part { span, start, ..part.clone() });
+            }
+        }
+    };
+    for (span, new) in edits {
+        copy(&mut text, &mut parts, copied, span.start);
+        // What stands around the value is of the place where the value stands.
+        let lead = new.rfind(value).unwrap_or(0);
+        let start = text.len();
+        text.push_str(&new);
+        for (from_at, first, last) in [
+            (at.start, start, start + lead),
+            (at.start, start + lead, start + (lead + value.len()).min(new.len())),
+            (at.end, start + (lead + value.len()).min(new.len()), text.len()),
+        ] {
+            if first < last {
+                let (source, folder) = (from.source.clone(), from.folder.clone());
+                let span = Span { start: first, end: last };
+                parts.push(Part { span, source, start: from_at, folder });
+            }
+        }
+        copied = span.end;
+    }
+    copy(&mut text, &mut parts, copied, old.len());
+    let source = Arc::new(Source { name: sheet.source.name.clone(), text });
+    Arc::new(Sheet { source, folder: sheet.folder.clone(), parts })
+}

@@ -1,0 +1,85 @@
+//! A text that is checked as one, and the files that its parts stand in.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::schema::Finding;
+use crate::error::{Place, Problem, Source, Span, Use};
+
+/// A text that is checked as one. A patched graph is the graph's text with parts that stand in the patch's file.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Sheet {
+    /// The file, and the text that is checked.
+    pub(crate) source: Arc<Source>,
+    /// The folder that paths in the text are relative to.
+    pub(crate) folder: PathBuf,
+    /// What the text is made of, in order, if it is not one file's.
+    pub(crate) parts: Vec<Part>,
+}
+
+/// A part of a text that stands in some file.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Part {
+    /// Where it is in the whole text.
+    pub(crate) span: Span,
+    /// Where it stands.
+    pub(crate) source: Arc<Source>,
+    pub(crate) start: usize,
+    pub(crate) folder: PathBuf,
+}
+
+impl Sheet {
+    pub(crate) fn new(source: Arc<Source>, folder: PathBuf) -> Arc<Self> {
+        Arc::new(Self { source, folder, parts: Vec::new() })
+    }
+
+    fn part(&self, at: usize) -> Option<&Part> {
+        let index = self.parts.partition_point(|part| part.span.end <= at);
+        self.parts.get(index).or_else(|| self.parts.last())
+    }
+
+    /// The file in which a part of the text stands, and where.
+    pub(crate) fn place(&self, span: Span) -> (Arc<Source>, Span) {
+        let Some(part) = self.part(span.start).filter(|_| span != Span::default()) else {
+            return (self.source.clone(), span);
+        };
+        let length = span.end.min(part.span.end).saturating_sub(span.start);
+        let start = part.start + (span.start - part.span.start.min(span.start));
+        // A span that begins in a part and ends behind another one ends where it does in its own file.
+        let end = match self.part(span.end.saturating_sub(1)) {
+            Some(last) if Arc::ptr_eq(&last.source, &part.source) && last.start >= part.start => {
+                last.start + span.end.saturating_sub(last.span.start)
+            }
+            _ => start + length,
+        };
+        (part.source.clone(), Span { start, end })
+    }
+
+    /// The same in words: `graphs/face.ron:9:30`.
+    pub(crate) fn place_in_words(&self, span: Span) -> String {
+        let (source, span) = self.place(span);
+        let Place { line, column } = Place::of(&source.text, span.start);
+        format!("{}:{line}:{column}", source.name.display())
+    }
+
+    /// The folder that a path at this place is relative to.
+    pub(crate) fn folder_of(&self, span: Span) -> &Path {
+        self.part(span.start).map_or(&self.folder, |part| &part.folder)
+    }
+
+    /// A finding as a problem of its file.
+    pub(crate) fn problem(&self, finding: Finding, uses: &[Use]) -> Problem {
+        let (source, span) = self.place(finding.span);
+        let mut help = finding.help.clone();
+        let note = finding.note.clone().and_then(|(span, words)| {
+            let (other, place) = self.place(span);
+            if Arc::ptr_eq(&other, &source) {
+                return Some((place, words));
+            }
+            let gap = if help.is_empty() { "" } else { "; " };
+            help = format!("{words}: {}{gap}{help}", self.place_in_words(span));
+            None
+        });
+        Problem { span, note, help, uses: uses.to_vec(), ..finding.at(&source) }
+    }
+}

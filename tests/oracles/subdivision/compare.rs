@@ -1,0 +1,339 @@
+//! Compares subdivision with OpenSubdiv and CGAL, by hand: `just oracles`. The programs are those beside this file; the first and
+//! second arguments are where they have been built, the third one the folder of the test data, which is shared/data.
+//!
+//! Prints the largest distance between our points and theirs for each mesh, over the mesh's largest coordinate. The vertices have
+//! other numbers there, so that each is compared with the nearest one, and each of theirs must be met.
+
+#![allow(clippy::print_stdout, reason = "the table goes to whoever asks for it")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+use maquette::value::{Faces, Mesh};
+use maquette_nodes::mesh::read_mesh;
+use maquette_nodes::subdivision::{
+    Boundary, Corners, Creases, Scheme, SubdivideError, Subdivision, crease, read_creases,
+    subdivide,
+};
+use nalgebra::{Point3, Vector3};
+
+/// What both must agree to, over the largest coordinate.
+const TOLERANCE: f64 = 1e-12;
+
+fn main() -> ExitCode {
+    let [osd, cgal, data] =
+        [1, 2, 3].map(|k| PathBuf::from(std::env::args().nth(k).unwrap_or_default()));
+    if !data.is_dir() {
+        println!("skipped: the test data is not there, {}", data.display());
+        return ExitCode::SUCCESS;
+    }
+    let mut table = Table::default();
+    println!("{:44} {:>9} {:>10} {:>10}", "mesh, 4 levels", "vertices", "points", "limits");
+    for (name, mesh) in files(&data) {
+        table.row(&osd, &name, std::slice::from_ref(&mesh), Scheme::CatmullClark, 4);
+        if mesh.faces().sides() == Some(3) {
+            table.row(&osd, &name, std::slice::from_ref(&mesh), Scheme::Loop, 4);
+        }
+        if mesh.creases().len() == 0 && mesh.edges().faces.iter().all(|&faces| faces == 2) {
+            table.row(&cgal, &name, &[mesh], Scheme::DooSabin, 4);
+        }
+    }
+    for creased in [false, true] {
+        let word = if creased { "with creases" } else { "plain" };
+        let meshes = |triangles| random_meshes(100, triangles, creased);
+        table.row(
+            &osd,
+            &format!("100 random meshes, {word}"),
+            &meshes(false),
+            Scheme::CatmullClark,
+            4,
+        );
+        table.row(&osd, &format!("100 random meshes, {word}"), &meshes(true), Scheme::Loop, 4);
+    }
+    let closed: Vec<Mesh> = random_closed(100);
+    table.row(&cgal, "100 random closed meshes", &closed, Scheme::DooSabin, 4);
+    println!("{} passed, {} failed", table.passed, table.failed);
+    if table.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+fn files(data: &Path) -> Vec<(String, Mesh)> {
+    let read = |path: &str| {
+        let ending = path.rsplit('.').next().unwrap_or_default();
+        let bytes = fs::read(data.join(path)).unwrap_or_else(|error| panic!("{path}: {error}"));
+        read_mesh(&bytes, ending).unwrap_or_else(|error| panic!("{path}: {error}"))
+    };
+    let mug = read("doll/mug_control.obj");
+    let creases = fs::read(data.join("doll/mug_creases.json")).expect("the mug has creases");
+    let creased = read_creases(&mug, &creases).expect("creases of the mug");
+    let coarse = read("doll/doll_coarse.obj");
+    let named = |name: &str, mesh| (name.to_owned(), mesh);
+    vec![
+        named("doll, coarse", coarse.clone()),
+        named("doll, coarse, sharp where it bends", crease(&coarse, 20.0, 10.0)),
+        named("doll, coarse, half sharp where it bends", crease(&coarse, 20.0, 1.5)),
+        named("mug", mug.clone()),
+        named("mug, its creases", creased),
+        named("mug, sharp where it bends", crease(&mug, 30.0, 10.0)),
+        named("Spot", read("meshes/spot/spot_control_mesh.obj")),
+        named("Spot, triangles", read("meshes/spot/spot_low_resolution.obj")),
+        named("penguin", read("meshes/penguin/penguin_control_mesh.obj")),
+    ]
+}
+
+#[derive(Default)]
+struct Table {
+    passed: usize,
+    failed: usize,
+}
+
+impl Table {
+    fn row(&mut self, oracle: &Path, name: &str, meshes: &[Mesh], scheme: Scheme, levels: u32) {
+        let mut vertices = 0;
+        let mut worst = [0.0f64; 2];
+        for mesh in meshes {
+            for (boundary, creases) in [
+                (Boundary::EdgeAndCorner, Creases::OpenSubdiv),
+                (Boundary::EdgeOnly, Creases::OpenSubdiv),
+                (Boundary::EdgeAndCorner, Creases::Chaikin),
+            ] {
+                if creases == Creases::Chaikin && mesh.creases().len() == 0 {
+                    continue;
+                }
+                let how = Subdivision {
+                    scheme,
+                    levels,
+                    limit: false,
+                    boundary,
+                    creases,
+                    corners: Corners::Linear,
+                };
+                let (count, errors) = compare(oracle, mesh, how);
+                vertices += count;
+                worst = [worst[0].max(errors[0]), worst[1].max(errors[1])];
+                if scheme == Scheme::DooSabin || meshes.len() == 1 && vertices > 400_000 {
+                    break;
+                }
+            }
+        }
+        let passed = worst.iter().all(|error| *error <= TOLERANCE);
+        *(if passed { &mut self.passed } else { &mut self.failed }) += 1;
+        let name = format!("{name}: {scheme:?}");
+        let mark = if passed { "" } else { "  FAILED" };
+        println!("{name:44} {vertices:9} {:10.1e} {:10.1e}{mark}", worst[0], worst[1]);
+    }
+}
+
+/// The number of vertices, and the largest distances of points and of limits.
+fn compare(oracle: &Path, mesh: &Mesh, how: Subdivision) -> (usize, [f64; 2]) {
+    let folder = std::env::temp_dir();
+    let [input, output] = ["in", "out"]
+        .map(|word| folder.join(format!("maquette-oracle-{}.{word}", std::process::id())));
+    fs::write(&input, text(mesh, how)).expect("the temporary folder can be written");
+    let done = Command::new(oracle).arg(&input).arg(&output).status().expect("the oracle runs");
+    assert!(done.success(), "{} failed on {}", oracle.display(), input.display());
+    let bytes = fs::read(&output).expect("the oracle has written");
+    let numbers: Vec<f64> =
+        bytes.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+    let count = numbers[0] as usize;
+    let points: Vec<[f64; 3]> = numbers[1..].as_chunks::<3>().0.to_vec();
+    let scale = mesh.positions().iter().map(|point| point.coords.amax()).fold(0.0, f64::max);
+    let ours = subdivide(mesh, how).expect("a surface");
+    assert_eq!(ours.positions().len(), count);
+    let mut errors = [distance(ours.positions(), &points[..count]) / scale, 0.0];
+    // OpenSubdiv freezes the limit at inner vertices of two faces, and what is semi-sharp has none.
+    let lasting =
+        |(_, sharpness): ([u32; 2], f64)| sharpness >= 10.0 || sharpness <= f64::from(how.levels);
+    if points.len() > count && mesh.creases().all(lasting) && how.creases == Creases::OpenSubdiv {
+        let ours = subdivide(mesh, Subdivision { limit: true, ..how }).expect("a surface");
+        errors[1] = distance(ours.positions(), &points[count..]) / scale;
+    }
+    [input, output].iter().for_each(|path| fs::remove_file(path).expect("it was there"));
+    (count, errors)
+}
+
+fn text(mesh: &Mesh, how: Subdivision) -> String {
+    use std::fmt::Write;
+
+    let mut text = String::new();
+    let scheme = u8::from(how.scheme == Scheme::Loop);
+    let boundary = u8::from(how.boundary == Boundary::EdgeAndCorner);
+    let creasing = u8::from(how.creases == Creases::Chaikin);
+    let counts = [mesh.positions().len(), mesh.faces().len(), mesh.creases().len()];
+    let [vertices, faces, creases] = counts;
+    let levels = how.levels;
+    let mut line = |line: String| writeln!(text, "{line}").expect("a string can grow");
+    line(format!("{scheme} {levels} {boundary} {creasing} {vertices} {faces} {creases}"));
+    mesh.positions().iter().for_each(|p| line(format!("{:e} {:e} {:e}", p.x, p.y, p.z)));
+    for face in mesh.faces().iter() {
+        let corners: Vec<String> = face.iter().map(u32::to_string).collect();
+        line(format!("{} {}", face.len(), corners.join(" ")));
+    }
+    mesh.creases().for_each(|([a, b], sharpness)| line(format!("{a} {b} {sharpness}")));
+    text
+}
+
+/// The largest distance of a point of one list to the nearest in the other; infinite if one of these is nearest to none.
+fn distance(ours: &[Point3<f64>], theirs: &[[f64; 3]]) -> f64 {
+    // Along a direction in which hardly two points of a symmetric mesh are at the same place.
+    let along = Vector3::new(0.726_31, 0.523_17, 0.445_93);
+    let sorted =
+        |points: &mut Vec<(f64, [f64; 3], u32)>| points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let listed = |point: [f64; 3], index: u32| (along.dot(&Vector3::from(point)), point, index);
+    let mut ours: Vec<_> = ours.iter().zip(0..).map(|(&p, k)| listed(p.into(), k)).collect();
+    let mut theirs: Vec<_> = theirs.iter().zip(0..).map(|(&p, k)| listed(p, k)).collect();
+    sorted(&mut ours);
+    sorted(&mut theirs);
+    let window = 1e-7 * theirs.iter().map(|point| point.0.abs()).fold(0.0, f64::max);
+    let mut met = vec![false; theirs.len()];
+    let (mut worst, mut from) = (0.0f64, 0);
+    for (at, point, _) in &ours {
+        while from < theirs.len() && theirs[from].0 < at - window {
+            from += 1;
+        }
+        let near = theirs[from..].iter().take_while(|other| other.0 <= at + window);
+        let distances = near.zip(from..).map(|((_, other, _), place)| {
+            ((Vector3::from(*other) - Vector3::from(*point)).norm(), place)
+        });
+        match distances.min_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((distance, place)) => {
+                worst = worst.max(distance);
+                met[place] = true;
+            }
+            None => return f64::INFINITY,
+        }
+    }
+    if met.iter().all(|met| *met) { worst } else { f64::INFINITY }
+}
+
+/// A generator of numbers without any order: xorshift.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, count: usize) -> usize {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as usize % count.max(1)
+    }
+
+    fn unit(&mut self) -> f64 {
+        self.below(1 << 20) as f64 / f64::from(1 << 20)
+    }
+}
+
+/// Meshes with borders and faces of several sizes, or of triangles alone.
+fn random_meshes(count: usize, triangles: bool, creased: bool) -> Vec<Mesh> {
+    let mut random = Random(0x9e37_79b9_7f4a_7c15 + u64::from(triangles) + 2 * u64::from(creased));
+    let meshes = std::iter::repeat_with(|| {
+        let mesh = random_mesh(&mut random, triangles, false)?;
+        Some(if creased { with_creases(mesh, &mut random) } else { mesh })
+    });
+    meshes.flatten().take(count).collect()
+}
+
+fn random_closed(count: usize) -> Vec<Mesh> {
+    let mut random = Random(77);
+    std::iter::repeat_with(|| random_mesh(&mut random, false, true)).flatten().take(count).collect()
+}
+
+/// A sheet or torus of quads, some of them cut in two, joined to larger faces, or missing; none if that is no surface.
+fn random_mesh(random: &mut Random, triangles: bool, closed: bool) -> Option<Mesh> {
+    let [m, n] = [0; 2].map(|_| 3 + random.below(4));
+    let around = closed || random.below(3) == 0;
+    let (rows, columns) = if around { (m, n) } else { (m + 1, n + 1) };
+    let at = |i: usize, j: usize| (i % rows * columns + j % columns) as u32;
+    let mut faces: Vec<Vec<u32>> = Vec::new();
+    for (i, j) in (0..m * n).map(|k| (k / n, k % n)) {
+        let mut quad = vec![at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)];
+        quad.rotate_left(random.below(4));
+        let cut = random.below(3) == 0;
+        match random.below(8) {
+            0 if !closed => {}
+            _ if triangles || cut => {
+                faces.extend([vec![quad[0], quad[1], quad[2]], vec![quad[0], quad[2], quad[3]]]);
+            }
+            _ => faces.push(quad),
+        }
+    }
+    for _ in 0..if triangles { 0 } else { random.below(6) } {
+        let [a, b] = [0; 2].map(|_| random.below(faces.len()));
+        if a != b
+            && let Some(joined) = joined(&faces[a], &faces[b])
+        {
+            faces[a] = joined;
+            faces.remove(b);
+        }
+    }
+    let sides: Vec<usize> = faces.iter().map(Vec::len).collect();
+    let positions: Vec<Point3<f64>> = (0..rows * columns)
+        .map(|k| {
+            let [x, y] = [(k / columns) as f64, (k % columns) as f64];
+            Point3::new(x + 0.6 * random.unit(), y + 0.6 * random.unit(), random.unit())
+        })
+        .collect();
+    // Vertices of no face are dropped: the other programs do not keep them.
+    let used: Vec<u32> =
+        (0..positions.len() as u32).filter(|v| faces.iter().flatten().any(|c| c == v)).collect();
+    let renamed = |corner: &u32| used.iter().position(|v| v == corner).unwrap_or_default() as u32;
+    let corners = faces.iter().flatten().map(renamed).collect();
+    let positions: Vec<_> = used.iter().map(|&v| positions[v as usize]).collect();
+    let mesh = Mesh::new(positions, Faces::polygons(&sides, corners).ok()?).ok()?;
+    let how = Subdivision {
+        scheme: Scheme::CatmullClark,
+        levels: 1,
+        limit: false,
+        boundary: Boundary::EdgeOnly,
+        creases: Creases::OpenSubdiv,
+        corners: Corners::Linear,
+    };
+    match subdivide(&mesh, how) {
+        Err(SubdivideError::NonManifold { .. }) => None,
+        _ => Some(mesh).filter(|mesh| !has_inner_valence_2(mesh)),
+    }
+}
+
+/// Two faces as one, if they share exactly one edge and no other vertex.
+fn joined(a: &[u32], b: &[u32]) -> Option<Vec<u32>> {
+    if a.iter().filter(|v| b.contains(v)).count() != 2 {
+        return None;
+    }
+    let k = (0..a.len()).find(|&k| b.contains(&a[k]) && b.contains(&a[(k + 1) % a.len()]))?;
+    let l = b.iter().position(|&v| v == a[k])?;
+    // Face a from behind the edge around to its start, then face b from there to behind the edge.
+    let first = (1..=a.len()).map(|j| a[(k + j) % a.len()]);
+    let second = (1..b.len() - 1).map(|j| b[(l + j) % b.len()]);
+    (b[(l + b.len() - 1) % b.len()] == a[(k + 1) % a.len()]).then(|| first.chain(second).collect())
+}
+
+fn has_inner_valence_2(mesh: &Mesh) -> bool {
+    let edges = mesh.edges();
+    let mut inner = vec![0; mesh.positions().len()];
+    for (ends, faces) in edges.vertices.iter().zip(&edges.faces) {
+        ends.iter().for_each(|&end| inner[end as usize] += if *faces == 2 { 1 } else { 100 });
+    }
+    inner.contains(&2)
+}
+
+/// A few edges become sharp for good, others for some steps.
+///
+/// OpenSubdiv has its sharpness in single precision, in which the mean of three numbers is not exact; and a class may hang on
+/// whether a sharpness is a little above 0. So all creases of a mesh have the same fraction, and no more than two that soften meet.
+fn with_creases(mesh: Mesh, random: &mut Random) -> Mesh {
+    let mut soft = vec![0; mesh.positions().len()];
+    let fraction = random.below(8) as f64 / 8.0;
+    let edges = mesh.edges();
+    let inner = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 2);
+    let mut creases: Vec<([u32; 2], f64)> = Vec::new();
+    for (ends, _) in inner {
+        match random.below(8) {
+            0 | 1 => creases.push((*ends, 10.0)),
+            2 | 3 if ends.iter().all(|&end| soft[end as usize] < 2) => {
+                ends.iter().for_each(|&end| soft[end as usize] += 1);
+                creases.push((*ends, 1.0 - fraction + random.below(3) as f64));
+            }
+            _ => {}
+        }
+    }
+    mesh.with_creases(creases)
+}
