@@ -5,66 +5,16 @@
 use std::path::PathBuf;
 
 use divan::{Bencher, black_box};
-use maquette::{
-    Catalog, Checked, Context, DecodeError, Decoder, Encoder, Error, Evaluator, Graph, In, Node,
-    Options, Pack, Summary, Value, node, value_type,
-};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use maquette::{Catalog, Checked, Evaluator, Graph, Options};
+
+#[path = "shared/numbers.rs"]
+mod numbers;
+
+use numbers::PACK;
 
 fn main() {
     divan::main();
 }
-
-/// A number on a link.
-#[derive(Clone, Debug)]
-struct Number(f64);
-
-impl Value for Number {
-    const NAME: &'static str = "Number";
-
-    fn encode(&self, to: &mut Encoder) {
-        to.plain(&self.0);
-    }
-
-    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
-        Ok(Self(from.plain()?))
-    }
-
-    fn size(&self) -> usize {
-        size_of::<Self>()
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("number", self.0)
-    }
-}
-
-/// Adds a number.
-#[derive(Serialize, Deserialize, JsonSchema)]
-struct Add {
-    /// To this one, or to 0.
-    to: Option<In<Number>>,
-    /// What is added.
-    number: f64,
-}
-
-impl Node for Add {
-    type Outputs = (Number,);
-    const OUTPUTS: [&'static str; 1] = ["sum"];
-
-    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let to = self.to.as_ref().map_or(0.0, |to| cx.get(to).0);
-        Ok((Number(to + self.number),))
-    }
-}
-
-const PACK: Pack = Pack {
-    name: "numbers",
-    nodes: &[node::<Add>()],
-    values: &[value_type::<Number>()],
-    formats: &[],
-};
 
 /// A graph that uses another one so many times, each after the one before.
 fn level(used: &str, count: usize, is_first: bool) -> String {
