@@ -81,13 +81,16 @@ pub fn render(mesh: &Mesh, view: &View) -> Image {
             let samples = Band::draw(&scene, &bins, band, [width, pixels.len() / width]);
             for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
                 let background = light::background((band * BAND + row) as f64 / height as f64);
-                for (column, pixel) in pixels.iter_mut().enumerate() {
-                    *pixel = samples.resolve(&scene, [column, row], background);
-                }
+                samples.resolve(&scene, row, background, pixels);
             }
         });
     }
     Image::new(width, height, pixels).expect("a pixel for each place")
+}
+
+/// Three things, made one by one: the compiler keeps them in registers, which it does not for those of `array::map`.
+fn each<T>(make: impl Fn(usize) -> T) -> [T; 3] {
+    [make(0), make(1), make(2)]
 }
 
 #[cfg(test)]

@@ -130,6 +130,27 @@ fn an_output_that_cannot_be_written_is_an_error_and_leaves_nothing() {
 }
 
 #[test]
+fn an_output_does_not_overwrite_the_picture_beside_a_model() {
+    let folder = tempfile::tempdir().unwrap();
+    for file in ["color.png", "range.pcd"] {
+        std::fs::copy(Path::new(GRAPHS).join("doll").join(file), folder.path().join(file)).unwrap();
+    }
+    let graph = folder.path().join("skin.ron");
+    let text = r#"Graph(format: 1, nodes: {
+        "scan": ReadCapture(color: "color.png", range: "range.pcd"),
+        "skin": Triangulate(range: "scan.range"),
+        "painted": Texture(mesh: "skin", image: "scan.color"),
+    }, outputs: { "skin.obj": "painted", "skin.png": "painted" })"#;
+    std::fs::write(&graph, text).unwrap();
+    let out = folder.path().join("out");
+    let output = maquette(&["run", graph.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(1));
+    let messages = stderr(&output);
+    assert!(messages.contains("`skin.obj` also writes skin.png, another output"), "{messages}");
+    assert_eq!(names(&out), ["skin.png"]);
+}
+
+#[test]
 fn exit_codes_tell_a_wrong_graph_from_a_wrong_command() {
     assert_eq!(maquette(&["check", "doll.ron"]).status.code(), Some(0));
     assert_eq!(maquette(&["check", "nowhere.ron"]).status.code(), Some(1));

@@ -160,9 +160,18 @@ impl Outputs {
                 return Err(problem(format!("cannot write `{}`: {error}", output.name), ""));
             }
         };
+        let path = |file: &NewFile| self.folder_of(output).join(&file.name);
+        let is_other = |file: &&NewFile| {
+            let of_other = |other: &GraphOutput| self.folder.join(&other.name) == path(file);
+            path(file) != self.folder.join(&output.name) && graph.outputs.iter().any(of_other)
+        };
+        if let Some(file) = files.iter().find(is_other) {
+            let message = format!("`{}` also writes {}, another output", output.name, file.name);
+            return Err(problem(message, "give one of the two outputs another name"));
+        }
         let mut written = Vec::new();
         for file in files {
-            let path = self.folder_of(output).join(&file.name);
+            let path = path(&file);
             if is_read_by(graph, &path) {
                 let message = format!("cannot write {}: the graph reads this file", path.display());
                 return Err(problem(message, "--out chooses another folder"));

@@ -345,7 +345,11 @@ fn show(result: &Report) {
     let skips = if skipped > 0 { format!(", {skipped} skipped") } else { String::new() };
     let nodes = match result.node_seconds() {
         0.0 => String::new(),
-        seconds => format!(" ({seconds:.2} s of nodes on {})", counted(result.threads, "thread")),
+        seconds => format!(
+            " ({seconds:.2} s of nodes and {:.2} s of files on {})",
+            result.file_seconds(),
+            counted(result.threads, "thread")
+        ),
     };
     let seconds = result.seconds;
     let _ = writeln!(text, "{passed} passed, {failed} failed{skips}; {seconds:.2} s{nodes}");
@@ -397,6 +401,7 @@ fn to_json(report: &Report) -> serde_json::Value {
         "orphans": report.orphans.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
         "seconds": report.seconds,
         "node_seconds": report.node_seconds(),
+        "file_seconds": report.file_seconds(),
         "threads": report.threads,
     })
 }

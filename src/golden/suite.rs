@@ -60,6 +60,8 @@ pub(crate) struct Case {
     pub(crate) notes: Vec<String>,
     pub(crate) trace: Trace,
     pub(crate) seconds: f64,
+    /// How much of it writing the outputs took.
+    pub(crate) file_seconds: f64,
     /// The nodes as they are now.
     nodes: String,
 }
@@ -183,6 +185,11 @@ impl Report {
     /// The time of all nodes that ran.
     pub(crate) fn node_seconds(&self) -> f64 {
         self.cases.iter().flat_map(|case| &case.trace.0).map(|node| node.seconds).sum()
+    }
+
+    /// The time of all outputs that were written.
+    pub(crate) fn file_seconds(&self) -> f64 {
+        self.cases.iter().map(|case| case.file_seconds).sum()
     }
 
     pub(crate) fn count(&self, wanted: impl Fn(&Case) -> bool) -> usize {

@@ -18,8 +18,8 @@ const LENS: f64 = 0.230_868_191_125_563_1;
 const FILLED: f64 = 0.92;
 
 /// Farther from the picture's origin than this (in parts of samples) no vertex is drawn, so that products of two distances
-/// stay in 64 bits.
-const FARTHEST: f64 = (1 << 29) as f64;
+/// and sums of nine of them stay in 64 bits.
+const FARTHEST: f64 = (1 << 27) as f64;
 
 /// Where a vertex is in the picture.
 #[derive(Clone, Copy, Debug)]

@@ -2,6 +2,7 @@
 
 use std::sync::LazyLock;
 
+use super::each;
 use crate::value::{Rgb, linear_from_srgb, srgb_from_linear};
 
 /// Untextured surfaces: a warm light gray, sRGB (206, 199, 190).
@@ -39,26 +40,26 @@ const FLOOR: [f32; 3] = [0.095, 0.087, 0.08];
 pub(super) fn lit(color: [f32; 3], normal: [f32; 3]) -> [f32; 3] {
     let towards = |from: [f32; 3]| normal[0] * from[0] + normal[1] * from[1] + normal[2] * from[2];
     let up = 0.5 + 0.5 * normal[1];
-    let mut light = [0, 1, 2].map(|k| FLOOR[k] + (SKY[k] - FLOOR[k]) * up);
+    let mut light = each(|k| FLOOR[k] + (SKY[k] - FLOOR[k]) * up);
     for lamp in &LAMPS {
         let strength = ((towards(lamp.from) + lamp.soft) / (1.0 + lamp.soft)).max(0.0);
         (0..3).for_each(|k| light[k] += strength * lamp.color[k]);
     }
     // Blinn's highlight with the exponent 32, by squaring five times.
     let shine = (0..5).fold(towards(SHINE_TOWARDS).max(0.0), |shine, _| shine * shine);
-    [0, 1, 2].map(|k| color[k] * light[k] + SHINE * shine)
+    each(|k| color[k] * light[k] + SHINE * shine)
 }
 
 /// The background, linear, at a height from 0 (top) to 1: a dark gray-blue that gets darker downwards.
 pub(super) fn background(height: f64) -> [f32; 3] {
     let (top, bottom) = ([0.060, 0.070, 0.086], [0.021, 0.025, 0.031]);
-    [0, 1, 2].map(|k| top[k] + (bottom[k] - top[k]) * height as f32)
+    each(|k| top[k] + (bottom[k] - top[k]) * height as f32)
 }
 
 /// The linear light of an sRGB color whose channels, 0 to 255, need not be whole.
 pub(super) fn linear(color: [f64; 3]) -> [f32; 3] {
-    color.map(|channel| {
-        let channel = channel.clamp(0.0, 255.0);
+    each(|k| {
+        let channel = color[k].clamp(0.0, 255.0);
         let below = channel as u8;
         let (low, high) = (linear_from_srgb(below), linear_from_srgb(below.saturating_add(1)));
         low + (high - low) * (channel - f64::from(below)) as f32
@@ -71,5 +72,7 @@ pub(super) fn srgb(light: [f32; 3]) -> Rgb {
     static TABLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
         (0..=STEPS).map(|step| srgb_from_linear(step as f64 / STEPS as f64)).collect()
     });
-    light.map(|light| TABLE[(light.clamp(0.0, 1.0) * STEPS as f32).round() as usize])
+    // Halves are added in double precision, where none is lost: this rounds as `round` does, without its call.
+    let table = &TABLE;
+    each(|k| table[(f64::from(light[k].clamp(0.0, 1.0) * STEPS as f32) + 0.5) as usize])
 }

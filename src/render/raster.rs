@@ -7,14 +7,14 @@
 use rayon::prelude::*;
 
 use super::camera::PARTS;
-use super::scene::{Scene, Triangle};
-use super::{BAND, SAMPLES, light};
+use super::scene::{Facet, Scene, Triangle};
+use super::{BAND, SAMPLES, each, light};
 use crate::value::Rgb;
 
 /// Triangles that one task sorts into bands.
 const CHUNK: usize = 16_384;
 
-/// No triangle.
+/// No triangle: all bits are set.
 const NONE: u32 = u32::MAX;
 
 /// Rows of samples in a band.
@@ -64,7 +64,10 @@ struct Outline {
 impl Outline {
     /// None for a triangle that is seen from its edge.
     fn new(scene: &Scene<'_>, triangle: Triangle) -> Option<Self> {
-        let at = triangle.vertices.map(|vertex| scene.spots[vertex as usize].at.map(i64::from));
+        let at = each(|k| {
+            let [column, row] = scene.spots[triangle.vertices[k] as usize].at;
+            [i64::from(column), i64::from(row)]
+        });
         let area = edge(at[0], at[1], at[2]);
         // Rows count downwards, so that what is counter-clockwise for the viewer has a negative area.
         match area {
@@ -82,14 +85,22 @@ impl Outline {
     /// First and last sample along an axis (0 columns, 1 rows) whose centers the triangle may cover, of `count`.
     fn samples(&self, axis: usize, count: i64) -> [i64; 2] {
         let parts = i64::from(PARTS);
-        let [a, b, c] = self.at.map(|at| at[axis] - parts / 2);
+        let [a, b, c] = each(|k| self.at[k][axis] - parts / 2);
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         [(low + parts - 1).div_euclid(parts).max(0), high.div_euclid(parts).min(count - 1)]
     }
 
     /// How much each vertex weighs at a place, times the area: what the edge across from it measures.
     fn weights(&self, at: [i64; 2]) -> [i64; 3] {
-        [0, 1, 2].map(|k| edge(self.at[(k + 1) % 3], self.at[(k + 2) % 3], at))
+        self.summed_weights(at, 1)
+    }
+
+    /// The sum of the weights at so many places, of which `at` is the sum.
+    fn summed_weights(&self, at: [i64; 2], count: i64) -> [i64; 3] {
+        each(|k| {
+            let (a, b) = (self.at[(k + 1) % 3], self.at[(k + 2) % 3]);
+            (b[0] - a[0]) * (at[1] - count * a[1]) - (b[1] - a[1]) * (at[0] - count * a[0])
+        })
     }
 }
 
@@ -141,95 +152,134 @@ impl Band {
         let [top, bottom] = outline.samples(1, rows);
         let parts = i64::from(PARTS);
         // A step to the next column changes the weight of a vertex by so much.
-        let steps = [0, 1, 2].map(|k| {
+        let steps = each(|k| {
             let (a, b) = (outline.at[(k + 1) % 3], outline.at[(k + 2) % 3]);
             (a[1] - b[1]) * parts
         });
         // A sample on an edge belongs to the triangle only if it is a left edge or a top one.
-        let least = [0, 1, 2].map(|k| {
+        let least = each(|k| {
             let (a, b) = (outline.at[(k + 1) % 3], outline.at[(k + 2) % 3]);
             i64::from(!(b[1] < a[1] || (b[1] == a[1] && a[0] < b[0])))
         });
         let nears =
-            outline.order.map(|k| f64::from(scene.spots[triangle.vertices[k] as usize].near));
+            each(|k| f64::from(scene.spots[triangle.vertices[outline.order[k]] as usize].near));
         let near = |weights: [i64; 3]| {
-            let sum: f64 = (0..3).map(|k| weights[k] as f64 * nears[k]).sum();
-            sum / outline.area as f64
+            let [a, b, c] = each(|k| weights[k] as f64 * nears[k]);
+            (a + b + c) / outline.area as f64
         };
+        let slope = near(steps);
         for row in top.max(first_row)..=bottom {
-            let mut weights = outline.weights([center(left), center(row)]);
+            let weights = outline.weights([center(left), center(row)]);
+            let Some([first, last]) = span(weights, steps, least, right - left) else { continue };
             let start = near(weights);
-            let slope = near(steps);
-            let offset = (row - first_row) as usize * self.width;
-            for column in left..=right {
-                if (0..3).all(|k| least[k] <= weights[k]) {
-                    let sample = offset + column as usize;
-                    let near = (start + slope * (column - left) as f64) as f32;
-                    if self.near[sample] < near {
-                        self.near[sample] = near;
-                        self.triangles[sample] = index;
-                    }
+            let from = (row - first_row) as usize * self.width + left as usize;
+            let samples = from + first as usize..=from + last as usize;
+            let seen = self.near[samples.clone()].iter_mut().zip(&mut self.triangles[samples]);
+            for (step, (nearest, triangle)) in (first..).zip(seen) {
+                let near = (start + slope * step as f64) as f32;
+                if *nearest < near {
+                    *nearest = near;
+                    *triangle = index;
                 }
-                (0..3).for_each(|k| weights[k] += steps[k]);
             }
         }
     }
 
-    /// A pixel (column, row of the band): the mean light of its samples.
+    /// The pixels of a row of the band: each is the mean light of its samples.
     pub(super) fn resolve(
         &self,
         scene: &Scene<'_>,
-        [column, row]: [usize; 2],
+        row: usize,
         background: [f32; 3],
-    ) -> Rgb {
-        let mut seen = [NONE; SAMPLES * SAMPLES];
-        for (k, seen) in seen.iter_mut().enumerate() {
-            let [x, y] = self.sample([column, row], k);
-            *seen = self.triangles[y * self.width + x];
-        }
-        if seen == [NONE; SAMPLES * SAMPLES] {
-            return light::srgb(background);
-        }
-        let mut light = [0.0; 3];
-        for (k, &index) in seen.iter().enumerate() {
-            if seen[..k].contains(&index) {
+        pixels: &mut [Rgb],
+    ) {
+        let empty = light::srgb(background);
+        let rows: [&[[u32; SAMPLES]]; SAMPLES] = std::array::from_fn(|k| {
+            let first = (row * SAMPLES + k) * self.width;
+            self.triangles[first..first + self.width].as_chunks().0
+        });
+        let mut last: Option<Shown<'_>> = None;
+        for (column, pixel) in pixels.iter_mut().enumerate() {
+            let seen = each(|k| rows[k][column]);
+            if seen.as_flattened().iter().fold(NONE, |all, triangle| all & triangle) == NONE {
+                *pixel = empty;
                 continue;
             }
-            let same = || (k..seen.len()).filter(|&other| seen[other] == index);
-            let color = if index == NONE {
-                background
-            } else {
-                self.shade(scene, index, same().map(|k| self.sample([column, row], k)))
-            };
-            let share = same().count() as f32 / seen.len() as f32;
-            (0..3).for_each(|k| light[k] += share * color[k].clamp(0.0, 1.0));
+            let mut light = [0.0; 3];
+            for (k, &index) in seen.as_flattened().iter().enumerate() {
+                if seen.as_flattened()[..k].contains(&index) {
+                    continue;
+                }
+                let (count, shift) = place(&seen, index);
+                let color = if index == NONE {
+                    background
+                } else {
+                    if last.as_ref().is_some_and(|shown| shown.index != index) {
+                        last = None;
+                    }
+                    let shown = last.get_or_insert_with(|| Shown::new(scene, index));
+                    shown.light([column, self.first_row / SAMPLES + row], count, shift)
+                };
+                let share = count as f32 / (SAMPLES * SAMPLES) as f32;
+                (0..3).for_each(|k| light[k] += share * color[k].clamp(0.0, 1.0));
+            }
+            *pixel = light::srgb(light);
         }
-        light::srgb(light)
     }
+}
 
-    /// Column and row (in the band) of a pixel's `k`-th sample.
-    fn sample(&self, [column, row]: [usize; 2], k: usize) -> [usize; 2] {
-        [column * SAMPLES + k % SAMPLES, row * SAMPLES + k / SAMPLES]
+/// How many of a pixel's samples see a triangle, and the sums of their columns and rows in the pixel.
+fn place(seen: &[[u32; SAMPLES]; SAMPLES], index: u32) -> (i64, [i64; 2]) {
+    let (mut count, mut sums) = (0, [0; 2]);
+    for (y, row) in seen.iter().enumerate() {
+        for (x, &triangle) in row.iter().enumerate() {
+            let sees = i64::from(triangle == index);
+            count += sees;
+            sums[0] += sees * x as i64;
+            sums[1] += sees * y as i64;
+        }
     }
+    (count, sums)
+}
 
-    /// The light of a triangle in the middle of some samples which it covers.
-    fn shade(
-        &self,
-        scene: &Scene<'_>,
-        index: u32,
-        samples: impl Iterator<Item = [usize; 2]>,
-    ) -> [f32; 3] {
+/// A triangle that some pixels in a row show.
+struct Shown<'a> {
+    index: u32,
+    outline: Outline,
+    facet: Facet<'a>,
+}
+
+impl<'a> Shown<'a> {
+    fn new(scene: &'a Scene<'_>, index: u32) -> Self {
         let triangle = scene.triangle(index as usize);
-        let Some(outline) = Outline::new(scene, triangle) else { return [0.0; 3] };
-        let mut sums = [0.0; 3];
-        let mut count = 0.0;
-        for [x, y] in samples {
-            let weights = outline.weights([center(x as i64), center((self.first_row + y) as i64)]);
-            (0..3).for_each(|k| sums[k] += weights[k] as f64);
-            count += outline.area as f64;
-        }
-        let mut shares = [0.0; 3];
-        (0..3).for_each(|k| shares[outline.order[k]] = sums[k] / count);
-        scene.shade(triangle, shares, outline.is_inner())
+        let outline = Outline::new(scene, triangle).expect("what was drawn has an area");
+        Self { index, outline, facet: scene.facet(triangle) }
     }
+
+    /// The light of the triangle in the middle of so many samples of a pixel, whose columns and rows in it sum up to this.
+    fn light(&self, pixel: [usize; 2], count: i64, sums: [i64; 2]) -> [f32; 3] {
+        // The weights are linear, so that their sum over the samples is that of the sum of the places.
+        let parts = i64::from(PARTS);
+        let at = |k| count * center((pixel[k] * SAMPLES) as i64) + parts * sums[k];
+        let sums = self.outline.summed_weights([at(0), at(1)], count);
+        let area = (count * self.outline.area) as f64;
+        let mut shares = [0.0; 3];
+        (0..3).for_each(|k| shares[self.outline.order[k]] = sums[k] as f64 / area);
+        self.facet.shade(shares, self.outline.is_inner())
+    }
+}
+
+/// The first and the last step from 0 to `most` at which no weight is below its least; none if there is no such step.
+fn span(weights: [i64; 3], steps: [i64; 3], least: [i64; 3], most: i64) -> Option<[i64; 2]> {
+    let (mut first, mut last) = (0, most);
+    for k in 0..3 {
+        let missing = least[k] - weights[k];
+        match steps[k] {
+            0 if missing > 0 => return None,
+            0 => {}
+            step @ 1.. => first = first.max((missing + step - 1).div_euclid(step)),
+            step => last = last.min((-missing).div_euclid(-step)),
+        }
+    }
+    (first <= last).then_some([first, last])
 }

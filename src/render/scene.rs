@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::camera::{Camera, Spot};
-use super::light;
+use super::{each, light};
 use crate::value::{Image, Mesh, Rgb};
 
 /// Vertices that one task transforms.
@@ -102,53 +102,81 @@ impl<'a> Scene<'a> {
         let first = 3 * index as u32;
         let corners =
             self.fans.as_ref().map_or_else(|| [first, first + 1, first + 2], |fans| fans[index]);
-        Triangle { corners, vertices: corners.map(|corner| self.corners[corner as usize]) }
+        Triangle { corners, vertices: each(|k| self.corners[corners[k] as usize]) }
     }
 
-    /// The light that comes from a triangle, linear; `shares` weighs its corners as the picture sees them.
-    pub(super) fn shade(&self, triangle: Triangle, shares: [f64; 3], inner: bool) -> [f32; 3] {
-        let shares = self.in_space(triangle, shares);
-        let mix3 = |parts: [[f32; 3]; 3]| {
-            [0, 1, 2].map(|k| (0..3).map(|i| shares[i] as f32 * parts[i][k]).sum::<f32>())
-        };
-        let flat = self.flat_normal(triangle);
-        let normal = mix3([0, 1, 2].map(|i| {
-            let normal = self.normals.at(triangle.corners[i], triangle.vertices[i]);
-            let leans = self.computed && dot(normal, flat) < FLAT;
-            if leans { flat } else { normal }
-        }));
-        let normal = unit(normal).or(unit(flat)).unwrap_or([0.0, 0.0, 1.0]);
-        if inner {
-            return light::lit(light::INNER, normal.map(|x| -x));
-        }
+    /// A triangle with all that its shading needs.
+    pub(super) fn facet(&self, triangle: Triangle) -> Facet<'_> {
+        let [a, b, c] = each(|k| Vector3::from(self.places[triangle.vertices[k] as usize]));
+        let flat = unit((b - a).cross(&(c - a)).into());
+        let normals = each(|k| {
+            let normal = triangle.corner(k, &self.normals);
+            let leans = self.computed && dot(normal, flat.unwrap_or_default()) < FLAT;
+            if leans { flat.unwrap_or_default() } else { normal }
+        });
         let color = match &self.paint {
-            Paint::Clay => light::CLAY,
-            Paint::Colors(colors) => mix3([0, 1, 2].map(|i| {
-                light::linear(colors.at(triangle.corners[i], triangle.vertices[i]).map(f64::from))
+            Paint::Clay => Color::Clay,
+            Paint::Colors(colors) => Color::Mixed(each(|k| {
+                let [r, g, b] = triangle.corner(k, colors);
+                light::linear([f64::from(r), f64::from(g), f64::from(b)])
             })),
-            Paint::Texture(image, uv) => {
-                let uv = [0, 1, 2].map(|i| uv.at(triangle.corners[i], triangle.vertices[i]));
-                let at = [0, 1].map(|k| (0..3).map(|i| shares[i] * uv[i][k]).sum::<f64>());
-                light::linear(image.sample(at))
+            Paint::Texture(image, uv) => Color::Texture(image, each(|k| triangle.corner(k, uv))),
+        };
+        let near = |k: usize| f64::from(self.spots[triangle.vertices[k] as usize].near);
+        Facet { nears: self.perspective.then(|| each(near)), flat, normals, color }
+    }
+}
+
+impl Triangle {
+    fn corner<T: Copy>(&self, k: usize, data: &Data<T>) -> T {
+        data.at(self.corners[k], self.vertices[k])
+    }
+}
+
+/// A triangle, ready to be shaded at any place.
+pub(super) struct Facet<'a> {
+    /// How near its corners are, where far things look smaller.
+    nears: Option<[f64; 3]>,
+    flat: Option<[f32; 3]>,
+    normals: [[f32; 3]; 3],
+    color: Color<'a>,
+}
+
+/// The color of a triangle, by its corners.
+enum Color<'a> {
+    Clay,
+    Mixed([[f32; 3]; 3]),
+    Texture(&'a Image, [[f64; 2]; 3]),
+}
+
+impl Facet<'_> {
+    /// The light that comes from it, linear; `shares` weighs its corners as the picture sees them.
+    pub(super) fn shade(&self, shares: [f64; 3], inner: bool) -> [f32; 3] {
+        let shares = self.in_space(shares);
+        let [a, b, c] = each(|k| shares[k] as f32);
+        let mix =
+            |parts: &[[f32; 3]; 3]| each(|k| a * parts[0][k] + b * parts[1][k] + c * parts[2][k]);
+        let normal = unit(mix(&self.normals)).or(self.flat).unwrap_or([0.0, 0.0, 1.0]);
+        if inner {
+            return light::lit(light::INNER, each(|k| -normal[k]));
+        }
+        let color = match &self.color {
+            Color::Clay => light::CLAY,
+            Color::Mixed(colors) => mix(colors),
+            Color::Texture(image, uv) => {
+                let at = |k| shares[0] * uv[0][k] + shares[1] * uv[1][k] + shares[2] * uv[2][k];
+                light::linear(image.sample([at(0), at(1)]))
             }
         };
         light::lit(color, normal)
     }
 
-    /// Weights of a triangle's corners in space, from those in the picture.
-    fn in_space(&self, triangle: Triangle, shares: [f64; 3]) -> [f64; 3] {
-        if !self.perspective {
-            return shares;
-        }
-        let near = |i: usize| f64::from(self.spots[triangle.vertices[i] as usize].near);
-        let weighed = [0, 1, 2].map(|i| shares[i] * near(i));
-        let sum: f64 = weighed.iter().sum();
-        if sum > 0.0 { weighed.map(|weight| weight / sum) } else { shares }
-    }
-
-    fn flat_normal(&self, triangle: Triangle) -> [f32; 3] {
-        let [a, b, c] = triangle.vertices.map(|vertex| Vector3::from(self.places[vertex as usize]));
-        unit((b - a).cross(&(c - a)).into()).unwrap_or_default()
+    /// Weights of the corners in space, from those in the picture.
+    fn in_space(&self, shares: [f64; 3]) -> [f64; 3] {
+        let Some(nears) = self.nears else { return shares };
+        let [a, b, c] = each(|k| shares[k] * nears[k]);
+        let sum = a + b + c;
+        if sum > 0.0 { [a / sum, b / sum, c / sum] } else { shares }
     }
 }
 
@@ -188,5 +216,5 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 
 fn unit(vector: [f32; 3]) -> Option<[f32; 3]> {
     let length = dot(vector, vector).sqrt();
-    (length.is_finite() && length > 1e-12).then(|| vector.map(|x| x / length))
+    (length.is_finite() && length > 1e-12).then(|| each(|k| vector[k] / length))
 }

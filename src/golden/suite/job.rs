@@ -45,6 +45,7 @@ impl Job<'_> {
             notes: Vec::new(),
             trace: Trace::default(),
             seconds: 0.0,
+            file_seconds: 0.0,
             nodes: String::new(),
         };
         match &test_case.skip {
@@ -75,8 +76,7 @@ impl Job<'_> {
         case.problems.extend(evaluation.problems());
         case.nodes = nodes_of(&graph, &evaluation);
         let disk = evaluator.disk();
-        case.outputs =
-            evaluator.install(|| self.outputs(&graph, &evaluation, disk, &mut case.problems));
+        case.outputs = evaluator.install(|| self.outputs(&graph, &evaluation, disk, &mut case));
         case.violations = violations(&graph, &evaluation, &expectations);
         case.orphans = self.orphans(&case.outputs);
         case.trace = evaluation.trace();
@@ -154,7 +154,7 @@ impl Job<'_> {
         graph: &Graph,
         evaluation: &Evaluation,
         disk: Option<&Disk>,
-        problems: &mut Vec<Problem>,
+        case: &mut Case,
     ) -> Vec<Compared> {
         let mut places: Vec<(usize, usize)> =
             graph.outputs.iter().map(|o| (o.node, o.output)).collect();
@@ -166,7 +166,9 @@ impl Job<'_> {
             let mine = graph.outputs.iter().filter(|o| (o.node, o.output) == (node, output));
             let mine: Vec<&GraphOutput> = mine.collect();
             let names: Vec<String> = mine.iter().map(|output| output.name.clone()).collect();
-            let files = self.written(&mine, value, evaluation, disk, (graph, problems));
+            let start = Instant::now();
+            let files = self.written(&mine, value, evaluation, disk, (graph, &mut case.problems));
+            case.file_seconds += start.elapsed().as_secs_f64();
             let tolerance =
                 self.allowed(&names).map(|allowed| allowed.tolerance.clone()).unwrap_or_default();
             let names_of_node = &graph.nodes[node].outputs;
