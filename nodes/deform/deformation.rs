@@ -10,7 +10,7 @@
 
 use std::f64::consts::LN_2;
 
-use maquette::simd::{Kernel, Lanes, exp2, widest};
+use maquette::simd::{self, Kernel, Lanes, exp2, exp2_of_normal, widest};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::gaussians::{Bump, Gaussians};
@@ -94,7 +94,10 @@ impl Deformation {
     ) {
         assert_eq!(points.len(), moved.len(), "one result per point");
         match jacobians {
-            None => widest(Positions { deformation: self, terms, points, moved }),
+            None if all_are_normal(terms, points) => {
+                widest(Positions::<true> { deformation: self, terms, points, moved });
+            }
+            None => widest(Positions::<false> { deformation: self, terms, points, moved }),
             Some(jacobians) => {
                 assert_eq!(points.len(), jacobians.len(), "one derivative per point");
                 widest(Jacobians { deformation: self, terms, points, moved, jacobians });
@@ -103,20 +106,42 @@ impl Deformation {
     }
 }
 
-struct Positions<'a> {
+/// Whether no power of a term at any of the points is too small to have all its digits; not looked for at a few points.
+fn all_are_normal(terms: &[Term], points: &[Point3<f64>]) -> bool {
+    if points.len() < 512 {
+        return false;
+    }
+    let first = points.first().copied().unwrap_or_default();
+    let start = (first.coords, first.coords);
+    let (low, high) = points
+        .iter()
+        .fold(start, |(low, high), point| (low.inf(&point.coords), high.sup(&point.coords)));
+    let least = |Term { bump: Bump { center, factor, level }, .. }: &Term| {
+        let of_axis = |axis: usize| {
+            let far = (low[axis] - center[axis]).abs().max((high[axis] - center[axis]).abs());
+            far * (far * factor[axis])
+        };
+        level + of_axis(0) + of_axis(1) + of_axis(2)
+    };
+    // A little more than the least, because the sums there are rounded in another order.
+    terms.iter().all(|term| least(term) > simd::LEAST + 1.0)
+}
+
+/// `NORMAL`: whether [`all_are_normal`].
+struct Positions<'a, const NORMAL: bool> {
     deformation: &'a Deformation,
     terms: &'a [Term],
     points: &'a [Point3<f64>],
     moved: &'a mut [Point3<f64>],
 }
 
-impl Kernel for Positions<'_> {
+impl<const NORMAL: bool> Kernel for Positions<'_, NORMAL> {
     #[inline(always)]
     fn run(self) {
         let Self { deformation, terms, points, moved } = self;
         for (points, moved) in points.chunks(LANES).zip(moved.chunks_mut(LANES)) {
             let x = columns(points);
-            let sums = sums::<LANES, false>(terms, deformation.background, &x);
+            let sums = sums::<LANES, false, NORMAL>(terms, deformation.background, &x);
             for (lane, (point, moved)) in points.iter().zip(moved).enumerate() {
                 let share = sums.value(lane) * (1.0 / sums.total.0[lane]);
                 *moved = (deformation.base.at(point.coords) + share).into();
@@ -141,7 +166,7 @@ impl Kernel for Jacobians<'_> {
         let chunks = points.chunks(LANES).zip(moved.chunks_mut(LANES));
         for ((points, moved), jacobians) in chunks.zip(jacobians.chunks_mut(LANES)) {
             let x = columns(points);
-            let sums = sums::<LANES, true>(terms, deformation.background, &x);
+            let sums = sums::<LANES, true, false>(terms, deformation.background, &x);
             for (lane, (point, (moved, jacobian))) in
                 points.iter().zip(moved.iter_mut().zip(jacobians)).enumerate()
             {
@@ -215,13 +240,13 @@ impl<const N: usize> Sums<N> {
 
 /// The sums, with those that vanish computed again. Each lane depends on its own point alone.
 #[inline(always)]
-fn sums<const N: usize, const DERIVATIVES: bool>(
+fn sums<const N: usize, const DERIVATIVES: bool, const NORMAL: bool>(
     terms: &[Term],
     background: f64,
     x: &[Lanes<N>; 3],
 ) -> Sums<N> {
     let mut sums = Sums::new(&Lanes([background; N]));
-    add::<N, DERIVATIVES, false>(terms, x, &Lanes::ZERO, &mut sums);
+    add::<N, DERIVATIVES, NORMAL, false>(terms, x, &Lanes::ZERO, &mut sums);
     if sums.total.0.iter().any(|total| *total < LEAST_TOTAL) {
         let rest = libm::log2(background);
         let mut greatest = Lanes([rest; N]);
@@ -234,7 +259,7 @@ fn sums<const N: usize, const DERIVATIVES: bool>(
         let rest =
             greatest.0.map(|greatest| if background > 0.0 { exp2(rest - greatest) } else { 0.0 });
         let mut again = Sums::new(&Lanes(rest));
-        add::<N, DERIVATIVES, true>(terms, x, &greatest, &mut again);
+        add::<N, DERIVATIVES, false, true>(terms, x, &greatest, &mut again);
         sums.replace_lost(&again);
     }
     sums
@@ -242,7 +267,7 @@ fn sums<const N: usize, const DERIVATIVES: bool>(
 
 /// Adds every term to the sums. One pass, without a branch: all lanes of the processor are at work.
 #[inline(always)]
-fn add<const N: usize, const DERIVATIVES: bool, const SHIFTED: bool>(
+fn add<const N: usize, const DERIVATIVES: bool, const NORMAL: bool, const SHIFTED: bool>(
     terms: &[Term],
     x: &[Lanes<N>; 3],
     shift: &Lanes<N>,
@@ -256,11 +281,11 @@ fn add<const N: usize, const DERIVATIVES: bool, const SHIFTED: bool>(
         for k in 0..N {
             let [dx, dy, dz] = [x[k] - center[0], y[k] - center[1], z[k] - center[2]];
             let [lx, ly, lz] = [dx * factor[0], dy * factor[1], dz * factor[2]];
-            let mut exponent = level + dx * lx + dy * ly + dz * lz;
+            let mut exponent = (level + dx * lx) + (dy * ly + dz * lz);
             if SHIFTED {
                 exponent -= shift[k];
             }
-            let v = exp2(exponent);
+            let v = if NORMAL { exp2_of_normal(exponent) } else { exp2(exponent) };
             let [vx, vy, vz] = [v * value[0], v * value[1], v * value[2]];
             total.0[k] += v;
             s0.0[k] += vx;

@@ -80,8 +80,7 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
     let mut side = any_normal(directions[0]);
     let mut positions = Vec::with_capacity(points.len() * sides);
     for (point, direction) in points.iter().zip(&directions) {
-        let rest = side - direction * side.dot(direction);
-        side = rest.try_normalize(0.0).unwrap_or_else(|| any_normal(*direction));
+        side = carried(side, *direction);
         let other = direction.cross(&side);
         positions.extend((0..sides).map(|corner| {
             let angle = std::f64::consts::TAU * corner as f64 / sides as f64;
@@ -89,8 +88,20 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
             point + (side * cosine + other * sine) * radius
         }));
     }
-    let faces = faces(&positions, points.len(), sides, is_closed)?;
+    let turn = is_closed.then(|| {
+        // What the rings have turned on the way round is undone by whole corners.
+        let side = carried(side, directions[0]);
+        let along = |corner: &usize| (positions[*corner] - points[0]).dot(&side);
+        (0..sides).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(0)
+    });
+    let faces = faces(points.len(), sides, turn)?;
     Ok(Mesh::new(positions, faces)?)
+}
+
+/// The part of a vector that is square to a direction, as long as 1.
+fn carried(side: Vector3<f64>, direction: Vector3<f64>) -> Vector3<f64> {
+    let rest = side - direction * side.dot(&direction);
+    rest.try_normalize(0.0).unwrap_or_else(|| any_normal(direction))
 }
 
 /// The direction of the curve at each point; none if it has nowhere one.
@@ -111,19 +122,16 @@ fn directions(points: &[Point3<f64>], is_closed: bool) -> Option<Vec<Vector3<f64
     (0..count).map(direction).collect()
 }
 
+/// Across a direction: along x as far as that goes, or along y where the direction is nearly x. The axis that is farthest from
+/// the direction would be another one after rounding wherever two are equally far, which they are on every grid.
 fn any_normal(direction: Vector3<f64>) -> Vector3<f64> {
-    let axis = direction.iamin();
+    let axis = usize::from(direction[0].abs() > 0.9);
     let rest = Vector3::ith(axis, 1.0) - direction * direction[axis];
     rest.normalize()
 }
 
-/// The quads between neighboring rings, and the ends.
-fn faces(
-    positions: &[Point3<f64>],
-    rings: usize,
-    sides: usize,
-    is_closed: bool,
-) -> Result<Faces, MeshError> {
+/// The quads between neighboring rings, and the ends; where the last ring meets the first, by how many corners they are turned.
+fn faces(rings: usize, sides: usize, turn: Option<usize>) -> Result<Faces, MeshError> {
     let mut corners = Vec::new();
     let vertex = |ring: usize, corner: usize| (ring * sides + corner % sides) as u32;
     let mut quads = |from: usize, to: usize, turn: usize| {
@@ -137,11 +145,7 @@ fn faces(
         }
     };
     (1..rings).for_each(|ring| quads(ring - 1, ring, 0));
-    if is_closed {
-        // What the rings have turned on the way round is undone by whole corners.
-        let last = positions[(rings - 1) * sides];
-        let far = |turn: &usize| (positions[*turn] - last).norm();
-        let turn = (0..sides).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
+    if let Some(turn) = turn {
         quads(rings - 1, 0, turn);
         return Faces::uniform(4, corners);
     }
@@ -184,6 +188,23 @@ mod tests {
         let edges = mesh.edges();
         assert!(edges.faces.iter().all(|faces| *faces == 2) && edges.misoriented == 0);
         assert_eq!(edges.vertices.len(), 2 * mesh.faces().len());
+    }
+
+    #[test]
+    fn a_coarse_ring_closes_without_a_twist() {
+        let point = |k: i32| {
+            let (sine, cosine) = libm::sincos(f64::from(k) * std::f64::consts::TAU / 12.0);
+            Point3::new(2.0 * cosine, sine, 0.0)
+        };
+        let ring = Curve::polyline((0..12).map(point).collect::<Vec<_>>(), true).unwrap();
+        let mesh = tube(&ring, 0.2, 12).unwrap();
+        // Every quad lies on one side of the tube: its corners are about as far above the plane of the ring.
+        for face in mesh.faces().iter() {
+            let heights = face.iter().map(|vertex| mesh.positions()[*vertex as usize].z);
+            let (low, high) =
+                heights.fold((1.0_f64, -1.0_f64), |(low, high), z| (low.min(z), high.max(z)));
+            assert!(high - low < 0.2 * 0.52, "a quad reaches from {low} to {high}");
+        }
     }
 
     #[test]

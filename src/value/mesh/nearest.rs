@@ -92,9 +92,10 @@ impl TriangleTree {
         // Each search begins where the last one ended: then it has little to look for.
         let order = along_curve(points.len(), |index| points[index], bounds);
         let of_chunk = |places: &[u32]| {
-            let (mut start, mut visited) = (None, 0);
+            let (mut start, mut visited, mut stack) = (None, 0, Vec::new());
             let found = places.iter().map(|&place| {
-                let found = self.nearest(points[place as usize], start, &mut visited);
+                let point = points[place as usize];
+                let found = self.nearest(point, start, &mut stack, &mut visited);
                 start = found.map(|(leaf, _)| leaf);
                 found.map(|(_, hit)| hit)
             });
@@ -116,45 +117,42 @@ impl TriangleTree {
         &self,
         point: Point3<f64>,
         start: Option<usize>,
+        stack: &mut Vec<(usize, f64)>,
         visited: &mut usize,
     ) -> Option<(usize, NearestPlace)> {
         let mut node = start.unwrap_or(1);
         let mut best = None;
-        self.look_into(node, point, &mut best, visited);
+        stack.push((node, 0.0));
+        self.look_into(stack, point, &mut best, visited);
         while node > 1 {
-            self.look_into(node ^ 1, point, &mut best, visited);
+            stack.push((node ^ 1, to_box(point, &self.boxes[node ^ 1])));
+            self.look_into(stack, point, &mut best, visited);
             node /= 2;
         }
         best
     }
 
-    /// Looks for a nearer triangle below a node.
+    /// Looks for a nearer triangle below the nodes on the stack, each with the squared distance of its box, and empties it.
     fn look_into(
         &self,
-        node: usize,
+        stack: &mut Vec<(usize, f64)>,
         point: Point3<f64>,
         best: &mut Option<(usize, NearestPlace)>,
         visited: &mut usize,
     ) {
-        let bound = |best: &Option<(usize, NearestPlace)>| {
-            best.map_or(f64::INFINITY, |(_, hit)| hit.distance_sq)
-        };
-        let mut stack = [(0usize, 0f64); 64];
-        let mut depth = 1;
-        stack[0] = (node, to_box(point, &self.boxes[node]));
-        while depth > 0 {
-            depth -= 1;
-            let (node, distance) = stack[depth];
-            if bound(best) <= distance {
+        let mut bound = best.map_or(f64::INFINITY, |(_, hit)| hit.distance_sq);
+        while let Some((node, distance)) = stack.pop() {
+            if bound <= distance {
                 continue;
             }
             *visited += 1;
             if self.leaves <= node {
-                let first = (node - self.leaves) * LEAF;
-                for triangle in self.triangles.iter().skip(first).take(LEAF) {
-                    let (distance_sq, shares) = to_triangle(point, triangle.corners);
-                    if distance_sq < bound(best) {
-                        let (face, fan) = (triangle.face, triangle.fan);
+                let first = ((node - self.leaves) * LEAF).min(self.triangles.len());
+                let last = (first + LEAF).min(self.triangles.len());
+                for &Triangle { corners, face, fan } in &self.triangles[first..last] {
+                    let (distance_sq, shares) = to_triangle(point, corners);
+                    if distance_sq < bound {
+                        bound = distance_sq;
                         *best = Some((node, NearestPlace { distance_sq, face, fan, shares }));
                     }
                 }
@@ -163,12 +161,7 @@ impl TriangleTree {
             let near = (2 * node, to_box(point, &self.boxes[2 * node]));
             let far = (2 * node + 1, to_box(point, &self.boxes[2 * node + 1]));
             let (near, far) = if near.1 <= far.1 { (near, far) } else { (far, near) };
-            for child in [far, near] {
-                if child.1 < bound(best) {
-                    stack[depth] = child;
-                    depth += 1;
-                }
-            }
+            stack.extend([far, near].into_iter().filter(|(_, distance)| *distance < bound));
         }
     }
 }
