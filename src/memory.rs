@@ -15,12 +15,29 @@ const LEAST: usize = 4 << 20;
 ///
 /// Nothing is written here: write every item once, from the threads that compute them, so that the pages are filled in parallel.
 pub fn huge_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
+    fresh_pages_for_large_lists();
     let mut items = bytemuck::zeroed_vec(len);
     if LEAST <= size_of_val(&items[..]) {
         advise(&mut items);
     }
     items
 }
+
+/// Has the allocator get each large list from the system and give it back there. By itself it begins, once some have been freed, to cut
+/// large lists from memory that it keeps, which it must fill with zeros first: in one thread and on small pages.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn fresh_pages_for_large_lists() {
+    static ONCE: std::sync::Once = std::sync::Once::new();
+    ONCE.call_once(|| {
+        // SAFETY: a number is set, under the allocator's own lock; lists that exist are freed as they were made.
+        let set = unsafe { libc::mallopt(libc::M_MMAP_THRESHOLD, LEAST as libc::c_int) };
+        // Nothing depends on it but time.
+        let _ = set;
+    });
+}
+
+#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+fn fresh_pages_for_large_lists() {}
 
 /// Asks for large pages under the items: from the page in which they start to the one in which they end. With the allocator's own
 /// bytes before them included, neighboring lists are one stretch for the system, and large pages may lie across their borders.
