@@ -22,7 +22,8 @@ use maquette_nodes::image::{
 };
 use maquette_nodes::mesh::Movable;
 use maquette_nodes::subdivision::{
-    Boundary, Corners, Creases, Plan, Scheme, Subdivision, subdivide,
+    Boundary, Corners, Creases, InterpolateOptions, Plan, Scheme, Subdivision, interpolate,
+    subdivide,
 };
 use nalgebra::Point3;
 
@@ -66,6 +67,8 @@ fn main() {
         "doo-sabin" => refine(folder, Scheme::DooSabin),
         "catmull-clark-places" => places(folder, Scheme::CatmullClark),
         "loop-places" => places(folder, Scheme::Loop),
+        "interpolate-loop" => pass_through(folder, "int_tri", Scheme::Loop),
+        "interpolate-catmull-clark" => pass_through(folder, "int_quad", Scheme::CatmullClark),
         _ => println!("there is no work `{work}`"),
     }
 }
@@ -159,8 +162,19 @@ fn four_steps(scheme: Scheme) -> Subdivision {
     }
 }
 
+/// The control mesh of a surface through all vertices, to a millionth of their diagonal.
+fn pass_through(folder: &Path, name: &str, scheme: Scheme) {
+    let mesh = mesh(folder, name);
+    let options = InterpolateOptions::default();
+    let run = || interpolate(&mesh, scheme, &options, &Progress::none()).expect("a surface").mesh;
+    serve(run, squares);
+}
+
 fn control_mesh(folder: &Path, scheme: Scheme) -> Mesh {
-    let name = if scheme == Scheme::Loop { "sub_tri" } else { "sub_quad" };
+    mesh(folder, if scheme == Scheme::Loop { "sub_tri" } else { "sub_quad" })
+}
+
+fn mesh(folder: &Path, name: &str) -> Mesh {
     let (_, points) = open::<[f64; 3]>(folder, &format!("{name}_v"));
     let (shape, corners) = open::<[u32; 1]>(folder, &format!("{name}_f"));
     let faces = Faces::uniform(shape[1], corners.into_flattened()).expect("whole faces");

@@ -116,6 +116,40 @@ def splinepy_nurbs(degree):
     return open_peer
 
 
+def scipy_interpolation(name):
+    """The limit masks as a sparse matrix, and the plain iteration to a millionth of the diagonal."""
+
+    def open_peer():
+        import numpy
+        import scipy.sparse
+
+        points, faces = load(f"{name}_v"), load(f"{name}_f")
+        tolerance = 1e-6 * numpy.linalg.norm(numpy.ptp(points, axis=0))
+        count, sides = len(points), faces.shape[1]
+
+        def ahead(steps):
+            ends = numpy.roll(faces, -steps, axis=1)
+            return scipy.sparse.csr_matrix((numpy.ones(faces.size), (faces.ravel(), ends.ravel())), shape=(count, count))
+
+        def masks():
+            beside = ahead(1)
+            n = numpy.asarray(beside.sum(1)).ravel()
+            if sides == 4:
+                return scipy.sparse.diags(1 / (n * (n + 5))) @ (scipy.sparse.diags(n * n) + 4 * beside + ahead(2))
+            own = 0.375 * n / (0.625 - (0.375 + 0.25 * numpy.cos(2 * numpy.pi / n)) ** 2)
+            return scipy.sparse.diags(1 / (own + n)) @ (scipy.sparse.diags(own) + beside)
+
+        def run():
+            matrix, control = masks(), points.copy()
+            while numpy.abs(missed := points - matrix @ control).max() > tolerance:
+                control += missed
+            return control
+
+        return Peer(f"SciPy {scipy.__version__}, iterated", run)
+
+    return open_peer
+
+
 def ffd_system(count, narrower, drag):
     """Points, handles, factors of the exponents, weights, coefficients: what a peer solves for in each run."""
     import numpy
@@ -291,6 +325,8 @@ ROWS = [
     Row("Loop, 4 steps to 1.5 M triangles", "loop", 45, [opensubdiv(1, 0), opensubdiv(1, 0, True)]),
     Row("Loop, positions alone", "loop-places", 10, [opensubdiv(1, 1), opensubdiv(1, 1, True)]),
     Row("Doo-Sabin, 4 steps to 1.5 M faces", "doo-sabin", None, []),
+    Row("interpolating Loop, 20 252 vertices", "interpolate-loop", 5, [scipy_interpolation("int_tri")]),
+    Row("interpolating Catmull-Clark, 19 442", "interpolate-catmull-clark", 8, [scipy_interpolation("int_quad")]),
     Row("ffd, 1 M points, 64 handles", "ffd-64", 40, [numpy_ffd(64), numba_ffd(64)]),
     Row("ffd, 1 M points, 256 handles", "ffd-256", 150, [numpy_ffd(256), numba_ffd(256)]),
     Row("ffd near, 64 handles, within 1e-7", "ffd-near", 15, [numpy_ffd(64, 1 / 3), numba_ffd(64, 1 / 3)]),

@@ -1,9 +1,10 @@
 //! Which limit points depend on which control points alone: the order in which they are solved for.
 
 use maquette::value::Faces;
+use rayon::prelude::*;
 
 use super::Scheme;
-use super::limit::Limit;
+use super::limit::LimitPlaces;
 use super::limit_matrix::LimitMatrix;
 
 /// The masks of corners and of vertices on borders and creases have at most so many entries: fewer than those of smooth vertices
@@ -12,11 +13,12 @@ const CURVE: usize = 3;
 
 /// The equations of the control points of `limit`, in blocks: what reaches nobody else first. Control points that `fixed` marks are
 /// in no block; it may be empty.
-pub(super) fn limit_matrix(limit: &Limit, faces: &Faces, fixed: &[bool]) -> LimitMatrix {
+pub(super) fn limit_matrix(limit: &LimitPlaces, faces: &Faces, fixed: &[bool]) -> LimitMatrix {
     let rows = &limit.positions;
     let mut degrees = vec![0u32; rows.len()];
     faces.corners().iter().for_each(|&vertex| degrees[vertex as usize] += 1);
-    let scale = (0..rows.len()).map(|vertex| {
+    let all = (0..rows.len()).into_par_iter().with_min_len(1024);
+    let scale = all.map(|vertex| {
         let (indices, weights) = rows.row(vertex);
         let others = indices.iter().zip(weights).filter(|(k, _)| **k as usize != vertex);
         let beside = others.map(|(_, &weight)| weight).fold(0.0, f64::max);
@@ -46,7 +48,7 @@ pub(super) fn limit_matrix(limit: &Limit, faces: &Faces, fixed: &[bool]) -> Limi
 ///
 /// Where two vertices reach each other, they are solved for together. Where only one reaches the other, it comes after it; unless they
 /// are solved for together because of others, as around the end of a crease.
-fn levels(limit: &Limit) -> (Vec<u32>, bool) {
+fn levels(limit: &LimitPlaces) -> (Vec<u32>, bool) {
     let rows = &limit.positions;
     let count = rows.len();
     let mut levels = vec![0; count];

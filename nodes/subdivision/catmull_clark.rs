@@ -13,7 +13,7 @@ use super::stencils::Rows;
 use super::turns::turn;
 
 /// The rules of Catmull and Clark.
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct CatmullClarkMasks;
 
 impl Masks for CatmullClarkMasks {

@@ -10,7 +10,7 @@ use super::geometric::Missed;
 pub(super) type Column = [f64; 3];
 
 /// Entries of a chunk.
-const CHUNK: usize = 1024;
+pub(super) const CHUNK: usize = 1024;
 
 /// `to + way * step`, coordinate by coordinate.
 pub(super) fn add(to: &mut [Column], way: &[Column], step: Column) {

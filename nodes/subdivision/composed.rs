@@ -1,12 +1,11 @@
-//! The limit points of a refined mesh as explicit sparse products of its control points, and the other way round.
+//! The limit points of a refined mesh as sparse sums of its control points.
 
 use maquette::value::{Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
-use super::columns::Column;
 use super::connectivity::Connectivity;
 use super::level::{check_triangles, creases};
-use super::limit::Limit;
+use super::limit::LimitPlaces;
 use super::loop_masks::LoopMasks;
 use super::masks::{Scratch, Stars};
 use super::sharpness::Sharpness;
@@ -16,13 +15,9 @@ use super::topology::{Rules, Topology};
 use super::{Boundary, Creases, Scheme, SubdivideError};
 
 /// Some steps of Loop's scheme, and then the limit, for any control points of one mesh.
-///
-/// They are kept apart: their product has some 15 entries a row, each of them some 7 a row, but most rows are in the last.
 pub(super) struct Composed {
-    /// Forwards: the steps and the limit.
-    rows: Vec<Stencils>,
-    /// Backwards.
-    transposed: Vec<Stencils>,
+    /// The limit points in terms of the control points: some 15 entries a row.
+    pub(super) rows: Stencils,
     /// The refined faces.
     faces: Faces,
 }
@@ -42,37 +37,26 @@ impl Composed {
             faces: mesh.faces().clone(),
             creases: mesh.creases().collect(),
         };
-        let mut rows = Vec::new();
+        let mut rows: Option<Stencils> = None;
+        let after = |rows: Option<Stencils>, next: Stencils| match rows {
+            Some(rows) => next.times(&rows),
+            None => next,
+        };
         let mut step: Option<Step> = None;
         for _ in 0..levels {
-            rows.push(refinement(&topology)?);
+            let refined = refinement(&topology)?;
             let next = match &step {
                 None => Step::first(&topology)?,
                 Some(step) => step.next()?,
             };
-            topology.vertices = rows[rows.len() - 1].len();
+            topology.vertices = refined.len();
             topology.faces = next.finer().clone();
             topology.creases = next.finer_creases();
+            rows = Some(after(rows.take(), refined));
             step = Some(next);
         }
-        rows.push(Limit::new(&topology)?.positions);
-        let mut columns = mesh.positions().len();
-        let mut transposed = Vec::with_capacity(rows.len());
-        for rows in &rows {
-            transposed.insert(0, rows.transposed(columns));
-            columns = rows.len();
-        }
-        Ok(Self { transposed, rows, faces: topology.faces })
-    }
-
-    /// The limit points of these control points.
-    pub(super) fn scatter(&self, control: &[Column]) -> Vec<Column> {
-        self.rows.iter().fold(control.to_vec(), |column, rows| rows.apply(&column))
-    }
-
-    /// The transposed product.
-    pub(super) fn gather(&self, limits: &[Column]) -> Vec<Column> {
-        self.transposed.iter().fold(limits.to_vec(), |column, rows| rows.apply(&column))
+        let rows = after(rows, LimitPlaces::new(&topology)?.positions);
+        Ok(Self { rows, faces: topology.faces })
     }
 
     /// The refined mesh of these control points, on the limit surface.
@@ -80,10 +64,7 @@ impl Composed {
     /// # Errors
     /// If a place is infinite.
     pub(super) fn surface(&self, control: &[Point3<f64>]) -> Result<Mesh, MeshError> {
-        let control: Vec<Column> = control.iter().map(|point| point.coords.into()).collect();
-        let points: Vec<Point3<f64>> =
-            self.scatter(&control).into_iter().map(Point3::from).collect();
-        Mesh::new(points, self.faces.clone())
+        Mesh::new(self.rows.apply(control), self.faces.clone())
     }
 }
 
@@ -106,9 +87,9 @@ fn refinement(topology: &Topology) -> Result<Stencils, SubdivideError> {
     Ok(rows)
 }
 
-/// How far each control point is from the mean of its neighbors, and the transposed matrix. On creases and borders its two neighbors
+/// How far each control point is from the mean of its neighbors. On creases and borders its two neighbors
 /// there count; where creases end or meet nothing does.
-pub(super) fn laplacian(mesh: &Mesh) -> [Stencils; 2] {
+pub(super) fn laplacian(mesh: &Mesh) -> Stencils {
     let count = mesh.positions().len();
     let edges = mesh.edges();
     let (mut all, mut sharp) = (vec![Vec::new(); count], vec![Vec::new(); count]);
@@ -135,6 +116,5 @@ pub(super) fn laplacian(mesh: &Mesh) -> [Stencils; 2] {
         neighbors.iter().for_each(|&other| rows.push(other, -1.0 / neighbors.len() as f64));
         rows.end();
     });
-    let transposed = rows.transposed(count);
-    [rows, transposed]
+    rows
 }

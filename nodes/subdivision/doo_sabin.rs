@@ -17,8 +17,7 @@ use rayon::prelude::*;
 
 use super::carry::Mix;
 use super::connectivity::{Connectivity, NONE, Ring};
-use super::masks::push_merged;
-use super::stencils::{Rows, Stencils};
+use super::dual_halves::DualFaces;
 use super::topology::Topology;
 use super::turns::turn;
 use super::{Boundary, SubdivideError};
@@ -39,6 +38,8 @@ pub(super) struct Dual {
     /// The old edges and vertices which have become faces, in order.
     edges: Vec<u32>,
     vertices: Vec<u32>,
+    /// Whether two faces alone meet at a vertex inside, which then gets none.
+    has_pairs: bool,
 }
 
 impl Dual {
@@ -56,8 +57,25 @@ impl Dual {
     /// # Errors
     /// If it is not manifold.
     pub(super) fn next(&self) -> Result<Self, SubdivideError> {
-        let (mesh, starts) = Connectivity::new(&self.finer, self.n_finer())?;
+        let (mesh, starts) = self.finer_halves()?;
         Ok(Self::new(mesh, starts, self.boundary))
+    }
+
+    /// The half-edges of the refined faces, and one from each vertex.
+    ///
+    /// # Errors
+    /// If the refined mesh is not manifold.
+    pub(super) fn finer_halves(&self) -> Result<(Connectivity, Vec<u32>), SubdivideError> {
+        let (vertices, faces) = (self.n_finer(), &self.finer);
+        if self.has_pairs {
+            return Connectivity::new(faces, vertices);
+        }
+        Ok(DualFaces { mesh: &self.mesh, faces, edges: &self.edges, vertices }.connectivity())
+    }
+
+    /// What happens at the border.
+    pub(super) fn boundary(&self) -> Boundary {
+        self.boundary
     }
 
     fn new(mesh: Connectivity, starts: Vec<u32>, boundary: Boundary) -> Self {
@@ -73,6 +91,7 @@ impl Dual {
             finer: Faces::triangles(Vec::new()),
             edges: Vec::new(),
             vertices: Vec::new(),
+            has_pairs: false,
         };
         dual.build_faces();
         dual
@@ -101,6 +120,7 @@ impl Dual {
             let [first, last] = self.border_points(&ring);
             let count = ring.halves.len() + usize::from(first.is_some()) * 2;
             if count < 3 || (!ring.closed && first.is_none()) {
+                self.has_pairs |= ring.closed;
                 continue;
             }
             corners.extend(first.into_iter().chain(ring.halves.iter().copied()).chain(last));
@@ -138,29 +158,11 @@ impl Dual {
     pub(super) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
         let (mesh, corners) = (&*self.mesh, self.mesh.corners());
         let at = |corner: u32| old[corner as usize].coords;
-        let mut moments: Vec<[[f64; 3]; 3]> = huge_vec(mesh.faces.len());
-        moments.par_iter_mut().with_min_len(BLOCK).enumerate().for_each(|(face, to)| {
-            let face = mesh.faces.face(face);
-            let m = face.len();
-            let mut sums = [Vector3::zeros(); 3];
-            for (j, &corner) in face.iter().enumerate() {
-                let [cosine, sine] = turn(j, m);
-                let point = at(corner);
-                sums[0] += point;
-                sums[1] += point * cosine;
-                sums[2] += point * sine;
-            }
-            let m = m as f64;
-            *to = [sums[0] * (0.75 / m), sums[1] * (0.5 / m), sums[2] * (0.5 / m)].map(Into::into);
-        });
+        let inside = Inside::new(mesh, old);
         let mut new: Vec<Point3<f64>> = huge_vec(self.n_finer());
         let (inner, on_border) = new.split_at_mut(corners.len());
         inner.par_iter_mut().with_min_len(BLOCK).enumerate().for_each(|(half, to)| {
-            let face = mesh.face_of(half as u32) as usize;
-            let (first, end) = (mesh.faces.first_corner(face), mesh.faces.first_corner(face + 1));
-            let [cosine, sine] = turn(half - first, end - first);
-            let [center, a, b] = moments[face].map(Vector3::from);
-            *to = (at(corners[half]) * 0.25 + center + (a * cosine + b * sine)).into();
+            *to = inside.at(half as u32).into();
         });
         for (to, &edge) in on_border.as_chunks_mut::<2>().0.iter_mut().zip(&self.border) {
             let [a, b] = mesh.ends(edge).map(at);
@@ -254,142 +256,48 @@ impl Dual {
     }
 }
 
+/// The new vertices inside the faces.
+pub(super) struct Inside<'a> {
+    mesh: &'a Connectivity,
+    old: &'a [Point3<f64>],
+    /// The parts of each face's corners that its new vertices have in common: 3/4 of the centroid, and shares of the sums of cosines and of
+    /// sines.
+    moments: Vec<[[f64; 3]; 3]>,
+}
+
+impl<'a> Inside<'a> {
+    pub(super) fn new(mesh: &'a Connectivity, old: &'a [Point3<f64>]) -> Self {
+        let mut moments: Vec<[[f64; 3]; 3]> = huge_vec(mesh.faces.len());
+        moments.par_iter_mut().with_min_len(BLOCK).enumerate().for_each(|(face, to)| {
+            let face = mesh.faces.face(face);
+            let m = face.len();
+            let mut sums = [Vector3::zeros(); 3];
+            for (j, &corner) in face.iter().enumerate() {
+                let [cosine, sine] = turn(j, m);
+                let point = old[corner as usize].coords;
+                sums[0] += point;
+                sums[1] += point * cosine;
+                sums[2] += point * sine;
+            }
+            let m = m as f64;
+            *to = [sums[0] * (0.75 / m), sums[1] * (0.5 / m), sums[2] * (0.5 / m)].map(Into::into);
+        });
+        Self { mesh, old, moments }
+    }
+
+    /// The new vertex at a corner.
+    #[inline]
+    pub(super) fn at(&self, half: u32) -> Vector3<f64> {
+        let (faces, face) = (&self.mesh.faces, self.mesh.face_of(half) as usize);
+        let (first, end) = (faces.first_corner(face), faces.first_corner(face + 1));
+        let [cosine, sine] = turn(half as usize - first, end - first);
+        let [center, a, b] = self.moments[face].map(Vector3::from);
+        let own = self.old[self.mesh.corners()[half as usize] as usize].coords;
+        own * 0.25 + center + (a * cosine + b * sine)
+    }
+}
+
 /// What is at a share of the way from `a` to `b`.
 fn mean<T: Mix>(a: T, b: T, share: f64) -> T {
     T::mix([(1.0 - share, a), (share, b)].into_iter())
-}
-
-/// The limit of each vertex of a mesh.
-pub(super) struct DualLimit {
-    mesh: Connectivity,
-    starts: Vec<u32>,
-    boundary: Boundary,
-}
-
-/// Space for one vertex.
-#[derive(Default)]
-pub(super) struct Scratch {
-    ring: Ring,
-    row: Vec<(u32, f64)>,
-}
-
-impl DualLimit {
-    pub(super) fn new(mesh: Connectivity, starts: Vec<u32>, boundary: Boundary) -> Self {
-        Self { mesh, starts, boundary }
-    }
-
-    /// The limit point that goes with each vertex: the centroid of the face around it after one step; on the border the place
-    /// of a quadratic B-spline; where the border shrinks, the middle of the edge or the face that lies next to the vertex.
-    pub(super) fn positions(&self) -> Stencils {
-        let (stencils, _) =
-            Stencils::build(self.starts.len(), |scratch: &mut Scratch, vertex, rows| {
-                let Scratch { ring, row } = scratch;
-                self.mesh.ring(self.starts[vertex], ring);
-                row.clear();
-                let last = ring.neighbors.len().wrapping_sub(1);
-                if ring.halves.is_empty() {
-                    row.push((vertex as u32, 1.0));
-                } else if ring.closed {
-                    let share = 1.0 / ring.halves.len() as f64;
-                    ring.halves.iter().for_each(|&half| self.push_inner(half, share, row));
-                } else if self.boundary == Boundary::None {
-                    let middle = self.middle(ring);
-                    let share = 1.0 / middle.len() as f64;
-                    middle.into_iter().for_each(|half| self.push_inner(half, share, row));
-                } else {
-                    row.push((vertex as u32, 0.75));
-                    row.extend([0, last].map(|place| (ring.neighbors[place], 0.125)));
-                }
-                push_merged(rows, row);
-                rows.end();
-            });
-        stencils
-    }
-
-    /// Two tangents for each vertex of a face.
-    pub(super) fn tangents(&self) -> (Stencils, maquette::value::Column<u32>) {
-        Stencils::build(self.starts.len(), |scratch: &mut Scratch, vertex, rows| {
-            let Scratch { ring, row } = scratch;
-            self.mesh.ring(self.starts[vertex], ring);
-            if ring.halves.is_empty() {
-                return;
-            }
-            if ring.closed || self.boundary == Boundary::None {
-                let middle = if ring.closed { ring.halves.clone() } else { self.middle(ring) };
-                return self.push_polygon(&middle, row, rows);
-            }
-            let last = ring.neighbors[ring.neighbors.len() - 1];
-            rows.push(ring.neighbors[0], 1.0);
-            rows.push(last, -1.0);
-            rows.end();
-            self.push_across(vertex as u32, ring, row);
-            push_merged(rows, row);
-            rows.end();
-        })
-    }
-
-    /// The tangents at the middle of the face with these new vertices.
-    fn push_polygon(&self, halves: &[u32], row: &mut Vec<(u32, f64)>, rows: &mut Rows) {
-        for part in 0..2 {
-            row.clear();
-            for (j, &half) in halves.iter().enumerate() {
-                let weight = match halves.len() {
-                    // Two edges at the vertex: one tangent joins the new vertices, the other one points across.
-                    2 if part == 1 => 0.0,
-                    n => turn(j, n)[part],
-                };
-                self.push_inner(half, weight, row);
-            }
-            push_merged(rows, row);
-            rows.end();
-        }
-    }
-
-    /// The tangent across the border: the face around the vertex after one step has an edge on the border, whose middle is
-    /// the limit; it points to the middle of the new vertices next to this edge.
-    fn push_across(&self, vertex: u32, ring: &Ring, row: &mut Vec<(u32, f64)>) {
-        row.clear();
-        let m = ring.halves.len() + 2;
-        let ends = [ring.neighbors[0], ring.neighbors[ring.neighbors.len() - 1]];
-        for k in 0..m {
-            // Corner 0 is on the first edge, corner m - 1 on the last one.
-            let weight = (alpha(k, m) + alpha((k + 1) % m, m)) / 2.0;
-            if k == 0 || k == m - 1 {
-                row.push((vertex, 0.75 * (weight - 0.5)));
-                row.push((ends[usize::from(k > 0)], 0.25 * (weight - 0.5)));
-            } else {
-                self.push_inner(ring.halves[k - 1], weight, row);
-            }
-        }
-    }
-
-    /// Where the border shrinks, the new vertices next to the limit point that goes with a vertex of it: those across the
-    /// middle edge, or those of the only face.
-    fn middle(&self, ring: &Ring) -> Vec<u32> {
-        let n_faces = ring.halves.len();
-        if n_faces == 1 {
-            let face = self.mesh.face_of(ring.halves[0]) as usize;
-            let corners =
-                self.mesh.faces.first_corner(face)..self.mesh.faces.first_corner(face + 1);
-            return corners.map(|corner| corner as u32).collect();
-        }
-        let [owner, twin] = self.mesh.halves[ring.edges[n_faces / 2] as usize];
-        vec![owner, self.mesh.next(twin), twin, self.mesh.next(owner)]
-    }
-
-    /// Adds a share of the new vertex at a corner.
-    fn push_inner(&self, half: u32, share: f64, row: &mut Vec<(u32, f64)>) {
-        let face = self.mesh.face_of(half) as usize;
-        let (corners, k) =
-            (self.mesh.faces.face(face), half as usize - self.mesh.faces.first_corner(face));
-        let m = corners.len();
-        let weights = (0..m).map(|j| share * alpha((m + j - k) % m, m));
-        row.extend(corners.iter().copied().zip(weights));
-    }
-}
-
-fn alpha(j: usize, m: usize) -> f64 {
-    let [cosine, _] = turn(j, m);
-    let own = if j == 0 { 0.25 } else { 0.0 };
-    own + (3.0 + 2.0 * cosine) / (4.0 * m as f64)
 }

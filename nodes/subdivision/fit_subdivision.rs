@@ -11,6 +11,7 @@ use super::columns::{self, Column};
 use super::composed::{Composed, laplacian};
 use super::geometric::Missed;
 use super::stencils::Stencils;
+use crate::cholesky::Cholesky;
 
 /// Moves the control points of a Loop subdivision surface until it is as near as possible to given points.
 ///
@@ -147,7 +148,7 @@ pub fn fit_subdivision(
         }
         let share = feet.points.len() as f64 / mesh.positions().len() as f64;
         let weight = smoothing * share;
-        let system = System { surface: &surface, feet: &feet, stiffness: &stiffness, weight };
+        let system = System::new(&surface, &feet, &stiffness, weight);
         mesh = mesh.with_positions(system.solve(mesh.positions(), progress)?)?;
     }
     unreachable!("the last iteration returns")
@@ -165,7 +166,6 @@ struct Feet {
     points: Vec<Column>,
     /// Each place as the mean of three vertices.
     rows: Stencils,
-    transposed: Stencils,
     missed: Missed,
 }
 
@@ -186,35 +186,55 @@ impl Feet {
         });
         let missed = places.iter().map(|place| place.distance_sq);
         let missed = missed.fold(Missed::none(), Missed::and_by);
-        let transposed = rows.transposed(fine.positions().len());
-        Self { points, rows, transposed, missed }
+        Self { points, rows, missed }
     }
 }
 
-/// The normal equations of `sum |A P - X|^2 + weight sum |L P|^2`, where `A` gives the feet of the points.
-struct System<'a> {
-    surface: &'a Composed,
-    feet: &'a Feet,
-    stiffness: &'a [Stencils; 2],
-    weight: f64,
+/// The equations `A P = X` of the feet of points and `weight^(1/2) L P = 0` below them, which least squares meet as nearly as possible.
+struct System {
+    rows: Stencils,
+    transposed: Stencils,
+    right: Vec<Column>,
 }
 
-/// The residual that is left of the one at the start: far below what the next nearest places change.
+/// The residual that is left of the one at the start where the equations are solved step by step: far below what the next nearest
+/// places change.
 const PRECISION: f64 = 1e-6;
 
-/// Most steps: the equations are well-conditioned, some 50 are usual.
+/// Most steps.
 const MOST_STEPS: usize = 500;
 
-impl System<'_> {
-    /// The control points, from those that are known, by conjugate gradients.
+impl System {
+    fn new(surface: &Composed, feet: &Feet, stiffness: &Stencils, weight: f64) -> Self {
+        let rows = feet.rows.times(&surface.rows).above(stiffness, weight.sqrt());
+        let mut right = feet.points.clone();
+        right.resize(rows.len(), [0.0; 3]);
+        Self { transposed: rows.transposed(stiffness.len()), rows, right }
+    }
+
+    /// The control points: by factors, or where these do not determine them all, with the least change from those that are known.
     fn solve(
+        &self,
+        start: &[Point3<f64>],
+        progress: &Progress<'_>,
+    ) -> Result<Vec<Point3<f64>>, Cancelled> {
+        progress.check()?;
+        let Some(factors) = Cholesky::new(&self.rows.squared_with(&self.transposed)) else {
+            return self.conjugate_gradients(start, progress);
+        };
+        let mut control = self.transposed.apply(&self.right);
+        factors.solve(&mut control);
+        Ok(control.into_iter().map(Point3::from).collect())
+    }
+
+    fn conjugate_gradients(
         &self,
         start: &[Point3<f64>],
         progress: &Progress<'_>,
     ) -> Result<Vec<Point3<f64>>, Cancelled> {
         let mut control: Vec<Column> = start.iter().map(|point| point.coords.into()).collect();
         let ones = vec![1.0; control.len()];
-        let mut residual = self.surface.gather(&self.feet.transposed.apply(&self.feet.points));
+        let mut residual = self.transposed.apply(&self.right);
         columns::add(&mut residual, &self.apply(&control), [-1.0; 3]);
         let mut way = residual.clone();
         let mut energy = columns::dot(&residual, &residual, &ones);
@@ -241,13 +261,9 @@ impl System<'_> {
         Ok(control.into_iter().map(Point3::from).collect())
     }
 
-    /// `(A^T A + weight L^T L) x`.
+    /// The matrix of the normal equations times a column.
     fn apply(&self, x: &[Column]) -> Vec<Column> {
-        let feet = self.feet.rows.apply(&self.surface.scatter(x));
-        let mut sum = self.surface.gather(&self.feet.transposed.apply(&feet));
-        let [laplacian, transposed] = self.stiffness;
-        columns::add(&mut sum, &transposed.apply(&laplacian.apply(x)), [self.weight; 3]);
-        sum
+        self.transposed.apply(&self.rows.apply(x))
     }
 }
 

@@ -12,7 +12,7 @@ use super::geometric::{
 };
 use super::interpolate_curve::{millionth, two_hundred};
 use super::least_squares::least_squares;
-use super::limit::Limit;
+use super::limit::{Limit, LimitPlaces};
 use super::limit_feet::{ClosestFeet, vertex_feet};
 use super::topology::Topology;
 use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivision};
@@ -153,7 +153,7 @@ impl Node for Interpolate {
         let fixed = fixed_vertices(mesh, &self.fixed)?;
         let (boundary, on_singular) = (self.boundary, self.on_singular);
         let options = InterpolateOptions { boundary, how, on_singular, fixed: &fixed };
-        let limit = |topology: &Topology| cx.memo(topology, Limit::memo);
+        let limit = |topology: &Topology| cx.memo(topology, LimitPlaces::memo);
         let found = interpolate_with::<Error>(mesh, self.scheme, &options, cx.progress(), limit)?;
         if !found.settled {
             let last = found.trace.steps().last().map_or(0.0, |step| step.max);
@@ -193,7 +193,7 @@ pub fn interpolate(
     options: &InterpolateOptions<'_>,
     progress: &Progress<'_>,
 ) -> Result<Interpolated, InterpolateError> {
-    let limit = |topology: &Topology| Limit::new(topology).map_err(InterpolateError::from);
+    let limit = |topology: &Topology| LimitPlaces::new(topology).map_err(InterpolateError::from);
     interpolate_with(mesh, scheme, options, progress, limit)
 }
 
@@ -203,7 +203,7 @@ fn interpolate_with<E: From<InterpolateError>>(
     scheme: Scheme,
     options: &InterpolateOptions<'_>,
     progress: &Progress<'_>,
-    limit: impl Fn(&Topology) -> Result<Limit, E>,
+    limit: impl Fn(&Topology) -> Result<LimitPlaces, E>,
 ) -> Result<Interpolated, E> {
     options.how.check().map_err(InterpolateError::from)?;
     if options.boundary == Boundary::None {
@@ -222,11 +222,16 @@ fn interpolate_with<E: From<InterpolateError>>(
     let limits = limit(&Topology::of(mesh, subdivision))?;
     let solved = match (how.foot, how.solver) {
         (Foot::Closest, _) => {
-            let feet = ClosestFeet::new(mesh, subdivision).map_err(InterpolateError::from)?;
-            iterate(points, how, options.fixed, progress, |control, _| feet.of(control)).map(Some)
+            let mut feet = ClosestFeet::new(mesh, subdivision).map_err(InterpolateError::from)?;
+            let feet = |control: &[Point3<f64>], whole| feet.of(control, whole);
+            iterate(points, how, options.fixed, progress, feet).map(Some)
         }
         (Foot::Vertex, Solver::Plain) => {
-            let feet = |control: &[Point3<f64>], _| vertex_feet(&limits, control, how.direction);
+            let normals = how.direction == Direction::Normal;
+            let facing = normals.then(|| Limit::new(&limits.topology)).transpose();
+            let facing = facing.map_err(InterpolateError::from)?;
+            let rows = &limits.positions;
+            let feet = |control: &[Point3<f64>], _| vertex_feet(rows, facing.as_ref(), control);
             iterate(points, how, options.fixed, progress, feet).map(Some)
         }
         (Foot::Vertex, Solver::Pcg | Solver::Direct) => {
@@ -256,7 +261,7 @@ fn interpolate_with<E: From<InterpolateError>>(
 }
 
 fn not_interpolable(
-    limits: &Limit,
+    limits: &LimitPlaces,
     points: &[Point3<f64>],
     solution: &Solution,
 ) -> InterpolateError {
@@ -277,7 +282,7 @@ fn refined_once<E: From<InterpolateError>>(
     subdivision: Subdivision,
     how: &Interpolation,
     progress: &Progress<'_>,
-    limit: impl Fn(&Topology) -> Result<Limit, E>,
+    limit: impl Fn(&Topology) -> Result<LimitPlaces, E>,
 ) -> Result<Interpolated, E> {
     let plan = Plan::new(mesh, Subdivision { levels: 1, ..subdivision });
     let refined = plan.and_then(|plan| plan.apply(mesh)).map_err(InterpolateError::from)?;

@@ -142,6 +142,32 @@ impl Level {
         });
     }
 
+    /// The half-edges from a regular vertex, in the order in which [`Self::at_regular`] gives them.
+    pub(super) fn ring_of<K: Split>(&self, vertex: usize, split: K) -> [u32; 6] {
+        let mut halves = [0; 6];
+        let ring = &mut halves[..K::VALENCE];
+        let (mut level, mut age) = (self, 0);
+        while let Some(coarser) = &level.coarser {
+            let old = &coarser.mesh;
+            if let Some(born) = vertex.checked_sub(old.vertices) {
+                if let Some(&[owner, twin]) = old.halves.get(born) {
+                    let (left, right) = ring.split_at_mut(K::VALENCE / 2);
+                    split.around_edge(old, owner, left);
+                    split.around_edge(old, twin, right);
+                } else {
+                    let corner = old.faces.first_corner(born - old.halves.len()) as u32;
+                    (0..).zip(&mut *ring).for_each(|(k, half)| *half = 4 * (corner + k) + 2);
+                }
+                grow_older(ring, age, split);
+                return halves;
+            }
+            (level, age) = (coarser, age + 1);
+        }
+        ring.copy_from_slice(&level.rings[K::VALENCE * vertex..][..K::VALENCE]);
+        grow_older(ring, age, split);
+        halves
+    }
+
     /// How many bytes it holds, without the coarser ones.
     pub(super) fn size(&self) -> usize {
         self.mesh.size() + self.odd.len() * 8 + self.rings.len() * 4 + self.creases.len() * 16
@@ -165,13 +191,19 @@ fn at_born<T: Send, K: Split>(
             if !birth(index, ring) {
                 continue;
             }
-            // The first halves are at corners 0, and so each the fourth part of the next.
-            if let Some(later) = age.checked_sub(1) {
-                ring.iter_mut().for_each(|half| *half = split.first(*half) << (2 * later));
-            }
+            grow_older(ring, age, split);
             *to = make(first + index, ring);
         }
     });
+}
+
+/// Goes from half-edges to their first halves after so many steps.
+#[inline]
+fn grow_older(ring: &mut [u32], age: usize, split: impl Split) {
+    // The first halves are at corners 0, and so each the fourth part of the next.
+    if let Some(later) = age.checked_sub(1) {
+        ring.iter_mut().for_each(|half| *half = split.first(*half) << (2 * later));
+    }
 }
 
 /// The half-edges from each regular vertex, and the other vertices with their starts.

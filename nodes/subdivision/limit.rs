@@ -8,14 +8,15 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::catmull_clark::CatmullClarkMasks;
+use super::closed_rows::closed_rows;
 use super::connectivity::Connectivity;
-use super::doo_sabin::DualLimit;
+use super::dual_limit::DualLimit;
 use super::level::{check_triangles, creases};
 use super::loop_masks::LoopMasks;
 use super::masks::{Masks, Scratch, Stars};
 use super::sharpness::Sharpness;
 use super::stencils::Stencils;
-use super::topology::Topology;
+use super::topology::{Rules, Topology};
 use super::{Scheme, SubdivideError};
 
 /// Vertices that one task looks at.
@@ -23,6 +24,51 @@ const BLOCK: usize = 4096;
 
 /// Most entries of the limit's rows: a face of `m` corners has some `m` in the row of each of its corners.
 const MOST_ENTRIES: usize = 1 << 28;
+
+/// The limit of each vertex of a mesh without tangents: all that it takes to pass through points.
+#[derive(Clone, Debug)]
+pub(super) struct LimitPlaces {
+    /// What it was made from.
+    pub(super) topology: Topology,
+    /// The places, as for [`Limit`].
+    pub(super) positions: Stencils,
+}
+
+/// A function of its topology, which therefore stands for it in the hash.
+impl Value for LimitPlaces {
+    const NAME: &'static str = "SubdivisionLimitPlaces";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.value(&self.topology);
+    }
+
+    fn size(&self) -> usize {
+        self.topology.size() + self.positions.size()
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default().with("vertices", self.positions.len())
+    }
+}
+
+impl LimitPlaces {
+    /// The limit of the scheme that `topology` names.
+    ///
+    /// # Errors
+    /// Those of [`Limit::new`].
+    pub(super) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
+        let positions = match closed_rows(topology) {
+            Some(rows) => rows,
+            None => Around::new(topology)?.positions(),
+        };
+        Ok(Self { topology: topology.clone(), positions })
+    }
+
+    /// The same, as [`maquette::Context::memo`] wants it.
+    pub(super) fn memo(topology: &Topology) -> Result<Self, Error> {
+        Ok(Self::new(topology)?)
+    }
+}
 
 /// The limit of each vertex of a mesh, as sparse rows in terms of the mesh's own vertices.
 #[derive(Clone, Debug)]
@@ -61,29 +107,8 @@ impl Limit {
     /// # Errors
     /// Faces that the scheme has no rule for, or that are too large, or a mesh that is not manifold.
     pub(super) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
-        let rules = topology.rules;
-        if rules.scheme == Scheme::Loop {
-            check_triangles(&topology.faces)?;
-        }
-        check_faces(topology)?;
-        let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
-        let creases = creases(topology, &mesh);
-        let (positions, (tangents, sides)) = match rules.scheme {
-            Scheme::DooSabin => {
-                let limit = DualLimit::new(mesh, starts, rules.boundary);
-                (limit.positions(), limit.tangents())
-            }
-            Scheme::Loop => {
-                let sharpness = Sharpness::new(&mesh, rules, &creases);
-                let masks = LoopMasks;
-                rows(&Stars { mesh: &mesh, sharpness: &sharpness, rules, masks }, &starts)
-            }
-            Scheme::CatmullClark => {
-                let sharpness = Sharpness::new(&mesh, rules, &creases);
-                let masks = CatmullClarkMasks;
-                rows(&Stars { mesh: &mesh, sharpness: &sharpness, rules, masks }, &starts)
-            }
-        };
+        let around = Around::new(topology)?;
+        let (positions, (tangents, sides)) = (around.positions(), around.tangents());
         Ok(Self { topology: topology.clone(), positions, tangents, sides })
     }
 
@@ -136,16 +161,83 @@ pub(super) fn side_normals(
     sides.sum::<Vector3<f64>>().try_normalize(1e-6).unwrap_or(fallback)
 }
 
-/// The rows of all vertices: places, tangents, and the first tangent of each.
-fn rows<M: Masks>(stars: &Stars<'_, M>, starts: &[u32]) -> (Stencils, (Stencils, Column<u32>)) {
-    let (positions, _) = Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
-        stars.limit(scratch, vertex as u32, starts[vertex], rows);
-        rows.end();
-    });
-    let tangents = Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
-        stars.tangents(scratch, vertex as u32, starts[vertex], rows);
-    });
-    (positions, tangents)
+/// What lies around the vertices of a mesh, by the rules of its scheme.
+enum Around {
+    Dual(DualLimit),
+    Loop(MaskedMesh<LoopMasks>),
+    CatmullClark(MaskedMesh<CatmullClarkMasks>),
+}
+
+impl Around {
+    fn new(topology: &Topology) -> Result<Self, SubdivideError> {
+        let rules = topology.rules;
+        if rules.scheme == Scheme::Loop {
+            check_triangles(&topology.faces)?;
+        }
+        check_faces(topology)?;
+        let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
+        let creases = creases(topology, &mesh);
+        Ok(match rules.scheme {
+            Scheme::DooSabin => Self::Dual(DualLimit::new(mesh, starts, rules.boundary)),
+            Scheme::Loop => {
+                Self::Loop(MaskedMesh { mesh, starts, creases, rules, masks: LoopMasks })
+            }
+            Scheme::CatmullClark => {
+                let masks = CatmullClarkMasks;
+                Self::CatmullClark(MaskedMesh { mesh, starts, creases, rules, masks })
+            }
+        })
+    }
+
+    fn positions(&self) -> Stencils {
+        match self {
+            Self::Dual(limit) => limit.positions(&limit.all()),
+            Self::Loop(stars) => stars.positions(),
+            Self::CatmullClark(stars) => stars.positions(),
+        }
+    }
+
+    fn tangents(&self) -> (Stencils, Column<u32>) {
+        match self {
+            Self::Dual(limit) => limit.tangents(&limit.all()),
+            Self::Loop(stars) => stars.tangents(),
+            Self::CatmullClark(stars) => stars.tangents(),
+        }
+    }
+}
+
+/// A mesh with the masks of a primal scheme.
+struct MaskedMesh<M> {
+    mesh: Connectivity,
+    starts: Vec<u32>,
+    creases: Vec<(u32, f64)>,
+    rules: Rules,
+    masks: M,
+}
+
+impl<M: Masks + Copy> MaskedMesh<M> {
+    fn positions(&self) -> Stencils {
+        let Self { mesh, starts, creases, rules, masks } = self;
+        let (rules, masks) = (*rules, *masks);
+        let sharpness = &Sharpness::new(mesh, rules, creases);
+        let stars = Stars { mesh, sharpness, rules, masks };
+        let (rows, _) = Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
+            stars.limit(scratch, vertex as u32, starts[vertex], rows);
+            rows.end();
+        });
+        rows
+    }
+
+    /// Two rows for each side of each vertex, and the first row of each.
+    fn tangents(&self) -> (Stencils, Column<u32>) {
+        let Self { mesh, starts, creases, rules, masks } = self;
+        let (rules, masks) = (*rules, *masks);
+        let sharpness = &Sharpness::new(mesh, rules, creases);
+        let stars = Stars { mesh, sharpness, rules, masks };
+        Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
+            stars.tangents(scratch, vertex as u32, starts[vertex], rows);
+        })
+    }
 }
 
 fn check_faces(topology: &Topology) -> Result<(), SubdivideError> {

@@ -17,6 +17,7 @@ use super::columns::{self, Column};
 use super::geometric::{Found, Interpolation, Missed, Record, Solution, Solver, diagonal};
 use super::least_squares::least_squares;
 use super::stencils::Stencils;
+use super::walk::Walk;
 use crate::cholesky::Cholesky;
 
 /// After so many steps the residual is computed anew: the one of the recurrence drifts away from it by rounding.
@@ -89,21 +90,25 @@ impl LimitMatrix {
         record.note(self.missed(&self.blocks, points, &control).distances());
         let mut unreachable = false;
         let mut left = how.iterations;
+        let mut last = None;
         for (index, members) in self.blocks.iter().enumerate() {
-            let others = self.missed(&self.blocks[..index], points, &control).and(self.missed(
-                &self.blocks[index + 1..],
-                points,
-                &control,
-            ));
+            let [before, after] = [&self.blocks[..index], &self.blocks[index + 1..]]
+                .map(|blocks| self.missed(blocks, points, &control));
             let mut block = Block::new(self, members, points, &control);
             let scale = self.scale_of(members).unwrap_or_default();
-            unreachable |= block.iterate(&scale, &mut record, others, &mut left, progress)?;
+            let others = before.and(after);
+            let (stuck, missed) =
+                block.iterate(&scale, &mut record, others, &mut left, progress)?;
+            unreachable |= stuck;
+            last = Some(missed);
             for (&vertex, place) in members.iter().zip(&block.unknown) {
                 control[vertex as usize] = (*place).into();
             }
         }
         // What the recurrence says differs from the distances by rounding.
-        let settled = record.correct(self.missed(&self.blocks, points, &control).distances());
+        let missed = last.filter(|_| self.blocks.len() == 1);
+        let missed = missed.unwrap_or_else(|| self.missed(&self.blocks, points, &control));
+        let settled = record.correct(missed.distances());
         let found = Found { control, trace: record.into_trace(), settled };
         Ok(Solution { found, unreachable: unreachable && !settled })
     }
@@ -121,13 +126,15 @@ impl LimitMatrix {
         points: &[Point3<f64>],
         control: &[Point3<f64>],
     ) -> Missed {
-        let distance = |&vertex: &u32| {
+        let distance_sq = |&vertex: &u32| {
             let vertex = vertex as usize;
-            (points[vertex] - self.rows.apply_row(vertex, control)).into()
+            (points[vertex] - self.rows.apply_row(vertex, control)).norm_squared()
         };
         let missed = blocks.iter().map(|block| {
-            let distances: Vec<Column> = block.par_iter().map(distance).collect();
-            columns::missed(&distances)
+            let parts = block
+                .par_chunks(columns::CHUNK)
+                .map(|chunk| chunk.iter().map(distance_sq).fold(Missed::none(), Missed::and_by));
+            parts.collect::<Vec<_>>().into_iter().fold(Missed::none(), Missed::and)
         });
         missed.fold(Missed::none(), Missed::and)
     }
@@ -176,7 +183,7 @@ impl<'a> Block<'a> {
     }
 
     /// Iterates until `record` is content with the block's distances, and notes them with the `others`; whether it ended because
-    /// what is left is beyond the reach of the matrix.
+    /// what is left is beyond the reach of the matrix, and the distances.
     fn iterate(
         &mut self,
         scale: &[f64],
@@ -184,40 +191,42 @@ impl<'a> Block<'a> {
         others: Missed,
         left: &mut u32,
         progress: &Progress<'_>,
-    ) -> Result<bool, Cancelled> {
+    ) -> Result<(bool, Missed), Cancelled> {
         let least_scale = scale.iter().copied().fold(f64::INFINITY, f64::min);
         // A coordinate that is far below the tolerance is done: what is left of it is rounding.
         let done = least_scale * record.tolerance() * record.tolerance() * 1e-6;
         let mut residual = self.residual();
-        while 0 < *left && !record.allows(columns::missed(&residual).distances()) {
-            let mut way = residual.clone();
+        let mut missed = columns::missed(&residual);
+        while 0 < *left && !record.allows(missed.distances()) {
+            let mut walk = Walk::new(&self.rows, scale, &residual);
             let mut energy = columns::dot(&residual, &residual, scale);
+            let (mut ratio, mut reaches) = ([0.0; 3], true);
             for _ in 0..RESTART.min(*left) {
                 progress.check()?;
                 *left -= 1;
-                let bent = self.rows.apply(&way);
-                let curving = columns::dot(&bent, &way, scale);
-                let length = columns::dot(&way, &way, scale);
+                let [curving, length] = walk.turn(ratio);
                 let moves = [0, 1, 2].map(|k| energy[k] > done);
-                if (0..3).any(|k| moves[k] && curving[k] <= VANISHING * length[k]) {
-                    return Ok(true);
-                }
-                let step = [0, 1, 2].map(|k| if moves[k] { energy[k] / curving[k] } else { 0.0 });
-                columns::add(&mut self.unknown, &way, step);
-                columns::add(&mut residual, &bent, step.map(|step| -step));
-                let missed = columns::missed(&residual);
-                record.note(others.and(missed).distances());
-                if record.allows(missed.distances()) {
+                reaches = (0..3).all(|k| !moves[k] || curving[k] > VANISHING * length[k]);
+                if !reaches {
                     break;
                 }
-                let after = columns::dot(&residual, &residual, scale);
-                let ratio = [0, 1, 2].map(|k| if moves[k] { after[k] / energy[k] } else { 0.0 });
-                columns::follow(&mut way, &residual, ratio);
+                let step = [0, 1, 2].map(|k| if moves[k] { energy[k] / curving[k] } else { 0.0 });
+                let (near, after) = walk.go(step);
+                record.note(others.and(near).distances());
+                if record.allows(near.distances()) {
+                    break;
+                }
+                ratio = [0, 1, 2].map(|k| if moves[k] { after[k] / energy[k] } else { 0.0 });
                 energy = after;
             }
+            walk.add_to(&mut self.unknown);
             residual = self.residual();
+            missed = columns::missed(&residual);
+            if !reaches {
+                return Ok((true, missed));
+            }
         }
-        Ok(false)
+        Ok((false, missed))
     }
 
     /// The solution by factors: of `D A`, or where no `scale` makes that symmetric of the normal equations `A^T A x = A^T s`; none
@@ -248,8 +257,10 @@ impl<'a> Block<'a> {
     }
 
     fn residual(&self) -> Vec<Column> {
-        let mut residual = self.right.clone();
-        columns::add(&mut residual, &self.rows.apply(&self.unknown), [-1.0; 3]);
-        residual
+        let row = |row: usize| {
+            let limit = self.rows.apply_row(row, &self.unknown);
+            [0, 1, 2].map(|k| self.right[row][k] - limit[k])
+        };
+        (0..self.right.len()).into_par_iter().with_min_len(columns::CHUNK).map(row).collect()
     }
 }

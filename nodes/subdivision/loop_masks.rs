@@ -11,7 +11,7 @@ use super::stencils::Rows;
 use super::turns::turn;
 
 /// Loop's rules.
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct LoopMasks;
 
 impl Masks for LoopMasks {

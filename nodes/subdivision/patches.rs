@@ -30,47 +30,12 @@ pub(super) fn bicubic(net: &[[Vector3<f64>; 4]; 4], u: f64, v: f64) -> Jet {
     })
 }
 
-/// A term `coefficient a^i b^j c^k` of a polynomial in barycentric coordinates.
-type Term = (f64, [i32; 3]);
-
-/// The weight of the corner `a` of the middle triangle, times 12. These polynomials: Stam, "Evaluation of Loop subdivision
-/// surfaces" (1998), appendix B.
-const CORNER: &[Term] = &[
-    (6.0, [4, 0, 0]),
-    (24.0, [3, 1, 0]),
-    (24.0, [3, 0, 1]),
-    (24.0, [2, 2, 0]),
-    (60.0, [2, 1, 1]),
-    (24.0, [2, 0, 2]),
-    (8.0, [1, 3, 0]),
-    (36.0, [1, 2, 1]),
-    (36.0, [1, 1, 2]),
-    (8.0, [1, 0, 3]),
-    (1.0, [0, 4, 0]),
-    (6.0, [0, 3, 1]),
-    (12.0, [0, 2, 2]),
-    (6.0, [0, 1, 3]),
-    (1.0, [0, 0, 4]),
-];
-
-/// That of the vertex across the edge from `a` to `b`.
-const ACROSS: &[Term] = &[
-    (1.0, [4, 0, 0]),
-    (6.0, [3, 1, 0]),
-    (2.0, [3, 0, 1]),
-    (12.0, [2, 2, 0]),
-    (6.0, [2, 1, 1]),
-    (6.0, [1, 3, 0]),
-    (6.0, [1, 2, 1]),
-    (1.0, [0, 4, 0]),
-    (2.0, [0, 3, 1]),
-];
-
-/// That of the vertex behind `a` on the side of `b`.
-const BEHIND: &[Term] = &[(1.0, [4, 0, 0]), (2.0, [3, 1, 0])];
-
 /// The surface at `(u, v)` in the middle triangle, where its corners are `(0, 0)`, `(1, 0)`, `(0, 1)`; `rings[k]` is what lies around
 /// corner `k`, counter-clockwise, from the next corner on.
+///
+/// The box spline is a polynomial of degree 4 there, whose Bezier points are taken together two times in a row, until those of a
+/// polynomial of degree 2 are left: the algorithm of de Casteljau. The points follow from the polynomials in Stam, "Evaluation of
+/// Loop subdivision surfaces" (1998), appendix B.
 pub(super) fn quartic(
     corners: &[Vector3<f64>; 3],
     rings: &[[Vector3<f64>; 6]; 3],
@@ -78,55 +43,52 @@ pub(super) fn quartic(
     v: f64,
 ) -> Jet {
     let at = [1.0 - u - v, u, v];
-    let mut jet = [Vector3::zeros(); 6];
-    for k in 0..3 {
-        // Around corner a: b, c, across ca, two behind, across ab.
-        let [_, _, _, behind_c, behind_b, across] = rings[k];
-        let (b, c) = ((k + 1) % 3, (k + 2) % 3);
-        let weights = [
-            (corners[k], CORNER, [k, b, c]),
-            (across, ACROSS, [k, b, c]),
-            (behind_b, BEHIND, [k, b, c]),
-            (behind_c, BEHIND, [k, c, b]),
-        ];
-        for (point, terms, order) in weights {
-            let weights = derivatives(terms, order, at);
-            jet.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += point * (weight / 12.0));
-        }
-    }
-    jet
+    let three: [_; 10] = blend(&bezier(corners, rings), at);
+    let [p, p_u, p_v, p_uu, p_uv, p_vv]: [_; 6] = blend(&three, at);
+    let [q, q_u, q_v] = blend(&[p, p_u, p_v, p_uu, p_uv, p_vv], at);
+    let [s] = blend(&[q, q_u, q_v], at);
+    [
+        s,
+        (q_u - q) * 4.0,
+        (q_v - q) * 4.0,
+        (p - p_u * 2.0 + p_uu) * 12.0,
+        (p - p_u - p_v + p_uv) * 12.0,
+        (p - p_v * 2.0 + p_vv) * 12.0,
+    ]
 }
 
-/// A polynomial at a place, and its derivatives by `u` and `v`, which grow where the first coordinate shrinks. `order[i]` is the
-/// coordinate that the `i`-th exponent belongs to.
-fn derivatives(terms: &[Term], order: [usize; 3], at: [f64; 3]) -> [f64; 6] {
-    let power = |x: f64, n: i32| (0..n).fold(1.0, |product, _| product * x);
-    let mut gradient = [0.0; 3];
-    let mut hessian = [[0.0; 3]; 3];
-    let mut value = 0.0;
-    for &(coefficient, exponents) in terms {
-        let mut n = [0; 3];
-        order.iter().zip(exponents).for_each(|(&place, exponent)| n[place] = exponent);
-        let term = |n: [i32; 3]| (0..3).map(|i| power(at[i], n[i])).product::<f64>();
-        value += coefficient * term(n);
-        for i in (0..3).filter(|&i| n[i] > 0) {
-            let mut once = n;
-            once[i] -= 1;
-            gradient[i] += coefficient * f64::from(n[i]) * term(once);
-            for j in (0..3).filter(|&j| once[j] > 0) {
-                let mut twice = once;
-                twice[j] -= 1;
-                hessian[i][j] += coefficient * f64::from(n[i] * once[j]) * term(twice);
-            }
-        }
+/// The Bezier points of the middle triangle, by rows: first the one at corner 0, last those along the side across from it.
+fn bezier(corners: &[Vector3<f64>; 3], rings: &[[Vector3<f64>; 6]; 3]) -> [Vector3<f64>; 15] {
+    // Where those next to corner k are: itself, towards the next and the last corner, half way to the next, and inside.
+    const PLACES: [[usize; 5]; 3] = [[0, 1, 2, 3, 4], [10, 11, 6, 12, 7], [14, 9, 13, 5, 8]];
+    let mut points = [Vector3::zeros(); 15];
+    for (k, place) in PLACES.into_iter().enumerate() {
+        let a = corners[k];
+        let [b, c, ca, a_c, a_b, ab] = rings[k];
+        let (sides, across) = (b + c, ab + ca);
+        points[place[0]] = a * 0.5 + (sides + across + (a_b + a_c)) / 12.0;
+        points[place[1]] = (a * 12.0 + b * 4.0 + (c + ab) * 3.0 + (ca + a_b)) / 24.0;
+        points[place[2]] = (a * 12.0 + c * 4.0 + (b + ca) * 3.0 + (ab + a_c)) / 24.0;
+        points[place[3]] = ((a + b) * 2.0 + (c + ab)) / 6.0;
+        points[place[4]] = (a * 10.0 + sides * 6.0 + across) / 24.0;
     }
-    let second = |i: usize, j: usize| hessian[i][j] - hessian[0][j] - hessian[i][0] + hessian[0][0];
-    [
-        value,
-        gradient[1] - gradient[0],
-        gradient[2] - gradient[0],
-        second(1, 1),
-        second(1, 2),
-        second(2, 2),
-    ]
+    points
+}
+
+/// The points of a triangle of points, by rows, taken together three by three: one row less.
+fn blend<const FROM: usize, const TO: usize>(
+    from: &[Vector3<f64>; FROM],
+    [a, b, c]: [f64; 3],
+) -> [Vector3<f64>; TO] {
+    let mut to = [Vector3::zeros(); TO];
+    let (mut row, mut first) = (0, 0);
+    for (place, to) in to.iter_mut().enumerate() {
+        if place > first + row {
+            first += row + 1;
+            row += 1;
+        }
+        let below = place + row + 1;
+        *to = from[place] * a + from[below] * b + from[below + 1] * c;
+    }
+    to
 }

@@ -271,6 +271,80 @@ impl Primal {
         new
     }
 
+    /// The new vertex where a half-edge starts, and a new half-edge from it.
+    pub(super) fn at_start(&self, half: u32) -> [u32; 2] {
+        let vertex = self.level.mesh.corners()[half as usize];
+        match self.level.rules.scheme {
+            Scheme::Loop => [vertex, Triangles.first(half)],
+            _ => [vertex, Corners.first(half)],
+        }
+    }
+
+    /// The new vertex on a half-edge, and a new half-edge from it.
+    pub(super) fn on_edge(&self, half: u32) -> [u32; 2] {
+        let mesh = &self.level.mesh;
+        let vertex = mesh.vertices as u32 + mesh.edge_of[half as usize];
+        match self.level.rules.scheme {
+            Scheme::Loop => [vertex, Triangles.second(mesh, half)],
+            _ => [vertex, Corners.second(mesh, half)],
+        }
+    }
+
+    /// The new vertex in a face, if there is one, and a new half-edge from it.
+    pub(super) fn middle(&self, face: u32) -> Option<[u32; 2]> {
+        let mesh = &self.level.mesh;
+        let vertex = (mesh.vertices + mesh.halves.len()) as u32 + face;
+        let half = 4 * mesh.faces.first_corner(face as usize) as u32 + 2;
+        (self.level.rules.scheme == Scheme::CatmullClark).then_some([vertex, half])
+    }
+
+    /// The place of one new vertex, with the same bits as [`Self::positions`] gives it; of the new ones those in the faces around must be
+    /// there.
+    pub(super) fn place(
+        &self,
+        vertex: u32,
+        old: &[Point3<f64>],
+        new: &[Point3<f64>],
+    ) -> Point3<f64> {
+        match self.level.rules.scheme {
+            Scheme::Loop => self.place_by(vertex, old, new, Triangles),
+            _ => self.place_by(vertex, old, new, Corners),
+        }
+    }
+
+    fn place_by<K: Kind>(
+        &self,
+        vertex: u32,
+        old: &[Point3<f64>],
+        new: &[Point3<f64>],
+        kind: K,
+    ) -> Point3<f64> {
+        let Level { mesh, creases, odd, .. } = &*self.level;
+        let in_faces = &new[old.len() + mesh.halves.len()..];
+        let column = |column: u32| match old.get(column as usize) {
+            Some(point) => *point,
+            None => in_faces[column as usize - old.len()],
+        };
+        let Some(born) = (vertex as usize).checked_sub(old.len()) else {
+            if let Ok(row) = odd.binary_search_by_key(&vertex, |odd| odd[0]) {
+                return self.stencils.point(row, column);
+            }
+            let halves = self.level.ring_of(vertex as usize, kind);
+            let halves = &halves[..K::VALENCE];
+            let neighbors =
+                halves.iter().map(|&h| old[mesh.corners()[mesh.next(h) as usize] as usize]);
+            let faces = halves.iter().map(|&half| in_faces[mesh.face_of(half) as usize]);
+            return kind.regular(old[vertex as usize], neighbors, faces);
+        };
+        let Some(&halves) = mesh.halves.get(born) else {
+            return centroid(&mesh.faces, born - mesh.halves.len(), old);
+        };
+        match creases.binary_search_by_key(&(born as u32), |crease| crease.0) {
+            Ok(crease) => self.stencils.point(odd.len() + crease, column),
+            Err(_) => kind.on_edge(mesh, mesh.corners(), halves, old, in_faces),
+        }
+    }
+
     /// The centroids of the faces, as far as there is place for them.
     fn centroids(&self, old: &[Point3<f64>], to: &mut [Point3<f64>]) {
         let faces = &self.level.mesh.faces;
@@ -283,10 +357,7 @@ impl Primal {
                     *to = (((a + b) + (c + d)) * 0.25).into();
                 }
             } else {
-                for (face, to) in (BLOCK * block..).zip(to) {
-                    let face = faces.face(face);
-                    *to = (face.iter().map(at).sum::<Vector3<f64>>() / face.len() as f64).into();
-                }
+                (BLOCK * block..).zip(to).for_each(|(face, to)| *to = centroid(faces, face, old));
             }
         });
     }
@@ -353,4 +424,16 @@ impl Primal {
     pub(super) fn size(&self) -> usize {
         self.level.size() + self.finer.corners().size() + self.stencils.size()
     }
+}
+
+/// The mean of the corners of a face.
+fn centroid(faces: &Faces, face: usize, places: &[Point3<f64>]) -> Point3<f64> {
+    let face = faces.face(face);
+    let at = |&corner: &u32| places[corner as usize].coords;
+    if let [a, b, c, d] = face
+        && faces.sides() == Some(4)
+    {
+        return (((at(a) + at(b)) + (at(c) + at(d))) * 0.25).into();
+    }
+    (face.iter().map(at).sum::<Vector3<f64>>() / face.len() as f64).into()
 }

@@ -93,6 +93,11 @@ impl Stencils {
         (stencils, groups.into())
     }
 
+    /// The rows that end where the next one of `starts` is; the first one starts at 0.
+    pub(super) fn from_parts(starts: Vec<u32>, indices: Vec<u32>, weights: Vec<f64>) -> Self {
+        Self { starts: starts.into(), indices: indices.into(), weights: weights.into() }
+    }
+
     /// Number of rows.
     pub(super) fn len(&self) -> usize {
         self.starts.len() - 1
@@ -102,6 +107,16 @@ impl Stencils {
     pub(super) fn row(&self, row: usize) -> (&[u32], &[f64]) {
         let entries = self.starts[row] as usize..self.starts[row + 1] as usize;
         (&self.indices[entries.clone()], &self.weights[entries])
+    }
+
+    /// The rows from one on, with their numbers.
+    #[inline(always)]
+    pub(super) fn rows_from(&self, first: usize) -> impl Iterator<Item = (usize, &[u32], &[f64])> {
+        let (indices, weights) = (&self.indices[..], &self.weights[..]);
+        self.starts[first..].windows(2).zip(first..).map(move |(ends, row)| {
+            let entries = ends[0] as usize..ends[1] as usize;
+            (row, &indices[entries.clone()], &weights[entries])
+        })
     }
 
     /// One row times a column.

@@ -10,9 +10,9 @@ use nalgebra::Point3;
 
 use super::carry::{Carry, Mix};
 use super::doo_sabin::Dual;
+use super::finer_dual_limit::FinerDualLimit;
 use super::finer_limit::FinerLimit;
 use super::level::Level;
-use super::limit::Limit;
 use super::primal::Primal;
 use super::topology::Topology;
 use super::{Scheme, SubdivideError};
@@ -86,6 +86,14 @@ impl Step {
     /// The same, as [`maquette::Context::memo`] wants it.
     pub(super) fn memo_next(&self) -> Result<Self, Error> {
         Ok(self.next()?)
+    }
+
+    /// Its rules, if the scheme is primal.
+    pub(super) fn primal(&self) -> Option<&Primal> {
+        match &self.rules {
+            Kind::Primal(step) => Some(step),
+            Kind::Dual(_) => None,
+        }
     }
 
     /// The refined faces.
@@ -172,7 +180,7 @@ pub(super) struct LastLimit {
 #[derive(Clone, Debug)]
 enum KindOfLimit {
     Primal(Arc<FinerLimit>),
-    Any(Limit),
+    Dual(Arc<FinerDualLimit>),
 }
 
 /// A function of the first topology and the depth, which therefore stand for it in the hash.
@@ -186,7 +194,7 @@ impl Value for LastLimit {
     fn size(&self) -> usize {
         match &self.limit {
             KindOfLimit::Primal(limit) => limit.size(),
-            KindOfLimit::Any(limit) => limit.size(),
+            KindOfLimit::Dual(limit) => limit.size(),
         }
     }
 
@@ -203,12 +211,7 @@ impl LastLimit {
     pub(super) fn new(step: &Step) -> Result<Self, SubdivideError> {
         let limit = match &step.rules {
             Kind::Primal(step) => KindOfLimit::Primal(FinerLimit::new(step.next().into()).into()),
-            Kind::Dual(dual) => KindOfLimit::Any(Limit::new(&Topology {
-                rules: step.root.rules,
-                vertices: dual.n_finer(),
-                faces: dual.finer.clone(),
-                creases: Vec::new(),
-            })?),
+            Kind::Dual(dual) => KindOfLimit::Dual(FinerDualLimit::new(dual)?.into()),
         };
         Ok(Self { root: step.root.clone(), depth: step.depth, limit })
     }
@@ -225,7 +228,7 @@ impl LastLimit {
     pub(super) fn apply(&self, mesh: &Mesh) -> Result<Mesh, MeshError> {
         match &self.limit {
             KindOfLimit::Primal(limit) => limit.apply(mesh),
-            KindOfLimit::Any(limit) => limit.apply(mesh),
+            KindOfLimit::Dual(limit) => limit.apply(mesh),
         }
     }
 }

@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::limit::Limit;
+use super::live::Live;
 use super::manifold::manifold;
 use super::smooth_corners::smooth_corners;
 use super::step::{LastLimit, Step};
@@ -312,13 +313,8 @@ impl Plan {
     /// # Errors
     /// If its topology is not that of the plan, or a place becomes infinite.
     pub fn apply(&self, mesh: &Mesh) -> Result<Mesh, SubdivideError> {
-        let Self { how, topology, steps, limit } = self;
-        if mesh.positions().len() != topology.vertices
-            || *mesh.faces() != topology.faces
-            || !mesh.creases().eq(topology.creases.iter().copied())
-        {
-            return Err(SubdivideError::OtherTopology);
-        }
+        let Self { how, steps, limit, .. } = self;
+        self.check(mesh)?;
         let mut refined = apply(mesh, steps)?;
         if how.corners == Corners::Smooth && how.scheme != Scheme::DooSabin && !steps.is_empty() {
             refined = smooth_corners(mesh, *how, refined)?;
@@ -332,6 +328,27 @@ impl Plan {
             refined = without_border(mesh, &ancestors(mesh, steps), &refined)?;
         }
         Ok(refined)
+    }
+
+    /// The vertices after the last step, which follow those of `mesh` one by one; before they go on to the limit, and before what
+    /// touches the border is left out.
+    ///
+    /// # Errors
+    /// If the topology of `mesh` is not that of the plan.
+    pub fn live(&self, mesh: &Mesh) -> Result<Live<'_>, SubdivideError> {
+        self.check(mesh)?;
+        Ok(Live::new(&self.steps, mesh.positions()))
+    }
+
+    fn check(&self, mesh: &Mesh) -> Result<(), SubdivideError> {
+        let topology = &self.topology;
+        if mesh.positions().len() == topology.vertices
+            && *mesh.faces() == topology.faces
+            && mesh.creases().eq(topology.creases.iter().copied())
+        {
+            return Ok(());
+        }
+        Err(SubdivideError::OtherTopology)
     }
 }
 

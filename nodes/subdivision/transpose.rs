@@ -1,5 +1,6 @@
 //! The transposed of a sparse matrix, and the symmetric matrices that are made of one.
 
+use super::masks::push_merged;
 use super::stencils::Stencils;
 use crate::cholesky::Symmetric;
 
@@ -40,6 +41,22 @@ impl Stencils {
         head
     }
 
+    /// These rows, and below them others, so many times.
+    pub(super) fn above(&self, others: &Self, factor: f64) -> Self {
+        let (rows, _) = Self::build(self.len() + others.len(), |_: &mut (), row, rows| {
+            let ((indices, weights), factor) = match row.checked_sub(self.len()) {
+                None => (self.row(row), 1.0),
+                Some(row) => (others.row(row), factor),
+            };
+            indices
+                .iter()
+                .zip(weights)
+                .for_each(|(&index, &weight)| rows.push(index, factor * weight));
+            rows.end();
+        });
+        rows
+    }
+
     /// The rows times these factors, which make them a symmetric matrix.
     pub(super) fn scaled(&self, scale: &[f64]) -> Symmetric {
         let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
@@ -52,26 +69,56 @@ impl Stencils {
         matrix
     }
 
+    /// These rows of rows: the product with a matrix that is applied before.
+    pub(super) fn times(&self, before: &Self) -> Self {
+        let (rows, _) = Self::build(self.len(), |terms: &mut Vec<(u32, f64)>, row, rows| {
+            terms.clear();
+            let (indices, weights) = self.row(row);
+            for (&index, weight) in indices.iter().zip(weights) {
+                let (inner, others) = before.row(index as usize);
+                terms.extend(inner.iter().zip(others).map(|(&k, other)| (k, weight * other)));
+            }
+            push_merged(rows, terms);
+            rows.end();
+        });
+        rows
+    }
+
     /// `A^T A` of this matrix `A` with so many columns.
     pub(super) fn squared(&self, columns: usize) -> Symmetric {
-        let transposed = self.transposed(columns);
-        let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
-        let mut terms: Vec<(u32, f64)> = Vec::new();
-        for column in 0..columns {
-            terms.clear();
-            let (rows, weights) = transposed.row(column);
-            for (&row, &weight) in rows.iter().zip(weights) {
-                let (indices, others) = self.row(row as usize);
-                terms.extend(indices.iter().zip(others).map(|(&k, other)| (k, weight * other)));
-            }
-            // A stable order, so that both halves of the matrix are equal sums.
-            terms.sort_by_key(|(index, _)| *index);
-            for same in terms.chunk_by(|a, b| a.0 == b.0) {
-                matrix.indices.push(same[0].0);
-                matrix.entries.push(same.iter().map(|(_, entry)| entry).sum());
-            }
-            matrix.starts.push(matrix.indices.len() as u32);
-        }
-        matrix
+        self.squared_with(&self.transposed(columns))
     }
+
+    /// The same, where the transposed matrix is known. Terms are added in the order of the rows, so that both halves are equal sums.
+    pub(super) fn squared_with(&self, transposed: &Self) -> Symmetric {
+        let columns = transposed.len();
+        let (rows, _) = Self::build(columns, |sums: &mut Sums, column, rows| {
+            sums.entries.resize(columns, 0.0);
+            let (own, weights) = transposed.row(column);
+            for (&row, &weight) in own.iter().zip(weights) {
+                let (indices, others) = self.row(row as usize);
+                for (&k, other) in indices.iter().zip(others) {
+                    let entry = &mut sums.entries[k as usize];
+                    if *entry == 0.0 {
+                        sums.met.push(k);
+                    }
+                    *entry += weight * other;
+                }
+            }
+            sums.met.sort_unstable();
+            sums.met.dedup();
+            for k in sums.met.drain(..) {
+                rows.push(k, std::mem::take(&mut sums.entries[k as usize]));
+            }
+            rows.end();
+        });
+        rows.scaled(&vec![1.0; columns])
+    }
+}
+
+/// Sums while they are made: one for each column, and which of them have terms.
+#[derive(Default)]
+struct Sums {
+    entries: Vec<f64>,
+    met: Vec<u32>,
 }

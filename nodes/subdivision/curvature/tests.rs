@@ -42,10 +42,12 @@ fn interpolated(data: &Mesh, scheme: Scheme) -> BentMesh {
 // T-CUR-02: the table of reference errors on a torus.
 #[test]
 fn curvature_on_a_torus_is_as_near_as_its_reference() {
+    const UNKNOWN: [f64; 2] = [f64::NAN; 2];
     let reference = [
         (24, [0.02897, 0.03337], [0.02790, 0.00567], [0.03280, 0.01816], [0.04931, 0.02725]),
         (48, [0.00695, 0.00804], [0.00718, 0.00155], [0.00793, 0.00439], [0.01190, 0.00659]),
         (96, [0.00172, 0.00199], [0.00181, 0.00039], [0.00197, 0.00109], [0.00295, 0.00163]),
+        (192, [0.00043, 0.00050], [0.00045, 0.00010], UNKNOWN, UNKNOWN),
     ];
     let mut before: Option<[[f64; 2]; 4]> = None;
     for (n, by_loop, by_angles, by_catmull_clark, by_doo_sabin) in reference {
@@ -60,7 +62,8 @@ fn curvature_on_a_torus_is_as_near_as_its_reference() {
         ];
         let expected = [by_loop, by_angles, by_catmull_clark, by_doo_sabin];
         eprintln!("{n}x{}: {found:.5?}", n / 2);
-        for (found, expected) in found.iter().flatten().zip(expected.iter().flatten()) {
+        let pairs = found.iter().flatten().zip(expected.iter().flatten());
+        for (found, expected) in pairs.filter(|(_, expected)| !expected.is_nan()) {
             assert!((found - expected).abs() <= 6e-6, "{n}: {found} {expected}");
         }
         if let Some(before) = before {

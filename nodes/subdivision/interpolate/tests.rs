@@ -5,6 +5,8 @@ use super::super::subdivide::subdivide;
 use super::super::without_border::select_faces;
 use super::*;
 
+mod published;
+
 const SCHEMES: [Scheme; 3] = [Scheme::Loop, Scheme::CatmullClark, Scheme::DooSabin];
 
 fn refined(mesh: &Mesh, scheme: Scheme, levels: u32, limit: bool) -> Mesh {
@@ -12,11 +14,11 @@ fn refined(mesh: &Mesh, scheme: Scheme, levels: u32, limit: bool) -> Mesh {
     subdivide(mesh, Subdivision { scheme, levels, limit, boundary, creases, corners }).unwrap()
 }
 
-fn limits(mesh: &Mesh, scheme: Scheme) -> Limit {
+fn limits(mesh: &Mesh, scheme: Scheme) -> LimitPlaces {
     let (levels, limit) = (0, false);
     let (boundary, creases, corners) = Default::default();
     let how = Subdivision { scheme, levels, limit, boundary, creases, corners };
-    Limit::new(&Topology::of(mesh, how)).unwrap()
+    LimitPlaces::new(&Topology::of(mesh, how)).unwrap()
 }
 
 fn options(solver: Solver, tolerance: f64) -> InterpolateOptions<'static> {

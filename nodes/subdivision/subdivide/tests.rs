@@ -5,6 +5,7 @@ use super::*;
 
 mod creases;
 mod limit_surface;
+mod live;
 mod polygons;
 mod shapes;
 

@@ -72,6 +72,7 @@ fn files(data: &Path) -> Vec<(String, Mesh)> {
         named("doll, coarse", coarse.clone()),
         named("doll, coarse, sharp where it bends", crease(&coarse, 20.0, 10.0)),
         named("doll, coarse, half sharp where it bends", crease(&coarse, 20.0, 1.5)),
+        named("doll", read("doll/doll.ply")),
         named("mug", mug.clone()),
         named("mug, its creases", creased),
         named("mug, sharp where it bends", crease(&mug, 30.0, 10.0)),

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::super::super::limit_surface::{LimitPoint, LimitSurface};
+use super::super::super::place::Place;
 use super::super::*;
 use super::shapes::*;
 use super::with;
@@ -128,6 +129,53 @@ fn derivatives_are_those_of_the_points_and_neighboring_faces_meet() {
             }
         }
     }
+}
+
+#[test]
+fn fixed_places_around_a_face_give_what_its_pieces_give() {
+    let triangles = [rosette(3, 3), rosette(5, 3), rosette(6, 3), rosette(9, 3), icosahedron()];
+    let polygons = [rosette(3, 4), rosette(4, 4), rosette(7, 4), prism(5), trapezohedron(7)];
+    for (scheme, meshes) in [(Scheme::Loop, triangles), (Scheme::CatmullClark, polygons)] {
+        for mesh in meshes.into_iter().map(scattered) {
+            let surface = surface(&mesh, scheme);
+            let parts = match scheme {
+                Scheme::Loop => 4 * mesh.faces().len(),
+                _ => mesh.faces().corners().len(),
+            };
+            for part in 0..parts as u32 {
+                for [u, v] in
+                    [[0.3, 0.45], [0.01, 0.02], [0.001, 0.3], [0.7, 0.2], [0.1, 0.85], [0.5, 0.49]]
+                {
+                    let [fast, slow] = [LimitSurface::at_part, LimitSurface::by_pieces]
+                        .map(|at| at(&surface, part, Place::new(u, v)));
+                    assert!((fast.point - slow.point).norm() < 1e-14, "{scheme:?} {part} {u} {v}");
+                    for k in 0..2 {
+                        let error = (fast.first[k] - slow.first[k]).norm();
+                        assert!(error < 1e-12, "{scheme:?} {part} {u} {v} {error}");
+                    }
+                    for (fast, slow) in fast.second.unwrap().into_iter().zip(slow.second.unwrap()) {
+                        assert!(
+                            (fast - slow).norm() < 1e-11 * (1.0 + slow.norm()),
+                            "{fast} {slow}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_surface_moves_with_its_control_points() {
+    let mesh = scattered(cube_faces());
+    let doubled = mesh.positions().iter().map(|point| (point.coords * 2.0).into());
+    let moved = mesh.with_positions(doubled.collect()).unwrap();
+    let surface = surface(&mesh, Scheme::CatmullClark);
+    let [other, new] =
+        [surface.moved(moved.positions()).unwrap(), self::surface(&moved, Scheme::CatmullClark)];
+    assert_ne!(surface.at(2, 0.3, 0.7), new.at(2, 0.3, 0.7));
+    assert_eq!(other.at(2, 0.3, 0.7), new.at(2, 0.3, 0.7));
+    assert_eq!(surface.moved(&[]).err(), Some(SubdivideError::OtherTopology));
 }
 
 #[test]

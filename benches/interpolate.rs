@@ -1,0 +1,233 @@
+//! How long does it take to find the control mesh of a subdivision surface through given vertices, with two threads, everything
+//! included, and how much memory? On the meshes of the peers' benchmarks, if they are there: the folder is `PEERS_WORK`/data, see
+//! `benches/peers/peers.py`, which makes them; else on tori like these. `cargo bench -p maquette-nodes --bench interpolate -- WORD`
+//! runs the rows whose names have the word.
+
+#![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
+
+use std::cell::RefCell;
+use std::hint::black_box;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use maquette::Progress;
+use maquette::format::camera;
+use maquette::value::{Faces, Mesh, TriangleTree};
+use maquette_nodes::mesh::read_mesh;
+use maquette_nodes::range::{read_capture, triangulate};
+use maquette_nodes::subdivision::{
+    Foot, InterpolateOptions, Plan, Scheme, Solver, Subdivision, crease, fit_subdivision,
+    interpolate, simplify, subdivide,
+};
+use nalgebra::Point3;
+
+fn main() {
+    let words = Vec::from_iter(std::env::args().skip(1).filter(|word| !word.starts_with('-')));
+    let table = Table { words };
+    println!("{:44} {:>9} {:>9} {:>7} {:>9}", "milliseconds", "median", "least", "bar", "peak MB");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
+    pool.install(|| {
+        peers(&table);
+        sizes(&table);
+        published(&table);
+        fit(&table);
+        edit(&table);
+    });
+}
+
+/// The peers' meshes, to a millionth of the diagonal.
+fn peers(table: &Table) {
+    for (scheme, name, sides, bar) in [
+        (Scheme::Loop, "int_tri", 3, Some(5.0)),
+        (Scheme::CatmullClark, "int_quad", 4, Some(8.0)),
+        (Scheme::DooSabin, "int_quad", 4, None),
+    ] {
+        let mesh = load(name, sides).unwrap_or_else(|| torus(sides, 20_000));
+        let name = format!("{scheme:?}, {} vertices", mesh.positions().len());
+        table.row(&name, bar, 31, || interpolated(&mesh, scheme));
+    }
+}
+
+/// Ten times as large each.
+fn sizes(table: &Table) {
+    for (scheme, sides) in [(Scheme::Loop, 3), (Scheme::CatmullClark, 4), (Scheme::DooSabin, 4)] {
+        for (count, runs) in [(2_000, 31), (20_000, 31), (200_000, 11), (2_000_000, 3)] {
+            let name = format!("size: {scheme:?}, torus of {count} vertices");
+            if table.has(&name) {
+                let mesh = torus(sides, count);
+                table.row(&name, None, runs, || interpolated(&mesh, scheme));
+            }
+        }
+    }
+}
+
+fn interpolated(mesh: &Mesh, scheme: Scheme) -> Mesh {
+    let found = interpolate(mesh, scheme, &InterpolateOptions::default(), &Progress::none());
+    let found = found.expect("a surface");
+    assert!(found.settled, "the surface passes through the vertices");
+    found.mesh
+}
+
+/// The iteration with nearest feet, on the doll of the example graphs, to 1e-5 of the diagonal.
+fn published(table: &Table) {
+    let mesh = read_mesh(&example("coarse.obj"), "obj").expect("a mesh");
+    for (scheme, bar) in
+        [(Scheme::Loop, Some(300.0)), (Scheme::CatmullClark, None), (Scheme::DooSabin, None)]
+    {
+        let mut options = InterpolateOptions::default();
+        (options.how.foot, options.how.solver) = (Foot::Closest, Solver::Plain);
+        options.how.tolerance = 1e-5;
+        let run = || {
+            let found = interpolate(&mesh, scheme, &options, &Progress::none());
+            let found = found.expect("a surface");
+            assert!(found.settled, "the surface passes through the vertices");
+            found.mesh
+        };
+        let name = format!("nearest feet: {scheme:?}, {} vertices", mesh.positions().len());
+        table.row(&name, bar, 5, run);
+    }
+}
+
+/// A file of the doll of the example graphs.
+fn example(name: &str) -> Vec<u8> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/doll");
+    std::fs::read(folder.join(name)).expect("a file of the example graphs")
+}
+
+/// The doll's scan as a surface of a twentieth of its triangles, and how far both are from each other.
+fn fit(table: &Table) {
+    let name = "fit of the doll's scan";
+    if !table.has(name) {
+        return;
+    }
+    let [color, range, camera] = ["color.png", "range.pcd", "camera.json"].map(example);
+    let camera = camera::read(&camera).expect("a camera");
+    let (unit, axes) = Default::default();
+    let (_, range) =
+        read_capture(&color, &range, "pcd", Some(&camera), unit, axes).expect("a capture");
+    let scan = triangulate(&range, 6.0, 85.0).expect("a grid with a camera");
+    let creased = crease(&scan, 40.0, 10.0);
+    let points = scan.positions();
+    let target = scan.faces().len() / 20;
+    let simplified = || simplify(&creased, target, &Progress::none()).expect("a mesh");
+    table.row("fit of the doll's scan: simplification", None, 3, simplified);
+    let coarse = simplified();
+    let fitted = || fit_subdivision(&coarse, points, 1e-3, 6, &Progress::none());
+    table.row(name, None, 3, fitted);
+    let control = fitted().expect("points near the mesh").mesh;
+    let (boundary, creases, corners) = Default::default();
+    let scheme = Scheme::Loop;
+    let how = Subdivision { scheme, levels: 3, limit: true, boundary, creases, corners };
+    let surface = subdivide(&control, how).expect("a surface");
+    println!("  {} triangles for {}", control.faces().len(), scan.faces().len());
+    for (what, mesh, points) in
+        [("scan to surface", &surface, points), ("surface to scan", &scan, surface.positions())]
+    {
+        let hits = TriangleTree::new(mesh).nearest_to_all(points).into_iter().flatten();
+        let mut distances = Vec::from_iter(hits.map(|hit| hit.distance_sq.sqrt()));
+        distances.sort_by(f64::total_cmp);
+        let part = |share: f64| distances[((distances.len() - 1) as f64 * share) as usize];
+        let [half, most, nearly, all] = [0.5, 0.95, 0.99, 1.0].map(part);
+        println!(
+            "  {what}: 50 % within {half:.3} mm, 95 % {most:.3}, 99 % {nearly:.3}, all {all:.3}"
+        );
+    }
+}
+
+/// Ten control points of a mesh of 6 000 quads follow a hand, four steps later.
+fn edit(table: &Table) {
+    for (scheme, sides) in [(Scheme::CatmullClark, 4), (Scheme::Loop, 3)] {
+        let mesh = torus(sides, if sides == 4 { 6_000 } else { 2_900 });
+        let (boundary, creases, corners) = Default::default();
+        let how = Subdivision { scheme, levels: 4, limit: false, boundary, creases, corners };
+        let plan = Plan::new(&mesh, how).expect("a surface");
+        let live = RefCell::new(plan.live(&mesh).expect("the plan's mesh"));
+        let changed = Vec::from_iter((100..110).map(|k| (k, mesh.positions()[k as usize])));
+        let name = format!("edit: {scheme:?}, 10 control points, 4 steps");
+        table.row(&name, None, 31, || live.borrow_mut().update(&changed));
+        let name = format!("edit: {scheme:?}, all of them");
+        table.row(&name, None, 31, || plan.apply(&mesh));
+    }
+}
+
+/// The rows that were asked for.
+struct Table {
+    words: Vec<String>,
+}
+
+impl Table {
+    fn has(&self, name: &str) -> bool {
+        self.words.is_empty() || self.words.iter().any(|word| name.contains(&**word))
+    }
+
+    /// Does some work once without a clock, to see how much memory it takes at most, and then so often.
+    fn row<T>(&self, name: &str, bar: Option<f64>, runs: usize, run: impl Fn() -> T) {
+        if !self.has(name) {
+            return;
+        }
+        let before = memory("VmRSS");
+        // Forgets the largest size of this process so far, on Linux.
+        let _ = std::fs::write("/proc/self/clear_refs", "5");
+        drop(black_box(run()));
+        let peak = memory("VmHWM") - before;
+        let mut times = Vec::from_iter((0..runs).map(|_| {
+            let start = Instant::now();
+            let result = black_box(run());
+            let time = 1e3 * start.elapsed().as_secs_f64();
+            drop(result);
+            time
+        }));
+        times.sort_by(f64::total_cmp);
+        let bar = bar.map_or(String::new(), |bar| bar.to_string());
+        let (median, least) = (times[runs / 2], times[0]);
+        println!("{name:44} {median:9.2} {least:9.2} {bar:>7} {peak:9.0}");
+    }
+}
+
+/// A size of this process, in MB; 0 where the system does not tell.
+fn memory(name: &str) -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'));
+    let kilobytes = line.and_then(|line| line.trim().split(' ').next()?.parse::<f64>().ok());
+    kilobytes.unwrap_or(0.0) / 1024.0
+}
+
+fn load(name: &str, sides: usize) -> Option<Mesh> {
+    let work = std::env::var_os("PEERS_WORK").map(PathBuf::from);
+    let folder = work.unwrap_or_else(|| std::env::temp_dir().join("peers")).join("data");
+    let positions: Vec<[f64; 3]> = open(&folder.join(format!("{name}_v.npy")))?;
+    let corners: Vec<u32> = open(&folder.join(format!("{name}_f.npy")))?;
+    let positions: Vec<Point3<f64>> = positions.into_iter().map(Point3::from).collect();
+    Mesh::new(positions, Faces::uniform(sides, corners).ok()?).ok()
+}
+
+/// The items of a file of NumPy, version 1, in C order.
+fn open<T: bytemuck::Pod>(path: &Path) -> Option<Vec<T>> {
+    let bytes = std::fs::read(path).ok()?;
+    let length = usize::from(u16::from_le_bytes([*bytes.get(8)?, *bytes.get(9)?]));
+    Some(bytemuck::pod_collect_to_vec(bytes.get(10 + length..)?))
+}
+
+/// A bumpy torus of some `count` vertices: quads, or twice as many triangles.
+fn torus(sides: usize, count: u32) -> Mesh {
+    let rows = (f64::from(count) / 2.0).sqrt() as u32;
+    let columns = count / rows;
+    let angle = |k: u32, n: u32| libm::sincos(std::f64::consts::TAU * f64::from(k) / f64::from(n));
+    let point = |k: u32| {
+        let ((s, c), (t, d)) = (angle(k / columns, rows), angle(k % columns, columns));
+        let bump = 1.0 + 0.01 * libm::sin(f64::from(k) * 1.7);
+        Point3::new((2.0 + c * bump) * d, (2.0 + c * bump) * t, s * bump)
+    };
+    let quad = |k: u32| {
+        let at = |i: u32, j: u32| i % rows * columns + j % columns;
+        let (i, j) = (k / columns, k % columns);
+        [at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)]
+    };
+    let quads = (0..rows * columns).map(quad);
+    let corners = match sides {
+        3 => quads.flat_map(|[a, b, c, d]| [a, b, c, a, c, d]).collect(),
+        _ => quads.flatten().collect::<Vec<u32>>(),
+    };
+    let positions: Vec<_> = (0..rows * columns).map(point).collect();
+    Mesh::new(positions, Faces::uniform(sides, corners).expect("whole faces")).expect("a torus")
+}

@@ -1,0 +1,37 @@
+//! The published iteration beside the same one with the vertices' own feet.
+
+use super::*;
+
+/// The counts of iterations to 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal.
+fn counts(mesh: &Mesh, foot: Foot) -> [u64; 4] {
+    let mut options = options(Solver::Plain, 1e-6);
+    options.how.foot = foot;
+    let found = found(mesh, Scheme::Loop, &options);
+    assert!(found.settled);
+    let diagonal = super::super::super::geometric::diagonal(mesh.positions());
+    [1e-3, 1e-4, 1e-5, 1e-6].map(|share| {
+        let steps = found.trace.steps();
+        steps.iter().find(|step| step.max <= share * diagonal).map_or(0, |step| step.iteration)
+    })
+}
+
+// T-INT-06: the reference counts, which were found on a mesh in the surface's place and with other noise.
+#[test]
+fn both_feet_need_as_many_iterations_as_their_reference() {
+    let (sphere, torus) = (bumpy(&sphere(2)), torus(24, 12, true));
+    for (name, mesh, by_vertex, closest) in [
+        ("bumpy sphere", sphere.clone(), [4, 11, 18, 25], [3, 8, 14, 20]),
+        ("bumpy sphere with noise", noisy(&sphere, 0.02), [6, 14, 21, 28], [6, 12, 19, 26]),
+        ("torus", torus.clone(), [1, 2, 3, 4], [1, 2, 3, 6]),
+        ("torus with noise", noisy(&torus, 0.02), [5, 11, 18, 26], [4, 9, 16, 23]),
+    ] {
+        for (foot, expected) in [(Foot::Vertex, by_vertex), (Foot::Closest, closest)] {
+            let counts = counts(&mesh, foot);
+            eprintln!("{name}, {foot:?}: {counts:?}, reference {expected:?}");
+            for (count, expected) in counts.into_iter().zip(expected) {
+                let allowed = (expected * 15 / 100).max(2);
+                assert!(count <= expected + allowed, "{name} {foot:?} {counts:?}");
+            }
+        }
+    }
+}
