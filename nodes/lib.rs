@@ -3,6 +3,7 @@
 use maquette::Pack;
 
 pub mod deform;
+pub mod fill;
 pub mod image;
 pub mod mesh;
 pub mod nurbs;
@@ -13,5 +14,12 @@ mod cholesky;
 mod laplace;
 
 /// All built-in packs, in pipeline order.
-pub const PACKS: &[Pack] =
-    &[image::PACK, range::PACK, nurbs::PACK, subdivision::PACK, deform::PACK, mesh::PACK];
+pub const PACKS: &[Pack] = &[
+    image::PACK,
+    range::PACK,
+    nurbs::PACK,
+    subdivision::PACK,
+    deform::PACK,
+    fill::PACK,
+    mesh::PACK,
+];

@@ -46,6 +46,7 @@ pub const FORMATS: &[Format] = &[
     format::<ply::RegionPly>(),
     format::<ply::RangePly>(),
     format::<ply::PointsPly>(),
+    format::<ply::HandlesPly>(),
     format::<ply::CurvePly>(),
     format::<ptx::RangePtx>(),
     format::<xyz::RangeXyz>(),

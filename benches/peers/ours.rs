@@ -17,6 +17,7 @@ use maquette::value::{
     ControlNet, Faces, Handle, HandleSpace, Handles, Image, KnotVector, Mesh, Points, Rgb, Surface,
 };
 use maquette_nodes::deform::{Deforming, Drag, ffd};
+use maquette_nodes::fill::{FillMethod, FillOptions, HoleChoice, fill_holes};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
 };
@@ -50,6 +51,14 @@ fn main() {
         "ffd-256" => deform(folder, 256, 1.0, 0.0),
         "ffd-near" => deform(folder, 64, NARROW, 5e-8),
         "ffd-drag" => drag(folder),
+        "fill" => {
+            let mesh = mesh(folder, "hole");
+            let options = FillOptions { holes: HoleChoice::All, method: FillMethod::ThinPlate };
+            let run = || fill_holes(&mesh, &options, &Progress::none()).expect("a hole");
+            // No border is left.
+            let open = |mesh: &Mesh| mesh.edges().faces.iter().filter(|&&faces| faces == 1).count();
+            serve(run, |filled| open(&filled.mesh) as f64);
+        }
         "read-pcd" => {
             let bytes = read(&folder.join("grid.pcd"));
             serve(|| pcd::read(&bytes).expect("a grid"), |range| range.n_valid() as f64);

@@ -33,7 +33,7 @@ DATA = WORK / "data"
 OUT = WORK / "out"
 THREADS = 2
 # Installed by name, in the version of the peers' requirements.txt where that names one.
-PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d"]
+PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d", "meshlib"]
 RUNS_OF_A_PROCESS = 4
 
 
@@ -294,6 +294,42 @@ def opensubdiv(scheme, part, large_pages=False):
     return open_peer
 
 
+def cgal_fill():
+    """A program that fills the hole for each line that comes in, as the others do."""
+    if not Path("/usr/include/CGAL/version.h").exists() or not Path("/usr/include/eigen3").exists():
+        raise ImportError("apt-get install libcgal-dev libeigen3-dev")
+    source, program, mesh = Path(__file__).with_name("cgal_fill.cpp"), WORK / "cgal_fill", DATA / "hole.txt"
+    if not program.exists() or program.stat().st_mtime < source.stat().st_mtime:
+        flags = ["-O3", "-march=native", "-DNDEBUG", "-DCGAL_EIGEN3_ENABLED", "-std=c++17", "-frounding-math", "-I/usr/include/eigen3"]
+        subprocess.run(["g++", *flags, source, "-o", program, "-lgmp", "-lmpfr"], check=True)
+    if not mesh.exists():
+        points, faces = load("hole_v"), load("hole_f")
+        rows = [f"{len(points)} {len(faces)}", *(" ".join(map(repr, map(float, p))) for p in points), *(" ".join(map(str, f)) for f in faces)]
+        mesh.write_text("\n".join(rows))
+    run = lambda: float(subprocess.run([program, mesh, DATA / "hole_out.txt", "1", "0"], check=True, capture_output=True, text=True).stdout)
+    peer = Peer("CGAL triangulate_refine_and_fair_hole", run)
+    peer.milliseconds = lambda result: result
+    return peer
+
+
+def meshlib_fill():
+    from meshlib import mrmeshnumpy, mrmeshpy
+
+    mesh = mrmeshnumpy.meshFromFacesVerts(load("hole_f"), load("hole_v"))
+
+    def run():
+        copy = mrmeshpy.Mesh(mesh)
+        settings = mrmeshpy.FillHoleNicelySettings()
+        settings.triangulateParams.metric = mrmeshpy.getUniversalMetric(copy)
+        settings.subdivideSettings.maxEdgeLen = 0.04
+        settings.subdivideSettings.maxEdgeSplits = 20000
+        settings.smoothCurvature = True
+        mrmeshpy.fillHoleNicely(copy, copy.topology.findHoleRepresentiveEdges()[0], settings)
+        return copy
+
+    return Peer("MeshLib fillHoleNicely", run)
+
+
 def python_pipeline(nurbs, mesh):
     def open_peer():
         import json
@@ -332,6 +368,7 @@ ROWS = [
     Row("ffd near, 64 handles, within 1e-7", "ffd-near", 15, [numpy_ffd(64, 1 / 3), numba_ffd(64, 1 / 3)]),
     Row("ffd drag of one of 64 handles", "ffd-drag", 10, [numpy_ffd(64, 1.0, True), numba_ffd(64, 1.0, True)]),
     Row("pipeline, 1.27 M faces, OBJ and PNG", PIPELINE, 250, [python_pipeline("splinepy", "pymeshlab")]),
+    Row("fill a hole of 948 vertices, thin plate", "fill", 10, [cgal_fill, meshlib_fill]),
     Row("read PCD, 640 x 480, binary", "read-pcd", 4, [open3d_pcd]),
     Row("read PLY, 1 M triangles, binary", "read-ply", 25, [trimesh_ply(False), meshio_ply(False), open3d_ply(False)]),
     Row("write PLY, 1 M triangles, with normals", "write-ply", 25, [trimesh_ply(True), meshio_ply(True), open3d_ply(True)]),

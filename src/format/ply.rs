@@ -19,7 +19,7 @@ mod points;
 mod range;
 mod write;
 
-pub(super) use points::{CurvePly, PointsPly, RangePly, RegionPly};
+pub(super) use points::{CurvePly, HandlesPly, PointsPly, RangePly, RegionPly};
 pub use range::read_range;
 pub use write::encode;
 pub(super) use write::{ControlNetPly, MeshPly};

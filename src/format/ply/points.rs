@@ -1,11 +1,11 @@
-//! Writes what has no faces: points, regions, range images and curves.
+//! Writes what has no faces: points, regions, range images, handles and curves.
 
 use super::no_faces;
 use super::write::encode;
 use crate::error::Error;
 use crate::format::rows::{floats, indices};
 use crate::pack::{FileFormat, NewFile};
-use crate::value::{Attribute, Curve, Mesh, Points, RangeImage, Region};
+use crate::value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
 
 /// Writes the points of a region.
 pub(in crate::format) struct RegionPly;
@@ -61,6 +61,24 @@ impl FileFormat for PointsPly {
     }
 }
 
+/// Writes the places of handles, in their own space, with their motions, deviations and weights.
+pub(in crate::format) struct HandlesPly;
+
+impl FileFormat for HandlesPly {
+    type Value = Handles;
+    const ENDING: &'static str = "ply";
+
+    fn write(handles: &Handles, name: &str) -> Result<Vec<NewFile>, Error> {
+        let places = handles.at().iter().zip(handles.to());
+        let motions: Vec<[f64; 3]> = places.map(|(at, to)| (to - at).into()).collect();
+        let mesh = Mesh::new(handles.at().to_vec(), no_faces())?
+            .with_vertex("motion", Attribute::Vector(motions.into()))?
+            .with_vertex("sigma", Attribute::Vector(handles.sigma().to_vec().into()))?
+            .with_vertex("weight", Attribute::Number(handles.weight().to_vec().into()))?;
+        Ok(NewFile::only(name, encode(&mesh)))
+    }
+}
+
 /// Writes a curve as a polyline: vertices and edges.
 pub(in crate::format) struct CurvePly;
 
@@ -95,6 +113,7 @@ mod tests {
 
     use super::*;
     use crate::format::ply::{read, read_points};
+    use crate::value::{Handle, HandleSpace};
 
     #[test]
     fn a_range_image_becomes_its_valid_points() {
@@ -117,6 +136,24 @@ mod tests {
         let points = points.with_attribute("weight", weights).unwrap();
         let bytes = PointsPly::write(&points, "a.ply").unwrap().remove(0).bytes;
         assert_eq!(read_points(&bytes).unwrap(), points);
+    }
+
+    #[test]
+    fn handles_become_points_with_their_motions() {
+        let handle = |x: f64, weight: f64| Handle {
+            at: [x, 2.0, 3.0],
+            to: Some([x + 0.5, 2.0, 3.0]),
+            sigma: Some([0.5, 0.25, 1.0]),
+            weight,
+        };
+        let handles = Handles::new(HandleSpace::World, &[handle(1.0, 1.0), handle(4.0, 2.0)]);
+        let bytes = HandlesPly::write(&handles.unwrap(), "a.ply").unwrap().remove(0).bytes;
+        let points = read_points(&bytes).unwrap();
+        assert_eq!(points.positions()[..], [Point3::new(1., 2., 3.), Point3::new(4., 2., 3.)]);
+        let attributes = points.attributes();
+        assert_eq!(attributes.vectors("motion").unwrap()[..], [[0.5, 0.0, 0.0]; 2]);
+        assert_eq!(attributes.vectors("sigma").unwrap()[..], [[0.5, 0.25, 1.0]; 2]);
+        assert_eq!(attributes.get("weight"), Some(&Attribute::Number(vec![1.0, 2.0].into())));
     }
 
     #[test]

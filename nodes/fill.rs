@@ -1,0 +1,37 @@
+//! Nodes that close the holes of surfaces.
+
+use maquette::{Pack, node};
+
+mod border;
+mod carry;
+mod charts;
+mod clashes;
+mod creases;
+mod density;
+mod exemplar;
+mod fairing;
+mod fill_holes;
+mod filling;
+mod holes;
+mod intersections;
+mod large_hole;
+mod method;
+mod patch;
+mod plain;
+mod regions;
+mod rim;
+#[cfg(test)]
+mod shapes;
+#[cfg(test)]
+mod tests;
+mod triangulation;
+
+pub use exemplar::{ExemplarOptions, Falloff, Start, Update};
+pub use fill_holes::{FillError, FillHoles, FillOptions, Filled, fill_holes};
+pub use holes::HoleChoice;
+pub use method::FillMethod;
+pub use regions::{HoleRegion, NoMarks};
+
+/// Nodes that close the holes of surfaces.
+pub const PACK: Pack =
+    Pack { name: "fill", nodes: &[node::<FillHoles>()], values: &[], formats: &[] };

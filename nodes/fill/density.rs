@@ -1,0 +1,221 @@
+//! Brings the triangles of a patch to a wanted size: edges are split, collapsed and flipped, and vertices slide into the middle.
+//!
+//! Botsch and Kobbelt, "A remeshing approach to multiresolution modeling" (2004), section 4, except that edges are flipped where the
+//! angles opposite to them add up to more than two right ones.
+
+use maquette::{Cancelled, Progress};
+use nalgebra::{Point3, Vector3};
+
+use super::patch::{NONE, Patch, area_vector, next, previous};
+
+/// An edge longer than this many times its target is split. Both halves are longer than [`SHORT`] targets up to 1.6, so that
+/// splitting and collapsing do not alternate.
+const LONG: f64 = 4.0 / 3.0;
+
+/// An edge shorter than this many times its target is collapsed.
+const SHORT: f64 = 0.8;
+
+/// Passes over all edges; four or five are the rule.
+const MOST_PASSES: usize = 20;
+
+/// Least cosine of the angle by which a face may turn when an edge collapses: 75 degrees.
+const LEAST_COSINE: f64 = 0.25881904510252074;
+
+/// Flips of one pass, for each edge: in a plane all edges together need fewer than the square of their number, and about one.
+const MOST_FLIPS: usize = 10;
+
+/// Brings the edges of `patch` near `target`, which is asked at each vertex once: at the rim, and where an edge is split.
+///
+/// # Errors
+/// If the evaluation is told to stop.
+pub(super) fn refine(
+    patch: &mut Patch,
+    target: impl Fn(Point3<f64>) -> f64,
+    progress: &Progress<'_>,
+) -> Result<(), Cancelled> {
+    let mut sizes: Vec<f64> = patch.points.iter().map(|&point| target(point)).collect();
+    for _ in 0..MOST_PASSES {
+        progress.check()?;
+        let split = split_long(patch, &mut sizes, &target);
+        flip_all(patch);
+        let collapsed = collapse_short(patch, &sizes);
+        if collapsed > 0 {
+            flip_all(patch);
+        }
+        relax(patch);
+        if split + collapsed == 0 {
+            break;
+        }
+    }
+    flip_all(patch);
+    Ok(())
+}
+
+fn wanted(patch: &Patch, sizes: &[f64], half: u32) -> f64 {
+    let [a, b] = patch.ends(half);
+    (sizes[a as usize] + sizes[b as usize]) / 2.0
+}
+
+/// Splits the edges that are too long, the longest first.
+fn split_long(
+    patch: &mut Patch,
+    sizes: &mut Vec<f64>,
+    target: &impl Fn(Point3<f64>) -> f64,
+) -> usize {
+    let excess = |half: u32| patch.length(half) / wanted(patch, sizes, half);
+    let mut long: Vec<(f64, u32)> = patch
+        .inner_edges()
+        .map(|half| (excess(half), half))
+        .filter(|(excess, _)| *excess > LONG)
+        .collect();
+    long.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let mut count = 0;
+    for (excess, half) in long {
+        // A split nearby may have given this half-edge to another edge.
+        let twin = patch.twins[half as usize];
+        if twin == NONE || patch.length(half) < excess * wanted(patch, sizes, half) * 0.999 {
+            continue;
+        }
+        let [a, b] = patch.ends(half).map(|vertex| patch.points[vertex as usize]);
+        let middle = nalgebra::center(&a, &b);
+        patch.split(half, middle);
+        sizes.push(target(middle));
+        count += 1;
+    }
+    count
+}
+
+/// Flips edges until none is left that should be.
+pub(super) fn flip_all(patch: &mut Patch) {
+    let mut queue: Vec<u32> = patch.inner_edges().collect();
+    queue.reverse();
+    let mut left = MOST_FLIPS * queue.len();
+    while let Some(half) = queue.pop() {
+        if left == 0 {
+            return;
+        }
+        if !patch.is_alive(half) || !should_flip(patch, half) {
+            continue;
+        }
+        patch.flip(half);
+        left -= 1;
+        let (f, g) = (half / 3 * 3, patch.twins[half as usize / 3 * 3 + 1] / 3 * 3);
+        queue.extend([f, f + 2, g, g + 1]);
+    }
+}
+
+fn should_flip(patch: &Patch, half: u32) -> bool {
+    let twin = patch.twins[half as usize];
+    if twin == NONE {
+        return false;
+    }
+    let [a, b] = patch.ends(half);
+    let c = patch.corners[previous(half) as usize];
+    let d = patch.corners[previous(twin) as usize];
+    if c == d || (patch.is_rim(c) && patch.is_rim(d)) {
+        return false;
+    }
+    let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| patch.points[vertex as usize]);
+    let cotangent = |at: Point3<f64>| {
+        let [u, v] = [pa - at, pb - at];
+        u.dot(&v) / u.cross(&v).norm().max(f64::MIN_POSITIVE)
+    };
+    // The angles add up to more than two right ones if their cotangents are less than nothing.
+    if cotangent(pc) + cotangent(pd) >= -1e-9 {
+        return false;
+    }
+    let old = area_vector([pa, pb, pc]) + area_vector([pb, pa, pd]);
+    let new = [area_vector([pa, pd, pc]), area_vector([pd, pb, pc])];
+    if new.iter().any(|area| area.dot(&old) <= 0.0) {
+        return false;
+    }
+    // Neither is an edge made twice, nor a vertex left with two faces.
+    let inner = if patch.is_rim(c) { d } else { c };
+    let other = if inner == c { d } else { c };
+    !patch.around(inner).any(|half| patch.ends(half)[1] == other)
+}
+
+/// Collapses the edges that are too short, the shortest first.
+fn collapse_short(patch: &mut Patch, sizes: &[f64]) -> usize {
+    let share = |patch: &Patch, half: u32| patch.length(half) / wanted(patch, sizes, half);
+    let mut short: Vec<(f64, u32)> = patch
+        .inner_edges()
+        .map(|half| (share(patch, half), half))
+        .filter(|(share, _)| *share < SHORT)
+        .collect();
+    short.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut count = 0;
+    for (_, half) in short {
+        if !patch.is_alive(half)
+            || patch.twins[half as usize] == NONE
+            || share(patch, half) >= SHORT
+        {
+            continue;
+        }
+        let twin = patch.twins[half as usize];
+        count += usize::from(collapse(patch, sizes, half) || collapse(patch, sizes, twin));
+    }
+    count
+}
+
+/// Collapses an edge into its middle, or into the rim if it ends there, unless that would spoil the surface.
+fn collapse(patch: &mut Patch, sizes: &[f64], half: u32) -> bool {
+    if !patch.may_collapse(half) {
+        return false;
+    }
+    let [v, u] = patch.ends(half);
+    let [pv, pu] = [v, u].map(|vertex| patch.points[vertex as usize]);
+    let place = if patch.is_rim(u) { pu } else { nalgebra::center(&pv, &pu) };
+    let keeps = |at: u32, other: u32| {
+        patch.around(at).all(|half| {
+            let [b, c] = [next(half), previous(half)].map(|half| patch.corners[half as usize]);
+            if b == other || c == other {
+                return true;
+            }
+            let [pa, pb, pc] = [at, b, c].map(|vertex| patch.points[vertex as usize]);
+            let (old, new) = (area_vector([pa, pb, pc]), area_vector([place, pb, pc]));
+            let long = LONG * (sizes[b as usize] + sizes[u as usize]) / 2.0;
+            old.dot(&new) > LEAST_COSINE * old.norm() * new.norm() && (pb - place).norm() <= long
+        })
+    };
+    if !keeps(v, u) || !(patch.is_rim(u) || keeps(u, v)) {
+        return false;
+    }
+    patch.points[u as usize] = place;
+    patch.collapse(half);
+    true
+}
+
+/// How far a vertex goes towards the middle of its faces in one pass; more makes neighbors swing.
+const SLIDE: f64 = 0.6;
+
+/// Slides each inner vertex along the surface to the middle of the faces around, weighed by their areas.
+pub(super) fn relax(patch: &mut Patch) {
+    for vertex in patch.fixed as u32..patch.points.len() as u32 {
+        if patch.leaving[vertex as usize] == NONE {
+            continue;
+        }
+        let at = patch.points[vertex as usize];
+        let (mut normal, mut middle, mut weight) = (Vector3::zeros(), Vector3::zeros(), 0.0);
+        for half in patch.around(vertex) {
+            let [b, c] = [next(half), previous(half)]
+                .map(|half| patch.points[patch.corners[half as usize] as usize]);
+            let area = area_vector([at, b, c]);
+            let size = area.norm();
+            normal += area;
+            middle += ((b - at) + (c - at)) * (size / 3.0);
+            weight += size;
+        }
+        let Some(normal) = normal.try_normalize(0.0).filter(|_| weight > 0.0) else { continue };
+        let step = middle * (SLIDE * 1.5 / weight);
+        let place = at + (step - normal * normal.dot(&step));
+        let keeps = patch.around(vertex).all(|half| {
+            let [b, c] = [next(half), previous(half)]
+                .map(|half| patch.points[patch.corners[half as usize] as usize]);
+            area_vector([place, b, c]).dot(&normal) > 0.0
+        });
+        if keeps {
+            patch.points[vertex as usize] = place;
+        }
+    }
+}

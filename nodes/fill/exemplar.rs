@@ -1,0 +1,259 @@
+//! Completes a surface with shapes that are found elsewhere on it.
+//!
+//! Kawai, Sato and Yokoya, "Surface completion by minimizing energy based on similarity of shape" (2008): the missing part moves
+//! until each patch of it is as like as possible to some patch of the data, on levels from coarse to fine. The vertices themselves
+//! stay as dense as the data: on coarse levels some of them move, far enough apart, and the others follow as a thin plate.
+//!
+//! [`Update::Exact`] goes beyond the publication where that made filled surfaces better on every one of many cases:
+//! - An exemplar is laid against a patch by the best small shift and tilt, not by the frames alone, which one rough triangle turns.
+//! - The normal of a frame is the mean over a part of the patch.
+//! - A thin plate at the start counts as an estimate of its own, as good as thin plates are where the data are known: a vertex
+//!   moves to the mean of both, weighed by their certainty. Where no exemplar fits, the plate stays.
+//! - Last, each vertex gets the fine detail of its exemplar, made as rough as the data around the hole: the mean of many patches is
+//!   smoother than each of them, and the best match of a smooth patch is a smooth one.
+
+use maquette::value::TraceStep;
+use maquette::{Cancelled, Progress};
+use nalgebra::{Point3, Vector3};
+
+use super::filling::Filling;
+use exemplars::{Exemplars, REACH, Source};
+use hole::{Hole, SAMPLES};
+use level::{Guide, Level, Outcome, Whole};
+use patches::Scale;
+use search::Turns;
+use surface::{NONE, Surface};
+
+mod compare;
+mod descriptor;
+mod detail;
+mod exemplars;
+mod frame;
+mod heights;
+mod hole;
+mod kd_tree;
+mod level;
+mod lists;
+mod options;
+mod patches;
+mod search;
+mod smoothness;
+mod spread;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod votes;
+
+pub use options::{ExemplarOptions, Falloff, Start, Update};
+pub(super) use votes::Votes;
+
+/// How a completion went.
+pub(super) struct Completed {
+    /// The iterations that were better than all before them on their level: `rms` is the root of the energy, `max` the root of the
+    /// largest mean square of a patch's distances, both in mm. They compare within a level alone.
+    pub(super) trace: Vec<TraceStep>,
+    /// The data vertex that each filled vertex copies; [`u32::MAX`] if none.
+    pub(super) exemplar: Vec<u32>,
+    /// What else has a say about each filled vertex.
+    pub(super) votes: Votes,
+    /// Whether no part of the data can be an exemplar; the start is left as it is then.
+    pub(super) no_exemplar: bool,
+}
+
+/// The part of a patch's radius within which normals are averaged for its frame. Less lets a single rough triangle turn the frame,
+/// more makes frames of curved places late.
+const HOOD: f64 = 0.4;
+
+/// With fewer exemplars a level says nothing.
+const FEWEST: usize = 32;
+
+/// Samples along a patch's radius, at most: some 200 in all, whatever distance is wished.
+const MOST_SAMPLES: f64 = 8.0;
+
+/// Samples are chosen among vertices if they are to be so many edges apart.
+const SPARSE: f64 = 1.3;
+
+/// Moves the filled vertices of `filling`, which is triangulated as finely as its data and has the positions of the start, to where
+/// exemplars say. `allowed` marks the data vertices around which exemplars may be; all, if left out.
+///
+/// # Errors
+/// If the evaluation is told to stop.
+pub(super) fn complete(
+    filling: &mut Filling,
+    options: &ExemplarOptions,
+    allowed: Option<&[bool]>,
+    progress: &Progress<'_>,
+) -> Result<Completed, Cancelled> {
+    let Filling { points, faces, data, kept } = filling;
+    let (data, count) = (*data, points.len());
+    let surface = Surface::new(count, faces);
+    let mut completed = Completed {
+        trace: vec![],
+        exemplar: vec![NONE; count - data],
+        votes: Votes::none(count - data),
+        no_exemplar: true,
+    };
+    let Some(hole) = Hole::new(&surface, points, data) else { return Ok(completed) };
+    let mut radii = hole.radii(options, &points[..data]);
+    let mut completion = Completion {
+        surface: &surface,
+        data,
+        kept: *kept,
+        options,
+        allowed,
+        distances: distances(&surface, points, data, (2.5 * radii[0]).max(hole.width)),
+        turns: Turns::new(options.rotations, options.mirror),
+        areas: (0..count as u32).map(|vertex| surface.area(points, vertex)).collect(),
+        hole,
+        guides: Vec::new(),
+    };
+    let (mut level, mut done) = (0, 0);
+    while level < radii.len() {
+        progress.tick(level as f64 / radii.len() as f64)?;
+        let size = completion.size(radii[level], level);
+        let exemplars = completion.exemplars(&size, points, progress)?;
+        let smaller = radii[0] / 2.0;
+        if exemplars.len() < FEWEST {
+            let chosen = options.radii.is_empty() && smaller.is_finite();
+            let retry = level == 0 && radii.len() > 1 && chosen;
+            if retry {
+                radii = completion.hole.spaced(smaller, radii.len());
+            } else {
+                level += 1;
+            }
+            continue;
+        }
+        let last = level + 1 == radii.len();
+        let outcome = completion.level(&size, &exemplars, points, level, last, progress)?;
+        for (iteration, energy) in &outcome.kept {
+            let (max, rms) = (energy.most.sqrt(), energy.mean.sqrt());
+            completed.trace.push(TraceStep { iteration: done + iteration, max, rms });
+        }
+        done += outcome.iterations + 1;
+        completed.no_exemplar &= outcome.guides.is_empty();
+        if last {
+            completed.votes = {
+                let turns = &completion.turns;
+                Votes::new(&outcome, &exemplars, turns, &surface, points, data)
+            };
+        }
+        completion.guides = outcome.guides;
+        level += 1;
+    }
+    for guide in &completion.guides {
+        if let Some(own) = completed.exemplar.get_mut((guide.vertex as usize).wrapping_sub(data)) {
+            *own = guide.from();
+        }
+    }
+    Ok(completed)
+}
+
+/// How far each data vertex is from the nearest missing one; infinite if farther than `most`.
+fn distances(surface: &Surface<'_>, points: &[Point3<f64>], data: usize, most: f64) -> Vec<f64> {
+    let nearest = surface.nearest(points, data as u32..points.len() as u32, most);
+    let distance = |vertex: usize| match nearest[vertex] {
+        NONE => f64::INFINITY,
+        missing => (points[vertex] - points[missing as usize]).norm(),
+    };
+    (0..data).map(distance).collect()
+}
+
+/// What a completion works with on all levels.
+struct Completion<'a> {
+    surface: &'a Surface<'a>,
+    data: usize,
+    kept: usize,
+    options: &'a ExemplarOptions,
+    allowed: Option<&'a [bool]>,
+    hole: Hole,
+    distances: Vec<f64>,
+    turns: Turns,
+    /// Twice the sum of the area vectors of the faces around each vertex.
+    areas: Vec<Vector3<f64>>,
+    /// The matches of the level before.
+    guides: Vec<Guide>,
+}
+
+/// The lengths of a level.
+struct Size {
+    radius: f64,
+    /// The distance between samples.
+    sample: f64,
+    hood: f64,
+    sparse: bool,
+}
+
+impl Completion<'_> {
+    fn is_published(&self) -> bool {
+        self.options.update == Update::Published
+    }
+
+    fn size(&self, radius: f64, level: usize) -> Size {
+        let edge = self.hole.edge;
+        let given = self.options.edges.get(level).copied().filter(|&edge| edge > 0.0);
+        let sample = given.unwrap_or(edge.max(radius / SAMPLES)).max(radius / MOST_SAMPLES);
+        let hood = if self.is_published() { 0.0 } else { HOOD * radius };
+        Size { radius, sample, hood, sparse: sample > SPARSE * edge }
+    }
+
+    fn exemplars(
+        &self,
+        size: &Size,
+        points: &[Point3<f64>],
+        progress: &Progress<'_>,
+    ) -> Result<Exemplars, Cancelled> {
+        let published = self.is_published();
+        let source = Source {
+            surface: self.surface,
+            points,
+            areas: &self.areas,
+            data: self.data,
+            kept: self.kept,
+            up: self.options.up.into(),
+            radius: size.radius,
+            hood: size.hood,
+            apart: if size.sparse { 0.5 * size.sample } else { 0.0 },
+            cut: published,
+        };
+        let reach = if published { size.radius } else { REACH * size.radius };
+        let may = |vertex: u32| {
+            let open = self.allowed.is_none_or(|allowed| allowed[vertex as usize]);
+            open && reach < self.distances[vertex as usize]
+                && !self.surface.around(vertex).is_empty()
+        };
+        Exemplars::new(&source, may, progress)
+    }
+
+    fn level(
+        &mut self,
+        size: &Size,
+        exemplars: &Exemplars,
+        points: &mut [Point3<f64>],
+        number: usize,
+        last: bool,
+        progress: &Progress<'_>,
+    ) -> Result<Outcome, Cancelled> {
+        let whole = Whole {
+            surface: self.surface,
+            data: self.data,
+            options: self.options,
+            turns: &self.turns,
+            hole: &self.hole,
+            distances: &self.distances,
+        };
+        let knows = self.options.start == Start::ThinPlate && !self.is_published();
+        let doubt = if knows { smoothness::plate_error(exemplars) } else { f64::INFINITY };
+        let spacing = if size.sparse { 0.85 * size.sample } else { 0.0 };
+        let scale = Scale { radius: size.radius, spacing, hood: size.hood };
+        let number = number as u64;
+        let level = Level { whole: &whole, scale, number, edge: size.sample, doubt, exemplars };
+        let outcome = level.run(points, &mut self.areas, &self.guides, progress)?;
+        let moved = last && self.options.iterations > 0 && !outcome.is_exact(size.radius);
+        if moved && !self.is_published() {
+            let around = |vertex: u32| self.distances[vertex as usize] <= self.hole.width;
+            let around = (0..self.data as u32).filter(|&vertex| around(vertex)).collect();
+            detail::add_detail(self.surface, points, exemplars, &outcome, around);
+        }
+        Ok(outcome)
+    }
+}

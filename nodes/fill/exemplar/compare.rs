@@ -1,0 +1,184 @@
+//! How like an exemplar a patch is.
+
+use super::frame::Turn;
+use super::heights::Sample;
+
+/// A plane under a patch, in the patch's frame: a height at the middle, and what is added per radius along `x` and `y`.
+pub(super) type Plane = [f64; 3];
+
+/// The samples of a patch, and what it takes to lay an exemplar against them.
+#[derive(Default)]
+pub(super) struct Patch {
+    pub(super) samples: Vec<Sample>,
+    /// The samples' places in radii.
+    places: Vec<[f64; 2]>,
+    radius: f64,
+    /// Where a comparison looks whether it is lost already, and the planes through so many samples.
+    stages: [(usize, Planes); STAGES],
+}
+
+/// Parts of a comparison.
+const STAGES: usize = 3;
+
+/// An exemplar that lies against a patch as well as it can.
+pub(super) struct Lie {
+    /// The distances of the samples along their normals; NaN where the exemplar has nothing.
+    pub(super) distances: Vec<f64>,
+    /// What is to be taken from them.
+    pub(super) plane: Plane,
+}
+
+impl Patch {
+    /// Makes ready for comparisons of the samples that were put in. If `moves`, an exemplar is moved and tilted a little to where it
+    /// fits best; else it stays where its frame puts it.
+    pub(super) fn prepare(&mut self, radius: f64, moves: bool) {
+        self.radius = radius;
+        self.places.clear();
+        self.places.extend(self.samples.iter().map(|sample| sample.at.map(|x| x / radius)));
+        let count = self.samples.len();
+        for stage in 0..STAGES {
+            let end = count * (stage + 1) / STAGES;
+            let planes = if moves { Planes::of(self.places[..end].iter()) } else { Planes::NONE };
+            self.stages[stage] = (end, planes);
+        }
+    }
+
+    /// The mean of the squared distances from the samples along their normals to an exemplar's heights: Kawai, Sato and Yokoya
+    /// (2008), equation 2, for the best plane between both. Infinite if it is over `most`, or if the exemplar has nothing under
+    /// many samples.
+    #[inline]
+    pub(super) fn compare(&self, heights: &[f32], step: f64, turn: &Turn, most: f64) -> f64 {
+        let count = self.samples.len();
+        let limit = most * count as f64;
+        let mut sums = Sums::default();
+        let mut start = 0;
+        for (end, planes) in &self.stages {
+            for (sample, place) in self.samples[start..*end].iter().zip(&self.places[start..*end]) {
+                sums.add(self.distance(sample, heights, step, turn), *place);
+            }
+            start = *end;
+            if sums.missing == 0 && sums.squares - planes.gain(sums.moments) > limit {
+                return f64::INFINITY;
+            }
+        }
+        // At least seven of ten samples.
+        let met = count - sums.missing;
+        if met == 0 || 10 * met < 7 * count {
+            return f64::INFINITY;
+        }
+        let gain = if sums.missing == 0 {
+            self.stages[STAGES - 1].1.gain(sums.moments)
+        } else {
+            self.planes_met(heights, step, turn).gain(sums.moments)
+        };
+        let mean = (sums.squares - gain).max(0.0) / met as f64;
+        if mean <= most { mean } else { f64::INFINITY }
+    }
+
+    /// How an exemplar lies.
+    pub(super) fn lay(&self, heights: &[f32], step: f64, turn: &Turn) -> Lie {
+        let distance = |sample: &Sample| self.distance(sample, heights, step, turn);
+        let distances: Vec<f64> = self.samples.iter().map(distance).collect();
+        let mut sums = Sums::default();
+        distances
+            .iter()
+            .zip(&self.places)
+            .for_each(|(&distance, &place)| sums.add(distance, place));
+        let planes = self.planes_met(heights, step, turn);
+        Lie { distances, plane: planes.solve(sums.moments) }
+    }
+
+    /// How far an exemplar is from a sample; NaN if there is none within the patch's radius.
+    #[inline(always)]
+    fn distance(&self, sample: &Sample, heights: &[f32], step: f64, turn: &Turn) -> f64 {
+        let distance = sample.turned(step, |place| turn.apply(place)).distance(heights);
+        if distance.abs() <= self.radius { distance } else { f64::NAN }
+    }
+
+    /// The plane's value at a sample.
+    pub(super) fn at(&self, plane: &Plane, sample: usize) -> f64 {
+        let [u, v] = self.places[sample];
+        plane[0] + plane[1] * u + plane[2] * v
+    }
+
+    /// The planes through those samples under which an exemplar has something.
+    fn planes_met(&self, heights: &[f32], step: f64, turn: &Turn) -> Planes {
+        if !self.stages[STAGES - 1].1.moves {
+            return Planes::NONE;
+        }
+        let each = self.samples.iter().zip(&self.places);
+        let met = each.filter(|(sample, _)| !self.distance(sample, heights, step, turn).is_nan());
+        Planes::of(met.map(|(_, place)| place))
+    }
+}
+
+#[derive(Default)]
+struct Sums {
+    squares: f64,
+    moments: [f64; 3],
+    missing: usize,
+}
+
+impl Sums {
+    #[inline(always)]
+    fn add(&mut self, distance: f64, [u, v]: [f64; 2]) {
+        if distance.is_nan() {
+            self.missing += 1;
+            return;
+        }
+        self.squares += distance * distance;
+        self.moments[0] += distance;
+        self.moments[1] += distance * u;
+        self.moments[2] += distance * v;
+    }
+}
+
+/// The inverse of the normal equations of the planes through some places: the upper half, row by row.
+#[derive(Clone, Copy, Default)]
+struct Planes {
+    inverse: [f64; 6],
+    moves: bool,
+}
+
+/// Below this determinant, relative to the product of the diagonal, places are nearly on a line.
+const LEAST_DETERMINANT: f64 = 1e-3;
+
+impl Planes {
+    const NONE: Self = Self { inverse: [0.0; 6], moves: false };
+
+    fn of<'a>(places: impl Iterator<Item = &'a [f64; 2]>) -> Self {
+        let (mut n, mut x, mut y) = (0.0, 0.0, 0.0);
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for &[u, v] in places {
+            n += 1.0;
+            x += u;
+            y += v;
+            xx += u * u;
+            xy += u * v;
+            yy += v * v;
+        }
+        let [a, b, c] = [xx * yy - xy * xy, xy * y - x * yy, x * xy - xx * y];
+        let determinant = n * a + x * b + y * c;
+        let spans = determinant > LEAST_DETERMINANT * n * xx * yy;
+        let inverse = match spans {
+            true => [a, b, c, n * yy - y * y, x * y - n * xy, n * xx - x * x]
+                .map(|minor| minor / determinant),
+            false => [0.0; 6],
+        };
+        Self { inverse, moves: true }
+    }
+
+    /// The plane that is nearest to values with these moments.
+    #[inline(always)]
+    fn solve(&self, [p, q, r]: [f64; 3]) -> Plane {
+        let [a, b, c, d, e, f] = self.inverse;
+        [a * p + b * q + c * r, b * p + d * q + e * r, c * p + e * q + f * r]
+    }
+
+    /// How much less the sum of squares is without that plane.
+    #[inline(always)]
+    fn gain(&self, moments: [f64; 3]) -> f64 {
+        let plane = self.solve(moments);
+        plane[0] * moments[0] + plane[1] * moments[1] + plane[2] * moments[2]
+    }
+}

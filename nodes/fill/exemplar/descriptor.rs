@@ -1,0 +1,145 @@
+//! A surface of heights in few numbers: those that differ most among many surfaces.
+
+use nalgebra::{DMatrix, SymmetricEigen};
+use rayon::prelude::*;
+
+use super::frame::Turn;
+use super::heights::height_at;
+
+/// Angles at which heights are taken on each ring.
+const ANGLES: usize = 16;
+
+/// Rings, the outermost at the patch's radius.
+const RINGS: usize = 5;
+
+/// Heights taken.
+const COUNT: usize = RINGS * ANGLES;
+
+/// Numbers that are kept of them.
+pub(super) const KEPT: usize = 16;
+
+/// Heights over rings around the middle.
+pub(super) type Rings = [f32; COUNT];
+
+/// What is kept of them.
+pub(super) type Descriptor = [f32; KEPT];
+
+/// Where the heights of rings are taken.
+pub(super) struct Polar {
+    places: Vec<[f64; 2]>,
+    level: bool,
+}
+
+impl Polar {
+    /// For patches of `radius` on lattices of this step. If `level`, a height and a tilt of the whole do not count.
+    pub(super) fn new(radius: f64, step: f64, level: bool) -> Self {
+        let place = |k: usize| {
+            let share = (k / ANGLES + 1) as f64 / RINGS as f64;
+            let angle = std::f64::consts::TAU * (k % ANGLES) as f64 / ANGLES as f64;
+            let (sine, cosine) = libm::sincos(angle);
+            [cosine, sine].map(|x| x * share * radius / step)
+        };
+        Self { places: (0..COUNT).map(place).collect(), level }
+    }
+
+    /// The heights of a surface, turned; where it has none, that of the ring inside.
+    pub(super) fn rings(&self, heights: &[f32], turn: &Turn) -> Rings {
+        let mut rings = [0.0; COUNT];
+        for (k, &place) in self.places.iter().enumerate() {
+            let height = height_at(heights, turn.apply(place)) as f32;
+            rings[k] = match height.is_finite() {
+                true => height,
+                false if k < ANGLES => 0.0,
+                false => rings[k - ANGLES],
+            };
+        }
+        if self.level {
+            self.flatten(&mut rings);
+        }
+        rings
+    }
+
+    /// Takes the plane away that is nearest to the heights.
+    fn flatten(&self, rings: &mut Rings) {
+        let directions = self.places.iter().zip(rings.iter());
+        let (mut mean, mut tilt, mut size) = (0.0, [0.0; 2], 0.0);
+        for (&[x, y], &height) in directions {
+            let height = f64::from(height);
+            mean += height / COUNT as f64;
+            tilt = [tilt[0] + height * x, tilt[1] + height * y];
+            size += (x * x + y * y) / 2.0;
+        }
+        for (&[x, y], height) in self.places.iter().zip(rings.iter_mut()) {
+            *height -= (mean + (tilt[0] * x + tilt[1] * y) / size) as f32;
+        }
+    }
+}
+
+/// A projection to the directions in which rings differ most.
+pub(super) struct Basis {
+    mean: Rings,
+    rows: Vec<Rings>,
+}
+
+/// Rings from which the directions are found; more change them little.
+const MOST: usize = 1024;
+
+impl Basis {
+    /// The principal components of some rings.
+    pub(super) fn new(all: &[Rings]) -> Self {
+        let every = all.len().div_ceil(MOST).max(1);
+        let some: Vec<&Rings> = all.iter().step_by(every).collect();
+        let mut mean = [0.0_f64; COUNT];
+        for rings in &some {
+            mean.iter_mut().zip(*rings).for_each(|(sum, &x)| *sum += f64::from(x));
+        }
+        let mean = mean.map(|sum| sum / some.len().max(1) as f64);
+        let centered: Vec<Vec<f64>> = (some.iter())
+            .map(|rings| rings.iter().zip(&mean).map(|(&x, mean)| f64::from(x) - mean).collect())
+            .collect();
+        let mut spread = DMatrix::zeros(COUNT, COUNT);
+        let columns: Vec<Vec<f64>> = (0..COUNT)
+            .into_par_iter()
+            .map(|column| {
+                let mut sums = vec![0.0; column + 1];
+                for rings in &centered {
+                    let own = rings[column];
+                    sums.iter_mut().zip(rings).for_each(|(sum, x)| *sum += x * own);
+                }
+                sums
+            })
+            .collect();
+        for (column, sums) in columns.iter().enumerate() {
+            for (row, &sum) in sums.iter().enumerate() {
+                spread[(row, column)] = sum;
+                spread[(column, row)] = sum;
+            }
+        }
+        if spread.iter().any(|entry: &f64| !entry.is_finite()) {
+            // Heights out of all bounds: then descriptors say nothing.
+            spread.fill(0.0);
+        }
+        let eigen = SymmetricEigen::new(spread);
+        let mut order: Vec<usize> = (0..COUNT).collect();
+        order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+        let row = |&k: &usize| std::array::from_fn(|i| eigen.eigenvectors[(i, k)] as f32);
+        Self { mean: mean.map(|x| x as f32), rows: order[..KEPT].iter().map(row).collect() }
+    }
+
+    /// What is kept of rings.
+    pub(super) fn project(&self, rings: &Rings) -> Descriptor {
+        let centered: Rings = std::array::from_fn(|k| rings[k] - self.mean[k]);
+        std::array::from_fn(|k| dot(&self.rows[k], &centered))
+    }
+}
+
+/// Eight sums at a time, which the compiler makes a vector of.
+fn dot(a: &Rings, b: &Rings) -> f32 {
+    let mut sums = [0.0_f32; 8];
+    for (a, b) in a.chunks_exact(8).zip(b.chunks_exact(8)) {
+        for k in 0..8 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    sums.iter().sum()
+}

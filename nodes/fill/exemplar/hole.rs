@@ -1,0 +1,119 @@
+//! The size of what is missing, and the sizes of patches that suit it.
+
+use nalgebra::Point3;
+
+use super::ExemplarOptions;
+use super::surface::Surface;
+
+/// What is missing, and how far it is from everywhere.
+pub(super) struct Hole {
+    /// The vertex of the rim that is nearest to each vertex.
+    pub(super) rim: Vec<u32>,
+    /// For each missing vertex how far its hole reaches from the rim.
+    pub(super) widths: Vec<f64>,
+    /// The farthest that a hole reaches from its rim.
+    pub(super) width: f64,
+    /// The mean length of the data's edges at the rim.
+    pub(super) edge: f64,
+}
+
+impl Hole {
+    /// The vertices from `data` on. None if there are none, or nothing is around them.
+    pub(super) fn new(surface: &Surface<'_>, points: &[Point3<f64>], data: usize) -> Option<Self> {
+        let missing = data as u32..points.len() as u32;
+        let mut border: Vec<u32> = missing
+            .flat_map(|vertex| surface.ring(vertex))
+            .copied()
+            .filter(|&vertex| (vertex as usize) < data)
+            .collect();
+        border.sort_unstable();
+        border.dedup();
+        let edge = mean_edge(surface, points, &border, data as u32)?;
+        let rim = surface.nearest(points, border.iter().copied(), f64::INFINITY);
+        let widths = widths(surface, points, &rim, data);
+        let width = widths.iter().copied().fold(0.0, f64::max);
+        Some(Self { rim, widths, width, edge })
+    }
+
+    /// The radius of a patch that sees the vertices it is made of.
+    pub(super) fn smallest(&self) -> f64 {
+        SAMPLES * self.edge
+    }
+
+    /// The radii of the patches of all levels: from one that sees across the hole to one that sees its vertices.
+    pub(super) fn radii(&self, options: &ExemplarOptions, data: &[Point3<f64>]) -> Vec<f64> {
+        let corner = |pick: fn(f64, f64) -> f64| {
+            let start = data[0].coords;
+            data.iter().fold(start, |corner, point| corner.zip_map(&point.coords, pick))
+        };
+        let diagonal = (corner(f64::max) - corner(f64::min)).norm();
+        let largest = (1.5 * self.width).min(0.25 * diagonal);
+        let levels = (options.levels.clamp(1, 8) as usize).max(options.radii.len());
+        let mut radii = self.spaced(largest, levels);
+        radii.resize(radii.len().max(options.radii.len()), self.smallest());
+        for (radius, &given) in radii.iter_mut().zip(&options.radii) {
+            if given > 0.0 {
+                *radius = given;
+            }
+        }
+        radii
+    }
+
+    /// Radii down to the smallest, each the same part of the one before; that one alone if none is larger.
+    pub(super) fn spaced(&self, largest: f64, levels: usize) -> Vec<f64> {
+        let smallest = self.smallest();
+        if levels == 1 || largest <= smallest {
+            return vec![smallest];
+        }
+        let share = |k: usize| k as f64 / (levels - 1) as f64;
+        (0..levels).map(|k| largest * libm::pow(smallest / largest, share(k))).collect()
+    }
+}
+
+/// Samples along a patch's radius.
+pub(super) const SAMPLES: f64 = 3.5;
+
+/// The mean length of the data's edges at the rim; none without such edges.
+fn mean_edge(surface: &Surface<'_>, points: &[Point3<f64>], rim: &[u32], data: u32) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0_u32);
+    for &vertex in rim {
+        for &other in surface.ring(vertex).iter().filter(|&&other| other < data) {
+            sum += (points[vertex as usize] - points[other as usize]).norm();
+            count += 1;
+        }
+    }
+    (sum > 0.0).then(|| sum / f64::from(count))
+}
+
+/// For each missing vertex how far its hole reaches from the rim.
+fn widths(
+    surface: &Surface<'_>,
+    points: &[Point3<f64>],
+    near_rim: &[u32],
+    data: usize,
+) -> Vec<f64> {
+    let mut widths = vec![-1.0; points.len() - data];
+    for first in data..points.len() {
+        if widths[first - data] >= 0.0 {
+            continue;
+        }
+        let mut hole = vec![first];
+        let (mut next, mut width) = (0, 0.0_f64);
+        widths[first - data] = 0.0;
+        while let Some(&vertex) = hole.get(next) {
+            next += 1;
+            if let Some(rim) = points.get(near_rim[vertex] as usize) {
+                width = width.max((points[vertex] - rim).norm());
+            }
+            for &other in surface.ring(vertex as u32) {
+                let other = other as usize;
+                if data <= other && widths[other - data] < 0.0 {
+                    widths[other - data] = 0.0;
+                    hole.push(other);
+                }
+            }
+        }
+        hole.iter().for_each(|vertex| widths[vertex - data] = width);
+    }
+    widths
+}

@@ -1,0 +1,123 @@
+//! The nearest of many descriptors.
+//!
+//! Friedman, Bentley and Finkel, "An algorithm for finding best matches in logarithmic expected time" (1977), which visits the
+//! nearest cells first and ends after so many: Beis and Lowe, "Shape indexing using approximate nearest-neighbour search in
+//! high-dimensional spaces" (1997).
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::descriptor::{Descriptor, KEPT};
+
+/// Descriptors of a cell that is not divided.
+const LEAF: usize = 16;
+
+/// Cells that a search looks into. With half of them some matches are found an iteration later.
+const MOST_CELLS: usize = 12;
+
+/// A binary tree over descriptors.
+pub(super) struct KdTree {
+    /// Descriptors in the order of the cells, and what they belong to.
+    descriptors: Vec<Descriptor>,
+    owners: Vec<u32>,
+    nodes: Vec<Node>,
+}
+
+enum Node {
+    Cell {
+        start: u32,
+        end: u32,
+    },
+    /// Below `at` along `axis` is the next node, the rest at `right`.
+    Split {
+        axis: u8,
+        at: f32,
+        right: u32,
+    },
+}
+
+impl KdTree {
+    pub(super) fn new(given: &[Descriptor]) -> Self {
+        let mut order: Vec<u32> = (0..given.len() as u32).collect();
+        let mut nodes = Vec::new();
+        divide(given, &mut order, 0, &mut nodes);
+        let descriptors = order.iter().map(|&k| given[k as usize]).collect();
+        Self { descriptors, owners: order, nodes }
+    }
+
+    /// Those of the `count` nearest descriptors that are found in the nearest cells, nearest first.
+    pub(super) fn nearest(&self, to: &Descriptor, count: usize, found: &mut Vec<(f32, u32)>) {
+        found.clear();
+        if self.descriptors.is_empty() {
+            return;
+        }
+        // Squared distances are not negative, so that their bits are in their order.
+        let mut queue = BinaryHeap::from([Reverse((0_u32, 0_u32))]);
+        for _ in 0..MOST_CELLS {
+            let Some(Reverse((bits, mut node))) = queue.pop() else { return };
+            let gap = f32::from_bits(bits);
+            if found.len() == count && found[count - 1].0 <= gap {
+                return;
+            }
+            while let Node::Split { axis, at, right } = self.nodes[node as usize] {
+                let offset = to[axis as usize] - at;
+                let (near, far) = if offset < 0.0 { (node + 1, right) } else { (right, node + 1) };
+                queue.push(Reverse((gap.max(offset * offset).to_bits(), far)));
+                node = near;
+            }
+            if let Node::Cell { start, end } = self.nodes[node as usize] {
+                self.search_cell(start as usize..end as usize, to, count, found);
+            }
+        }
+    }
+
+    fn search_cell(
+        &self,
+        cell: std::ops::Range<usize>,
+        to: &Descriptor,
+        count: usize,
+        found: &mut Vec<(f32, u32)>,
+    ) {
+        for k in cell {
+            let own = &self.descriptors[k];
+            let distance: f32 = (0..KEPT).map(|i| (own[i] - to[i]) * (own[i] - to[i])).sum();
+            if found.len() == count && found[count - 1].0 <= distance {
+                continue;
+            }
+            found.truncate(count - 1);
+            let place = found.partition_point(|&(other, _)| other <= distance);
+            found.insert(place, (distance, self.owners[k]));
+        }
+    }
+}
+
+/// Puts the node over a part of the order behind the others, and those below it.
+fn divide(given: &[Descriptor], order: &mut [u32], start: u32, nodes: &mut Vec<Node>) {
+    if order.len() <= LEAF {
+        nodes.push(Node::Cell { start, end: start + order.len() as u32 });
+        return;
+    }
+    let spread = |axis: usize| {
+        let along = |&k: &u32| given[k as usize][axis];
+        let (low, high) = order
+            .iter()
+            .map(along)
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |s, x| (s.0.min(x), s.1.max(x)));
+        high - low
+    };
+    let spreads: [f32; KEPT] = std::array::from_fn(spread);
+    let axis = (0..KEPT).fold(0, |best, k| if spreads[k] > spreads[best] { k } else { best });
+    let middle = order.len() / 2;
+    let key = |k: u32| (given[k as usize][axis], k);
+    order.select_nth_unstable_by(middle, |&a, &b| key(a).0.total_cmp(&key(b).0).then(a.cmp(&b)));
+    let at = key(order[middle]).0;
+    let (below, above) = order.split_at_mut(middle);
+    let node = nodes.len();
+    nodes.push(Node::Split { axis: axis as u8, at, right: 0 });
+    divide(given, below, start, nodes);
+    let next = nodes.len() as u32;
+    if let Node::Split { right, .. } = &mut nodes[node] {
+        *right = next;
+    }
+    divide(given, above, start + middle as u32, nodes);
+}

@@ -1,0 +1,135 @@
+//! How a surface is completed by exemplars.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How a surface is completed by exemplars.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ExemplarOptions {
+    /// How many levels, from coarse to fine.
+    #[schemars(range(min = 1, max = 8))]
+    #[serde(default = "three")]
+    pub levels: u32,
+    /// The shape to start with.
+    #[serde(default)]
+    pub start: Start,
+    /// How patches share in the motion of a vertex.
+    #[serde(default)]
+    pub update: Update,
+    /// The radius of a patch on each level; chosen from the hole's width and the data's edges where 0 or left out.
+    #[schemars(extend("unit" = "mm"))]
+    #[serde(default)]
+    pub radii: Vec<f64>,
+    /// How far the compared points of a patch are apart on each level, at least an eighth of its radius; chosen from the radii and the
+    /// data's edges where 0 or left out. The last one is also the length of the filled edges.
+    #[schemars(extend("unit" = "mm"))]
+    #[serde(default)]
+    pub edges: Vec<f64>,
+    /// How the weight of a patch falls with its distance from the hole's rim.
+    #[serde(default)]
+    pub falloff: Falloff,
+    /// The direction that is up: patches are compared upright. The length means nothing.
+    #[serde(default = "up")]
+    pub up: [f64; 3],
+    /// How many rotations about its normal an exemplar is tried in; 1 tries it upright alone.
+    #[schemars(range(min = 1, max = 32))]
+    #[serde(default = "one")]
+    pub rotations: u32,
+    /// Tries each exemplar also mirrored.
+    #[serde(default)]
+    pub mirror: bool,
+    /// An attribute of the vertices: exemplars come from where it is greater than 0. Empty: from everywhere.
+    #[serde(default)]
+    pub exemplars: String,
+    /// Iterations of a level, at most; 0 leaves the start as it is.
+    #[schemars(range(max = 1000))]
+    #[serde(default = "twenty")]
+    pub iterations: u32,
+    /// A level ends after so many iterations that made it no better; its best iterate is kept.
+    #[schemars(range(min = 1, max = 1000))]
+    #[serde(default = "three")]
+    pub patience: u32,
+}
+
+fn one() -> u32 {
+    1
+}
+
+fn three() -> u32 {
+    3
+}
+
+fn twenty() -> u32 {
+    20
+}
+
+fn up() -> [f64; 3] {
+    [0.0, 1.0, 0.0]
+}
+
+impl Default for ExemplarOptions {
+    fn default() -> Self {
+        Self {
+            levels: three(),
+            start: Start::default(),
+            update: Update::default(),
+            radii: Vec::new(),
+            edges: Vec::new(),
+            falloff: Falloff::default(),
+            up: up(),
+            rotations: one(),
+            mirror: false,
+            exemplars: String::new(),
+            iterations: twenty(),
+            patience: three(),
+        }
+    }
+}
+
+/// The shape that a completion starts with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Start {
+    /// A thin plate that goes on smoothly from the rim.
+    #[default]
+    ThinPlate,
+    /// A cone over the rim's centroid, as published.
+    Centroid,
+    /// A membrane over the rim.
+    Membrane,
+    /// Flat triangles between the rim's vertices.
+    Flat,
+}
+
+/// How patches share in the motion of a vertex.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Update {
+    /// By their weights over their numbers of points, which makes the energy least while the normals stay; normals are means over
+    /// a part of a patch, and only whole exemplars are used.
+    #[default]
+    Exact,
+    /// By their weights, with the normals of vertices, and with exemplars up to the rim, as published.
+    Published,
+}
+
+/// How a weight falls with the distance: `base ^ (-rate * distance)`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Falloff {
+    /// How many times less it is after `1 / rate`.
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    #[serde(default = "base")]
+    pub base: f64,
+    /// How fast it falls, per mm; 0 takes one over the distance between compared points.
+    #[schemars(range(min = 0.0), extend("unit" = "1/mm"))]
+    #[serde(default)]
+    pub rate: f64,
+}
+
+fn base() -> f64 {
+    1.3
+}
+
+impl Default for Falloff {
+    fn default() -> Self {
+        Self { base: base(), rate: 0.0 }
+    }
+}

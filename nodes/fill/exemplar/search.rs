@@ -1,0 +1,228 @@
+//! Looks for the exemplar that is most like a patch.
+//!
+//! Candidates are the nearest by descriptors, those beside the matches of neighbors, the match from before, and random ones near
+//! the best: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here with all patches at once.
+
+use nalgebra::{Point3, Vector3};
+
+use super::compare::Patch;
+use super::exemplars::Exemplars;
+use super::frame::{Frame, Turn};
+use super::heights::{NODES, sample};
+use super::patches::Patches;
+use super::surface::{NONE, Surface};
+
+/// The exemplar of a patch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Match {
+    /// [`NONE`] if nothing can be compared.
+    pub(super) exemplar: u32,
+    /// How it is turned.
+    pub(super) turn: u8,
+    /// The mean of the squared distances.
+    pub(super) ssd: f64,
+}
+
+impl Match {
+    pub(super) const NOTHING: Self = Self { exemplar: NONE, turn: 0, ssd: f64::INFINITY };
+}
+
+/// A place to look at: a data vertex near it, and a turn.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hint {
+    pub(super) from: u32,
+    pub(super) to: Point3<f64>,
+    pub(super) turn: u8,
+}
+
+/// The patches as they are in one iteration.
+pub(super) struct Scene<'a> {
+    pub(super) points: &'a [Point3<f64>],
+    /// Normals of all samples.
+    pub(super) normals: &'a [Vector3<f64>],
+    /// Frames of the patches.
+    pub(super) frames: &'a [Frame],
+}
+
+/// What a search needs in all iterations of a level.
+pub(super) struct Search<'a> {
+    pub(super) surface: &'a Surface<'a>,
+    pub(super) data: &'a [Point3<f64>],
+    pub(super) patches: &'a Patches,
+    pub(super) exemplars: &'a Exemplars,
+    pub(super) turns: &'a Turns,
+    pub(super) radius: f64,
+    /// Whether exemplars are moved and tilted to where they fit best.
+    pub(super) moves: bool,
+    /// Sets random places of levels apart.
+    pub(super) seed: u64,
+}
+
+/// The ways in which exemplars may lie.
+pub(super) struct Turns {
+    all: Vec<Turn>,
+    usual: usize,
+}
+
+/// Rotations that are tried where frames have no direction.
+const FREE: u32 = 8;
+
+impl Turns {
+    pub(super) fn new(rotations: u32, mirror: bool) -> Self {
+        let mut all = Turn::all(rotations, mirror);
+        let usual = all.len();
+        all.extend(Turn::all(FREE, mirror));
+        Self { all, usual }
+    }
+
+    pub(super) fn of(&self, turn: u8) -> &Turn {
+        &self.all[usize::from(turn)]
+    }
+
+    /// Those that are tried for a frame.
+    fn tried(&self, frame: &Frame) -> std::ops::Range<usize> {
+        if frame.free { self.usual..self.all.len() } else { 0..self.usual }
+    }
+}
+
+/// Candidates from the tree, over all turns.
+const FROM_TREE: usize = 16;
+
+/// Random candidates, each from half as far as the one before.
+const RANDOM: u64 = 4;
+
+/// Memory of a search.
+pub(super) struct Scratch {
+    patch: Patch,
+    seen: Vec<(u32, u8)>,
+    heights: Vec<f32>,
+    nearest: Vec<(f32, u32)>,
+}
+
+impl Scratch {
+    pub(super) fn new() -> Self {
+        Self { patch: Patch::default(), seen: vec![], heights: vec![0.0; NODES], nearest: vec![] }
+    }
+}
+
+impl Search<'_> {
+    /// The best exemplar for a patch among the candidates. `before` are the matches of all patches, if there are any; `hint` is a
+    /// place to look at; `far` says whether to look at all exemplars, not only near known ones.
+    pub(super) fn best(
+        &self,
+        scene: &Scene<'_>,
+        center: usize,
+        before: &[Match],
+        hint: Option<Hint>,
+        far: Option<u64>,
+        scratch: &mut Scratch,
+    ) -> Match {
+        scratch.seen.clear();
+        self.take(scene, center, &mut scratch.patch);
+        let mut best = Match::NOTHING;
+        if let Some(own) = before.get(center) {
+            self.try_one(own.exemplar, own.turn, &mut best, scratch);
+        }
+        if let Some(hint) = hint {
+            self.try_near(hint, &mut best, scratch);
+        }
+        if !before.is_empty() {
+            for &other in self.patches.near.of(center) {
+                let other = other as usize;
+                let found = &before[other];
+                if found.exemplar != NONE {
+                    let (frame, at) = (&scene.frames[other], scene.frames[center].at);
+                    let to = self.exemplars.place(found, self.turns, frame, at);
+                    let from = self.exemplars.vertices[found.exemplar as usize];
+                    self.try_near(Hint { from, to, turn: found.turn }, &mut best, scratch);
+                }
+            }
+        }
+        if let Some(iteration) = far {
+            self.try_tree(scene, center, &mut best, scratch);
+            self.try_random(center, iteration, &mut best, scratch);
+        }
+        best
+    }
+
+    /// Puts a patch in its frame.
+    pub(super) fn take(&self, scene: &Scene<'_>, center: usize, patch: &mut Patch) {
+        let frame = &scene.frames[center];
+        let take = |&site: &u32| {
+            let vertex = self.patches.sites[site as usize];
+            sample(frame, &scene.points[vertex as usize], &scene.normals[site as usize])
+        };
+        patch.samples.clear();
+        patch.samples.extend(self.patches.members.of(center).iter().map(take));
+        patch.prepare(self.radius, self.moves);
+    }
+
+    fn try_near(&self, hint: Hint, best: &mut Match, scratch: &mut Scratch) {
+        let vertex = self.surface.descend(self.data, hint.from, &hint.to, self.data.len() as u32);
+        self.try_one(self.exemplars.owners[vertex as usize], hint.turn, best, scratch);
+    }
+
+    fn try_one(&self, exemplar: u32, turn: u8, best: &mut Match, scratch: &mut Scratch) {
+        if exemplar == NONE || scratch.seen.contains(&(exemplar, turn)) {
+            return;
+        }
+        scratch.seen.push((exemplar, turn));
+        let heights = self.exemplars.heights(exemplar);
+        let step = self.exemplars.lattice.step;
+        let ssd = scratch.patch.compare(heights, step, self.turns.of(turn), best.ssd);
+        let less = (ssd, exemplar, turn) < (best.ssd, best.exemplar, best.turn);
+        if less && ssd < f64::INFINITY {
+            *best = Match { exemplar, turn, ssd };
+        }
+    }
+
+    fn try_tree(&self, scene: &Scene<'_>, center: usize, best: &mut Match, scratch: &mut Scratch) {
+        let frame = &scene.frames[center];
+        let (lattice, polar) = (&self.exemplars.lattice, &self.exemplars.polar);
+        let vertex = self.patches.sites[center];
+        let mut heights = std::mem::take(&mut scratch.heights);
+        lattice.measure(self.surface, scene.points, NONE, vertex, frame, &mut heights);
+        let tried = self.turns.tried(frame);
+        let each = FROM_TREE.div_ceil(tried.len()).max(4);
+        for turn in tried {
+            let rings = polar.rings(&heights, &self.turns.all[turn].inverse());
+            let descriptor = self.exemplars.basis.project(&rings);
+            let mut nearest = std::mem::take(&mut scratch.nearest);
+            self.exemplars.tree.nearest(&descriptor, each, &mut nearest);
+            for &(_, exemplar) in &nearest {
+                self.try_one(exemplar, turn as u8, best, scratch);
+            }
+            scratch.nearest = nearest;
+        }
+        scratch.heights = heights;
+    }
+
+    fn try_random(&self, center: usize, iteration: u64, best: &mut Match, scratch: &mut Scratch) {
+        let mut window = 4.0 * self.radius;
+        for k in 0..RANDOM {
+            if best.exemplar == NONE {
+                return;
+            }
+            let own = &self.exemplars.frames[best.exemplar as usize];
+            let [x, y] = random([self.seed, iteration, center as u64, k]).map(|x| x * window);
+            let to = own.at + own.global([x, y, 0.0]);
+            let from = self.exemplars.vertices[best.exemplar as usize];
+            self.try_near(Hint { from, to, turn: best.turn }, best, scratch);
+            window /= 2.0;
+        }
+    }
+}
+
+/// Two numbers from -1 to 1 that look random, always the same for the same key.
+fn random(key: [u64; 4]) -> [f64; 2] {
+    // Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
+    let mix = |mut x: u64| {
+        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        x ^ (x >> 31)
+    };
+    let word = key
+        .into_iter()
+        .fold(0, |word: u64, part| mix(word.wrapping_add(0x9e37_79b9_7f4a_7c15) ^ mix(part)));
+    [word >> 32, word & 0xffff_ffff].map(|half| half as f64 / f64::from(1_u32 << 31) - 1.0)
+}

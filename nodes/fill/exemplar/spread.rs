@@ -1,0 +1,107 @@
+//! Thin plates over what is missing, which lie still beyond it.
+
+use nalgebra::{Point3, Vector3};
+
+use super::surface::Surface;
+use crate::cholesky::{Cholesky, Symmetric};
+
+/// The equations of a plate: the sum of the squares of the Laplacians at the missing vertices and at the rim, and of the motions of
+/// held vertices.
+pub(super) struct Plate<'a> {
+    surface: &'a Surface<'a>,
+    factors: Cholesky,
+    first: usize,
+}
+
+impl<'a> Plate<'a> {
+    /// For the vertices from `first` on, each held as strongly as `hold` says. None if the equations have no solution.
+    pub(super) fn new(
+        surface: &'a Surface<'a>,
+        vertices: usize,
+        first: usize,
+        hold: impl Fn(u32) -> f64,
+    ) -> Option<Self> {
+        let mut matrix = Symmetric { starts: vec![0], indices: vec![], entries: vec![] };
+        let mut sums = vec![0.0; vertices];
+        let mut met = Vec::new();
+        for unknown in first as u32..vertices as u32 {
+            for &row in surface.ring(unknown).iter().chain([&unknown]) {
+                let ring = surface.ring(row);
+                let degree = ring.len() as f64;
+                let share = if row == unknown { degree } else { -1.0 };
+                for (column, entry) in
+                    ring.iter().map(|&column| (column, -share)).chain([(row, share * degree)])
+                {
+                    if first <= column as usize {
+                        met.push(column);
+                        sums[column as usize] += entry;
+                    }
+                }
+            }
+            sums[unknown as usize] += hold(unknown);
+            met.sort_unstable();
+            met.dedup();
+            for column in met.drain(..) {
+                matrix.indices.push(column - first as u32);
+                matrix.entries.push(std::mem::take(&mut sums[column as usize]));
+            }
+            matrix.starts.push(matrix.indices.len() as u32);
+        }
+        let factors = Cholesky::new(&matrix)?;
+        Some(Self { surface, factors, first })
+    }
+
+    /// How far each missing vertex moves under a load per vertex.
+    pub(super) fn solve(&self, mut load: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
+        self.factors.solve(&mut load);
+        load
+    }
+
+    /// The load under which the Laplacian at each vertex becomes as near as possible to `wanted`.
+    pub(super) fn load(&self, wanted: &[f64]) -> Vec<[f64; 3]> {
+        let load = |vertex: usize| {
+            let ring = self.surface.ring(vertex as u32);
+            let around: f64 = ring.iter().map(|&other| wanted[other as usize]).sum();
+            [ring.len() as f64 * wanted[vertex] - around, 0.0, 0.0]
+        };
+        (self.first..wanted.len()).map(load).collect()
+    }
+}
+
+/// How much stiffer the vertices that are moved hold than the plate: with less it does not follow waves two samples long, with
+/// more it bends at each sample.
+const HOLD: f64 = 100.0;
+
+/// Spreads the motion of some missing vertices over all.
+pub(super) struct Spread<'a> {
+    plate: Plate<'a>,
+    moved: Vec<u32>,
+}
+
+impl<'a> Spread<'a> {
+    /// For the vertices from `first` on, of which the `moved` are told where to go. None if the equations have no solution.
+    pub(super) fn new(
+        surface: &'a Surface<'a>,
+        vertices: usize,
+        first: usize,
+        moved: &[u32],
+    ) -> Option<Self> {
+        let mut held = vec![0.0; vertices];
+        moved.iter().for_each(|&vertex| held[vertex as usize] = HOLD);
+        let plate = Plate::new(surface, vertices, first, |vertex| held[vertex as usize])?;
+        Some(Self { plate, moved: moved.to_vec() })
+    }
+
+    /// Moves all missing vertices, those that are told so by `motions`.
+    pub(super) fn apply(&self, motions: &[Vector3<f64>], points: &mut [Point3<f64>]) {
+        let first = self.plate.first;
+        let mut load = vec![[0.0; 3]; points.len() - first];
+        for (&vertex, motion) in self.moved.iter().zip(motions) {
+            load[vertex as usize - first] = (motion * HOLD).into();
+        }
+        let motions = self.plate.solve(load);
+        points[first..].iter_mut().zip(motions).for_each(|(point, motion)| {
+            *point += Vector3::from(motion);
+        });
+    }
+}

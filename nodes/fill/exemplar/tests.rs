@@ -1,0 +1,268 @@
+use rayon::ThreadPoolBuilder;
+
+use super::compare::Patch;
+use super::search::{Match, Scene, Search};
+use super::*;
+
+mod shapes;
+
+use shapes::{grid, plate, ridge, sphere};
+
+fn run(filling: &mut Filling, options: &ExemplarOptions) -> Completed {
+    complete(filling, options, None, &Progress::none()).unwrap()
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let values: Vec<f64> = values.collect();
+    (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+/// How far the filled part is from a unit sphere.
+fn off_sphere(filling: &Filling) -> f64 {
+    rms(filling.points[filling.data..].iter().map(|point| point.coords.norm() - 1.0))
+}
+
+/// How far the filled part is from the ridge.
+fn off_ridge(filling: &Filling) -> f64 {
+    rms(filling.points[filling.data..].iter().map(|point| point.z - ridge(point.x)))
+}
+
+// T-FIL-01
+#[test]
+fn on_a_plane_nothing_is_left_to_be_done() {
+    let tilt = nalgebra::Rotation3::new(Vector3::new(0.4, -0.7, 0.2));
+    let mut filling = grid(25, |x, y| x * x + y * y < 0.06, |_, _| 0.0);
+    filling.points.iter_mut().for_each(|point| *point = tilt * *point);
+    let done = run(&mut filling, &ExemplarOptions::default());
+    assert!(!done.no_exemplar);
+    for point in &filling.points {
+        assert!((tilt.inverse() * point).z.abs() <= 1e-9);
+    }
+    for step in &done.trace {
+        assert!(step.rms * step.rms <= 1e-18, "{step:?}");
+    }
+    let levels = done.trace.len() as u64;
+    assert!(done.trace.last().unwrap().iteration < 2 * levels, "{:?}", done.trace);
+}
+
+/// The set-up of the reference: a cap of 28 degrees, flat.
+fn flat_cap() -> (Filling, ExemplarOptions) {
+    let limit = libm::cos(28.0_f64.to_radians());
+    let mut filling = sphere(3, |point| point.z > limit);
+    let data = filling.data;
+    filling.points[data..].iter_mut().for_each(|point| point.z = limit);
+    let options = ExemplarOptions {
+        start: Start::Flat,
+        radii: vec![0.75, 0.5, 0.32],
+        ..ExemplarOptions::default()
+    };
+    (filling, options)
+}
+
+// T-FIL-02
+#[test]
+fn a_flat_cap_becomes_round_again_and_the_data_stay() {
+    let (mut filling, options) = flat_cap();
+    assert_eq!(filling.points.len() - filling.data, 37);
+    let before = filling.points[..filling.data].to_vec();
+    run(&mut filling, &options);
+    assert!(off_sphere(&filling) <= 0.01, "{}", off_sphere(&filling));
+    assert_eq!(filling.points[..filling.data], before);
+}
+
+// T-FIL-03
+#[test]
+fn the_energy_of_what_is_kept_falls() {
+    let (mut filling, options) = flat_cap();
+    let options = ExemplarOptions { levels: 1, radii: vec![0.5], ..options };
+    let trace = run(&mut filling, &options).trace;
+    assert!(trace.len() > 2);
+    assert!(trace.windows(2).all(|pair| pair[1].rms <= pair[0].rms), "{trace:?}");
+}
+
+fn broken_ridge() -> Filling {
+    let mut filling = grid(29, |x, y| x.abs() < 0.38 && y.abs() < 0.23, |x, _| ridge(x));
+    plate(&mut filling);
+    filling
+}
+
+// T-FIL-04
+#[test]
+fn a_ridge_is_joined_better_than_by_a_plate() {
+    let mut filling = broken_ridge();
+    assert_eq!(filling.points.len() - filling.data, 77);
+    let start = off_ridge(&filling);
+    let options = ExemplarOptions {
+        levels: 2,
+        radii: vec![0.36, 0.24],
+        up: [0.0, 1.0, 0.0],
+        ..ExemplarOptions::default()
+    };
+    run(&mut filling, &options);
+    let end = off_ridge(&filling);
+    assert!(end < start && end <= 0.009, "{start} {end}");
+}
+
+/// Bumps that nothing repeats exactly.
+fn bumps() -> Filling {
+    let height = |x: f64, y: f64| {
+        0.08 * libm::sin(9.0 * x + 0.3) * libm::cos(8.0 * y) + 0.03 * libm::sin(17.0 * x - 13.0 * y)
+    };
+    let mut filling = grid(41, |x, y| x * x + y * y < 0.05, height);
+    plate(&mut filling);
+    filling
+}
+
+// T-FIL-05
+#[test]
+fn what_moves_with_its_up_vector_is_filled_alike() {
+    let motion =
+        nalgebra::Isometry3::new(Vector3::new(3.0, -1.0, 2.0), Vector3::new(0.5, 0.3, -0.8));
+    let mut filling = bumps();
+    let mut moved = filling.clone();
+    moved.points.iter_mut().for_each(|point| *point = motion * *point);
+    run(&mut filling, &ExemplarOptions::default());
+    let up = motion * Vector3::y();
+    run(&mut moved, &ExemplarOptions { up: up.into(), ..ExemplarOptions::default() });
+    for (point, moved) in filling.points.iter().zip(&moved.points) {
+        assert!((motion * point - moved).norm() < 1e-7);
+    }
+}
+
+// T-FIL-06
+#[test]
+fn without_exemplars_the_start_stays() {
+    let mut filling = bumps();
+    let start = filling.points.clone();
+    let nowhere = vec![false; filling.data];
+    let options = ExemplarOptions::default();
+    let done = complete(&mut filling, &options, Some(&nowhere), &Progress::none()).unwrap();
+    assert!(done.no_exemplar && done.trace.is_empty());
+    assert_eq!(filling.points, start);
+    assert!(done.exemplar.iter().all(|&vertex| vertex == NONE));
+}
+
+#[test]
+fn exemplars_come_from_where_they_are_allowed() {
+    let mut filling = bumps();
+    let allowed: Vec<bool> = filling.points[..filling.data].iter().map(|p| p.x > 0.0).collect();
+    let options = ExemplarOptions::default();
+    let done = complete(&mut filling, &options, Some(&allowed), &Progress::none()).unwrap();
+    assert!(!done.no_exemplar);
+    assert!(done.exemplar.iter().all(|&vertex| vertex != NONE && allowed[vertex as usize]));
+}
+
+// T-FIL-07
+#[test]
+fn the_fast_search_finds_nearly_the_best() {
+    let mut filling = bumps();
+    let options =
+        ExemplarOptions { iterations: 0, rotations: 2, mirror: true, ..Default::default() };
+    let Filling { points, faces, data, kept } = &mut filling;
+    let surface = Surface::new(points.len(), faces);
+    let hole = Hole::new(&surface, points, *data).unwrap();
+    let mut completion = Completion {
+        surface: &surface,
+        data: *data,
+        kept: *kept,
+        options: &options,
+        allowed: None,
+        distances: distances(&surface, points, *data, 10.0),
+        turns: Turns::new(options.rotations, options.mirror),
+        areas: (0..points.len() as u32).map(|vertex| surface.area(points, vertex)).collect(),
+        hole,
+        guides: Vec::new(),
+    };
+    let size = completion.size(completion.hole.smallest(), 0);
+    let exemplars = completion.exemplars(&size, points, &Progress::none()).unwrap();
+    let outcome = completion.level(&size, &exemplars, points, 0, true, &Progress::none()).unwrap();
+    let search = Search {
+        surface: &surface,
+        data: &points[..*data],
+        patches: &outcome.patches,
+        exemplars: &exemplars,
+        turns: &completion.turns,
+        radius: size.radius,
+        moves: true,
+        seed: 0,
+    };
+    let normals = outcome.patches.normals(&completion.areas);
+    let scene = Scene { points, normals: &normals, frames: &outcome.frames };
+    let (mut fast, mut best) = (0.0, 0.0);
+    for (center, found) in outcome.matches.iter().enumerate() {
+        let mut patch = Patch::default();
+        search.take(&scene, center, &mut patch);
+        let compare = |exemplar: u32, turn: u8| {
+            let turn = completion.turns.of(turn);
+            patch.compare(exemplars.heights(exemplar), exemplars.lattice.step, turn, f64::INFINITY)
+        };
+        fast += compare(found.exemplar, found.turn);
+        let all = (0..exemplars.len() as u32).flat_map(|k| (0..4).map(move |turn| (k, turn)));
+        best += all.map(|(k, turn)| compare(k, turn)).fold(f64::INFINITY, f64::min);
+        assert!(*found != Match::NOTHING);
+    }
+    assert!(fast <= 1.05 * best, "{fast} {best}");
+}
+
+#[test]
+fn threads_change_nothing() {
+    let complete = |threads: usize| {
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut filling = bumps();
+            let done = run(&mut filling, &ExemplarOptions::default());
+            (filling.points, done.trace, done.exemplar)
+        })
+    };
+    assert!(complete(1) == complete(3));
+}
+
+#[test]
+fn without_iterations_the_start_stays_and_knows_its_exemplars() {
+    for update in [Update::Exact, Update::Published] {
+        let mut filling = bumps();
+        let start = filling.points.clone();
+        let options = ExemplarOptions { iterations: 0, update, ..ExemplarOptions::default() };
+        let done = run(&mut filling, &options);
+        assert_eq!(filling.points, start);
+        assert!(done.exemplar.iter().all(|&vertex| (vertex as usize) < filling.data));
+    }
+}
+
+#[test]
+fn the_published_update_rounds_a_cap_too() {
+    let (mut filling, options) = flat_cap();
+    let start = off_sphere(&filling);
+    run(&mut filling, &ExemplarOptions { update: Update::Published, ..options });
+    assert!(off_sphere(&filling) < 0.5 * start, "{start} {}", off_sphere(&filling));
+}
+
+#[test]
+fn a_filled_part_is_as_rough_as_what_is_around_it() {
+    // Bumps of four edges, which a plate across the hole does not have.
+    let height = |x: f64, y: f64| 0.02 * libm::sin(40.0 * x) * libm::sin(40.0 * y);
+    let whole = grid(41, |x, y| x * x + y * y < 0.05, height);
+    let mut filling = whole.clone();
+    plate(&mut filling);
+    let heights = |filling: &Filling| rms(filling.points[filling.data..].iter().map(|p| p.z));
+    let (truth, start) = (heights(&whole), heights(&filling));
+    run(&mut filling, &ExemplarOptions::default());
+    let end = heights(&filling);
+    assert!(start < 0.5 * truth && (end / truth - 1.0).abs() < 0.25, "{start} {end} {truth}");
+}
+
+#[test]
+fn votes_carry_what_exemplars_have() {
+    let mut filling = bumps();
+    let done = run(&mut filling, &ExemplarOptions::default());
+    // A column that is the same everywhere stays so.
+    for mean in done.votes.mean(|_| [0.25, 4.0]) {
+        let [a, b] = mean.expect("every filled vertex has votes");
+        assert!((a - 0.25).abs() < 1e-12 && (b - 4.0).abs() < 1e-12);
+    }
+    // One with two values mixes them.
+    let sides =
+        done.votes.mean(|vertex| [f64::from(u8::from(filling.points[vertex as usize].x > 0.0))]);
+    assert!(sides.iter().flatten().all(|[side]| (0.0..=1.0).contains(side)));
+    assert!(sides.iter().flatten().any(|[side]| 0.1 < *side && *side < 0.9));
+}

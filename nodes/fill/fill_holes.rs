@@ -1,0 +1,381 @@
+//! Fills the holes of a mesh.
+
+use maquette::value::{Attribute, Faces, Mesh, MeshError, Trace, TraceError};
+use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::border::{NotManifold, rims};
+use super::carry::Carry;
+use super::clashes::check_rims;
+use super::exemplar::{Start, Votes, complete};
+use super::filling::Filling;
+use super::holes::{HoleChoice, Parts, choose};
+use super::intersections::intersecting;
+use super::method::FillMethod;
+use super::plain::{self, Doubt, Plain, Plug};
+use super::regions::{NoMarks, cut, marks, within};
+use super::rim::{Rim, Surroundings};
+
+/// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
+///
+/// The mesh keeps its vertices and faces, in place and in order; the filled ones, triangles about as large as those around the hole,
+/// follow behind them. Only what a region cuts out goes, and then the vertices behind it move up. The filled vertices are marked by the
+/// attribute `filled`. Of each vertex the attribute `exemplar` names the one in the data whose surroundings it copies: itself for data,
+/// the nearest one at the rim in a plain fill.
+///
+/// Colors, numbers, vectors and texture coordinates of filled vertices are mixed from those at the rim, so that a picture goes on across
+/// the hole; flags and whole numbers are those of the vertex named by `exemplar`. A seam of texture coordinates that runs into the hole
+/// ends there.
+///
+/// The outer border of an open scan is no hole: of each connected part whose faces mostly look to one side, and of each that comes from a
+/// capture, the border around it stays, and a warning says so. A mesh without holes stays as it is.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct FillHoles {
+    /// The mesh; its faces may be any polygons.
+    pub mesh: In<Mesh>,
+    /// Which holes.
+    #[serde(default)]
+    pub holes: HoleChoice,
+    /// What they are filled with.
+    #[serde(default)]
+    pub method: FillMethod,
+}
+
+/// What to fill, and how.
+#[derive(Clone, Debug, Default)]
+pub struct FillOptions {
+    /// Which holes.
+    pub holes: HoleChoice,
+    /// What they are filled with.
+    pub method: FillMethod,
+}
+
+/// A mesh with filled holes.
+#[derive(Clone, Debug)]
+pub struct Filled {
+    /// The mesh.
+    pub mesh: Mesh,
+    /// How an exemplar fill went: see [`FillMethod`]. Empty for others.
+    pub trace: Trace,
+    /// What the user should know, in sentences.
+    pub doubts: Vec<String>,
+}
+
+/// Why holes were not filled.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FillError {
+    /// The mesh is no surface.
+    #[error(
+        "the mesh is no surface at {}: edges have at most two faces, which agree about their side, and faces around a vertex hang together",
+        places(edges, vertices)
+    )]
+    NonManifold {
+        /// Edges with more than two faces, or two that disagree about their side; the first ones, by vertices.
+        edges: Vec<[u32; 2]>,
+        /// Vertices where parts of the mesh touch; the first ones.
+        vertices: Vec<u32>,
+    },
+    /// The filled mesh would be no surface.
+    #[error("filled, the mesh would be no surface at {}", places(edges, vertices))]
+    Clash {
+        /// Edges that would have more than two faces; the first ones, by vertices.
+        edges: Vec<[u32; 2]>,
+        /// Vertices where parts of the mesh would touch; the first ones.
+        vertices: Vec<u32>,
+    },
+    /// A rim that does not exist.
+    #[error("there is no rim {number}: the mesh has {count}, numbered from 0")]
+    NoRim {
+        /// Its number.
+        number: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// An attribute that marks nothing.
+    #[error(transparent)]
+    NoMarks(#[from] NoMarks),
+    /// Too many vertices or faces.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// Distances that are none.
+    #[error(transparent)]
+    Trace(#[from] TraceError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+fn places(edges: &[[u32; 2]], vertices: &[u32]) -> String {
+    let edges = edges.iter().map(|[a, b]| format!("edge {a}-{b}"));
+    let vertices = vertices.iter().map(|vertex| format!("vertex {vertex}"));
+    edges.chain(vertices).collect::<Vec<_>>().join(", ")
+}
+
+impl Node for FillHoles {
+    type Outputs = (Mesh, Trace);
+    const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let options = FillOptions { holes: self.holes.clone(), method: self.method.clone() };
+        let filled = fill_holes(cx.get(&self.mesh), &options, cx.progress())?;
+        filled.doubts.into_iter().for_each(|doubt| cx.warn(doubt));
+        Ok((filled.mesh, filled.trace))
+    }
+}
+
+/// `mesh` with its holes filled; see [`FillHoles`] for what is kept and what attributes become.
+///
+/// Positions are in mm. The data's vertices keep their bits and, unless a region is cut out, their indices. The result is a surface if
+/// `mesh` is one. Filled triangles that run through others are told of in [`Filled::doubts`].
+///
+/// Triangles over the rim: Liepa, "Filling holes in meshes" (2003). Density: Botsch and Kobbelt, "A remeshing approach to multiresolution
+/// modeling" (2004). Plain shapes: Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes"
+/// (1998). Exemplars: Kawai, Sato and Yokoya, "Surface completion by minimizing energy based on similarity of shape" (2008).
+///
+/// # Errors
+/// If the mesh is no surface, or would be none when it is filled; if a chosen rim or an attribute does not exist; if the evaluation is told
+/// to stop.
+pub fn fill_holes(
+    mesh: &Mesh,
+    options: &FillOptions,
+    progress: &Progress<'_>,
+) -> Result<Filled, FillError> {
+    progress.check()?;
+    let (mesh, is_cut) = match &options.holes {
+        HoleChoice::Region(region) => cut(mesh, &within(mesh, region)?)?,
+        _ => (mesh.clone(), Vec::new()),
+    };
+    let non_manifold = |NotManifold { edges, vertices }| FillError::NonManifold { edges, vertices };
+    let (rims, (parts, mut filling)) =
+        rayon::join(|| rims(&mesh), || (Parts::new(&mesh), Filling::new(&mesh)));
+    let rims = rims.map_err(non_manifold)?;
+    let no_rim = |number| FillError::NoRim { number, count: rims.len() };
+    let chosen = choose(&mesh, &parts, &rims, &options.holes, &is_cut).map_err(no_rim)?;
+    let mut doubts = Vec::new();
+    doubts.extend(describe_outer(&rims, &chosen.outer));
+    if chosen.holes.is_empty() && chosen.outer.is_empty() {
+        doubts.push("there is no such hole".to_owned());
+    }
+    let holes: Vec<Vec<u32>> = chosen.holes.iter().map(|&hole| rims[hole].clone()).collect();
+    let surroundings = Surroundings::new(&filling, &holes);
+    let wanted = Wanted::of(&options.method);
+    let mut plugs = plug(&filling, &surroundings, &holes, wanted, progress)?;
+    filling.add_all(&holes, &plugs);
+    let mut crossing = intersecting(&filling, progress)?;
+    if !crossing.is_empty() && matches!(wanted.plain, Plain::ThinPlate | Plain::Membrane) {
+        crossing =
+            calm(&mut filling, &surroundings, &holes, &mut plugs, crossing, wanted, progress)?;
+    }
+    doubts.extend(describe_doubts(&chosen.holes, &plugs));
+    let clash = |NotManifold { edges, vertices }| FillError::Clash { edges, vertices };
+    check_rims(&filling, &surroundings, &holes).map_err(clash)?;
+    let (mut steps, mut exemplars, mut votes) = (Vec::new(), Vec::new(), None);
+    if let Some(options) = options.method.exemplar() {
+        let allowed = match &options.exemplars[..] {
+            "" => None,
+            name => Some(marks(&mesh, name)?),
+        };
+        let completed = complete(&mut filling, &options, allowed.as_deref(), progress)?;
+        if completed.no_exemplar && !holes.is_empty() {
+            doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
+        }
+        (steps, exemplars) = (completed.trace, completed.exemplar);
+        votes = Some(completed.votes);
+        crossing = intersecting(&filling, progress)?;
+    }
+    doubts.extend(describe_crossing(&filling, &crossing));
+    let trace = Trace::new(steps)?;
+    Ok(Filled { mesh: filled_mesh(&mesh, &filling, &exemplars, votes.as_ref())?, trace, doubts })
+}
+
+/// What the plain fill shall be, which may be the start of another.
+#[derive(Clone, Copy)]
+struct Wanted {
+    plain: Plain,
+    /// How long its edges are, if not as the data's.
+    edge: Option<f64>,
+}
+
+impl Wanted {
+    fn of(method: &FillMethod) -> Self {
+        let plain = match method {
+            FillMethod::ThinPlate => Plain::ThinPlate,
+            FillMethod::Membrane => Plain::Membrane,
+            FillMethod::Flat => Plain::Flat,
+            FillMethod::CreaseAware => Plain::CreaseAware,
+            FillMethod::Exemplar { start: Start::ThinPlate, .. } => Plain::ThinPlate,
+            FillMethod::Exemplar { start: Start::Centroid, .. } => Plain::Centroid,
+            FillMethod::Exemplar { start: Start::Membrane, .. } => Plain::Membrane,
+            FillMethod::Exemplar { start: Start::Flat, .. } => Plain::Flat,
+        };
+        let edge = match method {
+            FillMethod::Exemplar { edges, .. } => edges.last().copied(),
+            _ => None,
+        };
+        Self { plain, edge: edge.filter(|&edge| edge > 0.0) }
+    }
+}
+
+/// Fills all holes plainly, each by itself.
+fn plug(
+    filling: &Filling,
+    surroundings: &Surroundings,
+    holes: &[Vec<u32>],
+    wanted: Wanted,
+    progress: &Progress<'_>,
+) -> Result<Vec<Plug>, Cancelled> {
+    let fill = |hole: &Vec<u32>| {
+        let rim = Rim::new(filling, surroundings, hole);
+        plain::fill(filling, &rim, wanted.plain, wanted.edge, progress)
+    };
+    holes.par_iter().map(fill).collect()
+}
+
+/// Fills holes again whose triangles run through others, as calmer surfaces, and takes these if they do so less. Gives the faces that are left
+/// crossing.
+fn calm(
+    filling: &mut Filling,
+    surroundings: &Surroundings,
+    holes: &[Vec<u32>],
+    plugs: &mut [Plug],
+    mut crossing: Vec<u32>,
+    wanted: Wanted,
+    progress: &Progress<'_>,
+) -> Result<Vec<u32>, Cancelled> {
+    for plain in [Plain::Membrane, Plain::Flat] {
+        let before = of_each(filling, plugs, &crossing);
+        let restless: Vec<usize> = (0..holes.len()).filter(|&hole| before[hole] > 0).collect();
+        let calmer = restless.par_iter().map(|&hole| {
+            let rim = Rim::new(filling, surroundings, &holes[hole]);
+            let plug = plain::fill(filling, &rim, plain, wanted.edge, progress)?;
+            Ok(Plug { doubt: Some(Doubt::Calm), ..plug })
+        });
+        let mut others = calmer.collect::<Result<Vec<Plug>, Cancelled>>()?;
+        for (&hole, other) in restless.iter().zip(&mut others) {
+            std::mem::swap(&mut plugs[hole], other);
+        }
+        filling.add_all(holes, plugs);
+        crossing = intersecting(filling, progress)?;
+        let after = of_each(filling, plugs, &crossing);
+        for (&hole, other) in restless.iter().zip(&mut others) {
+            if before[hole] <= after[hole] {
+                std::mem::swap(&mut plugs[hole], other);
+            }
+        }
+        filling.add_all(holes, plugs);
+        crossing = intersecting(filling, progress)?;
+        if crossing.is_empty() {
+            break;
+        }
+    }
+    Ok(crossing)
+}
+
+/// How many of some filled faces are in each hole.
+fn of_each(filling: &Filling, plugs: &[Plug], faces: &[u32]) -> Vec<usize> {
+    let mut end = filling.kept;
+    let mut counts = Vec::with_capacity(plugs.len());
+    for plug in plugs {
+        let begin = end;
+        end += plug.patch.n_faces();
+        let place = |end: usize| faces.partition_point(|&face| (face as usize) < end);
+        counts.push(place(end) - place(begin));
+    }
+    counts
+}
+
+fn filled_mesh(
+    mesh: &Mesh,
+    filling: &Filling,
+    exemplars: &[u32],
+    votes: Option<&Votes>,
+) -> Result<Mesh, MeshError> {
+    let filled = &filling.faces[filling.kept..];
+    let count = filling.points.len();
+    if filled.is_empty() {
+        let marked = mesh.clone().with_vertex("filled", Attribute::Flag(vec![0; count].into()))?;
+        return marked.with_vertex("exemplar", Attribute::Index((0..count as u32).collect()));
+    }
+    let faces = if mesh.faces().sides() == Some(3) {
+        Faces::triangles(filling.faces.clone())
+    } else {
+        let sides: Vec<usize> =
+            mesh.faces().iter().map(<[u32]>::len).chain(filled.iter().map(|_| 3)).collect();
+        let corners = mesh.faces().corners().iter().chain(filled.as_flattened());
+        Faces::polygons(&sides, corners.copied().collect())?
+    };
+    let onto = Mesh::new(filling.points.clone(), faces)?
+        .with_creases(mesh.creases())
+        .with_texture(mesh.texture().cloned())
+        .with_frame(mesh.frame().copied());
+    let carry = Carry::new(filling, exemplars, votes);
+    let flags: Vec<u8> = (0..count).map(|vertex| u8::from(filling.data <= vertex)).collect();
+    let mut onto = carry.onto(mesh, onto)?;
+    if let Some(Attribute::Flag(before)) = mesh.vertex().get("filled") {
+        // What was filled before stays marked.
+        let flags = flags.iter().enumerate();
+        let flags =
+            flags.map(|(vertex, &flag)| before.get(vertex).copied().unwrap_or(flag)).collect();
+        onto = onto.with_vertex("filled", Attribute::Flag(flags))?;
+    } else {
+        onto = onto.with_vertex("filled", Attribute::Flag(flags.into()))?;
+    }
+    onto.with_vertex("exemplar", Attribute::Index(carry.examples().into()))
+}
+
+fn describe_outer(rims: &[Vec<u32>], outer: &[usize]) -> Option<String> {
+    let longest = outer.iter().copied().max_by_key(|&rim| rims[rim].len())?;
+    let edges = rims[longest].len();
+    Some(match outer.len() {
+        1 => format!(
+            "the border of {edges} edges around the mesh is no hole and stays; `holes: Loops([{longest}])` fills it"
+        ),
+        count => format!(
+            "{count} borders around parts of the mesh are no holes and stay, the longest of {edges} edges; `holes: Loops([{longest}])` fills that one"
+        ),
+    })
+}
+
+fn describe_doubts(holes: &[usize], plugs: &[Plug]) -> Vec<String> {
+    let with = |doubt: Doubt| -> Vec<String> {
+        let holes = holes.iter().zip(plugs).filter(|(_, plug)| plug.doubt == Some(doubt));
+        holes.map(|(hole, _)| hole.to_string()).collect()
+    };
+    let mut doubts = Vec::new();
+    let (far, smooth) = (with(Doubt::Membrane), with(Doubt::NoCreases));
+    let calm = with(Doubt::Calm);
+    if !calm.is_empty() {
+        doubts.push(format!(
+            "what fills rim {} is flatter than asked for, since it would have run through the mesh or itself",
+            calm.join(", ")
+        ));
+    }
+    if !far.is_empty() {
+        doubts.push(format!(
+            "the rim is too rough for a thin plate, a membrane fills rim {}",
+            far.join(", ")
+        ));
+    }
+    if !smooth.is_empty() {
+        doubts.push(format!(
+            "no creases end at rim {} that could be extended: a thin plate fills it",
+            smooth.join(", ")
+        ));
+    }
+    doubts
+}
+
+fn describe_crossing(filling: &Filling, crossing: &[u32]) -> Option<String> {
+    let first = filling.faces[*crossing.first()? as usize];
+    let [a, b, c] = first.map(|vertex| filling.points[vertex as usize].coords);
+    let middle = (a + b + c) / 3.0;
+    Some(format!(
+        "{} filled triangles run through others, the first at ({:.3}, {:.3}, {:.3})",
+        crossing.len(),
+        middle.x,
+        middle.y,
+        middle.z
+    ))
+}

@@ -1,0 +1,186 @@
+//! Fills a hole without looking for examples: flat, as a membrane, or as a thin plate.
+
+use maquette::{Cancelled, Progress};
+use nalgebra::{Point3, Vector3};
+
+use super::creases;
+use super::density::refine;
+use super::fairing::{Energy, fair};
+use super::filling::Filling;
+use super::patch::Patch;
+use super::rim::Rim;
+use super::triangulation::triangulate;
+
+/// What a hole is filled with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Plain {
+    Flat,
+    Membrane,
+    ThinPlate,
+    CreaseAware,
+    /// A fan around the middle of the rim, as in the published completion.
+    Centroid,
+}
+
+/// What was not done as asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Doubt {
+    /// A thin plate would have gone too far, and a membrane is there instead.
+    Membrane,
+    /// No creases end at the rim, or they do not meet.
+    NoCreases,
+    /// It would have run through something, and a flatter surface is there instead.
+    Calm,
+}
+
+/// A hole's filling.
+pub(super) struct Plug {
+    pub(super) patch: Patch,
+    pub(super) doubt: Option<Doubt>,
+}
+
+/// How far a filling may go from the middle of the rim, in the largest distance of the rim from there. A ball's opening of less than a
+/// tenth of its width is still filled; a plate that a rough rim throws off is not.
+const FARTHEST: f64 = 2.5;
+
+/// Edges in the first, coarse shape, in those of the end: the coarse one is found fast, and then vertices are added where they belong.
+const COARSE: f64 = 2.0;
+
+/// Fills one hole, with edges as long as `edge`, or as the data's at the rim.
+///
+/// # Errors
+/// If the evaluation is told to stop.
+pub(super) fn fill(
+    filling: &Filling,
+    rim: &Rim,
+    plain: Plain,
+    edge: Option<f64>,
+    progress: &Progress<'_>,
+) -> Result<Plug, Cancelled> {
+    progress.check()?;
+    let sizes = Sizes::new(rim, edge);
+    let mut patch = match plain {
+        Plain::Centroid => fan(rim, true),
+        _ => covered(rim),
+    };
+    let energy = match plain {
+        Plain::Flat | Plain::Centroid => {
+            refine(&mut patch, |point| sizes.at(point), progress)?;
+            return Ok(Plug { patch, doubt: None });
+        }
+        Plain::Membrane => Energy::Membrane,
+        Plain::ThinPlate | Plain::CreaseAware => Energy::ThinPlate,
+    };
+    let mut doubt = None;
+    if energy == Energy::ThinPlate {
+        let start = patch.clone();
+        shape(&mut patch, rim, &sizes, energy, progress)?;
+        if goes_too_far(&patch, rim) {
+            doubt = Some(Doubt::Membrane);
+            patch = start;
+            shape(&mut patch, rim, &sizes, Energy::Membrane, progress)?;
+        }
+    } else {
+        shape(&mut patch, rim, &sizes, energy, progress)?;
+    }
+    if plain == Plain::CreaseAware {
+        match creases::sharpen(filling, &patch, rim, &sizes, progress)? {
+            Some(sharp) => return Ok(Plug { patch: sharp, doubt: None }),
+            None => doubt = doubt.or(Some(Doubt::NoCreases)),
+        }
+    }
+    Ok(Plug { patch, doubt })
+}
+
+/// Finds a shape and a density that fit each other: a coarse one of both, of which the shape says how far vertices are apart, then the
+/// fine one.
+fn shape(
+    patch: &mut Patch,
+    rim: &Rim,
+    sizes: &Sizes,
+    energy: Energy,
+    progress: &Progress<'_>,
+) -> Result<(), Cancelled> {
+    let coarse = |point| COARSE * sizes.at(point);
+    refine(patch, coarse, progress)?;
+    if energy == Energy::ThinPlate {
+        // Without the folds that triangles from rim to rim have.
+        fair(patch, rim, Energy::Membrane);
+        refine(patch, coarse, progress)?;
+    }
+    fair(patch, rim, energy);
+    refine(patch, |point| sizes.at(point), progress)?;
+    fair(patch, rim, energy);
+    Ok(())
+}
+
+fn goes_too_far(patch: &Patch, rim: &Rim) -> bool {
+    let middle = middle(rim);
+    let farthest = |points: &[Point3<f64>]| {
+        points.iter().map(|point| (point - middle).norm()).fold(0.0, f64::max)
+    };
+    farthest(&patch.points) > FARTHEST * farthest(&rim.points)
+}
+
+fn middle(rim: &Rim) -> Point3<f64> {
+    let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
+    Point3::from(sum / rim.len() as f64)
+}
+
+/// The triangles that bend least; if the mesh has all edges that they could have, a fan.
+fn covered(rim: &Rim) -> Patch {
+    let faces = triangulate(&rim.points, &rim.normals, &|a, b| rim.is_taken(a, b));
+    faces.map_or_else(|| fan(rim, false), |faces| Patch::new(rim.points.clone(), rim.len(), &faces))
+}
+
+/// A fan around the middle of the rim; with a vertex half-way on each of its edges, if so wanted.
+fn fan(rim: &Rim, halved: bool) -> Patch {
+    let count = rim.len() as u32;
+    let mut points = rim.points.clone();
+    points.push(middle(rim));
+    let around = (0..count).map(|k| (k, (k + 1) % count));
+    let faces: Vec<[u32; 3]> = if halved {
+        let hub = middle(rim);
+        points.extend(rim.points.iter().map(|point| nalgebra::center(point, &hub)));
+        let half = |k: u32| count + 1 + k;
+        around
+            .flat_map(|(a, b)| [[a, b, half(b)], [a, half(b), half(a)], [half(a), half(b), count]])
+            .collect()
+    } else {
+        around.map(|(a, b)| [a, b, count]).collect()
+    };
+    Patch::new(points, rim.len(), &faces)
+}
+
+/// How long edges should be: as those of the data at the rim, the nearer the more.
+pub(super) struct Sizes(Vec<(Point3<f64>, f64)>);
+
+/// So many parts of the rim are told apart at most.
+const MOST_SAMPLES: usize = 128;
+
+impl Sizes {
+    pub(super) fn new(rim: &Rim, edge: Option<f64>) -> Self {
+        if let Some(edge) = edge {
+            return Self(vec![(Point3::origin(), edge)]);
+        }
+        let chunk = rim.len().div_ceil(MOST_SAMPLES).max(1);
+        let samples = rim.points.chunks(chunk).zip(rim.lengths.chunks(chunk));
+        let mean = |lengths: &[f64]| lengths.iter().sum::<f64>() / lengths.len() as f64;
+        Self(samples.map(|(points, lengths)| (points[points.len() / 2], mean(lengths))).collect())
+    }
+
+    /// The length of edges at a point.
+    pub(super) fn at(&self, point: Point3<f64>) -> f64 {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (sample, length) in &self.0 {
+            let distance_sq = (point - sample).norm_squared();
+            if distance_sq == 0.0 {
+                return *length;
+            }
+            let weight = 1.0 / (distance_sq * distance_sq);
+            sum += weight * length;
+            weights += weight;
+        }
+        sum / weights
+    }
+}

@@ -1,0 +1,67 @@
+//! Meshes with holes, for tests.
+
+use std::collections::BTreeMap;
+
+use maquette::value::{Faces, Mesh};
+use nalgebra::{Point3, Vector3};
+
+/// A mesh of triangles.
+pub(super) fn of(points: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Mesh {
+    Mesh::new(points, Faces::triangles(faces)).unwrap()
+}
+
+/// The mesh without the vertices that `is_lost` takes and their faces; the others keep their order.
+pub(super) fn without(mesh: &Mesh, is_lost: impl Fn(&Point3<f64>) -> bool) -> Mesh {
+    let lost: Vec<bool> = mesh.positions().iter().map(is_lost).collect();
+    super::regions::cut(mesh, &lost).unwrap().0
+}
+
+/// The unit sphere: an octahedron, each face of which is cut into four, so many times.
+pub(super) fn sphere(times: u32) -> Mesh {
+    let mut points: Vec<Vector3<f64>> = [Vector3::x(), Vector3::y(), Vector3::z()]
+        .into_iter()
+        .flat_map(|axis| [axis, -axis])
+        .collect();
+    let mut faces: Vec<[u32; 3]> = Vec::new();
+    for [x, y, z] in [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4]] {
+        faces.extend([[x, y, z], [y, x, 5]]);
+    }
+    for _ in 0..times {
+        let mut middles = BTreeMap::new();
+        let mut middle = |a: u32, b: u32| {
+            *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                points.push((points[a as usize] + points[b as usize]).normalize());
+                points.len() as u32 - 1
+            })
+        };
+        faces = faces
+            .into_iter()
+            .flat_map(|[a, b, c]| {
+                let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
+                [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+            })
+            .collect();
+    }
+    of(points.into_iter().map(Point3::from).collect(), faces)
+}
+
+/// A grid of squares of side 1 in two triangles each, at heights that a function of the column and the row gives.
+pub(super) fn grid(columns: u32, rows: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
+    let at = |k: u32| (f64::from(k % columns), f64::from(k / columns));
+    let points = (0..columns * rows).map(at).map(|(x, y)| Point3::new(x, y, height(x, y)));
+    let faces = (0..rows - 1).flat_map(|row| {
+        (0..columns - 1).flat_map(move |column| {
+            let a = row * columns + column;
+            [[a, a + 1, a + columns + 1], [a, a + columns + 1, a + columns]]
+        })
+    });
+    of(points.collect(), faces.collect())
+}
+
+/// A number between 0 and 1 that looks random.
+pub(super) fn random(seed: u64) -> f64 {
+    let mut x = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}

@@ -1,0 +1,403 @@
+//! What filling holes promises, on whole meshes.
+
+use maquette::Progress;
+use maquette::value::{Attribute, Faces, Mesh};
+use nalgebra::Point3;
+use proptest::prelude::*;
+
+use super::exemplar::{ExemplarOptions, Start};
+use super::fill_holes::{FillError, FillOptions, Filled, fill_holes};
+use super::holes::HoleChoice;
+use super::method::FillMethod;
+use super::regions::HoleRegion;
+use super::shapes::{grid, of, random, sphere, without};
+
+const PLAIN: [FillMethod; 4] =
+    [FillMethod::Flat, FillMethod::Membrane, FillMethod::ThinPlate, FillMethod::CreaseAware];
+
+fn fill(mesh: &Mesh, holes: HoleChoice, method: FillMethod) -> Result<Filled, FillError> {
+    fill_holes(mesh, &FillOptions { holes, method }, &Progress::none())
+}
+
+/// Checks that the result is a surface around what was there, and gives the number of border edges that are left.
+fn check_kept(mesh: &Mesh, filled: &Mesh) -> usize {
+    let (data, kept) = (mesh.positions().len(), mesh.faces().len());
+    let bits = |p: &Point3<f64>| [p.x.to_bits(), p.y.to_bits(), p.z.to_bits()];
+    assert!(mesh.positions().iter().map(bits).eq(filled.positions()[..data].iter().map(bits)));
+    assert!(mesh.faces().iter().eq(filled.faces().iter().take(kept)));
+    let edges = filled.edges();
+    assert_eq!(edges.misoriented, 0);
+    assert!(edges.faces.iter().all(|&faces| faces <= 2));
+    let Some(Attribute::Flag(flags)) = filled.vertex().get("filled") else { panic!("no flags") };
+    assert!(flags.iter().enumerate().all(|(vertex, &flag)| (flag == 1) == (data <= vertex)));
+    let used: std::collections::BTreeSet<u32> = filled.faces().corners().iter().copied().collect();
+    assert!((data as u32..filled.positions().len() as u32).all(|vertex| used.contains(&vertex)));
+    edges.faces.iter().filter(|&&faces| faces == 1).count()
+}
+
+fn euler(mesh: &Mesh) -> i64 {
+    mesh.positions().len() as i64 - mesh.edges().vertices.len() as i64 + mesh.faces().len() as i64
+}
+
+// T-FIL-01, the plain methods.
+#[test]
+fn a_hole_in_a_plane_stays_in_the_plane() {
+    let tilted = grid(24, 20, |x, y| 0.3 * x - 0.2 * y);
+    let holes: [fn(&Point3<f64>) -> bool; 3] = [
+        |p| (p.x - 12.0).abs() + (p.y - 9.0).abs() < 6.0,
+        |p| (p - Point3::new(12.0, 9.0, p.z)).norm_squared() < 30.0,
+        // An L.
+        |p| {
+            (4.0..8.0).contains(&p.x) && (4.0..16.0).contains(&p.y)
+                || (4.0..18.0).contains(&p.x) && (4.0..8.0).contains(&p.y)
+        },
+    ];
+    for hole in holes {
+        let mesh = without(&tilted, hole);
+        for method in PLAIN {
+            let filled = fill(&mesh, HoleChoice::All, method.clone()).unwrap();
+            let rim = check_kept(&mesh, &filled.mesh);
+            assert_eq!(rim, 2 * (23 + 19), "the outer border stays");
+            for p in &filled.mesh.positions()[mesh.positions().len()..] {
+                let off = p.z - (0.3 * p.x - 0.2 * p.y);
+                assert!(off.abs() < 1e-9, "{method:?}: {off}");
+            }
+            assert!(
+                !filled.doubts.iter().any(|doubt| doubt.contains("run through")),
+                "{:?}",
+                filled.doubts
+            );
+        }
+    }
+}
+
+// T-FIL-02, the plain methods.
+#[test]
+fn a_filled_sphere_is_closed_and_keeps_its_vertices() {
+    let mesh = without(&sphere(4), |p| p.z > 0.88 || p.x > 0.9);
+    let before = euler(&mesh);
+    for (method, far) in PLAIN.into_iter().zip([0.2, 0.2, 0.01, 0.01]) {
+        let filled = fill(&mesh, HoleChoice::All, method).unwrap().mesh;
+        assert_eq!(check_kept(&mesh, &filled), 0);
+        assert_eq!(euler(&filled), before + 2);
+        let added = &filled.positions()[mesh.positions().len()..];
+        let sum: f64 = added.iter().map(|p| p.coords.norm() - 1.0).map(|off| off * off).sum();
+        let rms = (sum / added.len() as f64).sqrt();
+        assert!(rms < far, "{rms}");
+    }
+}
+
+// T-FIL-08, at the rim's own density and with a given one.
+#[test]
+fn filled_edges_are_about_as_long_as_wanted() {
+    let mesh = without(&sphere(5), |p| p.z > 0.8);
+    let data = mesh.positions().len() as u32;
+    let spacing = |mesh: &Mesh, is_filled: bool| -> Vec<f64> {
+        let edges = mesh.edges().vertices;
+        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        let wanted = edges.iter().filter(|ends| (ends[1] >= data) == is_filled);
+        wanted.map(|&[a, b]| (place(a) - place(b)).norm()).collect()
+    };
+    let near = |mesh: &Mesh, wanted: f64| {
+        for length in spacing(mesh, true) {
+            assert!((0.6..=1.6).contains(&(length / wanted)), "{} of {wanted}", length);
+        }
+    };
+    let lengths = spacing(&mesh, false);
+    let mean = lengths.iter().sum::<f64>() / lengths.len() as f64;
+    for method in [FillMethod::Flat, FillMethod::ThinPlate, FillMethod::Membrane] {
+        near(&fill(&mesh, HoleChoice::All, method).unwrap().mesh, mean);
+    }
+    let coarse = ExemplarOptions {
+        iterations: 0,
+        start: Start::Flat,
+        edges: vec![mean],
+        ..Default::default()
+    };
+    near(&fill(&mesh, HoleChoice::All, coarse.into()).unwrap().mesh, mean);
+}
+
+// T-FIL-09.
+#[test]
+fn a_hole_that_touches_itself_is_two_holes() {
+    // Two diamonds that share a corner.
+    let mesh = without(&grid(20, 12, |x, y| 0.05 * x * y), |p| {
+        (p.x - 6.0).abs() + (p.y - 5.0).abs() < 3.5 && p.x < 8.5
+    });
+    let holed = without(&mesh, |p| (p.x - 13.0).abs() + (p.y - 5.0).abs() < 3.5);
+    for method in PLAIN {
+        let filled = fill(&holed, HoleChoice::All, method).unwrap().mesh;
+        assert_eq!(check_kept(&holed, &filled), 2 * (19 + 11));
+    }
+    // Two missing triangles with one vertex in common.
+    let mut faces: Vec<[u32; 3]> = grid(6, 6, |_, _| 0.0).faces().as_triangles().unwrap().to_vec();
+    let shared = 14;
+    let touching: Vec<usize> =
+        (0..faces.len()).filter(|&face| faces[face].contains(&shared)).collect();
+    let apart = *touching
+        .iter()
+        .find(|&&face| {
+            faces[face].iter().filter(|vertex| faces[touching[0]].contains(vertex)).count() == 1
+        })
+        .unwrap();
+    faces.remove(apart.max(touching[0]));
+    faces.remove(apart.min(touching[0]));
+    let holed = of(grid(6, 6, |_, _| 0.0).positions().to_vec(), faces);
+    for method in PLAIN {
+        let filled = fill(&holed, HoleChoice::All, method).unwrap().mesh;
+        assert_eq!(check_kept(&holed, &filled), 20);
+        assert_eq!(filled.faces().len(), 50);
+    }
+}
+
+// T-FIL-09: a hole of three edges, and one in a strip of triangles.
+#[test]
+fn the_smallest_holes_are_filled_with_what_was_there() {
+    let whole = sphere(1);
+    let mut faces = whole.faces().as_triangles().unwrap().to_vec();
+    let last = faces.pop().unwrap();
+    let holed = of(whole.positions().to_vec(), faces);
+    for method in PLAIN {
+        let filled = fill(&holed, HoleChoice::All, method).unwrap().mesh;
+        assert_eq!(check_kept(&holed, &filled), 0);
+        let added = filled.faces().face(filled.faces().len() - 1);
+        assert!(last.iter().all(|vertex| added.contains(vertex)));
+    }
+    // A ring of triangles without one of them: both of its rims go through the vertex opposite to the gap.
+    let ring = (0..8u32).flat_map(|k| {
+        let next = (k + 1) % 8;
+        [[k, next, 8 + k], [next, 8 + next, 8 + k]]
+    });
+    let at = |k: u32| {
+        let angle = f64::from(k % 8) * std::f64::consts::TAU / 8.0;
+        Point3::new(libm::cos(angle), libm::sin(angle), f64::from(k / 8))
+    };
+    let strip = of((0..16).map(at).collect(), ring.skip(1).collect());
+    for method in PLAIN {
+        let filled = fill(&strip, HoleChoice::Loops(vec![0, 1]), method).unwrap().mesh;
+        assert_eq!(check_kept(&strip, &filled), 0);
+    }
+}
+
+#[test]
+fn a_mesh_without_holes_stays_and_says_so() {
+    let mesh = sphere(2);
+    let filled = fill(&mesh, HoleChoice::All, FillMethod::default()).unwrap();
+    assert_eq!(check_kept(&mesh, &filled.mesh), 0);
+    assert_eq!(filled.mesh.positions(), mesh.positions());
+    assert_eq!(filled.doubts, ["there is no such hole"]);
+}
+
+#[test]
+fn a_mesh_that_is_no_surface_is_refused_with_the_places() {
+    let points =
+        |count: u32| (0..count).map(|k| Point3::new(f64::from(k), f64::from(k * k), 0.0)).collect();
+    let book = of(points(5), vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
+    let error = fill(&book, HoleChoice::All, FillMethod::Flat).unwrap_err();
+    assert_eq!(error, FillError::NonManifold { edges: vec![[0, 1]], vertices: vec![] });
+    // Two tetrahedra that touch at a vertex.
+    let tetrahedron = |[a, b, c, d]: [u32; 4]| [[a, c, b], [a, b, d], [a, d, c], [b, c, d]];
+    let both = of(points(7), [tetrahedron([0, 1, 2, 3]), tetrahedron([0, 4, 5, 6])].concat());
+    let error = fill(&both, HoleChoice::All, FillMethod::Flat).unwrap_err();
+    assert_eq!(error, FillError::NonManifold { edges: vec![], vertices: vec![0] });
+}
+
+#[test]
+fn holes_are_chosen_by_size_number_and_place() {
+    let mesh = without(&sphere(4), |p| p.z > 0.9 || p.x > 0.95);
+    let open = |choice: HoleChoice| {
+        let filled = fill(&mesh, choice, FillMethod::Flat).unwrap().mesh;
+        check_kept(&mesh, &filled)
+    };
+    let (large, small) = (open(HoleChoice::Edges { max: 22 }), open(HoleChoice::Largest));
+    assert!(0 < small && small < large);
+    assert_eq!(open(HoleChoice::Edges { max: 3 }), small + large);
+    assert_eq!(open(HoleChoice::Loops(vec![0, 1])), 0);
+    let error = fill(&mesh, HoleChoice::Loops(vec![2]), FillMethod::Flat).unwrap_err();
+    assert_eq!(error, FillError::NoRim { number: 2, count: 2 });
+}
+
+#[test]
+fn a_region_is_cut_out_and_filled_and_nothing_else() {
+    let mesh = without(&sphere(4), |p| p.z > 0.9);
+    let marked: Vec<u8> = mesh.positions().iter().map(|p| u8::from(p.z < -0.9)).collect();
+    let count = marked.iter().filter(|&&mark| mark == 0).count();
+    let mesh = mesh.with_vertex("bad", Attribute::Flag(marked.into())).unwrap();
+    let ball = HoleRegion::Ball { at: [0.0, 0.0, -1.0], radius: 0.4472 };
+    let cube = HoleRegion::Box { low: [-1.0, -1.0, -1.0], high: [1.0, 1.0, -0.9] };
+    let attribute = HoleRegion::Marked { attribute: "bad".into() };
+    for region in [ball, cube, attribute] {
+        let filled = fill(&mesh, HoleChoice::Region(region), FillMethod::ThinPlate).unwrap().mesh;
+        let Some(Attribute::Flag(flags)) = filled.vertex().get("filled") else {
+            panic!("no flags")
+        };
+        assert_eq!(flags.iter().filter(|&&flag| flag == 0).count(), count);
+        assert!(filled.edges().faces.contains(&1), "the other hole stays");
+        assert!(filled.positions().iter().any(|p| p.z < -0.97), "the plate is round");
+    }
+    let nothing = HoleRegion::Marked { attribute: "worse".into() };
+    let error = fill(&mesh, HoleChoice::Region(nothing), FillMethod::ThinPlate).unwrap_err();
+    assert_eq!(error.to_string(), "there is no flag or number per vertex named `worse`");
+}
+
+#[test]
+fn polygons_stay_polygons_and_attributes_go_on() {
+    // Quads, and a picture's coordinates that are the places.
+    let columns = 12;
+    let corner = |k: u32| Point3::new(f64::from(k % columns), f64::from(k / columns), 0.0);
+    let quads: Vec<u32> = (0..columns - 1)
+        .flat_map(|row| (0..columns - 1).map(move |column| row * columns + column))
+        .filter(|a| !((4..7).contains(&(a % columns)) && (4..7).contains(&(a / columns))))
+        .flat_map(|a| [a, a + 1, a + columns + 1, a + columns])
+        .collect();
+    let points: Vec<_> = (0..columns * columns).map(corner).collect();
+    let uv: Vec<[f64; 2]> = points.iter().map(|p| [p.x, p.y]).collect();
+    let corners: Vec<[f64; 2]> = quads.iter().map(|&vertex| uv[vertex as usize]).collect();
+    let faces = Faces::uniform(4, quads).unwrap();
+    let numbers: Vec<u32> = (0..faces.len() as u32).collect();
+    let mesh = Mesh::new(points, faces).unwrap();
+    // Nothing uses the vertices in the middle of the hole.
+    let mesh = mesh
+        .with_vertex("uv", Attribute::Pair(uv.into()))
+        .and_then(|mesh| {
+            mesh.with_vertex("color", Attribute::Color(vec![[9, 90, 200]; 144].into()))
+        })
+        .and_then(|mesh| mesh.with_corner("st", Attribute::Pair(corners.into())))
+        .and_then(|mesh| mesh.with_face("number", Attribute::Index(numbers.into())))
+        .unwrap();
+    let filled = fill(&mesh, HoleChoice::All, FillMethod::Membrane).unwrap().mesh;
+    check_kept(&mesh, &filled);
+    let uv = filled.vertex().pairs("uv").unwrap();
+    let added = 144..filled.positions().len();
+    assert!(!added.is_empty());
+    for vertex in added {
+        let (at, uv) = (filled.positions()[vertex], uv[vertex]);
+        assert!((at.x - uv[0]).abs() < 0.5 && (at.y - uv[1]).abs() < 0.5, "{at} {uv:?}");
+        assert_eq!(filled.vertex().colors("color").unwrap()[vertex], [9, 90, 200]);
+    }
+    let corners = filled.corner().pairs("st").unwrap();
+    for (&vertex, st) in filled.faces().corners().iter().zip(corners.iter()) {
+        assert_eq!(uv[vertex as usize], *st);
+    }
+    let Some(Attribute::Index(numbers)) = filled.face().get("number") else { panic!("no numbers") };
+    assert!(numbers.iter().all(|&number| number < mesh.faces().len() as u32));
+}
+
+#[test]
+fn the_corner_of_a_cube_is_sharp_again() {
+    let count = 16;
+    let side = |to: fn(f64, f64) -> Point3<f64>| -> Vec<Point3<f64>> {
+        grid(count + 1, count + 1, |_, _| 0.0).positions().iter().map(|p| to(p.x, p.y)).collect()
+    };
+    let sides: [fn(f64, f64) -> Point3<f64>; 6] = [
+        |x, y| Point3::new(x, y, 16.0),
+        |x, y| Point3::new(y, x, 0.0),
+        |x, y| Point3::new(y, 16.0, x),
+        |x, y| Point3::new(x, 0.0, y),
+        |x, y| Point3::new(16.0, x, y),
+        |x, y| Point3::new(0.0, y, x),
+    ];
+    let mut numbers = std::collections::BTreeMap::new();
+    let (mut points, mut faces) = (Vec::new(), Vec::new());
+    for to in sides {
+        let own = side(to);
+        let ids: Vec<u32> = own
+            .iter()
+            .map(|p| {
+                *numbers.entry([p.x as i64, p.y as i64, p.z as i64]).or_insert_with(|| {
+                    points.push(*p);
+                    points.len() as u32 - 1
+                })
+            })
+            .collect();
+        let grid = grid(count + 1, count + 1, |_, _| 0.0);
+        faces.extend(
+            grid.faces().as_triangles().unwrap().iter().map(|face| face.map(|k| ids[k as usize])),
+        );
+    }
+    let cube = of(points, faces);
+    let mesh = without(&cube, |p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0);
+    let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
+    assert_eq!(check_kept(&mesh, &filled.mesh), 0);
+    assert_eq!(filled.doubts, [""; 0]);
+    let added = &filled.mesh.positions()[mesh.positions().len()..];
+    for p in added {
+        let off = (16.0 - p.x).min(16.0 - p.y).min(16.0 - p.z);
+        assert!(off.abs() < 1e-6, "{p} is not on the cube");
+    }
+    assert!(added.iter().any(|p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 1e-6), "the corner");
+}
+
+#[test]
+fn a_wildly_rough_rim_throws_no_plate_off() {
+    let rough = grid(20, 20, |x, y| 8.0 * random((x + 20.0 * y) as u64));
+    let mesh = without(&rough, |p| (p - Point3::new(9.5, 9.5, p.z)).norm_squared() < 20.0);
+    let filled = fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap();
+    let all = filled.mesh.positions().iter();
+    assert!(all.clone().all(|p| (-20.0..30.0).contains(&p.z) && (-10.0..30.0).contains(&p.x)));
+}
+
+#[test]
+fn the_border_of_an_open_part_stays_unless_it_is_asked_for() {
+    let mesh = grid(8, 8, |_, _| 0.0);
+    let filled = fill(&mesh, HoleChoice::All, FillMethod::Flat).unwrap();
+    assert_eq!(check_kept(&mesh, &filled.mesh), 28);
+    assert!(filled.doubts[0].contains("Loops([0])"), "{:?}", filled.doubts);
+    let closed = fill(&mesh, HoleChoice::Loops(vec![0]), FillMethod::Flat).unwrap();
+    assert_eq!(check_kept(&mesh, &closed.mesh), 0);
+}
+
+#[test]
+fn several_threads_give_the_same_bytes() {
+    let mesh = without(&sphere(4), |p| p.z > 0.8 || p.x > 0.9 || p.y < -0.95);
+    let filled = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap().mesh)
+    };
+    let one = filled(1);
+    assert!([2, 8].into_iter().all(|threads| filled(threads) == one));
+}
+
+#[test]
+fn a_rim_of_thousands_of_edges_is_filled_fast_and_well() {
+    let count = 3000u32;
+    let at = |k: u32, out: f64| {
+        let angle = std::f64::consts::TAU * f64::from(k) / f64::from(count);
+        let radius = (1.0 + 0.3 * libm::sin(5.0 * angle)) * out;
+        Point3::new(
+            radius * libm::cos(angle),
+            radius * libm::sin(angle),
+            0.2 * libm::sin(2.0 * angle),
+        )
+    };
+    let points = (0..count).map(|k| at(k, 1.2)).chain((0..count).map(|k| at(k, 1.0)));
+    let faces = (0..count).flat_map(|k| {
+        let next = (k + 1) % count;
+        [[k, next, count + k], [next, count + next, count + k]]
+    });
+    let band = of(points.collect(), faces.collect());
+    let filled = fill(&band, HoleChoice::Loops(vec![1]), FillMethod::Flat).unwrap();
+    assert_eq!(check_kept(&band, &filled.mesh), count as usize);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever is torn out of a rough sphere or field: the result is a surface around the data, or an error tells why not.
+    #[test]
+    fn random_holes_give_surfaces_or_errors(seed in 0u64..1 << 40, share in 0.02f64..0.5, method in 0usize..4, closed: bool) {
+        let whole = if closed { sphere(3) } else { grid(14, 14, |x, y| 2.0 * random(seed ^ (x + 14.0 * y) as u64)) };
+        let faces = whole.faces().as_triangles().unwrap();
+        let kept: Vec<[u32; 3]> = (0u64..).zip(faces).filter(|(k, _)| random(seed ^ (k << 20)) > share).map(|(_, face)| *face).collect();
+        let holed = of(whole.positions().to_vec(), kept);
+        match fill(&holed, HoleChoice::All, PLAIN[method].clone()) {
+            Ok(filled) => {
+                check_kept(&holed, &filled.mesh);
+            }
+            Err(error) => {
+                let typed = matches!(error, FillError::NonManifold { .. } | FillError::Clash { .. });
+                prop_assert!(typed, "{error}");
+            }
+        }
+    }
+}
