@@ -51,9 +51,9 @@ MUTATIONS = [
     ("nodes/nurbs/harmonic.rs", "(((lengths[a] + lengths[b]) / 2.0).round() as usize + 1)", "(((lengths[a] + lengths[b]) / 2.0).round() as usize + 2)", "off by one"),
     ("nodes/nurbs/tessellate.rs", "Ok(surface.tessellate(u, v)?)", "Ok(surface.tessellate(v, u)?)", "swapped axis"),
     # Subdivision
-    ("nodes/subdivision/loop_masks.rs", "[w * neighbor, neighbor], [2.0 / 3.0, 1.0 / 6.0]", "[w * neighbor, neighbor], [0.6, 0.2]", "weight"),
-    ("nodes/subdivision/loop_masks.rs", "[libm::cos(angle), libm::sin(angle)]\n", "[libm::sin(angle), libm::cos(angle)]\n", "swapped"),
-    ("nodes/subdivision/plan.rs", ".map(|face| face / 4)", ".map(|face| face / 5)", "off by one"),
+    ("nodes/subdivision/masks.rs", "smooth, [2.0 / 3.0, 1.0 / 6.0]", "smooth, [0.6, 0.2]", "weight"),
+    ("nodes/subdivision/loop_masks.rs", "(libm::sin(angle), libm::cos(angle))", "(libm::cos(angle), libm::sin(angle))", "swapped"),
+    ("nodes/subdivision/primal.rs", ".map(|face| face / 4)", ".map(|face| face / 5)", "off by one"),
     ("nodes/subdivision/sharpness.rs", "!ring.closed && ring.n_faces() <= 1;", "!ring.closed && ring.n_faces() <= 2;", "off by one"),
     # Meshes
     ("nodes/mesh/merge.rs", "shift: Vector3::new(pose[(0, 3)], pose[(1, 3)], pose[(2, 3)])", "shift: Vector3::new(pose[(3, 0)], pose[(3, 1)], pose[(3, 2)])", "swapped"),
