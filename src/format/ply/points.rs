@@ -151,9 +151,16 @@ mod tests {
         let points = read_points(&bytes).unwrap();
         assert_eq!(points.positions()[..], [Point3::new(1., 2., 3.), Point3::new(4., 2., 3.)]);
         let attributes = points.attributes();
-        assert_eq!(attributes.vectors("motion").unwrap()[..], [[0.5, 0.0, 0.0]; 2]);
-        assert_eq!(attributes.vectors("sigma").unwrap()[..], [[0.5, 0.25, 1.0]; 2]);
-        assert_eq!(attributes.get("weight"), Some(&Attribute::Number(vec![1.0, 2.0].into())));
+        // A file has numbers alone, one for each axis.
+        for (name, numbers) in [
+            ("motion_x", [0.5, 0.5]),
+            ("motion_y", [0.0, 0.0]),
+            ("sigma_y", [0.25, 0.25]),
+            ("sigma_z", [1.0, 1.0]),
+            ("weight", [1.0, 2.0]),
+        ] {
+            assert_eq!(attributes.get(name), Some(&Attribute::Number(numbers.to_vec().into())));
+        }
     }
 
     #[test]
