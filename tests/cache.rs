@@ -176,7 +176,7 @@ fn four_evaluators_share_a_folder() {
                     }
                     let growth = ["20", "21"][(worker + round) % 2];
                     let evaluation = processes.run(&[("growth", growth)]);
-                    assert!(evaluation.problems().is_empty());
+                    assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
                     if growth == "20" {
                         assert_eq!(hash(&evaluation, graph), *expected);
                     }
