@@ -214,6 +214,23 @@ def numba_ffd(count, narrower=1.0, drag=False):
     return open_peer
 
 
+def plain_c_ffd(count):
+    """The same sums in plain C, with random handles and without solving for them: what a compiler makes of the loop."""
+
+    def open_peer():
+        source, program = PEERS / "cpp/ffd_floor.c", WORK / "ffd_floor"
+        if not program.exists():
+            flags = ["-O3", "-march=native", "-ffast-math", "-fopenmp"]
+            subprocess.run(["gcc", *flags, source, "-o", program, "-lm"], check=True)
+        run = lambda: subprocess.run([program], check=True, capture_output=True, text=True).stdout
+        peer = Peer("plain C, -ffast-math", run)
+        wanted = f"{count} handles, {THREADS} threads: f64 "
+        peer.milliseconds = lambda text: float(text.split(wanted)[1].split()[0])
+        return peer
+
+    return open_peer
+
+
 def open3d_pcd():
     import open3d
 
@@ -363,9 +380,9 @@ ROWS = [
     Row("Doo-Sabin, 4 steps to 1.5 M faces", "doo-sabin", None, []),
     Row("interpolating Loop, 20 252 vertices", "interpolate-loop", 5, [scipy_interpolation("int_tri")]),
     Row("interpolating Catmull-Clark, 19 442", "interpolate-catmull-clark", 8, [scipy_interpolation("int_quad")]),
-    Row("ffd, 1 M points, 64 handles", "ffd-64", 40, [numpy_ffd(64), numba_ffd(64)]),
-    Row("ffd, 1 M points, 256 handles", "ffd-256", 150, [numpy_ffd(256), numba_ffd(256)]),
-    Row("ffd near, 64 handles, within 1e-7", "ffd-near", 15, [numpy_ffd(64, 1 / 3), numba_ffd(64, 1 / 3)]),
+    Row("ffd, 1 M points, 64 handles", "ffd-64", 40, [numpy_ffd(64), numba_ffd(64), plain_c_ffd(64)]),
+    Row("ffd, 1 M points, 256 handles", "ffd-256", 150, [numpy_ffd(256), numba_ffd(256), plain_c_ffd(256)]),
+    Row("ffd near, 64 handles, within 1e-7", "ffd-near", 15, [numpy_ffd(64, 1 / 3), numba_ffd(64, 1 / 3), plain_c_ffd(64)]),
     Row("ffd drag of one of 64 handles", "ffd-drag", 10, [numpy_ffd(64, 1.0, True), numba_ffd(64, 1.0, True)]),
     Row("pipeline, 1.27 M faces, OBJ and PNG", PIPELINE, 250, [python_pipeline("splinepy", "pymeshlab")]),
     Row("fill a hole of 948 vertices, thin plate", "fill", 10, [cgal_fill, meshlib_fill]),

@@ -4,10 +4,11 @@
 //! difference of two exponents is a sum of parabolas, one per axis, whose maximum over the cell is exact. So the test holds for
 //! points far from all handles, too, where only the ratio of two vanishing powers counts.
 
+use maquette::simd::{Kernel, ROUGHLY, widest};
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::deformation::{Deformation, Term};
+use super::deformation::{Deformation, NONE_NEAR, Term};
 use super::layout::Bounds;
 
 /// Cells, and for each the terms that count in it.
@@ -19,16 +20,22 @@ pub(super) struct Cells {
     /// The terms of all cells, by number, those of one after those of the other.
     lists: Vec<u16>,
     starts: Vec<u32>,
+    /// Whether powers may be rough, too.
+    roughly: bool,
 }
+
+/// Rough powers are taken where what they are off by is at most this part of what may be left out.
+const ROUGH_PART: f64 = 0.05;
 
 /// Points per cell, if they lay evenly: fewer make shorter lists of terms, but take longer to prepare.
 const POINTS_PER_CELL: usize = 256;
 
 /// More cells leave so few points of a chunk in each that lanes of the processor stay empty.
-const MOST_CELLS: f64 = 1024.0;
+const MOST_CELLS: f64 = 512.0;
 
-/// Points of each cell that a chunk has if they lay evenly: several times the lanes.
-const MEMBERS: usize = 64;
+/// Points of each cell that a chunk has if they lay evenly: several times the lanes, but few enough for the chunk to stay near the
+/// processor.
+const MEMBERS: usize = 32;
 
 impl Cells {
     /// Cells in `bounds`, for about `points` points. What is left out of the sums at a point is less than this share of them.
@@ -45,6 +52,8 @@ impl Cells {
             extent.map(|length| (length / side).ceil().clamp(1.0, 32.0) as usize).into();
         let size = Vector3::from_fn(|axis, _| extent[axis] / counts[axis] as f64);
         let terms = &deformation.terms;
+        let roughly = ROUGHLY <= ROUGH_PART * share;
+        let share = if roughly { share - ROUGHLY } else { share };
         let least = libm::log2(share / terms.len() as f64);
         let total = counts.iter().product::<usize>();
         let list = |cell: usize| {
@@ -70,21 +79,13 @@ impl Cells {
             counts,
             lists: all.concat(),
             starts,
+            roughly,
         }
     }
 
     /// How many points should be given to [`Cells::apply`] at once, so that there are some of each cell among them.
     pub(super) fn chunk(&self) -> usize {
         MEMBERS * (self.starts.len() - 1)
-    }
-
-    /// The cell of a point; one of those at the border for a point outside.
-    fn cell(&self, point: &Point3<f64>) -> usize {
-        let place = |axis: usize| {
-            let place = (point[axis] - self.low[axis]) * self.pitch[axis];
-            (place as usize).min(self.counts[axis] - 1)
-        };
-        (place(2) * self.counts[1] + place(1)) * self.counts[0] + place(0)
     }
 
     /// [`Deformation::apply`], with the terms of each point's cell alone.
@@ -97,6 +98,7 @@ impl Cells {
     ) {
         let (order, ends) = self.sorted(points);
         let mut terms = Vec::with_capacity(deformation.terms.len());
+        let mut together = NONE_NEAR;
         let (mut near, mut there, mut derivatives) = (Vec::new(), Vec::new(), Vec::new());
         let mut first = 0;
         for (cell, &end) in ends.iter().enumerate() {
@@ -108,27 +110,27 @@ impl Cells {
             let list = self.starts[cell] as usize..self.starts[cell + 1] as usize;
             terms.clear();
             terms.extend(self.lists[list].iter().map(|&term| deformation.terms[term as usize]));
+            let Some(jacobians) = &mut jacobians else {
+                deformation.apply_to(&terms, members, points, moved, self.roughly, &mut together);
+                continue;
+            };
             near.clear();
             near.extend(members.iter().map(|&member| points[member as usize]));
             there.resize(members.len(), Point3::origin());
-            if let Some(jacobians) = &mut jacobians {
-                derivatives.resize(members.len(), Matrix3::zeros());
-                deformation.apply(&terms, &near, &mut there, Some(&mut derivatives));
-                for (&member, derivative) in members.iter().zip(&derivatives) {
-                    jacobians[member as usize] = *derivative;
-                }
-            } else {
-                deformation.apply(&terms, &near, &mut there, None);
-            }
-            for (&member, point) in members.iter().zip(&there) {
+            derivatives.resize(members.len(), Matrix3::zeros());
+            deformation.apply(&terms, &near, &mut there, Some(&mut derivatives));
+            for (&member, (point, derivative)) in members.iter().zip(there.iter().zip(&derivatives))
+            {
                 moved[member as usize] = *point;
+                jacobians[member as usize] = *derivative;
             }
         }
     }
 
     /// The points' numbers by cell, and where each cell's end.
     fn sorted(&self, points: &[Point3<f64>]) -> (Vec<u32>, Vec<u32>) {
-        let cells: Vec<u32> = points.iter().map(|point| self.cell(point) as u32).collect();
+        let mut cells = vec![0; points.len()];
+        widest(Numbers { cells: self, points, numbers: &mut cells });
         let mut ends = vec![0_u32; self.starts.len() - 1];
         cells.iter().for_each(|&cell| ends[cell as usize] += 1);
         let mut start = 0;
@@ -142,6 +144,34 @@ impl Cells {
             *place += 1;
         }
         (order, ends)
+    }
+}
+
+/// The number of each point's cell; one of those at the border for a point outside.
+struct Numbers<'a> {
+    cells: &'a Cells,
+    points: &'a [Point3<f64>],
+    numbers: &'a mut [u32],
+}
+
+/// Added to a number that is not negative and smaller, it leaves the nearest integer in the sum's lowest bits.
+const ROUND: f64 = (1_u64 << 52) as f64;
+
+impl Kernel for Numbers<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { cells: Cells { low, pitch, counts, .. }, points, numbers } = self;
+        let last = counts.map(|count| (count - 1) as f64);
+        let [row, layer] = [counts[0] as f64, (counts[0] * counts[1]) as f64];
+        for (number, point) in numbers.iter_mut().zip(points) {
+            // Half a cell less, rounded, is the cell; a point between two cells belongs to either.
+            let place = |axis: usize| {
+                let place = (point[axis] - low[axis]) * pitch[axis] - 0.5;
+                (place.max(0.0).min(last[axis]) + ROUND) - ROUND
+            };
+            let cell = place(0) + row * place(1) + layer * place(2);
+            *number = (cell + ROUND).to_bits() as u32;
+        }
     }
 }
 

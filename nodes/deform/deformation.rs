@@ -10,7 +10,7 @@
 
 use std::f64::consts::LN_2;
 
-use maquette::simd::{self, Kernel, Lanes, exp2, exp2_of_normal, widest};
+use maquette::simd::{self, Kernel, Lanes, exp2, exp2_of_normal, exp2_roughly, widest};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::gaussians::{Bump, Gaussians};
@@ -95,14 +95,74 @@ impl Deformation {
         assert_eq!(points.len(), moved.len(), "one result per point");
         match jacobians {
             None if all_are_normal(terms, points) => {
-                widest(Positions::<true> { deformation: self, terms, points, moved });
+                widest(Positions(self, terms, points, moved, Normal));
             }
-            None => widest(Positions::<false> { deformation: self, terms, points, moved }),
+            None => widest(Positions(self, terms, points, moved, Any)),
             Some(jacobians) => {
                 assert_eq!(points.len(), jacobians.len(), "one derivative per point");
                 widest(Jacobians { deformation: self, terms, points, moved, jacobians });
             }
         }
+    }
+}
+
+impl Deformation {
+    /// Where the `members` of `points` go, into their places of `moved`. With `roughly` each power may be off by
+    /// [`simd::ROUGHLY`] of itself.
+    pub(super) fn apply_to(
+        &self,
+        terms: &[Term],
+        members: &[u32],
+        points: &[Point3<f64>],
+        moved: &mut [Point3<f64>],
+        roughly: bool,
+        near: &mut Near,
+    ) {
+        let scattered = Scattered { deformation: self, terms, members, points, moved, near };
+        if roughly { widest(By(scattered, Rough)) } else { widest(By(scattered, Any)) }
+    }
+
+    #[inline(always)]
+    fn moved<const N: usize>(
+        &self,
+        point: Point3<f64>,
+        sums: &Sums<N>,
+        lane: usize,
+    ) -> Point3<f64> {
+        (self.base.at(point.coords) + sums.value(lane) * (1.0 / sums.total.0[lane])).into()
+    }
+}
+
+/// How powers of 2 are taken.
+trait Power {
+    fn of(exponent: f64) -> f64;
+}
+
+struct Any;
+
+impl Power for Any {
+    #[inline(always)]
+    fn of(exponent: f64) -> f64 {
+        exp2(exponent)
+    }
+}
+
+/// Where [`all_are_normal`].
+struct Normal;
+
+impl Power for Normal {
+    #[inline(always)]
+    fn of(exponent: f64) -> f64 {
+        exp2_of_normal(exponent)
+    }
+}
+
+struct Rough;
+
+impl Power for Rough {
+    #[inline(always)]
+    fn of(exponent: f64) -> f64 {
+        exp2_roughly(exponent)
     }
 }
 
@@ -127,24 +187,59 @@ fn all_are_normal(terms: &[Term], points: &[Point3<f64>]) -> bool {
     terms.iter().all(|term| least(term) > simd::LEAST + 1.0)
 }
 
-/// `NORMAL`: whether [`all_are_normal`].
-struct Positions<'a, const NORMAL: bool> {
-    deformation: &'a Deformation,
-    terms: &'a [Term],
-    points: &'a [Point3<f64>],
-    moved: &'a mut [Point3<f64>],
-}
+/// The points, and where they go.
+struct Positions<'a, P>(&'a Deformation, &'a [Term], &'a [Point3<f64>], &'a mut [Point3<f64>], P);
 
-impl<const NORMAL: bool> Kernel for Positions<'_, NORMAL> {
+impl<P: Power> Kernel for Positions<'_, P> {
     #[inline(always)]
     fn run(self) {
-        let Self { deformation, terms, points, moved } = self;
+        let Self(deformation, terms, points, moved, _) = self;
         for (points, moved) in points.chunks(LANES).zip(moved.chunks_mut(LANES)) {
-            let x = columns(points);
-            let sums = sums::<LANES, false, NORMAL>(terms, deformation.background, &x);
+            let sums = sums::<LANES, false, P>(terms, deformation.background, &columns(points));
             for (lane, (point, moved)) in points.iter().zip(moved).enumerate() {
-                let share = sums.value(lane) * (1.0 / sums.total.0[lane]);
-                *moved = (deformation.base.at(point.coords) + share).into();
+                *moved = deformation.moved(*point, &sums, lane);
+            }
+        }
+    }
+}
+
+/// Coordinates of points that are gathered before any of them is computed: from places far apart in memory, which are waited for
+/// together.
+pub(super) type Near = [[Lanes<LANES>; 3]; 8];
+
+/// None yet.
+pub(super) const NONE_NEAR: Near = [[Lanes::ZERO; 3]; 8];
+
+/// Which of the points, the points, and where they go.
+struct Scattered<'a> {
+    deformation: &'a Deformation,
+    terms: &'a [Term],
+    members: &'a [u32],
+    points: &'a [Point3<f64>],
+    moved: &'a mut [Point3<f64>],
+    near: &'a mut Near,
+}
+
+/// By powers taken like this.
+struct By<'a, P>(Scattered<'a>, P);
+
+impl<P: Power> Kernel for By<'_, P> {
+    #[inline(always)]
+    fn run(self) {
+        let Scattered { deformation, terms, members, points, moved, near } = self.0;
+        for members in members.chunks(near.len() * LANES) {
+            let last = members[members.len() - 1];
+            // Lanes that are left get the last point again.
+            for k in 0..members.len().next_multiple_of(LANES) {
+                let point = points[*members.get(k).unwrap_or(&last) as usize];
+                (0..3).for_each(|axis| near[k / LANES][axis].0[k % LANES] = point[axis]);
+            }
+            for (x, members) in near.iter().zip(members.chunks(LANES)) {
+                let sums = sums::<LANES, false, P>(terms, deformation.background, x);
+                for (lane, &member) in members.iter().enumerate() {
+                    let point = Point3::from(x.each_ref().map(|x| x.0[lane]));
+                    moved[member as usize] = deformation.moved(point, &sums, lane);
+                }
             }
         }
     }
@@ -166,7 +261,7 @@ impl Kernel for Jacobians<'_> {
         let chunks = points.chunks(LANES).zip(moved.chunks_mut(LANES));
         for ((points, moved), jacobians) in chunks.zip(jacobians.chunks_mut(LANES)) {
             let x = columns(points);
-            let sums = sums::<LANES, true, false>(terms, deformation.background, &x);
+            let sums = sums::<LANES, true, Any>(terms, deformation.background, &x);
             for (lane, (point, (moved, jacobian))) in
                 points.iter().zip(moved.iter_mut().zip(jacobians)).enumerate()
             {
@@ -240,13 +335,13 @@ impl<const N: usize> Sums<N> {
 
 /// The sums, with those that vanish computed again. Each lane depends on its own point alone.
 #[inline(always)]
-fn sums<const N: usize, const DERIVATIVES: bool, const NORMAL: bool>(
+fn sums<const N: usize, const DERIVATIVES: bool, P: Power>(
     terms: &[Term],
     background: f64,
     x: &[Lanes<N>; 3],
 ) -> Sums<N> {
     let mut sums = Sums::new(&Lanes([background; N]));
-    add::<N, DERIVATIVES, NORMAL, false>(terms, x, &Lanes::ZERO, &mut sums);
+    add::<N, DERIVATIVES, P, false>(terms, x, &Lanes::ZERO, &mut sums);
     if sums.total.0.iter().any(|total| *total < LEAST_TOTAL) {
         let rest = libm::log2(background);
         let mut greatest = Lanes([rest; N]);
@@ -259,7 +354,7 @@ fn sums<const N: usize, const DERIVATIVES: bool, const NORMAL: bool>(
         let rest =
             greatest.0.map(|greatest| if background > 0.0 { exp2(rest - greatest) } else { 0.0 });
         let mut again = Sums::new(&Lanes(rest));
-        add::<N, DERIVATIVES, false, true>(terms, x, &greatest, &mut again);
+        add::<N, DERIVATIVES, Any, true>(terms, x, &greatest, &mut again);
         sums.replace_lost(&again);
     }
     sums
@@ -267,7 +362,7 @@ fn sums<const N: usize, const DERIVATIVES: bool, const NORMAL: bool>(
 
 /// Adds every term to the sums. One pass, without a branch: all lanes of the processor are at work.
 #[inline(always)]
-fn add<const N: usize, const DERIVATIVES: bool, const NORMAL: bool, const SHIFTED: bool>(
+fn add<const N: usize, const DERIVATIVES: bool, P: Power, const SHIFTED: bool>(
     terms: &[Term],
     x: &[Lanes<N>; 3],
     shift: &Lanes<N>,
@@ -285,7 +380,7 @@ fn add<const N: usize, const DERIVATIVES: bool, const NORMAL: bool, const SHIFTE
             if SHIFTED {
                 exponent -= shift[k];
             }
-            let v = if NORMAL { exp2_of_normal(exponent) } else { exp2(exponent) };
+            let v = P::of(exponent);
             let [vx, vy, vz] = [v * value[0], v * value[1], v * value[2]];
             total.0[k] += v;
             s0.0[k] += vx;

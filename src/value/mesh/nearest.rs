@@ -7,6 +7,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::Mesh;
+use crate::simd::{Kernel, Lanes, widest};
 
 /// Triangles of a leaf: with fewer there are more boxes to visit, with more there are more triangles to measure.
 const LEAF: usize = 4;
@@ -92,14 +93,10 @@ impl TriangleTree {
         // Each search begins where the last one ended: then it has little to look for.
         let order = along_curve(points.len(), |index| points[index], bounds);
         let of_chunk = |places: &[u32]| {
-            let (mut start, mut visited, mut stack) = (None, 0, Vec::new());
-            let found = places.iter().map(|&place| {
-                let point = points[place as usize];
-                let found = self.nearest(point, start, &mut stack, &mut visited);
-                start = found.map(|(leaf, _)| leaf);
-                found.map(|(_, hit)| hit)
-            });
-            (found.collect::<Vec<_>>(), visited)
+            let (mut found, mut visited) = (Vec::with_capacity(places.len()), 0);
+            let (found_here, visited_here) = (&mut found, &mut visited);
+            widest(Search { tree: self, points, places, found: found_here, visited: visited_here });
+            (found, visited)
         };
         let chunks: Vec<_> = order.par_chunks(CHUNK).map(of_chunk).collect();
         let mut hits = vec![None; points.len()];
@@ -110,59 +107,161 @@ impl TriangleTree {
         }
         (hits, chunks.iter().map(|(_, visited)| visited).sum())
     }
+}
 
-    /// The leaf of the nearest triangle and what this one gives. The search begins in the leaf `start` and goes up from there:
-    /// what is near in the list is near in space, so that hardly anything else is looked into.
-    fn nearest(
-        &self,
-        point: Point3<f64>,
-        start: Option<usize>,
-        stack: &mut Vec<(usize, f64)>,
-        visited: &mut usize,
-    ) -> Option<(usize, NearestPlace)> {
-        let mut node = start.unwrap_or(1);
-        let mut best = None;
-        stack.push((node, 0.0));
-        self.look_into(stack, point, &mut best, visited);
-        while node > 1 {
-            stack.push((node ^ 1, to_box(point, &self.boxes[node ^ 1])));
-            self.look_into(stack, point, &mut best, visited);
-            node /= 2;
+/// Points that search together: a box is loaded once, and compared with all of them at once.
+const TOGETHER: usize = 8;
+
+/// The search of points that follow each other along a curve.
+struct Search<'a> {
+    tree: &'a TriangleTree,
+    points: &'a [Point3<f64>],
+    places: &'a [u32],
+    found: &'a mut Vec<Option<NearestPlace>>,
+    visited: &'a mut usize,
+}
+
+impl Kernel for Search<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let (mut stack, mut start) = (Vec::new(), 1);
+        for places in self.places.chunks(TOGETHER) {
+            let mut group = Group::new(self.points, places);
+            group.search(self.tree, start, &mut stack);
+            start = group.leaf;
+            self.found.extend_from_slice(&group.best[..places.len()]);
+            *self.visited += group.visited;
         }
-        best
+    }
+}
+
+/// Points that search together.
+struct Group {
+    points: [Point3<f64>; TOGETHER],
+    /// Their coordinates by axis.
+    columns: [Lanes<TOGETHER>; 3],
+    /// The squared distances of the nearest places so far; less than all of them for lanes that are left over.
+    bounds: Lanes<TOGETHER>,
+    /// The greatest of them.
+    bound: f64,
+    best: [Option<NearestPlace>; TOGETHER],
+    /// The leaf of the last place that was found.
+    leaf: usize,
+    /// Boxes looked into, for each of the points.
+    visited: usize,
+}
+
+impl Group {
+    #[inline(always)]
+    fn new(points: &[Point3<f64>], places: &[u32]) -> Self {
+        let mut group = Self {
+            points: [Point3::origin(); TOGETHER],
+            columns: [Lanes::ZERO; 3],
+            bounds: Lanes([-1.0; TOGETHER]),
+            bound: f64::INFINITY,
+            best: [None; TOGETHER],
+            leaf: 1,
+            visited: 0,
+        };
+        for (lane, &place) in places.iter().enumerate() {
+            let point = points[place as usize];
+            group.points[lane] = point;
+            (0..3).for_each(|axis| group.columns[axis].0[lane] = point[axis]);
+            group.bounds.0[lane] = f64::INFINITY;
+        }
+        group
     }
 
-    /// Looks for a nearer triangle below the nodes on the stack, each with the squared distance of its box, and empties it.
-    fn look_into(
-        &self,
-        stack: &mut Vec<(usize, f64)>,
-        point: Point3<f64>,
-        best: &mut Option<(usize, NearestPlace)>,
-        visited: &mut usize,
-    ) {
-        let mut bound = best.map_or(f64::INFINITY, |(_, hit)| hit.distance_sq);
-        while let Some((node, distance)) = stack.pop() {
-            if bound <= distance {
-                continue;
-            }
-            *visited += 1;
-            if self.leaves <= node {
-                let first = ((node - self.leaves) * LEAF).min(self.triangles.len());
-                let last = (first + LEAF).min(self.triangles.len());
-                for &Triangle { corners, face, fan } in &self.triangles[first..last] {
-                    let (distance_sq, shares) = to_triangle(point, corners);
-                    if distance_sq < bound {
-                        bound = distance_sq;
-                        *best = Some((node, NearestPlace { distance_sq, face, fan, shares }));
-                    }
-                }
-                continue;
-            }
-            let near = (2 * node, to_box(point, &self.boxes[2 * node]));
-            let far = (2 * node + 1, to_box(point, &self.boxes[2 * node + 1]));
-            let (near, far) = if near.1 <= far.1 { (near, far) } else { (far, near) };
-            stack.extend([far, near].into_iter().filter(|(_, distance)| *distance < bound));
+    /// Begins in the leaf `start` and goes up from there: what is near in the list is near in space, so that hardly anything else is
+    /// looked into. The stack is empty before and after.
+    #[inline(always)]
+    fn search(&mut self, tree: &TriangleTree, start: usize, stack: &mut Vec<(usize, f64)>) {
+        self.leaf = start;
+        self.look_into(tree, start, stack);
+        let mut node = start;
+        while node > 1 {
+            self.look_into(tree, node ^ 1, stack);
+            node /= 2;
         }
+    }
+
+    /// Looks for nearer triangles below a node.
+    #[inline(always)]
+    fn look_into(&mut self, tree: &TriangleTree, node: usize, stack: &mut Vec<(usize, f64)>) {
+        stack.push((node, self.to_box(&tree.boxes[node])));
+        while let Some((node, distance)) = stack.pop() {
+            if self.bound <= distance {
+                continue;
+            }
+            if tree.leaves <= node {
+                self.measure(tree, node);
+                continue;
+            }
+            self.visited += TOGETHER;
+            let a = (2 * node, self.to_box(&tree.boxes[2 * node]));
+            let b = (2 * node + 1, self.to_box(&tree.boxes[2 * node + 1]));
+            let (near, far) = if a.1 <= b.1 { (a, b) } else { (b, a) };
+            if far.1 < f64::INFINITY {
+                stack.push(far);
+            }
+            if near.1 < f64::INFINITY {
+                stack.push(near);
+            }
+        }
+    }
+
+    /// The least squared distance to a box, of the points that may find something nearer in it; infinite if there are none.
+    #[inline(always)]
+    fn to_box(&self, bounds: &Bounds) -> f64 {
+        let Lanes(mut least) = self.to_box_each(bounds);
+        for (distance, &bound) in least.iter_mut().zip(&self.bounds.0) {
+            *distance = if *distance < bound { *distance } else { f64::INFINITY };
+        }
+        for half in [4, 2, 1] {
+            let (kept, others) = least.split_at_mut(half);
+            for (kept, &other) in kept.iter_mut().zip(&*others) {
+                *kept = if other < *kept { other } else { *kept };
+            }
+        }
+        least[0]
+    }
+
+    #[inline(always)]
+    fn to_box_each(&self, [low, high]: &Bounds) -> Lanes<TOGETHER> {
+        let mut sum = Lanes::ZERO;
+        for axis in 0..3 {
+            let (low, high) = (f64::from(low[axis]), f64::from(high[axis]));
+            for lane in 0..TOGETHER {
+                let x = self.columns[axis].0[lane];
+                let outside = if x < low { low - x } else { x - high };
+                let outside = if outside < 0.0 { 0.0 } else { outside };
+                sum.0[lane] += outside * outside;
+            }
+        }
+        sum
+    }
+
+    /// Measures the triangles of a leaf.
+    #[inline(always)]
+    fn measure(&mut self, tree: &TriangleTree, leaf: usize) {
+        let distances = self.to_box_each(&tree.boxes[leaf]);
+        let first = ((leaf - tree.leaves) * LEAF).min(tree.triangles.len());
+        let triangles = &tree.triangles[first..(first + LEAF).min(tree.triangles.len())];
+        for lane in 0..TOGETHER {
+            if self.bounds.0[lane] <= distances.0[lane] {
+                continue;
+            }
+            self.visited += 1;
+            for &Triangle { corners, face, fan } in triangles {
+                let (distance_sq, shares) = to_triangle(self.points[lane], corners);
+                if distance_sq < self.bounds.0[lane] {
+                    self.bounds.0[lane] = distance_sq;
+                    self.best[lane] = Some(NearestPlace { distance_sq, face, fan, shares });
+                    self.leaf = leaf;
+                }
+            }
+        }
+        self.bound = self.bounds.0.into_iter().fold(0.0, |a, b| if b > a { b } else { a });
     }
 }
 
@@ -229,17 +328,10 @@ fn spread(x: u64) -> u64 {
     (x | x << 2) & 0x1249_2492_4924_9249
 }
 
-fn to_box(point: Point3<f64>, [low, high]: &Bounds) -> f64 {
-    let outside = |axis: usize| {
-        f64::max(f64::from(low[axis]) - point[axis], point[axis] - f64::from(high[axis])).max(0.0)
-    };
-    let [x, y, z] = [outside(0), outside(1), outside(2)];
-    x * x + y * y + z * z
-}
-
 /// The squared distance of a point to a triangle, and the nearest point as shares of the corners.
 ///
 /// Ericson, *Real-Time Collision Detection* (2005), section 5.1.5, whose letters are kept.
+#[inline(always)]
 fn to_triangle(p: Point3<f64>, [a, b, c]: [Point3<f64>; 3]) -> (f64, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let done = |shares: [f64; 3]| {
@@ -312,5 +404,9 @@ mod tests {
             let nearest = all.fold(f64::INFINITY, f64::min);
             assert!((hit.unwrap().distance_sq - nearest).abs() < 1e-12);
         }
+        let lost =
+            [Point3::new(f64::NAN, 0.0, 0.0), points[7], Point3::new(0.0, f64::INFINITY, 0.0)];
+        let hits = tree.nearest_to_all(&lost);
+        assert!(hits[0].is_none() && hits[1].is_some());
     }
 }
