@@ -62,7 +62,7 @@ fn methods() -> Vec<(&'static str, FillMethod)> {
         ("thin plate", FillMethod::ThinPlate),
         ("crease-aware", FillMethod::CreaseAware),
         ("exemplar", FillMethod::default()),
-        ("published", published.into()),
+        ("published", FillMethod::Exemplar(published)),
     ]
 }
 

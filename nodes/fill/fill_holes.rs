@@ -172,12 +172,12 @@ pub fn fill_holes(
     let clash = |NotManifold { edges, vertices }| FillError::Clash { edges, vertices };
     check_rims(&filling, &surroundings, &holes).map_err(clash)?;
     let (mut steps, mut exemplars, mut votes) = (Vec::new(), Vec::new(), None);
-    if let Some(options) = options.method.exemplar() {
+    if let FillMethod::Exemplar(options) = &options.method {
         let allowed = match &options.exemplars[..] {
             "" => None,
             name => Some(marks(&mesh, name)?),
         };
-        let completed = complete(&mut filling, &options, allowed.as_deref(), progress)?;
+        let completed = complete(&mut filling, options, allowed.as_deref(), progress)?;
         if completed.no_exemplar && !holes.is_empty() {
             doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
         }
@@ -205,13 +205,15 @@ impl Wanted {
             FillMethod::Membrane => Plain::Membrane,
             FillMethod::Flat => Plain::Flat,
             FillMethod::CreaseAware => Plain::CreaseAware,
-            FillMethod::Exemplar { start: Start::ThinPlate, .. } => Plain::ThinPlate,
-            FillMethod::Exemplar { start: Start::Centroid, .. } => Plain::Centroid,
-            FillMethod::Exemplar { start: Start::Membrane, .. } => Plain::Membrane,
-            FillMethod::Exemplar { start: Start::Flat, .. } => Plain::Flat,
+            FillMethod::Exemplar(options) => match options.start {
+                Start::ThinPlate => Plain::ThinPlate,
+                Start::Centroid => Plain::Centroid,
+                Start::Membrane => Plain::Membrane,
+                Start::Flat => Plain::Flat,
+            },
         };
         let edge = match method {
-            FillMethod::Exemplar { edges, .. } => edges.last().copied(),
+            FillMethod::Exemplar(options) => options.edges.last().copied(),
             _ => None,
         };
         Self { plain, edge: edge.filter(|&edge| edge > 0.0) }

@@ -114,7 +114,7 @@ fn filled_edges_are_about_as_long_as_wanted() {
         edges: vec![mean],
         ..Default::default()
     };
-    near(&fill(&mesh, HoleChoice::All, coarse.into()).unwrap().mesh, mean);
+    near(&fill(&mesh, HoleChoice::All, FillMethod::Exemplar(coarse)).unwrap().mesh, mean);
 }
 
 // T-FIL-09.

@@ -110,9 +110,19 @@ impl<'a> Value<'a> {
         }
     }
 
+    /// What stands between the parentheses behind a variant's name, if there are any.
+    fn content<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        match &self.tree.kind {
+            Kind::Call { body, .. } => self.body(body, visitor),
+            _ => self.fields(&[], visitor),
+        }
+    }
+
     fn any<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
         match &self.tree.kind {
-            Kind::Number { value, whole: true } => visitor.visit_i64(*value as i64),
+            Kind::Number { value, whole } if *whole || is_whole(*value) => {
+                visitor.visit_i64(*value as i64)
+            }
             Kind::Number { value, .. } => visitor.visit_f64(*value),
             Kind::Bool(value) => visitor.visit_bool(*value),
             Kind::Text(text) | Kind::Word(text) => visitor.visit_str(text),
@@ -122,6 +132,13 @@ impl<'a> Value<'a> {
             Kind::Broken => Err(de::Error::custom("unreadable")),
         }
     }
+}
+
+/// Whether a number is a whole one, however it is written: serde keeps the fields of a flattened struct aside before it knows what
+/// they are, and would take `2.0` for no integer then. Those that an integer would not give back stay as they are.
+fn is_whole(value: f64) -> bool {
+    const MOST: f64 = (1_u64 << 53) as f64;
+    value.fract() == 0.0 && value.abs() <= MOST && !(value == 0.0 && value.is_sign_negative())
 }
 
 macro_rules! integers {
@@ -255,7 +272,9 @@ impl<'de> de::MapAccess<'de> for Fields<'_> {
         seed: K,
     ) -> Result<Option<K::Value>, ReadError> {
         let Some(field) = self.fields.get(self.next) else { return Ok(None) };
-        seed.deserialize(field.name.text.as_str().into_deserializer()).map(Some)
+        let name: Result<_, ReadError> =
+            seed.deserialize(field.name.text.as_str().into_deserializer());
+        name.map(Some).map_err(|error| ReadError { span: Some(field.name.span), ..error })
     }
 
     fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, ReadError> {
@@ -320,7 +339,7 @@ impl<'de> de::VariantAccess<'de> for Value<'_> {
             Kind::Call { body: Body::Items(items), .. } if items.len() == 1 => {
                 seed.deserialize(self.at(&items[0]))
             }
-            _ => Err(de::Error::custom("this wants one value in parentheses")),
+            _ => self.place(seed.deserialize(Content(self))),
         }
     }
 
@@ -333,9 +352,40 @@ impl<'de> de::VariantAccess<'de> for Value<'_> {
         _: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, ReadError> {
-        match &self.tree.kind {
-            Kind::Call { body, .. } => self.body(body, visitor),
-            _ => self.fields(&[], visitor),
-        }
+        self.content(visitor)
     }
 }
+
+/// What stands between the parentheses behind a variant's name, for the one struct that the variant holds: its fields need no
+/// parentheses of their own. A name alone has the struct's defaults.
+struct Content<'a>(Value<'a>);
+
+impl<'de> de::Deserializer<'de> for Content<'_> {
+    type Error = ReadError;
+
+    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, ReadError> {
+        Err(de::Error::custom("this wants one value in parentheses"))
+    }
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, ReadError> {
+        self.0.content(visitor)
+    }
+
+    // A struct that shares fields with others by `flatten` asks for a map.
+    fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        self.0.content(visitor)
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit unit_struct
+        newtype_struct seq tuple tuple_struct enum identifier ignored_any
+    }
+}
+
+#[cfg(test)]
+mod tests;

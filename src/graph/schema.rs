@@ -380,7 +380,7 @@ impl Walk<'_> {
 }
 
 /// The schema behind a reference, with what stands beside the reference on top.
-pub(super) fn resolve(root: &Json, schema: &Json) -> Json {
+pub(crate) fn resolve(root: &Json, schema: &Json) -> Json {
     let Some(target) = schema.get("$ref").and_then(Json::as_str) else { return schema.clone() };
     let name = target.rsplit('/').next().unwrap_or_default();
     let mut resolved = root["$defs"][name].clone();
@@ -418,6 +418,10 @@ pub(super) fn as_tree(value: &Json) -> Tree {
         Body::Fields(fields.iter().map(field).collect())
     };
     let is_choice = |name: &str| name.starts_with(|c: char| c.is_ascii_uppercase());
+    let choice = |entries: &'_ Map<String, Json>| match entries.iter().next() {
+        Some((name, _)) if entries.len() == 1 && is_choice(name) => Some(name.clone()),
+        _ => None,
+    };
     let kind = match value {
         Json::Null => Kind::Word("None".into()),
         Json::Bool(value) => Kind::Bool(*value),
@@ -427,17 +431,16 @@ pub(super) fn as_tree(value: &Json) -> Tree {
         Json::String(word) if is_choice(word) => Kind::Word(word.clone()),
         Json::String(text) => Kind::Text(text.clone()),
         Json::Array(items) => Kind::List(items.iter().map(as_tree).collect()),
-        Json::Object(entries) => match entries.iter().next() {
-            Some((name, content)) if entries.len() == 1 && is_choice(name) => {
-                let name = Some(Name { text: name.clone(), span: Span::default() });
-                let body = match content {
-                    Json::Object(content) => fields(content),
+        Json::Object(entries) => match choice(entries) {
+            Some(name) => {
+                let body = match &entries[&name] {
+                    Json::Object(content) if choice(content).is_none() => fields(content),
                     Json::Array(items) => Body::Items(items.iter().map(as_tree).collect()),
                     other => Body::Items(vec![as_tree(other)]),
                 };
-                Kind::Call { name, body }
+                Kind::Call { name: Some(Name { text: name, span: Span::default() }), body }
             }
-            _ => Kind::Call { name: None, body: fields(entries) },
+            None => Kind::Call { name: None, body: fields(entries) },
         },
     };
     Tree::new(Span::default(), kind)
