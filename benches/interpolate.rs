@@ -65,7 +65,7 @@ fn interpolated(mesh: &Mesh, scheme: Scheme) -> Mesh {
     let found = interpolate(mesh, scheme, &InterpolateOptions::default(), &Progress::none());
     let found = found.expect("a surface");
     assert!(found.settled, "the surface passes through the vertices");
-    found.mesh
+    found.shape
 }
 
 /// The iteration with nearest feet, on the doll of the example graphs, to 1e-5 of the diagonal.
@@ -81,7 +81,7 @@ fn published(table: &Table) {
             let found = interpolate(&mesh, scheme, &options, &Progress::none());
             let found = found.expect("a surface");
             assert!(found.settled, "the surface passes through the vertices");
-            found.mesh
+            found.shape
         };
         let name = format!("nearest feet: {scheme:?}, {} vertices", mesh.positions().len());
         table.row(&name, bar, 5, run);

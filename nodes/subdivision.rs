@@ -23,6 +23,7 @@ mod geometric;
 mod interpolate;
 mod interpolate_curve;
 mod interpolate_surface;
+mod interpolation;
 mod least_squares;
 mod level;
 mod limit;
@@ -65,16 +66,12 @@ pub use curvature::{
 pub use fit_subdivision::{
     FitSubdivision, FitSubdivisionError, FittedSubdivision, Scattered, fit_subdivision,
 };
-pub use geometric::{Direction, Foot, Interpolation, Norm, NotLinear, Solver};
-pub use interpolate::{
-    Interpolate, InterpolateError, InterpolateOptions, Interpolated, OnSingular, interpolate,
-};
+pub use interpolate::{Interpolate, InterpolateError, InterpolateOptions, OnSingular, interpolate};
 pub use interpolate_curve::{
-    CurveBasis, InterpolateCurve, InterpolateCurveError, InterpolatedCurve, interpolate_curve,
+    CurveBasis, InterpolateCurve, InterpolateCurveError, interpolate_curve,
 };
-pub use interpolate_surface::{
-    InterpolateSurface, InterpolateSurfaceError, InterpolatedSurface, interpolate_surface,
-};
+pub use interpolate_surface::{InterpolateSurface, InterpolateSurfaceError, interpolate_surface};
+pub use interpolation::{Direction, Foot, Interpolated, Interpolation, Norm, NotLinear, Solver};
 pub use limit_surface::{LimitPoint, LimitSurface};
 pub use live::Live;
 pub use read_creases::{ReadCreases, ReadCreasesError, read_creases};

@@ -175,7 +175,7 @@ fn four_steps(scheme: Scheme) -> Subdivision {
 fn pass_through(folder: &Path, name: &str, scheme: Scheme) {
     let mesh = mesh(folder, name);
     let options = InterpolateOptions::default();
-    let run = || interpolate(&mesh, scheme, &options, &Progress::none()).expect("a surface").mesh;
+    let run = || interpolate(&mesh, scheme, &options, &Progress::none()).expect("a surface").shape;
     serve(run, squares);
 }
 

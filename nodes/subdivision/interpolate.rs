@@ -7,10 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::blocks::limit_matrix;
-use super::geometric::{
-    Direction, Foot, Interpolation, Norm, NotLinear, Solution, Solver, iterate,
-};
-use super::interpolate_curve::{millionth, two_hundred};
+use super::interpolation::{Direction, Foot, Interpolated, Interpolation, NotLinear, Solution};
 use super::least_squares::least_squares;
 use super::limit::{Limit, LimitPlaces};
 use super::limit_feet::{ClosestFeet, vertex_feet};
@@ -36,26 +33,9 @@ pub struct Interpolate {
     /// What happens at the border of an open mesh.
     #[serde(default)]
     pub boundary: Boundary,
-    /// Which point of the surface each vertex is compared with.
-    #[serde(default)]
-    pub foot: Foot,
-    /// Which way a control point moves.
-    #[serde(default)]
-    pub direction: Direction,
     /// How control points are found.
-    #[serde(default)]
-    pub solver: Solver,
-    /// Distance from the vertices that is small enough, over the diagonal of their box.
-    #[schemars(range(min = 1e-14, max = 1.0))]
-    #[serde(default = "millionth")]
-    pub tolerance: f64,
-    /// Which distance that is.
-    #[serde(default)]
-    pub norm: Norm,
-    /// Most iterations.
-    #[schemars(range(max = 100_000))]
-    #[serde(default = "two_hundred")]
-    pub iterations: u32,
+    #[serde(flatten)]
+    pub how: Interpolation,
     /// What to do if no control mesh has a surface through all vertices.
     #[serde(default)]
     pub on_singular: OnSingular,
@@ -131,38 +111,18 @@ pub struct InterpolateOptions<'a> {
     pub fixed: &'a [bool],
 }
 
-/// A control mesh, and how it was found.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Interpolated {
-    /// The control mesh.
-    pub mesh: Mesh,
-    /// The distances before each iteration and at the end, in mm.
-    pub trace: Trace,
-    /// Whether the distances are within the tolerance.
-    pub settled: bool,
-}
-
 impl Node for Interpolate {
     type Outputs = (Mesh, Trace);
     const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
-        let Self { foot, direction, solver, norm, tolerance, iterations, .. } = *self;
-        let how = Interpolation { foot, direction, solver, norm, tolerance, iterations };
         let fixed = fixed_vertices(mesh, &self.fixed)?;
-        let (boundary, on_singular) = (self.boundary, self.on_singular);
+        let Self { boundary, how, on_singular, .. } = *self;
         let options = InterpolateOptions { boundary, how, on_singular, fixed: &fixed };
         let limit = |topology: &Topology| cx.memo(topology, LimitPlaces::memo);
         let found = interpolate_with::<Error>(mesh, self.scheme, &options, cx.progress(), limit)?;
-        if !found.settled {
-            let last = found.trace.steps().last().map_or(0.0, |step| step.max);
-            cx.warn(format!(
-                "the surface is not within the tolerance after {} iterations: it misses a vertex by {last:.3e} mm",
-                found.trace.steps().last().map_or(0, |step| step.iteration)
-            ));
-        }
-        Ok((found.mesh, found.trace))
+        Ok(found.outputs(cx, "surface"))
     }
 }
 
@@ -192,7 +152,7 @@ pub fn interpolate(
     scheme: Scheme,
     options: &InterpolateOptions<'_>,
     progress: &Progress<'_>,
-) -> Result<Interpolated, InterpolateError> {
+) -> Result<Interpolated<Mesh>, InterpolateError> {
     let limit = |topology: &Topology| LimitPlaces::new(topology).map_err(InterpolateError::from);
     interpolate_with(mesh, scheme, options, progress, limit)
 }
@@ -204,7 +164,7 @@ fn interpolate_with<E: From<InterpolateError>>(
     options: &InterpolateOptions<'_>,
     progress: &Progress<'_>,
     limit: impl Fn(&Topology) -> Result<LimitPlaces, E>,
-) -> Result<Interpolated, E> {
+) -> Result<Interpolated<Mesh>, E> {
     options.how.check().map_err(InterpolateError::from)?;
     if options.boundary == Boundary::None {
         return Err(InterpolateError::NoBorder.into());
@@ -220,22 +180,20 @@ fn interpolate_with<E: From<InterpolateError>>(
     let points = mesh.positions();
     let how = &options.how;
     let limits = limit(&Topology::of(mesh, subdivision))?;
-    let solved = match (how.foot, how.solver) {
-        (Foot::Closest, _) => {
+    let matrix = || limit_matrix(&limits, mesh.faces(), options.fixed);
+    let solved = match how.foot {
+        Foot::Closest => {
             let mut feet = ClosestFeet::new(mesh, subdivision).map_err(InterpolateError::from)?;
             let feet = |control: &[Point3<f64>], whole| feet.of(control, whole);
-            iterate(points, how, options.fixed, progress, feet).map(Some)
+            how.solve(points, options.fixed, progress, feet, matrix)
         }
-        (Foot::Vertex, Solver::Plain) => {
+        Foot::Vertex => {
             let normals = how.direction == Direction::Normal;
             let facing = normals.then(|| Limit::new(&limits.topology)).transpose();
             let facing = facing.map_err(InterpolateError::from)?;
             let rows = &limits.positions;
             let feet = |control: &[Point3<f64>], _| vertex_feet(rows, facing.as_ref(), control);
-            iterate(points, how, options.fixed, progress, feet).map(Some)
-        }
-        (Foot::Vertex, Solver::Pcg | Solver::Direct) => {
-            limit_matrix(&limits, mesh.faces(), options.fixed).solve(points, how, progress)
+            how.solve(points, options.fixed, progress, feet, matrix)
         }
     };
     let solved = solved.map_err(InterpolateError::from)?;
@@ -254,10 +212,9 @@ fn interpolate_with<E: From<InterpolateError>>(
             nearest
         }
     };
-    let found = solution.found;
-    let mesh = mesh.with_positions(found.control).map_err(InterpolateError::from)?;
-    let mesh = mesh.without("normal");
-    Ok(Interpolated { mesh, trace: found.trace, settled: found.settled })
+    let found = solution.found.shaped(|control| mesh.with_positions(control));
+    let found = found.map_err(InterpolateError::from)?;
+    Ok(Interpolated { shape: found.shape.without("normal"), ..found })
 }
 
 fn not_interpolable(
@@ -283,15 +240,15 @@ fn refined_once<E: From<InterpolateError>>(
     how: &Interpolation,
     progress: &Progress<'_>,
     limit: impl Fn(&Topology) -> Result<LimitPlaces, E>,
-) -> Result<Interpolated, E> {
+) -> Result<Interpolated<Mesh>, E> {
     let plan = Plan::new(mesh, Subdivision { levels: 1, ..subdivision });
     let refined = plan.and_then(|plan| plan.apply(mesh)).map_err(InterpolateError::from)?;
     let limits = limit(&Topology::of(&refined, subdivision))?;
     let old = limits.positions.head(mesh.positions().len());
     let solution = least_squares(&old, refined.positions(), mesh.positions(), &[], how, progress);
     let found = solution.map_err(InterpolateError::from)?.found;
-    let mesh = refined.with_positions(found.control).map_err(InterpolateError::from)?;
-    Ok(Interpolated { mesh, trace: found.trace, settled: found.settled })
+    let found = found.shaped(|control| refined.with_positions(control));
+    Ok(found.map_err(InterpolateError::from)?)
 }
 
 #[cfg(test)]

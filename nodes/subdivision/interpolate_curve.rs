@@ -7,9 +7,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::control_curve::ControlCurve;
-use super::geometric::{
-    Direction, Foot, FootPoint, Interpolation, Norm, NotLinear, Perpendicular, Solver, iterate,
-};
+use super::geometric::{FootPoint, Perpendicular};
+use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear};
 use super::limit_matrix::LimitMatrix;
 
 /// Finds the control points of a smooth curve through given points.
@@ -25,34 +24,9 @@ pub struct InterpolateCurve {
     pub curve: In<Curve>,
     /// The kind of curve.
     pub scheme: CurveBasis,
-    /// Which point of the curve each point is compared with.
-    #[serde(default)]
-    pub foot: Foot,
-    /// Which way a control point moves.
-    #[serde(default)]
-    pub direction: Direction,
     /// How control points are found.
-    #[serde(default)]
-    pub solver: Solver,
-    /// Distance from the points that is small enough, over the diagonal of their box.
-    #[schemars(range(min = 1e-14, max = 1.0))]
-    #[serde(default = "millionth")]
-    pub tolerance: f64,
-    /// Which distance that is.
-    #[serde(default)]
-    pub norm: Norm,
-    /// Most iterations.
-    #[schemars(range(max = 100_000))]
-    #[serde(default = "two_hundred")]
-    pub iterations: u32,
-}
-
-pub(super) fn millionth() -> f64 {
-    1e-6
-}
-
-pub(super) fn two_hundred() -> u32 {
-    200
+    #[serde(flatten)]
+    pub how: Interpolation,
 }
 
 /// The kind of a curve through points.
@@ -99,29 +73,14 @@ pub enum InterpolateCurveError {
     Cancelled(#[from] Cancelled),
 }
 
-/// A curve through points, and how it was found.
-#[derive(Clone, Debug, PartialEq)]
-pub struct InterpolatedCurve {
-    /// The control points, for a B-spline with their knots.
-    pub curve: Curve,
-    /// The distances before each iteration and at the end, in mm.
-    pub trace: Trace,
-    /// Whether the distances are within the tolerance.
-    pub settled: bool,
-}
-
 impl Node for InterpolateCurve {
     type Outputs = (Curve, Trace);
     const OUTPUTS: [&'static str; 2] = ["curve", "trace"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let Self { foot, direction, solver, norm, tolerance, iterations, .. } = *self;
-        let how = Interpolation { foot, direction, solver, norm, tolerance, iterations };
-        let found = interpolate_curve(cx.get(&self.curve), self.scheme, &how, cx.progress())?;
-        if !found.settled {
-            cx.warn(format!("the curve is not within the tolerance after {iterations} iterations"));
-        }
-        Ok((found.curve, found.trace))
+        let curve = cx.get(&self.curve);
+        let found = interpolate_curve(curve, self.scheme, &self.how, cx.progress())?;
+        Ok(found.outputs(cx, "curve"))
     }
 }
 
@@ -138,29 +97,22 @@ pub fn interpolate_curve(
     basis: CurveBasis,
     how: &Interpolation,
     progress: &Progress<'_>,
-) -> Result<InterpolatedCurve, InterpolateCurveError> {
+) -> Result<Interpolated<Curve>, InterpolateCurveError> {
     if curve.knots().is_some() {
         return Err(InterpolateCurveError::Spline);
     }
     how.check()?;
     let points = curve.points();
     let family = ControlCurve::new(basis, points, curve.is_closed())?;
-    let solution = match how.solver {
-        Solver::Plain => {
-            let mut feet = Feet::new(&family, points, how.foot);
-            iterate(points, how, &[], progress, |control, whole| feet.of(control, whole))?
-        }
-        Solver::Pcg | Solver::Direct => {
-            let matrix = matrix(&family, basis, points.len(), curve.is_closed());
-            matrix.solve(points, how, progress)?.ok_or(InterpolateCurveError::Singular)?
-        }
-    };
-    let found = solution.found;
-    let curve = match basis {
-        CurveBasis::BSpline(_) => family.curve(&found.control)?,
-        _ => curve.with_points(found.control)?,
-    };
-    Ok(InterpolatedCurve { curve, trace: found.trace, settled: found.settled })
+    let mut feet = Feet::new(&family, points, how.foot);
+    let feet = |control: &[Point3<f64>], whole| feet.of(control, whole);
+    let matrix = || matrix(&family, basis, points.len(), curve.is_closed());
+    let solution = how.solve(points, &[], progress, feet, matrix)?;
+    let found = solution.ok_or(InterpolateCurveError::Singular)?.found;
+    found.shaped(|control| match basis {
+        CurveBasis::BSpline(_) => Ok(family.curve(&control)?),
+        _ => Ok(curve.with_points(control)?),
+    })
 }
 
 /// The equations of the control points: the ends of an open curve first.

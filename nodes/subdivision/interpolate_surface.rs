@@ -9,10 +9,8 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::geometric::{
-    Direction, Foot, FootPoint, Interpolation, Norm, NotLinear, Perpendicular, Solver, iterate,
-};
-use super::interpolate_curve::{millionth, two_hundred};
+use super::geometric::{FootPoint, Perpendicular};
+use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear};
 use super::limit_matrix::LimitMatrix;
 use super::stencils::Stencils;
 use crate::nurbs::parameters;
@@ -32,26 +30,9 @@ pub struct InterpolateSurface {
     #[schemars(inner(range(min = 2, max = 10)))]
     #[serde(default = "fours")]
     pub order: [usize; 2],
-    /// Which point of the surface each point is compared with.
-    #[serde(default)]
-    pub foot: Foot,
-    /// Which way a control point moves.
-    #[serde(default)]
-    pub direction: Direction,
     /// How control points are found.
-    #[serde(default)]
-    pub solver: Solver,
-    /// Distance from the points that is small enough, over the diagonal of their box.
-    #[schemars(range(min = 1e-14, max = 1.0))]
-    #[serde(default = "millionth")]
-    pub tolerance: f64,
-    /// Which distance that is.
-    #[serde(default)]
-    pub norm: Norm,
-    /// Most iterations.
-    #[schemars(range(max = 100_000))]
-    #[serde(default = "two_hundred")]
-    pub iterations: u32,
+    #[serde(flatten)]
+    pub how: Interpolation,
 }
 
 fn fours() -> [usize; 2] {
@@ -81,35 +62,17 @@ pub enum InterpolateSurfaceError {
     Cancelled(#[from] Cancelled),
 }
 
-/// A surface through points, and how it was found.
-#[derive(Clone, Debug, PartialEq)]
-pub struct InterpolatedSurface {
-    /// The surface.
-    pub surface: Surface,
-    /// The distances before each iteration and at the end, in mm.
-    pub trace: Trace,
-    /// Whether the distances are within the tolerance.
-    pub settled: bool,
-}
-
 impl Node for InterpolateSurface {
     type Outputs = (Surface, Trace);
     const OUTPUTS: [&'static str; 2] = ["surface", "trace"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let Self { foot, direction, solver, norm, tolerance, iterations, .. } = *self;
-        let how = Interpolation { foot, direction, solver, norm, tolerance, iterations };
         let net = cx.get(&self.points);
         if net.weights().windows(2).any(|pair| pair[0] != pair[1]) {
             cx.warn("the weights of the net are not used: an interpolating surface has none");
         }
-        let found = interpolate_surface(net, self.order, &how, cx.progress())?;
-        if !found.settled {
-            cx.warn(format!(
-                "the surface is not within the tolerance after {iterations} iterations"
-            ));
-        }
-        Ok((found.surface, found.trace))
+        let found = interpolate_surface(net, self.order, &self.how, cx.progress())?;
+        Ok(found.outputs(cx, "surface"))
     }
 }
 
@@ -129,24 +92,20 @@ pub fn interpolate_surface(
     order: [usize; 2],
     how: &Interpolation,
     progress: &Progress<'_>,
-) -> Result<InterpolatedSurface, InterpolateSurfaceError> {
+) -> Result<Interpolated<Surface>, InterpolateSurfaceError> {
     how.check()?;
     let sheet = Sheet::new(net, order)?;
-    let solution = match how.solver {
-        Solver::Plain => {
-            let mut feet = Feet::new(&sheet, net.points(), how.foot);
-            iterate(net.points(), how, &[], progress, |control, whole| feet.of(control, whole))?
-        }
-        Solver::Pcg | Solver::Direct => {
-            let blocks = vec![(0..net.points().len() as u32).collect()];
-            let matrix = LimitMatrix { rows: sheet.collocation(), blocks, scale: None };
-            let solution = matrix.solve(net.points(), how, progress)?;
-            solution.ok_or(InterpolateSurfaceError::Singular)?
-        }
+    let mut feet = Feet::new(&sheet, net.points(), how.foot);
+    let feet = |control: &[Point3<f64>], whole| feet.of(control, whole);
+    let matrix = || {
+        let blocks = vec![(0..net.points().len() as u32).collect()];
+        LimitMatrix { rows: sheet.collocation(), blocks, scale: None }
     };
-    let found = solution.found;
-    let surface = sheet.surface(found.control)?;
-    Ok(InterpolatedSurface { surface, trace: found.trace, settled: found.settled })
+    let solution = how.solve(net.points(), &[], progress, feet, matrix)?;
+    solution
+        .ok_or(InterpolateSurfaceError::Singular)?
+        .found
+        .shaped(|control| sheet.surface(control))
 }
 
 /// The surfaces of a net's size.
@@ -239,6 +198,7 @@ impl<'a> Feet<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::interpolation::{Direction, Norm, Solver};
     use super::*;
 
     fn waves(rows: usize, columns: usize) -> ControlNet {
@@ -250,7 +210,7 @@ mod tests {
         ControlNet::new(rows, columns, (0..rows * columns).map(point).collect::<Vec<_>>()).unwrap()
     }
 
-    fn found(net: &ControlNet, order: [usize; 2], how: &Interpolation) -> InterpolatedSurface {
+    fn found(net: &ControlNet, order: [usize; 2], how: &Interpolation) -> Interpolated<Surface> {
         interpolate_surface(net, order, how, &Progress::none()).unwrap()
     }
 
@@ -266,7 +226,7 @@ mod tests {
                 assert!(found.settled, "{order:?} {solver:?}");
                 for (k, point) in net.points().iter().enumerate() {
                     let [u, v] = sheet.at(k);
-                    let distance = (found.surface.point(u, v) - point).norm();
+                    let distance = (found.shape.point(u, v) - point).norm();
                     assert!(distance <= 1e-8, "{order:?} {solver:?} {distance}");
                 }
             }
@@ -291,11 +251,8 @@ mod tests {
                 let found = found(&net, [4, 4], &how);
                 assert!(found.settled, "{norm:?} {direction:?}");
                 let allowed = 1e-5 * super::super::geometric::diagonal(net.points());
-                let distances: Vec<f64> = net
-                    .points()
-                    .iter()
-                    .map(|&point| found.surface.closest(point).distance)
-                    .collect();
+                let distances: Vec<f64> =
+                    net.points().iter().map(|&point| found.shape.closest(point).distance).collect();
                 let max = distances.iter().copied().fold(0.0, f64::max);
                 let squares = distances.iter().map(|distance| distance * distance).sum::<f64>();
                 let rms = (squares / distances.len() as f64).sqrt();

@@ -8,7 +8,8 @@ use maquette::{Cancelled, Progress};
 use nalgebra::Point3;
 
 use super::columns::{self, Column};
-use super::geometric::{Found, Interpolation, Record, Solution, diagonal};
+use super::geometric::{Record, diagonal};
+use super::interpolation::{Found, Interpolation, Solution};
 use super::stencils::Stencils;
 
 /// A slope that is so much smaller than the residual is rounding: what is left is beyond the reach of the matrix.

@@ -14,7 +14,8 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::columns::{self, Column};
-use super::geometric::{Found, Interpolation, Missed, Record, Solution, Solver, diagonal};
+use super::geometric::{Missed, Record, diagonal};
+use super::interpolation::{Found, Interpolation, Solution, Solver};
 use super::least_squares::least_squares;
 use super::stencils::Stencils;
 use super::walk::Walk;

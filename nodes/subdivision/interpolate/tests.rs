@@ -1,5 +1,6 @@
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 
+use super::super::interpolation::{Norm, Solver};
 use super::super::shapes::{bumpy, cube, noisy, octahedron, prism, sphere, tetrahedron, torus};
 use super::super::subdivide::subdivide;
 use super::super::without_border::select_faces;
@@ -26,7 +27,7 @@ fn options(solver: Solver, tolerance: f64) -> InterpolateOptions<'static> {
     InterpolateOptions { how, ..InterpolateOptions::default() }
 }
 
-fn found(mesh: &Mesh, scheme: Scheme, options: &InterpolateOptions<'_>) -> Interpolated {
+fn found(mesh: &Mesh, scheme: Scheme, options: &InterpolateOptions<'_>) -> Interpolated<Mesh> {
     interpolate(mesh, scheme, options, &Progress::none()).unwrap()
 }
 
@@ -108,7 +109,7 @@ fn every_solver_meets_the_vertices_of_closed_and_open_and_creased_meshes() {
             };
             for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
                 let found = found(&mesh, scheme, &options(solver, 1e-11));
-                let off = farthest(&mesh, &found.mesh, scheme);
+                let off = farthest(&mesh, &found.shape, scheme);
                 assert!(
                     found.settled && off <= 1e-9,
                     "{scheme:?} {solver:?} {off} {} {:?}",
@@ -190,12 +191,12 @@ fn a_cube_is_interpolated_but_not_a_cube_with_one_vertex_moved() {
         InterpolateOptions { on_singular: OnSingular::LeastSquares, ..options(Solver::Pcg, 1e-9) };
     let near = found(&moved, Scheme::CatmullClark, &near);
     assert!(!near.settled);
-    assert!((farthest(&moved, &near.mesh, Scheme::CatmullClark) - 0.0125).abs() <= 1e-6);
+    assert!((farthest(&moved, &near.shape, Scheme::CatmullClark) - 0.0125).abs() <= 1e-6);
     let once =
         InterpolateOptions { on_singular: OnSingular::RefineOnce, ..options(Solver::Pcg, 1e-12) };
     let once = found(&moved, Scheme::CatmullClark, &once);
-    assert!(once.settled && once.mesh.positions().len() == 26);
-    let surface = limits(&once.mesh, Scheme::CatmullClark).positions.apply(once.mesh.positions());
+    assert!(once.settled && once.shape.positions().len() == 26);
+    let surface = limits(&once.shape, Scheme::CatmullClark).positions.apply(once.shape.positions());
     for (surface, vertex) in surface.iter().zip(moved.positions().iter()) {
         assert!((surface - vertex).norm() <= 1e-10);
     }
@@ -215,7 +216,7 @@ fn the_plain_iteration_shrinks_by_the_smallest_eigenvalue_in_every_step() {
             ..Interpolation::default()
         };
         let options = InterpolateOptions { how, ..InterpolateOptions::default() };
-        let control = found(&mesh, Scheme::Loop, &options).mesh;
+        let control = found(&mesh, Scheme::Loop, &options).shape;
         let surface = limit.positions.apply(control.positions());
         let missed = mesh.positions().iter().zip(&surface).zip(&scale);
         missed.map(|((a, b), scale)| scale * (a - b).norm_squared()).sum::<f64>().sqrt()
@@ -247,7 +248,7 @@ fn the_published_iteration_comes_nearer_and_begins_at_the_vertices() {
             };
             found(&mesh, Scheme::Loop, &InterpolateOptions { how, ..InterpolateOptions::default() })
         };
-        assert_eq!(closest(0, Norm::Max).mesh.positions(), mesh.positions());
+        assert_eq!(closest(0, Norm::Max).shape.positions(), mesh.positions());
         let allowed = 1e-5 * super::super::geometric::diagonal(mesh.positions());
         for norm in [Norm::Max, Norm::Mean] {
             let found = closest(60, norm);
@@ -280,8 +281,8 @@ fn an_affine_map_before_is_the_same_map_after() {
     {
         let mesh = noisy(&mesh, 0.05);
         let options = options(Solver::Pcg, 1e-13);
-        let after = moved(&found(&mesh, scheme, &options).mesh);
-        let before = found(&moved(&mesh), scheme, &options).mesh;
+        let after = moved(&found(&mesh, scheme, &options).shape);
+        let before = found(&moved(&mesh), scheme, &options).shape;
         let pairs = before.positions().iter().zip(after.positions().iter());
         assert!(pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) <= 1e-9, "{scheme:?}");
     }
@@ -294,7 +295,7 @@ fn fixed_control_points_stay_and_the_others_still_interpolate() {
     let fixed = Vec::from_iter((0..mesh.positions().len()).map(|vertex| vertex % 5 == 0));
     for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
         let options = InterpolateOptions { fixed: &fixed, ..options(solver, 1e-11) };
-        let control = found(&mesh, Scheme::Loop, &options).mesh;
+        let control = found(&mesh, Scheme::Loop, &options).shape;
         let surface = limits(&mesh, Scheme::Loop).positions.apply(control.positions());
         for vertex in 0..fixed.len() {
             let point = mesh.positions()[vertex];
@@ -314,7 +315,7 @@ fn limits_of_a_known_control_mesh_give_it_back() {
     for (scheme, mesh) in SCHEMES.into_iter().zip(meshes) {
         let surface = limits(&mesh, scheme).positions.apply(mesh.positions());
         let given = mesh.with_positions(surface).unwrap();
-        let control = found(&given, scheme, &options(Solver::Pcg, 1e-12)).mesh;
+        let control = found(&given, scheme, &options(Solver::Pcg, 1e-12)).shape;
         let pairs = control.positions().iter().zip(mesh.positions().iter());
         assert!(pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) <= 1e-8, "{scheme:?}");
     }
@@ -325,7 +326,7 @@ fn the_bytes_do_not_depend_on_the_number_of_threads() {
     let mesh = noisy(&bumpy(&sphere(4)), 0.01);
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| found(&mesh, Scheme::Loop, &options(Solver::Pcg, 1e-9)).mesh)
+        pool.install(|| found(&mesh, Scheme::Loop, &options(Solver::Pcg, 1e-9)).shape)
     };
     let first = run(1);
     for threads in [2, 8] {

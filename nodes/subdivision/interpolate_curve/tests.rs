@@ -1,5 +1,6 @@
 use std::f64::consts::TAU;
 
+use super::super::interpolation::{Direction, Norm, Solver};
 use super::super::subdivide_curve::{CurveScheme, subdivide_curve};
 use super::*;
 
@@ -33,7 +34,7 @@ fn plain(foot: Foot) -> Interpolation {
     Interpolation { foot, solver: Solver::Plain, ..Interpolation::default() }
 }
 
-fn interpolated(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> InterpolatedCurve {
+fn interpolated(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> Interpolated<Curve> {
     interpolate_curve(curve, basis, how, &Progress::none()).unwrap()
 }
 
@@ -78,7 +79,7 @@ fn every_solver_finds_the_curve_through_the_points() {
                 let how = Interpolation { solver, tolerance: 1e-12, ..plain(Foot::Vertex) };
                 let found = interpolated(&curve, basis, &how);
                 assert!(found.settled, "{basis:?} {solver:?} {:?}", found.trace);
-                let through = family.curve(found.curve.points()).unwrap();
+                let through = family.curve(found.shape.points()).unwrap();
                 for (&t, point) in family.parameters().iter().zip(curve.points().iter()) {
                     assert!((through.point(t) - point).norm() <= 1e-10, "{basis:?} {solver:?}");
                 }
@@ -96,9 +97,9 @@ fn b_splines_of_every_degree_pass_through_the_points() {
                 let how = Interpolation { iterations: 2000, ..how };
                 let found = interpolated(&curve, CurveBasis::BSpline(degree), &how);
                 assert!(found.settled, "{degree} {solver:?}");
-                assert_eq!(found.curve.is_closed(), curve.is_closed());
+                assert_eq!(found.shape.is_closed(), curve.is_closed());
                 for &point in curve.points().iter() {
-                    let distance = found.curve.closest(point).distance;
+                    let distance = found.shape.closest(point).distance;
                     assert!(distance <= 1e-8, "{degree} {solver:?} {distance}");
                 }
             }
@@ -113,7 +114,7 @@ fn the_limit_of_the_subdivision_passes_through_the_points() {
     for (basis, scheme) in schemes {
         for curve in [star(), helix(19)] {
             let how = Interpolation { tolerance: 1e-9, ..Interpolation::default() };
-            let control = interpolated(&curve, basis, &how).curve;
+            let control = interpolated(&curve, basis, &how).shape;
             let refined = subdivide_curve(&control, scheme, 9).unwrap();
             for &point in curve.points().iter() {
                 assert!(refined.closest(point).distance <= 2e-5, "{scheme:?}");
@@ -145,7 +146,7 @@ fn what_cannot_be_interpolated_is_refused() {
     let closest = Interpolation { foot: Foot::Closest, ..Interpolation::default() };
     let not_linear = InterpolateCurveError::NotLinear(NotLinear { solver: Solver::Pcg });
     assert_eq!(refused(&star(), CurveBasis::Cubic, &closest), not_linear);
-    let spline = interpolated(&star(), CurveBasis::BSpline(3), &Interpolation::default()).curve;
+    let spline = interpolated(&star(), CurveBasis::BSpline(3), &Interpolation::default()).shape;
     assert_eq!(
         refused(&spline, CurveBasis::Cubic, &Interpolation::default()),
         InterpolateCurveError::Spline
