@@ -37,6 +37,7 @@ mod sheet;
 mod suggest;
 mod tools;
 mod top;
+mod tree_reader;
 
 pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};

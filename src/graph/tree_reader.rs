@@ -1,0 +1,199 @@
+//! Reads the values of a graph file from the parser's syntax tree: calls, lists and maps, and the literals in them.
+
+use ronin_core::{SyntaxElement, SyntaxKind, SyntaxNode, SyntaxToken};
+
+use super::file::{Body, Field, Kind, Mistake, Name, Tree, span};
+use crate::error::Span;
+
+/// Whether a syntax node is a value, or what stands where one should.
+pub(super) fn is_value(kind: SyntaxKind) -> bool {
+    use SyntaxKind::{EnumVariant, Error, List, Literal, Map, Struct, Tuple, Unit};
+    matches!(kind, Struct | Tuple | List | Map | EnumVariant | Unit | Literal | Error)
+}
+
+/// Makes values of syntax nodes, and notes what is wrong with them.
+#[derive(Default)]
+pub(super) struct TreeReader {
+    pub(super) mistakes: Vec<Mistake>,
+}
+
+impl TreeReader {
+    pub(super) fn value(&mut self, node: &SyntaxNode) -> Tree {
+        let at = span(node.text_range());
+        let kind = match node.kind() {
+            SyntaxKind::Struct => {
+                let fields =
+                    node.children().filter(|child| child.kind() == SyntaxKind::StructField);
+                let fields = fields.filter_map(|field| self.field(&field)).collect();
+                Kind::Call { name: word(node), body: Body::Fields(fields) }
+            }
+            SyntaxKind::Tuple => {
+                Kind::Call { name: word(node), body: Body::Items(self.values(node)) }
+            }
+            SyntaxKind::Unit => Kind::Call { name: word(node), body: Body::Empty },
+            SyntaxKind::List => Kind::List(self.values(node)),
+            SyntaxKind::Map => {
+                let entries = node.children().filter(|child| child.kind() == SyntaxKind::MapEntry);
+                Kind::Map(entries.filter_map(|entry| self.entry(&entry)).collect())
+            }
+            SyntaxKind::EnumVariant => match word(node) {
+                Some(name) if name.span == at => Kind::Word(name.text),
+                _ => self.mistake(at, "names are followed by `(`, not by `{`", "write `Name(..)`"),
+            },
+            SyntaxKind::Literal => match first_token(node) {
+                Some(token) => self.literal(&token),
+                None => Kind::Broken,
+            },
+            _ => Kind::Broken,
+        };
+        Tree::new(at, kind)
+    }
+
+    fn values(&mut self, node: &SyntaxNode) -> Vec<Tree> {
+        node.children()
+            .filter(|child| is_value(child.kind()))
+            .map(|child| self.value(&child))
+            .collect()
+    }
+
+    fn field(&mut self, node: &SyntaxNode) -> Option<Field> {
+        let name = word(node)?;
+        let value = node.children().find(|child| is_value(child.kind()));
+        let value = match value {
+            Some(value) => self.value(&value),
+            None => {
+                let message = format!("field `{}` has no value", name.text);
+                let kind = self.mistake(name.span, &message, "write a value behind the colon");
+                Tree::new(name.span, kind)
+            }
+        };
+        Some(Field { name, value })
+    }
+
+    fn entry(&mut self, node: &SyntaxNode) -> Option<(Tree, Tree)> {
+        let mut values = self.values(node).into_iter();
+        Some((values.next()?, values.next()?))
+    }
+
+    fn literal(&mut self, token: &SyntaxToken) -> Kind {
+        let (at, text) = (span(token.text_range()), token.text());
+        match token.kind() {
+            SyntaxKind::TrueKw => Kind::Bool(true),
+            SyntaxKind::FalseKw => Kind::Bool(false),
+            SyntaxKind::Integer | SyntaxKind::Float => match number(text) {
+                Some(value) if value.is_finite() => {
+                    Kind::Number { value, whole: token.kind() == SyntaxKind::Integer }
+                }
+                Some(_) => self.mistake(at, &format!("`{text}` is too large for a number"), ""),
+                None => self.mistake(at, &format!("`{text}` is not a number"), ""),
+            },
+            SyntaxKind::String => match unescape(text) {
+                Some(text) => Kind::Text(text),
+                None => self.mistake(
+                    at,
+                    "this text has an unknown escape or no end",
+                    r#"known escapes: \" \\ \n \r \t \0 \u{..}"#,
+                ),
+            },
+            SyntaxKind::RawString => {
+                let inner = text.trim_start_matches('r').trim_matches('#');
+                Kind::Text(inner.trim_matches('"').to_owned())
+            }
+            _ => self.mistake(at, &format!("`{text}` is no value of a graph"), ""),
+        }
+    }
+
+    pub(super) fn mistake(&mut self, span: Span, message: &str, help: &str) -> Kind {
+        self.mistakes.push(Mistake { span, message: message.into(), help: help.into() });
+        Kind::Broken
+    }
+}
+
+/// The identifier that stands directly in a node: a struct's, field's or variant's name.
+fn word(node: &SyntaxNode) -> Option<Name> {
+    let token = node.first_token_of(SyntaxKind::Ident)?;
+    Some(Name { text: token.text().to_string(), span: span(token.text_range()) })
+}
+
+fn first_token(node: &SyntaxNode) -> Option<SyntaxToken> {
+    node.children_with_tokens().find_map(|element| match element {
+        SyntaxElement::Token(token) if !token.is_trivia() => Some(token),
+        _ => None,
+    })
+}
+
+fn number(text: &str) -> Option<f64> {
+    let digits = text.replace('_', "");
+    let (negative, magnitude) = match digits.strip_prefix(['-', '+']) {
+        Some(rest) => (digits.starts_with('-'), rest),
+        None => (false, &digits[..]),
+    };
+    let based = [("0x", 16), ("0b", 2), ("0o", 8)].into_iter().find_map(|(prefix, base)| {
+        let digits = magnitude.strip_prefix(prefix)?;
+        u64::from_str_radix(digits, base).ok().map(|value| value as f64)
+    });
+    let value = match based {
+        Some(value) => value,
+        None if magnitude.starts_with(|c: char| c.is_ascii_digit() || c == '.') => {
+            magnitude.parse().ok()?
+        }
+        None => return None,
+    };
+    Some(if negative { -value } else { value })
+}
+
+fn unescape(quoted: &str) -> Option<String> {
+    let inner = quoted.strip_prefix('"')?.strip_suffix('"')?;
+    let mut text = String::with_capacity(inner.len());
+    let mut rest = inner.chars();
+    while let Some(c) = rest.next() {
+        if c != '\\' {
+            text.push(c);
+            continue;
+        }
+        text.push(match rest.next()? {
+            'n' => '\n',
+            'r' => '\r',
+            't' => '\t',
+            '0' => '\0',
+            'u' => {
+                let code = rest.as_str().strip_prefix('{')?.split_once('}')?;
+                rest = code.1.chars();
+                char::from_u32(u32::from_str_radix(code.0, 16).ok()?)?
+            }
+            c @ ('"' | '\\' | '\'') => c,
+            _ => return None,
+        });
+    }
+    Some(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::file::parse;
+    use super::*;
+
+    fn kind(text: &str) -> Kind {
+        let (tree, mistakes) = parse(text);
+        assert!(mistakes.is_empty(), "{mistakes:?}");
+        tree.kind
+    }
+
+    #[test]
+    fn numbers_texts_and_words_are_read() {
+        assert_eq!(kind("-12"), Kind::Number { value: -12.0, whole: true });
+        assert_eq!(kind("1_000.5e1"), Kind::Number { value: 10_005.0, whole: false });
+        assert_eq!(kind("0x1F"), Kind::Number { value: 31.0, whole: true });
+        assert_eq!(kind(r#""a\"\u{e4}\n""#), Kind::Text("a\"ä\n".into()));
+        assert_eq!(kind(r##"r#"a"b"#"##), Kind::Text("a\"b".into()));
+        assert_eq!(kind("Largest"), Kind::Word("Largest".into()));
+        assert_eq!(kind("true"), Kind::Bool(true));
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_mistakes() {
+        assert_eq!(parse("1e999").1[0].message, "`1e999` is too large for a number");
+        // RON's own words for them are bare words here, and no port or parameter takes them.
+        assert_eq!(kind("NaN"), Kind::Word("NaN".into()));
+    }
+}
