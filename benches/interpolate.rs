@@ -1,25 +1,26 @@
 //! How long does it take to find the control mesh of a subdivision surface through given vertices, with two threads, everything
-//! included, and how much memory? On the meshes of the peers' benchmarks, if they are there: the folder is `PEERS_WORK`/data, see
-//! `benches/peers/peers.py`, which makes them; else on tori like these. `cargo bench -p maquette-nodes --bench interpolate -- WORD`
-//! runs the rows whose names have the word.
+//! included, and how much memory? On the meshes of the peers' benchmarks, if they are there, else on tori like these.
+//! `cargo bench -p maquette-nodes --bench interpolate -- WORD` runs the rows whose names have the word.
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
 
 use std::cell::RefCell;
 use std::hint::black_box;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use maquette::Progress;
 use maquette::format::camera;
-use maquette::value::{Faces, Mesh, TriangleTree};
+use maquette::value::{Mesh, TriangleTree};
 use maquette_nodes::mesh::read_mesh;
 use maquette_nodes::range::{read_capture, triangulate};
 use maquette_nodes::subdivision::{
     Foot, InterpolateOptions, Plan, Scheme, Solver, Subdivision, crease, fit_subdivision,
     interpolate, simplify, subdivide,
 };
-use nalgebra::Point3;
+
+#[path = "shared/peers.rs"]
+mod peers;
 
 fn main() {
     let words = Vec::from_iter(std::env::args().skip(1).filter(|word| !word.starts_with('-')));
@@ -27,7 +28,7 @@ fn main() {
     println!("{:44} {:>9} {:>9} {:>7} {:>9}", "milliseconds", "median", "least", "bar", "peak MB");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
     pool.install(|| {
-        peers(&table);
+        given(&table);
         sizes(&table);
         published(&table);
         fit(&table);
@@ -36,13 +37,13 @@ fn main() {
 }
 
 /// The peers' meshes, to a millionth of the diagonal.
-fn peers(table: &Table) {
+fn given(table: &Table) {
     for (scheme, name, sides, bar) in [
         (Scheme::Loop, "int_tri", 3, Some(5.0)),
         (Scheme::CatmullClark, "int_quad", 4, Some(8.0)),
         (Scheme::DooSabin, "int_quad", 4, None),
     ] {
-        let mesh = load(name, sides).unwrap_or_else(|| torus(sides, 20_000));
+        let mesh = peers::load(name, sides).unwrap_or_else(|| torus(sides, 20_000));
         let name = format!("{scheme:?}, {} vertices", mesh.positions().len());
         table.row(&name, bar, 31, || interpolated(&mesh, scheme));
     }
@@ -192,42 +193,8 @@ fn memory(name: &str) -> f64 {
     kilobytes.unwrap_or(0.0) / 1024.0
 }
 
-fn load(name: &str, sides: usize) -> Option<Mesh> {
-    let work = std::env::var_os("PEERS_WORK").map(PathBuf::from);
-    let folder = work.unwrap_or_else(|| std::env::temp_dir().join("peers")).join("data");
-    let positions: Vec<[f64; 3]> = open(&folder.join(format!("{name}_v.npy")))?;
-    let corners: Vec<u32> = open(&folder.join(format!("{name}_f.npy")))?;
-    let positions: Vec<Point3<f64>> = positions.into_iter().map(Point3::from).collect();
-    Mesh::new(positions, Faces::uniform(sides, corners).ok()?).ok()
-}
-
-/// The items of a file of NumPy, version 1, in C order.
-fn open<T: bytemuck::Pod>(path: &Path) -> Option<Vec<T>> {
-    let bytes = std::fs::read(path).ok()?;
-    let length = usize::from(u16::from_le_bytes([*bytes.get(8)?, *bytes.get(9)?]));
-    Some(bytemuck::pod_collect_to_vec(bytes.get(10 + length..)?))
-}
-
 /// A bumpy torus of some `count` vertices: quads, or twice as many triangles.
 fn torus(sides: usize, count: u32) -> Mesh {
     let rows = (f64::from(count) / 2.0).sqrt() as u32;
-    let columns = count / rows;
-    let angle = |k: u32, n: u32| libm::sincos(std::f64::consts::TAU * f64::from(k) / f64::from(n));
-    let point = |k: u32| {
-        let ((s, c), (t, d)) = (angle(k / columns, rows), angle(k % columns, columns));
-        let bump = 1.0 + 0.01 * libm::sin(f64::from(k) * 1.7);
-        Point3::new((2.0 + c * bump) * d, (2.0 + c * bump) * t, s * bump)
-    };
-    let quad = |k: u32| {
-        let at = |i: u32, j: u32| i % rows * columns + j % columns;
-        let (i, j) = (k / columns, k % columns);
-        [at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)]
-    };
-    let quads = (0..rows * columns).map(quad);
-    let corners = match sides {
-        3 => quads.flat_map(|[a, b, c, d]| [a, b, c, a, c, d]).collect(),
-        _ => quads.flatten().collect::<Vec<u32>>(),
-    };
-    let positions: Vec<_> = (0..rows * columns).map(point).collect();
-    Mesh::new(positions, Faces::uniform(sides, corners).expect("whole faces")).expect("a torus")
+    peers::torus(sides, [rows, count / rows], 0.01)
 }
