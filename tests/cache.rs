@@ -1,9 +1,14 @@
 //! Results that outlive a process: never stale, never believed when damaged, never in the way.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::{Condvar, Mutex};
+use std::time::Duration;
 
-use maquette::{Catalog, Disk, Evaluation, Evaluator, Graph, Options, State};
+use maquette::{
+    CancelToken, Catalog, Disk, Evaluation, Evaluator, Graph, Observer, Options, State,
+};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
 const LIMIT: u64 = 1 << 30;
@@ -189,11 +194,96 @@ fn four_evaluators_share_a_folder() {
     });
 }
 
+/// Clears the cache when an evaluation has decided what to do, and keeps the node `first` from its end until `last`, which needs
+/// it in another way, has come to its own.
+struct Clearing<'a> {
+    cache: &'a Path,
+    /// The nodes that were started, and `last` when it has come to its end.
+    seen: Mutex<BTreeSet<String>>,
+    more: Condvar,
+}
+
+impl Clearing<'_> {
+    /// Notes a node, and waits for another one; not for ever, so that a fault is told.
+    fn meet(&self, node: &str, other: &str) {
+        let mut seen = self.seen.lock().unwrap();
+        let is_first = seen.insert(node.to_owned());
+        self.more.notify_all();
+        if is_first {
+            let waits = |seen: &mut BTreeSet<String>| !seen.contains(other);
+            drop(self.more.wait_timeout_while(seen, Duration::from_secs(20), waits).unwrap());
+        }
+    }
+}
+
+impl Observer for Clearing<'_> {
+    fn unchanged(&self, _: usize) {
+        Disk::gc(self.cache, 0);
+    }
+
+    fn started(&self, node: &str) {
+        match node {
+            "first" => self.meet(node, "last"),
+            "middle" => self.meet(node, "first"),
+            _ => {}
+        }
+    }
+
+    fn finished(&self, node: &str, _: State, _: f64) {
+        if node == "last" {
+            self.meet(node, node);
+        }
+    }
+}
+
+/// `first` is lost and restored, `middle` is on disk when the evaluation begins and is gone when `last`, which changed, needs it:
+/// its own values are computed from those of `first`, which are not there yet.
+#[test]
+fn values_that_go_while_their_sources_are_restored_are_computed_again() {
+    let processes = Processes::new();
+    let project = tempfile::tempdir().unwrap();
+    let path = project.path().join("three.ron");
+    fs::write(project.path().join("tip.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let text = "Graph(format: 1, params: {\"far\": Number(default: 1.0)}, nodes: {
+        \"first\": ReadMesh(path: \"tip.obj\"),
+        \"middle\": Transform(mesh: \"first\", scale: (2, 2, 2)),
+        \"last\": Transform(mesh: \"middle\", translate: (Param(\"far\"), 0, 0)),
+    }, outputs: {\"last.ply\": \"last\"})";
+    fs::write(&path, text).unwrap();
+    let graph = |far: &str| {
+        let set = vec![("far".to_owned(), far.to_owned())];
+        let options = Options { set, ..Options::default() };
+        let checked = Graph::load(&path, &processes.catalog, &options);
+        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+    };
+    let mut evaluator = processes.evaluator();
+    evaluator.evaluate_nodes(&graph("1"), &["first"]);
+    evaluator.disk().unwrap().finish();
+    let is_entry = |file: &PathBuf| file.parent().unwrap().ends_with("entries");
+    let first = Vec::from_iter(processes.files().into_iter().filter(is_entry));
+    assert_eq!(first.len(), 1);
+    evaluator.evaluate_nodes(&graph("1"), &["last"]);
+    evaluator.disk().unwrap().finish();
+    fs::remove_file(&first[0]).unwrap();
+
+    let (seen, more) = (Mutex::default(), Condvar::new());
+    let clearing = Clearing { cache: processes.cache(), seen, more };
+    let graph = graph("2");
+    let mut evaluator = processes.evaluator();
+    let evaluation = evaluator.evaluate_all_nodes(&graph, &clearing, &CancelToken::default());
+    assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+    let mut alone = Evaluator::new(1, 1 << 30).unwrap();
+    let expected = alone.evaluate_nodes(&graph, &["last"]);
+    let [found, expected] = [&evaluation, &expected]
+        .map(|evaluation| evaluation.find(&graph, "last", "").map(|value| value.hash()));
+    assert!(found.is_some() && found == expected);
+}
+
 #[test]
 fn what_was_not_used_for_longest_goes_first() {
     let processes = Processes::new();
     processes.run(&[("growth", "20")]);
-    let old = std::time::SystemTime::now() - std::time::Duration::from_secs(3600);
+    let old = std::time::SystemTime::now() - Duration::from_secs(3600);
     let old_files = processes.files();
     for file in &old_files {
         fs::File::options().append(true).open(file).unwrap().set_modified(old).unwrap();
@@ -247,8 +337,7 @@ fn every_value_of_the_examples_is_read_back_as_it_was() {
         let load = || Graph::load(&path, &processes.catalog, &Options::default()).graph.unwrap();
         let evaluate = |graph: &Graph| {
             let mut evaluator = processes.evaluator();
-            let evaluation =
-                evaluator.evaluate_all_nodes(graph, &(), &maquette::CancelToken::default());
+            let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
             evaluator.disk().unwrap().finish();
             evaluation
         };

@@ -185,10 +185,10 @@ impl Store {
         let (folder, home) = (folder.to_owned(), folder.join(fingerprint));
         let (trouble, written) = (OnceLock::new(), AtomicU64::new(0));
         let store = Self { folder, home, limit, types, trouble, written };
-        let made = FOLDERS
-            .iter()
-            .try_for_each(|name| fs::create_dir_all(store.home.join(name)))
-            .and_then(|()| usage::tag(&store.folder));
+        let made = in_spite_of_clearing(|_| {
+            FOLDERS.iter().try_for_each(|name| fs::create_dir_all(store.home.join(name)))?;
+            usage::tag(&store.folder)
+        });
         match made {
             // A folder that may only be read still answers.
             Err(error) if store.home.is_dir() => drop(store.trouble.set(error.to_string())),
@@ -268,20 +268,17 @@ impl Store {
 
     fn try_write(&self, path: &Path, parts: &[&[u8]]) -> io::Result<u64> {
         let folder = path.parent().unwrap_or(&self.home);
-        let new = || tempfile::Builder::new().prefix(usage::TEMPORARY).tempfile_in(folder);
-        // Somebody may have cleared the cache.
-        let mut file = match new() {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+        in_spite_of_clearing(|is_gone| {
+            if is_gone {
                 fs::create_dir_all(folder)?;
-                new()?
             }
-            other => other?,
-        };
-        for part in parts {
-            file.write_all(part)?;
-        }
-        file.persist(path).map_err(|error| error.error)?;
-        Ok(parts.iter().map(|part| part.len() as u64).sum())
+            let mut file = tempfile::Builder::new().prefix(usage::TEMPORARY).tempfile_in(folder)?;
+            for part in parts {
+                file.write_all(part)?;
+            }
+            file.persist(path).map_err(|error| error.error)?;
+            Ok(parts.iter().map(|part| part.len() as u64).sum())
+        })
     }
 
     fn write_checked(&self, path: &Path, content: &[u8]) {
@@ -298,6 +295,25 @@ impl Store {
     }
 }
 
+/// Does it again if a file or folder has gone meanwhile, which `does` is told: somebody may clear the cache between any two steps.
+/// Who finds it gone a hundred times has another problem.
+fn in_spite_of_clearing<T>(mut does: impl FnMut(bool) -> io::Result<T>) -> io::Result<T> {
+    const TRIES: usize = 100;
+    let mut result = does(false);
+    for _ in 1..TRIES {
+        match &result {
+            Err(error) if is_gone(error) => result = does(true),
+            _ => break,
+        }
+    }
+    result
+}
+
+/// A folder that goes while it is made was there already, and then is none.
+fn is_gone(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::AlreadyExists)
+}
+
 impl Columns for Store {
     /// The content is not judged here: who asks compares its hash.
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
@@ -312,5 +328,57 @@ impl Columns for Store {
 
     fn damaged(&self, hash: Hash) {
         self.remove(&self.column_path(hash));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn store(folder: &Path) -> io::Result<Store> {
+        Store::open(folder, "0123456789abcdef0123456789abcdef", u64::MAX, HashMap::new())
+    }
+
+    #[test]
+    fn a_cache_that_is_cleared_all_the_time_is_no_trouble() {
+        let folder = tempfile::tempdir().unwrap();
+        let is_over = AtomicU64::new(0);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while is_over.load(Ordering::Relaxed) == 0 {
+                    Disk::gc(folder.path(), 0);
+                }
+            });
+            for number in 0..300_u32 {
+                let store = store(folder.path());
+                if let Ok(store) = &store {
+                    store.write_checked(&store.entry_path(Hash::of(&number.to_le_bytes())), b"new");
+                }
+                let trouble = store.map(|store| store.trouble.into_inner());
+                if !matches!(trouble, Ok(None)) {
+                    is_over.store(1, Ordering::Relaxed);
+                    panic!("{number}: {trouble:?}");
+                }
+            }
+            is_over.store(1, Ordering::Relaxed);
+        });
+    }
+
+    #[test]
+    fn what_is_being_written_stays_when_the_cache_is_cleared() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = store(folder.path()).unwrap();
+        let entries = store.home.join("entries");
+        let [new, old] =
+            ["new", "old"].map(|name| entries.join(format!("{}{name}", usage::TEMPORARY)));
+        for path in [&new, &old, &entries.join("result")] {
+            fs::write(path, "half").unwrap();
+        }
+        let hour = std::time::Duration::from_secs(3600);
+        let file = fs::File::options().append(true).open(&old).unwrap();
+        file.set_modified(SystemTime::now() - hour).unwrap();
+        assert_eq!(Disk::gc(folder.path(), 0), 8);
+        let left = fs::read_dir(entries).unwrap().map(|entry| entry.unwrap().path());
+        assert_eq!(Vec::from_iter(left), [new]);
     }
 }

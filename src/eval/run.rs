@@ -176,9 +176,13 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// What is known of a node. One that is only restored or compared is known before it is visited: a node that is not visited
+    /// may hang on it, and need its values when another process has dropped its own.
     pub(super) fn done(&self, index: usize) -> Option<&Arc<Done>> {
-        match self.slot(index) {
-            Some(slot) => slot.done.get()?.as_ref(),
+        let found = self.slot(index).and_then(|slot| slot.done.get());
+        match found {
+            Some(found) => found.as_ref(),
+            None if self.tasks[index] == Task::Look => None,
             None => self.evaluator.last.as_ref()?.current(index),
         }
     }

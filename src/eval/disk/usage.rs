@@ -73,8 +73,12 @@ impl Disk {
         let before = bytes;
         files.sort_by_key(|found| std::cmp::Reverse(found.used));
         while let Some(found) = files.pop() {
-            let half_written = is_temporary(&found.path) && ABANDONED < age(&found);
-            if (half_written || limit < bytes) && fs::remove_file(&found.path).is_ok() {
+            let goes = match is_temporary(&found.path) {
+                // Somebody is writing it, or was killed.
+                true => ABANDONED < age(&found),
+                false => limit < bytes,
+            };
+            if goes && fs::remove_file(&found.path).is_ok() {
                 bytes -= found.bytes;
             }
         }
