@@ -37,9 +37,11 @@ mod masks;
 mod patches;
 mod piece;
 mod place;
+mod plan;
 mod primal;
 mod quadric;
 mod read_creases;
+mod regular_rules;
 #[cfg(test)]
 mod shapes;
 mod sharpness;
@@ -74,10 +76,11 @@ pub use interpolate_surface::{InterpolateSurface, InterpolateSurfaceError, inter
 pub use interpolation::{Direction, Foot, Interpolated, Interpolation, Norm, NotLinear, Solver};
 pub use limit_surface::{LimitPoint, LimitSurface};
 pub use live::Live;
+pub use plan::Plan;
 pub use read_creases::{ReadCreases, ReadCreasesError, read_creases};
 pub use simplify::{Simplify, SimplifyError, simplify};
 pub use subdivide::{
-    Boundary, Corners, Creases, Plan, Scheme, Subdivide, SubdivideError, Subdivision, subdivide,
+    Boundary, Corners, Creases, Scheme, Subdivide, SubdivideError, Subdivision, subdivide,
 };
 pub use subdivide_curve::{CurveScheme, SubdivideCurve, SubdivideCurveError, subdivide_curve};
 

@@ -9,7 +9,6 @@ use std::f64::consts::PI;
 
 use super::connectivity::Connectivity;
 use super::masks::{Masks, Weights};
-use super::stencils::Rows;
 use super::turns::turn;
 
 /// The rules of Catmull and Clark.
@@ -30,18 +29,10 @@ impl Masks for CatmullClarkMasks {
     }
 
     /// A quarter of both ends and both centroids.
-    fn edge(
-        &self,
-        mesh: &Connectivity,
-        edge: u32,
-        share: f64,
-        ends: &mut [f64; 2],
-        rows: &mut Rows,
-    ) {
-        ends.iter_mut().for_each(|weight| *weight += 0.25 * share);
-        for half in mesh.halves_of(edge) {
-            rows.push(mesh.vertices as u32 + mesh.face_of(half), 0.25 * share);
-        }
+    const EDGE: [f64; 2] = [0.25; 2];
+
+    fn opposite(&self, mesh: &Connectivity, half: u32) -> u32 {
+        mesh.vertices as u32 + mesh.face_of(half)
     }
 
     /// With two neighbors, for which the eigenvalue is not that of a tangent plane, the directions of both edges.

@@ -7,7 +7,6 @@ use std::f64::consts::PI;
 
 use super::connectivity::Connectivity;
 use super::masks::{Masks, Weights};
-use super::stencils::Rows;
 use super::turns::turn;
 
 /// Loop's rules.
@@ -29,18 +28,10 @@ impl Masks for LoopMasks {
     }
 
     /// `3/8 (a + b) + 1/8 (c + d)`, with `c` and `d` across from the edge.
-    fn edge(
-        &self,
-        mesh: &Connectivity,
-        edge: u32,
-        share: f64,
-        ends: &mut [f64; 2],
-        rows: &mut Rows,
-    ) {
-        ends.iter_mut().for_each(|weight| *weight += 0.375 * share);
-        for half in mesh.halves_of(edge) {
-            rows.push(mesh.corners()[mesh.previous(half) as usize], 0.125 * share);
-        }
+    const EDGE: [f64; 2] = [0.375, 0.125];
+
+    fn opposite(&self, mesh: &Connectivity, half: u32) -> u32 {
+        mesh.corners()[mesh.previous(half) as usize]
     }
 
     fn tangents(&self, [first, second]: [&mut Weights; 2]) {

@@ -23,6 +23,12 @@ pub(super) trait Masks: Sync {
     /// The same for its limit.
     fn limit(&self, n: usize) -> [f64; 3];
 
+    /// The weights of each end of a smooth edge, and of what is across it on each side.
+    const EDGE: [f64; 2];
+
+    /// The column of what is across the edge of a half-edge in its face: a corner, or the face's centroid.
+    fn opposite(&self, mesh: &Connectivity, half: u32) -> u32;
+
     /// Adds `share` times the rule of a smooth edge: weights of its ends to `ends`, the others to the current row.
     fn edge(
         &self,
@@ -31,7 +37,13 @@ pub(super) trait Masks: Sync {
         share: f64,
         ends: &mut [f64; 2],
         rows: &mut Rows,
-    );
+    ) {
+        let [end, across] = Self::EDGE.map(|weight| weight * share);
+        ends.iter_mut().for_each(|weight| *weight += end);
+        for half in mesh.halves_of(edge) {
+            rows.push(self.opposite(mesh, half), across);
+        }
+    }
 
     /// Two tangents of a smooth vertex, the first turning counter-clockwise to the second: weights of `e_j` and `d_j`.
     fn tangents(&self, to: [&mut Weights; 2]);

@@ -1,16 +1,15 @@
 //! Takes vertices out of a mesh where they matter least.
 
-use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-use maquette::value::{Faces, Mesh, MeshError};
+use maquette::value::{Mesh, MeshError};
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
-use nalgebra::{Point3, Vector3, center};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::carry::{Carry, Mix};
-use super::quadric::Quadric;
+use net::Net;
+
+mod net;
 
 /// Takes vertices out of a mesh where they matter least, until it has so many faces.
 ///
@@ -59,15 +58,6 @@ impl Node for Simplify {
     }
 }
 
-/// Weight of the planes that hold borders and creases, beside those of faces.
-const HOLD: f64 = 1000.0;
-
-/// Largest turn of a face that stays: the cosine of 75 degrees.
-const LEAST_COSINE: f64 = 0.25881904510252074;
-
-/// A face with less area than this share of the mesh's diagonal squared has none.
-const LEAST_AREA: f64 = 1e-20;
-
 /// `mesh` with about `target` triangles.
 ///
 /// Edges are collapsed in the order of the squared distance that it costs from the planes of the faces: Garland and Heckbert,
@@ -91,8 +81,7 @@ pub fn simplify(
     let mut done = 0usize;
     while target < net.n_faces {
         let Some(next) = heap.pop() else { break };
-        let is_old = |k: usize| net.versions[next.ends[k] as usize] != next.versions[k];
-        if is_old(0) || is_old(1) || !net.allows(&next) {
+        if !net.is_current(&next) || !net.allows(&next) {
             continue;
         }
         net.apply(&next);
@@ -106,306 +95,6 @@ pub fn simplify(
         }
     }
     Ok(net.into_mesh(mesh)?)
-}
-
-/// An edge that may become a vertex.
-#[derive(Clone, Copy, Debug)]
-struct Collapse {
-    cost: f64,
-    /// The vertex that stays, and the one that goes.
-    ends: [u32; 2],
-    /// Theirs when the cost was computed.
-    versions: [u32; 2],
-    place: Point3<f64>,
-}
-
-/// The cheapest one first, of equals the one with the lower vertices.
-impl Ord for Collapse {
-    fn cmp(&self, other: &Self) -> Ordering {
-        other.cost.total_cmp(&self.cost).then(other.ends.cmp(&self.ends))
-    }
-}
-
-impl PartialOrd for Collapse {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for Collapse {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Collapse {}
-
-/// Triangles that lose their vertices one by one.
-struct Net {
-    places: Vec<Point3<f64>>,
-    quadrics: Vec<Quadric>,
-    /// How often each vertex has changed.
-    versions: Vec<u32>,
-    triangles: Vec<[u32; 3]>,
-    /// The face of the mesh that each triangle is part of.
-    parents: Vec<u32>,
-    alive: Vec<bool>,
-    n_faces: usize,
-    /// The triangles around each vertex.
-    around: Vec<Vec<u32>>,
-    /// The other ends of each vertex's sharp edges, with their sharpness: creases, and borders with 0.
-    sharp: Vec<Vec<(u32, f64)>>,
-    least_area: f64,
-    /// What was done: the vertex that stayed, the one that went, and its share in the result.
-    merges: Vec<([u32; 2], f64)>,
-}
-
-impl Net {
-    fn new(mesh: &Mesh) -> Self {
-        let places = mesh.positions().to_vec();
-        let (mut triangles, mut parents) = (Vec::new(), Vec::new());
-        for (parent, face) in (0..).zip(mesh.faces().iter()) {
-            triangles.extend((1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
-            parents.resize(triangles.len(), parent);
-        }
-        let mut around = vec![Vec::new(); places.len()];
-        for (index, triangle) in (0..).zip(&triangles) {
-            triangle.iter().for_each(|&vertex| around[vertex as usize].push(index));
-        }
-        let diagonal = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
-        let n_faces = triangles.len();
-        let mut net = Self {
-            quadrics: vec![Quadric::default(); places.len()],
-            versions: vec![0; places.len()],
-            alive: vec![true; n_faces],
-            sharp: vec![Vec::new(); places.len()],
-            least_area: LEAST_AREA * diagonal * diagonal,
-            merges: Vec::new(),
-            places,
-            triangles,
-            parents,
-            n_faces,
-            around,
-        };
-        net.add_planes(mesh);
-        net
-    }
-
-    /// The planes of all faces, and those that hold borders and creases.
-    fn add_planes(&mut self, mesh: &Mesh) {
-        for triangle in self.triangles.clone() {
-            let area = self.area(triangle);
-            if let Some(normal) = area.try_normalize(0.0) {
-                let first = self.places[triangle[0] as usize].coords;
-                let plane = Quadric::plane(normal, first, area.norm() / 2.0);
-                triangle.iter().for_each(|&vertex| self.quadrics[vertex as usize] += plane);
-            }
-        }
-        let edges = mesh.edges();
-        let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
-        let borders = borders.map(|(&ends, _)| (ends, 0.0));
-        for (ends, sharpness) in
-            mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0).chain(borders)
-        {
-            let [a, b] = ends;
-            if self.sharp[a as usize].iter().any(|(end, _)| *end == b) {
-                continue;
-            }
-            self.sharp[a as usize].push((b, sharpness));
-            self.sharp[b as usize].push((a, sharpness));
-            self.hold(ends);
-        }
-    }
-
-    /// Adds the planes through an edge that are perpendicular to its faces.
-    fn hold(&mut self, [a, b]: [u32; 2]) {
-        let along = self.places[b as usize] - self.places[a as usize];
-        let at = self.places[a as usize].coords;
-        let faces = self.around[a as usize].iter().map(|&face| self.triangles[face as usize]);
-        let faces = Vec::from_iter(faces.filter(|face| face.contains(&b)));
-        for face in faces {
-            if let Some(normal) = along.cross(&self.area(face)).try_normalize(0.0) {
-                let plane = Quadric::plane(normal, at, HOLD * along.norm_squared());
-                [a, b].iter().for_each(|&end| self.quadrics[end as usize] += plane);
-            }
-        }
-    }
-
-    /// The normal of a triangle, as long as twice its area.
-    fn area(&self, triangle: [u32; 3]) -> Vector3<f64> {
-        let [a, b, c] = triangle.map(|vertex| self.places[vertex as usize]);
-        (b - a).cross(&(c - a))
-    }
-
-    fn edges(&self) -> Vec<[u32; 2]> {
-        let edges = self.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
-        let mut edges = Vec::from_iter(edges.map(|[a, b]| [a.min(b), a.max(b)]));
-        edges.sort_unstable();
-        edges.dedup();
-        edges
-    }
-
-    /// The vertices next to one, ascending.
-    fn neighbors(&self, vertex: u32) -> Vec<u32> {
-        let faces = self.around[vertex as usize].iter();
-        let corners = faces.flat_map(|&face| self.triangles[face as usize]);
-        let mut neighbors = Vec::from_iter(corners.filter(|&corner| corner != vertex));
-        neighbors.sort_unstable();
-        neighbors.dedup();
-        neighbors
-    }
-
-    fn is_sharp(&self, [a, b]: [u32; 2]) -> bool {
-        self.sharp[a as usize].iter().any(|(end, _)| *end == b)
-    }
-
-    /// What making one vertex of an edge costs; none if creases forbid it.
-    fn collapse(&self, [a, b]: [u32; 2]) -> Option<Collapse> {
-        let ends = [a.min(b), a.max(b)];
-        let quadric = self.quadrics[a as usize] + self.quadrics[b as usize];
-        let [first, second] = ends.map(|end| self.places[end as usize]);
-        let sharp_edge = self.is_sharp(ends);
-        // Held: the ends of creases and where several meet; beside a smooth edge every vertex of a crease.
-        let held = ends.map(|end| match self.sharp[end as usize].len() {
-            0 => false,
-            2 => !sharp_edge,
-            _ => true,
-        });
-        let places = match held {
-            [true, true] => return None,
-            [true, false] => vec![first],
-            [false, true] => vec![second],
-            [false, false] => match quadric.lowest() {
-                Some(lowest) => vec![lowest],
-                None => vec![center(&first, &second), first, second],
-            },
-        };
-        let costs = places.into_iter().map(|place| (quadric.at(place.coords), place));
-        let (cost, place) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let versions = ends.map(|end| self.versions[end as usize]);
-        Some(Collapse { cost, ends, versions, place })
-    }
-
-    /// Whether the surface stays one, and no face turns over.
-    fn allows(&self, collapse: &Collapse) -> bool {
-        let [a, b] = collapse.ends;
-        let both = |&&face: &&u32| self.triangles[face as usize].contains(&b);
-        let shared = Vec::from_iter(self.around[a as usize].iter().filter(both));
-        let other = self.neighbors(b);
-        let common = self.neighbors(a).into_iter().filter(|v| other.binary_search(v).is_ok());
-        let mut apexes = Vec::from_iter(shared.iter().flat_map(|&&face| {
-            self.triangles[face as usize].into_iter().filter(|v| *v != a && *v != b)
-        }));
-        apexes.sort_unstable();
-        if !common.eq(apexes.iter().copied()) || shared.len() > 2 {
-            return false;
-        }
-        // A crease of three edges around a face would become a line there and back.
-        let closes = |v: &u32| self.is_sharp([a, *v]) && self.is_sharp([b, *v]);
-        !apexes.iter().any(closes)
-            && self.keeps_sides(collapse, a, b)
-            && self.keeps_sides(collapse, b, a)
-    }
-
-    /// Whether the faces of `vertex` without `other` keep their side and some area, with the vertex in its new place.
-    fn keeps_sides(&self, collapse: &Collapse, vertex: u32, other: u32) -> bool {
-        let faces = self.around[vertex as usize].iter().map(|&face| self.triangles[face as usize]);
-        let mut faces = faces.filter(|face| !face.contains(&other));
-        faces.all(|face| {
-            let before = self.area(face);
-            let place = |v: u32| if v == vertex { collapse.place } else { self.places[v as usize] };
-            let [p, q, r] = face.map(place);
-            let after = (q - p).cross(&(r - p));
-            let turned = before.dot(&after) < LEAST_COSINE * before.norm() * after.norm();
-            // What had no area may stay without.
-            let lost = after.norm() < self.least_area && self.least_area <= before.norm();
-            !turned && !lost
-        })
-    }
-
-    fn apply(&mut self, collapse: &Collapse) {
-        let [a, b] = collapse.ends;
-        let [first, second] = collapse.ends.map(|end| self.places[end as usize]);
-        let along = second - first;
-        let share = (collapse.place - first).dot(&along) / along.norm_squared();
-        self.merges.push(([a, b], if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) }));
-        for face in std::mem::take(&mut self.around[b as usize]) {
-            let triangle = &mut self.triangles[face as usize];
-            if triangle.contains(&a) {
-                let apex = triangle.iter().copied().find(|&v| v != a && v != b);
-                self.alive[face as usize] = false;
-                self.n_faces -= 1;
-                for vertex in [Some(a), apex].into_iter().flatten() {
-                    self.around[vertex as usize].retain(|&other| other != face);
-                }
-            } else {
-                triangle.iter_mut().filter(|vertex| **vertex == b).for_each(|vertex| *vertex = a);
-                self.around[a as usize].push(face);
-            }
-        }
-        for (end, sharpness) in std::mem::take(&mut self.sharp[b as usize]) {
-            self.sharp[end as usize].retain(|(other, _)| *other != b);
-            if end != a {
-                self.sharp[end as usize].push((a, sharpness));
-                self.sharp[a as usize].push((end, sharpness));
-            }
-        }
-        let quadric = self.quadrics[b as usize];
-        self.quadrics[a as usize] += quadric;
-        self.places[a as usize] = collapse.place;
-        [a, b].iter().for_each(|&end| self.versions[end as usize] += 1);
-    }
-
-    /// What is left, vertices and faces in their old order.
-    fn into_mesh(self, mesh: &Mesh) -> Result<Mesh, MeshError> {
-        const GONE: u32 = u32::MAX;
-        let faces = Vec::from_iter((0..self.alive.len()).filter(|&face| self.alive[face]));
-        let mut names = vec![GONE; self.places.len()];
-        let corners = faces.iter().flat_map(|&face| self.triangles[face]);
-        corners.for_each(|vertex| names[vertex as usize] = 0);
-        let kept = Vec::from_iter((0..names.len() as u32).filter(|&v| names[v as usize] != GONE));
-        (0..).zip(&kept).for_each(|(new, &old)| names[old as usize] = new);
-        let places = Vec::from_iter(kept.iter().map(|&vertex| self.places[vertex as usize]));
-        let triangles = faces.iter().map(|&face| self.triangles[face].map(|v| names[v as usize]));
-        let creases = kept.iter().flat_map(|&a| self.sharp[a as usize].iter().map(move |s| (a, s)));
-        let creases = creases.filter(|(a, (b, sharpness))| a < b && *sharpness > 0.0);
-        let creases = creases.map(|(a, (b, s))| ([a, *b].map(|v| names[v as usize]), *s));
-        let mut simple = Mesh::new(places, Faces::triangles(triangles.collect()))?
-            .with_creases(creases)
-            .with_texture(mesh.texture().cloned())
-            .with_frame(mesh.frame().copied());
-        let merged = Merged { merges: &self.merges, kept: &kept };
-        for (name, attribute) in mesh.vertex().iter().filter(|(name, _)| *name != "normal") {
-            simple = simple.with_vertex(name, merged.attribute(attribute))?;
-        }
-        let parents = Vec::from_iter(faces.iter().map(|&face| self.parents[face]));
-        for (name, attribute) in mesh.face().iter() {
-            simple = simple.with_face(name, attribute.select(&parents))?;
-        }
-        Ok(simple)
-    }
-}
-
-/// Vertex attributes, mixed as the vertices were.
-struct Merged<'a> {
-    merges: &'a [([u32; 2], f64)],
-    kept: &'a [u32],
-}
-
-impl Carry for Merged<'_> {
-    fn column<T: Mix>(&self, old: &[T]) -> Vec<T> {
-        let mut mixed = old.to_vec();
-        for &([a, b], share) in self.merges {
-            let [stays, goes] = [a, b].map(|end| mixed[end as usize]);
-            // Indices have no mean: the nearer one comes first.
-            let mut parts = [(1.0 - share, stays), (share, goes)];
-            if share > 0.5 {
-                parts.reverse();
-            }
-            mixed[a as usize] = T::mix(parts.into_iter());
-        }
-        self.kept.iter().map(|&vertex| mixed[vertex as usize]).collect()
-    }
 }
 
 #[cfg(test)]

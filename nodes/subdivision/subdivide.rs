@@ -3,18 +3,16 @@
 //! The part of the work that depends on topology alone is in `step.rs` and memoized: a mesh whose vertices have only moved is
 //! refined by products.
 
-use maquette::value::{Attribute, Mesh, MeshError};
+use maquette::value::{Mesh, MeshError};
 use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::limit::Limit;
-use super::live::Live;
 use super::manifold::manifold;
-use super::smooth_corners::smooth_corners;
+use super::plan::{Before, EndLimit, Plan};
 use super::step::{LastLimit, Step};
-use super::topology::{Rules, Topology};
-use super::without_border::without_border;
+use super::topology::Rules;
 
 /// Refines a mesh towards a smooth surface.
 ///
@@ -198,9 +196,6 @@ fn list(edges: &[[u32; 2]], vertices: &[u32]) -> String {
     format!("{count} {what}: {}", first.join(", "))
 }
 
-/// Most corners that a result may have: some 90 million triangles, which with their plan take about 6 GB.
-const MOST_CORNERS: usize = 1 << 28;
-
 impl Node for Subdivide {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -236,12 +231,6 @@ impl Node for Subdivide {
     }
 }
 
-/// What a step comes after.
-enum Before<'a> {
-    Nothing(&'a Topology),
-    Step(&'a Step),
-}
-
 /// Refines `mesh`. New vertices and faces have a fixed order, in terms of the old vertices, the faces, and the edges as
 /// [`Mesh::edges`] gives them; n steps at once give the same as n steps one after the other.
 ///
@@ -258,146 +247,6 @@ enum Before<'a> {
 /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
 pub fn subdivide(mesh: &Mesh, how: Subdivision) -> Result<Mesh, SubdivideError> {
     Plan::new(mesh, how)?.apply(mesh)
-}
-
-/// What of a subdivision depends on the topology of a mesh alone: made once, applied to every mesh of this topology.
-pub struct Plan {
-    how: Subdivision,
-    topology: Topology,
-    steps: Vec<Step>,
-    limit: Option<EndLimit>,
-}
-
-/// The limit of the last vertices.
-enum EndLimit {
-    Control(Limit),
-    Refined(LastLimit),
-}
-
-impl Plan {
-    /// The plan for the faces, creases and number of vertices of `mesh`.
-    ///
-    /// # Errors
-    /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
-    pub fn new(mesh: &Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
-        let step = |before: Before<'_>| match before {
-            Before::Nothing(topology) => Step::first(topology),
-            Before::Step(step) => step.next(),
-        };
-        Self::with(mesh, how, step, |before| match before {
-            Before::Nothing(topology) => Ok(EndLimit::Control(Limit::new(topology)?)),
-            Before::Step(step) => Ok(EndLimit::Refined(LastLimit::new(step)?)),
-        })
-    }
-
-    /// [`Self::new`] with parts from `step` and `limit`.
-    fn with<E: From<SubdivideError>>(
-        mesh: &Mesh,
-        how: Subdivision,
-        mut step: impl FnMut(Before<'_>) -> Result<Step, E>,
-        limit: impl FnOnce(Before<'_>) -> Result<EndLimit, E>,
-    ) -> Result<Self, E> {
-        check_size(mesh, how.levels)?;
-        let topology = Topology::of(mesh, how);
-        let mut steps: Vec<Step> = Vec::with_capacity(how.levels as usize);
-        for _ in 0..how.levels {
-            steps.push(step(steps.last().map_or(Before::Nothing(&topology), Before::Step))?);
-        }
-        let end = steps.last().map_or(Before::Nothing(&topology), Before::Step);
-        let limit = how.limit.then(|| limit(end)).transpose()?;
-        Ok(Self { how, topology, steps, limit })
-    }
-
-    /// Refines `mesh` as [`subdivide`] does.
-    ///
-    /// # Errors
-    /// If its topology is not that of the plan, or a place becomes infinite.
-    pub fn apply(&self, mesh: &Mesh) -> Result<Mesh, SubdivideError> {
-        let Self { how, steps, limit, .. } = self;
-        self.check(mesh)?;
-        let mut refined = apply(mesh, steps)?;
-        if how.corners == Corners::Smooth && how.scheme != Scheme::DooSabin && !steps.is_empty() {
-            refined = smooth_corners(mesh, *how, refined)?;
-        }
-        refined = match limit {
-            Some(EndLimit::Control(limit)) => limit.apply(&refined)?,
-            Some(EndLimit::Refined(limit)) => limit.apply(&refined)?,
-            None => refined,
-        };
-        if how.boundary == Boundary::None && how.scheme != Scheme::DooSabin {
-            refined = without_border(mesh, &ancestors(mesh, steps), &refined)?;
-        }
-        Ok(refined)
-    }
-
-    /// The vertices after the last step, which follow those of `mesh` one by one; before they go on to the limit, and before what
-    /// touches the border is left out.
-    ///
-    /// # Errors
-    /// If the topology of `mesh` is not that of the plan.
-    pub fn live(&self, mesh: &Mesh) -> Result<Live<'_>, SubdivideError> {
-        self.check(mesh)?;
-        Ok(Live::new(&self.steps, mesh.positions()))
-    }
-
-    fn check(&self, mesh: &Mesh) -> Result<(), SubdivideError> {
-        let topology = &self.topology;
-        if mesh.positions().len() == topology.vertices
-            && *mesh.faces() == topology.faces
-            && mesh.creases().eq(topology.creases.iter().copied())
-        {
-            return Ok(());
-        }
-        Err(SubdivideError::OtherTopology)
-    }
-}
-
-/// Refines the positions and attributes of a mesh step by step.
-fn apply(mesh: &Mesh, steps: &[Step]) -> Result<Mesh, MeshError> {
-    let Some((first, later)) = steps.split_first() else {
-        return Ok(mesh.clone());
-    };
-    let last = later.last().unwrap_or(first);
-    let positions = later
-        .iter()
-        .fold(first.positions(mesh.positions()), |positions, step| step.positions(&positions));
-    let mut refined = Mesh::new(positions, last.finer().clone())?
-        .with_creases(last.finer_creases())
-        .with_texture(mesh.texture().cloned())
-        .with_frame(mesh.frame().copied());
-    let all = |attribute: &Attribute, carry: fn(&Step, &Attribute) -> Attribute| {
-        later.iter().fold(carry(first, attribute), |carried, step| carry(step, &carried))
-    };
-    for (name, attribute) in mesh.vertex().iter().filter(|(name, _)| *name != "normal") {
-        refined = refined.with_vertex(name, all(attribute, Step::vertex_attribute))?;
-    }
-    for (name, attribute) in mesh.corner().iter().filter(|(name, _)| *name != "normal") {
-        refined = refined.with_corner(name, all(attribute, Step::corner_attribute))?;
-    }
-    if mesh.face().iter().next().is_some() {
-        let ancestors = ancestors(mesh, steps);
-        for (name, attribute) in mesh.face().iter() {
-            refined = refined.with_face(name, attribute.select(&ancestors))?;
-        }
-    }
-    Ok(refined)
-}
-
-/// The face of `mesh` from which each face comes that the last step makes.
-fn ancestors(mesh: &Mesh, steps: &[Step]) -> Vec<u32> {
-    let first = (0..mesh.faces().len() as u32).collect();
-    steps.iter().fold(first, |ancestors: Vec<u32>, step| {
-        step.parents().iter().map(|&parent| ancestors[parent as usize]).collect()
-    })
-}
-
-fn check_size(mesh: &Mesh, levels: u32) -> Result<(), SubdivideError> {
-    let growth = 4usize.checked_pow(levels);
-    let corners = growth.and_then(|growth| mesh.faces().corners().len().checked_mul(growth));
-    match corners {
-        Some(corners) if corners <= MOST_CORNERS => Ok(()),
-        _ => Err(SubdivideError::TooLarge { levels, faces: mesh.faces().len() }),
-    }
 }
 
 #[cfg(test)]

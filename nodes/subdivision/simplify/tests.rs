@@ -1,4 +1,5 @@
-use maquette::value::Attribute;
+use maquette::value::{Attribute, Faces};
+use nalgebra::Point3;
 
 use super::*;
 

@@ -1,6 +1,8 @@
 use maquette::value::{Attribute, Column, Faces};
 use nalgebra::{Matrix3, Point3, Vector3};
 
+use super::super::plan::apply;
+use super::super::topology::Topology;
 use super::*;
 
 mod creases;

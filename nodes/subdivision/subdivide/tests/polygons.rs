@@ -2,6 +2,8 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
+use super::super::super::plan::apply;
+use super::super::super::topology::Topology;
 use super::super::*;
 use super::shapes::*;
 use super::{farthest, with};
