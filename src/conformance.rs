@@ -10,7 +10,7 @@ use serde_json::Value as Json;
 use crate::catalog::{Catalog, Entry};
 use crate::error::Error;
 use crate::eval::Evaluator;
-use crate::graph::{Graph, Options, check_default, inside_option, is_name, variants};
+use crate::graph::{Graph, Options, check_default, inside_option, is_name, resolve, variants};
 use crate::node::{CancelToken, Context, Progress};
 use crate::pack::Pack;
 use crate::value::AnyValue;
@@ -229,55 +229,39 @@ fn change(
     path: &str,
     changes: &mut Vec<(String, String)>,
 ) {
-    let target = field.get("$ref").and_then(Json::as_str).unwrap_or_default();
-    let resolved = match target.rsplit('/').next() {
-        Some(name) if !name.is_empty() => &root["$defs"][name],
-        _ => field,
-    };
-    let inner = inside_option(resolved);
-    let schema = inner.as_ref().unwrap_or(resolved);
+    let resolved = resolve(root, field);
+    let schema = inside_option(&resolved).map_or(resolved, |inner| resolve(root, &inner));
     match value {
         Json::Bool(value) => changes.push((path.into(), (!value).to_string())),
         Json::Number(number) => {
             let x = number.as_f64().unwrap_or_default();
-            let step = if schema.get("type").and_then(Json::as_str) == Some("integer") {
-                1.0
-            } else {
-                0.125
-            };
+            let is_whole = schema.get("type").and_then(Json::as_str) == Some("integer");
+            let step = if is_whole { 1.0 } else { 0.125 };
             changes.extend([x + step, x - step].map(|x| (path.to_owned(), x.to_string())));
         }
         Json::String(word) => {
-            let others = variants(schema)
+            let others = variants(&schema)
                 .into_iter()
                 .filter(|(name, content)| content.is_none() && name != word);
             changes.extend(others.map(|(name, _)| (path.to_owned(), name)));
         }
         Json::Object(entries) => {
+            let choices = variants(&schema);
             for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
-                let chosen = variants(schema).into_iter().find(|(known, _)| known == name);
-                let content = chosen.and_then(|(_, content)| content);
-                match (&content, value) {
+                let chosen = choices.iter().find(|(known, _)| known == name);
+                match chosen.map(|(_, content)| content.as_ref().map(|it| resolve(root, it))) {
                     // The fields of a chosen variant stand directly behind its name in the file.
-                    (Some(content), Json::Object(fields)) => {
-                        for (field, value) in fields {
-                            change(
-                                value,
-                                &content["properties"][field],
-                                root,
-                                &format!("{path}.{field}"),
-                                changes,
-                            );
-                        }
+                    Some(Some(content)) if content.get("properties").is_some() => {
+                        change(value, &content, root, path, changes);
                     }
-                    (Some(_), _) => {}
-                    (None, _) => change(
-                        value,
-                        &schema["properties"][name],
-                        root,
-                        &format!("{path}.{name}"),
-                        changes,
-                    ),
+                    Some(Some(content)) => {
+                        change(value, &content, root, &format!("{path}.0"), changes);
+                    }
+                    Some(None) => {}
+                    None => {
+                        let field = &schema["properties"][name];
+                        change(value, field, root, &format!("{path}.{name}"), changes);
+                    }
                 }
             }
         }
@@ -335,4 +319,80 @@ fn call(node: &crate::graph::GraphNode, inputs: &[AnyValue]) -> Result<(), Strin
     };
     let eval = AssertUnwindSafe(|| -> Result<_, Error> { node.node.eval(&cx) });
     catch_unwind(eval).map(|_| ()).map_err(|panic| crate::eval::in_words(&*panic))
+}
+
+#[cfg(test)]
+mod tests {
+    use schemars::JsonSchema;
+    use serde::Serialize;
+
+    use super::*;
+
+    #[derive(Serialize, JsonSchema)]
+    struct Heal {
+        holes: Holes,
+        method: Option<Method>,
+        #[serde(flatten)]
+        limits: Limits,
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    enum Holes {
+        #[expect(dead_code, reason = "only its name is needed")]
+        All,
+        Region(Region),
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    enum Region {
+        Ball { radius: f64, hard: bool },
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    enum Method {
+        Exemplar(Exemplar),
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    struct Exemplar {
+        levels: u32,
+        start: Start,
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    enum Start {
+        Plate,
+        #[expect(dead_code, reason = "only its name is needed")]
+        Cone,
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    struct Limits {
+        count: u32,
+    }
+
+    #[test]
+    fn parameters_are_changed_however_deep_they_are() {
+        let node = Heal {
+            holes: Holes::Region(Region::Ball { radius: 2.0, hard: false }),
+            method: Some(Method::Exemplar(Exemplar { levels: 3, start: Start::Plate })),
+            limits: Limits { count: 5 },
+        };
+        let schema = Json::from(schemars::schema_for!(Heal));
+        let changes = changes(&serde_json::to_value(&node).unwrap(), &schema);
+        let changes = Vec::from_iter(changes.iter().map(|(path, to)| format!("{path} {to}")));
+        assert_eq!(
+            changes,
+            [
+                "holes.0.radius 2.125",
+                "holes.0.radius 1.875",
+                "holes.0.hard true",
+                "method.levels 4",
+                "method.levels 2",
+                "method.start Cone",
+                "count 6",
+                "count 4",
+            ]
+        );
+    }
 }

@@ -45,7 +45,7 @@ pub use edit::{Edited, Put};
 pub(crate) use paths::{MARKER, project_root};
 pub(crate) use reader::ReadError;
 pub use reader::Reader;
-pub(crate) use schema::{check_default, inside_option, variants};
+pub(crate) use schema::{check_default, inside_option, resolve, variants};
 pub(crate) use shape::Shape;
 pub(crate) use suggest::nearest;
 pub(crate) use top::is_name;
