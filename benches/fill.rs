@@ -2,8 +2,8 @@
 //!
 //! Prints a table of all methods on all cases: those of the data's folder (`FILL_DATA`, by default `../shared/data`), and a bumpy sphere with
 //! a hole of 948 vertices, the one of the peers' item 7; each also with noise. `fill WORD ...` prints the rows whose case or method has one of
-//! the words, `fill rims` the times of large rims. `CGAL_FILL` may name the program made of `benches/peers/cgal_fill.cpp`, which then
-//! fills the same holes.
+//! the words, `fill rims` the times of large rims, `fill sizes` those of thin plates over one hole in ever finer data. `CGAL_FILL` may name
+//! the program made of `benches/peers/cgal_fill.cpp`, which then fills the same holes.
 //!
 //! Times are of the public function, on values, the least of several runs. Distances are divided by the mean edge: of points all over the
 //! filled part to the truth (root of the mean square, and largest), and of the lost vertices to the filled mesh.
@@ -28,6 +28,9 @@ fn main() {
         std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     if words.iter().any(|word| word == "rims") {
         return large_rims();
+    }
+    if words.iter().any(|word| word == "sizes") {
+        return sizes();
     }
     let wanted = |text: &str| words.is_empty() || words.iter().any(|word| text.contains(&word[..]));
     println!(
@@ -77,7 +80,7 @@ fn cases() -> Vec<Case> {
     let folder = std::env::var_os("FILL_DATA").map(PathBuf::from);
     let folder =
         folder.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"));
-    let mut cases = vec![bumpy_sphere()];
+    let mut cases = vec![bumpy_sphere(45)];
     for (name, file) in [
         ("holes/smooth_blob", "obj"),
         ("holes/smooth_spot", "obj"),
@@ -96,8 +99,44 @@ fn cases() -> Vec<Case> {
             println!("{name} is not in {}", folder.display());
         }
     }
+    for (file, seed, rings) in CUT {
+        let read = || {
+            let bytes = std::fs::read(folder.join(file)).ok()?;
+            read_mesh(&bytes, file.rsplit('.').next()?).ok()
+        };
+        match read() {
+            Some(mesh) => cases.push(cut(file, &mesh, seed, rings)),
+            None => println!("{file} is not in {}", folder.display()),
+        }
+    }
     let noisy: Vec<Case> = cases.iter().map(with_noise).collect();
     cases.into_iter().chain(noisy).collect()
+}
+
+/// Holes cut out of whole meshes, for which nothing was chosen by what comes out: around a vertex, so many rings of vertices.
+const CUT: [(&str, u32, usize); 6] = [
+    ("meshes/spot/spot_triangulated.obj", 1000, 8),
+    ("meshes/penguin/penguin.obj", 1500, 9),
+    ("meshes/koala/koala.ply", 10_000, 14),
+    ("meshes/koala/koala.ply", 30_000, 14),
+    ("doll/doll.ply", 5_000, 12),
+    ("meshes/koala/koala_low_resolution.obj", 2_000, 9),
+];
+
+fn cut(file: &str, mesh: &Mesh, seed: u32, rings: usize) -> Case {
+    let faces = mesh.faces().as_triangles().expect("triangles").to_vec();
+    let mut gone = vec![false; mesh.positions().len()];
+    gone[seed as usize] = true;
+    for _ in 0..rings {
+        let near = faces.iter().filter(|face| face.iter().any(|&vertex| gone[vertex as usize]));
+        let near: Vec<u32> = near.flatten().copied().collect();
+        near.into_iter().for_each(|vertex| gone[vertex as usize] = true);
+    }
+    let points = mesh.positions().to_vec();
+    let (holed, truth) = without(points, &faces, &gone);
+    let edge = mean_edge(&holed);
+    let name = file.rsplit('/').next().unwrap_or(file).split('.').next().unwrap_or(file);
+    Case { name: format!("cut {name} {seed}"), holed, truth, edge }
 }
 
 fn mean_edge(mesh: &Mesh) -> f64 {
@@ -270,6 +309,28 @@ fn large_rims() {
     }
 }
 
+/// How the cost of a thin plate grows with the number of vertices that it gets.
+fn sizes() {
+    for frequency in [23, 45, 90, 180] {
+        let case = bumpy_sphere(frequency);
+        let options = FillOptions { holes: HoleChoice::All, method: FillMethod::ThinPlate };
+        let mut least = f64::INFINITY;
+        let mut added = 0;
+        for _ in 0..RUNS {
+            let start = Instant::now();
+            let filled = fill_holes(&case.holed, &options, &Progress::none()).expect("a sphere");
+            least = least.min(start.elapsed().as_secs_f64());
+            added = filled.mesh.positions().len() - case.holed.positions().len();
+        }
+        println!(
+            "{:6} vertices of data, {added:6} added: {:8.2} ms, {:6.2} us for each added one",
+            case.holed.positions().len(),
+            1e3 * least,
+            1e6 * least / added as f64
+        );
+    }
+}
+
 /// A band along a wavy closed curve, whose inner border has so many edges.
 fn band(count: u32) -> Mesh {
     let at = |k: u32, out: f64| {
@@ -287,9 +348,9 @@ fn band(count: u32) -> Mesh {
     Mesh::new(points, Faces::triangles(faces.collect())).expect("a band")
 }
 
-/// The sphere of the peers' item 7: a geodesic one of 20 252 vertices with bumps, of which 948 are missing.
-fn bumpy_sphere() -> Case {
-    let (directions, faces) = geodesic(45);
+/// The sphere of the peers' item 7: a geodesic one with bumps, and a hole; at a frequency of 45 of 20 252 vertices, of which 948 are missing.
+fn bumpy_sphere(frequency: u32) -> Case {
+    let (directions, faces) = geodesic(frequency);
     let axis = Vector3::new(0.48, 0.6, 0.64);
     let across = axis.cross(&Vector3::x()).normalize();
     let other = axis.cross(&across);
@@ -299,14 +360,22 @@ fn bumpy_sphere() -> Case {
         polar < 0.445 + 0.03 * libm::sin(5.0 * angle) + 0.015 * libm::cos(11.0 * angle)
     };
     let gone: Vec<bool> = directions.iter().map(is_gone).collect();
+    let points = directions.iter().map(|&v| (v * bump(v)).into()).collect();
+    let (holed, truth) = without(points, &faces, &gone);
+    let edge = mean_edge(&holed);
+    Case { name: "bumpy sphere".to_owned(), holed, truth, edge }
+}
+
+/// A mesh without some vertices, and the whole one with these at the end.
+fn without(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh, Mesh) {
     let keeps = |face: &&[u32; 3]| face.iter().all(|&vertex| !gone[vertex as usize]);
     let mut kept: Vec<[u32; 3]> = faces.iter().filter(keeps).copied().collect();
     loop {
         // A vertex with two ways along the border is a bow tie.
         let border =
-            Mesh::new(vec![Point3::origin(); directions.len()], Faces::triangles(kept.clone()));
-        let edges = border.expect("faces of a sphere").edges();
-        let mut ends = vec![0; directions.len()];
+            Mesh::new(vec![Point3::origin(); points.len()], Faces::triangles(kept.clone()));
+        let edges = border.expect("faces of a surface").edges();
+        let mut ends = vec![0; points.len()];
         for (pair, _) in edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1) {
             pair.iter().for_each(|&end| ends[end as usize] += 1);
         }
@@ -316,10 +385,10 @@ fn bumpy_sphere() -> Case {
             break;
         }
     }
-    let mut used = vec![false; directions.len()];
+    let mut used = vec![false; points.len()];
     kept.as_flattened().iter().for_each(|&vertex| used[vertex as usize] = true);
     let (data, lost): (Vec<usize>, Vec<usize>) =
-        (0..directions.len()).partition(|&vertex| used[vertex]);
+        (0..points.len()).partition(|&vertex| used[vertex]);
     let order: Vec<usize> = data.iter().chain(&lost).copied().collect();
     let mut numbers = vec![0u32; order.len()];
     (0..).zip(&order).for_each(|(number, &vertex)| numbers[vertex] = number);
@@ -328,12 +397,10 @@ fn bumpy_sphere() -> Case {
             faces.iter().map(|face| face.map(|vertex| numbers[vertex as usize])).collect(),
         )
     };
-    let points: Vec<Point3<f64>> =
-        order.iter().map(|&k| (directions[k] * bump(directions[k])).into()).collect();
-    let holed = Mesh::new(points[..data.len()].to_vec(), renumber(&kept)).expect("a sphere");
-    let truth = Mesh::new(points, renumber(&faces)).expect("a sphere");
-    let edge = mean_edge(&holed);
-    Case { name: "bumpy sphere".to_owned(), holed, truth, edge }
+    let points: Vec<Point3<f64>> = order.iter().map(|&k| points[k]).collect();
+    let holed = Mesh::new(points[..data.len()].to_vec(), renumber(&kept)).expect("a surface");
+    let truth = Mesh::new(points, renumber(faces)).expect("a surface");
+    (holed, truth)
 }
 
 fn bump(v: Vector3<f64>) -> f64 {
