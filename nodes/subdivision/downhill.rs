@@ -48,7 +48,9 @@ pub(super) fn downhill(surface: &LimitSurface, start: Spot, to: Point3<f64>) -> 
         let spoke = to - point.point;
         let Some(slope) = Slope::new(&point, spoke) else { break };
         let way = sides.way(spot, came, &slope);
-        held = matches!(way, Way::Along(_) | Way::Nowhere);
+        let is_foot = |step| slope.length_sq(step) <= ASIDE * ASIDE * spoke.norm_squared();
+        // At a foot on a side, rounding alone may lead to and fro across it.
+        held = matches!(way, Way::Along(_) | Way::Nowhere) && !is_foot(slope.step());
         match way {
             Way::Nowhere => break,
             Way::Through(half) => {
@@ -56,7 +58,7 @@ pub(super) fn downhill(surface: &LimitSurface, start: Spot, to: Point3<f64>) -> 
                 (point, looks) = (look(spot), looks + 1);
             }
             Way::Across(step) | Way::Along(step) => {
-                if slope.length_sq(step) <= ASIDE * ASIDE * spoke.norm_squared() {
+                if is_foot(step) {
                     break;
                 }
                 let end = sides.cut(spot.at, step);
