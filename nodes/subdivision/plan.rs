@@ -67,7 +67,7 @@ impl Plan {
         Ok(Self { how, topology, steps, limit })
     }
 
-    /// Refines `mesh` as [`subdivide`] does.
+    /// Refines `mesh` as [`subdivide`](super::subdivide()) does.
     ///
     /// # Errors
     /// If its topology is not that of the plan, or a place becomes infinite.
