@@ -108,14 +108,18 @@ impl Patch {
         })
     }
 
+    /// The ends of an edge and the corners across from it in its two faces, and what lies beyond these faces' other sides.
+    fn diamond(&self, half: u32, twin: u32) -> ([u32; 4], [u32; 4]) {
+        let [a, b] = self.ends(half);
+        let [c, d] = [half, twin].map(|half| self.corners[previous(half) as usize]);
+        let sides = [next(half), previous(half), next(twin), previous(twin)];
+        ([a, b, c, d], sides.map(|half| self.twins[half as usize]))
+    }
+
     /// Turns an edge in the quadrilateral of its two faces.
     pub(super) fn flip(&mut self, half: u32) {
         let twin = self.twins[half as usize];
-        let [a, b] = self.ends(half);
-        let c = self.corners[previous(half) as usize];
-        let d = self.corners[previous(twin) as usize];
-        let [bc, ca] = [next(half), previous(half)].map(|half| self.twins[half as usize]);
-        let [ad, db] = [next(twin), previous(twin)].map(|half| self.twins[half as usize]);
+        let ([a, b, c, d], [bc, ca, ad, db]) = self.diamond(half, twin);
         let (f, g) = (half / 3 * 3, twin / 3 * 3);
         self.set_face(f, [a, d, c]);
         self.set_face(g, [d, b, c]);
@@ -149,11 +153,7 @@ impl Patch {
     /// Puts a vertex onto an inner edge.
     pub(super) fn split(&mut self, half: u32, point: Point3<f64>) -> u32 {
         let twin = self.twins[half as usize];
-        let [a, b] = self.ends(half);
-        let c = self.corners[previous(half) as usize];
-        let d = self.corners[previous(twin) as usize];
-        let [bc, ca] = [next(half), previous(half)].map(|half| self.twins[half as usize]);
-        let [ad, db] = [next(twin), previous(twin)].map(|half| self.twins[half as usize]);
+        let ([a, b, c, d], [bc, ca, ad, db]) = self.diamond(half, twin);
         let m = self.add_vertex(point);
         let (f, g) = (half / 3 * 3, twin / 3 * 3);
         let (p, q) = (self.add_face(), self.add_face());

@@ -147,7 +147,7 @@ struct Group {
     best: [Option<NearestPlace>; TOGETHER],
     /// The leaf of the last place that was found.
     leaf: usize,
-    /// Boxes looked into, for each of the points.
+    /// Boxes looked into, each counted for all points of the group, and leaves for those that measured something there.
     visited: usize,
 }
 
