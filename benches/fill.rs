@@ -24,6 +24,8 @@ use maquette_nodes::mesh::read_mesh;
 use nalgebra::{Point3, Vector3};
 
 fn main() {
+    // As wherever there is an evaluator.
+    maquette::memory::keep_freed();
     let words: Vec<String> =
         std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     if words.iter().any(|word| word == "rims") {

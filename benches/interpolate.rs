@@ -23,6 +23,8 @@ use maquette_nodes::subdivision::{
 mod peers;
 
 fn main() {
+    // As wherever there is an evaluator.
+    maquette::memory::keep_freed();
     let words = Vec::from_iter(std::env::args().skip(1).filter(|word| !word.starts_with('-')));
     let table = Table { words };
     println!("{:44} {:>9} {:>9} {:>7} {:>9}", "milliseconds", "median", "least", "bar", "peak MB");

@@ -207,6 +207,7 @@ impl Evaluator {
     /// # Errors
     /// If the threads cannot be started.
     pub fn new(threads: usize, memory: usize) -> Result<Self, ThreadsError> {
+        crate::memory::keep_freed();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|error| ThreadsError(error.to_string()))?;
         let (cache, files) = (Cache::new(memory), Known::default());

@@ -29,6 +29,8 @@ use maquette_nodes::subdivision::{
 use nalgebra::Point3;
 
 fn main() {
+    // As wherever there is an evaluator.
+    maquette::memory::keep_freed();
     let arguments = Vec::from_iter(std::env::args().skip(1));
     let [work, folder] = &arguments[..] else {
         println!("usage: peers WORK FOLDER; see benches/peers/peers.py");
