@@ -6,29 +6,31 @@ use maquette::value::{Faces, Mesh};
 use maquette::{AnyValue, Tolerance, compare};
 use nalgebra::Point3;
 
+/// Faces of the largest meshes.
+const MILLION: u32 = 1_000_000;
+
 fn main() {
     divan::main();
 }
 
-/// Vertices along a side of the sheet.
-const N: u32 = 708;
-
-/// A wavy sheet of 1 000 000 triangles, lifted by so many mm; `shuffled` puts its vertices into no order at all, lists its faces in
+/// A wavy sheet of so many triangles, lifted by so many mm; `shuffled` puts its vertices into no order at all, lists its faces in
 /// reverse, and begins each at another corner.
-fn sheet(lift: f64, shuffled: bool) -> Mesh {
+fn sheet(triangles: u32, lift: f64, shuffled: bool) -> Mesh {
+    let n = f64::from(triangles / 2).sqrt().ceil() as u32 + 1;
+    let step = 708.0 / f64::from(n);
     let at = |k: u32| {
-        let (x, y) = (f64::from(k % N), f64::from(k / N));
+        let (x, y) = (step * f64::from(k % n), step * f64::from(k / n));
         Point3::new(x, y, 20.0 * libm::sin(x * 0.03) + 10.0 * libm::cos(y * 0.05) + lift)
     };
-    let quads = (0..N - 1).flat_map(|row| (0..N - 1).map(move |column| row * N + column));
+    let quads = (0..n - 1).flat_map(|row| (0..n - 1).map(move |column| row * n + column));
     let mut faces: Vec<[u32; 3]> =
-        quads.flat_map(|a| [[a, a + 1, a + N], [a + 1, a + N + 1, a + N]]).collect();
-    faces.truncate(1_000_000);
-    let mut points: Vec<_> = (0..N * N).map(at).collect();
+        quads.flat_map(|a| [[a, a + 1, a + n], [a + 1, a + n + 1, a + n]]).collect();
+    faces.truncate(triangles as usize);
+    let mut points: Vec<_> = (0..n * n).map(at).collect();
     if shuffled {
         // A prime that does not divide the number of vertices: each place is taken once.
-        let place = |vertex: u32| (u64::from(vertex) * 1_000_003 % u64::from(N * N)) as u32;
-        (0..N * N).for_each(|vertex| points[place(vertex) as usize] = at(vertex));
+        let place = |vertex: u32| (u64::from(vertex) * 1_000_003 % u64::from(n * n)) as u32;
+        (0..n * n).for_each(|vertex| points[place(vertex) as usize] = at(vertex));
         faces.iter_mut().for_each(|face| *face = [face[1], face[2], face[0]].map(place));
         faces.reverse();
     }
@@ -46,12 +48,17 @@ fn million_faces(bencher: Bencher<'_, '_>, case: &str) {
     let tolerance = Tolerance { max: Some(0.1), ..Tolerance::default() };
     // The values are read anew each time, so that nothing is known of them.
     bencher
-        .with_inputs(|| (AnyValue::new(sheet(0.0, false)), AnyValue::new(sheet(lift, shuffled))))
+        .with_inputs(|| {
+            (
+                AnyValue::new(sheet(MILLION, 0.0, false)),
+                AnyValue::new(sheet(MILLION, lift, shuffled)),
+            )
+        })
         .bench_refs(|(old, new)| compare(black_box(old), black_box(new), &tolerance));
 }
 
-#[divan::bench(sample_count = 5, sample_size = 1)]
-fn render_a_million_faces(bencher: Bencher<'_, '_>) {
-    let mesh = sheet(0.0, false);
+#[divan::bench(args = [MILLION, 20_000, 200], sample_count = 15, sample_size = 1)]
+fn picture(bencher: Bencher<'_, '_>, triangles: u32) {
+    let mesh = sheet(triangles, 0.0, false);
     bencher.bench(|| render(black_box(&mesh), &View::front()));
 }

@@ -79,18 +79,29 @@ pub fn render(mesh: &Mesh, view: &View) -> Image {
         let bins = Bins::new(&scene, height);
         pixels.par_chunks_mut(BAND * width).enumerate().for_each(|(band, pixels)| {
             let samples = Band::draw(&scene, &bins, band, [width, pixels.len() / width]);
-            for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
-                let background = light::background((band * BAND + row) as f64 / height as f64);
-                samples.resolve(&scene, row, background, pixels);
-            }
+            let background = |row| light::background((band * BAND + row) as f64 / height as f64);
+            samples.resolve(&scene, background, pixels);
         });
     }
     Image::new(width, height, pixels).expect("a pixel for each place")
 }
 
 /// Three things, made one by one: the compiler keeps them in registers, which it does not for those of `array::map`.
+#[inline(always)]
 fn each<T>(make: impl Fn(usize) -> T) -> [T; 3] {
     [make(0), make(1), make(2)]
+}
+
+/// Four things: as many numbers as one instruction computes. The last is 0 where only three are meant.
+#[inline(always)]
+fn four<T>(make: impl Fn(usize) -> T) -> [T; 4] {
+    [make(0), make(1), make(2), make(3)]
+}
+
+/// Three numbers and a zero.
+#[inline(always)]
+fn padded<T: Copy + Default>([a, b, c]: [T; 3]) -> [T; 4] {
+    [a, b, c, T::default()]
 }
 
 #[cfg(test)]

@@ -7,15 +7,26 @@
 use rayon::prelude::*;
 
 use super::camera::PARTS;
+use super::light::{self, Light};
 use super::scene::{Facet, Scene, Triangle};
-use super::{BAND, SAMPLES, each, light};
+use super::{BAND, SAMPLES, each, four};
+use crate::simd::{Kernel, widest};
 use crate::value::Rgb;
 
 /// Triangles that one task sorts into bands.
 const CHUNK: usize = 16_384;
 
-/// No triangle: all bits are set.
+/// No triangle.
 const NONE: u32 = u32::MAX;
+
+/// Columns of pixels that are shaded together, in all rows of a band.
+const TILE: usize = 32;
+
+/// A bit for each sample of a pixel, row by row.
+const ALL: u16 = 0b111_111_111;
+
+/// Along columns and rows, the samples in the second and in the third place.
+const AXES: [[u16; 2]; 2] = [[0b010_010_010, 0b100_100_100], [0b000_111_000, 0b111_000_000]];
 
 /// Rows of samples in a band.
 const ROWS: usize = BAND * SAMPLES;
@@ -92,15 +103,7 @@ impl Outline {
 
     /// How much each vertex weighs at a place, times the area: what the edge across from it measures.
     fn weights(&self, at: [i64; 2]) -> [i64; 3] {
-        self.summed_weights(at, 1)
-    }
-
-    /// The sum of the weights at so many places, of which `at` is the sum.
-    fn summed_weights(&self, at: [i64; 2], count: i64) -> [i64; 3] {
-        each(|k| {
-            let (a, b) = (self.at[(k + 1) % 3], self.at[(k + 2) % 3]);
-            (b[0] - a[0]) * (at[1] - count * a[1]) - (b[1] - a[1]) * (at[0] - count * a[0])
-        })
+        each(|k| edge(self.at[(k + 1) % 3], self.at[(k + 2) % 3], at))
     }
 }
 
@@ -139,10 +142,11 @@ impl Band {
             near: vec![f32::NEG_INFINITY; samples],
             triangles: vec![NONE; samples],
         };
-        bins.band(band).for_each(|index| drawn.draw_triangle(scene, index));
+        widest(Triangles { scene, indices: bins.band(band), into: &mut drawn });
         drawn
     }
 
+    #[inline(always)]
     fn draw_triangle(&mut self, scene: &Scene<'_>, index: u32) {
         let triangle = scene.triangle(index as usize);
         let Some(outline) = Outline::new(scene, triangle) else { return };
@@ -175,77 +179,137 @@ impl Band {
             let from = (row - first_row) as usize * self.width + left as usize;
             let samples = from + first as usize..=from + last as usize;
             let seen = self.near[samples.clone()].iter_mut().zip(&mut self.triangles[samples]);
-            for (step, (nearest, triangle)) in (first..).zip(seen) {
-                let near = (start + slope * step as f64) as f32;
-                if *nearest < near {
-                    *nearest = near;
-                    *triangle = index;
-                }
+            for (step, (nearest, triangle)) in (first as i32..).zip(seen) {
+                let near = (start + slope * f64::from(step)) as f32;
+                // Both are written always: wide vectors do not branch.
+                (*nearest, *triangle) =
+                    if *nearest < near { (near, index) } else { (*nearest, *triangle) };
             }
         }
     }
 
-    /// The pixels of a row of the band: each is the mean light of its samples.
+    /// The pixels of the band: each is the mean light of its samples. `background` is that of a row.
     pub(super) fn resolve(
         &self,
         scene: &Scene<'_>,
-        row: usize,
-        background: [f32; 3],
+        background: impl Fn(usize) -> Light,
         pixels: &mut [Rgb],
     ) {
-        let empty = light::srgb(background);
-        let rows: [&[[u32; SAMPLES]]; SAMPLES] = std::array::from_fn(|k| {
-            let first = (row * SAMPLES + k) * self.width;
-            self.triangles[first..first + self.width].as_chunks().0
-        });
-        let mut last: Option<Shown<'_>> = None;
-        for (column, pixel) in pixels.iter_mut().enumerate() {
-            let seen = each(|k| rows[k][column]);
-            if seen.as_flattened().iter().fold(NONE, |all, triangle| all & triangle) == NONE {
-                *pixel = empty;
-                continue;
-            }
-            let mut light = [0.0; 3];
-            for (k, &index) in seen.as_flattened().iter().enumerate() {
-                if seen.as_flattened()[..k].contains(&index) {
+        widest(Pixels { samples: self, recent: Recent::new(scene), background, pixels });
+    }
+}
+
+/// The triangles of a band, to be drawn.
+struct Triangles<'a, I> {
+    scene: &'a Scene<'a>,
+    indices: I,
+    into: &'a mut Band,
+}
+
+impl<I: Iterator<Item = u32>> Kernel for Triangles<'_, I> {
+    #[inline(always)]
+    fn run(self) {
+        self.indices.for_each(|index| self.into.draw_triangle(self.scene, index));
+    }
+}
+
+/// The pixels of a band, to be lit.
+struct Pixels<'a, F> {
+    samples: &'a Band,
+    recent: Recent<'a>,
+    background: F,
+    pixels: &'a mut [Rgb],
+}
+
+impl<F: Fn(usize) -> Light> Kernel for Pixels<'_, F> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { samples: &Band { first_row, width, ref triangles, .. }, mut recent, .. } = self;
+        let columns = width / SAMPLES;
+        // Tile by tile, so that a triangle's rows of pixels follow each other.
+        for left in (0..columns).step_by(TILE) {
+            let right = columns.min(left + TILE);
+            for (row, pixels) in self.pixels.chunks_exact_mut(columns).enumerate() {
+                let pixels = &mut pixels[left..right];
+                let background = (self.background)(row);
+                let samples: [&[[u32; SAMPLES]]; SAMPLES] = each(|k| {
+                    let first = (row * SAMPLES + k) * width;
+                    triangles[first + SAMPLES * left..first + SAMPLES * right].as_chunks().0
+                });
+                if samples.iter().all(|row| row.as_flattened().iter().all(|&seen| seen == NONE)) {
+                    pixels.fill(light::srgb(background));
                     continue;
                 }
-                let (count, shift) = place(&seen, index);
-                let color = if index == NONE {
-                    background
-                } else {
-                    if last.as_ref().is_some_and(|shown| shown.index != index) {
-                        last = None;
-                    }
-                    let shown = last.get_or_insert_with(|| Shown::new(scene, index));
-                    shown.light([column, self.first_row / SAMPLES + row], count, shift)
-                };
-                let share = count as f32 / (SAMPLES * SAMPLES) as f32;
-                (0..3).for_each(|k| light[k] += share * color[k].clamp(0.0, 1.0));
+                for (pixel, rgb) in pixels.iter_mut().enumerate() {
+                    let seen = each(|k| &samples[k][pixel]);
+                    let place = [left + pixel, first_row / SAMPLES + row];
+                    *rgb = light::srgb(recent.light(place, seen, background));
+                }
             }
-            *pixel = light::srgb(light);
         }
     }
 }
 
-/// How many of a pixel's samples see a triangle, and the sums of their columns and rows in the pixel.
-fn place(seen: &[[u32; SAMPLES]; SAMPLES], index: u32) -> (i64, [i64; 2]) {
-    let (mut count, mut sums) = (0, [0; 2]);
-    for (y, row) in seen.iter().enumerate() {
-        for (x, &triangle) in row.iter().enumerate() {
-            let sees = i64::from(triangle == index);
-            count += sees;
-            sums[0] += sees * x as i64;
-            sums[1] += sees * y as i64;
-        }
-    }
-    (count, sums)
+/// The triangles that were shown last, ready to be shaded: neighboring pixels show the same ones.
+struct Recent<'a> {
+    scene: &'a Scene<'a>,
+    /// By the last bits of their numbers.
+    shown: [Option<Shown<'a>>; 32],
 }
 
-/// A triangle that some pixels in a row show.
+impl<'a> Recent<'a> {
+    fn new(scene: &'a Scene<'_>) -> Self {
+        Self { scene, shown: [const { None }; 32] }
+    }
+
+    /// The mean light of the triangles that the samples of a pixel see, row by row.
+    #[inline(always)]
+    fn light(
+        &mut self,
+        pixel: [usize; 2],
+        seen: [&[u32; SAMPLES]; SAMPLES],
+        background: Light,
+    ) -> Light {
+        let mut light = [0.0; 4];
+        let mut left = ALL;
+        while left != 0 {
+            let sample = left.trailing_zeros() as usize;
+            let index = seen[sample / SAMPLES][sample % SAMPLES];
+            let [a, b, c] = each(|row| {
+                let [a, b, c] = each(|k| u16::from(seen[row][k] == index) << k);
+                (a | b | c) << (SAMPLES * row)
+            });
+            let samples = a | b | c;
+            left &= !samples;
+            let color = match index {
+                NONE => background,
+                _ => self.get(index).light(pixel, samples),
+            };
+            let share = samples.count_ones() as f32 / (SAMPLES * SAMPLES) as f32;
+            (0..4).for_each(|k| light[k] += share * color[k].clamp(0.0, 1.0));
+        }
+        light
+    }
+
+    #[inline(always)]
+    fn get(&mut self, index: u32) -> &Shown<'a> {
+        let place = &mut self.shown[index as usize % 32];
+        if place.as_ref().is_some_and(|shown| shown.index != index) {
+            *place = None;
+        }
+        place.get_or_insert_with(|| Shown::new(self.scene, index))
+    }
+}
+
+/// A triangle that some pixels show.
 struct Shown<'a> {
     index: u32,
-    outline: Outline,
+    is_inner: bool,
+    /// Twice its area, in squared parts of samples.
+    area: f64,
+    /// The edge across from each corner: where it starts, column and row of all corners, and how far it goes.
+    from: [[f64; 4]; 2],
+    along: [[f64; 4]; 2],
     facet: Facet<'a>,
 }
 
@@ -253,19 +317,35 @@ impl<'a> Shown<'a> {
     fn new(scene: &'a Scene<'_>, index: u32) -> Self {
         let triangle = scene.triangle(index as usize);
         let outline = Outline::new(scene, triangle).expect("what was drawn has an area");
-        Self { index, outline, facet: scene.facet(triangle) }
+        let (mut from, mut along) = ([[0.0; 4]; 2], [[0.0; 4]; 2]);
+        for k in 0..3 {
+            let (a, b) = (outline.at[(k + 1) % 3], outline.at[(k + 2) % 3]);
+            for axis in 0..2 {
+                from[axis][outline.order[k]] = a[axis] as f64;
+                along[axis][outline.order[k]] = (b[axis] - a[axis]) as f64;
+            }
+        }
+        let (area, is_inner) = (outline.area as f64, outline.is_inner());
+        Self { index, is_inner, area, from, along, facet: scene.facet(triangle) }
     }
 
-    /// The light of the triangle in the middle of so many samples of a pixel, whose columns and rows in it sum up to this.
-    fn light(&self, pixel: [usize; 2], count: i64, sums: [i64; 2]) -> [f32; 3] {
+    /// The light of the triangle in the middle of some of a pixel's samples, a bit each.
+    #[inline(always)]
+    fn light(&self, pixel: [usize; 2], samples: u16) -> Light {
         // The weights are linear, so that their sum over the samples is that of the sum of the places.
-        let parts = i64::from(PARTS);
-        let at = |k| count * center((pixel[k] * SAMPLES) as i64) + parts * sums[k];
-        let sums = self.outline.summed_weights([at(0), at(1)], count);
-        let area = (count * self.outline.area) as f64;
-        let mut shares = [0.0; 3];
-        (0..3).for_each(|k| shares[self.outline.order[k]] = sums[k] as f64 / area);
-        self.facet.shade(shares, self.outline.is_inner())
+        let count = samples.count_ones();
+        let place = |k: usize| {
+            let [second, third] = AXES[k].map(|those| (samples & those).count_ones());
+            let corner = i64::from(count) * center((pixel[k] * SAMPLES) as i64);
+            (corner + i64::from(PARTS) * i64::from(second + 2 * third)) as f64
+        };
+        let (count, [column, row]) = (f64::from(count), [place(0), place(1)]);
+        let area = count * self.area;
+        let shares = four(|k| {
+            let across = self.along[0][k] * (row - count * self.from[1][k]);
+            (across - self.along[1][k] * (column - count * self.from[0][k])) / area
+        });
+        self.facet.shade(shares, self.is_inner)
     }
 }
 

@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::camera::{Camera, Spot};
-use super::{each, light};
+use super::light::{self, Light};
+use super::{each, four, padded};
 use crate::value::{Image, Mesh, Rgb};
 
 /// Vertices that one task transforms.
@@ -108,9 +109,9 @@ impl<'a> Scene<'a> {
     /// A triangle with all that its shading needs.
     pub(super) fn facet(&self, triangle: Triangle) -> Facet<'_> {
         let [a, b, c] = each(|k| Vector3::from(self.places[triangle.vertices[k] as usize]));
-        let flat = unit((b - a).cross(&(c - a)).into());
+        let flat = unit(padded((b - a).cross(&(c - a)).into()));
         let normals = each(|k| {
-            let normal = triangle.corner(k, &self.normals);
+            let normal = padded(triangle.corner(k, &self.normals));
             let leans = self.computed && dot(normal, flat.unwrap_or_default()) < FLAT;
             if leans { flat.unwrap_or_default() } else { normal }
         });
@@ -123,7 +124,7 @@ impl<'a> Scene<'a> {
             Paint::Texture(image, uv) => Color::Texture(image, each(|k| triangle.corner(k, uv))),
         };
         let near = |k: usize| f64::from(self.spots[triangle.vertices[k] as usize].near);
-        Facet { nears: self.perspective.then(|| each(near)), flat, normals, color }
+        Facet { nears: self.perspective.then(|| padded(each(near))), flat, normals, color }
     }
 }
 
@@ -136,29 +137,31 @@ impl Triangle {
 /// A triangle, ready to be shaded at any place.
 pub(super) struct Facet<'a> {
     /// How near its corners are, where far things look smaller.
-    nears: Option<[f64; 3]>,
-    flat: Option<[f32; 3]>,
-    normals: [[f32; 3]; 3],
+    nears: Option<[f64; 4]>,
+    flat: Option<[f32; 4]>,
+    /// By its corners.
+    normals: [[f32; 4]; 3],
     color: Color<'a>,
 }
 
 /// The color of a triangle, by its corners.
 enum Color<'a> {
     Clay,
-    Mixed([[f32; 3]; 3]),
+    Mixed([Light; 3]),
     Texture(&'a Image, [[f64; 2]; 3]),
 }
 
 impl Facet<'_> {
     /// The light that comes from it, linear; `shares` weighs its corners as the picture sees them.
-    pub(super) fn shade(&self, shares: [f64; 3], inner: bool) -> [f32; 3] {
+    #[inline(always)]
+    pub(super) fn shade(&self, shares: [f64; 4], inner: bool) -> Light {
         let shares = self.in_space(shares);
         let [a, b, c] = each(|k| shares[k] as f32);
         let mix =
-            |parts: &[[f32; 3]; 3]| each(|k| a * parts[0][k] + b * parts[1][k] + c * parts[2][k]);
-        let normal = unit(mix(&self.normals)).or(self.flat).unwrap_or([0.0, 0.0, 1.0]);
+            |parts: &[[f32; 4]; 3]| four(|k| a * parts[0][k] + b * parts[1][k] + c * parts[2][k]);
+        let normal = unit(mix(&self.normals)).or(self.flat).unwrap_or([0.0, 0.0, 1.0, 0.0]);
         if inner {
-            return light::lit(light::INNER, each(|k| -normal[k]));
+            return light::lit(light::INNER, four(|k| -normal[k]));
         }
         let color = match &self.color {
             Color::Clay => light::CLAY,
@@ -172,11 +175,12 @@ impl Facet<'_> {
     }
 
     /// Weights of the corners in space, from those in the picture.
-    fn in_space(&self, shares: [f64; 3]) -> [f64; 3] {
+    #[inline(always)]
+    fn in_space(&self, shares: [f64; 4]) -> [f64; 4] {
         let Some(nears) = self.nears else { return shares };
-        let [a, b, c] = each(|k| shares[k] * nears[k]);
-        let sum = a + b + c;
-        if sum > 0.0 { [a / sum, b / sum, c / sum] } else { shares }
+        let weights = four(|k| shares[k] * nears[k]);
+        let sum = weights[0] + weights[1] + weights[2];
+        if sum > 0.0 { four(|k| weights[k] / sum) } else { shares }
     }
 }
 
@@ -210,11 +214,13 @@ fn fans_of(mesh: &Mesh) -> Vec<[u32; 3]> {
     fans
 }
 
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+#[inline(always)]
+fn dot(a: [f32; 4], b: [f32; 4]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn unit(vector: [f32; 3]) -> Option<[f32; 3]> {
+#[inline(always)]
+fn unit(vector: [f32; 4]) -> Option<[f32; 4]> {
     let length = dot(vector, vector).sqrt();
-    (length.is_finite() && length > 1e-12).then(|| each(|k| vector[k] / length))
+    (length.is_finite() && length > 1e-12).then(|| four(|k| vector[k] / length))
 }
