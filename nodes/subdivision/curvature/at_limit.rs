@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::super::connectivity::{Connectivity, NONE, Ring};
 use super::super::limit::Limit;
+use super::super::manifold::manifold;
 use super::super::topology::Topology;
 use super::super::without_border::select_faces;
 use super::super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
@@ -137,31 +138,40 @@ fn close_by(
     if vertices.is_empty() {
         return Ok(Vec::new());
     }
-    let part = around(mesh, vertices)?;
+    let (part, own) = around(mesh, vertices)?;
     let how = Subdivision { levels: LEVELS, limit: true, ..how };
     let fine = Plan::new(&part, how)?.apply(&part)?;
     let neighbors = Neighbors::new(&fine.edges(), fine.positions().len());
     let places = Vec::from_iter(vertices.iter().map(|&vertex| limit.positions()[vertex as usize]));
-    let hits = TriangleTree::new(&fine).nearest_to_all(&places);
+    // The other schemes keep the numbers of vertices when they refine.
+    let own = if how.scheme == Scheme::DooSabin { nearest_vertices(&fine, &places) } else { own };
     let normals = fine.vertex_normals();
-    let of = |(&place, hit): (&Point3<f64>, &Option<NearestPlace>)| {
-        let hit = hit.as_ref()?;
-        let face = fine.faces().face(hit.face as usize);
-        let nearest = |&&vertex: &&u32| (fine.positions()[vertex as usize] - place).norm_squared();
-        let corner = *face.iter().min_by(|a, b| nearest(a).total_cmp(&nearest(b)))?;
-        let around = neighbors.near(corner, 6).into_iter().chain([corner]);
+    let of = |(&place, own): (&Point3<f64>, &Option<u32>)| {
+        let own = (*own)?;
+        let around = neighbors.near(own, 6).into_iter().chain([own]);
         let around = Vec::from_iter(around.map(|other| fine.positions()[other as usize]));
-        Bending::of_points(place, normals[corner as usize], &around)
+        Bending::of_points(place, normals[own as usize], &around)
     };
-    Ok(places.par_iter().zip(&hits).with_min_len(64).map(of).collect())
+    Ok(places.par_iter().zip(&own).with_min_len(64).map(of).collect())
 }
 
-/// The faces within three edges of some vertices: what their surface close by depends on, and more.
-fn around(mesh: &Mesh, vertices: &[u32]) -> Result<Mesh, CurvatureError> {
+/// The vertex of a mesh that is nearest to each place, of those of the nearest face.
+fn nearest_vertices(mesh: &Mesh, places: &[Point3<f64>]) -> Vec<Option<u32>> {
+    let of = |(place, hit): (&Point3<f64>, Option<NearestPlace>)| {
+        let face = mesh.faces().face(hit?.face as usize);
+        let away = |vertex: u32| (mesh.positions()[vertex as usize] - place).norm_squared();
+        face.iter().copied().min_by(|&a, &b| away(a).total_cmp(&away(b)))
+    };
+    places.iter().zip(TriangleTree::new(mesh).nearest_to_all(places)).map(of).collect()
+}
+
+/// The faces within two edges of some vertices, on which the surface between them and their neighbors depends, and the numbers
+/// that these vertices have there; none for a vertex of no face.
+fn around(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Option<u32>>), CurvatureError> {
     let mut marked = vec![false; mesh.positions().len()];
     vertices.iter().for_each(|&vertex| marked[vertex as usize] = true);
     let mut chosen = vec![false; mesh.faces().len()];
-    for _ in 0..3 {
+    for _ in 0..2 {
         for (face, chosen) in mesh.faces().iter().zip(&mut chosen) {
             *chosen |= face.iter().any(|&vertex| marked[vertex as usize]);
         }
@@ -170,5 +180,14 @@ fn around(mesh: &Mesh, vertices: &[u32]) -> Result<Mesh, CurvatureError> {
         }
     }
     let faces = Vec::from_iter((0..chosen.len() as u32).filter(|&face| chosen[face as usize]));
-    Ok(select_faces(mesh, &faces)?)
+    let mut numbers = vec![None; marked.len()];
+    let named = faces.iter().flat_map(|&face| mesh.faces().face(face as usize));
+    named.for_each(|&vertex| numbers[vertex as usize] = Some(0));
+    let kept = numbers.iter_mut().filter(|number| number.is_some());
+    (0..).zip(kept).for_each(|(number, kept)| *kept = Some(number));
+    let own = vertices.iter().map(|&vertex| numbers[vertex as usize]).collect();
+    let bare = Mesh::new(mesh.positions().to_vec(), mesh.faces().clone())?;
+    // Parts may touch at a vertex; the first keeps its number, and it is of no use to any.
+    let part = manifold(&select_faces(&bare.with_creases(mesh.creases()), &faces)?)?;
+    Ok((part, own))
 }

@@ -163,3 +163,45 @@ fn polygons_bend_as_their_triangles_and_colors_show_the_sign() {
         assert!(!inside || blue > red, "{point}");
     }
 }
+
+/// A triangle mesh with the edge between faces `2 k` and `2 k + 1` flipped, which makes four extraordinary vertices of regular ones.
+fn flipped(mesh: &Mesh, pairs: &[usize]) -> Mesh {
+    let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
+    for &pair in pairs {
+        let [mut face, other] = [faces[2 * pair], faces[2 * pair + 1]];
+        while other.contains(&face[0]) {
+            face.rotate_left(1);
+        }
+        let [a, b, c] = face;
+        let d = *other.iter().find(|vertex| !face.contains(vertex)).unwrap();
+        [faces[2 * pair], faces[2 * pair + 1]] = [[a, b, d], [a, d, c]];
+    }
+    Mesh::new(mesh.positions().to_vec(), maquette::value::Faces::triangles(faces)).unwrap()
+}
+
+#[test]
+fn extraordinary_vertices_at_any_distance_bend_as_each_alone() {
+    let round = torus(48, 24, true);
+    let bend = |pairs: &[usize]| {
+        let mesh = flipped(&round, pairs);
+        curvature(&mesh, CurvatureMethod::Limit, Scheme::Loop, Boundary::default()).unwrap()
+    };
+    let alone = bend(&[0]);
+    let own: Vec<usize> =
+        (0..alone.extraordinary.len()).filter(|&v| alone.extraordinary[v]).collect();
+    assert_eq!(own.len(), 4);
+    for row in 0..10 {
+        for column in 0..10 {
+            let other = row * 48 + column;
+            if row.max(column) < 4 {
+                continue;
+            }
+            let both = bend(&[0, other]);
+            assert_eq!(both.extraordinary.iter().filter(|&&is| is).count(), 8);
+            for &vertex in &own {
+                let [one, two] = [&alone, &both].map(|bent| bent.bending[vertex].unwrap().mean);
+                assert!((one - two).abs() < 1e-12 * one.abs(), "{row} {column}: {one} {two}");
+            }
+        }
+    }
+}
