@@ -2,7 +2,7 @@
 //!
 //! `peers WORK FOLDER` opens the inputs in a folder, does the work once without a clock, and prints what to compare with the
 //! peers' result. Then it does the work once for each line that it reads, and prints the milliseconds. Each result is allocated
-//! anew, and dropped when the clock has stopped. To add a work, add an arm to [`main`] and a row to `peers.py`.
+//! anew, and dropped when the clock has stopped. To add a work, add an arm to [`repeat`] and a row to `peers.py`.
 
 #![allow(clippy::print_stdout, reason = "the numbers go to the program that asks for them")]
 
@@ -29,15 +29,20 @@ use maquette_nodes::subdivision::{
 use nalgebra::Point3;
 
 fn main() {
-    // As wherever there is an evaluator.
-    maquette::memory::keep_freed();
     let arguments = Vec::from_iter(std::env::args().skip(1));
     let [work, folder] = &arguments[..] else {
         println!("usage: peers WORK FOLDER; see benches/peers/peers.py");
         return;
     };
-    let folder = Path::new(folder);
-    match &**work {
+    // As an evaluator runs its nodes.
+    maquette::memory::keep_freed();
+    let pool = rayon::ThreadPoolBuilder::new().build().expect("threads");
+    pool.install(|| repeat(work, Path::new(folder)));
+}
+
+/// Opens the inputs of a work, and does it again and again.
+fn repeat(work: &str, folder: &Path) {
+    match work {
         "segment" => {
             let image = image(folder, "seg_rgb", |&color| color);
             let run = || label(&red(&image), Connectivity::Eight);
