@@ -54,7 +54,6 @@ impl Cells {
         let terms = &deformation.terms;
         let roughly = ROUGHLY <= ROUGH_PART * share;
         let share = if roughly { share - ROUGHLY } else { share };
-        let least = libm::log2(share / terms.len() as f64);
         let total = counts.iter().product::<usize>();
         let list = |cell: usize| {
             let place =
@@ -64,7 +63,7 @@ impl Cells {
                     bounds.0[axis] + size[axis] * (place[axis] + step) as f64
                 })
             };
-            relevant(terms, corner(0), corner(1), least)
+            relevant(terms, corner(0), corner(1), share)
         };
         let all: Vec<Vec<u16>> = (0..total).into_par_iter().map(list).collect();
         let mut starts = Vec::with_capacity(total + 1);
@@ -175,19 +174,29 @@ impl Kernel for Numbers<'_> {
     }
 }
 
-/// The terms that somewhere between the corners have more than `2^least` of what the greatest has there.
-fn relevant(terms: &[Term], low: Vector3<f64>, high: Vector3<f64>, least: f64) -> Vec<u16> {
+/// The terms without which less than this share of the sum of all is left out, anywhere between the corners.
+fn relevant(terms: &[Term], low: Vector3<f64>, high: Vector3<f64>, share: f64) -> Vec<u16> {
     let middle: [f64; 3] = ((low + high) / 2.0).into();
     let greatest = terms.iter().map(|term| (term.bump.exponent(middle), term));
     let Some((_, greatest)) = greatest.reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
         return Vec::new();
     };
-    let counts = |term: &Term| {
+    // The logarithm of the most that a term has of the greatest.
+    let most = |term: &Term| {
         let most = |axis: usize| most_on_axis(term, greatest, axis, low[axis], high[axis]);
-        let most = term.bump.level - greatest.bump.level + most(0) + most(1) + most(2);
-        least <= most || most.is_nan()
+        term.bump.level - greatest.bump.level + most(0) + most(1) + most(2)
     };
-    (0..).zip(terms).filter(|(_, term)| counts(term)).map(|(index, _)| index).collect()
+    let mut terms = Vec::from_iter((0..).zip(terms.iter().map(most)));
+    terms.sort_unstable_by(|a: &(u16, f64), b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+    let sums = terms.iter().scan(0.0, |sum, (_, most)| {
+        *sum += libm::exp2(*most);
+        Some(*sum)
+    });
+    // What is not a number is never left out.
+    let out = sums.take_while(|sum| *sum < share).count();
+    let mut kept = Vec::from_iter(terms[out..].iter().map(|(index, _)| *index));
+    kept.sort_unstable();
+    kept
 }
 
 /// The greatest difference of the parts of two exponents that belong to an axis, between two coordinates.

@@ -1,7 +1,8 @@
 //! What can be deformed, as points and back.
 
+use maquette::simd::{Kernel, widest};
 use maquette::value::{Attribute, Mesh, Points};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::FfdError;
@@ -30,15 +31,42 @@ const CHUNK: usize = 32768;
 
 /// The box around the points that are there.
 pub(super) fn bounds_of(points: &[Point3<f64>]) -> Option<Bounds> {
-    let both = |a: Bounds, b: Bounds| -> Bounds {
-        (a.0.coords.inf(&b.0.coords).into(), a.1.coords.sup(&b.1.coords).into())
-    };
     let of_chunk = |points: &[Point3<f64>]| {
-        let there = points.iter().filter(|point| !point.x.is_nan());
-        there.map(|point| (*point, *point)).reduce(both)
+        let mut found = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        widest(Span { points, found: &mut found });
+        found.map(Vector3::from)
     };
-    let chunks: Vec<Option<Bounds>> = points.par_chunks(CHUNK).map(of_chunk).collect();
-    chunks.into_iter().flatten().reduce(both)
+    let chunks: Vec<[Vector3<f64>; 2]> = points.par_chunks(CHUNK).map(of_chunk).collect();
+    let [low, high] = chunks.into_iter().reduce(|a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])])?;
+    (low.x <= high.x).then(|| (low.into(), high.into()))
+}
+
+/// The lowest and the highest coordinates of some points; those that are no numbers are passed over.
+struct Span<'a> {
+    points: &'a [Point3<f64>],
+    found: &'a mut [[f64; 3]; 2],
+}
+
+impl Kernel for Span<'_> {
+    #[inline(always)]
+    fn run(self) {
+        const LANES: usize = 8;
+        let [mut low, mut high] = self.found.map(|found| [found; LANES]);
+        for points in self.points.chunks(LANES) {
+            for ((low, high), point) in low.iter_mut().zip(&mut high).zip(points) {
+                for axis in 0..3 {
+                    let x = point[axis];
+                    low[axis] = if x < low[axis] { x } else { low[axis] };
+                    high[axis] = if high[axis] < x { x } else { high[axis] };
+                }
+            }
+        }
+        for axis in 0..3 {
+            self.found[0][axis] = low.iter().map(|low| low[axis]).fold(f64::INFINITY, f64::min);
+            self.found[1][axis] =
+                high.iter().map(|high| high[axis]).fold(f64::NEG_INFINITY, f64::max);
+        }
+    }
 }
 
 /// What an object needs of its deformation beside the positions. Points without normals have no inside that could be turned

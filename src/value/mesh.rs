@@ -1,7 +1,6 @@
 //! Polygon meshes.
 
 use nalgebra::Point3;
-use rayon::prelude::*;
 use thiserror::Error;
 
 use super::{Attribute, AttributeError, Attributes, CaptureFrame, Column, Image, Summary};
@@ -254,10 +253,7 @@ impl Mesh {
 const BLOCK: usize = 8192;
 
 fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
-    let nowhere = |point: &Point3<f64>| !point.coords.iter().all(|x| x.is_finite());
-    let bad = positions.par_chunks(BLOCK).enumerate().find_map_first(|(block, positions)| {
-        positions.iter().position(nowhere).map(|place| block * BLOCK + place)
-    });
+    let bad = super::points::first_not_finite(positions);
     bad.map_or(Ok(()), |vertex| Err(MeshError::NotFinite { vertex }))
 }
 

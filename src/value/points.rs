@@ -1,6 +1,7 @@
 //! Points in space that nothing connects.
 
 use nalgebra::Point3;
+use rayon::prelude::*;
 use thiserror::Error;
 
 use super::{
@@ -38,8 +39,7 @@ impl Points {
     /// If a position is not finite.
     pub fn new(positions: impl Into<Column<Point3<f64>>>) -> Result<Self, PointsError> {
         let positions = positions.into();
-        let finite = |point: &Point3<f64>| point.coords.iter().all(|x| x.is_finite());
-        match positions.iter().position(|point| !finite(point)) {
+        match first_not_finite(&positions) {
             None => Ok(Self { positions, attributes: Attributes::default() }),
             Some(point) => Err(PointsError::NotFinite { point }),
         }
@@ -107,6 +107,22 @@ impl Value for Points {
             .with("attributes", names.join(", "));
         super::mesh::describe_bounds(summary, self.positions.iter())
     }
+}
+
+/// Points that one task looks at.
+const BLOCK: usize = 8192;
+
+/// The first point with a coordinate that is no number or infinite.
+pub(super) fn first_not_finite(points: &[Point3<f64>]) -> Option<usize> {
+    points.par_chunks(BLOCK).enumerate().find_map_first(|(block, points)| {
+        // Without a branch for each point, so that wide vectors look at several coordinates at once.
+        let coordinates = bytemuck::cast_slice::<_, f64>(points);
+        if coordinates.iter().fold(true, |all, x| all & x.is_finite()) {
+            return None;
+        }
+        let is_bad = |point: &Point3<f64>| !point.coords.iter().all(|x| x.is_finite());
+        points.iter().position(is_bad).map(|place| block * BLOCK + place)
+    })
 }
 
 #[cfg(test)]
