@@ -384,6 +384,21 @@ fn without(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh
         let before = kept.len();
         kept.retain(|face| face.iter().all(|&vertex| ends[vertex as usize] <= 2));
         if kept.len() == before {
+            // Nor may a loose crumb be left in the hole, all of whose vertices are at the border.
+            let mut is_held: Vec<bool> = ends.iter().map(|&ways| ways == 0).collect();
+            let holds = |held: &[bool], face: &[u32; 3]| face.iter().any(|&v| held[v as usize]);
+            loop {
+                let before = is_held.iter().filter(|&&held| held).count();
+                for face in kept.iter() {
+                    if holds(&is_held, face) {
+                        face.iter().for_each(|&vertex| is_held[vertex as usize] = true);
+                    }
+                }
+                if is_held.iter().filter(|&&held| held).count() == before {
+                    break;
+                }
+            }
+            kept.retain(|face| holds(&is_held, face));
             break;
         }
     }

@@ -11,7 +11,7 @@ use super::carry::Carry;
 use super::clashes::check_rims;
 use super::exemplar::{Start, Votes, complete};
 use super::filling::Filling;
-use super::holes::{HoleChoice, Parts, choose};
+use super::holes::{HoleChoice, Parts, choose, without_crumbs};
 use super::intersections::intersecting;
 use super::method::FillMethod;
 use super::plain::{self, Doubt, Plain, Plug};
@@ -21,7 +21,7 @@ use super::rim::{Rim, Surroundings};
 /// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
 ///
 /// The mesh keeps its vertices and faces, in place and in order; the filled ones, triangles about as large as those around the hole,
-/// follow behind them. Only what a region cuts out goes, and then the vertices behind it move up. The filled vertices are marked by the
+/// follow behind them. Only what a region cuts out goes, loose crumbs in the gap included, and then the vertices behind it move up. The filled vertices are marked by the
 /// attribute `filled`. Of each vertex the attribute `exemplar` names the one in the data whose surroundings it copies: itself for data,
 /// the nearest one at the rim in a plain fill.
 ///
@@ -144,7 +144,10 @@ pub fn fill_holes(
 ) -> Result<Filled, FillError> {
     progress.check()?;
     let (mesh, is_cut) = match &options.holes {
-        HoleChoice::Region(region) => cut(mesh, &within(mesh, region)?)?,
+        HoleChoice::Region(region) => {
+            let (left, is_cut) = cut(mesh, &within(mesh, region)?)?;
+            without_crumbs(left, is_cut)?
+        }
         _ => (mesh.clone(), Vec::new()),
     };
     let non_manifold = |NotManifold { edges, vertices }| FillError::NonManifold { edges, vertices };
@@ -154,7 +157,7 @@ pub fn fill_holes(
     let no_rim = |number| FillError::NoRim { number, count: rims.len() };
     let chosen = choose(&mesh, &parts, &rims, &options.holes, &is_cut).map_err(no_rim)?;
     let mut doubts = Vec::new();
-    doubts.extend(describe_outer(&rims, &chosen.outer));
+    doubts.extend(describe_outer(&rims, &chosen.outer, parts.count()));
     if chosen.holes.is_empty() && chosen.outer.is_empty() {
         doubts.push("there is no such hole".to_owned());
     }
@@ -327,10 +330,13 @@ fn filled_mesh(
     onto.with_vertex("exemplar", Attribute::Index(carry.examples().into()))
 }
 
-fn describe_outer(rims: &[Vec<u32>], outer: &[usize]) -> Option<String> {
+fn describe_outer(rims: &[Vec<u32>], outer: &[usize], parts: usize) -> Option<String> {
     let longest = outer.iter().copied().max_by_key(|&rim| rims[rim].len())?;
     let edges = rims[longest].len();
     Some(match outer.len() {
+        1 if parts > 1 => format!(
+            "the border of {edges} edges around a loose part of the mesh is no hole and stays; `holes: Loops([{longest}])` fills it"
+        ),
         1 => format!(
             "the border of {edges} edges around the mesh is no hole and stays; `holes: Loops([{longest}])` fills it"
         ),

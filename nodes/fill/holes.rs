@@ -1,12 +1,12 @@
 //! Which rims of a mesh are holes, and which of these are chosen.
 
-use maquette::value::Mesh;
+use maquette::value::{Mesh, MeshError};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::border::enclosed;
-use super::regions::HoleRegion;
+use super::regions::{HoleRegion, cut};
 
 /// Which holes are filled.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
@@ -113,6 +113,11 @@ impl Parts {
         }
         Self { of_vertices, areas }
     }
+
+    /// How many there are that have faces.
+    pub(super) fn count(&self) -> usize {
+        self.areas.iter().filter(|(area, _)| *area > 0.0).count()
+    }
 }
 
 /// Whether each rim is the outer border of an open part: the one that runs around the side to which the part's faces look together.
@@ -134,6 +139,29 @@ fn outer_borders(mesh: &Mesh, parts: &Parts, rims: &[Vec<u32>]) -> Vec<bool> {
     let found = outermost.iter().filter(|(_, rim)| *rim != usize::MAX);
     found.for_each(|&(_, rim)| is_outer[rim] = true);
     is_outer
+}
+
+/// `mesh`, of which `is_cut` says next to which vertices data was cut out, without the crumbs of that: loose parts that have no vertex
+/// away from the cut. Nothing could close them, and no rim around them is that of a hole.
+///
+/// # Errors
+/// None that a mesh can cause.
+pub(super) fn without_crumbs(
+    mesh: Mesh,
+    is_cut: Vec<bool>,
+) -> Result<(Mesh, Vec<bool>), MeshError> {
+    let parts = connected_parts(&mesh);
+    let mut is_crumb = vec![true; parts.len()];
+    for (&part, _) in parts.iter().zip(&is_cut).filter(|(_, is_cut)| !**is_cut) {
+        is_crumb[part as usize] = false;
+    }
+    let crumbs: Vec<bool> = parts.iter().map(|&part| is_crumb[part as usize]).collect();
+    // Of a mesh that would be gone altogether, crumbs are all that there is.
+    if crumbs.iter().all(|&crumb| crumb) || !crumbs.contains(&true) {
+        return Ok((mesh, is_cut));
+    }
+    let kept = is_cut.iter().zip(&crumbs).filter(|(_, crumb)| !**crumb);
+    Ok((cut(&mesh, &crumbs)?.0, kept.map(|(&is_cut, _)| is_cut).collect()))
 }
 
 /// The number of the connected part of each vertex, in the order of their lowest vertices.

@@ -241,6 +241,38 @@ fn a_region_is_cut_out_and_filled_and_nothing_else() {
 }
 
 #[test]
+fn a_crumb_that_a_cut_leaves_in_the_hole_goes_too() {
+    let whole = sphere(4);
+    // All around one triangle is damaged, the triangle itself is not.
+    let faces = whole.faces().as_triangles().unwrap();
+    let crumb = faces[0];
+    let middle = nalgebra::center(
+        &whole.positions()[crumb[0] as usize],
+        &whole.positions()[crumb[1] as usize],
+    );
+    let is_bad = |(vertex, p): (u32, &Point3<f64>)| {
+        u8::from(!crumb.contains(&vertex) && (p - middle).norm() < 0.4)
+    };
+    let marked: Vec<u8> = (0..).zip(whole.positions().iter()).map(is_bad).collect();
+    let mesh = whole.with_vertex("bad", Attribute::Flag(marked.into())).unwrap();
+    for method in PLAIN {
+        let region = HoleRegion::Marked { attribute: "bad".into() };
+        let filled = fill(&mesh, HoleChoice::Region(region), method).unwrap();
+        assert_eq!(euler(&filled.mesh), 2);
+        assert!(filled.mesh.edges().faces.iter().all(|&faces| faces == 2));
+        assert!(!filled.doubts.iter().any(|doubt| doubt.contains("border")), "{:?}", filled.doubts);
+    }
+    // As data it is a part of its own, which stays open and is told of.
+    let lost = mesh.vertex().get("bad").cloned();
+    let Some(Attribute::Flag(lost)) = lost else { panic!("no flags") };
+    let loose = super::regions::cut(&mesh, &lost.iter().map(|&bad| bad == 1).collect::<Vec<_>>());
+    let loose = loose.unwrap().0;
+    let filled = fill(&loose, HoleChoice::All, FillMethod::Flat).unwrap();
+    assert_eq!(check_kept(&loose, &filled.mesh), 3);
+    assert!(filled.doubts[0].contains("3 edges around a loose part"), "{:?}", filled.doubts);
+}
+
+#[test]
 fn polygons_stay_polygons_and_attributes_go_on() {
     // Quads, and a picture's coordinates that are the places.
     let columns = 12;
