@@ -9,6 +9,7 @@ mod clashes;
 mod creases;
 mod density;
 mod exemplar;
+mod facets;
 mod fairing;
 mod fill_holes;
 mod filling;
@@ -20,6 +21,7 @@ mod patch;
 mod plain;
 mod regions;
 mod rim;
+mod settle;
 #[cfg(test)]
 mod shapes;
 #[cfg(test)]

@@ -1,4 +1,4 @@
-// Fills the holes of a mesh with CGAL:  cgal_fill IN OUT CONTINUITY SKIP  (SKIP 1: the longest border is no hole). Prints milliseconds.
+// Fills the holes of a mesh with CGAL:  cgal_fill CONTINUITY IN OUT SKIP  (SKIP 1: the longest border is no hole). Prints milliseconds.
 // g++ -O3 -march=native -DNDEBUG -DCGAL_EIGEN3_ENABLED -std=c++17 -frounding-math -I/usr/include/eigen3 benches/peers/cgal_fill.cpp -o cgal_fill -lgmp -lmpfr
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Polygon_mesh_processing/border.h>
@@ -13,7 +13,7 @@ typedef CGAL::Surface_mesh<K::Point_3> Mesh;
 namespace PMP = CGAL::Polygon_mesh_processing;
 
 int main(int, char** argv) {
-  std::ifstream in(argv[1]);
+  std::ifstream in(argv[2]);
   size_t n, m;
   in >> n >> m;
   Mesh base;
@@ -27,7 +27,7 @@ int main(int, char** argv) {
     in >> a >> b >> c;
     base.add_face(Mesh::Vertex_index(a), Mesh::Vertex_index(b), Mesh::Vertex_index(c));
   }
-  unsigned continuity = std::stoi(argv[3]);
+  unsigned continuity = std::stoi(argv[1]);
   bool skip = std::stoi(argv[4]);
   double best = 1e99;
   Mesh mesh;
@@ -54,7 +54,7 @@ int main(int, char** argv) {
     }
     best = std::min(best, std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count());
   }
-  std::ofstream out(argv[2]);
+  std::ofstream out(argv[3]);
   out.precision(17);
   for (auto v : mesh.vertices()) out << "v " << mesh.point(v) << "\n";
   for (auto f : mesh.faces()) {

@@ -2,6 +2,7 @@
 """Measures our work beside that of other programs, in turn, on the same inputs:  python3 benches/peers/peers.py [WORD ...]
 
     WORD ...      only rows whose name has one of these words; all if left out
+    holes         instead, the table of all ways to fill holes; further words choose rows of it: see benches/fill.rs
     PEERS         scripts and versions of the peers (default: ../shared/peers beside the project)
     PEERS_WORK    packages, inputs and results are kept here, about 2 GB (default: peers in the system's temporary folder)
     PEERS_RUNS    runs of each program in a row (default 11)
@@ -311,19 +312,24 @@ def opensubdiv(scheme, part, large_pages=False):
     return open_peer
 
 
-def cgal_fill():
-    """A program that fills the hole for each line that comes in, as the others do."""
+def cgal_program():
     if not Path("/usr/include/CGAL/version.h").exists() or not Path("/usr/include/eigen3").exists():
         raise ImportError("apt-get install libcgal-dev libeigen3-dev")
-    source, program, mesh = Path(__file__).with_name("cgal_fill.cpp"), WORK / "cgal_fill", DATA / "hole.txt"
+    source, program = Path(__file__).with_name("cgal_fill.cpp"), WORK / "cgal_fill"
     if not program.exists() or program.stat().st_mtime < source.stat().st_mtime:
         flags = ["-O3", "-march=native", "-DNDEBUG", "-DCGAL_EIGEN3_ENABLED", "-std=c++17", "-frounding-math", "-I/usr/include/eigen3"]
         subprocess.run(["g++", *flags, source, "-o", program, "-lgmp", "-lmpfr"], check=True)
+    return program
+
+
+def cgal_fill():
+    """A program that fills the hole for each line that comes in, as the others do."""
+    program, mesh = cgal_program(), DATA / "hole.txt"
     if not mesh.exists():
         points, faces = load("hole_v"), load("hole_f")
         rows = [f"{len(points)} {len(faces)}", *(" ".join(map(repr, map(float, p))) for p in points), *(" ".join(map(str, f)) for f in faces)]
         mesh.write_text("\n".join(rows))
-    run = lambda: float(subprocess.run([program, mesh, DATA / "hole_out.txt", "1", "0"], check=True, capture_output=True, text=True).stdout)
+    run = lambda: float(subprocess.run([program, "1", mesh, DATA / "hole_out.txt", "0"], check=True, capture_output=True, text=True).stdout)
     peer = Peer("CGAL triangulate_refine_and_fair_hole", run)
     peer.milliseconds = lambda result: result
     return peer
@@ -539,7 +545,8 @@ def enter_environment():
         return
     if not python.exists():
         subprocess.run([sys.executable, "-m", "venv", WORK / "venv"], check=True)
-        versions = {line.split("==")[0]: line for line in (PEERS / "requirements.txt").read_text().split()}
+        known = PEERS / "requirements.txt"
+        versions = {line.split("==")[0]: line for line in (known.read_text().split() if known.exists() else [])}
         for package in PACKAGES:
             wanted = versions.get(package, package)
             command = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--only-binary=:all:", wanted]
@@ -548,7 +555,28 @@ def enter_environment():
     os.execv(python, [python, __file__, *sys.argv[1:]])
 
 
+def holes():
+    """The table of all ways to fill holes, beside CGAL's and MeshLib's, if they are there; it needs no scripts of the peers."""
+    environment = dict(os.environ, RAYON_NUM_THREADS=str(THREADS), OMP_NUM_THREADS=str(THREADS))
+    try:
+        environment["CGAL_FILL"] = str(cgal_program())
+    except (ImportError, OSError, subprocess.CalledProcessError) as error:
+        print(f"no CGAL: {error}")
+    try:
+        importlib.import_module("meshlib.mrmeshpy")
+        environment["MESHLIB_PYTHON"] = sys.executable
+    except ImportError as error:
+        print(f"no MeshLib: {error}")
+    sys.stdout.flush()
+    words = [word for word in sys.argv[1:] if word != "holes"]
+    subprocess.run(["cargo", "bench", "-q", "-p", "maquette-nodes", "--bench", "fill", "--", *words], cwd=PROJECT, env=environment, check=True)
+
+
 def main():
+    if "holes" in sys.argv[1:]:
+        WORK.mkdir(parents=True, exist_ok=True)
+        enter_environment()
+        return holes()
     if not PEERS.is_dir():
         sys.exit(f"skipped: the peers' scripts are not there, {PEERS}; set PEERS to their folder")
     enter_environment()

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
+use super::facets::{Band, facets};
 use super::filling::Filling;
 use super::patch::{NONE, area_vector};
 use super::rim::Rim;
@@ -14,6 +15,10 @@ const ROWS: usize = 6;
 /// scan for parts, more misses the corners of bevels; where noise makes a gap in a crease, the parts beside it fit no surface together,
 /// and the next angle is tried.
 const SHARP: [f64; 3] = [0.9063077870366499, 0.9563047559630354, 0.981627183447664];
+
+/// Cosine of the least angle at which parts that were found by their surfaces meet in a crease: 20 degrees. Paraboloids on a smooth
+/// surface go on from each other at less.
+const FACETS: f64 = 0.9396926207859084;
 
 /// A part counts if at least so many edges of the rim are its.
 const LEAST_EDGES: usize = 3;
@@ -50,7 +55,11 @@ impl Chart {
     }
 
     /// The plane, or else the paraboloid, through some points; none if they are too far from both.
-    fn fit(points: &[Point3<f64>], normal: Vector3<f64>, tolerance: f64) -> Option<Self> {
+    pub(super) fn fit(
+        points: &[Point3<f64>],
+        normal: Vector3<f64>,
+        tolerance: f64,
+    ) -> Option<Self> {
         let sum: Vector3<f64> = points.iter().map(|point| point.coords).sum();
         let origin = Point3::from(sum / points.len() as f64);
         let across = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).try_normalize(0.0)?;
@@ -73,13 +82,17 @@ impl Chart {
             let scales = [size, 1.0, 1.0, 1.0 / size, 1.0 / size, 1.0 / size];
             let chart =
                 Self { origin, frame, coefficients: std::array::from_fn(|k| x[k] * scales[k]) };
-            let squares = points.iter().map(|&point| {
-                let distance = chart.distance(point).0;
-                distance * distance
-            });
-            let rms = (squares.sum::<f64>() / points.len() as f64).sqrt();
-            (rms <= tolerance).then_some(chart)
+            (chart.misfit(points) <= tolerance).then_some(chart)
         })
+    }
+
+    /// How far points are from the surface, the root of their mean square.
+    pub(super) fn misfit(&self, points: &[Point3<f64>]) -> f64 {
+        let squares = points.iter().map(|&point| {
+            let distance = self.distance(point).0;
+            distance * distance
+        });
+        (squares.sum::<f64>() / points.len() as f64).sqrt()
     }
 }
 
@@ -115,9 +128,33 @@ impl Charts {
         let mut neighbors = neighbors(&faces);
         neighbors.retain(|pair| pair.iter().all(counts));
         let normals = smoothed(&areas, &neighbors);
-        SHARP.iter().find_map(|&sharp| {
+        let even = SHARP.iter().find_map(|&sharp| {
             let parts = smooth_parts(&normals, &neighbors, sharp);
             Self::of_parts(filling, rim, &faces, &parts)
+        });
+        even.or_else(|| {
+            let points = &filling.points;
+            let band = Band {
+                points,
+                faces: &faces,
+                areas: &areas,
+                normals: &normals,
+                neighbors: &neighbors,
+            };
+            let edge = rim.lengths.iter().sum::<f64>() / rim.len() as f64;
+            let parts = facets(&band, FIT * edge);
+            let found = Self::of_parts(filling, rim, &faces, &parts);
+            found.filter(|charts| charts.are_facets(rim))
+        })
+    }
+
+    /// Whether parts that meet at the rim do so at an angle.
+    fn are_facets(&self, rim: &Rim) -> bool {
+        let normal = |chart: u32, k: usize| self.charts[chart as usize].distance(rim.points[k]).1;
+        (0..rim.len()).filter(|&k| self.of_rim[k].count_ones() == 2).all(|k| {
+            let set = self.of_rim[k];
+            let [a, b] = [set.trailing_zeros(), 31 - set.leading_zeros()];
+            normal(a, k).dot(&normal(b, k)) < FACETS
         })
     }
 
@@ -164,6 +201,7 @@ impl Charts {
         });
         let mut of_rim: Vec<u32> = of_rim.collect();
         fill_gaps(&mut of_rim);
+        follow_creases(&mut of_rim, &charts, &rim.points, FIT * edge);
         Some(Self { meeting: meeting(&charts, &members), charts, of_rim })
     }
 }
@@ -175,6 +213,25 @@ fn fill_gaps(sets: &mut [u32]) {
         let (before, at) = ((start + k - 1) % sets.len(), (start + k) % sets.len());
         if sets[at] == 0 {
             sets[at] = sets[before];
+        }
+    }
+}
+
+/// Where the rim runs along a crease, all the data there may be of the one part, but the filling is of the other one: vertices next to
+/// one that is on both, and within `tolerance` of both surfaces, are on both.
+fn follow_creases(sets: &mut [u32], charts: &[Chart], points: &[Point3<f64>], tolerance: f64) {
+    let count = sets.len();
+    let forth = (0..2 * count).map(|k| (k % count, (k + 1) % count));
+    let back = (0..2 * count).rev().map(|k| ((k + 1) % count, k % count));
+    for (from, to) in forth.chain(back) {
+        if sets[from].count_ones() < 2 || sets[from] & sets[to] == 0 {
+            continue;
+        }
+        for (number, chart) in charts.iter().enumerate() {
+            let is_new = sets[from] & !sets[to] & 1 << number != 0;
+            if is_new && chart.distance(points[to]).0.abs() <= tolerance {
+                sets[to] |= 1 << number;
+            }
         }
     }
 }

@@ -36,7 +36,7 @@ pub(super) fn sharpen(
     let Some(charts) = Charts::around(filling, rim) else { return Ok(None) };
     let mut sets = charts.of_rim.clone();
     sets.resize(patch.points.len(), 0);
-    let mut sharp = Sharp { patch: patch.clone(), charts, sets, sizes, is_cut: false };
+    let mut sharp = Sharp { patch: patch.clone(), charts, sets, rim, sizes, is_cut: false };
     for _ in 0..ROUNDS {
         progress.check()?;
         sharp.choose_parts();
@@ -60,6 +60,7 @@ struct Sharp<'a> {
     charts: Charts,
     /// Of each vertex the set of parts on which it lies.
     sets: Vec<u32>,
+    rim: &'a Rim,
     sizes: &'a Sizes,
     /// Whether creases have their vertices, and no face may turn over any more.
     is_cut: bool,
@@ -262,27 +263,35 @@ impl Sharp<'_> {
         let [on_f, on_g] = [half, twin].map(|half| self.face_set(half));
         let new = [a, b].map(|end| self.set(end) & self.set(c) & self.set(d));
         let is_crease = on_f & on_g == 0;
-        if c == d || (patch.is_rim(c) && patch.is_rim(d)) || new.contains(&0) {
+        if c == d || new.contains(&0) {
             return false;
         }
         let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| patch.points[vertex as usize]);
         if !self.is_upright([pa, pd, pc], new[0]) || !self.is_upright([pd, pb, pc], new[1]) {
             return false;
         }
-        let inner = if patch.is_rim(c) { d } else { c };
-        let other = if inner == c { d } else { c };
-        if patch.around(inner).any(|half| patch.ends(half)[1] == other) {
-            return false;
-        }
         // A face that bridges a crease, on no part, goes first.
         if on_f == 0 || on_g == 0 {
-            return true;
+            return !self.is_edge(c, d);
         }
         let cotangent = |at: Point3<f64>| {
             let [u, v] = [pa - at, pb - at];
             u.dot(&v) / u.cross(&v).norm().max(f64::MIN_POSITIVE)
         };
-        !is_crease && cotangent(pc) + cotangent(pd) < -1e-9
+        !is_crease && cotangent(pc) + cotangent(pd) < -1e-9 && !self.is_edge(c, d)
+    }
+
+    /// Whether there is an edge between two vertices, or the data has one, or may get one.
+    fn is_edge(&self, c: u32, d: u32) -> bool {
+        let patch = &self.patch;
+        if patch.is_rim(c) && patch.is_rim(d) {
+            // The faces around a vertex of the rim do not go all around it.
+            let ends = (0..patch.corners.len() as u32).filter(|&half| patch.is_alive(half));
+            return self.rim.is_taken(c as usize, d as usize)
+                || ends.map(|half| patch.ends(half)).any(|ends| ends == [c, d] || ends == [d, c]);
+        }
+        let [inner, other] = if patch.is_rim(c) { [d, c] } else { [c, d] };
+        patch.around(inner).any(|half| patch.ends(half)[1] == other)
     }
 
     /// Whether all faces lie on parts and look to their sides, and nothing went too far.

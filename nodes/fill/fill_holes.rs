@@ -17,6 +17,7 @@ use super::method::FillMethod;
 use super::plain::{self, Doubt, Plain, Plug};
 use super::regions::{NoMarks, cut, marks, within};
 use super::rim::{Rim, Surroundings};
+use super::settle::settle;
 
 /// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
 ///
@@ -167,7 +168,7 @@ pub fn fill_holes(
     let mut plugs = plug(&filling, &surroundings, &holes, wanted, progress)?;
     filling.add_all(&holes, &plugs);
     let mut crossing = intersecting(&filling, progress)?;
-    if !crossing.is_empty() && matches!(wanted.plain, Plain::ThinPlate | Plain::Membrane) {
+    if !crossing.is_empty() {
         crossing =
             calm(&mut filling, &surroundings, &holes, &mut plugs, crossing, wanted, progress)?;
     }
@@ -180,6 +181,7 @@ pub fn fill_holes(
             "" => None,
             name => Some(marks(&mesh, name)?),
         };
+        let start = filling.points[filling.data..].to_vec();
         let completed = complete(&mut filling, options, allowed.as_deref(), progress)?;
         if completed.no_exemplar && !holes.is_empty() {
             doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
@@ -187,6 +189,10 @@ pub fn fill_holes(
         (steps, exemplars) = (completed.trace, completed.exemplar);
         votes = Some(completed.votes);
         crossing = intersecting(&filling, progress)?;
+        if !crossing.is_empty() {
+            crossing = settle(&mut filling, &start, crossing, progress)?;
+            doubts.push("where shapes found elsewhere would have run through the mesh or each other, it is filled as at the start".into());
+        }
     }
     doubts.extend(describe_crossing(&filling, &crossing));
     let trace = Trace::new(steps)?;
@@ -238,8 +244,8 @@ fn plug(
     holes.par_iter().map(fill).collect()
 }
 
-/// Fills holes again whose triangles run through others, as calmer surfaces, and takes these if they do so less. Gives the faces that are left
-/// crossing.
+/// Fills holes again whose triangles run through others, as other surfaces, the most like what is wanted first, and takes these if they do so
+/// less. Gives the faces that are left crossing.
 fn calm(
     filling: &mut Filling,
     surroundings: &Surroundings,
@@ -249,7 +255,13 @@ fn calm(
     wanted: Wanted,
     progress: &Progress<'_>,
 ) -> Result<Vec<u32>, Cancelled> {
-    for plain in [Plain::Membrane, Plain::Flat] {
+    let others: &[Plain] = match wanted.plain {
+        Plain::CreaseAware => &[Plain::ThinPlate, Plain::Membrane, Plain::Flat],
+        Plain::ThinPlate => &[Plain::Membrane, Plain::Flat],
+        Plain::Membrane => &[Plain::Flat, Plain::ThinPlate],
+        Plain::Flat | Plain::Centroid => &[Plain::Flat, Plain::Membrane, Plain::ThinPlate],
+    };
+    for &plain in others {
         let before = of_each(filling, plugs, &crossing);
         let restless: Vec<usize> = (0..holes.len()).filter(|&hole| before[hole] > 0).collect();
         let calmer = restless.par_iter().map(|&hole| {
@@ -356,7 +368,7 @@ fn describe_doubts(holes: &[usize], plugs: &[Plug]) -> Vec<String> {
     let calm = with(Doubt::Calm);
     if !calm.is_empty() {
         doubts.push(format!(
-            "what fills rim {} is flatter than asked for, since it would have run through the mesh or itself",
+            "what fills rim {} is another surface than asked for, since that would have run through the mesh or itself",
             calm.join(", ")
         ));
     }

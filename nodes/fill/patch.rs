@@ -7,7 +7,8 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// Triangles that fill a hole. Half-edge `h` runs from corner `h` of face `h / 3` to the next corner of that face.
 ///
-/// The first `fixed` vertices are the rim: they never move or go, and no edge between two of them is ever made.
+/// The first `fixed` vertices are the rim: they never move or go, and no edge between two of them is made but by who knows that the mesh
+/// has none.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Patch {
     pub(super) points: Vec<Point3<f64>>,

@@ -29,7 +29,7 @@ pub(super) enum Doubt {
     Membrane,
     /// No creases end at the rim, or they do not meet.
     NoCreases,
-    /// It would have run through something, and a flatter surface is there instead.
+    /// It would have run through something, and another surface is there instead.
     Calm,
 }
 

@@ -1,0 +1,249 @@
+//! Meshes with holes of which it is known what was there.
+
+use std::path::{Path, PathBuf};
+
+use maquette::value::{Faces, Mesh};
+use maquette_nodes::mesh::read_mesh;
+use nalgebra::{Point3, Vector3};
+
+/// A mesh with holes, and what it was before.
+pub(crate) struct Case {
+    pub(crate) name: String,
+    pub(crate) holed: Mesh,
+    /// The lost vertices stand behind those that are left.
+    pub(crate) truth: Mesh,
+    /// The mean length of edges without noise.
+    pub(crate) edge: f64,
+}
+
+/// All cases; those whose data is not there are told of.
+pub(crate) fn cases() -> Vec<Case> {
+    let folder = std::env::var_os("FILL_DATA").map(PathBuf::from);
+    let folder =
+        folder.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"));
+    let mut cases = vec![bumpy_sphere(45)];
+    for (name, file) in [
+        ("holes/smooth_blob", "obj"),
+        ("holes/smooth_spot", "obj"),
+        ("holes/sharp_nut", "obj"),
+        ("holes/rugged_mountain", "ply"),
+        ("doll/holes", "ply"),
+    ] {
+        let read = |what: &str| {
+            let bytes = std::fs::read(folder.join(name).join(format!("{what}.{file}"))).ok()?;
+            read_mesh(&bytes, file).ok()
+        };
+        if let (Some(holed), Some(truth)) = (read("holed"), read("truth")) {
+            let edge = mean_edge(&holed);
+            cases.push(Case { name: name.to_owned(), holed, truth, edge });
+        } else {
+            println!("skipped: {name} is not in {}", folder.display());
+        }
+    }
+    for (file, seed, rings) in CUT {
+        let read = || {
+            let bytes = std::fs::read(folder.join(file)).ok()?;
+            read_mesh(&bytes, file.rsplit('.').next()?).ok()
+        };
+        match read() {
+            Some(mesh) => cases.push(cut(file, &mesh, seed, rings)),
+            None => println!("skipped: {file} is not in {}", folder.display()),
+        }
+    }
+    cases
+}
+
+/// Holes cut out of whole meshes, for which nothing was chosen by what comes out: around a vertex, so many rings of vertices.
+const CUT: [(&str, u32, usize); 6] = [
+    ("meshes/spot/spot_triangulated.obj", 1000, 8),
+    ("meshes/penguin/penguin.obj", 1500, 9),
+    ("meshes/koala/koala.ply", 10_000, 14),
+    ("meshes/koala/koala.ply", 30_000, 14),
+    ("doll/doll.ply", 5_000, 12),
+    ("meshes/koala/koala_low_resolution.obj", 2_000, 9),
+];
+
+fn cut(file: &str, mesh: &Mesh, seed: u32, rings: usize) -> Case {
+    let faces = mesh.faces().as_triangles().expect("triangles").to_vec();
+    let mut gone = vec![false; mesh.positions().len()];
+    gone[seed as usize] = true;
+    for _ in 0..rings {
+        let near = faces.iter().filter(|face| face.iter().any(|&vertex| gone[vertex as usize]));
+        let near: Vec<u32> = near.flatten().copied().collect();
+        near.into_iter().for_each(|vertex| gone[vertex as usize] = true);
+    }
+    let points = mesh.positions().to_vec();
+    let (holed, truth) = without(points, &faces, &gone);
+    let edge = mean_edge(&holed);
+    let name = file.rsplit('/').next().unwrap_or(file).split('.').next().unwrap_or(file);
+    Case { name: format!("cut {name} {seed}"), holed, truth, edge }
+}
+
+fn mean_edge(mesh: &Mesh) -> f64 {
+    let edges = mesh.edges().vertices;
+    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    let sum: f64 = edges.iter().map(|&[a, b]| (place(a) - place(b)).norm()).sum();
+    sum / edges.len() as f64
+}
+
+/// A number between 0 and 1 that looks random.
+fn noise(seed: u64) -> f64 {
+    let mut x = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// The data moved along its normals; `share` of the mean edge is one sigma.
+pub(crate) fn with_noise(case: &Case, share: f64) -> Case {
+    let gauss = |k: u64| (0..12).map(|i| noise(12 * k + i)).sum::<f64>() - 6.0;
+    let normals = case.holed.vertex_normals();
+    let points = case.holed.positions().iter().zip(normals).zip(1u64..);
+    let moved = points.map(|((point, normal), k)| point + normal * (share * case.edge * gauss(k)));
+    let holed = case.holed.with_positions(moved.collect()).expect("finite places");
+    let name = format!("{} {}% noise", case.name, 100.0 * share);
+    Case { name, holed, truth: case.truth.clone(), edge: case.edge }
+}
+
+/// The sphere of the peers' item 7: a geodesic one with bumps, and a hole; at a frequency of 45 of 20 252 vertices, of which 948 are missing.
+pub(crate) fn bumpy_sphere(frequency: u32) -> Case {
+    let (directions, faces) = geodesic(frequency);
+    let axis = Vector3::new(0.48, 0.6, 0.64);
+    let across = axis.cross(&Vector3::x()).normalize();
+    let other = axis.cross(&across);
+    let is_gone = |v: &Vector3<f64>| {
+        let angle = libm::atan2(v.dot(&other), v.dot(&across));
+        let polar = libm::acos(v.dot(&axis).clamp(-1.0, 1.0));
+        polar < 0.445 + 0.03 * libm::sin(5.0 * angle) + 0.015 * libm::cos(11.0 * angle)
+    };
+    let gone: Vec<bool> = directions.iter().map(is_gone).collect();
+    let points = directions.iter().map(|&v| (v * bump(v)).into()).collect();
+    let (holed, truth) = without(points, &faces, &gone);
+    let edge = mean_edge(&holed);
+    Case { name: "bumpy sphere".to_owned(), holed, truth, edge }
+}
+
+/// A mesh without some vertices, and the whole one with these at the end.
+fn without(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh, Mesh) {
+    let keeps = |face: &&[u32; 3]| face.iter().all(|&vertex| !gone[vertex as usize]);
+    let mut kept: Vec<[u32; 3]> = faces.iter().filter(keeps).copied().collect();
+    loop {
+        // A vertex with two ways along the border is a bow tie.
+        let border =
+            Mesh::new(vec![Point3::origin(); points.len()], Faces::triangles(kept.clone()));
+        let edges = border.expect("faces of a surface").edges();
+        let mut ends = vec![0; points.len()];
+        for (pair, _) in edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1) {
+            pair.iter().for_each(|&end| ends[end as usize] += 1);
+        }
+        let before = kept.len();
+        kept.retain(|face| face.iter().all(|&vertex| ends[vertex as usize] <= 2));
+        if kept.len() == before {
+            // Nor may a loose crumb be left in the hole, all of whose vertices are at the border.
+            let mut is_held: Vec<bool> = ends.iter().map(|&ways| ways == 0).collect();
+            let holds = |held: &[bool], face: &[u32; 3]| face.iter().any(|&v| held[v as usize]);
+            loop {
+                let before = is_held.iter().filter(|&&held| held).count();
+                for face in kept.iter() {
+                    if holds(&is_held, face) {
+                        face.iter().for_each(|&vertex| is_held[vertex as usize] = true);
+                    }
+                }
+                if is_held.iter().filter(|&&held| held).count() == before {
+                    break;
+                }
+            }
+            kept.retain(|face| holds(&is_held, face));
+            break;
+        }
+    }
+    let mut used = vec![false; points.len()];
+    kept.as_flattened().iter().for_each(|&vertex| used[vertex as usize] = true);
+    let (data, lost): (Vec<usize>, Vec<usize>) =
+        (0..points.len()).partition(|&vertex| used[vertex]);
+    let order: Vec<usize> = data.iter().chain(&lost).copied().collect();
+    let mut numbers = vec![0u32; order.len()];
+    (0..).zip(&order).for_each(|(number, &vertex)| numbers[vertex] = number);
+    let renumber = |faces: &[[u32; 3]]| {
+        Faces::triangles(
+            faces.iter().map(|face| face.map(|vertex| numbers[vertex as usize])).collect(),
+        )
+    };
+    let points: Vec<Point3<f64>> = order.iter().map(|&k| points[k]).collect();
+    let holed = Mesh::new(points[..data.len()].to_vec(), renumber(&kept)).expect("a surface");
+    let truth = Mesh::new(points, renumber(faces)).expect("a surface");
+    (holed, truth)
+}
+
+fn bump(v: Vector3<f64>) -> f64 {
+    let (x, y, z) = (v.x, v.y, v.z);
+    let low = 0.08 * libm::sin(3.1 * x + 0.4) * libm::cos(2.7 * y - 0.3)
+        + 0.05 * libm::sin(4.3 * z + 1.7 * x);
+    let fine =
+        libm::sin(27.0 * x + 3.0 * y) * libm::sin(25.0 * y + 1.0) * libm::sin(26.0 * z + 2.0);
+    1.0 + low + 0.008 * fine
+}
+
+/// An icosahedron, each face cut into `frequency` squared triangles, on the unit sphere.
+fn geodesic(frequency: u32) -> (Vec<Vector3<f64>>, Vec<[u32; 3]>) {
+    let g = (1.0 + 5f64.sqrt()) / 2.0;
+    let corners = [
+        [-1.0, g, 0.0],
+        [1.0, g, 0.0],
+        [-1.0, -g, 0.0],
+        [1.0, -g, 0.0],
+        [0.0, -1.0, g],
+        [0.0, 1.0, g],
+        [0.0, -1.0, -g],
+        [0.0, 1.0, -g],
+        [g, 0.0, -1.0],
+        [g, 0.0, 1.0],
+        [-g, 0.0, -1.0],
+        [-g, 0.0, 1.0],
+    ];
+    const SIDES: [[usize; 3]; 20] = [
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
+    ];
+    let mut numbers = std::collections::BTreeMap::new();
+    let (mut points, mut faces) = (Vec::new(), Vec::new());
+    for side in SIDES {
+        let [a, b, c] = side.map(|k| Vector3::from(corners[k]));
+        let mut number = |i: u32, j: u32| {
+            let shares = [frequency - i - j, i, j].map(|k| f64::from(k) / f64::from(frequency));
+            let point = a * shares[0] + b * shares[1] + c * shares[2];
+            let key: [i64; 3] = point.map(|x| (x * 1e6).round() as i64).into();
+            *numbers.entry(key).or_insert_with(|| {
+                points.push(point.normalize());
+                points.len() as u32 - 1
+            })
+        };
+        for i in 0..frequency {
+            for j in 0..frequency - i {
+                faces.push([number(i, j), number(i + 1, j), number(i, j + 1)]);
+                if i + j + 1 < frequency {
+                    faces.push([number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)]);
+                }
+            }
+        }
+    }
+    (points, faces)
+}
