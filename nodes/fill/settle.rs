@@ -56,3 +56,42 @@ pub(super) fn settle(
     filling.points.extend(completed);
     Ok(crossing)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fill::shapes::{grid, of};
+
+    #[test]
+    fn only_what_crosses_goes_back_and_no_farther_than_it_must() {
+        // A sheet above another one; all of the upper one is filled, and bulges, in one place through the lower one.
+        let (lower, upper) = (grid(13, 13, |_, _| 0.0), grid(13, 13, |_, _| 1.0));
+        let data = lower.positions().len();
+        let points: Vec<_> =
+            lower.positions().iter().chain(upper.positions().iter()).copied().collect();
+        let faces = |at: u32| move |face: &[u32; 3]| face.map(|vertex| vertex + at);
+        let of_lower = lower.faces().as_triangles().unwrap();
+        let of_upper = upper.faces().as_triangles().unwrap();
+        let all = of_lower.iter().map(faces(0)).chain(of_upper.iter().map(faces(data as u32)));
+        let mut filling = Filling::new(&of(points, all.collect()));
+        (filling.data, filling.kept) = (data, of_lower.len());
+        let start = filling.points[data..].to_vec();
+        let bulge = |p: &Point3<f64>| {
+            let off = (p.x - 3.0).hypot(p.y - 3.0);
+            p + nalgebra::Vector3::z() * if off < 0.5 { -1.6 } else { 0.3 }
+        };
+        let completed: Vec<_> = start.iter().map(bulge).collect();
+        filling.points.truncate(data);
+        filling.points.extend(&completed);
+        let crossing = intersecting(&filling, &Progress::none()).unwrap();
+        assert!(!crossing.is_empty());
+        let left = settle(&mut filling, &start, crossing, &Progress::none()).unwrap();
+        assert_eq!(left, [0; 0]);
+        assert_eq!(intersecting(&filling, &Progress::none()).unwrap(), [0; 0]);
+        for ((now, completed), start) in filling.points[data..].iter().zip(&completed).zip(&start) {
+            let off = (start.x - 3.0).hypot(start.y - 3.0);
+            assert!(off < 4.0 || now == completed, "{now}");
+            assert!(0.0 < now.z && now.z <= 1.3, "{now}");
+        }
+    }
+}

@@ -315,8 +315,8 @@ fn polygons_stay_polygons_and_attributes_go_on() {
     assert!(numbers.iter().all(|&number| number < mesh.faces().len() as u32));
 }
 
-#[test]
-fn the_corner_of_a_cube_is_sharp_again() {
+/// The surface of a cube with a corner at the origin and sides of 16 squares of side 1.
+fn cube() -> Mesh {
     let count = 16;
     let side = |to: fn(f64, f64) -> Point3<f64>| -> Vec<Point3<f64>> {
         grid(count + 1, count + 1, |_, _| 0.0).positions().iter().map(|p| to(p.x, p.y)).collect()
@@ -347,17 +347,94 @@ fn the_corner_of_a_cube_is_sharp_again() {
             grid.faces().as_triangles().unwrap().iter().map(|face| face.map(|k| ids[k as usize])),
         );
     }
-    let cube = of(points, faces);
-    let mesh = without(&cube, |p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0);
-    let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
-    assert_eq!(check_kept(&mesh, &filled.mesh), 0);
-    assert_eq!(filled.doubts, [""; 0]);
-    let added = &filled.mesh.positions()[mesh.positions().len()..];
-    for p in added {
-        let off = (16.0 - p.x).min(16.0 - p.y).min(16.0 - p.z);
-        assert!(off.abs() < 1e-6, "{p} is not on the cube");
+    of(points, faces)
+}
+
+#[test]
+fn the_corner_of_a_cube_is_sharp_again() {
+    let ball = |p: &Point3<f64>| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0;
+    // A strip beside an edge is missing, too: there the rim runs along the crease.
+    let strip = |p: &Point3<f64>| ball(p) || (p.x == 16.0 && p.y > 14.5 && p.y < 16.0 && p.z > 5.5);
+    let holes: [&dyn Fn(&Point3<f64>) -> bool; 2] = [&ball, &strip];
+    for hole in holes {
+        let mesh = without(&cube(), hole);
+        let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
+        assert_eq!(check_kept(&mesh, &filled.mesh), 0);
+        assert_eq!(filled.doubts, [""; 0]);
+        let added = &filled.mesh.positions()[mesh.positions().len()..];
+        assert!(added.iter().any(|p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 1e-6));
+        // Creases are edges: each triangle lies in one side of the cube, and looks outwards.
+        for face in filled.mesh.faces().iter().skip(mesh.faces().len()) {
+            let area = filled.mesh.area_vector(face);
+            let corners = face.iter().map(|&vertex| filled.mesh.positions()[vertex as usize]);
+            let is_on = |k: usize| corners.clone().all(|p| (p[k] - 16.0).abs() < 1e-6);
+            assert!((0..3).any(|k| is_on(k) && area[k] > 0.999999 * area.norm()), "{area:?}");
+        }
     }
-    assert!(added.iter().any(|p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 1e-6), "the corner");
+}
+
+/// The mesh with its vertices moved along its normals, by so much in the mean square.
+fn noisy(mesh: &Mesh, deviation: f64, seed: u64) -> Mesh {
+    let gauss = |k: u64| (0..12).map(|i| random(seed << 32 ^ (12 * k + i))).sum::<f64>() - 6.0;
+    let points = mesh.positions().iter().zip(mesh.vertex_normals()).zip(0u64..);
+    let moved = points.map(|((point, normal), k)| point + normal * (deviation * gauss(k)));
+    mesh.clone().with_positions(moved.collect()).unwrap()
+}
+
+#[test]
+fn creases_of_noisy_data_go_on_too() {
+    // A bevel of 31 degrees between two planes, which some noise hides, and a cube's corner.
+    let roof = |x: f64, _| -0.6 * (x - 14.0).clamp(0.0, 7.0) - 2.0 * (x - 21.0).max(0.0);
+    let bevel = without(&grid(36, 30, roof), |p| (p.x - 17.0).hypot(p.y - 15.0) < 7.5);
+    let corner = without(&cube(), |p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0);
+    let mut sharp = 0;
+    for seed in 0..8 {
+        let mesh = noisy(&bevel, 0.05, seed);
+        let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
+        check_kept(&mesh, &filled.mesh);
+        assert!(!filled.doubts.iter().any(|doubt| doubt.contains("crease")), "{:?}", filled.doubts);
+        let rms = |filled: &Filled| {
+            let added = &filled.mesh.positions()[mesh.positions().len()..];
+            let sum: f64 =
+                added.iter().map(|p| (p.z - roof(p.x, p.y)) * (p.z - roof(p.x, p.y))).sum();
+            (sum / added.len() as f64).sqrt()
+        };
+        let plate = fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap();
+        if rms(&filled) < 0.25 * rms(&plate) {
+            sharp += 1;
+        } else {
+            let told = filled.doubts.iter().any(|doubt| doubt.contains("another surface"));
+            assert!(told, "{seed}: {:?}", filled.doubts);
+        }
+        let mesh = noisy(&corner, 0.05, seed);
+        let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
+        assert_eq!(check_kept(&mesh, &filled.mesh), 0);
+        assert_eq!(filled.doubts, [""; 0]);
+        for p in &filled.mesh.positions()[mesh.positions().len()..] {
+            let off = (16.0 - p.x).min(16.0 - p.y).min(16.0 - p.z);
+            assert!(off.abs() < 0.25, "{p} is off by {off}");
+        }
+    }
+    assert!(sharp > 6, "the bevel is sharp with {sharp} of 8 noises");
+}
+
+#[test]
+fn noise_makes_no_creases() {
+    let hills = |x: f64, y: f64| 1.5 * libm::sin(0.3 * x) * libm::cos(0.25 * y + 0.4);
+    let round = without(&sphere(4), |p| p.z > 0.85);
+    let smooth = [
+        (without(&grid(30, 30, hills), |p| (p.x - 15.0).hypot(p.y - 14.0) < 6.0), 1.0),
+        (without(&grid(30, 30, |_, _| 0.0), |p| (p.x - 15.0).hypot(p.y - 14.0) < 6.0), 1.0),
+        (round, 0.08),
+    ];
+    for (mesh, edge) in &smooth {
+        for (deviation, seed) in [(0.0, 0), (0.05, 1), (0.05, 2), (0.1, 3), (0.2, 4), (0.2, 5)] {
+            let mesh = noisy(mesh, deviation * edge, seed);
+            let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
+            let said = filled.doubts.iter().any(|doubt| doubt.contains("no creases"));
+            assert!(said, "{deviation} {seed}: {:?}", filled.doubts);
+        }
+    }
 }
 
 #[test]
@@ -367,6 +444,45 @@ fn a_wildly_rough_rim_throws_no_plate_off() {
     let filled = fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap();
     let all = filled.mesh.positions().iter();
     assert!(all.clone().all(|p| (-20.0..30.0).contains(&p.z) && (-10.0..30.0).contains(&p.x)));
+}
+
+#[test]
+fn over_a_rough_rim_another_surface_is_taken_if_the_plate_would_cross_itself() {
+    let mut count = 0;
+    for seed in 0..40u64 {
+        let rough = grid(20, 20, |x, y| 5.0 * random(1000 * seed + (x + 20.0 * y) as u64));
+        let mesh = without(&rough, |p| (p - Point3::new(9.5, 9.5, p.z)).norm_squared() < 20.0);
+        for method in PLAIN {
+            let filled = fill(&mesh, HoleChoice::Edges { max: 40 }, method).unwrap();
+            check_kept(&mesh, &filled.mesh);
+            let crosses = filled.doubts.iter().any(|doubt| doubt.contains("run through others"));
+            assert!(!crosses, "{seed}: {:?}", filled.doubts);
+            count +=
+                usize::from(filled.doubts.iter().any(|doubt| doubt.contains("another surface")));
+        }
+    }
+    assert!(count > 0, "no plate crosses itself");
+}
+
+#[test]
+fn what_stands_in_the_way_of_one_surface_is_passed_by_another() {
+    // A small ball in the plane of the rim, which a plate passes above.
+    let open = without(&sphere(4), |p| p.z > 0.85);
+    let ball = sphere(2);
+    let at = |p: &Point3<f64>| Point3::from(p.coords * 0.04) + nalgebra::Vector3::z() * 0.85;
+    let data = open.positions().len() as u32;
+    let points = open.positions().iter().copied().chain(ball.positions().iter().map(at));
+    let faces = ball.faces().as_triangles().unwrap().iter().map(|face| face.map(|k| k + data));
+    let faces = open.faces().as_triangles().unwrap().iter().copied().chain(faces);
+    let both = of(points.collect(), faces.collect());
+    for method in PLAIN {
+        let filled = fill(&both, HoleChoice::All, method.clone()).unwrap();
+        assert_eq!(check_kept(&both, &filled.mesh), 0);
+        let tells = |what: &str| filled.doubts.iter().any(|doubt| doubt.contains(what));
+        assert!(!tells("run through others"), "{:?}", filled.doubts);
+        let is_flat = matches!(method, FillMethod::Flat | FillMethod::Membrane);
+        assert_eq!(tells("another surface"), is_flat, "{method:?}: {:?}", filled.doubts);
+    }
 }
 
 #[test]
