@@ -77,7 +77,7 @@ mod tests {
         (filling.data, filling.kept) = (data, of_lower.len());
         let start = filling.points[data..].to_vec();
         let bulge = |p: &Point3<f64>| {
-            let off = (p.x - 3.0).hypot(p.y - 3.0);
+            let off = libm::hypot(p.x - 3.0, p.y - 3.0);
             p + nalgebra::Vector3::z() * if off < 0.5 { -1.6 } else { 0.3 }
         };
         let completed: Vec<_> = start.iter().map(bulge).collect();
@@ -89,7 +89,7 @@ mod tests {
         assert_eq!(left, [0; 0]);
         assert_eq!(intersecting(&filling, &Progress::none()).unwrap(), [0; 0]);
         for ((now, completed), start) in filling.points[data..].iter().zip(&completed).zip(&start) {
-            let off = (start.x - 3.0).hypot(start.y - 3.0);
+            let off = libm::hypot(start.x - 3.0, start.y - 3.0);
             assert!(off < 4.0 || now == completed, "{now}");
             assert!(0.0 < now.z && now.z <= 1.3, "{now}");
         }
