@@ -1,11 +1,12 @@
 //! Membranes and thin plates through a rim: the surfaces that a soap film and a bent sheet would take.
 //!
 //! Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes" (1998), with the cotangent weights
-//! of Pinkall and Polthier, "Computing discrete minimal surfaces and their conjugates" (1993).
+//! of Pinkall and Polthier, "Computing discrete minimal surfaces and their conjugates" (1993). What turns a thin plate into a surface whose
+//! curvature goes on evenly is from Schneider and Kobbelt, "Geometric fairing of irregular meshes for free-form surface design" (2001).
 
 use nalgebra::{Point3, Vector3};
 
-use super::patch::{NONE, Patch};
+use super::patch::{NONE, Patch, area_vector};
 use super::rim::Rim;
 use crate::cholesky::{Cholesky, Symmetric};
 
@@ -14,8 +15,10 @@ use crate::cholesky::{Cholesky, Symmetric};
 pub(super) enum Energy {
     /// The area: the surface meets the rim at an angle.
     Membrane,
-    /// The bending, at the rim included: the surface goes on as the data ends.
+    /// The bending, at the rim included: the surface goes on as the data ends. Curvature fades where normals fan out.
     ThinPlate,
+    /// The bending beyond that of the surface as it is, whose curvature goes on as evenly as it can: a ball stays a ball.
+    EvenPlate,
 }
 
 /// Largest cotangent in a weight. Below 2 the weights of angles that are still common, 27 degrees, would be changed; far above, one
@@ -47,6 +50,8 @@ struct Laplacian {
     weights: Vec<f64>,
     /// The area of each vertex; infinite for one whose faces do not go all around, so that its row counts nothing.
     areas: Vec<f64>,
+    /// The unit normal at each vertex.
+    normals: Vec<Vector3<f64>>,
 }
 
 impl Laplacian {
@@ -64,11 +69,13 @@ impl Laplacian {
         let inside =
             patch.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE).copied();
         let mut areas = vec![0.0; count];
+        let mut normals = vec![Vector3::zeros(); count];
         let mut links: Vec<(u32, u32, f64)> = Vec::with_capacity(12 * count);
         let mut starts = vec![0u32; count + 1];
         for face in inside.chain(outside) {
             let points = face.map(place);
-            let double = (points[1] - points[0]).cross(&(points[2] - points[0])).norm();
+            let area = area_vector(points);
+            let double = area.norm();
             for k in 0..3 {
                 let (a, b) = (face[(k + 1) % 3], face[(k + 2) % 3]);
                 let (u, v) = (points[(k + 1) % 3] - points[k], points[(k + 2) % 3] - points[k]);
@@ -82,11 +89,13 @@ impl Laplacian {
                 }
                 if (face[k] as usize) < count {
                     areas[face[k] as usize] += double / 6.0;
+                    normals[face[k] as usize] += area;
                 }
             }
         }
+        normals.iter_mut().for_each(|sum| *sum = sum.try_normalize(0.0).unwrap_or_default());
         let mut laplacian =
-            Self { starts: Vec::new(), columns: Vec::new(), weights: Vec::new(), areas };
+            Self { starts: Vec::new(), columns: Vec::new(), weights: Vec::new(), areas, normals };
         laplacian.gather(starts, &links);
         laplacian.limit_areas();
         laplacian
@@ -142,6 +151,22 @@ impl Laplacian {
         let columns = self.columns[entries.clone()].iter().map(|&column| column as usize);
         columns.zip(self.weights[entries].iter().copied())
     }
+
+    /// Of each vertex twice the mean curvature of the surface as it is.
+    fn curvatures(&self, place: impl Fn(usize) -> Vector3<f64>) -> Vec<f64> {
+        let curvature = |row: usize| {
+            let sum: Vector3<f64> = self.row(row).map(|(column, w)| place(column) * w).sum();
+            sum.dot(&self.normals[row]) / self.areas[row]
+        };
+        (0..self.areas.len()).map(curvature).collect()
+    }
+
+    /// What the Laplacian of the curvature vectors at a vertex is if that of their lengths is nothing: the turn of the normals around.
+    fn turn(&self, vertex: usize, curvatures: &[f64]) -> Vector3<f64> {
+        let own = self.normals[vertex];
+        let around = self.row(vertex);
+        around.map(|(other, w)| (self.normals[other] - own) * (w * curvatures[other])).sum()
+    }
 }
 
 fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
@@ -166,6 +191,10 @@ fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
         } else {
             rim.ring[vertex - count] - origin
         }
+    };
+    let curvatures = match energy {
+        Energy::EvenPlate => Some(laplacian.curvatures(place)),
+        Energy::Membrane | Energy::ThinPlate => None,
     };
     let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
     let mut right = Vec::with_capacity(vertices.len());
@@ -194,7 +223,7 @@ fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
                     .row(vertex)
                     .for_each(|(column, weight)| add(&mut matrix, column, -weight));
             }
-            Energy::ThinPlate => {
+            Energy::ThinPlate | Energy::EvenPlate => {
                 // The weights are symmetric: what the row of a neighbor has here is what this row has there.
                 for (row, weight) in laplacian.row(vertex).filter(|(row, _)| *row < count) {
                     let share = weight / laplacian.areas[row];
@@ -205,6 +234,9 @@ fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
                     }
                 }
             }
+        }
+        if let Some(curvatures) = &curvatures {
+            known += laplacian.turn(vertex, curvatures);
         }
         matrix.starts.push(matrix.indices.len() as u32);
         right.push([known.x, known.y, known.z]);

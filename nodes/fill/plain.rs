@@ -46,6 +46,10 @@ const FARTHEST: f64 = 2.5;
 /// Edges in the first, coarse shape, in those of the end: the coarse one is found fast, and then vertices are added where they belong.
 const COARSE: f64 = 2.0;
 
+/// How often the coarse plate is bent anew over the shape that it has. After one, it still has too much of the membrane before it: rugged
+/// holes are filled 10 % worse; a third changes next to nothing.
+const COARSE_ROUNDS: usize = 2;
+
 /// Fills one hole, with edges as long as `edge`, or as the data's at the rim.
 ///
 /// # Errors
@@ -63,25 +67,19 @@ pub(super) fn fill(
         Plain::Centroid => fan(rim, true),
         _ => covered(rim),
     };
-    let energy = match plain {
-        Plain::Flat | Plain::Centroid => {
-            refine(&mut patch, |point| sizes.at(point), progress)?;
-            return Ok(Plug { patch, doubt: None });
-        }
-        Plain::Membrane => Energy::Membrane,
-        Plain::ThinPlate | Plain::CreaseAware => Energy::ThinPlate,
-    };
     let mut doubt = None;
-    if energy == Energy::ThinPlate {
-        let start = patch.clone();
-        shape(&mut patch, rim, &sizes, energy, progress)?;
-        if goes_too_far(&patch, rim) {
-            doubt = Some(Doubt::Membrane);
-            patch = start;
-            shape(&mut patch, rim, &sizes, Energy::Membrane, progress)?;
+    match plain {
+        Plain::Flat | Plain::Centroid => refine(&mut patch, |point| sizes.at(point), progress)?,
+        Plain::Membrane => membrane(&mut patch, rim, &sizes, progress)?,
+        Plain::ThinPlate | Plain::CreaseAware => {
+            let start = patch.clone();
+            plate(&mut patch, rim, &sizes, progress)?;
+            if goes_too_far(&patch, rim) {
+                doubt = Some(Doubt::Membrane);
+                patch = start;
+                membrane(&mut patch, rim, &sizes, progress)?;
+            }
         }
-    } else {
-        shape(&mut patch, rim, &sizes, energy, progress)?;
     }
     if plain == Plain::CreaseAware {
         match creases::sharpen(filling, &patch, rim, &sizes, progress)? {
@@ -94,23 +92,44 @@ pub(super) fn fill(
 
 /// Finds a shape and a density that fit each other: a coarse one of both, of which the shape says how far vertices are apart, then the
 /// fine one.
-fn shape(
+fn membrane(
     patch: &mut Patch,
     rim: &Rim,
     sizes: &Sizes,
-    energy: Energy,
+    progress: &Progress<'_>,
+) -> Result<(), Cancelled> {
+    for times in [COARSE, 1.0] {
+        refine(patch, |point| times * sizes.at(point), progress)?;
+        fair(patch, rim, Energy::Membrane);
+    }
+    Ok(())
+}
+
+/// As [`membrane`], as a plate. How far it bulges depends on the surface over which it is bent and on whose curvature goes on, and a rim
+/// does not tell whether the data's curvature goes on behind it or fades. So it is bent over the surface half-way between the two
+/// extremes, which are found on the coarse level: a membrane, which does not bulge at all, and a plate over its own shape, the fullest.
+/// Over a flat surface plates are up to twice as far off where data go on round; over its own shape, a plate is so where they do not.
+fn plate(
+    patch: &mut Patch,
+    rim: &Rim,
+    sizes: &Sizes,
     progress: &Progress<'_>,
 ) -> Result<(), Cancelled> {
     let coarse = |point| COARSE * sizes.at(point);
     refine(patch, coarse, progress)?;
-    if energy == Energy::ThinPlate {
-        // Without the folds that triangles from rim to rim have.
-        fair(patch, rim, Energy::Membrane);
-        refine(patch, coarse, progress)?;
+    // Without the folds that triangles from rim to rim have.
+    fair(patch, rim, Energy::Membrane);
+    refine(patch, coarse, progress)?;
+    for _ in 0..COARSE_ROUNDS {
+        fair(patch, rim, Energy::ThinPlate);
     }
-    fair(patch, rim, energy);
+    let fullest = patch.points.clone();
+    fair(patch, rim, Energy::Membrane);
+    for (point, full) in patch.points.iter_mut().zip(&fullest) {
+        *point = nalgebra::center(point, full);
+    }
     refine(patch, |point| sizes.at(point), progress)?;
-    fair(patch, rim, energy);
+    fair(patch, rim, Energy::EvenPlate);
     Ok(())
 }
 
