@@ -252,7 +252,7 @@ impl Completion<'_> {
         if moved && !self.is_published() {
             let around = |vertex: u32| self.distances[vertex as usize] <= self.hole.width;
             let around = (0..self.data as u32).filter(|&vertex| around(vertex)).collect();
-            detail::add_detail(self.surface, points, exemplars, &outcome, around);
+            detail::add_detail(self.surface, points, exemplars, &outcome, &self.turns, around);
         }
         Ok(outcome)
     }
