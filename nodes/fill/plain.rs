@@ -46,8 +46,8 @@ const FARTHEST: f64 = 2.5;
 /// Edges in the first, coarse shape, in those of the end: the coarse one is found fast, and then vertices are added where they belong.
 const COARSE: f64 = 2.0;
 
-/// How often the coarse plate is bent anew over the shape that it has. After one, it still has too much of the membrane before it: rugged
-/// holes are filled 10 % worse; a third changes next to nothing.
+/// How often the coarse plate is bent over the shape that it has. After one time it still has too much of the membrane before it, and
+/// rugged holes are filled a tenth worse; a third time changes most fills by a hundredth or two.
 const COARSE_ROUNDS: usize = 2;
 
 /// Fills one hole, with edges as long as `edge`, or as the data's at the rim.

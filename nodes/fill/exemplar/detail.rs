@@ -22,7 +22,7 @@ const HALVINGS: usize = 8;
 
 /// Patches beside that of a vertex whose exemplars have a say about its detail. Without any, vertices differ from their neighbors more
 /// than data do, since each has another exemplar: the sharpest tenth of the edges is a fourth too sharp. With two or more, what is
-/// nearly flat gets flatter, by a fifth and more.
+/// nearly flat gets flatter by about a fifth.
 const BESIDE: usize = 1;
 
 /// Moves the missing vertices along their normals until each lies over or under the mean of its neighbors as its exemplars do, as
