@@ -12,6 +12,8 @@ use super::method::FillMethod;
 use super::regions::HoleRegion;
 use super::shapes::{grid, of, random, sphere, without};
 
+mod creases;
+
 const PLAIN: [FillMethod; 4] =
     [FillMethod::Flat, FillMethod::Membrane, FillMethod::ThinPlate, FillMethod::CreaseAware];
 
@@ -313,127 +315,6 @@ fn polygons_stay_polygons_and_attributes_go_on() {
     }
     let Some(Attribute::Index(numbers)) = filled.face().get("number") else { panic!("no numbers") };
     assert!(numbers.iter().all(|&number| number < mesh.faces().len() as u32));
-}
-
-/// The surface of a cube with a corner at the origin and sides of 16 squares of side 1.
-fn cube() -> Mesh {
-    let count = 16;
-    let side = |to: fn(f64, f64) -> Point3<f64>| -> Vec<Point3<f64>> {
-        grid(count + 1, count + 1, |_, _| 0.0).positions().iter().map(|p| to(p.x, p.y)).collect()
-    };
-    let sides: [fn(f64, f64) -> Point3<f64>; 6] = [
-        |x, y| Point3::new(x, y, 16.0),
-        |x, y| Point3::new(y, x, 0.0),
-        |x, y| Point3::new(y, 16.0, x),
-        |x, y| Point3::new(x, 0.0, y),
-        |x, y| Point3::new(16.0, x, y),
-        |x, y| Point3::new(0.0, y, x),
-    ];
-    let mut numbers = std::collections::BTreeMap::new();
-    let (mut points, mut faces) = (Vec::new(), Vec::new());
-    for to in sides {
-        let own = side(to);
-        let ids: Vec<u32> = own
-            .iter()
-            .map(|p| {
-                *numbers.entry([p.x as i64, p.y as i64, p.z as i64]).or_insert_with(|| {
-                    points.push(*p);
-                    points.len() as u32 - 1
-                })
-            })
-            .collect();
-        let grid = grid(count + 1, count + 1, |_, _| 0.0);
-        faces.extend(
-            grid.faces().as_triangles().unwrap().iter().map(|face| face.map(|k| ids[k as usize])),
-        );
-    }
-    of(points, faces)
-}
-
-#[test]
-fn the_corner_of_a_cube_is_sharp_again() {
-    let ball = |p: &Point3<f64>| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0;
-    // With a strip beside an edge missing, too, the rim runs along the crease.
-    let strip = |p: &Point3<f64>| p.x == 16.0 && p.y > 14.5 && p.y < 16.0 && p.z > 5.5;
-    for has_strip in [false, true] {
-        let mesh = without(&cube(), |p| ball(p) || (has_strip && strip(p)));
-        let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
-        assert_eq!(check_kept(&mesh, &filled.mesh), 0);
-        assert_eq!(filled.doubts, [""; 0]);
-        let added = &filled.mesh.positions()[mesh.positions().len()..];
-        assert!(added.iter().any(|p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 1e-6));
-        // Creases are edges: each triangle lies in one side of the cube, and looks outwards.
-        for face in filled.mesh.faces().iter().skip(mesh.faces().len()) {
-            let area = filled.mesh.area_vector(face);
-            let corners = face.iter().map(|&vertex| filled.mesh.positions()[vertex as usize]);
-            let is_on = |k: usize| corners.clone().all(|p| (p[k] - 16.0).abs() < 1e-6);
-            assert!((0..3).any(|k| is_on(k) && area[k] > 0.999999 * area.norm()), "{area:?}");
-        }
-    }
-}
-
-/// The mesh with its vertices moved along its normals, by so much in the mean square.
-fn noisy(mesh: &Mesh, deviation: f64, seed: u64) -> Mesh {
-    let gauss = |k: u64| (0..12).map(|i| random(seed << 32 ^ (12 * k + i))).sum::<f64>() - 6.0;
-    let points = mesh.positions().iter().zip(mesh.vertex_normals()).zip(0u64..);
-    let moved = points.map(|((point, normal), k)| point + normal * (deviation * gauss(k)));
-    mesh.clone().with_positions(moved.collect()).unwrap()
-}
-
-#[test]
-fn creases_of_noisy_data_go_on_too() {
-    // A bevel of 31 degrees between two planes, which some noise hides, and a cube's corner.
-    let roof = |x: f64, _| -0.6 * (x - 14.0).clamp(0.0, 7.0) - 2.0 * (x - 21.0).max(0.0);
-    let bevel = without(&grid(36, 30, roof), |p| libm::hypot(p.x - 17.0, p.y - 15.0) < 7.5);
-    let corner = without(&cube(), |p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 6.0);
-    let mut sharp = 0;
-    for seed in 0..8 {
-        let mesh = noisy(&bevel, 0.05, seed);
-        let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
-        check_kept(&mesh, &filled.mesh);
-        assert!(!filled.doubts.iter().any(|doubt| doubt.contains("crease")), "{:?}", filled.doubts);
-        let rms = |filled: &Filled| {
-            let added = &filled.mesh.positions()[mesh.positions().len()..];
-            let sum: f64 =
-                added.iter().map(|p| (p.z - roof(p.x, p.y)) * (p.z - roof(p.x, p.y))).sum();
-            (sum / added.len() as f64).sqrt()
-        };
-        let plate = fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap();
-        if rms(&filled) < 0.25 * rms(&plate) {
-            sharp += 1;
-        } else {
-            let told = filled.doubts.iter().any(|doubt| doubt.contains("another surface"));
-            assert!(told, "{seed}: {:?}", filled.doubts);
-        }
-        let mesh = noisy(&corner, 0.05, seed);
-        let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
-        assert_eq!(check_kept(&mesh, &filled.mesh), 0);
-        assert_eq!(filled.doubts, [""; 0]);
-        for p in &filled.mesh.positions()[mesh.positions().len()..] {
-            let off = (16.0 - p.x).min(16.0 - p.y).min(16.0 - p.z);
-            assert!(off.abs() < 0.25, "{p} is off by {off}");
-        }
-    }
-    assert!(sharp > 6, "the bevel is sharp with {sharp} of 8 noises");
-}
-
-#[test]
-fn noise_makes_no_creases() {
-    let hills = |x: f64, y: f64| 1.5 * libm::sin(0.3 * x) * libm::cos(0.25 * y + 0.4);
-    let round = without(&sphere(4), |p| p.z > 0.85);
-    let smooth = [
-        (without(&grid(30, 30, hills), |p| libm::hypot(p.x - 15.0, p.y - 14.0) < 6.0), 1.0),
-        (without(&grid(30, 30, |_, _| 0.0), |p| libm::hypot(p.x - 15.0, p.y - 14.0) < 6.0), 1.0),
-        (round, 0.08),
-    ];
-    for (mesh, edge) in &smooth {
-        for (deviation, seed) in [(0.0, 0), (0.05, 1), (0.05, 2), (0.1, 3), (0.2, 4), (0.2, 5)] {
-            let mesh = noisy(mesh, deviation * edge, seed);
-            let [sharp, smooth] = [FillMethod::CreaseAware, FillMethod::ThinPlate]
-                .map(|method| fill(&mesh, HoleChoice::All, method).unwrap());
-            assert!(sharp.mesh == smooth.mesh, "{deviation} {seed}: {:?}", sharp.doubts);
-        }
-    }
 }
 
 #[test]
