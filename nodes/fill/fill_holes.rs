@@ -190,8 +190,11 @@ pub fn fill_holes(
         votes = Some(completed.votes);
         crossing = intersecting(&filling, progress)?;
         if !crossing.is_empty() {
+            let before = crossing.len();
             crossing = settle(&mut filling, &start, crossing, progress)?;
-            doubts.push("where shapes found elsewhere would have run through the mesh or each other, it is filled as at the start".into());
+            if crossing.len() < before {
+                doubts.push("where shapes found elsewhere would have run through the mesh or each other, it is filled as at the start".into());
+            }
         }
     }
     doubts.extend(describe_crossing(&filling, &crossing));
