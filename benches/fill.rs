@@ -2,7 +2,8 @@
 //!
 //! Prints a table of all methods on all cases: those of the data's folder (`FILL_DATA`, by default `../shared/data`), and a bumpy sphere with
 //! a hole of 948 vertices, the one of the peers' item 7; each also with noise. `fill WORD ...` prints the rows whose case or method has one of
-//! the words, `fill rims` the times of large rims, `fill sizes` those of thin plates over one hole in ever finer data. Two other programs fill
+//! the words, `fill rims` the times of large rims, `fill sizes` those of thin plates over one hole in ever finer data, and `fill rough` compares how
+//! rough fills are with how rough it was there. Two other programs fill
 //! the same holes if they are there: `CGAL_FILL` names the program made of `benches/peers/cgal_fill.cpp`, `MESHLIB_PYTHON` a Python that has
 //! MeshLib. `benches/peers/peers.py holes` makes and names both.
 //!
@@ -26,7 +27,7 @@ use maquette_nodes::mesh::read_mesh;
 use nalgebra::Point3;
 
 use cases::{Case, bumpy_sphere, cases, with_noise};
-use judge::judge;
+use judge::{character, judge};
 
 #[path = "fill/cases.rs"]
 mod cases;
@@ -46,6 +47,9 @@ fn main() {
     }
     if words.iter().any(|word| word == "sizes") {
         return sizes();
+    }
+    if words.iter().any(|word| word == "rough") {
+        return characters();
     }
     let wanted = |text: &str| words.is_empty() || words.iter().any(|word| text.contains(&word[..]));
     let peers = peers();
@@ -281,6 +285,24 @@ fn sizes() {
             1e3 * least,
             1e6 * least / added as f64
         );
+    }
+}
+
+/// How rough fills are beside what was there, where that is rough.
+fn characters() {
+    println!(
+        "{:36} {:18} {:>9}  bends at 10, 25, 50, 75 and 90 of a hundred",
+        "over the truth's", "method", "roughness"
+    );
+    for case in cases() {
+        for (name, method) in methods() {
+            let options = FillOptions { holes: HoleChoice::All, method };
+            let filled = fill_holes(&case.holed, &options, &Progress::none()).expect("a surface");
+            let character = character(&case, &filled.mesh);
+            let bends: String =
+                character.bends.iter().map(|share| format!(" {share:5.2}")).collect();
+            println!("{:36} {name:18} {:9.2} {bends}", case.name, character.roughness);
+        }
     }
 }
 

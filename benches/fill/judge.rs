@@ -3,7 +3,7 @@
 use maquette::Progress;
 use maquette::value::{Mesh, TriangleTree};
 use maquette_nodes::fill::{FillMethod, FillOptions, HoleChoice, fill_holes};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use robust::{Coord3D, orient3d};
 
 use crate::cases::Case;
@@ -51,6 +51,61 @@ pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
         is_manifold: fill_holes(filled, &nothing, &Progress::none()).is_ok(),
         crossings: crossings(filled, kept),
     }
+}
+
+/// How rough what fills a hole is, as a share of how rough what was there is.
+pub(crate) struct Character {
+    /// Of the distances from the surface to itself after some smoothing, the roots of their mean squares.
+    pub(crate) roughness: f64,
+    /// Of the angles by which edges bend, those below which there are 10, 25, 50, 75 and 90 of a hundred.
+    pub(crate) bends: [f64; 5],
+}
+
+/// Compares the part of `filled` at its new vertices with that of the truth at its lost ones.
+pub(crate) fn character(case: &Case, filled: &Mesh) -> Character {
+    let data = case.holed.positions().len();
+    let [own, there] = [filled, &case.truth].map(|mesh| (roughness(mesh, data), bends(mesh, data)));
+    let bends = std::array::from_fn(|k| own.1[k] / there.1[k]);
+    Character { roughness: own.0 / there.0, bends }
+}
+
+/// Steps of smoothing, each half-way to the mean of the neighbors.
+const STEPS: usize = 4;
+
+fn roughness(mesh: &Mesh, data: usize) -> f64 {
+    let edges = mesh.edges().vertices;
+    let mut degrees = vec![0.0_f64; mesh.positions().len()];
+    edges.iter().flatten().for_each(|&vertex| degrees[vertex as usize] += 1.0);
+    let mut smooth = mesh.positions().to_vec();
+    for _ in 0..STEPS {
+        let mut steps = vec![Vector3::zeros(); smooth.len()];
+        for [a, b] in edges.iter().map(|ends| ends.map(|end| end as usize)) {
+            steps[a] += smooth[b] - smooth[a];
+            steps[b] += smooth[a] - smooth[b];
+        }
+        for ((point, step), degree) in smooth.iter_mut().zip(steps).zip(&degrees) {
+            *point += step / (2.0 * degree.max(1.0));
+        }
+    }
+    let normals = mesh.vertex_normals();
+    let each = mesh.positions().iter().zip(&smooth).zip(&normals).skip(data);
+    let squares: Vec<f64> = each.map(|((p, q), normal)| (p - q).dot(normal).powi(2)).collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+fn bends(mesh: &Mesh, data: usize) -> [f64; 5] {
+    let mut sides: Vec<([u32; 2], Vector3<f64>)> = Vec::new();
+    for face in mesh.faces().iter().filter(|face| face.iter().any(|&v| data <= v as usize)) {
+        let normal = mesh.area_vector(face).normalize();
+        let ends = |k: usize| [face[k], face[(k + 1) % face.len()]];
+        sides.extend((0..face.len()).map(ends).map(|[a, b]| ([a.min(b), a.max(b)], normal)));
+    }
+    sides.sort_by_key(|side| side.0);
+    let pairs = sides.windows(2).filter(|pair| pair[0].0 == pair[1].0);
+    let angle = |a: Vector3<f64>, b: Vector3<f64>| libm::atan2(a.cross(&b).norm(), a.dot(&b));
+    let mut angles: Vec<f64> = pairs.map(|pair| angle(pair[0].1, pair[1].1)).collect();
+    angles.sort_by(f64::total_cmp);
+    [0.1, 0.25, 0.5, 0.75, 0.9].map(|share| angles[(share * angles.len() as f64) as usize])
 }
 
 /// Points all over the faces behind the first `kept`, with the areas that they stand for.

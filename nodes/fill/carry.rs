@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 use maquette::value::{Attribute, Mesh, MeshError};
 use nalgebra::Vector3;
 
-use super::exemplar::Votes;
+use super::exemplar::{Copies, Sources};
 use super::filling::Filling;
 use super::patch::{NONE, area_vector};
 use crate::cholesky::{Cholesky, Symmetric};
@@ -14,7 +14,7 @@ use crate::cholesky::{Cholesky, Symmetric};
 pub(super) struct Carry<'a> {
     filling: &'a Filling,
     /// What exemplars say, if there are any.
-    votes: Option<&'a Votes>,
+    copies: Option<&'a Copies>,
     /// Of each filled vertex the data vertex that is nearest along edges.
     nearest: Vec<u32>,
     neighbors: Vec<Vec<u32>>,
@@ -30,9 +30,7 @@ struct Equations {
 }
 
 impl<'a> Carry<'a> {
-    /// `exemplars` names the data vertex that each filled one copies, as far as it copies one; `votes` is what all patches around a
-    /// filled vertex say.
-    pub(super) fn new(filling: &'a Filling, exemplars: &[u32], votes: Option<&'a Votes>) -> Self {
+    pub(super) fn new(filling: &'a Filling, copies: Option<&'a Copies>) -> Self {
         let count = filling.points.len() - filling.data;
         let mut neighbors: Vec<Vec<u32>> = vec![Vec::new(); count];
         for face in &filling.faces[filling.kept..] {
@@ -48,12 +46,13 @@ impl<'a> Carry<'a> {
             neighbors.dedup();
         });
         let mut nearest = nearest(filling, &neighbors);
+        let exemplars = copies.iter().flat_map(|copies| &copies.exemplar);
         for (nearest, &exemplar) in nearest.iter_mut().zip(exemplars) {
             if exemplar != NONE {
                 *nearest = exemplar;
             }
         }
-        Self { filling, votes, nearest, neighbors, equations: OnceCell::new() }
+        Self { filling, copies, nearest, neighbors, equations: OnceCell::new() }
     }
 
     /// Of each vertex the data vertex that it takes after: itself, or the nearest one along filled edges.
@@ -99,8 +98,8 @@ impl<'a> Carry<'a> {
         write: impl Fn([f64; N]) -> T + Copy,
     ) -> Vec<T> {
         let mut all = self.spread(column, read, write);
-        if let Some(votes) = self.votes {
-            let means = votes.mean(|vertex| read(column[vertex as usize]));
+        if let Some(copies) = self.copies {
+            let means = copies.votes.mean(|vertex| read(column[vertex as usize]));
             for (own, mean) in all[self.filling.data..].iter_mut().zip(means) {
                 if let Some(mean) = mean {
                     *own = write(mean);
@@ -112,7 +111,7 @@ impl<'a> Carry<'a> {
 
     /// A column of the data's vertices, with entries for the filled ones: numbers, vectors, pairs and colors are mixed, colors as light;
     /// of whole numbers and flags those of the nearest data are taken, or of the exemplars. Pairs, which may be places on a picture,
-    /// are never those of exemplars: the picture would be torn.
+    /// are never those of exemplars, where faces share them: the picture would be torn.
     fn vertex(&self, attribute: &Attribute) -> Attribute {
         match attribute {
             Attribute::Number(column) => {
@@ -196,7 +195,26 @@ impl<'a> Carry<'a> {
                 }
             };
         }
-        join!(Number, Index, Flag, Pair, Vector, Color)
+        let mut all = join!(Number, Index, Flag, Pair, Vector, Color);
+        if let (Attribute::Pair(column), Some(copies)) = (&mut all, self.copies) {
+            let shown: Vec<[f64; 2]> = self.shown(mesh, column, &copies.sources);
+            *column = shown.into();
+        }
+        all
+    }
+
+    /// A column of pairs per corner, in which each filled face has those of the place that it copies.
+    fn shown(&self, mesh: &Mesh, column: &[[f64; 2]], sources: &Sources) -> Vec<[f64; 2]> {
+        let corners = corners_of_triangles(mesh);
+        let mut shown = column.to_vec();
+        let filled = shown[mesh.faces().corners().len()..].as_chunks_mut::<3>().0;
+        for (face, own) in filled.iter_mut().enumerate() {
+            let Some((source, shares)) = sources.of(face) else { continue };
+            let there = corners[source as usize].map(|corner| column[corner as usize]);
+            *own = shares
+                .map(|shares| [0, 1].map(|axis| (0..3).map(|k| shares[k] * there[k][axis]).sum()));
+        }
+        shown
     }
 
     /// The data's normals, and those of the filled vertices by the areas of the faces around.
@@ -212,6 +230,17 @@ impl<'a> Carry<'a> {
         let unit = |sum: Vector3<f64>| sum.try_normalize(0.0).unwrap_or_default().into();
         data.iter().copied().chain(sums.into_iter().map(unit)).collect()
     }
+}
+
+/// The corners of each triangle of the data, whose polygons are fans.
+fn corners_of_triangles(mesh: &Mesh) -> Vec<[u32; 3]> {
+    let mut first = 0;
+    let mut corners = Vec::with_capacity(mesh.faces().len());
+    for sides in mesh.faces().iter().map(|face| face.len() as u32) {
+        corners.extend((1..sides - 1).map(|k| [first, first + k, first + k + 1]));
+        first += sides;
+    }
+    corners
 }
 
 /// The light of an sRGB channel, 0 to 1 (IEC 61966-2-1).

@@ -17,6 +17,7 @@ use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::filling::Filling;
+use detail::Detail;
 use exemplars::{Exemplars, REACH, Source};
 use hole::{Hole, SAMPLES};
 use level::{Guide, Level, Outcome, Whole};
@@ -24,6 +25,7 @@ use patches::Scale;
 use search::Turns;
 use surface::{NONE, Surface};
 
+mod cells;
 mod compare;
 mod descriptor;
 mod detail;
@@ -36,8 +38,10 @@ mod level;
 mod lists;
 mod options;
 mod patches;
+mod roughness;
 mod search;
 mod smoothness;
+mod sources;
 mod spread;
 mod surface;
 #[cfg(test)]
@@ -45,19 +49,35 @@ mod tests;
 mod votes;
 
 pub use options::{ExemplarOptions, Falloff, Start, Update};
-pub(super) use votes::Votes;
+pub(super) use sources::Sources;
+use votes::Votes;
 
 /// How a completion went.
 pub(super) struct Completed {
     /// The iterations that were better than all before them on their level: `rms` is the root of the energy, `max` the root of the
     /// largest mean square of a patch's distances, both in mm. They compare within a level alone.
     pub(super) trace: Vec<TraceStep>,
+    pub(super) copies: Copies,
+    /// Whether no part of the data can be an exemplar; the start is left as it is then.
+    pub(super) no_exemplar: bool,
+}
+
+/// What a completion copies from where.
+pub(super) struct Copies {
     /// The data vertex that each filled vertex copies; [`u32::MAX`] if none.
     pub(super) exemplar: Vec<u32>,
     /// What else has a say about each filled vertex.
     pub(super) votes: Votes,
-    /// Whether no part of the data can be an exemplar; the start is left as it is then.
-    pub(super) no_exemplar: bool,
+    /// Which part of a picture belongs on each filled face.
+    pub(super) sources: Sources,
+}
+
+impl Copies {
+    /// Nothing, for so many filled vertices.
+    pub(super) fn none(count: usize) -> Self {
+        let (votes, sources) = (Votes::none(count), Sources::none());
+        Self { exemplar: vec![NONE; count], votes, sources }
+    }
 }
 
 /// The part of a patch's radius within which normals are averaged for its frame. Less lets a single rough triangle turn the frame,
@@ -87,12 +107,8 @@ pub(super) fn complete(
     let Filling { points, faces, data, kept } = filling;
     let (data, count) = (*data, points.len());
     let surface = Surface::new(count, faces);
-    let mut completed = Completed {
-        trace: vec![],
-        exemplar: vec![NONE; count - data],
-        votes: Votes::none(count - data),
-        no_exemplar: true,
-    };
+    let mut completed =
+        Completed { trace: vec![], copies: Copies::none(count - data), no_exemplar: true };
     let Some(hole) = Hole::new(&surface, points, data) else { return Ok(completed) };
     let mut radii = hole.radii(options, &points[..data]);
     let mut completion = Completion {
@@ -124,7 +140,7 @@ pub(super) fn complete(
             continue;
         }
         let last = level + 1 == radii.len();
-        let outcome = completion.level(&size, &exemplars, points, level, last, progress)?;
+        let outcome = completion.level(&size, &exemplars, points, level, progress)?;
         for (iteration, energy) in &outcome.kept {
             let (max, rms) = (energy.most.sqrt(), energy.mean.sqrt());
             completed.trace.push(TraceStep { iteration: done + iteration, max, rms });
@@ -132,17 +148,22 @@ pub(super) fn complete(
         done += outcome.iterations + 1;
         completed.no_exemplar &= outcome.guides.is_empty();
         if last {
-            completed.votes = {
-                let turns = &completion.turns;
-                Votes::new(&outcome, &exemplars, turns, &surface, points, data)
-            };
+            let edge = completion.hole.edge;
+            let cells = cells::cells(&surface, points, data, &outcome, edge);
+            completion.add_detail(&size, &exemplars, &outcome, &cells, points);
+            let turns = &completion.turns;
+            let copies = &mut completed.copies;
+            copies.votes = Votes::new(&outcome, &exemplars, turns, &surface, points, data);
+            copies.sources =
+                Sources::new(&outcome, &exemplars, turns, &surface, points, *kept, &cells);
         }
         completion.guides = outcome.guides;
         level += 1;
     }
     for guide in &completion.guides {
-        if let Some(own) = completed.exemplar.get_mut((guide.vertex as usize).wrapping_sub(data)) {
-            *own = guide.from();
+        let copied = completed.copies.exemplar.get_mut((guide.vertex as usize).wrapping_sub(data));
+        if let Some(copied) = copied {
+            *copied = guide.from();
         }
     }
     Ok(completed)
@@ -230,7 +251,6 @@ impl Completion<'_> {
         exemplars: &Exemplars,
         points: &mut [Point3<f64>],
         number: usize,
-        last: bool,
         progress: &Progress<'_>,
     ) -> Result<Outcome, Cancelled> {
         let whole = Whole {
@@ -247,13 +267,24 @@ impl Completion<'_> {
         let scale = Scale { radius: size.radius, spacing, hood: size.hood };
         let number = number as u64;
         let level = Level { whole: &whole, scale, number, edge: size.sample, doubt, exemplars };
-        let outcome = level.run(points, &mut self.areas, &self.guides, progress)?;
-        let moved = last && self.options.iterations > 0 && !outcome.is_exact(size.radius);
-        if moved && !self.is_published() {
-            let around = |vertex: u32| self.distances[vertex as usize] <= self.hole.width;
-            let around = (0..self.data as u32).filter(|&vertex| around(vertex)).collect();
-            detail::add_detail(self.surface, points, exemplars, &outcome, &self.turns, around);
+        level.run(points, &mut self.areas, &self.guides, progress)
+    }
+
+    /// Adds what the mean of many exemplars has lost, unless they fit exactly, or the publication is followed.
+    fn add_detail(
+        &self,
+        size: &Size,
+        exemplars: &Exemplars,
+        outcome: &Outcome,
+        cells: &[u32],
+        points: &mut [Point3<f64>],
+    ) {
+        if self.options.iterations == 0 || outcome.is_exact(size.radius) || self.is_published() {
+            return;
         }
-        Ok(outcome)
+        let around = |vertex: u32| self.distances[vertex as usize] <= self.hole.width;
+        let around = (0..self.data as u32).filter(|&vertex| around(vertex)).collect();
+        let (surface, turns, radius) = (self.surface, &self.turns, size.radius);
+        Detail { surface, exemplars, outcome, turns, cells, radius }.add(points, around);
     }
 }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::border::{NotManifold, rims};
 use super::carry::Carry;
 use super::clashes::check_rims;
-use super::exemplar::{Start, Votes, complete};
+use super::exemplar::{Copies, Start, complete};
 use super::filling::Filling;
 use super::holes::{HoleChoice, Parts, choose, without_crumbs};
 use super::intersections::intersecting;
@@ -22,13 +22,14 @@ use super::settle::settle;
 /// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
 ///
 /// The mesh keeps its vertices and faces, in place and in order; the filled ones, triangles about as large as those around the hole,
-/// follow behind them. Only what a region cuts out goes, loose crumbs in the gap included, and then the vertices behind it move up. The filled vertices are marked by the
-/// attribute `filled`. Of each vertex the attribute `exemplar` names the one in the data whose surroundings it copies: itself for data,
-/// the nearest one at the rim in a plain fill.
+/// follow behind them. Only what a region cuts out goes, loose crumbs in the gap included, and then the vertices behind
+/// it move up. The filled vertices are marked by the attribute `filled`. Of each vertex the attribute `exemplar` names the one in the data
+/// whose surroundings it copies: itself for data, the nearest one at the rim in a plain fill.
 ///
 /// Colors, numbers, vectors and texture coordinates of filled vertices are mixed from those at the rim, so that a picture goes on across
 /// the hole; flags and whole numbers are those of the vertex named by `exemplar`. A seam of texture coordinates that runs into the hole
-/// ends there.
+/// ends there. What is filled with shapes found elsewhere has their colors, numbers and vectors; and if texture coordinates are given for
+/// corners, as those of an atlas are, it shows what the picture has there, face by face.
 ///
 /// The outer border of an open scan is no hole: of each connected part whose faces mostly look to one side, and of each that comes from a
 /// capture, the border around it stays, and a warning says so. A mesh without holes stays as it is.
@@ -175,7 +176,7 @@ pub fn fill_holes(
     doubts.extend(describe_doubts(&chosen.holes, &plugs));
     let clash = |NotManifold { edges, vertices }| FillError::Clash { edges, vertices };
     check_rims(&filling, &surroundings, &holes).map_err(clash)?;
-    let (mut steps, mut exemplars, mut votes) = (Vec::new(), Vec::new(), None);
+    let (mut steps, mut copies) = (Vec::new(), None);
     if let FillMethod::Exemplar(options) = &options.method {
         let allowed = match &options.exemplars[..] {
             "" => None,
@@ -186,8 +187,7 @@ pub fn fill_holes(
         if completed.no_exemplar && !holes.is_empty() {
             doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
         }
-        (steps, exemplars) = (completed.trace, completed.exemplar);
-        votes = Some(completed.votes);
+        (steps, copies) = (completed.trace, Some(completed.copies));
         crossing = intersecting(&filling, progress)?;
         if !crossing.is_empty() {
             let before = crossing.len();
@@ -199,7 +199,7 @@ pub fn fill_holes(
     }
     doubts.extend(describe_crossing(&filling, &crossing));
     let trace = Trace::new(steps)?;
-    Ok(Filled { mesh: filled_mesh(&mesh, &filling, &exemplars, votes.as_ref())?, trace, doubts })
+    Ok(Filled { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, doubts })
 }
 
 /// What the plain fill shall be, which may be the start of another.
@@ -306,12 +306,7 @@ fn of_each(filling: &Filling, plugs: &[Plug], faces: &[u32]) -> Vec<usize> {
     counts
 }
 
-fn filled_mesh(
-    mesh: &Mesh,
-    filling: &Filling,
-    exemplars: &[u32],
-    votes: Option<&Votes>,
-) -> Result<Mesh, MeshError> {
+fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Result<Mesh, MeshError> {
     let filled = &filling.faces[filling.kept..];
     let count = filling.points.len();
     if filled.is_empty() {
@@ -330,7 +325,7 @@ fn filled_mesh(
         .with_creases(mesh.creases())
         .with_texture(mesh.texture().cloned())
         .with_frame(mesh.frame().copied());
-    let carry = Carry::new(filling, exemplars, votes);
+    let carry = Carry::new(filling, copies);
     let flags: Vec<u8> = (0..count).map(|vertex| u8::from(filling.data <= vertex)).collect();
     let mut onto = carry.onto(mesh, onto)?;
     if let Some(Attribute::Flag(before)) = mesh.vertex().get("filled") {

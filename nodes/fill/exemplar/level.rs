@@ -54,6 +54,8 @@ pub(super) struct Outcome {
     pub(super) patches: Patches,
     pub(super) matches: Vec<Match>,
     pub(super) frames: Vec<Frame>,
+    /// Of all samples.
+    pub(super) normals: Vec<Vector3<f64>>,
     /// How much each patch says.
     pub(super) shares: Vec<f64>,
 }
@@ -163,9 +165,9 @@ impl Level<'_> {
         self.measure(&active, points, areas);
         let shares =
             (0..patches.len()).map(|center| self.share(&patches, &best.1, center)).collect();
-        let View { matches, frames, .. } = best.1;
+        let View { matches, frames, normals, .. } = best.1;
         let guides = self.guides(&patches, &matches, &frames);
-        Ok(Outcome { kept, iterations, guides, patches, matches, frames, shares })
+        Ok(Outcome { kept, iterations, guides, patches, matches, frames, normals, shares })
     }
 
     /// The least share by which the energy of an iteration must be smaller to count as progress. With less than 3 %, late iterations

@@ -122,7 +122,7 @@ impl Patches {
 }
 
 /// Those of the vertices that are `spacing` apart, each earlier one before the later ones; all, if it is 0.
-fn thin(
+pub(super) fn thin(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
     vertices: impl Iterator<Item = u32>,

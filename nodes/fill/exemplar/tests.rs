@@ -139,7 +139,7 @@ fn without_exemplars_the_start_stays() {
     let done = complete(&mut filling, &options, Some(&nowhere), &Progress::none()).unwrap();
     assert!(done.no_exemplar && done.trace.is_empty());
     assert_eq!(filling.points, start);
-    assert!(done.exemplar.iter().all(|&vertex| vertex == NONE));
+    assert!(done.copies.exemplar.iter().all(|&vertex| vertex == NONE));
 }
 
 #[test]
@@ -149,7 +149,7 @@ fn exemplars_come_from_where_they_are_allowed() {
     let options = ExemplarOptions::default();
     let done = complete(&mut filling, &options, Some(&allowed), &Progress::none()).unwrap();
     assert!(!done.no_exemplar);
-    assert!(done.exemplar.iter().all(|&vertex| vertex != NONE && allowed[vertex as usize]));
+    assert!(done.copies.exemplar.iter().all(|&vertex| vertex != NONE && allowed[vertex as usize]));
 }
 
 // T-FIL-07
@@ -175,7 +175,7 @@ fn the_fast_search_finds_nearly_the_best() {
     };
     let size = completion.size(completion.hole.smallest(), 0);
     let exemplars = completion.exemplars(&size, points, &Progress::none()).unwrap();
-    let outcome = completion.level(&size, &exemplars, points, 0, true, &Progress::none()).unwrap();
+    let outcome = completion.level(&size, &exemplars, points, 0, &Progress::none()).unwrap();
     let search = Search {
         surface: &surface,
         data: &points[..*data],
@@ -211,7 +211,7 @@ fn threads_change_nothing() {
         pool.install(|| {
             let mut filling = bumps();
             let done = run(&mut filling, &ExemplarOptions::default());
-            (filling.points, done.trace, done.exemplar)
+            (filling.points, done.trace, done.copies.exemplar)
         })
     };
     assert!(complete(1) == complete(3));
@@ -225,7 +225,7 @@ fn without_iterations_the_start_stays_and_knows_its_exemplars() {
         let options = ExemplarOptions { iterations: 0, update, ..ExemplarOptions::default() };
         let done = run(&mut filling, &options);
         assert_eq!(filling.points, start);
-        assert!(done.exemplar.iter().all(|&vertex| (vertex as usize) < filling.data));
+        assert!(done.copies.exemplar.iter().all(|&vertex| (vertex as usize) < filling.data));
     }
 }
 
@@ -256,13 +256,15 @@ fn votes_carry_what_exemplars_have() {
     let mut filling = bumps();
     let done = run(&mut filling, &ExemplarOptions::default());
     // A column that is the same everywhere stays so.
-    for mean in done.votes.mean(|_| [0.25, 4.0]) {
+    for mean in done.copies.votes.mean(|_| [0.25, 4.0]) {
         let [a, b] = mean.expect("every filled vertex has votes");
         assert!((a - 0.25).abs() < 1e-12 && (b - 4.0).abs() < 1e-12);
     }
     // One with two values mixes them.
-    let sides =
-        done.votes.mean(|vertex| [f64::from(u8::from(filling.points[vertex as usize].x > 0.0))]);
+    let sides = done
+        .copies
+        .votes
+        .mean(|vertex| [f64::from(u8::from(filling.points[vertex as usize].x > 0.0))]);
     assert!(sides.iter().flatten().all(|[side]| (0.0..=1.0).contains(side)));
     assert!(sides.iter().flatten().any(|[side]| 0.1 < *side && *side < 0.9));
 }

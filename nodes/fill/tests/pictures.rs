@@ -1,0 +1,70 @@
+//! What filled faces show of a picture.
+
+use super::*;
+
+/// A flat sheet with a hole, whose left and right half lie apart on a picture; a hundredth of it is as wide as a face.
+fn sheet() -> Mesh {
+    let whole = grid(41, 41, |_, _| 0.0);
+    let mesh = without(&whole, |p| (p - Point3::new(20.0, 20.0, 0.0)).norm() < 4.5);
+    let place = |vertex: &u32| mesh.positions()[*vertex as usize];
+    let shown = mesh.faces().iter().flat_map(|face| {
+        let is_right = face.iter().map(|vertex| place(vertex).x).sum::<f64>() > 60.0;
+        let aside = if is_right { 0.5 } else { 0.0 };
+        face.iter().map(move |vertex| {
+            let p = place(vertex);
+            [p.x / 100.0 + aside, p.y / 100.0]
+        })
+    });
+    let shown: Vec<[f64; 2]> = shown.collect();
+    mesh.with_corner("uv", Attribute::Pair(shown.into())).unwrap()
+}
+
+#[test]
+fn filled_faces_show_what_the_picture_has_where_their_shape_comes_from() {
+    let mesh = sheet();
+    let filled = fill(&mesh, HoleChoice::Largest, FillMethod::default()).unwrap().mesh;
+    let kept = mesh.faces().len();
+    assert!(kept + 60 < filled.faces().len());
+    let uv = filled.corner().pairs("uv").unwrap();
+    assert_eq!(uv[..3 * kept], mesh.corner().pairs("uv").unwrap()[..]);
+    let mut shifts = Vec::new();
+    for (face, uv) in filled.faces().iter().zip(uv.as_chunks::<3>().0).skip(kept) {
+        let middle: [f64; 2] = [0, 1].map(|k| uv.iter().map(|uv| uv[k]).sum::<f64>() * 100.0 / 3.0);
+        let there = [if middle[0] > 45.0 { middle[0] - 50.0 } else { middle[0] }, middle[1]];
+        // It is on the sheet, beside the hole, in one half.
+        assert!(there.iter().all(|x| (0.0..40.0).contains(x)), "{there:?}");
+        let far = libm::hypot(there[0] - 20.0, there[1] - 20.0);
+        assert!(far > 3.0, "{there:?}");
+        // And as large and turned as the face.
+        for k in 0..3 {
+            let [a, b] = [face[k], face[(k + 1) % 3]].map(|v| filled.positions()[v as usize]);
+            let side = [0, 1].map(|axis| 100.0 * (uv[(k + 1) % 3][axis] - uv[k][axis]));
+            assert!((side[0] - (b.x - a.x)).abs() < 1e-6 && (side[1] - (b.y - a.y)).abs() < 1e-6);
+        }
+        let at = filled.positions()[face[0] as usize];
+        shifts.push([0, 1].map(|k| (100.0 * uv[0][k] - at[k]).round() as i32));
+    }
+    // Many faces side by side show one piece of it.
+    shifts.sort_unstable();
+    shifts.dedup();
+    assert!(shifts.len() * 6 < filled.faces().len() - kept, "{} pieces", shifts.len());
+}
+
+#[test]
+fn plain_fills_go_on_across_the_picture() {
+    let mesh = sheet();
+    let filled = fill(&mesh, HoleChoice::Largest, FillMethod::ThinPlate).unwrap().mesh;
+    let uv = filled.corner().pairs("uv").unwrap();
+    let inside = filled.faces().corners().iter().zip(uv.iter());
+    let far_left = inside.filter(|(vertex, _)| {
+        let p = filled.positions()[**vertex as usize];
+        (**vertex as usize) >= mesh.positions().len() && p.x < 18.0
+    });
+    let mut count = 0;
+    for (&vertex, uv) in far_left {
+        let p = filled.positions()[vertex as usize];
+        assert!((uv[1] - p.y / 100.0).abs() < 0.02, "{p} {uv:?}");
+        count += 1;
+    }
+    assert!(count > 30);
+}
