@@ -28,7 +28,7 @@ mod shapes;
 mod tests;
 mod triangulation;
 
-pub use exemplar::{ExemplarOptions, Falloff, Start, Update};
+pub use exemplar::{ExemplarOptions, Falloff, Shown, Start, Update};
 pub use fill_holes::{FillError, FillHoles, FillOptions, Filled, fill_holes};
 pub use holes::HoleChoice;
 pub use method::FillMethod;

@@ -48,7 +48,7 @@ mod surface;
 mod tests;
 mod votes;
 
-pub use options::{ExemplarOptions, Falloff, Start, Update};
+pub use options::{ExemplarOptions, Falloff, Shown, Start, Update};
 pub(super) use sources::Sources;
 use votes::Votes;
 
@@ -154,8 +154,10 @@ pub(super) fn complete(
             let turns = &completion.turns;
             let copies = &mut completed.copies;
             copies.votes = Votes::new(&outcome, &exemplars, turns, &surface, points, data);
-            copies.sources =
-                Sources::new(&outcome, &exemplars, turns, &surface, points, *kept, &cells);
+            if options.texture == Shown::Copied {
+                copies.sources =
+                    Sources::new(&outcome, &exemplars, turns, &surface, points, *kept, &cells);
+            }
         }
         completion.guides = outcome.guides;
         level += 1;

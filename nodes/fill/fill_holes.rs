@@ -29,7 +29,7 @@ use super::settle::settle;
 /// Colors, numbers, vectors and texture coordinates of filled vertices are mixed from those at the rim, so that a picture goes on across
 /// the hole; flags and whole numbers are those of the vertex named by `exemplar`. A seam of texture coordinates that runs into the hole
 /// ends there. What is filled with shapes found elsewhere has their colors, numbers and vectors; and if texture coordinates are given for
-/// corners, as those of an atlas are, it shows what the picture has there, face by face.
+/// corners, as those of an atlas are, each face shows what the picture has there, unless `texture` says otherwise.
 ///
 /// The outer border of an open scan is no hole: of each connected part whose faces mostly look to one side, and of each that comes from a
 /// capture, the border around it stays, and a warning says so. A mesh without holes stays as it is.

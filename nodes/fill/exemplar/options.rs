@@ -41,6 +41,9 @@ pub struct ExemplarOptions {
     /// An attribute of the vertices: exemplars come from where it is greater than 0. Empty: from everywhere.
     #[serde(default)]
     pub exemplars: String,
+    /// What filled faces show of a picture, if texture coordinates are given for corners, as those of an atlas are.
+    #[serde(default)]
+    pub texture: Shown,
     /// Iterations of a level, at most; 0 leaves the start as it is.
     #[schemars(range(max = 1000))]
     #[serde(default = "twenty")]
@@ -80,6 +83,7 @@ impl Default for ExemplarOptions {
             rotations: one(),
             mirror: false,
             exemplars: String::new(),
+            texture: Shown::default(),
             iterations: twenty(),
             patience: three(),
         }
@@ -98,6 +102,16 @@ pub enum Start {
     Membrane,
     /// Flat triangles between the rim's vertices.
     Flat,
+}
+
+/// What filled faces show of a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Shown {
+    /// What it has where their shape comes from: a picture of a damaged thing shows the damage, too.
+    #[default]
+    Copied,
+    /// What it has where it goes on from the rim: it may know what the shape lacks.
+    Continued,
 }
 
 /// How patches share in the motion of a vertex.
