@@ -1,9 +1,19 @@
 //! Sparse symmetric equations, factored once and solved for many right sides.
 //!
-//! The factors `L D L^T` are found row by row along the elimination tree: Liu, "The role of elimination trees in sparse
-//! factorization" (1990); Davis, "Algorithm 849: a concise sparse Cholesky factorization package" (2005). Unknowns are ordered by
-//! nested dissection, which keeps the factors of a mesh's equations small: George, "Nested dissection of a regular finite element
-//! mesh" (1973), with the middle level of a breadth-first search as separator. Everything runs in one order on one thread.
+//! The factor `L` of `L L^T` is found group by group of unknowns, each in a dense front: Duff and Reid, "The multifrontal solution of
+//! indefinite sparse symmetric linear equations" (1983); Liu, "The multifrontal method for sparse matrix solution: theory and practice"
+//! (1992). Unknowns are ordered and grouped by nested dissection, which keeps the factors of a mesh's equations small. Sums are in one
+//! order, for any number of threads.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+
+pub(crate) use dissection::{Dissection, Links};
+use front::Front;
+
+mod dissection;
+mod front;
 
 /// A symmetric matrix: each row's entries, both halves given.
 pub(crate) struct Symmetric {
@@ -13,11 +23,6 @@ pub(crate) struct Symmetric {
 }
 
 impl Symmetric {
-    /// The number of rows.
-    fn len(&self) -> usize {
-        self.starts.len() - 1
-    }
-
     fn row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
         let entries = self.starts[row] as usize..self.starts[row + 1] as usize;
         let indices = self.indices[entries.clone()].iter().map(|&index| index as usize);
@@ -33,12 +38,18 @@ impl Symmetric {
 pub(crate) struct Cholesky {
     /// The unknown that is eliminated at each place.
     order: Vec<u32>,
-    /// The columns of `L` below its diagonal of ones: column `k` has the entries `starts[k]..starts[k + 1]`.
-    starts: Vec<usize>,
-    indices: Vec<u32>,
-    entries: Vec<f64>,
-    /// The diagonal of `D`.
-    diagonal: Vec<f64>,
+    factors: Vec<Factor>,
+}
+
+/// The columns of `L` of one group of unknowns.
+struct Factor {
+    /// The place of the first one.
+    first: usize,
+    /// How many they are.
+    count: usize,
+    /// The places of their rows behind the group, ascending.
+    below: Vec<u32>,
+    columns: Front,
 }
 
 /// Below this share of a row's diagonal entry a pivot counts as zero: what is left is rounding.
@@ -47,210 +58,214 @@ const LEAST_PIVOT: f64 = 1e-13;
 /// In place of a parent that does not exist.
 const ROOT: u32 = u32::MAX;
 
+/// Equations of at most so many unknowns are solved on one thread.
+const ALONE: usize = 500;
+
 impl Cholesky {
     /// The factors; none if the matrix is not positive definite.
     pub(crate) fn new(matrix: &Symmetric) -> Option<Self> {
-        let count = matrix.len();
-        let order = dissection(matrix);
-        let mut place = vec![0u32; count];
-        (0..).zip(&order).for_each(|(at, &unknown)| place[unknown as usize] = at);
-        let (parents, lengths) = elimination_tree(matrix, &order, &place);
-        let mut starts = vec![0usize; count + 1];
-        for k in 0..count {
-            starts[k + 1] = starts[k] + lengths[k] as usize;
-        }
-        let mut factors = Self {
-            order,
-            indices: vec![0; starts[count]],
-            entries: vec![0.0; starts[count]],
-            diagonal: vec![0.0; count],
-            starts,
-        };
-        factors.fill(matrix, &place, &parents).then_some(factors)
+        let links = Links { starts: &matrix.starts, neighbors: &matrix.indices };
+        Self::ordered(matrix, &Dissection::new(links, 1))
     }
 
-    /// Computes row after row of `L`; false if a pivot is not positive.
-    fn fill(&mut self, matrix: &Symmetric, place: &[u32], parents: &[u32]) -> bool {
-        let count = matrix.len();
-        let mut ends = self.starts.clone();
-        let mut row = vec![0.0; count];
-        let mut met = vec![ROOT; count];
-        let (mut way, mut pattern) = (Vec::new(), Vec::new());
-        for k in 0..count {
-            met[k] = k as u32;
-            pattern.clear();
-            let mut size = 0.0;
-            for (column, entry) in matrix.row(self.order[k] as usize) {
-                let column = place[column] as usize;
-                if column > k {
-                    continue;
-                }
-                if column == k {
-                    size = entry;
-                }
-                row[column] += entry;
-                // What the entry fills on its way to the diagonal, deepest last.
-                let mut at = column;
-                while met[at] != k as u32 {
-                    way.push(at);
-                    met[at] = k as u32;
-                    at = parents[at] as usize;
-                }
-                pattern.extend(way.drain(..).rev());
-            }
-            let mut pivot = std::mem::take(&mut row[k]);
-            // Backwards each column comes before those that it changes.
-            for &column in pattern.iter().rev() {
-                let entry = std::mem::take(&mut row[column]);
-                let below = self.starts[column]..ends[column];
-                for (&index, factor) in self.indices[below.clone()].iter().zip(&self.entries[below])
-                {
-                    row[index as usize] -= factor * entry;
-                }
-                let factor = entry / self.diagonal[column];
-                pivot -= factor * entry;
-                self.indices[ends[column]] = k as u32;
-                self.entries[ends[column]] = factor;
-                ends[column] += 1;
-            }
-            // A pivot that is NaN divides no better.
-            let divides = pivot > LEAST_PIVOT * size;
-            if !divides {
-                return false;
-            }
-            self.diagonal[k] = pivot;
+    /// As [`new`](Self::new), with an order that is known.
+    pub(crate) fn ordered(matrix: &Symmetric, dissection: &Dissection) -> Option<Self> {
+        let order = &dissection.order;
+        let mut place = vec![0u32; order.len()];
+        (0..).zip(order).for_each(|(at, &unknown)| place[unknown as usize] = at);
+        let tree = Tree::new(matrix, dissection, &place);
+        let elimination = Elimination { matrix, order, place: &place, tree: &tree };
+        let (tasks, last) = tree.tasks(order.len());
+        let run = |groups: &Vec<u32>| elimination.run(groups, BTreeMap::new());
+        let done: Option<Vec<_>> = tasks.par_iter().map(run).collect();
+        let mut factors = Vec::with_capacity(tree.below.len());
+        let mut left = BTreeMap::new();
+        for (done, rest) in done? {
+            factors.extend(done);
+            left.extend(rest);
         }
-        true
+        factors.extend(elimination.run(&last, left)?.0);
+        factors.sort_by_key(|factor| factor.first);
+        Some(Self { order: order.clone(), factors })
     }
 
     /// Turns right sides into solutions, three at once.
     pub(crate) fn solve(&self, right: &mut [[f64; 3]]) {
         let mut x: Vec<[f64; 3]> = self.order.iter().map(|&k| right[k as usize]).collect();
-        for k in 0..x.len() {
-            let known = x[k];
-            for (index, factor) in self.column(k) {
-                (0..3).for_each(|axis| x[index][axis] -= factor * known[axis]);
+        let mut own = Vec::new();
+        for factor in &self.factors {
+            own.clear();
+            own.extend_from_slice(&x[factor.first..factor.first + factor.count]);
+            own.resize(factor.columns.height, [0.0; 3]);
+            factor.forwards(&mut own);
+            x[factor.first..factor.first + factor.count].copy_from_slice(&own[..factor.count]);
+            for (&row, change) in factor.below.iter().zip(&own[factor.count..]) {
+                (0..3).for_each(|axis| x[row as usize][axis] += change[axis]);
             }
         }
-        for k in (0..x.len()).rev() {
-            let mut sum = x[k].map(|right| right / self.diagonal[k]);
-            for (index, factor) in self.column(k) {
-                (0..3).for_each(|axis| sum[axis] -= factor * x[index][axis]);
-            }
-            x[k] = sum;
+        for factor in self.factors.iter().rev() {
+            own.clear();
+            own.extend_from_slice(&x[factor.first..factor.first + factor.count]);
+            own.extend(factor.below.iter().map(|&row| x[row as usize]));
+            own.resize(factor.columns.height, [0.0; 3]);
+            factor.backwards(&mut own);
+            x[factor.first..factor.first + factor.count].copy_from_slice(&own[..factor.count]);
         }
         self.order.iter().zip(x).for_each(|(&k, x)| right[k as usize] = x);
     }
-
-    fn column(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
-        let entries = self.starts[k]..self.starts[k + 1];
-        let indices = self.indices[entries.clone()].iter().map(|&index| index as usize);
-        indices.zip(self.entries[entries].iter().copied())
-    }
 }
 
-/// For each place the next one that its column of `L` reaches, and how many it reaches.
-fn elimination_tree(matrix: &Symmetric, order: &[u32], place: &[u32]) -> (Vec<u32>, Vec<u32>) {
-    let count = order.len();
-    let (mut parents, mut lengths) = (vec![ROOT; count], vec![0u32; count]);
-    let mut met = vec![ROOT; count];
-    for k in 0..count {
-        met[k] = k as u32;
-        for &column in matrix.neighbors(order[k] as usize) {
-            let mut at = place[column as usize] as usize;
-            while at < k && met[at] != k as u32 {
-                if parents[at] == ROOT {
-                    parents[at] = k as u32;
-                }
-                lengths[at] += 1;
-                met[at] = k as u32;
-                at = parents[at] as usize;
+impl Factor {
+    /// Solves for the group, and leaves in the rows below what this takes from their right sides.
+    fn forwards(&self, x: &mut [[f64; 3]]) {
+        for (k, column) in self.columns.entries.chunks_exact(self.columns.height).enumerate() {
+            let known = x[k].map(|right| right / column[k]);
+            x[k] = known;
+            for (x, factor) in x[k + 1..].iter_mut().zip(&column[k + 1..]) {
+                (0..3).for_each(|axis| x[axis] -= factor * known[axis]);
             }
         }
     }
-    (parents, lengths)
-}
 
-/// Parts of at most so many unknowns are not divided further.
-const SMALL: usize = 48;
-
-/// The unknowns in an order in which few entries are filled: two halves, each ordered alike, and then what separates them.
-fn dissection(matrix: &Symmetric) -> Vec<u32> {
-    let count = matrix.len();
-    let mut order = vec![0u32; count];
-    let mut part = vec![0u32; count];
-    let mut parts = 1;
-    // Each job is a part of the unknowns and where it ends in the order.
-    let mut jobs = vec![((0..count as u32).collect::<Vec<u32>>(), count, 0u32)];
-    while let Some((members, end, own)) = jobs.pop() {
-        let mut put = |members: &[u32], end: usize| {
-            order[end - members.len()..end].copy_from_slice(members);
-        };
-        let Some(first) = members.first().filter(|_| SMALL < members.len()) else {
-            put(&members, end);
-            continue;
-        };
-        let mut search = Search { matrix, part: &mut part, own, new: parts };
-        // From far out, so that levels are many and small.
-        let (far, _) = search.levels(*first);
-        search.own = search.new;
-        search.new += 1;
-        let (reached, levels) = search.levels(far[far.len() - 1]);
-        let inside = search.new + 1;
-        parts = inside + 3;
-        let [before, after, apart] = [inside, inside + 1, inside + 2];
-        let rest: Vec<u32> = members.iter().copied().filter(|&k| part[k as usize] == own).collect();
-        rest.iter().for_each(|&k| part[k as usize] = apart);
-        let middle = (1..levels.len()).find(|&level| levels[level] >= reached.len() / 2);
-        let middle = middle.unwrap_or(1);
-        let (low, high) = (levels[middle - 1], levels[middle]);
-        if levels.len() < 4 {
-            // No level divides it.
-            put(&reached, end);
-            jobs.push((rest, end - reached.len(), apart));
-            continue;
+    /// Solves for the group what the rows below leave.
+    fn backwards(&self, x: &mut [[f64; 3]]) {
+        for (k, column) in self.columns.entries.chunks_exact(self.columns.height).enumerate().rev()
+        {
+            let mut sum = x[k];
+            for (x, factor) in x[k + 1..].iter().zip(&column[k + 1..]) {
+                (0..3).for_each(|axis| sum[axis] -= factor * x[axis]);
+            }
+            x[k] = sum.map(|sum| sum / column[k]);
         }
-        let (first, second, separator) = (&reached[..low], &reached[high..], &reached[low..high]);
-        first.iter().for_each(|&k| part[k as usize] = before);
-        second.iter().for_each(|&k| part[k as usize] = after);
-        put(separator, end);
-        let end = end - separator.len();
-        jobs.push((rest, end - first.len() - second.len(), apart));
-        jobs.push((first.to_vec(), end - second.len(), before));
-        jobs.push((second.to_vec(), end, after));
     }
-    order
 }
 
-/// A breadth-first search in one part of the unknowns, which makes what it reaches a new part.
-struct Search<'a> {
+/// Which groups of unknowns change which.
+struct Tree {
+    /// Where each group begins in the order, with the end behind the last.
+    starts: Vec<u32>,
+    /// Of each group the places of its rows behind it, ascending.
+    below: Vec<Vec<u32>>,
+    /// The first group that each changes; [`ROOT`] if there is none.
+    parents: Vec<u32>,
+    children: Vec<Vec<u32>>,
+}
+
+impl Tree {
+    fn new(matrix: &Symmetric, dissection: &Dissection, place: &[u32]) -> Self {
+        let starts = &dissection.groups;
+        let count = starts.len() - 1;
+        let mut group = Vec::with_capacity(place.len());
+        for (k, ends) in starts.windows(2).enumerate() {
+            group.resize(ends[1] as usize, k as u32);
+        }
+        let mut tree = Self {
+            starts: starts.clone(),
+            below: Vec::with_capacity(count),
+            parents: vec![ROOT; count],
+            children: vec![Vec::new(); count],
+        };
+        let mut met = vec![ROOT; place.len()];
+        for k in 0..count {
+            let [start, end] = [starts[k], starts[k + 1]];
+            let own = &dissection.order[start as usize..end as usize];
+            let linked = own.iter().flat_map(|&unknown| matrix.neighbors(unknown as usize));
+            let linked = linked.map(|&other| place[other as usize]);
+            let inherited = tree.children[k].iter().flat_map(|&child| &tree.below[child as usize]);
+            let mut below: Vec<u32> = linked
+                .chain(inherited.copied())
+                .filter(|&row| {
+                    end <= row && std::mem::replace(&mut met[row as usize], k as u32) != k as u32
+                })
+                .collect();
+            below.sort_unstable();
+            if let Some(&next) = below.first() {
+                tree.parents[k] = group[next as usize];
+                tree.children[group[next as usize] as usize].push(k as u32);
+            }
+            tree.below.push(below);
+        }
+        tree
+    }
+
+    /// Groups that can be eliminated side by side, in parts that need nothing of each other, and those that need the parts.
+    fn tasks(&self, unknowns: usize) -> (Vec<Vec<u32>>, Vec<u32>) {
+        let count = self.parents.len();
+        let mut sizes: Vec<u32> = self.starts.windows(2).map(|ends| ends[1] - ends[0]).collect();
+        for k in 0..count {
+            if self.parents[k] != ROOT {
+                sizes[self.parents[k] as usize] += sizes[k];
+            }
+        }
+        let most = if unknowns <= ALONE { 0 } else { unknowns * 3 / 5 };
+        let (mut tasks, mut last) = (Vec::new(), Vec::new());
+        let mut task = vec![ROOT; count];
+        for k in (0..count).rev() {
+            let parent = self.parents[k];
+            let above = if parent == ROOT { ROOT } else { task[parent as usize] };
+            if above != ROOT {
+                task[k] = above;
+            } else if sizes[k] as usize <= most {
+                task[k] = tasks.len() as u32;
+                tasks.push(Vec::new());
+            }
+            match task[k] {
+                ROOT => last.push(k as u32),
+                own => tasks[own as usize].push(k as u32),
+            }
+        }
+        tasks.iter_mut().chain([&mut last]).for_each(|groups: &mut Vec<u32>| groups.reverse());
+        (tasks, last)
+    }
+}
+
+/// What groups leave to their parents.
+type Rest = BTreeMap<u32, Front>;
+
+struct Elimination<'a> {
     matrix: &'a Symmetric,
-    part: &'a mut [u32],
-    own: u32,
-    new: u32,
+    order: &'a [u32],
+    place: &'a [u32],
+    tree: &'a Tree,
 }
 
-impl Search<'_> {
-    /// What can be reached, nearest first, and where each level begins, with the end behind the last.
-    fn levels(&mut self, start: u32) -> (Vec<u32>, Vec<usize>) {
-        let mut reached = vec![start];
-        let mut levels = vec![0];
-        self.part[start as usize] = self.new;
-        let mut next = 0;
-        while next < reached.len() {
-            let end = reached.len();
-            levels.push(end);
-            while next < end {
-                for &neighbor in self.matrix.neighbors(reached[next] as usize) {
-                    if self.part[neighbor as usize] == self.own {
-                        self.part[neighbor as usize] = self.new;
-                        reached.push(neighbor);
+impl Elimination<'_> {
+    /// Eliminates groups in order, `rest` being what others have left to them; none if a pivot is not positive.
+    fn run(&self, groups: &[u32], mut rest: Rest) -> Option<(Vec<Factor>, Rest)> {
+        let mut local = vec![0u32; self.order.len()];
+        let mut factors = Vec::with_capacity(groups.len());
+        for &group in groups {
+            let [first, end] = [0, 1].map(|k| self.tree.starts[group as usize + k] as usize);
+            let below = &self.tree.below[group as usize];
+            let count = end - first;
+            (0..).zip(first..end).for_each(|(row, place)| local[place] = row);
+            (count as u32..).zip(below).for_each(|(row, &place)| local[place as usize] = row);
+            let mut front = Front::new(count + below.len());
+            let mut least = vec![0.0; count];
+            for k in 0..count {
+                let column = front.column(k);
+                for (other, entry) in self.matrix.row(self.order[first + k] as usize) {
+                    let row = self.place[other] as usize;
+                    if first + k <= row {
+                        column[local[row] as usize] += entry;
                     }
                 }
-                next += 1;
+                least[k] = LEAST_PIVOT * column[k];
             }
+            for &child in &self.tree.children[group as usize] {
+                let Some(left) = rest.remove(&child) else { continue };
+                let rows = &self.tree.below[child as usize];
+                front.add(&left, rows, &local);
+            }
+            if !front.eliminate(&least) {
+                return None;
+            }
+            if !below.is_empty() {
+                rest.insert(group, front.split(count));
+            }
+            factors.push(Factor { first, count, below: below.clone(), columns: front });
         }
-        (reached, levels)
+        Some((factors, rest))
     }
 }
 
@@ -321,7 +336,8 @@ mod tests {
         matrix.indices.push(600 + 625);
         matrix.entries.push(2.0);
         matrix.starts.push(matrix.indices.len() as u32);
-        let mut order = dissection(&matrix);
+        let links = Links { starts: &matrix.starts, neighbors: &matrix.indices };
+        let mut order = Dissection::new(links, 1).order;
         order.sort_unstable();
         assert!(order.into_iter().eq(0..1226));
         assert!(Cholesky::new(&matrix).is_some());
@@ -331,7 +347,60 @@ mod tests {
     fn dissection_fills_far_less_than_the_given_order() {
         let factors = Cholesky::new(&grid(100, 100, 1.0)).unwrap();
         // In the given order the factor is a full band: 100 entries in each of 10 000 columns.
-        assert!(factors.indices.len() < 300_000, "{}", factors.indices.len());
+        let entries: usize =
+            factors.factors.iter().map(|factor| factor.columns.entries.len()).sum();
+        assert!(entries < 500_000, "{entries}");
+    }
+
+    #[test]
+    fn unknowns_around_one_hub_fill_little() {
+        let count = 1000;
+        let mut matrix = Symmetric { starts: vec![0], indices: vec![], entries: vec![] };
+        for k in 0..count {
+            matrix.indices.extend([k, count]);
+            matrix.entries.extend([2.0, -1.0]);
+            matrix.starts.push(matrix.indices.len() as u32);
+        }
+        matrix.indices.extend(0..=count);
+        matrix.entries.extend((0..count).map(|_| -1.0));
+        matrix.entries.push(f64::from(count));
+        matrix.starts.push(matrix.indices.len() as u32);
+        let factors = Cholesky::new(&matrix).unwrap();
+        let entries: usize =
+            factors.factors.iter().map(|factor| factor.columns.entries.len()).sum();
+        // Two in each column, but for one small group. With the hub first it would be half a million.
+        assert!(entries < 3000, "{entries}");
+        // All are 1: a leaf has 2 - 1, the hub nothing.
+        let mut x = vec![[1.0; 3]; count as usize];
+        x.push([0.0; 3]);
+        factors.solve(&mut x);
+        assert!(x.iter().flatten().all(|x| (x - 1.0).abs() < 1e-12));
+    }
+
+    #[test]
+    fn equations_that_no_level_divides_are_solved() {
+        let count = 150;
+        let row = |k| (0..count).map(move |other| if other == k { 150.0 } else { -0.5 });
+        let matrix = Symmetric {
+            starts: (0..=count).map(|k| k * count).collect(),
+            indices: (0..count * count).map(|k| k % count).collect(),
+            entries: (0..count).flat_map(row).collect(),
+        };
+        let mut x = vec![[150.0 - 0.5 * 149.0; 3]; count as usize];
+        Cholesky::new(&matrix).unwrap().solve(&mut x);
+        assert!(x.iter().flatten().all(|x| (x - 1.0).abs() < 1e-12));
+    }
+
+    #[test]
+    fn any_number_of_threads_finds_the_same_factors() {
+        let matrix = grid(60, 50, 0.01);
+        let solved = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut x = vec![[1.0, 2.0, 3.0]; 3000];
+            pool.install(|| Cholesky::new(&matrix).unwrap().solve(&mut x));
+            x
+        };
+        assert_eq!(solved(1), solved(3));
     }
 
     #[test]

@@ -24,19 +24,16 @@ const LISTED: usize = 8;
 /// closed.
 pub(super) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
     let count = mesh.positions().len();
-    let halves = Halves::new(mesh.faces(), count)?;
+    let around = Around::new(mesh.faces(), count);
     // The rim's edges leave each vertex in a list: those of one vertex hang together.
     let mut newest = vec![NONE; count];
     let mut ways: Vec<Way> = Vec::new();
-    for corner in
-        (0..halves.twins.len() as u32).filter(|&corner| halves.twins[corner as usize] == NONE)
-    {
+    for corner in around.border()? {
         let [to, from] =
-            [corner, halves.next(corner)].map(|corner| halves.corners[corner as usize]);
+            [corner, around.next(corner)].map(|corner| around.corners[corner as usize]);
         ways.push(Way { to, older: newest[from as usize], used: false });
         newest[from as usize] = ways.len() as u32 - 1;
     }
-    halves.check_fans(&newest)?;
     let mut walk = Walk { mesh, newest, ways, places: vec![NONE; count] };
     let mut rims = Vec::new();
     for vertex in 0..count as u32 {
@@ -52,20 +49,32 @@ pub(super) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
     Ok(rims)
 }
 
-/// What lies next to what: a half-edge is that from a corner to the next one of its face.
-struct Halves<'a> {
+/// The faces around each vertex, by the corners that they have there.
+struct Around<'a> {
     corners: &'a [u32],
     /// The corner after each and the one before, where faces are no triangles.
     beside: Option<Vec<[u32; 2]>>,
-    /// The half-edge on the other side of each; [`NONE`] at the border.
-    twins: Vec<u32>,
+    /// Where the corners at each vertex begin in `by_vertex`, with the end behind the last.
+    starts: Vec<u32>,
+    by_vertex: Vec<u32>,
 }
 
-/// Corners that one task looks at.
-const BLOCK: usize = 8192;
+/// A face at a vertex, by the vertices after and before that one.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Spoke {
+    after: u32,
+    before: u32,
+    corner: u32,
+}
 
-impl<'a> Halves<'a> {
-    fn new(faces: &'a Faces, count: usize) -> Result<Self, NotManifold> {
+/// Vertices that one task looks at.
+const BLOCK: usize = 2048;
+
+/// Around a vertex with more faces, neighbors are not looked for one by one.
+const FEW: usize = 16;
+
+impl<'a> Around<'a> {
+    fn new(faces: &'a Faces, count: usize) -> Self {
         let corners: &[u32] = faces.corners();
         let beside = (faces.sides() != Some(3)).then(|| {
             let mut beside = Vec::with_capacity(corners.len());
@@ -77,43 +86,19 @@ impl<'a> Halves<'a> {
             }
             beside
         });
-        let mut halves = Self { corners, beside, twins: Vec::new() };
-        // Of each vertex the half-edges that leave it, by their ends.
         let mut starts = vec![0u32; count + 1];
-        corners.iter().for_each(|&from| starts[from as usize + 1] += 1);
+        corners.iter().for_each(|&vertex| starts[vertex as usize + 1] += 1);
         for vertex in 0..count {
             starts[vertex + 1] += starts[vertex];
         }
         let mut ends = starts.clone();
-        let mut leaving = vec![[0u32; 2]; corners.len()];
-        for (corner, &from) in (0u32..).zip(corners) {
-            let end = &mut ends[from as usize];
-            leaving[*end as usize] = [corners[halves.next(corner) as usize], corner];
+        let mut by_vertex = vec![0u32; corners.len()];
+        for (corner, &vertex) in (0u32..).zip(corners) {
+            let end = &mut ends[vertex as usize];
+            by_vertex[*end as usize] = corner;
             *end += 1;
         }
-        let mut bad: Vec<[u32; 2]> = Vec::new();
-        for vertex in 0..count {
-            let own = &mut leaving[starts[vertex] as usize..starts[vertex + 1] as usize];
-            own.sort_unstable();
-            let twice = own.windows(2).filter(|pair| pair[0][0] == pair[1][0]);
-            bad.extend(
-                twice.map(|pair| [pair[0][0].min(vertex as u32), pair[0][0].max(vertex as u32)]),
-            );
-        }
-        if !bad.is_empty() {
-            bad.sort_unstable();
-            bad.dedup();
-            bad.truncate(LISTED);
-            return Err(NotManifold { edges: bad, vertices: Vec::new() });
-        }
-        let twin = |corner: u32| {
-            let [from, to] = [corner, halves.next(corner)].map(|corner| corners[corner as usize]);
-            let other = &leaving[starts[to as usize] as usize..starts[to as usize + 1] as usize];
-            other.binary_search_by_key(&from, |half| half[0]).map_or(NONE, |place| other[place][1])
-        };
-        let all = (0..corners.len() as u32).into_par_iter().with_min_len(BLOCK);
-        halves.twins = all.map(twin).collect();
-        Ok(halves)
+        Self { corners, beside, starts, by_vertex }
     }
 
     fn next(&self, corner: u32) -> u32 {
@@ -130,47 +115,118 @@ impl<'a> Halves<'a> {
         }
     }
 
-    /// Finds vertices with several fans of faces one of which goes all around: no way of filling makes a surface of them.
-    ///
-    /// `newest` is [`NONE`] for vertices that are not on the border.
-    fn check_fans(&self, newest: &[u32]) -> Result<(), NotManifold> {
-        let mut met = vec![false; self.corners.len()];
-        let mut meet_fan = |start: u32| {
-            let mut corner = start;
-            while corner != NONE && !std::mem::replace(&mut met[corner as usize], true) {
-                // Over the edge that leaves the vertex at this corner, into the other face there.
-                let twin = self.twins[corner as usize];
-                corner = if twin == NONE { NONE } else { self.next(twin) };
-            }
-        };
-        let all = 0..self.corners.len() as u32;
-        let is_first = |&corner: &u32| self.twins[self.previous(corner) as usize] == NONE;
-        all.clone().filter(is_first).for_each(&mut meet_fan);
-        let mut closed = vec![false; newest.len()];
-        let mut bad = Vec::new();
-        for corner in all {
-            if met[corner as usize] {
-                continue;
-            }
-            let vertex = self.corners[corner as usize];
-            if newest[vertex as usize] != NONE
-                || std::mem::replace(&mut closed[vertex as usize], true)
-            {
-                bad.push(vertex);
-            }
-            let mut at = corner;
-            while !std::mem::replace(&mut met[at as usize], true) {
-                at = self.next(self.twins[at as usize]);
-            }
+    /// The corners, ascending, from which edges of one face run to the next corner.
+    fn border(&self) -> Result<Vec<u32>, NotManifold> {
+        let vertices = 0..self.starts.len() as u32 - 1;
+        let blocks = vertices.into_par_iter().with_min_len(BLOCK);
+        let found = blocks.fold(Found::default, |mut found, vertex| {
+            self.look(vertex, &mut found);
+            found
+        });
+        let all = found.reduce(Found::default, |mut all, found| {
+            all.edges.extend(found.edges);
+            all.vertices.extend(found.vertices);
+            all.border.extend(found.border);
+            all
+        });
+        let Found { mut edges, mut vertices, mut border, .. } = all;
+        if edges.is_empty() && vertices.is_empty() {
+            border.sort_unstable();
+            return Ok(border);
         }
-        if bad.is_empty() {
-            return Ok(());
-        }
-        bad.sort_unstable();
-        bad.dedup();
-        bad.truncate(LISTED);
-        Err(NotManifold { edges: Vec::new(), vertices: bad })
+        edges.sort_unstable();
+        edges.dedup();
+        edges.truncate(LISTED);
+        // Where edges have too many faces, there are no fans.
+        vertices.truncate(if edges.is_empty() { LISTED } else { 0 });
+        Err(NotManifold { edges, vertices })
     }
+
+    fn look(&self, vertex: u32, found: &mut Found) {
+        let [start, end] = [vertex, vertex + 1].map(|k| self.starts[k as usize] as usize);
+        let spoke = |&corner: &u32| {
+            let beside = [self.next(corner), self.previous(corner)];
+            let [after, before] = beside.map(|corner| self.corners[corner as usize]);
+            Spoke { after, before, corner }
+        };
+        let Found { edges, vertices, border, spokes } = found;
+        spokes.clear();
+        spokes.extend(self.by_vertex[start..end].iter().map(spoke));
+        if spokes.len() <= FEW && is_closed(spokes) {
+            return;
+        }
+        spokes.sort_unstable();
+        let twice = spokes.windows(2).filter(|pair| pair[0].after == pair[1].after);
+        edges.extend(twice.map(|pair| [vertex.min(pair[0].after), vertex.max(pair[0].after)]));
+        let mut ends: Vec<u32> = spokes.iter().map(|spoke| spoke.before).collect();
+        ends.sort_unstable();
+        let open = spokes.iter().filter(|spoke| ends.binary_search(&spoke.after).is_err());
+        border.extend(open.map(|spoke| spoke.corner));
+        let fans: Vec<[u32; 2]> = spokes.iter().map(|spoke| [spoke.after, spoke.before]).collect();
+        if is_torn(&fans) {
+            vertices.push(vertex);
+        }
+    }
+}
+
+/// What some vertices are like.
+#[derive(Default)]
+struct Found {
+    edges: Vec<[u32; 2]>,
+    vertices: Vec<u32>,
+    border: Vec<u32>,
+    /// Those of the vertex looked at.
+    spokes: Vec<Spoke>,
+}
+
+/// Whether faces make one fan that goes all around.
+fn is_closed(spokes: &[Spoke]) -> bool {
+    let mut at = 0;
+    for met in 1..=spokes.len() {
+        match spokes.iter().position(|spoke| spoke.after == spokes[at].before) {
+            Some(0) => return met == spokes.len(),
+            Some(next) => at = next,
+            None => return false,
+        }
+    }
+    false
+}
+
+/// Whether faces make several fans, one of which goes all around. Each face is given by the vertices after and before the one in the middle,
+/// sorted.
+pub(super) fn is_torn(spokes: &[[u32; 2]]) -> bool {
+    let mut met = vec![false; spokes.len()];
+    let mut walk = |start: usize| {
+        let mut at = start;
+        loop {
+            met[at] = true;
+            // The face beyond the edge to the vertex before.
+            match spokes.binary_search_by_key(&spokes[at][1], |spoke| spoke[0]) {
+                Ok(next) if met[next] => return,
+                Ok(next) => at = next,
+                Err(_) => return,
+            }
+        }
+    };
+    let mut ends: Vec<u32> = spokes.iter().map(|spoke| spoke[1]).collect();
+    ends.sort_unstable();
+    let begins = |spoke: &[u32; 2]| ends.binary_search(&spoke[0]).is_err();
+    let open: Vec<usize> = (0..spokes.len()).filter(|&k| begins(&spokes[k])).collect();
+    open.iter().for_each(|&start| walk(start));
+    let mut fans = open.len();
+    let mut closed = 0;
+    while let Some(start) = met.iter().position(|met| !met) {
+        fans += 1;
+        closed += 1;
+        let mut at = start;
+        while !std::mem::replace(&mut met[at], true) {
+            match spokes.binary_search_by_key(&spokes[at][1], |spoke| spoke[0]) {
+                Ok(next) => at = next,
+                Err(_) => break,
+            }
+        }
+    }
+    closed > 0 && fans > 1
 }
 
 /// A border edge, from the vertex in whose list it is.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::border::NotManifold;
+use super::border::{NotManifold, is_torn};
 use super::filling::Filling;
 use super::rim::Surroundings;
 
@@ -48,39 +48,4 @@ pub(super) fn check_rims(
     found.edges.truncate(8);
     found.vertices.truncate(8);
     Err(found)
-}
-
-/// Whether faces make several fans, one of which goes all around. Each face is given by the vertices after and before the one in the middle,
-/// sorted.
-fn is_torn(spokes: &[[u32; 2]]) -> bool {
-    let mut met = vec![false; spokes.len()];
-    let mut walk = |start: usize| {
-        let mut at = start;
-        loop {
-            met[at] = true;
-            // The face beyond the edge to the vertex before.
-            match spokes.binary_search_by_key(&spokes[at][1], |spoke| spoke[0]) {
-                Ok(next) if met[next] => return,
-                Ok(next) => at = next,
-                Err(_) => return,
-            }
-        }
-    };
-    let begins = |spoke: &[u32; 2]| !spokes.iter().any(|other| other[1] == spoke[0]);
-    let open: Vec<usize> = (0..spokes.len()).filter(|&k| begins(&spokes[k])).collect();
-    open.iter().for_each(|&start| walk(start));
-    let mut fans = open.len();
-    let mut closed = 0;
-    while let Some(start) = met.iter().position(|met| !met) {
-        fans += 1;
-        closed += 1;
-        let mut at = start;
-        while !std::mem::replace(&mut met[at], true) {
-            match spokes.binary_search_by_key(&spokes[at][1], |spoke| spoke[0]) {
-                Ok(next) => at = next,
-                Err(_) => break,
-            }
-        }
-    }
-    closed > 0 && fans > 1
 }

@@ -39,11 +39,12 @@ pub(super) fn refine(
         let split = split_long(patch, &mut sizes, &target);
         flip_all(patch);
         let collapsed = collapse_short(patch, &sizes);
-        if collapsed > 0 {
-            flip_all(patch);
+        if !collapsed.is_empty() {
+            let edges = edges_near(patch, &collapsed);
+            flip(patch, edges);
         }
         relax(patch);
-        if split + collapsed == 0 {
+        if split + collapsed.len() == 0 {
             break;
         }
     }
@@ -86,8 +87,27 @@ fn split_long(
 }
 
 /// Flips edges until none is left that should be.
-pub(super) fn flip_all(patch: &mut Patch) {
-    let mut queue: Vec<u32> = patch.inner_edges().collect();
+fn flip_all(patch: &mut Patch) {
+    let edges = patch.inner_edges().collect();
+    flip(patch, edges);
+}
+
+/// The inner edges of faces that have one of these vertices or one next to them: elsewhere no edge should be flipped that should not have
+/// been before these vertices changed.
+fn edges_near(patch: &Patch, vertices: &[u32]) -> Vec<u32> {
+    let mut near = vec![false; patch.points.len()];
+    vertices.iter().for_each(|&vertex| near[vertex as usize] = true);
+    let faces = patch.corners.as_chunks::<3>().0;
+    let all = faces.iter().filter(|face| face[0] != NONE);
+    let next_to: Vec<[u32; 3]> =
+        all.filter(|face| face.iter().any(|&vertex| near[vertex as usize])).copied().collect();
+    next_to.as_flattened().iter().for_each(|&vertex| near[vertex as usize] = true);
+    let is_near = |&half: &u32| patch.ends(half).iter().any(|&vertex| near[vertex as usize]);
+    patch.inner_edges().filter(is_near).collect()
+}
+
+/// Flips these edges, and those that should be flipped then.
+fn flip(patch: &mut Patch, mut queue: Vec<u32>) {
     queue.reverse();
     let mut left = MOST_FLIPS * queue.len();
     while let Some(half) = queue.pop() {
@@ -116,12 +136,15 @@ fn should_flip(patch: &Patch, half: u32) -> bool {
         return false;
     }
     let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| patch.points[vertex as usize]);
-    let cotangent = |at: Point3<f64>| {
-        let [u, v] = [pa - at, pb - at];
-        u.dot(&v) / u.cross(&v).norm().max(f64::MIN_POSITIVE)
-    };
+    let across = [pc, pd].map(|at| [pa - at, pb - at]);
+    // Nearly always both angles are acute.
+    if across.iter().all(|[u, v]| u.dot(v) >= 0.0) {
+        return false;
+    }
+    let cotangent =
+        |[u, v]: [Vector3<f64>; 2]| u.dot(&v) / u.cross(&v).norm().max(f64::MIN_POSITIVE);
     // The angles add up to more than two right ones if their cotangents are less than nothing.
-    if cotangent(pc) + cotangent(pd) >= -1e-9 {
+    if across.map(cotangent).iter().sum::<f64>() >= -1e-9 {
         return false;
     }
     let old = area_vector([pa, pb, pc]) + area_vector([pb, pa, pd]);
@@ -135,8 +158,8 @@ fn should_flip(patch: &Patch, half: u32) -> bool {
     !patch.around(inner).any(|half| patch.ends(half)[1] == other)
 }
 
-/// Collapses the edges that are too short, the shortest first.
-fn collapse_short(patch: &mut Patch, sizes: &[f64]) -> usize {
+/// Collapses the edges that are too short, the shortest first; gives the vertices that are left of them.
+fn collapse_short(patch: &mut Patch, sizes: &[f64]) -> Vec<u32> {
     let share = |patch: &Patch, half: u32| patch.length(half) / wanted(patch, sizes, half);
     let mut short: Vec<(f64, u32)> = patch
         .inner_edges()
@@ -144,7 +167,7 @@ fn collapse_short(patch: &mut Patch, sizes: &[f64]) -> usize {
         .filter(|(share, _)| *share < SHORT)
         .collect();
     short.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let mut count = 0;
+    let mut left = Vec::new();
     for (_, half) in short {
         if !patch.is_alive(half)
             || patch.twins[half as usize] == NONE
@@ -153,9 +176,15 @@ fn collapse_short(patch: &mut Patch, sizes: &[f64]) -> usize {
             continue;
         }
         let twin = patch.twins[half as usize];
-        count += usize::from(collapse(patch, sizes, half) || collapse(patch, sizes, twin));
+        // The vertex at which a half-edge begins goes into its other end.
+        let ends = patch.ends(half);
+        if collapse(patch, sizes, half) {
+            left.push(ends[1]);
+        } else if collapse(patch, sizes, twin) {
+            left.push(ends[0]);
+        }
     }
-    count
+    left
 }
 
 /// Collapses an edge into its middle, or into the rim if it ends there, unless that would spoil the surface.
@@ -190,7 +219,7 @@ fn collapse(patch: &mut Patch, sizes: &[f64], half: u32) -> bool {
 const SLIDE: f64 = 0.6;
 
 /// Slides each inner vertex along the surface to the middle of the faces around, weighed by their areas.
-pub(super) fn relax(patch: &mut Patch) {
+fn relax(patch: &mut Patch) {
     for vertex in patch.fixed as u32..patch.points.len() as u32 {
         if patch.leaving[vertex as usize] == NONE {
             continue;

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::patch::{NONE, Patch, area_vector};
 use super::rim::Rim;
-use crate::cholesky::{Cholesky, Symmetric};
+use crate::cholesky::{Cholesky, Dissection, Links, Symmetric};
 
 /// What is least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -146,6 +146,21 @@ impl Laplacian {
         self.areas.iter_mut().for_each(|area| *area = area.max(least).max(f64::MIN_POSITIVE));
     }
 
+    /// The order in which to eliminate the unknowns of `vertices`, each of which `unknowns` numbers, so that an energy is least.
+    fn dissection(&self, vertices: &[usize], unknowns: &[u32], energy: Energy) -> Dissection {
+        let (mut starts, mut neighbors) = (vec![0], Vec::with_capacity(8 * vertices.len()));
+        for &vertex in vertices {
+            let around = self.row(vertex).map(|(column, _)| unknowns[column]);
+            neighbors.extend(around.filter(|&unknown| unknown != NONE));
+            starts.push(neighbors.len() as u32);
+        }
+        let reach = match energy {
+            Energy::Membrane => 1,
+            Energy::ThinPlate | Energy::EvenPlate => 2,
+        };
+        Dissection::new(Links { starts: &starts, neighbors: &neighbors }, reach)
+    }
+
     fn row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
         let entries = self.starts[row] as usize..self.starts[row + 1] as usize;
         let columns = self.columns[entries.clone()].iter().map(|&column| column as usize);
@@ -241,7 +256,8 @@ fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
         matrix.starts.push(matrix.indices.len() as u32);
         right.push([known.x, known.y, known.z]);
     }
-    Cholesky::new(&matrix)?.solve(&mut right);
+    let dissection = laplacian.dissection(&vertices, &unknowns, energy);
+    Cholesky::ordered(&matrix, &dissection)?.solve(&mut right);
     let mut points = patch.points.clone();
     for (&vertex, solution) in vertices.iter().zip(right) {
         points[vertex] = origin + Vector3::from(solution);

@@ -15,8 +15,8 @@ struct Triangle {
     face: u32,
 }
 
-/// Filled triangles that one task looks at.
-const CHUNK: usize = 256;
+/// Faces that one task bounds.
+const FACES: usize = 4096;
 
 /// The filled faces that meet another face in more than the vertices and the edge that they share, ascending.
 ///
@@ -26,41 +26,25 @@ pub(super) fn intersecting(
     filling: &Filling,
     progress: &Progress<'_>,
 ) -> Result<Vec<u32>, Cancelled> {
-    let all = filling.faces.par_iter().enumerate().map(|(face, &vertices)| {
+    let boxed = |(face, &vertices): (usize, &[u32; 3])| {
         let [a, b, c] = vertices.map(|vertex| filling.points[vertex as usize]);
         Triangle { vertices, low: a.inf(&b).inf(&c), high: a.sup(&b).sup(&c), face: face as u32 }
-    });
-    let mut triangles: Vec<Triangle> = all.collect();
-    let Some(around) = triangles[filling.kept..]
-        .iter()
+    };
+    let filled = filling.faces.iter().enumerate().skip(filling.kept).map(boxed);
+    let Some(around) = filled
         .map(|triangle| (triangle.low, triangle.high))
         .reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))
     else {
         return Ok(Vec::new());
     };
-    // What is sorted along the longest side of the filled part is told apart best.
-    let axis = (around.1 - around.0).imax();
-    triangles.retain(|triangle| overlap(triangle, around));
-    triangles.sort_by(|a, b| a.low[axis].total_cmp(&b.low[axis]).then(a.face.cmp(&b.face)));
-    let is_filled = |triangle: &Triangle| filling.kept <= triangle.face as usize;
-    let blocks = 0..triangles.len().div_ceil(CHUNK);
-    let found: Vec<Vec<[u32; 2]>> = blocks
+    let all = filling.faces.par_iter().with_min_len(FACES).enumerate().map(boxed);
+    let triangles: Vec<Triangle> = all.filter(|triangle| overlap(triangle, around)).collect();
+    let (strips, axis) = strips(triangles, around);
+    let found: Vec<Vec<[u32; 2]>> = strips
         .into_par_iter()
-        .map(|block| {
+        .map(|strip| {
             progress.check()?;
-            let mut pairs = Vec::new();
-            for (index, a) in triangles.iter().enumerate().skip(block * CHUNK).take(CHUNK) {
-                let behind = triangles[index + 1..].iter();
-                for b in behind.take_while(|b| b.low[axis] <= a.high[axis]) {
-                    if (is_filled(a) || is_filled(b))
-                        && overlap(b, (a.low, a.high))
-                        && meet(filling, a.vertices, b.vertices)
-                    {
-                        pairs.push([a.face, b.face]);
-                    }
-                }
-            }
-            Ok(pairs)
+            Ok(pairs(filling, strip, axis))
         })
         .collect::<Result<_, Cancelled>>()?;
     let faces = found.into_iter().flatten().flatten();
@@ -68,6 +52,53 @@ pub(super) fn intersecting(
     faces.sort_unstable();
     faces.dedup();
     Ok(faces)
+}
+
+/// How many triangles wide strips are, about: in narrower ones most triangles lie in two, in wider ones too many are compared.
+const WIDE: f64 = 4.0;
+
+/// Triangles cut into strips along the longest side of the box around the filled part, each triangle in all strips that it reaches; and
+/// the axis along which they run.
+fn strips(
+    triangles: Vec<Triangle>,
+    (low, high): (Point3<f64>, Point3<f64>),
+) -> (Vec<Vec<Triangle>>, usize) {
+    let size = high - low;
+    let along = size.imax();
+    let [one, other] = [(along + 1) % 3, (along + 2) % 3];
+    let across = if size[one] < size[other] { other } else { one };
+    let count = ((triangles.len() as f64).sqrt() / WIDE) as usize + 1;
+    let strip = |place: f64| {
+        // What is no number is in the first one, what lies outside in the nearest.
+        ((place - low[across]) / size[across] * count as f64).clamp(0.0, (count - 1) as f64)
+            as usize
+    };
+    let mut strips = vec![Vec::new(); count];
+    for triangle in triangles {
+        for strip in &mut strips[strip(triangle.low[across])..=strip(triangle.high[across])] {
+            strip.push(triangle);
+        }
+    }
+    (strips, along)
+}
+
+/// The pairs of faces in a strip that meet.
+fn pairs(filling: &Filling, mut strip: Vec<Triangle>, axis: usize) -> Vec<[u32; 2]> {
+    strip.sort_unstable_by(|a, b| a.low[axis].total_cmp(&b.low[axis]).then(a.face.cmp(&b.face)));
+    let is_filled = |triangle: &Triangle| filling.kept <= triangle.face as usize;
+    let mut pairs = Vec::new();
+    for (index, a) in strip.iter().enumerate() {
+        let behind = strip[index + 1..].iter();
+        for b in behind.take_while(|b| b.low[axis] <= a.high[axis]) {
+            if (is_filled(a) || is_filled(b))
+                && overlap(b, (a.low, a.high))
+                && meet(filling, a.vertices, b.vertices)
+            {
+                pairs.push([a.face, b.face]);
+            }
+        }
+    }
+    pairs
 }
 
 fn overlap(triangle: &Triangle, (low, high): (Point3<f64>, Point3<f64>)) -> bool {

@@ -172,34 +172,57 @@ fn fan(rim: &Rim, halved: bool) -> Patch {
 }
 
 /// How long edges should be: as those of the data at the rim, the nearer the more.
-pub(super) struct Sizes(Vec<(Point3<f64>, f64)>);
+pub(super) struct Sizes {
+    /// Places on the rim, by coordinate.
+    places: [Vec<f64>; 3],
+    /// How long edges are there.
+    lengths: Vec<f64>,
+}
 
 /// So many parts of the rim are told apart at most.
 const MOST_SAMPLES: usize = 128;
 
+/// Sums that run side by side.
+const LANES: usize = 4;
+
 impl Sizes {
     pub(super) fn new(rim: &Rim, edge: Option<f64>) -> Self {
         if let Some(edge) = edge {
-            return Self(vec![(Point3::origin(), edge)]);
+            return Self { places: [vec![0.0], vec![0.0], vec![0.0]], lengths: vec![edge] };
         }
         let chunk = rim.len().div_ceil(MOST_SAMPLES).max(1);
-        let samples = rim.points.chunks(chunk).zip(rim.lengths.chunks(chunk));
+        let middles = rim.points.chunks(chunk).map(|points| points[points.len() / 2]);
+        let middles: Vec<Point3<f64>> = middles.collect();
         let mean = |lengths: &[f64]| lengths.iter().sum::<f64>() / lengths.len() as f64;
-        Self(samples.map(|(points, lengths)| (points[points.len() / 2], mean(lengths))).collect())
+        Self {
+            places: [0, 1, 2].map(|axis| middles.iter().map(|point| point[axis]).collect()),
+            lengths: rim.lengths.chunks(chunk).map(mean).collect(),
+        }
     }
 
     /// The length of edges at a point.
     pub(super) fn at(&self, point: Point3<f64>) -> f64 {
-        let (mut sum, mut weights) = (0.0, 0.0);
-        for (sample, length) in &self.0 {
-            let distance_sq = (point - sample).norm_squared();
-            if distance_sq == 0.0 {
-                return *length;
-            }
-            let weight = 1.0 / (distance_sq * distance_sq);
-            sum += weight * length;
-            weights += weight;
+        let count = self.lengths.len();
+        let [x, y, z] = [0, 1, 2].map(|axis| &self.places[axis][..count]);
+        let mut buffer = [0.0; MOST_SAMPLES];
+        let weights = &mut buffer[..count];
+        for k in 0..count {
+            let [dx, dy, dz] = [point.x - x[k], point.y - y[k], point.z - z[k]];
+            let distance_sq = dx * dx + dy * dy + dz * dz;
+            weights[k] = 1.0 / (distance_sq * distance_sq);
         }
-        sum / weights
+        let (mut sums, mut totals) = ([0.0; LANES], [0.0; LANES]);
+        for (weights, lengths) in weights.chunks(LANES).zip(self.lengths.chunks(LANES)) {
+            for (k, (weight, length)) in weights.iter().zip(lengths).enumerate() {
+                sums[k] += weight * length;
+                totals[k] += weight;
+            }
+        }
+        let total: f64 = totals.iter().sum();
+        if total.is_finite() {
+            return sums.iter().sum::<f64>() / total;
+        }
+        let here = weights.iter().position(|weight| weight.is_infinite());
+        self.lengths[here.unwrap_or(0)]
     }
 }

@@ -52,12 +52,16 @@ pub(super) fn least_bent(
     is_taken: &dyn Fn(usize, usize) -> bool,
 ) -> Option<Vec<[u32; 3]>> {
     let count = points.len();
+    // Bends also by themselves: nearly always one of the two parts is worse by itself than the best that is known.
+    let mut bends = vec![f64::INFINITY; count * count];
     let none = Part { bend: f64::INFINITY, area: 0.0, normal: Vector3::zeros(), apex: 0 };
     let mut parts = vec![none; count * count];
     for k in 0..count - 1 {
         parts[k * count + k + 1] = Part { bend: 0.0, normal: normals[k], ..none };
         // The same turned around, so that both sides of a search lie in rows.
         parts[(k + 1) * count + k] = parts[k * count + k + 1];
+        bends[k * count + k + 1] = 0.0;
+        bends[(k + 1) * count + k] = 0.0;
     }
     for length in 2..count {
         for from in 0..count - length {
@@ -67,9 +71,11 @@ pub(super) fn least_bent(
                 continue;
             }
             let beyond = is_last.then(|| normals[to]);
-            let best = best_apex(points, &parts, from, to, beyond);
+            let best = best_apex(points, &parts, &bends, [from, to], beyond);
             parts[from * count + to] = best;
             parts[to * count + from] = best;
+            bends[from * count + to] = best.bend;
+            bends[to * count + from] = best.bend;
         }
     }
     if parts[count - 1].bend.is_infinite() {
@@ -91,23 +97,23 @@ pub(super) fn least_bent(
 fn best_apex(
     points: &[Point3<f64>],
     parts: &[Part],
-    from: usize,
-    to: usize,
+    bends: &[f64],
+    [from, to]: [usize; 2],
     beyond: Option<Vector3<f64>>,
 ) -> Part {
     let count = points.len();
     let mut best =
         Part { bend: f64::INFINITY, area: f64::INFINITY, normal: Vector3::zeros(), apex: 0 };
-    let left = &parts[from * count + from + 1..from * count + to];
-    let right = &parts[to * count + from + 1..to * count + to];
+    let left = &bends[from * count + from + 1..from * count + to];
+    let right = &bends[to * count + from + 1..to * count + to];
     let chord = points[to] - points[from];
     let length_sq = chord.norm_squared();
-    for ((apex, left), right) in (from + 1..).zip(left).zip(right) {
-        let bend = left.bend.max(right.bend);
-        // Nearly always one of the two parts is worse by itself than the best that is known.
-        if bend > best.bend || bend.is_infinite() {
+    for ((apex, &left), &right) in (from + 1..).zip(left).zip(right) {
+        let bend = if left > right { left } else { right };
+        if bend > best.bend || bend == f64::INFINITY {
             continue;
         }
+        let (left, right) = (&parts[from * count + apex], &parts[to * count + apex]);
         let spoke = points[apex] - points[from];
         let normal = spoke.cross(&chord);
         let size = normal.norm();
