@@ -18,6 +18,9 @@ const SHORT: f64 = 0.8;
 /// Passes over all edges; four or five are the rule.
 const MOST_PASSES: usize = 20;
 
+/// Passes end when fewer than one of so many edges changed: later ones move few vertices, and those little.
+const SETTLED: usize = 100;
+
 /// Least cosine of the angle by which a face may turn when an edge collapses: 75 degrees.
 const LEAST_COSINE: f64 = 0.25881904510252074;
 
@@ -44,7 +47,7 @@ pub(super) fn refine(
             flip(patch, edges);
         }
         relax(patch);
-        if split + collapsed.len() == 0 {
+        if split + collapsed.len() <= patch.corners.len() / 2 / SETTLED {
             break;
         }
     }
