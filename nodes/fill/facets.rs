@@ -4,7 +4,7 @@
 //! common. Here nothing is said of a single edge: small flat pieces are joined, those first that fit one surface best, as long as any
 //! do. A smooth surface comes apart, too, but its parts go on from each other without an angle, which tells them from facets.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Point3, Vector3};
 
@@ -32,35 +32,79 @@ pub(super) struct Band<'a> {
 
 /// The number of the part of each face; `tolerance` is how far vertices may be from their surface, the root of their mean square.
 pub(super) fn facets(band: &Band<'_>, tolerance: f64) -> Vec<u32> {
-    let mut parts = pieces(band);
-    let mut members: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-    for (face, &part) in (0..).zip(&parts) {
-        members.entry(part).or_default().push(face);
+    let mut numbers = pieces(band);
+    let mut faces: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (face, &part) in (0..).zip(&numbers) {
+        faces.entry(part).or_default().push(face);
     }
-    let mut fits: BTreeMap<[u32; 2], f64> = BTreeMap::new();
-    for [a, b] in band.neighbors.iter().map(|pair| pair.map(|face| parts[face as usize])) {
-        if a != b {
-            let pair = [a.min(b), a.max(b)];
-            fits.entry(pair).or_insert_with(|| band.misfit(&members[&a], &members[&b], tolerance));
+    let parts = faces.into_iter().map(|(part, faces)| (part, band.part(faces))).collect();
+    let mut joining = Joining { band, tolerance, parts, queue: BTreeSet::new() };
+    for [a, b] in band.neighbors.iter().map(|pair| pair.map(|face| numbers[face as usize])) {
+        if a != b && !joining.parts[&a].beside.contains_key(&b) {
+            joining.compare(a, b);
         }
     }
-    loop {
-        let best = fits.iter().min_by(|a, b| a.1.total_cmp(b.1).then(a.0.cmp(b.0)));
-        let Some((&[to, from], _)) = best.filter(|(_, misfit)| misfit.is_finite()) else { break };
-        let joined = members.remove(&from).unwrap_or_default();
-        joined.iter().for_each(|&face| parts[face as usize] = to);
-        members.entry(to).or_default().extend(joined);
-        let ends = |pair: &[u32; 2]| pair.contains(&to) || pair.contains(&from);
-        let stale: Vec<[u32; 2]> = fits.keys().filter(|pair| ends(pair)).copied().collect();
-        for pair in stale {
-            fits.remove(&pair);
-            for other in pair.into_iter().filter(|&part| part != to && part != from) {
-                let misfit = || band.misfit(&members[&to], &members[&other], tolerance);
-                fits.entry([to.min(other), to.max(other)]).or_insert_with(misfit);
+    while let Some((_, [to, from])) = joining.queue.pop_first() {
+        joining.join(to, from);
+    }
+    for (&part, own) in &joining.parts {
+        own.faces.iter().for_each(|&face| numbers[face as usize] = part);
+    }
+    numbers
+}
+
+/// Some faces that one surface fits.
+struct Part {
+    faces: Vec<u32>,
+    vertices: Vec<Point3<f64>>,
+    area: Vector3<f64>,
+    /// The parts next to it, and how far each together with it is from one surface; infinite if too far.
+    beside: BTreeMap<u32, f64>,
+}
+
+/// Parts by their numbers, and the pairs of them that one surface fits.
+struct Joining<'a> {
+    band: &'a Band<'a>,
+    tolerance: f64,
+    parts: BTreeMap<u32, Part>,
+    /// What fits best comes first. Bits of numbers that are not negative are in the order of the numbers.
+    queue: BTreeSet<(u64, [u32; 2])>,
+}
+
+impl Joining<'_> {
+    /// Finds how well two parts fit one surface.
+    fn compare(&mut self, a: u32, b: u32) {
+        let misfit = misfit(&self.parts[&a], &self.parts[&b], self.tolerance);
+        for [part, other] in [[a, b], [b, a]] {
+            if let Some(part) = self.parts.get_mut(&part) {
+                part.beside.insert(other, misfit);
             }
         }
+        if misfit.is_finite() {
+            self.queue.insert((misfit.to_bits(), [a.min(b), a.max(b)]));
+        }
     }
-    parts
+
+    /// Lets one part be a part of another.
+    fn join(&mut self, to: u32, from: u32) {
+        let mut others = BTreeSet::new();
+        let mut faces = Vec::new();
+        for own in [to, from] {
+            let Some(part) = self.parts.remove(&own) else { continue };
+            faces.extend(part.faces);
+            for (other, misfit) in part.beside {
+                self.queue.remove(&(misfit.to_bits(), [own.min(other), own.max(other)]));
+                if let Some(other) = self.parts.get_mut(&other) {
+                    other.beside.remove(&own);
+                }
+                others.insert(other);
+            }
+        }
+        self.parts.insert(to, self.band.part(faces));
+        for other in others.into_iter().filter(|&part| part != to && part != from) {
+            self.compare(to, other);
+        }
+    }
 }
 
 /// Flat pieces: each grows around the face that is most like those next to it, of all that are left.
@@ -100,28 +144,27 @@ fn pieces(band: &Band<'_>) -> Vec<u32> {
 }
 
 impl Band<'_> {
-    /// How far two parts together are from one surface; infinite if too far.
-    fn misfit(&self, a: &[u32], b: &[u32], tolerance: f64) -> f64 {
-        let vertices = |faces: &[u32]| -> Vec<Point3<f64>> {
-            let corners = faces.iter().flat_map(|&face| self.faces[face as usize]);
-            let mut vertices: Vec<u32> = corners.collect();
-            vertices.sort_unstable();
-            vertices.dedup();
-            vertices.into_iter().map(|vertex| self.points[vertex as usize]).collect()
-        };
-        let (of_a, of_b) = (vertices(a), vertices(b));
-        let area = |faces: &[u32]| -> Vector3<f64> {
-            faces.iter().map(|&face| self.areas[face as usize]).sum()
-        };
-        let both = [&of_a[..], &of_b[..]].concat();
-        let chart = (area(a) + area(b))
-            .try_normalize(0.0)
-            .and_then(|normal| Chart::fit(&both, normal, tolerance));
-        let Some(chart) = chart else { return f64::INFINITY };
-        let smaller = if of_a.len() < of_b.len() { &of_a } else { &of_b };
-        if chart.misfit(smaller) > SMALLER * tolerance {
-            return f64::INFINITY;
-        }
-        chart.misfit(&both)
+    fn part(&self, faces: Vec<u32>) -> Part {
+        let corners = faces.iter().flat_map(|&face| self.faces[face as usize]);
+        let mut vertices: Vec<u32> = corners.collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        let area = faces.iter().map(|&face| self.areas[face as usize]).sum();
+        let vertices = vertices.into_iter().map(|vertex| self.points[vertex as usize]).collect();
+        Part { faces, vertices, area, beside: BTreeMap::new() }
     }
+}
+
+/// How far two parts together are from one surface; infinite if too far.
+fn misfit(a: &Part, b: &Part, tolerance: f64) -> f64 {
+    let both = [&a.vertices[..], &b.vertices[..]].concat();
+    let chart = (a.area + b.area)
+        .try_normalize(0.0)
+        .and_then(|normal| Chart::fit(&both, normal, tolerance));
+    let Some(chart) = chart else { return f64::INFINITY };
+    let smaller = if a.vertices.len() < b.vertices.len() { a } else { b };
+    if chart.misfit(&smaller.vertices) > SMALLER * tolerance {
+        return f64::INFINITY;
+    }
+    chart.misfit(&both)
 }
