@@ -3,6 +3,8 @@
 use maquette::{Pack, node};
 
 mod border;
+mod boxes;
+mod calm;
 mod carry;
 mod charts;
 mod clashes;
@@ -16,6 +18,7 @@ mod filling;
 mod holes;
 mod intersections;
 mod large_hole;
+mod mend;
 mod method;
 mod patch;
 mod plain;

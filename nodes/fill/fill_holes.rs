@@ -7,12 +7,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::border::{NotManifold, rims};
+use super::calm::Fillings;
 use super::carry::Carry;
 use super::clashes::check_rims;
 use super::exemplar::{Copies, Start, complete};
 use super::filling::Filling;
 use super::holes::{HoleChoice, Parts, choose, without_crumbs};
-use super::intersections::intersecting;
+use super::intersections::Crossings;
 use super::method::FillMethod;
 use super::plain::{self, Doubt, Plain, Plug};
 use super::regions::{NoMarks, cut, marks, within};
@@ -168,10 +169,16 @@ pub fn fill_holes(
     let wanted = Wanted::of(&options.method);
     let mut plugs = plug(&filling, &surroundings, &holes, wanted, progress)?;
     filling.add_all(&holes, &plugs);
-    let mut crossing = intersecting(&filling, progress)?;
-    if !crossing.is_empty() {
-        crossing =
-            calm(&mut filling, &surroundings, &holes, &mut plugs, crossing, wanted, progress)?;
+    let mut crossings = Crossings::new(&filling, progress)?;
+    if !crossings.is_empty() {
+        let mut fillings = Fillings {
+            filling: &mut filling,
+            surroundings: &surroundings,
+            holes: &holes,
+            plugs: &mut plugs,
+            crossings: &mut crossings,
+        };
+        fillings.calm(wanted, progress)?;
     }
     doubts.extend(describe_doubts(&chosen.holes, &plugs));
     let clash = |NotManifold { edges, vertices }| FillError::Clash { edges, vertices };
@@ -188,26 +195,33 @@ pub fn fill_holes(
             doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
         }
         (steps, copies) = (completed.trace, Some(completed.copies));
-        crossing = intersecting(&filling, progress)?;
-        if !crossing.is_empty() {
-            let before = crossing.len();
-            crossing = settle(&mut filling, &start, crossing, progress)?;
-            if crossing.len() < before {
+        crossings.look_again(&filling, |_| true, progress)?;
+        if !crossings.is_empty() {
+            let before = crossings.faces(&filling).len();
+            settle(&mut filling, &start, &mut crossings, progress)?;
+            if crossings.faces(&filling).len() < before {
                 doubts.push("where shapes found elsewhere would have run through the mesh or each other, it is filled as at the start".into());
             }
         }
     }
-    doubts.extend(describe_crossing(&filling, &crossing));
+    let fillings = Fillings {
+        filling: &mut filling,
+        surroundings: &surroundings,
+        holes: &holes,
+        plugs: &mut plugs,
+        crossings: &mut crossings,
+    };
+    doubts.extend(describe_crossing(&chosen.holes, &fillings, &parts));
     let trace = Trace::new(steps)?;
     Ok(Filled { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, doubts })
 }
 
 /// What the plain fill shall be, which may be the start of another.
 #[derive(Clone, Copy)]
-struct Wanted {
-    plain: Plain,
+pub(super) struct Wanted {
+    pub(super) plain: Plain,
     /// How long its edges are, if not as the data's.
-    edge: Option<f64>,
+    pub(super) edge: Option<f64>,
 }
 
 impl Wanted {
@@ -245,65 +259,6 @@ fn plug(
         plain::fill(filling, &rim, wanted.plain, wanted.edge, progress)
     };
     holes.par_iter().map(fill).collect()
-}
-
-/// Fills holes again whose triangles run through others, as other surfaces, the most like what is wanted first, and takes these if they do so
-/// less. Gives the faces that are left crossing.
-fn calm(
-    filling: &mut Filling,
-    surroundings: &Surroundings,
-    holes: &[Vec<u32>],
-    plugs: &mut [Plug],
-    mut crossing: Vec<u32>,
-    wanted: Wanted,
-    progress: &Progress<'_>,
-) -> Result<Vec<u32>, Cancelled> {
-    let others: &[Plain] = match wanted.plain {
-        Plain::CreaseAware => &[Plain::ThinPlate, Plain::Membrane, Plain::Flat],
-        Plain::ThinPlate => &[Plain::Membrane, Plain::Flat],
-        Plain::Membrane => &[Plain::Flat, Plain::ThinPlate],
-        Plain::Flat | Plain::Centroid => &[Plain::Flat, Plain::Membrane, Plain::ThinPlate],
-    };
-    for &plain in others {
-        let before = of_each(filling, plugs, &crossing);
-        let restless: Vec<usize> = (0..holes.len()).filter(|&hole| before[hole] > 0).collect();
-        let calmer = restless.par_iter().map(|&hole| {
-            let rim = Rim::new(filling, surroundings, &holes[hole]);
-            let plug = plain::fill(filling, &rim, plain, wanted.edge, progress)?;
-            Ok(Plug { doubt: Some(Doubt::Calm), ..plug })
-        });
-        let mut others = calmer.collect::<Result<Vec<Plug>, Cancelled>>()?;
-        for (&hole, other) in restless.iter().zip(&mut others) {
-            std::mem::swap(&mut plugs[hole], other);
-        }
-        filling.add_all(holes, plugs);
-        crossing = intersecting(filling, progress)?;
-        let after = of_each(filling, plugs, &crossing);
-        for (&hole, other) in restless.iter().zip(&mut others) {
-            if before[hole] <= after[hole] {
-                std::mem::swap(&mut plugs[hole], other);
-            }
-        }
-        filling.add_all(holes, plugs);
-        crossing = intersecting(filling, progress)?;
-        if crossing.is_empty() {
-            break;
-        }
-    }
-    Ok(crossing)
-}
-
-/// How many of some filled faces are in each hole.
-fn of_each(filling: &Filling, plugs: &[Plug], faces: &[u32]) -> Vec<usize> {
-    let mut end = filling.kept;
-    let mut counts = Vec::with_capacity(plugs.len());
-    for plug in plugs {
-        let begin = end;
-        end += plug.patch.n_faces();
-        let place = |end: usize| faces.partition_point(|&face| (face as usize) < end);
-        counts.push(place(end) - place(begin));
-    }
-    counts
 }
 
 fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Result<Mesh, MeshError> {
@@ -385,15 +340,26 @@ fn describe_doubts(holes: &[usize], plugs: &[Plug]) -> Vec<String> {
     doubts
 }
 
-fn describe_crossing(filling: &Filling, crossing: &[u32]) -> Option<String> {
+fn describe_crossing(holes: &[usize], fillings: &Fillings<'_>, parts: &Parts) -> Option<String> {
+    let filling = &*fillings.filling;
+    let crossing = fillings.crossings.faces(filling);
     let first = filling.faces[*crossing.first()? as usize];
     let [a, b, c] = first.map(|vertex| filling.points[vertex as usize].coords);
     let middle = (a + b + c) / 3.0;
-    Some(format!(
+    let mut text = format!(
         "{} filled triangles run through others, the first at ({:.3}, {:.3}, {:.3})",
         crossing.len(),
         middle.x,
         middle.y,
         middle.z
-    ))
+    );
+    let why =
+        ["a loose part of the mesh is in the way of rim", "the data run through themselves at rim"];
+    for (why, at) in why.into_iter().zip(fillings.reasons(parts)) {
+        if !at.is_empty() {
+            let at: Vec<String> = at.into_iter().map(|hole| holes[hole].to_string()).collect();
+            text += &format!("; {why} {}", at.join(", "));
+        }
+    }
+    Some(text)
 }

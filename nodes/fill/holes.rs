@@ -114,6 +114,11 @@ impl Parts {
         Self { of_vertices, areas }
     }
 
+    /// The number of the part that a vertex is in.
+    pub(super) fn of(&self, vertex: u32) -> u32 {
+        self.of_vertices[vertex as usize]
+    }
+
     /// How many there are that have faces.
     pub(super) fn count(&self) -> usize {
         self.areas.iter().filter(|(area, _)| *area > 0.0).count()

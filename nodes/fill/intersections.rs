@@ -5,126 +5,162 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
+use super::boxes::{Bounds, Boxes, Triangle};
 use super::filling::Filling;
+use super::patch::area_vector;
 
-#[derive(Clone, Copy)]
-struct Triangle {
-    vertices: [u32; 3],
-    low: Point3<f64>,
-    high: Point3<f64>,
-    face: u32,
+/// Filled triangles that one task looks at.
+const CHUNK: usize = 128;
+
+/// Where filled triangles meet others in more than the vertices and the edge that they share. While what is filled changes, only that is
+/// looked at again.
+pub(super) struct Crossings {
+    /// The data that is near what was filled so far: it overlaps `within`.
+    data: Boxes,
+    within: Bounds,
+    filled: Boxes,
+    /// The faces of each pair, the lower one first; at least one of them is filled. Ascending.
+    pairs: Vec<[u32; 2]>,
 }
 
-/// Faces that one task bounds.
-const FACES: usize = 4096;
+impl Crossings {
+    /// Looks at all that is filled.
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(super) fn new(filling: &Filling, progress: &Progress<'_>) -> Result<Self, Cancelled> {
+        let mut crossings = Self {
+            data: Boxes::default(),
+            within: Bounds::EMPTY,
+            filled: Boxes::default(),
+            pairs: Vec::new(),
+        };
+        crossings.look_again(filling, |_| true, progress)?;
+        Ok(crossings)
+    }
 
-/// The filled faces that meet another face in more than the vertices and the edge that they share, ascending.
-///
-/// # Errors
-/// If the evaluation is told to stop.
-pub(super) fn intersecting(
-    filling: &Filling,
-    progress: &Progress<'_>,
-) -> Result<Vec<u32>, Cancelled> {
-    let boxed = |(face, &vertices): (usize, &[u32; 3])| {
-        let [a, b, c] = vertices.map(|vertex| filling.points[vertex as usize]);
-        Triangle { vertices, low: a.inf(&b).inf(&c), high: a.sup(&b).sup(&c), face: face as u32 }
-    };
-    let filled = filling.faces.iter().enumerate().skip(filling.kept).map(boxed);
-    let Some(around) = filled
-        .map(|triangle| (triangle.low, triangle.high))
-        .reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))
-    else {
-        return Ok(Vec::new());
-    };
-    let all = filling.faces.par_iter().with_min_len(FACES).enumerate().map(boxed);
-    let triangles: Vec<Triangle> = all.filter(|triangle| overlap(triangle, around)).collect();
-    let (strips, axis) = strips(triangles, around);
-    let found: Vec<Vec<[u32; 2]>> = strips
-        .into_par_iter()
-        .map(|strip| {
+    /// Looks at the filled faces that changed.
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(super) fn look_again(
+        &mut self,
+        filling: &Filling,
+        changed: impl Fn(u32) -> bool + Sync,
+        progress: &Progress<'_>,
+    ) -> Result<(), Cancelled> {
+        let first = filling.kept as u32;
+        let faces = first..filling.faces.len() as u32;
+        self.filled = Boxes::new(faces.clone().map(|face| Triangle::of(filling, face)));
+        self.take_in(filling, self.filled.bounds());
+        let is_changed = |face: u32| first <= face && changed(face);
+        self.pairs.retain(|pair| !pair.iter().any(|&face| is_changed(face)));
+        let changed: Vec<u32> = faces.filter(|&face| is_changed(face)).collect();
+        let of_chunk = |chunk: &[u32]| {
             progress.check()?;
-            Ok(pairs(filling, strip, axis))
-        })
-        .collect::<Result<_, Cancelled>>()?;
-    let faces = found.into_iter().flatten().flatten();
-    let mut faces: Vec<u32> = faces.filter(|&face| filling.kept <= face as usize).collect();
-    faces.sort_unstable();
-    faces.dedup();
-    Ok(faces)
-}
-
-/// How many triangles wide strips are, about: in narrower ones most triangles lie in two, in wider ones too many are compared.
-const WIDE: f64 = 4.0;
-
-/// Triangles cut into strips along the longest side of the box around the filled part, each triangle in all strips that it reaches; and
-/// the axis along which they run.
-fn strips(
-    triangles: Vec<Triangle>,
-    (low, high): (Point3<f64>, Point3<f64>),
-) -> (Vec<Vec<Triangle>>, usize) {
-    let size = high - low;
-    let along = size.imax();
-    let [one, other] = [(along + 1) % 3, (along + 2) % 3];
-    let across = if size[one] < size[other] { other } else { one };
-    let count = ((triangles.len() as f64).sqrt() / WIDE) as usize + 1;
-    let strip = |place: f64| {
-        // What is no number is in the first one, what lies outside in the nearest.
-        ((place - low[across]) / size[across] * count as f64).clamp(0.0, (count - 1) as f64)
-            as usize
-    };
-    let mut strips = vec![Vec::new(); count];
-    for triangle in triangles {
-        for strip in &mut strips[strip(triangle.low[across])..=strip(triangle.high[across])] {
-            strip.push(triangle);
-        }
-    }
-    (strips, along)
-}
-
-/// The pairs of faces in a strip that meet.
-fn pairs(filling: &Filling, mut strip: Vec<Triangle>, axis: usize) -> Vec<[u32; 2]> {
-    strip.sort_unstable_by(|a, b| a.low[axis].total_cmp(&b.low[axis]).then(a.face.cmp(&b.face)));
-    let is_filled = |triangle: &Triangle| filling.kept <= triangle.face as usize;
-    let mut pairs = Vec::new();
-    for (index, a) in strip.iter().enumerate() {
-        let behind = strip[index + 1..].iter();
-        for b in behind.take_while(|b| b.low[axis] <= a.high[axis]) {
-            if (is_filled(a) || is_filled(b))
-                && overlap(b, (a.low, a.high))
-                && meet(filling, a.vertices, b.vertices)
-            {
-                pairs.push([a.face, b.face]);
+            let mut pairs = Vec::new();
+            for triangle in chunk.iter().map(|&face| Triangle::of(filling, face)) {
+                let face = triangle.face;
+                let bounds = triangle.bounds();
+                self.data.near(&bounds, |other| {
+                    if meet(&triangle, other) {
+                        pairs.push([other.face, face]);
+                    }
+                });
+                self.filled.near(&bounds, |other| {
+                    // Of two that changed, the first one has looked at the pair.
+                    let is_new = face < other.face || !is_changed(other.face);
+                    if is_new && face != other.face && meet(&triangle, other) {
+                        pairs.push([face.min(other.face), face.max(other.face)]);
+                    }
+                });
             }
+            Ok(pairs)
+        };
+        let found: Vec<Vec<[u32; 2]>> =
+            changed.par_chunks(CHUNK).map(of_chunk).collect::<Result<_, Cancelled>>()?;
+        self.pairs.extend(found.into_iter().flatten());
+        self.pairs.sort_unstable();
+        Ok(())
+    }
+
+    /// Lets `data` be all that could meet what is filled within some bounds.
+    fn take_in(&mut self, filling: &Filling, bounds: Bounds) {
+        if self.within.holds(&bounds) {
+            return;
+        }
+        self.within = self.within.join(&bounds);
+        let near = (0..filling.kept as u32).into_par_iter().with_min_len(4096).filter_map(|face| {
+            let triangle = Triangle::of(filling, face);
+            triangle.bounds().overlaps(&self.within).then_some(triangle)
+        });
+        self.data = Boxes::new(near.collect::<Vec<_>>().into_iter());
+    }
+
+    /// Gives faces other numbers; those that have none are gone.
+    pub(super) fn renumber(&mut self, number: impl Fn(u32) -> Option<u32>) {
+        let renumbered = self.pairs.iter().filter_map(|&[a, b]| Some([number(a)?, number(b)?]));
+        self.pairs = renumbered.collect();
+    }
+
+    /// The filled faces that run through others, ascending.
+    pub(super) fn faces(&self, filling: &Filling) -> Vec<u32> {
+        let faces = self.pairs.as_flattened().iter().copied();
+        let mut faces: Vec<u32> = faces.filter(|&face| filling.kept <= face as usize).collect();
+        faces.sort_unstable();
+        faces.dedup();
+        faces
+    }
+
+    /// The pairs of faces of which at least one is filled, the lower face first, ascending.
+    pub(super) fn pairs(&self) -> &[[u32; 2]] {
+        &self.pairs
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    /// Calls `found` with each face, of the data and filled ones, that meets a triangle.
+    pub(super) fn with(&self, triangle: &Triangle, mut found: impl FnMut(u32)) {
+        for boxes in [&self.data, &self.filled] {
+            boxes.near(&triangle.bounds(), |other| {
+                if meet(triangle, other) {
+                    found(other.face);
+                }
+            });
         }
     }
-    pairs
-}
-
-fn overlap(triangle: &Triangle, (low, high): (Point3<f64>, Point3<f64>)) -> bool {
-    (0..3).all(|k| triangle.low[k] <= high[k] && low[k] <= triangle.high[k])
 }
 
 /// Whether two triangles have more in common than the vertices and the edge that they share.
-fn meet(filling: &Filling, a: [u32; 3], b: [u32; 3]) -> bool {
-    let place = |vertex: u32| filling.points[vertex as usize];
-    let shared = a.iter().filter(|vertex| b.contains(vertex)).count();
-    match shared {
+pub(super) fn meet(one: &Triangle, other: &Triangle) -> bool {
+    let (a, b) = (one.vertices, other.vertices);
+    let (on_a, on_b) = (one.corners, other.corners);
+    match a.iter().filter(|vertex| b.contains(vertex)).count() {
         0 => {
-            let edges = |face: [u32; 3]| [0, 1, 2].map(|k| [face[k], face[(k + 1) % 3]].map(place));
-            let (on_a, on_b) = (a.map(place), b.map(place));
-            edges(a).into_iter().any(|edge| pierces(edge, on_b))
-                || edges(b).into_iter().any(|edge| pierces(edge, on_a))
-                || overlap_in_plane(on_a, on_b)
+            let (of_a, of_b) = (on_a.map(|p| side(on_b, p)), on_b.map(|p| side(on_a, p)));
+            if is_beside(of_a) || is_beside(of_b) {
+                return false;
+            }
+            let pierces = |edges: [Point3<f64>; 3], sides: [f64; 3], triangle| {
+                (0..3)
+                    .map(|k| [k, (k + 1) % 3])
+                    .any(|ends| pierces(ends.map(|k| edges[k]), ends.map(|k| sides[k]), triangle))
+            };
+            pierces(on_a, of_a, on_b)
+                || pierces(on_b, of_b, on_a)
+                || (of_a == [0.0; 3] && of_b == [0.0; 3] && overlap_in_plane(on_a, on_b))
         }
         1 => {
-            let opposite = |face: [u32; 3], other: [u32; 3]| {
-                let k = (0..3).find(|&k| other.contains(&face[k])).unwrap_or(0);
-                [face[(k + 1) % 3], face[(k + 2) % 3]].map(place)
+            let pierces = |face: &Triangle, other: &Triangle| {
+                let k = (0..3).find(|&k| other.vertices.contains(&face.vertices[k])).unwrap_or(0);
+                let ends = [(k + 1) % 3, (k + 2) % 3].map(|k| face.corners[k]);
+                pierces(ends, ends.map(|p| side(other.corners, p)), other.corners)
             };
-            pierces(opposite(a, b), b.map(place)) || pierces(opposite(b, a), a.map(place))
+            pierces(one, other) || pierces(other, one)
         }
-        2 => is_folded(a, b, place),
+        2 => is_folded(one, other),
         _ => true,
     }
 }
@@ -134,13 +170,16 @@ fn side([a, b, c]: [Point3<f64>; 3], p: Point3<f64>) -> f64 {
     orient3d(coord(a), coord(b), coord(c), coord(p))
 }
 
-/// Whether a line runs through a triangle: its ends lie on different sides, and it passes all three edges on one.
-fn pierces([p, q]: [Point3<f64>; 2], triangle: [Point3<f64>; 3]) -> bool {
-    let (from, to) = (side(triangle, p), side(triangle, q));
+/// Whether all corners of a triangle are on the same side of a plane.
+fn is_beside(sides: [f64; 3]) -> bool {
+    sides.iter().all(|&side| side > 0.0) || sides.iter().all(|&side| side < 0.0)
+}
+
+/// Whether a line runs through a triangle: its ends lie on different sides, which are given, and it passes all three edges on one.
+fn pierces([p, q]: [Point3<f64>; 2], [from, to]: [f64; 2], [a, b, c]: [Point3<f64>; 3]) -> bool {
     if !((from > 0.0 && to < 0.0) || (from < 0.0 && to > 0.0)) {
         return false;
     }
-    let [a, b, c] = triangle;
     let sides = [[a, b], [b, c], [c, a]].map(|[from, to]| side([p, q, from], to));
     sides.iter().all(|&side| side >= 0.0) || sides.iter().all(|&side| side <= 0.0)
 }
@@ -150,17 +189,15 @@ fn flattened<const N: usize>(points: [Point3<f64>; N], drop: usize) -> [Coord<f6
     points.map(|point| Coord { x: point[(drop + 1) % 3], y: point[(drop + 2) % 3] })
 }
 
-/// The axis along which a triangle is seen best.
-fn best_axis([a, b, c]: [Point3<f64>; 3]) -> usize {
-    (b - a).cross(&(c - a)).iamax()
+/// The axis along which the plane of two triangles is seen best.
+fn best_axis(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> usize {
+    let (a, b) = (area_vector(a), area_vector(b));
+    if a.norm_squared() < b.norm_squared() { b.iamax() } else { a.iamax() }
 }
 
-/// Whether two triangles lie in one plane and cross there.
+/// Whether two triangles in one plane cross there.
 fn overlap_in_plane(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> bool {
-    if b.iter().any(|&corner| side(a, corner) != 0.0) {
-        return false;
-    }
-    let drop = best_axis(a);
+    let drop = best_axis(a, b);
     let (a, b) = (flattened(a, drop), flattened(b, drop));
     let cross = |[p, q]: [Coord<f64>; 2], [r, s]: [Coord<f64>; 2]| {
         orient2d(p, q, r) * orient2d(p, q, s) < 0.0 && orient2d(r, s, p) * orient2d(r, s, q) < 0.0
@@ -176,17 +213,84 @@ fn overlap_in_plane(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> bool {
 }
 
 /// Whether two triangles at one edge lie in one plane, on the same side of the edge.
-fn is_folded(a: [u32; 3], b: [u32; 3], place: impl Fn(u32) -> Point3<f64>) -> bool {
-    let apex = |face: [u32; 3], other: [u32; 3]| {
-        face.into_iter().find(|vertex| !other.contains(vertex)).unwrap_or(face[0])
+fn is_folded(one: &Triangle, other: &Triangle) -> bool {
+    let apex = |face: &Triangle, vertices: [u32; 3]| {
+        (0..3).find(|&k| !vertices.contains(&face.vertices[k])).unwrap_or(0)
     };
-    let (p, q) = (place(apex(a, b)), place(apex(b, a)));
-    let corners = a.map(&place);
-    if side(corners, q) != 0.0 {
+    let (k, l) = (apex(one, other.vertices), apex(other, one.vertices));
+    let q = other.corners[l];
+    if side(one.corners, q) != 0.0 {
         return false;
     }
-    let ends: Vec<Point3<f64>> =
-        a.into_iter().filter(|vertex| b.contains(vertex)).map(&place).collect();
-    let [u, v, p, q] = flattened([ends[0], ends[1], p, q], best_axis(corners));
-    orient2d(u, v, p) * orient2d(u, v, q) > 0.0
+    let [p, u, v] = [k, (k + 1) % 3, (k + 2) % 3].map(|corner| one.corners[corner]);
+    // Seen along an axis in the plane both are lines.
+    (0..3).any(|drop| {
+        let [u, v, p, q] = flattened([u, v, p, q], drop);
+        orient2d(u, v, p) * orient2d(u, v, q) > 0.0
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fill::shapes::{grid, random};
+
+    #[test]
+    fn what_is_looked_at_again_is_as_if_all_were() {
+        let mut filling = Filling::new(&grid(12, 12, |_, _| 0.0));
+        (filling.data, filling.kept) = (72, 100);
+        let progress = Progress::none();
+        let mut crossings = Crossings::new(&filling, &progress).unwrap();
+        assert!(crossings.is_empty());
+        let mut counts = Vec::new();
+        for round in 0..30u64 {
+            // Some vertices go somewhere, sometimes far out, and some back.
+            let mut moved = vec![false; filling.points.len()];
+            for k in 0..6 {
+                let number = |i: u64| random(round << 20 | k << 4 | i);
+                let vertex = 72 + (72.0 * number(0)) as usize;
+                let spread = if number(1) < 0.2 { 12.0 } else { 3.0 };
+                let off = nalgebra::Vector3::new(number(2), number(3), number(4)) * spread;
+                let start = Point3::new((vertex % 12) as f64, (vertex / 12) as f64, 0.0);
+                filling.points[vertex] = if number(5) < 0.5 { start } else { start + off };
+                moved[vertex] = true;
+            }
+            let faces = filling.faces.clone();
+            let changed = |face: u32| faces[face as usize].iter().any(|&v| moved[v as usize]);
+            crossings.look_again(&filling, changed, &progress).unwrap();
+            let all = Crossings::new(&filling, &progress).unwrap();
+            assert_eq!(crossings.pairs(), all.pairs());
+            counts.push(all.pairs().len());
+        }
+        assert!(counts.iter().any(|&count| count > 50), "{counts:?}");
+    }
+
+    #[test]
+    fn triangles_meet_in_more_than_corners_and_edges() {
+        let check = |one: [[f64; 3]; 3], numbers: [u32; 3], other: [[f64; 3]; 3], meets: bool| {
+            let triangle = |vertices, corners: [[f64; 3]; 3]| Triangle {
+                vertices,
+                corners: corners.map(Point3::from),
+                face: 0,
+            };
+            let (one, other) = (triangle([0, 1, 2], one), triangle(numbers, other));
+            assert_eq!([meet(&one, &other), meet(&other, &one)], [meets; 2], "{numbers:?}");
+        };
+        let [o, x, y, z] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let [low, in_middle] = [[0.2, 0.2, -1.0], [0.2, 0.2, 1.0]];
+        check([o, x, y], [3, 4, 5], [low, in_middle, [9.0, 9.0, 0.0]], true);
+        check([o, x, y], [3, 4, 5], [low, in_middle, [-9.0, 0.1, 0.0]], true);
+        check([o, x, y], [3, 4, 5], [z, in_middle, [9.0, 9.0, 1.0]], false);
+        // In one plane.
+        check([o, x, y], [3, 4, 5], [[0.1, 0.1, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], true);
+        check([o, x, y], [3, 4, 5], [[1.0, 1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], false);
+        // At one vertex, and at one edge.
+        check([o, x, y], [0, 4, 5], [o, low, in_middle], true);
+        check([o, x, y], [0, 4, 5], [o, z, in_middle], false);
+        check([o, x, y], [1, 0, 5], [x, o, y], true);
+        check([o, x, y], [1, 0, 5], [x, o, [0.3, -1.0, 0.0]], false);
+        check([o, x, y], [1, 0, 5], [x, o, z], false);
+        // A triangle without area beside one in whose plane it is not.
+        check([o, o, x], [3, 4, 5], [[0.0, 0.2, 0.0], [1.0, 0.3, 0.1], [0.5, -0.1, 1.0]], false);
+    }
 }

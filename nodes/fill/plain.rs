@@ -34,6 +34,7 @@ pub(super) enum Doubt {
 }
 
 /// A hole's filling.
+#[derive(Clone)]
 pub(super) struct Plug {
     pub(super) patch: Patch,
     pub(super) doubt: Option<Doubt>,

@@ -4,57 +4,69 @@ use maquette::{Cancelled, Progress};
 use nalgebra::Point3;
 
 use super::filling::Filling;
-use super::intersections::intersecting;
+use super::intersections::Crossings;
 
 /// Rounds in which vertices go half of their way back, and after them those in which they go all of it.
 const HALVES: usize = 4;
 const WHOLES: usize = 4;
 
-/// Moves filled vertices of crossing faces, and those around them, towards `start`, until no faces cross any more; gives the faces that
-/// still do, never more than at first. Each round takes in one more ring of vertices.
+/// Moves filled vertices of crossing faces, and those around them, towards `start`, until no faces cross any more, or never more than at
+/// first. Each round takes in one more ring of vertices, and the last one all that hang together: where the start runs through nothing,
+/// nothing is left that does.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
 pub(super) fn settle(
     filling: &mut Filling,
     start: &[Point3<f64>],
-    crossing: Vec<u32>,
+    crossings: &mut Crossings,
     progress: &Progress<'_>,
-) -> Result<Vec<u32>, Cancelled> {
+) -> Result<(), Cancelled> {
     let data = filling.data;
     let completed = filling.points[data..].to_vec();
     let mut shares = vec![1.0; completed.len()];
-    let mut left = crossing.clone();
-    for round in 0..HALVES + WHOLES {
-        if left.is_empty() {
-            return Ok(left);
+    let first = crossings.faces(filling).len();
+    for round in 0..=HALVES + WHOLES {
+        if crossings.is_empty() {
+            return Ok(());
         }
         let mut near = vec![false; filling.points.len()];
-        for &face in &left {
+        for &face in &crossings.faces(filling) {
             filling.faces[face as usize].iter().for_each(|&vertex| near[vertex as usize] = true);
         }
-        for _ in 0..=round {
-            let inner: Vec<[u32; 3]> = filling.faces[filling.kept..]
-                .iter()
-                .filter(|face| face.iter().any(|&vertex| near[vertex as usize]))
-                .copied()
-                .collect();
-            inner.as_flattened().iter().for_each(|&vertex| near[vertex as usize] = true);
-        }
+        let rings = if round < HALVES + WHOLES { round + 1 } else { usize::MAX };
+        grow(&mut near, &filling.faces[filling.kept..], rings);
         let factor = if round < HALVES { 0.5 } else { 0.0 };
         for vertex in (0..completed.len()).filter(|vertex| near[data + vertex]) {
             shares[vertex] *= factor;
             let way = completed[vertex] - start[vertex];
             filling.points[data + vertex] = start[vertex] + way * shares[vertex];
         }
-        left = intersecting(filling, progress)?;
+        near[..data].fill(false);
+        let moved = |face: u32| filling.faces[face as usize].iter().any(|&v| near[v as usize]);
+        crossings.look_again(filling, moved, progress)?;
     }
-    if left.len() < crossing.len() {
-        return Ok(left);
+    if crossings.faces(filling).len() < first {
+        return Ok(());
     }
     filling.points.truncate(data);
     filling.points.extend(completed);
-    Ok(crossing)
+    crossings.look_again(filling, |_| true, progress)
+}
+
+/// Takes in so many rings of vertices, or as many as there are.
+fn grow(near: &mut [bool], faces: &[[u32; 3]], rings: usize) {
+    for _ in 0..rings {
+        let at_edge = |face: &&[u32; 3]| {
+            let count = face.iter().filter(|&&vertex| near[vertex as usize]).count();
+            0 < count && count < 3
+        };
+        let ring: Vec<[u32; 3]> = faces.iter().filter(at_edge).copied().collect();
+        if ring.is_empty() {
+            return;
+        }
+        ring.as_flattened().iter().for_each(|&vertex| near[vertex as usize] = true);
+    }
 }
 
 #[cfg(test)]
@@ -83,11 +95,12 @@ mod tests {
         let completed: Vec<_> = start.iter().map(bulge).collect();
         filling.points.truncate(data);
         filling.points.extend(&completed);
-        let crossing = intersecting(&filling, &Progress::none()).unwrap();
-        assert!(!crossing.is_empty());
-        let left = settle(&mut filling, &start, crossing, &Progress::none()).unwrap();
-        assert_eq!(left, [0; 0]);
-        assert_eq!(intersecting(&filling, &Progress::none()).unwrap(), [0; 0]);
+        let progress = Progress::none();
+        let mut crossings = Crossings::new(&filling, &progress).unwrap();
+        assert!(!crossings.is_empty());
+        settle(&mut filling, &start, &mut crossings, &progress).unwrap();
+        assert!(crossings.is_empty());
+        assert!(Crossings::new(&filling, &progress).unwrap().is_empty());
         for ((now, completed), start) in filling.points[data..].iter().zip(&completed).zip(&start) {
             let off = libm::hypot(start.x - 3.0, start.y - 3.0);
             assert!(off < 4.0 || now == completed, "{now}");

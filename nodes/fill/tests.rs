@@ -13,6 +13,7 @@ use super::regions::HoleRegion;
 use super::shapes::{grid, of, random, sphere, without};
 
 mod creases;
+mod crossings;
 mod pictures;
 
 const PLAIN: [FillMethod; 4] =
