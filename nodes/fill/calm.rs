@@ -23,7 +23,7 @@ pub(super) struct Fillings<'a> {
 }
 
 /// So many holes are looked at one by one at the end.
-const MOST_ALONE: usize = 100;
+const MOST_ALONE: usize = 20;
 
 impl Fillings<'_> {
     /// Mends what fills the holes whose triangles run through others. Where that does not help they are filled again, with other surfaces,

@@ -82,7 +82,10 @@ impl Chart {
             let scales = [size, 1.0, 1.0, 1.0 / size, 1.0 / size, 1.0 / size];
             let chart =
                 Self { origin, frame, coefficients: std::array::from_fn(|k| x[k] * scales[k]) };
-            (chart.misfit(points) <= tolerance).then_some(chart)
+            // As many points as terms fit anything.
+            let free = points.len() as f64 - terms as f64;
+            let misfit = chart.misfit(points) * (points.len() as f64 / free.max(0.0)).sqrt();
+            (misfit <= tolerance).then_some(chart)
         })
     }
 

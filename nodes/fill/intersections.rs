@@ -153,12 +153,15 @@ pub(super) fn meet(one: &Triangle, other: &Triangle) -> bool {
                 || (of_a == [0.0; 3] && of_b == [0.0; 3] && overlap_in_plane(on_a, on_b))
         }
         1 => {
-            let pierces = |face: &Triangle, other: &Triangle| {
+            let opposite = |face: &Triangle, other: &Triangle| {
                 let k = (0..3).find(|&k| other.vertices.contains(&face.vertices[k])).unwrap_or(0);
-                let ends = [(k + 1) % 3, (k + 2) % 3].map(|k| face.corners[k]);
-                pierces(ends, ends.map(|p| side(other.corners, p)), other.corners)
+                [(k + 1) % 3, (k + 2) % 3].map(|k| face.corners[k])
             };
-            pierces(one, other) || pierces(other, one)
+            let (ends_a, ends_b) = (opposite(one, other), opposite(other, one));
+            let (of_a, of_b) = (ends_a.map(|p| side(on_b, p)), ends_b.map(|p| side(on_a, p)));
+            pierces(ends_a, of_a, on_b)
+                || pierces(ends_b, of_b, on_a)
+                || (of_a == [0.0; 2] && of_b == [0.0; 2] && overlap_in_plane(on_a, on_b))
         }
         2 => is_folded(one, other),
         _ => true,
@@ -208,8 +211,8 @@ fn overlap_in_plane(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> bool {
         sides.iter().all(|&side| side > 0.0) || sides.iter().all(|&side| side < 0.0)
     };
     edges(a).into_iter().any(|edge| edges(b).into_iter().any(|other| cross(edge, other)))
-        || within(a[0], b)
-        || within(b[0], a)
+        || a.into_iter().any(|corner| within(corner, b))
+        || b.into_iter().any(|corner| within(corner, a))
 }
 
 /// Whether two triangles at one edge lie in one plane, on the same side of the edge.
@@ -287,6 +290,8 @@ mod tests {
         // At one vertex, and at one edge.
         check([o, x, y], [0, 4, 5], [o, low, in_middle], true);
         check([o, x, y], [0, 4, 5], [o, z, in_middle], false);
+        check([o, x, y], [0, 4, 5], [o, [0.9, 0.2, 0.0], [0.2, 0.9, 0.0]], true);
+        check([o, x, y], [0, 4, 5], [o, [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], false);
         check([o, x, y], [1, 0, 5], [x, o, y], true);
         check([o, x, y], [1, 0, 5], [x, o, [0.3, -1.0, 0.0]], false);
         check([o, x, y], [1, 0, 5], [x, o, z], false);
