@@ -89,8 +89,8 @@ fn roughness(mesh: &Mesh, data: usize) -> f64 {
     }
     let normals = mesh.vertex_normals();
     let each = mesh.positions().iter().zip(&smooth).zip(&normals).skip(data);
-    let squares: Vec<f64> = each.map(|((p, q), normal)| (p - q).dot(normal).powi(2)).collect();
-    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    let far: Vec<f64> = each.map(|((p, q), normal)| (p - q).dot(normal)).collect();
+    (far.iter().map(|far| far * far).sum::<f64>() / far.len() as f64).sqrt()
 }
 
 fn bends(mesh: &Mesh, data: usize) -> [f64; 5] {
