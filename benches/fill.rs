@@ -38,8 +38,13 @@ mod judge;
 const NOISE: [f64; 2] = [0.05, 0.2];
 
 fn main() {
-    // As wherever there is an evaluator.
+    // As wherever there is an evaluator, and within its threads.
     maquette::memory::keep_freed();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
+    pool.install(measure);
+}
+
+fn measure() {
     let words: Vec<String> =
         std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     if words.iter().any(|word| word == "rims") {
