@@ -14,6 +14,7 @@ use super::shapes::{grid, of, random, sphere, without};
 
 mod creases;
 mod crossings;
+mod odd_holes;
 mod pictures;
 
 const PLAIN: [FillMethod; 4] =

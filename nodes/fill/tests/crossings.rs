@@ -27,19 +27,23 @@ fn round_hole(height: impl Fn(f64, f64) -> f64) -> Mesh {
     without(&grid(20, 20, height), |p| libm::hypot(p.x - 9.5, p.y - 9.5) < 4.0)
 }
 
+/// A hole in rough data, at the rim of which some points are in one place.
+fn with_points_in_one_place(seed: u64) -> Mesh {
+    let hills = |x: f64, y: f64| 0.3 * libm::sin(x) + 0.2 * y;
+    let mesh = round_hole(|x, y| hills(x, y) + 0.5 * random(seed << 32 | (x + 20.0 * y) as u64));
+    let mut points = mesh.positions().to_vec();
+    for [a, b] in rim_edges(&mesh) {
+        if random(seed << 32 | u64::from(a)) < 0.3 {
+            points[a as usize] = points[b as usize];
+        }
+    }
+    mesh.with_positions(points).unwrap()
+}
+
 #[test]
 fn points_in_one_place_at_the_rim_make_no_folds() {
-    let hills = |x: f64, y: f64| 0.3 * libm::sin(x) + 0.2 * y;
     for seed in 0..20 {
-        let mesh =
-            round_hole(|x, y| hills(x, y) + 0.5 * random(seed << 32 | (x + 20.0 * y) as u64));
-        let mut points = mesh.positions().to_vec();
-        for [a, b] in rim_edges(&mesh) {
-            if random(seed << 32 | u64::from(a)) < 0.3 {
-                points[a as usize] = points[b as usize];
-            }
-        }
-        let mesh = mesh.with_positions(points).unwrap();
+        let mesh = with_points_in_one_place(seed);
         for method in PLAIN {
             let filled = fill(&mesh, HoleChoice::All, method.clone()).unwrap();
             check_kept(&mesh, &filled.mesh);
@@ -51,6 +55,22 @@ fn points_in_one_place_at_the_rim_make_no_folds() {
             assert!(!tells, "{seed} {method:?}: {:?}", filled.doubts);
         }
     }
+}
+
+#[test]
+fn several_threads_mend_the_same_bytes() {
+    let apart = |seed: u64| {
+        let mesh = with_points_in_one_place(seed);
+        let off = nalgebra::Vector3::x() * (30.0 * seed as f64);
+        mesh.with_positions(mesh.positions().iter().map(|p| p + off).collect()).unwrap()
+    };
+    let all = (1..6).map(apart).fold(apart(0), |all, other| both(&all, &other));
+    let filled = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| fill(&all, HoleChoice::All, FillMethod::ThinPlate).unwrap().mesh)
+    };
+    let one = filled(1);
+    assert!([2, 8].into_iter().all(|threads| filled(threads) == one));
 }
 
 #[test]
