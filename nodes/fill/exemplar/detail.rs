@@ -11,9 +11,9 @@ use super::search::Turns;
 use super::spread::Plate;
 use super::surface::{NONE, Surface};
 
-/// How strongly the shape holds against the detail. With a tenth of it, detail bends the whole: on eight holes each of five surfaces, fills
+/// How strongly the shape holds against the detail. With a twentieth of it, detail bends the whole: on eight holes each of five surfaces, fills
 /// were up to a quarter farther from the truth.
-const HOLD: f64 = 1.0;
+const HOLD: f64 = 2.0;
 
 /// The most by which detail is amplified.
 const MOST: f64 = 3.0;
