@@ -43,7 +43,19 @@ impl Bounds {
     }
 
     pub(super) fn overlaps(&self, other: &Self) -> bool {
-        (0..3).all(|k| self.low[k] <= other.high[k] && other.low[k] <= self.high[k])
+        // Without branches, which a processor could only guess.
+        (0..3).fold(true, |overlap, k| {
+            overlap & (self.low[k] <= other.high[k]) & (other.low[k] <= self.high[k])
+        })
+    }
+
+    /// A bit for each side of this box beyond which a point lies: the box of a triangle overlaps this one unless its corners have a bit in
+    /// common. Cohen and Sutherland's clipping, in Newman and Sproull, "Principles of interactive computer graphics" (1973).
+    pub(super) fn outcode(&self, point: &Point3<f64>) -> u8 {
+        (0..3).fold(0, |code, k| {
+            let [below, above] = [point[k] < self.low[k], self.high[k] < point[k]].map(u8::from);
+            code << 2 | below << 1 | above
+        })
     }
 
     pub(super) fn holds(&self, other: &Self) -> bool {
@@ -54,18 +66,27 @@ impl Bounds {
 /// Triangles of a leaf.
 const LEAF: usize = 4;
 
+/// Below a node with at most so many triangles a tree grows on one thread.
+const ALONE: usize = 512;
+
 /// Triangles in a tree of boxes.
 #[derive(Default)]
 pub(super) struct Boxes {
-    triangles: Vec<(Bounds, Triangle)>,
+    triangles: Vec<Boxed>,
     /// Each node is followed by those below it.
     nodes: Vec<Node>,
 }
 
+/// A triangle with its box.
+pub(super) struct Boxed {
+    pub(super) bounds: Bounds,
+    pub(super) triangle: Triangle,
+}
+
 struct Node {
     bounds: Bounds,
-    /// The node after all those below this one.
-    end: u32,
+    /// How many nodes are below this one.
+    below: u32,
     /// The triangles of a leaf, from the first to before the last; none for other nodes.
     first: u32,
     last: u32,
@@ -73,57 +94,91 @@ struct Node {
 
 impl Boxes {
     pub(super) fn new(triangles: impl Iterator<Item = Triangle>) -> Self {
-        let with_bounds = triangles.map(|triangle| (triangle.bounds(), triangle));
-        let mut boxes = Self { triangles: with_bounds.collect(), nodes: Vec::new() };
-        if !boxes.triangles.is_empty() {
-            boxes.grow(0, boxes.triangles.len());
+        let triangles: Vec<Triangle> = triangles.collect();
+        // Moved about in place of the triangles, which are larger.
+        let bounds = (0..).zip(&triangles).map(|(k, triangle)| (triangle.bounds(), k));
+        let mut order: Vec<(Bounds, u32)> = bounds.collect();
+        let mut nodes = Vec::with_capacity(triangles.len());
+        if !order.is_empty() {
+            grow(&mut nodes, &mut order, 0);
         }
-        boxes
+        let ordered =
+            order.into_iter().map(|(bounds, k)| Boxed { bounds, triangle: triangles[k as usize] });
+        Self { triangles: ordered.collect(), nodes }
     }
 
-    /// Adds the node of some triangles, and those below it: half of the triangles each, apart along the longest side of their box.
-    fn grow(&mut self, first: usize, last: usize) {
-        let own = &mut self.triangles[first..last];
-        let bounds = own.iter().fold(Bounds::EMPTY, |bounds, (other, _)| bounds.join(other));
-        let (node, is_leaf) = (self.nodes.len(), own.len() <= LEAF);
-        let ends = if is_leaf { [first as u32, last as u32] } else { [0, 0] };
-        self.nodes.push(Node { bounds, end: 0, first: ends[0], last: ends[1] });
-        if !is_leaf {
-            let axis = (bounds.high - bounds.low).imax();
-            let half = own.len() / 2;
-            own.select_nth_unstable_by(half, |(a, _), (b, _)| {
-                (a.low[axis] + a.high[axis]).total_cmp(&(b.low[axis] + b.high[axis]))
-            });
-            self.grow(first, first + half);
-            self.grow(first + half, last);
-        }
-        self.nodes[node].end = self.nodes.len() as u32;
-    }
-
-    /// What holds all triangles.
-    pub(super) fn bounds(&self) -> Bounds {
-        self.nodes.first().map_or(Bounds::EMPTY, |root| root.bounds)
+    /// The triangles, those of each leaf together.
+    pub(super) fn leaves(&self) -> impl Iterator<Item = &[Boxed]> {
+        let leaves = self.nodes.iter().filter(|node| node.first < node.last);
+        leaves.map(|node| &self.triangles[node.first as usize..node.last as usize])
     }
 
     /// Calls `found` with each triangle whose box overlaps `bounds`.
-    pub(super) fn near(&self, bounds: &Bounds, mut found: impl FnMut(&Triangle)) {
+    pub(super) fn near(&self, bounds: &Bounds, mut found: impl FnMut(&Boxed)) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
             if !node.bounds.overlaps(bounds) {
-                at = node.end as usize;
+                at += node.below as usize + 1;
                 continue;
             }
             let own = &self.triangles[node.first as usize..node.last as usize];
-            own.iter().filter(|(other, _)| other.overlaps(bounds)).for_each(|(_, it)| found(it));
+            own.iter().filter(|other| other.bounds.overlaps(bounds)).for_each(&mut found);
             at += 1;
         }
     }
+}
+
+/// Adds the node of some triangles, of which the first is `first`, and those below it: half of the triangles each, apart along the longest
+/// side of their box.
+fn grow(nodes: &mut Vec<Node>, own: &mut [(Bounds, u32)], first: u32) {
+    let bounds = own.iter().fold(Bounds::EMPTY, |bounds, (other, _)| bounds.join(other));
+    let (node, count) = (nodes.len(), own.len());
+    let last = if count <= LEAF { first + count as u32 } else { first };
+    nodes.push(Node { bounds, below: 0, first, last });
+    if count > LEAF {
+        let axis = (bounds.high - bounds.low).imax();
+        let half = count / 2;
+        own.select_nth_unstable_by(half, |(a, _), (b, _)| {
+            (a.low[axis] + a.high[axis]).total_cmp(&(b.low[axis] + b.high[axis]))
+        });
+        let (low, high) = own.split_at_mut(half);
+        if count <= ALONE {
+            grow(nodes, low, first);
+            grow(nodes, high, first + half as u32);
+        } else {
+            let grown = |own: &mut [(Bounds, u32)], first: u32| {
+                let mut nodes = Vec::new();
+                grow(&mut nodes, own, first);
+                nodes
+            };
+            let (low, high) =
+                rayon::join(|| grown(low, first), || grown(high, first + half as u32));
+            nodes.extend(low);
+            nodes.extend(high);
+        }
+    }
+    nodes[node].below = (nodes.len() - node) as u32 - 1;
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fill::shapes::random;
+
+    #[test]
+    fn outcodes_tell_which_triangles_have_boxes_that_overlap() {
+        let point = |k: u64| Point3::from([0, 1, 2].map(|axis| 10.0 * random(3 * k + axis)));
+        let corners = |k: u64| [0, 1, 2].map(|corner| point(3 * k + corner));
+        let bounds = |k: u64| Triangle { vertices: [0; 3], corners: corners(k), face: 0 }.bounds();
+        let mut counts = [0, 0];
+        for (k, other) in (0..200).map(|k| (k, k + 1000)) {
+            let [a, b, c] = corners(other).map(|corner| bounds(k).outcode(&corner));
+            let overlaps = bounds(k).overlaps(&bounds(other));
+            assert_eq!(a & b & c == 0, overlaps);
+            counts[usize::from(overlaps)] += 1;
+        }
+        assert!(counts.iter().all(|&count| count > 20), "{counts:?}");
+    }
 
     #[test]
     fn all_that_is_near_is_found() {
@@ -138,11 +193,11 @@ mod tests {
             };
             Triangle { vertices: [0; 3], corners: [0, 1, 2].map(corner), face }
         };
-        for count in [0, 1, 4, 5, 300] {
+        for count in [0, 1, 4, 5, 300, 1500] {
             let boxes = Boxes::new((0..count).map(triangle));
             for of in (0..40).map(|k| triangle(k + 1000)) {
                 let mut found = Vec::new();
-                boxes.near(&of.bounds(), |other| found.push(other.face));
+                boxes.near(&of.bounds(), |other| found.push(other.triangle.face));
                 found.sort_unstable();
                 let near = (0..count).filter(|&k| triangle(k).bounds().overlaps(&of.bounds()));
                 assert_eq!(found, near.collect::<Vec<u32>>());

@@ -141,6 +141,10 @@ impl<'a> Carry<'a> {
             };
             onto = onto.with_vertex(name, carried)?;
         }
+        // What is beside a vertex takes a look at all the data.
+        if from.corner().iter().next().is_none() && from.face().iter().next().is_none() {
+            return Ok(onto);
+        }
         let (corners, faces) = self.beside(from);
         for (name, attribute) in from.corner().iter() {
             onto = onto.with_corner(name, self.corner(from, attribute, &corners))?;

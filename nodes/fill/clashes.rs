@@ -25,7 +25,8 @@ pub(super) fn check_rims(
         spokes.insert(vertex, around.map(|&face| spoke(face, vertex)).collect());
     }
     for &face in &filling.faces[filling.kept..] {
-        for vertex in face {
+        // Nearly all corners are filled vertices, which are on no rim.
+        for vertex in face.into_iter().filter(|&vertex| (vertex as usize) < filling.data) {
             if let Some(spokes) = spokes.get_mut(&vertex) {
                 spokes.push(spoke(face, vertex));
             }

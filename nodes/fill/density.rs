@@ -223,30 +223,31 @@ const SLIDE: f64 = 0.6;
 
 /// Slides each inner vertex along the surface to the middle of the faces around, weighed by their areas.
 fn relax(patch: &mut Patch) {
+    let mut ring: Vec<Point3<f64>> = Vec::new();
     for vertex in patch.fixed as u32..patch.points.len() as u32 {
         if patch.leaving[vertex as usize] == NONE {
             continue;
         }
         let at = patch.points[vertex as usize];
+        ring.clear();
+        ring.extend(patch.around(vertex).map(|half| patch.points[patch.ends(half)[1] as usize]));
+        // The first one closes the ring.
+        ring.push(ring[0]);
         let (mut normal, mut middle, mut weight) = (Vector3::zeros(), Vector3::zeros(), 0.0);
-        for half in patch.around(vertex) {
-            let [b, c] = [next(half), previous(half)]
-                .map(|half| patch.points[patch.corners[half as usize] as usize]);
-            let area = area_vector([at, b, c]);
+        for pair in ring.windows(2) {
+            let [b, c] = [pair[0] - at, pair[1] - at];
+            let area = b.cross(&c);
             let size = area.norm();
             normal += area;
-            middle += ((b - at) + (c - at)) * (size / 3.0);
+            middle += (b + c) * (size / 3.0);
             weight += size;
         }
         let Some(normal) = normal.try_normalize(0.0).filter(|_| weight > 0.0) else { continue };
         let step = middle * (SLIDE * 1.5 / weight);
         let place = at + (step - normal * normal.dot(&step));
-        let keeps = patch.around(vertex).all(|half| {
-            let [b, c] = [next(half), previous(half)]
-                .map(|half| patch.points[patch.corners[half as usize] as usize]);
-            area_vector([place, b, c]).dot(&normal) > 0.0
-        });
-        if keeps {
+        let keeps =
+            |pair: &[Point3<f64>]| area_vector([place, pair[0], pair[1]]).dot(&normal) > 0.0;
+        if ring.windows(2).all(keeps) {
             patch.points[vertex as usize] = place;
         }
     }

@@ -207,14 +207,36 @@ fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
             rim.ring[vertex - count] - origin
         }
     };
+    let ((matrix, mut right), dissection) = rayon::join(
+        || equations(&laplacian, &vertices, &unknowns, place, energy),
+        || laplacian.dissection(&vertices, &unknowns, energy),
+    );
+    Cholesky::ordered(&matrix, &dissection)?.solve(&mut right);
+    let mut points = patch.points.clone();
+    for (&vertex, solution) in vertices.iter().zip(right) {
+        points[vertex] = origin + Vector3::from(solution);
+    }
+    Some(points)
+}
+
+/// What has to hold for the unknowns of `vertices`, each of which `unknowns` numbers, so that an energy is least: the matrix and the right
+/// sides, other vertices being where `place` says.
+fn equations(
+    laplacian: &Laplacian,
+    vertices: &[usize],
+    unknowns: &[u32],
+    place: impl Fn(usize) -> Vector3<f64>,
+    energy: Energy,
+) -> (Symmetric, Vec<[f64; 3]>) {
+    let count = laplacian.areas.len();
     let curvatures = match energy {
-        Energy::EvenPlate => Some(laplacian.curvatures(place)),
+        Energy::EvenPlate => Some(laplacian.curvatures(&place)),
         Energy::Membrane | Energy::ThinPlate => None,
     };
     let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
     let mut right = Vec::with_capacity(vertices.len());
     let mut places = vec![NONE; vertices.len()];
-    for &vertex in &vertices {
+    for &vertex in vertices {
         let first = matrix.indices.len();
         let mut known = Vector3::zeros();
         let mut add = |matrix: &mut Symmetric, column: usize, entry: f64| {
@@ -256,11 +278,5 @@ fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
         matrix.starts.push(matrix.indices.len() as u32);
         right.push([known.x, known.y, known.z]);
     }
-    let dissection = laplacian.dissection(&vertices, &unknowns, energy);
-    Cholesky::ordered(&matrix, &dissection)?.solve(&mut right);
-    let mut points = patch.points.clone();
-    for (&vertex, solution) in vertices.iter().zip(right) {
-        points[vertex] = origin + Vector3::from(solution);
-    }
-    Some(points)
+    (matrix, right)
 }

@@ -154,8 +154,8 @@ pub fn fill_holes(
         _ => (mesh.clone(), Vec::new()),
     };
     let non_manifold = |NotManifold { edges, vertices }| FillError::NonManifold { edges, vertices };
-    let (rims, (parts, mut filling)) =
-        rayon::join(|| rims(&mesh), || (Parts::new(&mesh), Filling::new(&mesh)));
+    let ((rims, mut filling), parts) =
+        rayon::join(|| (rims(&mesh), Filling::new(&mesh)), || Parts::new(&mesh));
     let rims = rims.map_err(non_manifold)?;
     let no_rim = |number| FillError::NoRim { number, count: rims.len() };
     let chosen = choose(&mesh, &parts, &rims, &options.holes, &is_cut).map_err(no_rim)?;
@@ -276,11 +276,12 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
         let corners = mesh.faces().corners().iter().chain(filled.as_flattened());
         Faces::polygons(&sides, corners.copied().collect())?
     };
-    let onto = Mesh::new(filling.points.clone(), faces)?
+    let (onto, carry) =
+        rayon::join(|| Mesh::new(filling.points.clone(), faces), || Carry::new(filling, copies));
+    let onto = onto?
         .with_creases(mesh.creases())
         .with_texture(mesh.texture().cloned())
         .with_frame(mesh.frame().copied());
-    let carry = Carry::new(filling, copies);
     let flags: Vec<u8> = (0..count).map(|vertex| u8::from(filling.data <= vertex)).collect();
     let mut onto = carry.onto(mesh, onto)?;
     if let Some(Attribute::Flag(before)) = mesh.vertex().get("filled") {

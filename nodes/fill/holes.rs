@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::border::enclosed;
+use super::patch::area_vector;
 use super::regions::{HoleRegion, cut};
 
 /// Which holes are filled.
@@ -105,11 +106,17 @@ impl Parts {
         let of_vertices = connected_parts(mesh);
         let count = of_vertices.iter().max().map_or(0, |&last| last as usize + 1);
         let mut areas = vec![(0.0, Vector3::zeros()); count];
-        for face in mesh.faces().iter() {
-            let (sum, side) = &mut areas[of_vertices[face[0] as usize] as usize];
-            let area = mesh.area_vector(face);
+        let mut add = |vertex: u32, area: Vector3<f64>| {
+            let (sum, side) = &mut areas[of_vertices[vertex as usize] as usize];
             *sum += area.norm();
             *side += area;
+        };
+        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        match mesh.faces().as_triangles() {
+            Some(faces) => {
+                faces.iter().for_each(|face| add(face[0], area_vector(face.map(place)) / 2.0));
+            }
+            None => mesh.faces().iter().for_each(|face| add(face[0], mesh.area_vector(face))),
         }
         Self { of_vertices, areas }
     }
@@ -180,10 +187,21 @@ fn connected_parts(mesh: &Mesh) -> Vec<u32> {
         }
         vertex
     }
-    for face in mesh.faces().iter() {
-        for pair in face.windows(2) {
-            let [a, b] = [pair[0], pair[1]].map(|vertex| root(&mut parents, vertex));
+    let mut join = |a: u32, b: u32| {
+        // Nearly always both are known to hang together.
+        if parents[a as usize] != parents[b as usize] {
+            let [a, b] = [a, b].map(|vertex| root(&mut parents, vertex));
             parents[a.max(b) as usize] = a.min(b);
+        }
+    };
+    match mesh.faces().as_triangles() {
+        Some(faces) => faces.iter().for_each(|&[a, b, c]| {
+            join(a, b);
+            join(b, c);
+        }),
+        None => {
+            let pairs = mesh.faces().iter().flat_map(|face| face.windows(2));
+            pairs.for_each(|pair| join(pair[0], pair[1]));
         }
     }
     let mut numbers = vec![0; parents.len()];

@@ -5,12 +5,12 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
-use super::boxes::{Bounds, Boxes, Triangle};
+use super::boxes::{Bounds, Boxed, Boxes, Triangle};
 use super::filling::Filling;
 use super::patch::area_vector;
 
-/// Filled triangles that one task looks at.
-const CHUNK: usize = 128;
+/// Leaves of filled triangles that one task looks at.
+const CHUNK: usize = 32;
 
 /// Where filled triangles meet others in more than the vertices and the edge that they share. While what is filled changes, only that is
 /// looked at again.
@@ -51,37 +51,51 @@ impl Crossings {
     ) -> Result<(), Cancelled> {
         let first = filling.kept as u32;
         let faces = first..filling.faces.len() as u32;
-        self.filled = Boxes::new(faces.clone().map(|face| Triangle::of(filling, face)));
-        self.take_in(filling, self.filled.bounds());
+        let filled = || faces.clone().map(|face| Triangle::of(filling, face));
+        let bounds =
+            filled().fold(Bounds::EMPTY, |bounds, triangle| bounds.join(&triangle.bounds()));
+        self.filled = rayon::join(|| Boxes::new(filled()), || self.take_in(filling, bounds)).0;
         let is_changed = |face: u32| first <= face && changed(face);
         self.pairs.retain(|pair| !pair.iter().any(|&face| is_changed(face)));
-        let changed: Vec<u32> = faces.filter(|&face| is_changed(face)).collect();
-        let of_chunk = |chunk: &[u32]| {
+        let leaves: Vec<&[Boxed]> = self.filled.leaves().collect();
+        let of_leaves = |leaves: &[&[Boxed]]| {
             progress.check()?;
             let mut pairs = Vec::new();
-            for triangle in chunk.iter().map(|&face| Triangle::of(filling, face)) {
-                let face = triangle.face;
-                let bounds = triangle.bounds();
-                self.data.near(&bounds, |other| {
-                    if meet(&triangle, other) {
-                        pairs.push([other.face, face]);
-                    }
-                });
-                self.filled.near(&bounds, |other| {
-                    // Of two that changed, the first one has looked at the pair.
-                    let is_new = face < other.face || !is_changed(other.face);
-                    if is_new && face != other.face && meet(&triangle, other) {
-                        pairs.push([face.min(other.face), face.max(other.face)]);
-                    }
-                });
+            for leaf in leaves {
+                self.look_at(leaf, &is_changed, &mut pairs);
             }
             Ok(pairs)
         };
         let found: Vec<Vec<[u32; 2]>> =
-            changed.par_chunks(CHUNK).map(of_chunk).collect::<Result<_, Cancelled>>()?;
+            leaves.par_chunks(CHUNK).map(of_leaves).collect::<Result<_, Cancelled>>()?;
         self.pairs.extend(found.into_iter().flatten());
         self.pairs.sort_unstable();
         Ok(())
+    }
+
+    /// Adds the pairs of the changed triangles of a leaf of `filled`. These are side by side, so that what is near them is searched for
+    /// together.
+    fn look_at(
+        &self,
+        leaf: &[Boxed],
+        is_changed: &impl Fn(u32) -> bool,
+        pairs: &mut Vec<[u32; 2]>,
+    ) {
+        let changed = || leaf.iter().filter(|own| is_changed(own.triangle.face));
+        let bounds = changed().fold(Bounds::EMPTY, |bounds, own| bounds.join(&own.bounds));
+        let mut look = |other: &Boxed, is_data: bool| {
+            let (triangle, number) = (&other.triangle, other.triangle.face);
+            for own in changed().filter(|own| own.bounds.overlaps(&other.bounds)) {
+                // Of two that changed, the first one looks at the pair.
+                let face = own.triangle.face;
+                let is_new = is_data || face < number || (face != number && !is_changed(number));
+                if is_new && meet(&own.triangle, triangle) {
+                    pairs.push([face.min(number), face.max(number)]);
+                }
+            }
+        };
+        self.data.near(&bounds, |other| look(other, true));
+        self.filled.near(&bounds, |other| look(other, false));
     }
 
     /// Lets `data` be all that could meet what is filled within some bounds.
@@ -90,11 +104,13 @@ impl Crossings {
             return;
         }
         self.within = self.within.join(&bounds);
-        let near = (0..filling.kept as u32).into_par_iter().with_min_len(4096).filter_map(|face| {
-            let triangle = Triangle::of(filling, face);
-            triangle.bounds().overlaps(&self.within).then_some(triangle)
+        let data = filling.points[..filling.data].iter();
+        let outcodes: Vec<u8> = data.map(|point| self.within.outcode(point)).collect();
+        let near = (0..).zip(&filling.faces[..filling.kept]).filter(|(_, face)| {
+            let [a, b, c] = face.map(|vertex| outcodes[vertex as usize]);
+            a & b & c == 0
         });
-        self.data = Boxes::new(near.collect::<Vec<_>>().into_iter());
+        self.data = Boxes::new(near.map(|(face, _)| Triangle::of(filling, face)));
     }
 
     /// Gives faces other numbers; those that have none are gone.
@@ -125,8 +141,8 @@ impl Crossings {
     pub(super) fn with(&self, triangle: &Triangle, mut found: impl FnMut(u32)) {
         for boxes in [&self.data, &self.filled] {
             boxes.near(&triangle.bounds(), |other| {
-                if meet(triangle, other) {
-                    found(other.face);
+                if meet(triangle, &other.triangle) {
+                    found(other.triangle.face);
                 }
             });
         }
@@ -139,8 +155,12 @@ pub(super) fn meet(one: &Triangle, other: &Triangle) -> bool {
     let (on_a, on_b) = (one.corners, other.corners);
     match a.iter().filter(|vertex| b.contains(vertex)).count() {
         0 => {
-            let (of_a, of_b) = (on_a.map(|p| side(on_b, p)), on_b.map(|p| side(on_a, p)));
-            if is_beside(of_a) || is_beside(of_b) {
+            let of_a = on_a.map(|p| side(on_b, p));
+            if is_beside(of_a) {
+                return false;
+            }
+            let of_b = on_b.map(|p| side(on_a, p));
+            if is_beside(of_b) {
                 return false;
             }
             let pierces = |edges: [Point3<f64>; 3], sides: [f64; 3], triangle| {
@@ -158,7 +178,15 @@ pub(super) fn meet(one: &Triangle, other: &Triangle) -> bool {
                 [(k + 1) % 3, (k + 2) % 3].map(|k| face.corners[k])
             };
             let (ends_a, ends_b) = (opposite(one, other), opposite(other, one));
-            let (of_a, of_b) = (ends_a.map(|p| side(on_b, p)), ends_b.map(|p| side(on_a, p)));
+            // Where the plane of one meets the other in that vertex alone, no more can be common to both.
+            let of_a = ends_a.map(|p| side(on_b, p));
+            if is_beside(of_a) {
+                return false;
+            }
+            let of_b = ends_b.map(|p| side(on_a, p));
+            if is_beside(of_b) {
+                return false;
+            }
             pierces(ends_a, of_a, on_b)
                 || pierces(ends_b, of_b, on_a)
                 || (of_a == [0.0; 2] && of_b == [0.0; 2] && overlap_in_plane(on_a, on_b))
@@ -173,8 +201,8 @@ fn side([a, b, c]: [Point3<f64>; 3], p: Point3<f64>) -> f64 {
     orient3d(coord(a), coord(b), coord(c), coord(p))
 }
 
-/// Whether all corners of a triangle are on the same side of a plane.
-fn is_beside(sides: [f64; 3]) -> bool {
+/// Whether all of some corners are on the same side of a plane.
+fn is_beside<const N: usize>(sides: [f64; N]) -> bool {
     sides.iter().all(|&side| side > 0.0) || sides.iter().all(|&side| side < 0.0)
 }
 

@@ -106,6 +106,7 @@ impl Mending<'_> {
                 count += usize::from(!self.around.own.contains(&face));
             });
             self.all.near(&triangle.bounds(), |other| {
+                let other = &other.triangle;
                 let is_same = is_there(&other.face) && !self.changed.contains(&other.face);
                 count += usize::from(is_same && meet(triangle, other));
             });

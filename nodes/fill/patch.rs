@@ -204,18 +204,17 @@ impl Patch {
         }
         let c = self.corners[previous(half) as usize];
         let d = self.corners[previous(twin) as usize];
-        let apart = |w: u32| {
-            if w == u || w == c || w == d {
-                return true;
-            }
-            if self.is_rim(u) && self.is_rim(w) {
-                return false;
-            }
-            // The one that is not on the rim has faces all around.
-            let [inner, other] = if self.is_rim(w) { [u, w] } else { [w, u] };
-            !self.around(inner).any(|half| self.ends(half)[1] == other)
-        };
-        c != d && self.around(v).all(|half| apart(self.ends(half)[1]))
+        let neighbors = |vertex: u32| self.around(vertex).map(|half| self.ends(half)[1]);
+        if c == d {
+            return false;
+        }
+        let mut others = neighbors(v).filter(|&w| w != u && w != c && w != d);
+        if self.is_rim(u) {
+            // Faces go all around the other one only if it is not on the rim, too.
+            return others.all(|w| !self.is_rim(w) && neighbors(w).all(|other| other != u));
+        }
+        let others: Vec<u32> = others.collect();
+        neighbors(u).all(|w| !others.contains(&w))
     }
 
     /// Lets the vertex at which `half` begins go into its other end, which stays where it is.

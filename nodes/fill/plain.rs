@@ -174,13 +174,13 @@ fn fan(rim: &Rim, halved: bool) -> Patch {
 
 /// How long edges should be: as those of the data at the rim, the nearer the more.
 pub(super) struct Sizes {
-    /// Places on the rim, by coordinate.
+    /// Places on the rim, by coordinate; behind them infinite ones up to a multiple of [`LANES`], which weigh nothing.
     places: [Vec<f64>; 3],
     /// How long edges are there.
     lengths: Vec<f64>,
 }
 
-/// So many parts of the rim are told apart at most.
+/// So many parts of the rim are told apart at most: a multiple of [`LANES`].
 const MOST_SAMPLES: usize = 128;
 
 /// Sums that run side by side.
@@ -189,16 +189,24 @@ const LANES: usize = 4;
 impl Sizes {
     pub(super) fn new(rim: &Rim, edge: Option<f64>) -> Self {
         if let Some(edge) = edge {
-            return Self { places: [vec![0.0], vec![0.0], vec![0.0]], lengths: vec![edge] };
+            return Self::of(&[Point3::origin()], vec![edge]);
         }
         let chunk = rim.len().div_ceil(MOST_SAMPLES).max(1);
         let middles = rim.points.chunks(chunk).map(|points| points[points.len() / 2]);
         let middles: Vec<Point3<f64>> = middles.collect();
         let mean = |lengths: &[f64]| lengths.iter().sum::<f64>() / lengths.len() as f64;
-        Self {
-            places: [0, 1, 2].map(|axis| middles.iter().map(|point| point[axis]).collect()),
-            lengths: rim.lengths.chunks(chunk).map(mean).collect(),
-        }
+        Self::of(&middles, rim.lengths.chunks(chunk).map(mean).collect())
+    }
+
+    fn of(places: &[Point3<f64>], mut lengths: Vec<f64>) -> Self {
+        let count = places.len().next_multiple_of(LANES);
+        lengths.resize(count, 0.0);
+        let places = [0, 1, 2].map(|axis| {
+            let mut places: Vec<f64> = places.iter().map(|place| place[axis]).collect();
+            places.resize(count, f64::INFINITY);
+            places
+        });
+        Self { places, lengths }
     }
 
     /// The length of edges at a point.
@@ -213,10 +221,12 @@ impl Sizes {
             weights[k] = 1.0 / (distance_sq * distance_sq);
         }
         let (mut sums, mut totals) = ([0.0; LANES], [0.0; LANES]);
-        for (weights, lengths) in weights.chunks(LANES).zip(self.lengths.chunks(LANES)) {
-            for (k, (weight, length)) in weights.iter().zip(lengths).enumerate() {
-                sums[k] += weight * length;
-                totals[k] += weight;
+        let of_lanes =
+            weights.as_chunks::<LANES>().0.iter().zip(self.lengths.as_chunks::<LANES>().0);
+        for (weights, lengths) in of_lanes {
+            for k in 0..LANES {
+                sums[k] += weights[k] * lengths[k];
+                totals[k] += weights[k];
             }
         }
         let total: f64 = totals.iter().sum();
