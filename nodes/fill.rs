@@ -8,6 +8,7 @@ mod calm;
 mod carry;
 mod charts;
 mod clashes;
+mod colors;
 mod creases;
 mod density;
 mod exemplar;

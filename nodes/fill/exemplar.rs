@@ -24,6 +24,7 @@ use level::{Guide, Level, Outcome, Whole};
 use patches::Scale;
 use search::Turns;
 use surface::{NONE, Surface};
+use tints::Color;
 
 mod cells;
 mod compare;
@@ -46,11 +47,21 @@ mod spread;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod tints;
 mod votes;
 
 pub use options::{ExemplarOptions, Falloff, Shown, Start, Update};
 pub(super) use sources::Sources;
 use votes::Votes;
+
+/// What is known beside shapes.
+#[derive(Default)]
+pub(super) struct Given {
+    /// Marks the data vertices around which exemplars may be; all, if left out.
+    pub(super) allowed: Option<Vec<bool>>,
+    /// The colors of all vertices in CIE L*a*b*, those of the filled ones as the rim lets expect them.
+    pub(super) colors: Option<Vec<[f64; 3]>>,
+}
 
 /// How a completion went.
 pub(super) struct Completed {
@@ -94,14 +105,14 @@ const MOST_SAMPLES: f64 = 8.0;
 const SPARSE: f64 = 1.3;
 
 /// Moves the filled vertices of `filling`, which is triangulated as finely as its data and has the positions of the start, to where
-/// exemplars say. `allowed` marks the data vertices around which exemplars may be; all, if left out.
+/// exemplars say.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
 pub(super) fn complete(
     filling: &mut Filling,
     options: &ExemplarOptions,
-    allowed: Option<&[bool]>,
+    given: &Given,
     progress: &Progress<'_>,
 ) -> Result<Completed, Cancelled> {
     let Filling { points, faces, data, kept } = filling;
@@ -116,7 +127,8 @@ pub(super) fn complete(
         data,
         kept: *kept,
         options,
-        allowed,
+        allowed: given.allowed.as_deref(),
+        colors: lengths(given, options.color * hole.edge),
         distances: distances(&surface, points, data, (2.5 * radii[0]).max(hole.width)),
         turns: Turns::new(options.rotations, options.mirror),
         areas: (0..count as u32).map(|vertex| surface.area(points, vertex)).collect(),
@@ -171,6 +183,12 @@ pub(super) fn complete(
     Ok(completed)
 }
 
+/// The colors, as lengths that count as much as distances: `size` for the difference of black and white.
+fn lengths(given: &Given, size: f64) -> Vec<Color> {
+    let length = |color: &[f64; 3]| color.map(|channel| channel * size / 100.0);
+    given.colors.iter().flatten().map(length).collect()
+}
+
 /// How far each data vertex is from the nearest missing one; infinite if farther than `most`.
 fn distances(surface: &Surface<'_>, points: &[Point3<f64>], data: usize, most: f64) -> Vec<f64> {
     let nearest = surface.nearest(points, data as u32..points.len() as u32, most);
@@ -188,6 +206,8 @@ struct Completion<'a> {
     kept: usize,
     options: &'a ExemplarOptions,
     allowed: Option<&'a [bool]>,
+    /// Of all vertices; none if they do not count.
+    colors: Vec<Color>,
     hole: Hole,
     distances: Vec<f64>,
     turns: Turns,
@@ -230,6 +250,7 @@ impl Completion<'_> {
             surface: self.surface,
             points,
             areas: &self.areas,
+            colors: &self.colors,
             data: self.data,
             kept: self.kept,
             up: self.options.up.into(),
@@ -257,6 +278,7 @@ impl Completion<'_> {
     ) -> Result<Outcome, Cancelled> {
         let whole = Whole {
             surface: self.surface,
+            colors: &self.colors,
             data: self.data,
             options: self.options,
             turns: &self.turns,

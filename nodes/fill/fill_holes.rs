@@ -10,7 +10,8 @@ use super::border::{NotManifold, rims};
 use super::calm::Fillings;
 use super::carry::Carry;
 use super::clashes::check_rims;
-use super::exemplar::{Copies, Start, complete};
+use super::colors::colors;
+use super::exemplar::{Copies, Given, Start, complete};
 use super::filling::Filling;
 use super::holes::{HoleChoice, Parts, choose, without_crumbs};
 use super::intersections::Crossings;
@@ -190,7 +191,9 @@ pub fn fill_holes(
             name => Some(marks(&mesh, name)?),
         };
         let start = filling.points[filling.data..].to_vec();
-        let completed = complete(&mut filling, options, allowed.as_deref(), progress)?;
+        let colors = options.counts_colors().then(|| colors(&mesh, &filling, options.texture));
+        let given = Given { allowed, colors: colors.flatten() };
+        let completed = complete(&mut filling, options, &given, progress)?;
         if completed.no_exemplar && !holes.is_empty() {
             doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
         }

@@ -13,7 +13,7 @@ const ANGLES: usize = 16;
 const RINGS: usize = 5;
 
 /// Heights taken.
-const COUNT: usize = RINGS * ANGLES;
+pub(super) const COUNT: usize = RINGS * ANGLES;
 
 /// Numbers that are kept of them.
 pub(super) const KEPT: usize = 16;

@@ -10,6 +10,7 @@ use super::heights::{Lattice, NODES};
 use super::kd_tree::KdTree;
 use super::search::{Match, Turns};
 use super::surface::{Marks, NONE, Surface};
+use super::tints::{Color, PART, Tint};
 
 /// Exemplars of one level at most: some 60 MB of heights. Beyond, those of a denser scan lie nearer to each other than they differ.
 const MOST: usize = 50_000;
@@ -20,6 +21,8 @@ pub(super) struct Source<'a> {
     pub(super) points: &'a [Point3<f64>],
     /// Twice the sum of the area vectors of the faces around each vertex.
     pub(super) areas: &'a [Vector3<f64>],
+    /// The colors of all vertices; none if they do not count.
+    pub(super) colors: &'a [Color],
     /// How many vertices and faces are data.
     pub(super) data: usize,
     pub(super) kept: usize,
@@ -45,6 +48,8 @@ pub(super) struct Exemplars {
     pub(super) vertices: Vec<u32>,
     pub(super) frames: Vec<Frame>,
     heights: Vec<f32>,
+    /// Their colors; none if they do not count.
+    pub(super) tints: Vec<Tint>,
     /// For each data vertex the exemplar that stands for it.
     pub(super) owners: Vec<u32>,
     pub(super) lattice: Lattice,
@@ -79,14 +84,20 @@ impl Exemplars {
         heights.truncate(good.len() * NODES);
         let rings: Vec<Rings> = good.iter().map(|k| measured.rings[take(k)]).collect();
         let basis = Basis::new(&rings);
-        let descriptors: Vec<Descriptor> =
+        let mut descriptors: Vec<Descriptor> =
             rings.par_iter().with_min_len(64).map(|rings| basis.project(rings)).collect();
+        let tints: Vec<Tint> = match source.colors {
+            [] => Vec::new(),
+            _ => good.iter().map(|k| measured.tints[take(k)]).collect(),
+        };
+        descriptors.iter_mut().zip(&tints).for_each(|(own, tint)| tint.put(own));
         progress.check()?;
         let owner = |&k: &u32| if k == NONE { NONE } else { place[k as usize] };
         Ok(Self {
             vertices: good.iter().map(|k| chosen[take(k)]).collect(),
             frames: good.iter().map(|k| measured.frames[take(k)]).collect(),
             heights,
+            tints,
             owners: stands.iter().map(owner).collect(),
             lattice,
             polar,
@@ -126,6 +137,7 @@ struct Measured {
     frames: Vec<Frame>,
     heights: Vec<f32>,
     rings: Vec<Rings>,
+    tints: Vec<Tint>,
     cover: Vec<f64>,
 }
 
@@ -187,7 +199,7 @@ impl Source<'_> {
                 let limit = self.kept as u32;
                 let cover =
                     lattice.measure(self.surface, self.points, limit, vertex, &frame, heights);
-                (frame, cover, polar.rings(heights, &straight))
+                (frame, cover, polar.rings(heights, &straight), self.tint(vertex, &frame, marks))
             };
             each.map(one).collect::<Vec<_>>()
         };
@@ -195,12 +207,14 @@ impl Source<'_> {
             blocks.map_init(|| Marks::new(self.points.len()), measure).collect();
         let mut frames = Vec::with_capacity(count);
         let (mut rings, mut cover) = (Vec::with_capacity(count), Vec::with_capacity(count));
-        for (frame, share, ring) in found.into_iter().flatten() {
+        let mut tints = Vec::with_capacity(count);
+        for (frame, share, ring, tint) in found.into_iter().flatten() {
             frames.push(frame);
             cover.push(share);
             rings.push(ring);
+            tints.push(tint);
         }
-        Measured { frames, heights, rings, cover }
+        Measured { frames, heights, rings, tints, cover }
     }
 
     /// The frame at a vertex: its normal is the mean of those around it.
@@ -209,5 +223,19 @@ impl Source<'_> {
         let ball = self.surface.ball(self.points, vertex, self.hood, open, marks);
         let normal: Vector3<f64> = ball.iter().map(|&other| self.areas[other as usize]).sum();
         Frame::new(self.points[vertex as usize], normal, self.up)
+    }
+
+    /// The colors around a vertex, if they count.
+    fn tint(&self, vertex: u32, frame: &Frame, marks: &mut Marks) -> Tint {
+        if self.colors.is_empty() {
+            return Tint::default();
+        }
+        let open = |other: u32| (other as usize) < self.data;
+        let reach = PART * self.radius;
+        let ball = self.surface.ball(self.points, vertex, reach, open, marks);
+        Tint::new(ball.iter().map(|&other| {
+            let [x, y, _] = frame.local(self.points[other as usize] - frame.at);
+            ([x, y].map(|x| x / reach), self.colors[other as usize])
+        }))
     }
 }

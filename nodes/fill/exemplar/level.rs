@@ -13,11 +13,14 @@ use super::search::{Hint, Match, Scene, Scratch, Search, Turns};
 use super::smoothness::HOLE;
 use super::spread::Spread;
 use super::surface::{NONE, Surface};
+use super::tints::Color;
 use super::{ExemplarOptions, Update};
 
 /// What all levels share.
 pub(super) struct Whole<'a> {
     pub(super) surface: &'a Surface<'a>,
+    /// Of all vertices; none if they do not count.
+    pub(super) colors: &'a [Color],
     /// How many vertices are data.
     pub(super) data: usize,
     pub(super) options: &'a ExemplarOptions,
@@ -131,6 +134,7 @@ impl Level<'_> {
         let search = Search {
             surface: whole.surface,
             data: &original,
+            colors: whole.colors,
             patches: &patches,
             exemplars: self.exemplars,
             turns: whole.turns,

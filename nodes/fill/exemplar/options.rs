@@ -35,12 +35,19 @@ pub struct ExemplarOptions {
     #[schemars(range(min = 1, max = 32))]
     #[serde(default = "one")]
     pub rotations: u32,
-    /// Tries each exemplar also mirrored.
+    /// Tries each exemplar also mirrored: from left to right, if it is upright. What a thing has on both sides grows again from the other one
+    /// if `exemplars` marks that, with `start: Flat`, as thin plates are trusted too much where a whole part is missing.
     #[serde(default)]
     pub mirror: bool,
     /// An attribute of the vertices: exemplars come from where it is greater than 0. Empty: from everywhere.
     #[serde(default)]
     pub exemplars: String,
+    /// How much colors count beside shapes where exemplars are chosen: a color that is as far off as black is from white (100 in CIE76)
+    /// counts as much as a surface that is so many edges of the data off; 0 lets shapes alone choose. Colors are those of the vertices, or
+    /// of a picture that is copied.
+    #[schemars(range(min = 0.0, max = 100.0))]
+    #[serde(default = "color")]
+    pub color: f64,
     /// What filled faces show of a picture, if texture coordinates are given for corners, as those of an atlas are.
     #[serde(default)]
     pub texture: Shown,
@@ -52,6 +59,17 @@ pub struct ExemplarOptions {
     #[schemars(range(min = 1, max = 1000))]
     #[serde(default = "three")]
     pub patience: u32,
+}
+
+impl ExemplarOptions {
+    /// Whether colors have a say about what is copied; they have none in the publication.
+    pub(in crate::fill) fn counts_colors(&self) -> bool {
+        self.color > 0.0 && self.update == Update::Exact
+    }
+}
+
+fn color() -> f64 {
+    3.0
 }
 
 fn one() -> u32 {
@@ -83,6 +101,7 @@ impl Default for ExemplarOptions {
             rotations: one(),
             mirror: false,
             exemplars: String::new(),
+            color: color(),
             texture: Shown::default(),
             iterations: twenty(),
             patience: three(),

@@ -8,9 +8,10 @@ use nalgebra::{Point3, Vector3};
 use super::compare::Patch;
 use super::exemplars::Exemplars;
 use super::frame::{Frame, Turn};
-use super::heights::{NODES, sample};
+use super::heights::{NODES, Sample, sample};
 use super::patches::Patches;
 use super::surface::{NONE, Surface};
+use super::tints::{Color, PART, Tint};
 
 /// The exemplar of a patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,10 +22,13 @@ pub(super) struct Match {
     pub(super) turn: u8,
     /// The mean of the squared distances.
     pub(super) ssd: f64,
+    /// What is added to it where matches are chosen: the same of the colors.
+    pub(super) tint: f64,
 }
 
 impl Match {
-    pub(super) const NOTHING: Self = Self { exemplar: NONE, turn: 0, ssd: f64::INFINITY };
+    pub(super) const NOTHING: Self =
+        Self { exemplar: NONE, turn: 0, ssd: f64::INFINITY, tint: 0.0 };
 }
 
 /// A place to look at: a data vertex near it, and a turn.
@@ -48,6 +52,8 @@ pub(super) struct Scene<'a> {
 pub(super) struct Search<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) data: &'a [Point3<f64>],
+    /// Of all vertices; none if they do not count.
+    pub(super) colors: &'a [Color],
     pub(super) patches: &'a Patches,
     pub(super) exemplars: &'a Exemplars,
     pub(super) turns: &'a Turns,
@@ -94,6 +100,7 @@ const RANDOM: u64 = 4;
 /// Memory of a search.
 pub(super) struct Scratch {
     patch: Patch,
+    tint: Tint,
     seen: Vec<(u32, u8)>,
     heights: Vec<f32>,
     nearest: Vec<(f32, u32)>,
@@ -101,7 +108,13 @@ pub(super) struct Scratch {
 
 impl Scratch {
     pub(super) fn new() -> Self {
-        Self { patch: Patch::default(), seen: vec![], heights: vec![0.0; NODES], nearest: vec![] }
+        Self {
+            patch: Patch::default(),
+            tint: Tint::default(),
+            seen: vec![],
+            heights: vec![0.0; NODES],
+            nearest: vec![],
+        }
     }
 }
 
@@ -119,6 +132,7 @@ impl Search<'_> {
     ) -> Match {
         scratch.seen.clear();
         self.take(scene, center, &mut scratch.patch);
+        scratch.tint = self.tint(center, &scratch.patch);
         let mut best = Match::NOTHING;
         if let Some(own) = before.get(center) {
             self.try_one(own.exemplar, own.turn, &mut best, scratch);
@@ -157,6 +171,20 @@ impl Search<'_> {
         patch.prepare(self.radius, self.moves);
     }
 
+    /// The colors of a patch in its frame, if they count.
+    fn tint(&self, center: usize, patch: &Patch) -> Tint {
+        if self.colors.is_empty() {
+            return Tint::default();
+        }
+        let reach = PART * self.radius;
+        let members = patch.samples.iter().zip(self.patches.members.of(center));
+        let near = members.filter(|(Sample { at: [x, y], .. }, _)| x * x + y * y <= reach * reach);
+        Tint::new(near.map(|(sample, &site)| {
+            let vertex = self.patches.sites[site as usize];
+            (sample.at.map(|x| x / reach), self.colors[vertex as usize])
+        }))
+    }
+
     fn try_near(&self, hint: Hint, best: &mut Match, scratch: &mut Scratch) {
         let vertex = self.surface.descend(self.data, hint.from, &hint.to, self.data.len() as u32);
         self.try_one(self.exemplars.owners[vertex as usize], hint.turn, best, scratch);
@@ -169,10 +197,18 @@ impl Search<'_> {
         scratch.seen.push((exemplar, turn));
         let heights = self.exemplars.heights(exemplar);
         let step = self.exemplars.lattice.step;
-        let ssd = scratch.patch.compare(heights, step, self.turns.of(turn), best.ssd);
-        let less = (ssd, exemplar, turn) < (best.ssd, best.exemplar, best.turn);
+        let way = self.turns.of(turn);
+        let tints = self.exemplars.tints.get(exemplar as usize);
+        let tint = tints.map_or(0.0, |own| scratch.tint.compare(own, way));
+        let most = best.ssd + best.tint - tint;
+        let ssd = if most >= 0.0 {
+            scratch.patch.compare(heights, step, way, most)
+        } else {
+            f64::INFINITY
+        };
+        let less = (ssd + tint, exemplar, turn) < (best.ssd + best.tint, best.exemplar, best.turn);
         if less && ssd < f64::INFINITY {
-            *best = Match { exemplar, turn, ssd };
+            *best = Match { exemplar, turn, ssd, tint };
         }
     }
 
@@ -186,7 +222,10 @@ impl Search<'_> {
         let each = FROM_TREE.div_ceil(tried.len()).max(4);
         for turn in tried {
             let rings = polar.rings(&heights, &self.turns.all[turn].inverse());
-            let descriptor = self.exemplars.basis.project(&rings);
+            let mut descriptor = self.exemplars.basis.project(&rings);
+            if !self.colors.is_empty() {
+                scratch.tint.put(&mut descriptor);
+            }
             let mut nearest = std::mem::take(&mut scratch.nearest);
             self.exemplars.tree.nearest(&descriptor, each, &mut nearest);
             for &(_, exemplar) in &nearest {

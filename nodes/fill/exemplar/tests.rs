@@ -9,7 +9,7 @@ mod shapes;
 use shapes::{grid, plate, ridge, sphere};
 
 fn run(filling: &mut Filling, options: &ExemplarOptions) -> Completed {
-    complete(filling, options, None, &Progress::none()).unwrap()
+    complete(filling, options, &Given::default(), &Progress::none()).unwrap()
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
@@ -134,9 +134,9 @@ fn what_moves_with_its_up_vector_is_filled_alike() {
 fn without_exemplars_the_start_stays() {
     let mut filling = bumps();
     let start = filling.points.clone();
-    let nowhere = vec![false; filling.data];
+    let nowhere = Given { allowed: Some(vec![false; filling.data]), colors: None };
     let options = ExemplarOptions::default();
-    let done = complete(&mut filling, &options, Some(&nowhere), &Progress::none()).unwrap();
+    let done = complete(&mut filling, &options, &nowhere, &Progress::none()).unwrap();
     assert!(done.no_exemplar && done.trace.is_empty());
     assert_eq!(filling.points, start);
     assert!(done.copies.exemplar.iter().all(|&vertex| vertex == NONE));
@@ -147,7 +147,8 @@ fn exemplars_come_from_where_they_are_allowed() {
     let mut filling = bumps();
     let allowed: Vec<bool> = filling.points[..filling.data].iter().map(|p| p.x > 0.0).collect();
     let options = ExemplarOptions::default();
-    let done = complete(&mut filling, &options, Some(&allowed), &Progress::none()).unwrap();
+    let given = Given { allowed: Some(allowed.clone()), colors: None };
+    let done = complete(&mut filling, &options, &given, &Progress::none()).unwrap();
     assert!(!done.no_exemplar);
     assert!(done.copies.exemplar.iter().all(|&vertex| vertex != NONE && allowed[vertex as usize]));
 }
@@ -167,6 +168,7 @@ fn the_fast_search_finds_nearly_the_best() {
         kept: *kept,
         options: &options,
         allowed: None,
+        colors: Vec::new(),
         distances: distances(&surface, points, *data, 10.0),
         turns: Turns::new(options.rotations, options.mirror),
         areas: (0..points.len() as u32).map(|vertex| surface.area(points, vertex)).collect(),
@@ -179,6 +181,7 @@ fn the_fast_search_finds_nearly_the_best() {
     let search = Search {
         surface: &surface,
         data: &points[..*data],
+        colors: &[],
         patches: &outcome.patches,
         exemplars: &exemplars,
         turns: &completion.turns,

@@ -1,5 +1,7 @@
 //! What filled faces show of a picture.
 
+use maquette::value::Image;
+
 use super::super::exemplar::Shown;
 use super::*;
 
@@ -69,4 +71,57 @@ fn a_picture_goes_on_across_plain_fills_and_where_that_is_wished() {
         }
         assert!(count > 30);
     }
+}
+
+const RED: [u8; 3] = [200, 40, 30];
+const BLUE: [u8; 3] = [30, 60, 190];
+
+/// A flat sheet, red around its hole and blue on the right.
+fn two_colors() -> Mesh {
+    let whole = grid(41, 41, |_, _| 0.0);
+    let mesh = without(&whole, |p| (p - Point3::new(14.0, 20.0, 0.0)).norm() < 4.5);
+    let color = |p: &Point3<f64>| if p.x < 24.0 { RED } else { BLUE };
+    let colors: Vec<[u8; 3]> = mesh.positions().iter().map(color).collect();
+    mesh.with_vertex("color", Attribute::Color(colors.into())).unwrap()
+}
+
+/// The same with its colors on a picture.
+fn two_colored_picture() -> Mesh {
+    let mesh = two_colors().without("color");
+    let texels = (0..40 * 40).map(|k| if k % 40 < 24 { RED } else { BLUE });
+    let picture = Image::new(40, 40, texels.collect::<Vec<_>>()).unwrap();
+    let place = |vertex: &u32| mesh.positions()[*vertex as usize];
+    let uv: Vec<[f64; 2]> =
+        mesh.faces().corners().iter().map(place).map(|p| [p.x / 40.0, p.y / 40.0]).collect();
+    mesh.with_corner("uv", Attribute::Pair(uv.into())).unwrap().with_texture(Some(picture))
+}
+
+fn with_color(color: f64) -> FillMethod {
+    FillMethod::Exemplar(ExemplarOptions { color, ..ExemplarOptions::default() })
+}
+
+#[test]
+fn what_is_copied_has_the_colors_of_a_picture_around_the_hole() {
+    let mesh = two_colored_picture();
+    let blue_corners = |color: f64| {
+        let filled = fill(&mesh, HoleChoice::Largest, with_color(color)).unwrap().mesh;
+        let uv = filled.corner().pairs("uv").unwrap();
+        let shown = &uv[mesh.faces().corners().len()..];
+        shown.iter().filter(|&&uv| mesh.texture().unwrap().sample(uv)[2] > 100.0).count()
+    };
+    assert_eq!(blue_corners(3.0), 0);
+    // All shapes are alike here: without colors, nothing says that it is to be red.
+    assert!(blue_corners(0.0) > 0);
+}
+
+#[test]
+fn what_is_copied_has_the_colors_of_the_vertices_around_the_hole() {
+    let mesh = two_colors();
+    let others = |color: f64| {
+        let filled = fill(&mesh, HoleChoice::Largest, with_color(color)).unwrap().mesh;
+        let colors = filled.vertex().colors("color").unwrap();
+        colors[mesh.positions().len()..].iter().filter(|&&color| color != RED).count()
+    };
+    assert_eq!(others(3.0), 0);
+    assert!(others(0.0) > 0);
 }
