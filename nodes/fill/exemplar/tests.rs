@@ -271,3 +271,25 @@ fn votes_carry_what_exemplars_have() {
     assert!(sides.iter().flatten().all(|[side]| (0.0..=1.0).contains(side)));
     assert!(sides.iter().flatten().any(|[side]| 0.1 < *side && *side < 0.9));
 }
+
+#[test]
+fn what_is_lost_on_one_side_grows_again_from_the_other() {
+    // Two bumps, each steeper on the side away from the other.
+    let bump = |u: f64, v: f64| 0.2 * libm::exp(-(u * u + v * v) / 0.05) * (1.0 + 3.0 * u);
+    let height = |x: f64, y: f64| bump(-0.45 - x, y) + bump(x - 0.45, y);
+    let whole = grid(41, |x, y| libm::hypot(x - 0.45, y) < 0.22, height);
+    let off = |mirror: bool| {
+        let mut filling = whole.clone();
+        let data = filling.data;
+        filling.points[data..].iter_mut().for_each(|point| point.z = 0.06);
+        let other = |point: &Point3<f64>| libm::hypot(point.x + 0.45, point.y) < 0.3;
+        let allowed = filling.points[..data].iter().map(other).collect();
+        let given = Given { allowed: Some(allowed), colors: None };
+        let options = ExemplarOptions { start: Start::Flat, mirror, ..ExemplarOptions::default() };
+        complete(&mut filling, &options, &given, &Progress::none()).unwrap();
+        let pairs = filling.points[data..].iter().zip(&whole.points[data..]);
+        rms(pairs.map(|(point, truth)| point.z - truth.z))
+    };
+    let (alike, turned) = (off(false), off(true));
+    assert!(turned < 0.02 && turned < 0.8 * alike, "{alike} {turned}");
+}
