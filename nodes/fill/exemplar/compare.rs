@@ -17,6 +17,9 @@ pub(super) struct Patch {
     stages: [(usize, Planes); STAGES],
 }
 
+/// How far a sample is where an exemplar has nothing, in radii of the patch; for the plane between both it is at no distance.
+const ABSENT: f64 = 0.25;
+
 /// Parts of a comparison.
 const STAGES: usize = 3;
 
@@ -44,20 +47,23 @@ impl Patch {
     }
 
     /// The mean of the squared distances from the samples along their normals to an exemplar's heights: Kawai, Sato and Yokoya
-    /// (2008), equation 2, for the best plane between both. Infinite if it is over `most`, or if the exemplar has nothing under
-    /// many samples.
+    /// (2008), equation 2, for the best plane between both. Samples under which the exemplar has nothing count as [`ABSENT`]; where they
+    /// were left out, those exemplars would seem best that lack what fits least. Infinite if it is over `most`, or if the exemplar has
+    /// nothing under many samples.
     #[inline]
     pub(super) fn compare(&self, heights: &[f32], step: f64, turn: &Turn, most: f64) -> f64 {
         let count = self.samples.len();
         let limit = most * count as f64;
+        let absent = (ABSENT * self.radius) * (ABSENT * self.radius);
         let mut sums = Sums::default();
-        let mut start = 0;
+        let (mut start, mut rest) = (0, 0.0);
         for (end, planes) in &self.stages {
             for (sample, place) in self.samples[start..*end].iter().zip(&self.places[start..*end]) {
                 sums.add(self.distance(sample, heights, step, turn), *place);
             }
             start = *end;
-            if sums.missing == 0 && sums.squares - planes.gain(sums.moments) > limit {
+            rest = sums.squares + sums.missing as f64 * absent - planes.gain(sums.moments);
+            if rest > limit {
                 return f64::INFINITY;
             }
         }
@@ -66,12 +72,7 @@ impl Patch {
         if met == 0 || 10 * met < 7 * count {
             return f64::INFINITY;
         }
-        let gain = if sums.missing == 0 {
-            self.stages[STAGES - 1].1.gain(sums.moments)
-        } else {
-            self.planes_met(heights, step, turn).gain(sums.moments)
-        };
-        let mean = (sums.squares - gain).max(0.0) / met as f64;
+        let mean = rest.max(0.0) / count as f64;
         if mean <= most { mean } else { f64::INFINITY }
     }
 
@@ -84,8 +85,7 @@ impl Patch {
             .iter()
             .zip(&self.places)
             .for_each(|(&distance, &place)| sums.add(distance, place));
-        let planes = self.planes_met(heights, step, turn);
-        Lie { distances, plane: planes.solve(sums.moments) }
+        Lie { distances, plane: self.stages[STAGES - 1].1.solve(sums.moments) }
     }
 
     /// How far an exemplar is from a sample; NaN if there is none within the patch's radius.
@@ -99,16 +99,6 @@ impl Patch {
     pub(super) fn at(&self, plane: &Plane, sample: usize) -> f64 {
         let [u, v] = self.places[sample];
         plane[0] + plane[1] * u + plane[2] * v
-    }
-
-    /// The planes through those samples under which an exemplar has something.
-    fn planes_met(&self, heights: &[f32], step: f64, turn: &Turn) -> Planes {
-        if !self.stages[STAGES - 1].1.moves {
-            return Planes::NONE;
-        }
-        let each = self.samples.iter().zip(&self.places);
-        let met = each.filter(|(sample, _)| !self.distance(sample, heights, step, turn).is_nan());
-        Planes::of(met.map(|(_, place)| place))
     }
 }
 
@@ -137,14 +127,13 @@ impl Sums {
 #[derive(Clone, Copy, Default)]
 struct Planes {
     inverse: [f64; 6],
-    moves: bool,
 }
 
 /// Below this determinant, relative to the product of the diagonal, places are nearly on a line.
 const LEAST_DETERMINANT: f64 = 1e-3;
 
 impl Planes {
-    const NONE: Self = Self { inverse: [0.0; 6], moves: false };
+    const NONE: Self = Self { inverse: [0.0; 6] };
 
     fn of<'a>(places: impl Iterator<Item = &'a [f64; 2]>) -> Self {
         let (mut n, mut x, mut y) = (0.0, 0.0, 0.0);
@@ -165,7 +154,7 @@ impl Planes {
                 .map(|minor| minor / determinant),
             false => [0.0; 6],
         };
-        Self { inverse, moves: true }
+        Self { inverse }
     }
 
     /// The plane that is nearest to values with these moments.

@@ -97,6 +97,19 @@ impl Guide {
 /// Iterations after which all exemplars are looked at again.
 const FAR: u64 = 4;
 
+/// A look at all exemplars, not only those near known matches.
+#[derive(Clone, Copy)]
+struct Far {
+    iteration: u64,
+    /// Comparisons for the worst matches.
+    more: usize,
+}
+
+/// Comparisons for the patches whose matches are worst with all exemplars, whenever all are looked at, and at the end of a level. They have
+/// most of the energy, and few candidates are like them: without, on sharp and rugged data matches are a fifth worse than the best.
+const MORE: usize = 300_000;
+const MORE_AT_THE_END: usize = 1_000_000;
+
 /// Below this share of a patch's radius distances are rounding.
 const NOTHING: f64 = 1e-10;
 
@@ -143,7 +156,8 @@ impl Level<'_> {
             seed: self.number,
         };
         let hints = self.hints(&patches, points, guides);
-        let mut now = self.look(&search, points, areas, &[], &hints, Some(0));
+        let mut now =
+            self.look(&search, points, areas, &[], &hints, Some(Far { iteration: 0, more: MORE }));
         let mut best = (points[whole.data..].to_vec(), now.clone());
         let mut kept = vec![(0, now.energy)];
         let (mut since, mut iterations) = (0, 0);
@@ -156,7 +170,8 @@ impl Level<'_> {
             iterations += 1;
             self.update(&search, &now, points, &begin, spread.as_ref());
             self.measure(&active, points, areas);
-            let far = iterations.is_multiple_of(FAR).then_some(iterations);
+            let far = Far { iteration: iterations, more: MORE };
+            let far = iterations.is_multiple_of(FAR).then_some(far);
             now = self.look(&search, points, areas, &now.matches, &[], far);
             let better = now.energy.mean < best.1.energy.mean * (1.0 - self.least_gain());
             since = if better { 0 } else { since + 1 };
@@ -167,6 +182,11 @@ impl Level<'_> {
         }
         points[whole.data..].copy_from_slice(&best.0);
         self.measure(&active, points, areas);
+        if !best.1.energy.is_nothing(self.scale.radius) {
+            // What is copied is looked for among all once more.
+            let far = Far { iteration: iterations + 1, more: MORE_AT_THE_END };
+            best.1 = self.look(&search, points, areas, &best.1.matches, &[], Some(far));
+        }
         let shares =
             (0..patches.len()).map(|center| self.share(&patches, &best.1, center)).collect();
         let View { matches, frames, normals, .. } = best.1;
@@ -246,7 +266,7 @@ impl Level<'_> {
         areas: &[Vector3<f64>],
         before: &[Match],
         hints: &[Hint],
-        far: Option<u64>,
+        far: Option<Far>,
     ) -> View {
         let patches = search.patches;
         let normals = patches.normals(areas);
@@ -258,7 +278,7 @@ impl Level<'_> {
         let scene = Scene { points, normals: &normals, frames: &frames };
         let best = |scratch: &mut Scratch, center: usize| {
             let hint = hints.get(center).copied();
-            search.best(&scene, center, before, hint, far, scratch)
+            search.best(&scene, center, before, hint, far.map(|far| far.iteration), scratch)
         };
         let centers = (0..patches.len()).into_par_iter().with_min_len(16);
         let mut matches: Vec<Match> = centers.map_init(Scratch::new, best).collect();
@@ -269,6 +289,9 @@ impl Level<'_> {
             };
             let centers = (0..patches.len()).into_par_iter().with_min_len(16);
             matches = centers.map_init(Scratch::new, best).collect();
+        }
+        if let Some(far) = far {
+            search.better_the_worst(&scene, &mut matches, far.more);
         }
         let weights = self.weights(patches, points);
         let energy = energy(&matches, &weights);

@@ -1,9 +1,11 @@
 //! Looks for the exemplar that is most like a patch.
 //!
 //! Candidates are the nearest by descriptors, those beside the matches of neighbors, the match from before, and random ones near
-//! the best: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here with all patches at once.
+//! the best: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here with all patches at once. Those that stay worst are
+//! compared with all exemplars.
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 use super::compare::Patch;
 use super::exemplars::Exemplars;
@@ -86,7 +88,7 @@ impl Turns {
     }
 
     /// Those that are tried for a frame.
-    fn tried(&self, frame: &Frame) -> std::ops::Range<usize> {
+    pub(super) fn tried(&self, frame: &Frame) -> std::ops::Range<usize> {
         if frame.free { self.usual..self.all.len() } else { 0..self.usual }
     }
 }
@@ -195,6 +197,50 @@ impl Search<'_> {
             return;
         }
         scratch.seen.push((exemplar, turn));
+        self.compare(exemplar, turn, best, scratch);
+    }
+
+    /// Compares as many of the patches with all exemplars as some comparisons allow, those whose matches are worst.
+    pub(super) fn better_the_worst(
+        &self,
+        scene: &Scene<'_>,
+        matches: &mut [Match],
+        comparisons: usize,
+    ) {
+        let off = |center: u32| matches[center as usize].ssd + matches[center as usize].tint;
+        let mut worst: Vec<u32> = (0..matches.len() as u32).collect();
+        worst.sort_by(|&a, &b| off(b).total_cmp(&off(a)).then(a.cmp(&b)));
+        worst.truncate(comparisons / (self.exemplars.len() * self.turns.usual).max(1));
+        let best = |scratch: &mut Scratch, &center: &u32| {
+            let center = center as usize;
+            self.best_of_all(scene, center, matches[center], scratch)
+        };
+        let found = worst.par_iter().with_min_len(4).map_init(Scratch::new, best);
+        let found: Vec<Match> = found.collect();
+        worst.iter().zip(found).for_each(|(&center, found)| matches[center as usize] = found);
+    }
+
+    /// The best of all exemplars for a patch; what was `found` if none is better.
+    fn best_of_all(
+        &self,
+        scene: &Scene<'_>,
+        center: usize,
+        found: Match,
+        scratch: &mut Scratch,
+    ) -> Match {
+        self.take(scene, center, &mut scratch.patch);
+        scratch.tint = self.tint(center, &scratch.patch);
+        let mut best = found;
+        for turn in self.turns.tried(&scene.frames[center]) {
+            for exemplar in 0..self.exemplars.len() as u32 {
+                self.compare(exemplar, turn as u8, &mut best, scratch);
+            }
+        }
+        best
+    }
+
+    /// Takes an exemplar if it is better than the best.
+    fn compare(&self, exemplar: u32, turn: u8, best: &mut Match, scratch: &Scratch) {
         let heights = self.exemplars.heights(exemplar);
         let step = self.exemplars.lattice.step;
         let way = self.turns.of(turn);
