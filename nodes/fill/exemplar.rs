@@ -104,6 +104,10 @@ const MOST_SAMPLES: f64 = 8.0;
 /// Samples are chosen among vertices if they are to be so many edges apart.
 const SPARSE: f64 = 1.3;
 
+/// The same where the publication is followed, in which all vertices move. With less, few vertices of a hole some 7 edges across move
+/// on the coarsest level; with more, coarse levels of larger holes compare more samples.
+const SPARSE_PUBLISHED: f64 = 2.0;
+
 /// Moves the filled vertices of `filling`, which is triangulated as finely as its data and has the positions of the start, to where
 /// exemplars say.
 ///
@@ -235,8 +239,11 @@ impl Completion<'_> {
         let edge = self.hole.edge;
         let given = self.options.edges.get(level).copied().filter(|&edge| edge > 0.0);
         let sample = given.unwrap_or(edge.max(radius / SAMPLES)).max(radius / MOST_SAMPLES);
-        let hood = if self.is_published() { 0.0 } else { HOOD * radius };
-        Size { radius, sample, hood, sparse: sample > SPARSE * edge }
+        let (hood, sparse) = match self.options.update {
+            Update::Exact => (HOOD * radius, SPARSE),
+            Update::Published => (0.0, SPARSE_PUBLISHED),
+        };
+        Size { radius, sample, hood, sparse: sample > sparse * edge }
     }
 
     fn exemplars(

@@ -16,6 +16,7 @@ mod creases;
 mod crossings;
 mod odd_holes;
 mod pictures;
+mod published;
 
 const PLAIN: [FillMethod; 4] =
     [FillMethod::Flat, FillMethod::Membrane, FillMethod::ThinPlate, FillMethod::CreaseAware];

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::descriptor::{Basis, Descriptor, Polar, Rings};
 use super::frame::{Frame, Turn};
-use super::heights::{Lattice, NODES};
+use super::heights::{Lattice, NODES, round_out};
 use super::kd_tree::KdTree;
 use super::search::{Match, Turns};
 use super::surface::{Marks, NONE, Surface};
@@ -32,7 +32,7 @@ pub(super) struct Source<'a> {
     pub(super) hood: f64,
     /// How far exemplars are apart; all vertices are, if 0.
     pub(super) apart: f64,
-    /// Whether borders of the data may cut off a part of an exemplar, as published.
+    /// As published: borders of the data may cut off a part of an exemplar, and it stays where its frame puts it.
     pub(super) cut: bool,
 }
 
@@ -199,6 +199,9 @@ impl Source<'_> {
                 let limit = self.kept as u32;
                 let cover =
                     lattice.measure(self.surface, self.points, limit, vertex, &frame, heights);
+                if self.cut {
+                    round_out(heights);
+                }
                 (frame, cover, polar.rings(heights, &straight), self.tint(vertex, &frame, marks))
             };
             each.map(one).collect::<Vec<_>>()

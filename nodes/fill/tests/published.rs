@@ -1,0 +1,35 @@
+//! What the completion does as it is published, on a case with a known end.
+
+use super::super::exemplar::Update;
+use super::*;
+
+fn published(radii: &[f64]) -> FillMethod {
+    FillMethod::Exemplar(ExemplarOptions {
+        levels: radii.len() as u32,
+        start: Start::Flat,
+        update: Update::Published,
+        radii: radii.to_vec(),
+        ..ExemplarOptions::default()
+    })
+}
+
+/// The root of the mean square of what is off, over the filled vertices.
+fn rms(mesh: &Mesh, method: FillMethod, off: impl Fn(&Point3<f64>) -> f64) -> f64 {
+    let filled = fill(mesh, HoleChoice::Edges { max: 60 }, method).unwrap().mesh;
+    let new = &filled.positions()[mesh.positions().len()..];
+    (new.iter().map(|point| off(point) * off(point)).sum::<f64>() / new.len() as f64).sqrt()
+}
+
+// T-FIL-02.
+#[test]
+fn a_flat_cap_becomes_round_again() {
+    let limit = libm::cos(28.0_f64.to_radians());
+    for axis in [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.3, 0.5, 0.8], [-0.7, 0.3, 0.2]] {
+        let axis = nalgebra::Vector3::from(axis).normalize();
+        let mesh = without(&sphere(3), |point| point.coords.dot(&axis) > limit);
+        let off = |point: &Point3<f64>| point.coords.norm() - 1.0;
+        let start = rms(&mesh, FillMethod::Flat, off);
+        let end = rms(&mesh, published(&[0.75, 0.5, 0.32]), off);
+        assert!(0.06 < start && end <= 0.01, "{start} {end}");
+    }
+}
