@@ -21,7 +21,7 @@ pub(super) struct Patch {
 const ABSENT: f64 = 0.25;
 
 /// Parts of a comparison.
-const STAGES: usize = 3;
+const STAGES: usize = 6;
 
 /// An exemplar that lies against a patch as well as it can.
 pub(super) struct Lie {

@@ -105,10 +105,13 @@ struct Far {
     more: usize,
 }
 
-/// Comparisons for the patches whose matches are worst with all exemplars, whenever all are looked at, and at the end of a level. They have
-/// most of the energy, and few candidates are like them: without, on sharp and rugged data matches are a fifth worse than the best.
-const MORE: usize = 300_000;
-const MORE_AT_THE_END: usize = 1_000_000;
+/// Comparisons for the patches whose matches are worst with all exemplars, whenever all are looked at. They have most of the energy, and
+/// few candidates are like them: without, on sharp and rugged data matches are a fifth worse than the best.
+const MORE: usize = 80_000;
+
+/// The same at the end of a level, at least and at most; between these, for one of so many patches.
+const MORE_AT_THE_END: [usize; 2] = [250_000, 1_200_000];
+const WORST: usize = 12;
 
 /// Below this share of a patch's radius distances are rounding.
 const NOTHING: f64 = 1e-10;
@@ -184,7 +187,9 @@ impl Level<'_> {
         self.measure(&active, points, areas);
         if !best.1.energy.is_nothing(self.scale.radius) {
             // What is copied is looked for among all once more.
-            let far = Far { iteration: iterations + 1, more: MORE_AT_THE_END };
+            let [least, most] = MORE_AT_THE_END;
+            let more = (patches.len() * self.exemplars.len() / WORST).clamp(least, most);
+            let far = Far { iteration: iterations + 1, more };
             best.1 = self.look(&search, points, areas, &best.1.matches, &[], Some(far));
         }
         let shares =
