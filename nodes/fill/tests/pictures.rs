@@ -76,9 +76,11 @@ fn a_picture_goes_on_across_plain_fills_and_where_that_is_wished() {
 const RED: [u8; 3] = [200, 40, 30];
 const BLUE: [u8; 3] = [30, 60, 190];
 
-/// A flat sheet, red around its hole and blue on the right.
+/// A sheet with waves, red around its hole and on the left, where they are lower, and blue on the right, where they are as high as around
+/// the hole.
 fn two_colors() -> Mesh {
-    let whole = grid(41, 41, |_, _| 0.0);
+    let height = |x: f64| 0.25 + 0.05 * libm::tanh(x - 6.0);
+    let whole = grid(41, 41, |x, y| height(x) * libm::sin(0.9 * y));
     let mesh = without(&whole, |p| (p - Point3::new(14.0, 20.0, 0.0)).norm() < 4.5);
     let color = |p: &Point3<f64>| if p.x < 24.0 { RED } else { BLUE };
     let colors: Vec<[u8; 3]> = mesh.positions().iter().map(color).collect();
@@ -110,18 +112,20 @@ fn what_is_copied_has_the_colors_of_a_picture_around_the_hole() {
         shown.iter().filter(|&&uv| mesh.texture().unwrap().sample(uv)[2] > 100.0).count()
     };
     assert_eq!(blue_corners(3.0), 0);
-    // All shapes are alike here: without colors, nothing says that it is to be red.
+    // Without colors, nothing says that it is to be red.
     assert!(blue_corners(0.0) > 0);
 }
 
 #[test]
 fn what_is_copied_has_the_colors_of_the_vertices_around_the_hole() {
     let mesh = two_colors();
-    let others = |color: f64| {
+    // The mean of how blue the filled vertices are, from 0 for red to 1.
+    let blue = |color: f64| {
         let filled = fill(&mesh, HoleChoice::Largest, with_color(color)).unwrap().mesh;
-        let colors = filled.vertex().colors("color").unwrap();
-        colors[mesh.positions().len()..].iter().filter(|&&color| color != RED).count()
+        let colors = &filled.vertex().colors("color").unwrap()[mesh.positions().len()..];
+        let share = |color: &[u8; 3]| f64::from(color[2] - RED[2]) / f64::from(BLUE[2] - RED[2]);
+        colors.iter().map(share).sum::<f64>() / colors.len() as f64
     };
-    assert_eq!(others(3.0), 0);
-    assert!(others(0.0) > 0);
+    let [with, without] = [3.0, 0.0].map(blue);
+    assert!(with < 0.15 && 0.3 < without, "{with} {without}");
 }
