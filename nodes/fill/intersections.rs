@@ -155,14 +155,8 @@ pub(super) fn meet(one: &Triangle, other: &Triangle) -> bool {
     let (on_a, on_b) = (one.corners, other.corners);
     match a.iter().filter(|vertex| b.contains(vertex)).count() {
         0 => {
-            let of_a = on_a.map(|p| side(on_b, p));
-            if is_beside(of_a) {
-                return false;
-            }
-            let of_b = on_b.map(|p| side(on_a, p));
-            if is_beside(of_b) {
-                return false;
-            }
+            let Some(of_a) = sides(on_b, on_a) else { return false };
+            let Some(of_b) = sides(on_a, on_b) else { return false };
             let pierces = |edges: [Point3<f64>; 3], sides: [f64; 3], triangle| {
                 (0..3)
                     .map(|k| [k, (k + 1) % 3])
@@ -179,14 +173,8 @@ pub(super) fn meet(one: &Triangle, other: &Triangle) -> bool {
             };
             let (ends_a, ends_b) = (opposite(one, other), opposite(other, one));
             // Where the plane of one meets the other in that vertex alone, no more can be common to both.
-            let of_a = ends_a.map(|p| side(on_b, p));
-            if is_beside(of_a) {
-                return false;
-            }
-            let of_b = ends_b.map(|p| side(on_a, p));
-            if is_beside(of_b) {
-                return false;
-            }
+            let Some(of_a) = sides(on_b, ends_a) else { return false };
+            let Some(of_b) = sides(on_a, ends_b) else { return false };
             pierces(ends_a, of_a, on_b)
                 || pierces(ends_b, of_b, on_a)
                 || (of_a == [0.0; 2] && of_b == [0.0; 2] && overlap_in_plane(on_a, on_b))
@@ -201,9 +189,14 @@ fn side([a, b, c]: [Point3<f64>; 3], p: Point3<f64>) -> f64 {
     orient3d(coord(a), coord(b), coord(c), coord(p))
 }
 
-/// Whether all of some corners are on the same side of a plane.
-fn is_beside<const N: usize>(sides: [f64; N]) -> bool {
-    sides.iter().all(|&side| side > 0.0) || sides.iter().all(|&side| side < 0.0)
+/// On which sides of a triangle's plane some corners are; none if all are on the same one.
+fn sides<const N: usize>(
+    triangle: [Point3<f64>; 3],
+    corners: [Point3<f64>; N],
+) -> Option<[f64; N]> {
+    let sides = corners.map(|p| side(triangle, p));
+    let is_beside = sides.iter().all(|&side| side > 0.0) || sides.iter().all(|&side| side < 0.0);
+    (!is_beside).then_some(sides)
 }
 
 /// Whether a line runs through a triangle: its ends lie on different sides, which are given, and it passes all three edges on one.
