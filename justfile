@@ -30,6 +30,13 @@ peers *args:
 oracles:
     bash tests/oracles/subdivision/run
 
+# Random sequences of edits and commands against an evaluation without memory: in one process, and by the program itself.
+law sequences="1000000":
+    PROPTEST_CASES={{sequences}} cargo test --release -p maquette --lib law
+
+sequences count="2000":
+    SEQUENCES={{count}} cargo test --release -p maquette-nodes --test sequences
+
 # Every reader of files, for some seconds each.
 fuzz seconds="5":
     bash .ci/fuzz {{seconds}}

@@ -1,6 +1,6 @@
 //! Evaluates a graph: on demand, in parallel, each key once.
 //!
-//! What did not change since the last evaluation is known before anything runs ([`plan`]). The rest is visited in order: a
+//! What is computed from the same as the last time is known before anything runs ([`plan`]). The rest is visited in order: a
 //! node's key is known before the node is run ([`key`]), so a result that is in the cache is never computed again. Nodes that do
 //! not hang on each other run in parallel; a node that fails takes with it only what hangs on it.
 
@@ -20,6 +20,8 @@ mod compute;
 mod disk;
 mod files;
 mod key;
+#[cfg(test)]
+mod law;
 mod plan;
 mod run;
 mod snapshot;
@@ -31,7 +33,7 @@ pub use disk::{Disk, DiskError, Usage};
 use files::Known;
 pub(crate) use files::Stamp;
 pub(crate) use key::{Change, NodeFile, Recipe};
-use plan::{Plan, Task};
+use plan::Plan;
 use run::{News, Run};
 use snapshot::Snapshot;
 pub(crate) use trace::Reason;
@@ -259,10 +261,8 @@ impl Evaluator {
         self.recall(graph);
         let roots = Vec::from_iter(outputs.iter().map(|(node, _)| *node));
         let plan = Plan::new(self, graph, &roots, &[]);
-        let last = self.last.as_ref();
         let hash = |&(node, output): &(usize, usize)| {
-            let done = last?.current(node).filter(|_| plan.tasks[node] == Task::None)?;
-            Some(done.outcome.outputs.get(output)?.1)
+            Some(plan.known.get(node)?.outcome.outputs.get(output)?.1)
         };
         outputs.iter().map(hash).collect()
     }
@@ -288,13 +288,12 @@ impl Evaluator {
             }),
             false => run.values_of(values),
         };
-        let (fates, news) = run.end();
+        let (found, news) = run.end();
         self.fresh = false;
-        let changed = !fates.is_empty() || self.last.is_none();
-        let found = Snapshot::after(self.last.take(), &graph.shape, fates);
+        let is_new = self.last.as_ref().is_none_or(|last| !Arc::ptr_eq(last, &found));
         self.last = Some(found.clone());
-        if let Some(disk) = self.disk.as_ref().filter(|_| changed) {
-            disk.keep_snapshot(&graph.source.name, &found, self.files.of(graph.files()));
+        if let Some(disk) = self.disk.as_ref().filter(|_| is_new) {
+            disk.keep_snapshot(&found, self.files.of(graph.files()));
         }
         Evaluation { nodes: graph.nodes.clone(), wanted: plan.wanted, found, news, values }
     }
@@ -306,8 +305,12 @@ impl Evaluator {
 
     /// What the last process found of the graph, if this one does not know better.
     fn recall(&mut self, graph: &Graph) {
-        let (None, Some(disk)) = (&self.last, self.known_results()) else { return };
-        if let Some((snapshot, files)) = disk.snapshot(&graph.source.name) {
+        let name = &graph.source.name;
+        if self.last.as_ref().is_some_and(|last| last.graph == *name) {
+            return;
+        }
+        self.last = None;
+        if let Some((snapshot, files)) = self.known_results().and_then(|disk| disk.snapshot(name)) {
             self.last = Some(Arc::new(snapshot));
             self.files.extend(files);
         }

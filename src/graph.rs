@@ -269,7 +269,7 @@ impl Graph {
         let same_output = |(a, b): (&GraphOutput, &GraphOutput)| {
             (&a.name, a.node, a.output) == (&b.name, b.node, b.output)
         };
-        self.shape.marks == other.shape.marks
+        self.shape.identity == other.shape.identity
             && self.files().eq(other.files())
             && self.outputs.len() == other.outputs.len()
             && self.outputs.iter().zip(&other.outputs).all(same_output)

@@ -1,6 +1,6 @@
 //! Computes one node, and finds the values that it needs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
@@ -14,9 +14,9 @@ use super::snapshot::Done;
 use super::trace::Reason;
 use super::{Panic, State, in_words, lock};
 use crate::error::{Cancelled, Error};
-use crate::graph::GraphNode;
+use crate::graph::{GraphNode, Link};
 use crate::node::{Context, File, Progress};
-use crate::value::{AnyValue, Hash};
+use crate::value::Hash;
 
 /// A node's files, or the hashes that they have now, if one has just been changed.
 pub(super) enum Loaded {
@@ -50,14 +50,16 @@ impl Run<'_> {
         self.set_ran(index, true);
         self.observer.started(&node.name);
         let start = Instant::now();
-        let (values, warnings) = match self.eval(node, files) {
+        let inputs = node.links.iter().map(|link| self.values(link.node));
+        let given = inputs.collect::<Result<Vec<Values>, Error>>();
+        let (values, warnings) = match given.and_then(|inputs| self.eval(node, &inputs, files)) {
             Ok(given) => given,
             Err(error) => return self.failed(index, error),
         };
         let seconds = start.elapsed().as_secs_f64();
         let outcome = Arc::new(Outcome::new(&values, warnings, seconds));
         let before = self.before(index);
-        let reason = match (self.tasks[index], before) {
+        let reason = match (self.plan.tasks[index], before) {
             (Task::Verify, _) => Reason::Verified,
             (_, None) => Reason::First,
             (_, Some(before)) => parts.change(&before.parts).map_or(Reason::Lost, Reason::Changed),
@@ -65,12 +67,12 @@ impl Run<'_> {
         let same = before.is_some_and(|before| before.outcome.equals(&outcome));
         self.evaluator.cache.keep(key, outcome.clone());
         if let Some(disk) = &self.evaluator.disk {
-            disk.keep(key, &outcome, &values, self.tasks[index] == Task::Look);
+            disk.keep(key, &outcome, &values, self.plan.tasks[index] == Task::Look);
         }
         self.hold(index, &values);
         self.tell(News {
             unchanged: same,
-            differs: self.tasks[index] == Task::Verify && !same,
+            differs: self.plan.tasks[index] == Task::Verify && !same,
             start: start.duration_since(self.start).as_secs_f64(),
             seconds,
             thread: rayon::current_thread_index().unwrap_or(0),
@@ -79,20 +81,18 @@ impl Run<'_> {
         Some(Arc::new(Done { parts, key, outcome }))
     }
 
-    /// Runs the node.
+    /// Runs the node on the values of the nodes that its links lead to.
     fn eval(
         &self,
         node: &GraphNode,
+        inputs: &[Values],
         files: &BTreeMap<PathBuf, Option<File>>,
     ) -> Result<(Values, Vec<String>), Error> {
         if self.cancel.is_cancelled() {
             return Err(Cancelled.into());
         }
-        let inputs = node.links.iter().map(|link| {
-            let values = self.values(link.node)?;
-            Ok(values[link.output].clone())
-        });
-        let inputs: Vec<AnyValue> = inputs.collect::<Result<_, Error>>()?;
+        let input = |(link, values): (&Link, &Values)| values[link.output].clone();
+        let inputs = Vec::from_iter(node.links.iter().zip(inputs).map(input));
         let report = |share: f64| self.observer.progress(&node.name, share);
         let cx = Context {
             inputs: &inputs,
@@ -109,40 +109,75 @@ impl Run<'_> {
 
     /// The values of a node that has come to its end: from memory, from disk, or computed again if both lost them.
     pub(super) fn values(&self, index: usize) -> Result<Values, Error> {
-        if let Some(values) = self.slot(index).and_then(|slot| lock(&slot.held).clone()) {
-            return Ok(values);
+        match self.kept(index) {
+            Some(values) => Ok(values),
+            None => self.restore(index),
         }
-        let Some(done) = self.done(index) else { return Err(Cancelled.into()) };
-        if let Some(values) = done.outcome.values() {
-            return Ok(values);
-        }
-        let disk = self.evaluator.known_results();
-        let kept = disk.and_then(|disk| disk.read(done.key, &done.outcome));
-        let values = match kept {
-            Some(values) => values,
-            None => self.compute_again(index, done)?,
-        };
-        self.evaluator.cache.hold(done.key, &done.outcome, &values);
-        self.hold(index, &values);
-        Ok(values)
     }
 
-    /// Computes what was kept and turned out to be damaged. It is rare, and so may happen twice at once.
-    fn compute_again(&self, index: usize, done: &Done) -> Result<Values, Error> {
+    /// The values of a node, if memory or disk still has them.
+    fn kept(&self, index: usize) -> Option<Values> {
+        if let Some(values) = self.slot(index).and_then(|slot| lock(&slot.held).clone()) {
+            return Some(values);
+        }
+        let done = self.done(index)?;
+        if let Some(values) = done.outcome.values() {
+            return Some(values);
+        }
+        let values = self.evaluator.known_results()?.read(done.key, &done.outcome)?;
+        self.evaluator.cache.hold(done.key, &done.outcome, &values);
+        self.hold(index, &values);
+        Some(values)
+    }
+
+    /// Computes a node's values again, after those that it needs and that are lost, too. It is rare, because a plan restores
+    /// what it knows to be lost: only what is dropped or found to be damaged later comes here, and may come twice at once.
+    fn restore(&self, index: usize) -> Result<Values, Error> {
+        let (mut lost, mut values) = (BTreeSet::new(), HashMap::new());
+        let mut open = vec![index];
+        while let Some(node) = open.pop() {
+            lost.insert(node);
+            for source in self.graph.nodes[node].links.iter().map(|link| link.node) {
+                if !lost.contains(&source) && !values.contains_key(&source) {
+                    match self.kept(source) {
+                        Some(kept) => drop(values.insert(source, kept)),
+                        None => open.push(source),
+                    }
+                }
+            }
+        }
+        // Each node comes after those that it hangs on.
+        for node in lost {
+            let links = self.graph.nodes[node].links.iter();
+            let inputs = Vec::from_iter(links.map(|link| values[&link.node].clone()));
+            values.insert(node, self.compute_again(node, &inputs)?);
+        }
+        Ok(values[&index].clone())
+    }
+
+    fn compute_again(&self, index: usize, inputs: &[Values]) -> Result<Values, Error> {
+        let Some(done) = self.done(index) else { return Err(Cancelled.into()) };
         let node = &self.graph.nodes[index];
         self.observer.started(&node.name);
         let start = Instant::now();
         let files = match self.load(node, &done.parts)? {
             Loaded::Files(files) => files,
-            Loaded::Changed(_) => return Err(Cancelled.into()),
+            Loaded::Changed(_) => return Err(ChangedMeanwhile.into()),
         };
-        let (values, _) = self.eval(node, &files)?;
+        let (values, _) = self.eval(node, inputs, &files)?;
         if let Some(disk) = &self.evaluator.disk {
             disk.keep(done.key, &done.outcome, &values, false);
         }
+        self.evaluator.cache.hold(done.key, &done.outcome, &values);
+        self.hold(index, &values);
         let seconds = start.elapsed().as_secs_f64();
         let start = start.duration_since(self.start).as_secs_f64();
         self.tell(News { start, seconds, ..News::new(index, State::Computed, Reason::Lost) });
         Ok(values)
     }
 }
+
+/// A lost result cannot be computed again.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("a file that it reads has just been changed; run it again")]
+struct ChangedMeanwhile;

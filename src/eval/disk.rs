@@ -140,15 +140,10 @@ impl Disk {
         }
     }
 
-    /// Keeps what an evaluation of the graph at this path found.
-    pub(super) fn keep_snapshot(
-        &self,
-        graph: &Path,
-        snapshot: &Arc<Snapshot>,
-        files: Vec<KnownFile>,
-    ) {
+    /// Keeps what an evaluation of a graph found.
+    pub(super) fn keep_snapshot(&self, snapshot: &Arc<Snapshot>, files: Vec<KnownFile>) {
         if self.trouble().is_none() {
-            let path = self.store.path_of("graphs", graph);
+            let path = self.store.path_of("graphs", &snapshot.graph);
             self.writer.send(Job::Record { path, snapshot: snapshot.clone(), files });
         }
     }
@@ -167,7 +162,7 @@ impl Disk {
     /// What the last evaluation of the graph at this path found, and the files that it read.
     pub(super) fn snapshot(&self, graph: &Path) -> Option<(Snapshot, Vec<KnownFile>)> {
         let path = self.store.path_of("graphs", graph);
-        let found = record::read(&self.store.read(&path)?, &self.store);
+        let found = record::read(&self.store.read(&path)?, graph, &self.store);
         if found.is_none() {
             self.store.remove(&path);
         }

@@ -1,17 +1,18 @@
-//! What must be looked at, found before anything runs: the work grows with what changed, not with the graph.
+//! What must be looked at, found before anything runs.
 
 use std::sync::Arc;
 
 use super::Evaluator;
-use super::snapshot::{Fate, Snapshot};
+use super::key::Parts;
+use super::snapshot::{Done, Snapshot};
 use crate::graph::Graph;
 
-/// Which nodes an evaluation looks at.
+/// What an evaluation does with each node.
 pub(super) struct Plan {
     pub(super) wanted: Arc<[bool]>,
     pub(super) tasks: Vec<Task>,
-    /// The nodes that are not what stood at their place last time, whether wanted or not.
-    pub(super) replaced: Vec<usize>,
+    /// The results that are known before anything runs.
+    pub(super) known: Known,
     /// How many nodes have a task.
     active: usize,
 }
@@ -19,14 +20,31 @@ pub(super) struct Plan {
 /// What an evaluation does with a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Task {
-    /// Nothing: it is as it was, or nobody needs it.
+    /// Nothing: its result is known, or nobody needs it.
     None,
-    /// Something about it changed, or something that it hangs on: it may have to be computed.
+    /// It is not what it was, or hangs on one that is not: it may have to be computed.
     Look,
-    /// Nothing changed, but its values are needed and gone.
+    /// Its result is known, but its values are needed and gone.
     Restore,
-    /// Nothing changed, but it is computed to compare the result.
+    /// Its result is known, but it is computed to compare the result.
     Verify,
+}
+
+/// The results of nodes that are computed from the same as the last time.
+pub(super) enum Known {
+    /// Nothing changed: what the last evaluation found.
+    All(Arc<Snapshot>),
+    /// The result of each node, if it is known.
+    Some(Vec<Option<Arc<Done>>>),
+}
+
+impl Known {
+    pub(super) fn get(&self, index: usize) -> Option<&Arc<Done>> {
+        match self {
+            Self::All(snapshot) => snapshot.current(index),
+            Self::Some(results) => results[index].as_ref(),
+        }
+    }
 }
 
 impl Plan {
@@ -36,64 +54,38 @@ impl Plan {
         roots: &[usize],
         values: &[usize],
     ) -> Self {
-        let count = graph.nodes.len();
         let wanted = wanted(graph, roots);
-        let Some(last) = &evaluator.last else {
-            let task = |&wanted: &bool| if wanted { Task::Look } else { Task::None };
-            let tasks = Vec::from_iter(wanted.iter().map(task));
-            let active = wanted.iter().filter(|wanted| **wanted).count();
-            return Self { active, wanted, tasks, replaced: Vec::new() };
-        };
-        let mut tasks = vec![Task::None; count];
-        let mut active = 0;
-        let mut mark = |tasks: &mut Vec<Task>, index: usize, task| {
-            if wanted[index] && tasks[index] == Task::None {
-                tasks[index] = task;
-                active += 1;
-                return true;
-            }
-            false
-        };
-        let replaced = Vec::from_iter(graph.shape.differences(&last.shape));
-        let mut changed = changed(evaluator, last, graph, &wanted);
-        changed.extend(&replaced);
-        while let Some(index) = changed.pop() {
-            if mark(&mut tasks, index, Task::Look) {
-                changed.extend(graph.shape.users(index).iter().map(|&user| user as usize));
-            }
-        }
-        if 0.0 < evaluator.verify {
-            for index in 0..count {
-                if last.fates.get(index).is_some_and(|fate| evaluator.verifies(fate)) {
-                    mark(&mut tasks, index, Task::Verify);
-                }
-            }
+        let known = evaluator.known(graph, &wanted);
+        let mut tasks = vec![Task::None; wanted.len()];
+        for index in (0..wanted.len()).filter(|&index| wanted[index]) {
+            tasks[index] = match known.get(index) {
+                None => Task::Look,
+                Some(done) if evaluator.verifies(done) => Task::Verify,
+                Some(_) => Task::None,
+            };
         }
         // Backwards, so that what a restored node needs is met after it.
-        let mut needed = vec![false; count];
+        let mut needed = vec![false; wanted.len()];
         values.iter().for_each(|&node| needed[node] = true);
-        let mut look = |index: usize, tasks: &mut Vec<Task>, needed: &mut Vec<bool>| {
-            let lost = needed[index] && tasks[index] == Task::None && !evaluator.has(last, index);
-            if lost {
-                mark(tasks, index, Task::Restore);
+        for index in (0..wanted.len()).rev() {
+            let is_lost = |done: &Arc<Done>| !evaluator.has_values(done);
+            if needed[index] && tasks[index] == Task::None && known.get(index).is_some_and(is_lost)
+            {
+                tasks[index] = Task::Restore;
             }
             if tasks[index] != Task::None {
                 graph.shape.sources(index).iter().for_each(|&node| needed[node as usize] = true);
             }
-        };
-        for index in (0..count).rev() {
-            if needed[index] || tasks[index] != Task::None {
-                look(index, &mut tasks, &mut needed);
-            }
         }
-        Self { wanted, tasks, replaced, active }
+        let active = tasks.iter().filter(|task| **task != Task::None).count();
+        Self { wanted, tasks, known, active }
     }
 
     pub(super) fn has_work(&self) -> bool {
         0 < self.active
     }
 
-    /// How many of the wanted nodes are as they were.
+    /// How many of the wanted nodes have no task.
     pub(super) fn unchanged(&self) -> usize {
         self.wanted.iter().filter(|wanted| **wanted).count() - self.active
     }
@@ -112,34 +104,65 @@ fn wanted(graph: &Graph, roots: &[usize]) -> Arc<[bool]> {
     wanted.into()
 }
 
-/// The wanted nodes that did not succeed last time, or read a file that is not as it was.
-fn changed(evaluator: &Evaluator, last: &Snapshot, graph: &Graph, wanted: &[bool]) -> Vec<usize> {
-    let failed = |index: &usize| !matches!(last.fates.get(*index), Some(Fate::Current(_)));
-    let mut changed =
-        Vec::from_iter((0..wanted.len()).filter(|&index| wanted[index]).filter(failed));
-    changed.extend(graph.shape.readers.iter().filter(|&&index| {
-        let found = graph.nodes[index].files.iter().map(|file| evaluator.files.look(&file.path));
-        let before = last.fates.get(index);
-        wanted[index]
-            && before.is_some_and(|before| match before {
-                Fate::Current(done) => !found.eq(done.parts.files.iter().map(|hash| Some(*hash))),
-                _ => false,
-            })
-    }));
-    changed
-}
-
 impl Evaluator {
-    /// Whether a node's values can be had without computing them.
-    fn has(&self, last: &Snapshot, index: usize) -> bool {
-        last.current(index).is_some_and(|done| {
-            done.outcome.has_values() || self.known_results().is_some_and(|disk| disk.has(done.key))
-        })
+    /// The results of the wanted nodes that are computed from the same as the last time: a result is true for ever, so only
+    /// what it was computed from is compared.
+    fn known(&self, graph: &Graph, wanted: &[bool]) -> Known {
+        let Some(last) = &self.last else { return Known::Some(vec![None; wanted.len()]) };
+        if self.nothing_changed(last, graph, wanted) {
+            return Known::All(last.clone());
+        }
+        let mut results: Vec<Option<Arc<Done>>> = vec![None; wanted.len()];
+        for index in (0..wanted.len()).filter(|&index| wanted[index]) {
+            let before = last.before(&graph.shape.names[index], index);
+            results[index] = before
+                .filter(|done| self.is_computed_from(&done.parts, graph, index, &results))
+                .cloned();
+        }
+        Known::Some(results)
+    }
+
+    /// The same graph, nothing wanted that the last evaluation did not find, and no other file: then everything is as it was.
+    fn nothing_changed(&self, last: &Snapshot, graph: &Graph, wanted: &[bool]) -> bool {
+        let same = last.shape == graph.shape.identity;
+        let mut readers = graph.shape.readers.iter().filter(|&&index| wanted[index]);
+        same && wanted.iter().zip(&last.found).all(|(wanted, found)| found | !wanted)
+            && readers.all(|&index| {
+                last.current(index).is_some_and(|done| self.has_files(&done.parts, graph, index))
+            })
+    }
+
+    /// Whether a node would be computed from these parts, as far as the results before it are known.
+    fn is_computed_from(
+        &self,
+        parts: &Parts,
+        graph: &Graph,
+        index: usize,
+        results: &[Option<Arc<Done>>],
+    ) -> bool {
+        let node = &graph.nodes[index];
+        let inputs = node.links.iter().map(|link| {
+            let outputs = &results[link.node].as_ref()?.outcome.outputs;
+            outputs.get(link.output).map(|(_, hash)| *hash)
+        });
+        parts.recipe.identity == node.recipe.identity
+            && inputs.eq(parts.inputs.iter().map(|hash| Some(*hash)))
+            && self.has_files(parts, graph, index)
+    }
+
+    /// Whether a node's files are known, without reading them, to be these.
+    fn has_files(&self, parts: &Parts, graph: &Graph, index: usize) -> bool {
+        let files = graph.nodes[index].files.iter();
+        files.map(|file| self.files.look(&file.path)).eq(parts.files.iter().map(|hash| Some(*hash)))
+    }
+
+    /// Whether a result's values can be had without computing them.
+    fn has_values(&self, done: &Done) -> bool {
+        done.outcome.has_values() || self.known_results().is_some_and(|disk| disk.has(done.key))
     }
 
     /// Whether a result is among those that are compared.
-    fn verifies(&self, fate: &Fate) -> bool {
-        let Fate::Current(done) = fate else { return false };
+    fn verifies(&self, done: &Done) -> bool {
         let [a, b, ..] = done.key.0;
         f64::from(u16::from_le_bytes([a, b])) < self.verify * 65536.0
     }

@@ -10,8 +10,8 @@ use super::cache::{FirstBytes, Outcome, Values};
 use super::compute::Loaded;
 use super::files::Reads;
 use super::key::Parts;
-use super::plan::{Plan, Task};
-use super::snapshot::{Done, Fate};
+use super::plan::{Known, Plan, Task};
+use super::snapshot::{Done, Snapshot};
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 use crate::error::Error;
@@ -53,8 +53,7 @@ impl News {
 pub(super) struct Run<'a> {
     pub(super) evaluator: &'a Evaluator,
     pub(super) graph: &'a Graph,
-    pub(super) tasks: &'a [Task],
-    replaced: &'a [usize],
+    pub(super) plan: &'a Plan,
     pub(super) observer: &'a dyn Observer,
     pub(super) cancel: &'a CancelToken,
     pub(super) start: Instant,
@@ -115,8 +114,7 @@ impl<'a> Run<'a> {
         Self {
             evaluator,
             graph,
-            tasks,
-            replaced: &plan.replaced,
+            plan,
             observer,
             cancel,
             start: Instant::now(),
@@ -182,8 +180,7 @@ impl<'a> Run<'a> {
         let found = self.slot(index).and_then(|slot| slot.done.get());
         match found {
             Some(found) => found.as_ref(),
-            None if self.tasks[index] == Task::Look => None,
-            None => self.evaluator.last.as_ref()?.current(index),
+            None => self.plan.known.get(index),
         }
     }
 
@@ -226,8 +223,8 @@ impl<'a> Run<'a> {
         loop {
             let key = parts.key();
             let mut flight = lock(&self.in_flight);
-            if self.tasks[index] == Task::Look
-                && let Some(outcome) = self.find(key)
+            if self.plan.tasks[index] == Task::Look
+                && let Some(outcome) = self.find(index, key)
             {
                 drop(flight);
                 return Some((
@@ -268,7 +265,11 @@ impl<'a> Run<'a> {
         Ok(Parts { recipe: node.recipe.clone(), inputs, files: files.collect::<Result<_, _>>()? })
     }
 
-    pub(super) fn find(&self, key: Hash) -> Option<Arc<Outcome>> {
+    /// What is known of a node's result of this key.
+    pub(super) fn find(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
+        if let Some(before) = self.before(index).filter(|before| before.key == key) {
+            return Some(before.outcome.clone());
+        }
         let found = self.evaluator.cache.find(key);
         found.or_else(|| {
             let outcome = Arc::new(self.evaluator.known_results()?.find(key)?);
@@ -321,29 +322,33 @@ impl<'a> Run<'a> {
         values.filter_map(|root| Some((root, self.values(root).ok()?))).collect()
     }
 
-    /// What is known now of the nodes that are not as they were, and what happened to them, in the graph's order.
-    pub(super) fn end(self) -> (Vec<(usize, Fate)>, Vec<News>) {
-        let visited = self.slots.iter().map(|slot| (slot.node, self.fate(slot)));
-        let unwanted =
-            self.replaced.iter().copied().filter(|&index| self.tasks[index] == Task::None);
-        let fates = visited.chain(unwanted.map(|index| (index, self.stale(index)))).collect();
+    /// What is known now of all nodes, and what happened to those that have a task, in the graph's order.
+    pub(super) fn end(self) -> (Arc<Snapshot>, Vec<News>) {
+        let snapshot = self.snapshot();
         let mut news = self.news.into_inner().unwrap_or_else(|broken| broken.into_inner());
         news.sort_by_key(|news| news.index);
         // A node may have been found in the cache and then, its values damaged, computed: the latter counts.
         news.reverse();
         news.dedup_by_key(|news| news.index);
         news.reverse();
-        (fates, news)
+        (snapshot, news)
     }
 
-    fn fate(&self, slot: &Slot) -> Fate {
-        match slot.done.get() {
-            Some(Some(done)) => Fate::Current(done.clone()),
-            _ => self.stale(slot.node),
+    /// The last result of each node: of this evaluation, or of an earlier one.
+    fn snapshot(&self) -> Arc<Snapshot> {
+        if let (Known::All(last), false) = (&self.plan.known, self.plan.has_work()) {
+            return last.clone();
         }
-    }
-
-    fn stale(&self, index: usize) -> Fate {
-        self.before(index).map_or(Fate::Unknown, |done| Fate::Stale(done.clone()))
+        let count = self.plan.wanted.len();
+        let mut found = vec![false; count];
+        let mut results = Vec::with_capacity(count);
+        for index in 0..count {
+            let now = self.done(index).filter(|_| self.plan.wanted[index]);
+            found[index] = now.is_some();
+            results.push(now.or_else(|| self.before(index)).cloned());
+        }
+        let shape = &self.graph.shape;
+        let (graph, of) = (self.graph.source.name.clone(), (shape.identity, shape.names.clone()));
+        Arc::new(Snapshot::new(graph, of, results, found))
     }
 }

@@ -71,7 +71,7 @@ impl Run<'_> {
         }
         let key = parts.key();
         let change = before.map(|before| parts.change(&before.parts));
-        let found = self.find(key);
+        let found = self.find(index, key);
         let reason = match (found.is_some(), change) {
             (true, None | Some(None)) => Reason::Unchanged,
             (true, Some(Some(change))) => Reason::Before(change),

@@ -1,15 +1,17 @@
-//! A graph as the evaluator compares it with another one: who hangs on whom, and a mark for each node.
+//! A graph as the evaluator compares it with another one: who hangs on whom, and its identity.
+
+use std::sync::Arc;
 
 use super::GraphNode;
 use crate::value::Hash;
 
 /// What an evaluation wants to know of a graph without touching its nodes.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Shape {
     /// The nodes' names.
-    pub(crate) names: Vec<String>,
-    /// The hash of each node's name, recipe and links: equal at one place in two graphs, the same node.
-    pub(crate) marks: Vec<Hash>,
+    pub(crate) names: Arc<[String]>,
+    /// The hash of all nodes' names, recipes and links: equal for two graphs, the same graph.
+    pub(crate) identity: Hash,
     /// The nodes that read files.
     pub(crate) readers: Vec<usize>,
     /// The nodes that each one is linked to, once per link.
@@ -35,21 +37,11 @@ impl Shape {
     pub(crate) fn new(nodes: &[GraphNode]) -> Self {
         Self {
             names: nodes.iter().map(|node| node.name.clone()).collect(),
-            marks: nodes.iter().map(mark).collect(),
+            identity: identity(nodes),
             readers: (0..nodes.len()).filter(|&index| !nodes[index].files.is_empty()).collect(),
             sources: sources(nodes),
             users: users(nodes),
         }
-    }
-
-    /// The nodes that are not what stands at their place in another graph.
-    pub(crate) fn differences(&self, other: &Self) -> impl Iterator<Item = usize> {
-        let same = std::ptr::eq(self, other);
-        let marks = if same { &[][..] } else { &self.marks };
-        marks
-            .iter()
-            .enumerate()
-            .filter_map(|(index, mark)| (other.marks.get(index) != Some(mark)).then_some(index))
     }
 
     /// The nodes that are linked to a node, once per link.
@@ -91,12 +83,18 @@ fn users(nodes: &[GraphNode]) -> Lists {
     Lists { items, starts }
 }
 
-fn mark(node: &GraphNode) -> Hash {
-    let mut content = node.recipe.identity.0.to_vec();
-    for link in &node.links {
-        content.extend_from_slice(&(link.node as u64).to_le_bytes());
-        content.extend_from_slice(&(link.output as u64).to_le_bytes());
+fn identity(nodes: &[GraphNode]) -> Hash {
+    let mut content = Vec::new();
+    for node in nodes {
+        // Each part has a length that is fixed or told, so that no two graphs give the same bytes.
+        content.extend_from_slice(&node.recipe.identity.0);
+        content.extend_from_slice(&(node.links.len() as u64).to_le_bytes());
+        for link in &node.links {
+            content.extend_from_slice(&(link.node as u64).to_le_bytes());
+            content.extend_from_slice(&(link.output as u64).to_le_bytes());
+        }
+        content.extend_from_slice(&(node.name.len() as u64).to_le_bytes());
+        content.extend_from_slice(node.name.as_bytes());
     }
-    content.extend_from_slice(node.name.as_bytes());
     Hash::of(&content)
 }

@@ -1,5 +1,6 @@
 //! What the last evaluation of a graph found, without values: so that the next process knows at once what changed, and why.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -8,26 +9,26 @@ use serde_json::Value as Json;
 use super::super::cache::Outcome;
 use super::super::files::KnownFile;
 use super::super::key::{Parts, Recipe};
-use super::super::snapshot::{Done, Fate, Snapshot};
+use super::super::snapshot::{Done, Snapshot};
 use super::Store;
-use crate::graph::Shape;
 use crate::value::Hash;
 
 #[derive(Serialize, Deserialize)]
 struct Record {
     version: u32,
+    /// The identity of the graph's shape.
+    shape: Hash,
     nodes: Vec<Node>,
     files: Vec<KnownFile>,
 }
 
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 #[derive(Serialize, Deserialize)]
 struct Node {
     name: String,
-    mark: Hash,
-    /// Whether the result is of the last evaluation; none if there is no result.
-    current: Option<bool>,
+    /// Whether the last evaluation found the result.
+    found: bool,
     result: Option<NodeResult>,
 }
 
@@ -45,18 +46,14 @@ struct NodeResult {
 }
 
 pub(super) fn write(snapshot: &Snapshot, files: &[KnownFile]) -> Vec<u8> {
-    let shape = &snapshot.shape;
-    let node = |((name, mark), fate): ((&String, &Hash), &Fate)| {
-        let (current, done) = match fate {
-            Fate::Unknown => (None, None),
-            Fate::Stale(done) => (Some(false), Some(done)),
-            Fate::Current(done) => (Some(true), Some(done)),
-        };
-        let result = done.map(|done| result(done));
-        Node { name: name.clone(), mark: *mark, current, result }
-    };
-    let nodes = shape.names.iter().zip(&shape.marks).zip(&snapshot.fates).map(node).collect();
-    let record = Record { version: VERSION, nodes, files: files.to_vec() };
+    let Snapshot { shape, names, results, found, .. } = snapshot;
+    let nodes = names.iter().zip(results).zip(found).map(|((name, done), &found)| Node {
+        name: name.clone(),
+        found,
+        result: done.as_ref().map(|done| result(done)),
+    });
+    let nodes = nodes.collect();
+    let record = Record { version: VERSION, shape: *shape, nodes, files: files.to_vec() };
     serde_json::to_vec(&record).unwrap_or_default()
 }
 
@@ -75,28 +72,30 @@ fn result(done: &Done) -> NodeResult {
     }
 }
 
-/// The snapshot in a record, with the files that were read; none if it is of another version, or names an unknown type.
-pub(super) fn read(bytes: &[u8], store: &Store) -> Option<(Snapshot, Vec<KnownFile>)> {
+/// The snapshot of a graph in a record, with the files that were read; none if it is of another version, or names an unknown
+/// type.
+pub(super) fn read(
+    bytes: &[u8],
+    graph: &Path,
+    store: &Store,
+) -> Option<(Snapshot, Vec<KnownFile>)> {
     let record: Record = serde_json::from_slice(bytes).ok()?;
     if record.version != VERSION {
         return None;
     }
-    let mut shape = Shape::default();
-    let mut fates = Vec::new();
+    let (mut names, mut results, mut found) = (Vec::new(), Vec::new(), Vec::new());
     for node in record.nodes {
-        shape.names.push(node.name);
-        shape.marks.push(node.mark);
-        let done = match node.result {
+        let result = match node.result {
             Some(result) => Some(Arc::new(done(result, store)?)),
             None => None,
         };
-        fates.push(match (done, node.current) {
-            (Some(done), Some(true)) => Fate::Current(done),
-            (Some(done), _) => Fate::Stale(done),
-            (None, _) => Fate::Unknown,
-        });
+        names.push(node.name);
+        found.push(node.found && result.is_some());
+        results.push(result);
     }
-    Some((Snapshot::new(Arc::new(shape), fates), record.files))
+    let of = (record.shape, names.into());
+    let snapshot = Snapshot::new(graph.to_owned(), of, results, found);
+    Some((snapshot, record.files))
 }
 
 fn done(result: NodeResult, store: &Store) -> Option<Done> {

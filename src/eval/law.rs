@@ -1,0 +1,517 @@
+//! What is remembered is true: random sequences of edits and commands, each compared with an evaluation without memory.
+//!
+//! After every evaluation the values, the states of the trace, its reasons, the forecast made before it and what was said to be
+//! known must be those that follow from what an evaluation without memory finds. Where nothing is ever dropped or damaged, a
+//! node runs exactly if nobody has computed the same before.
+//!
+//! `PROPTEST_CASES` says how many sequences are tried, `PROPTEST_RNG_SEED` which.
+
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, Once, OnceLock};
+
+use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
+use rayon::prelude::*;
+
+use super::key::Parts;
+use super::trace::Reason;
+use super::{Disk, Evaluation, Evaluator, Forecast, Observer, Outlook, State, lock};
+use crate::catalog::Catalog;
+use crate::graph::{Files, Graph, Options};
+use crate::node::CancelToken;
+use crate::value::Hash;
+
+mod pack;
+mod plain;
+mod project;
+mod step;
+
+use plain::Truth;
+use project::Project;
+use step::{Command, Step};
+
+/// How many sequences are tried, unless `PROPTEST_CASES` says otherwise.
+const SEQUENCES: u32 = 20_000;
+
+/// Enough for all results of a sequence.
+const AMPLE: usize = 1 << 24;
+
+#[test]
+fn whatever_is_done_in_whatever_order_what_is_remembered_is_true() {
+    be_quiet_about_panics();
+    let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
+    let cases = number("PROPTEST_CASES").unwrap_or(u64::from(SEQUENCES));
+    let seed = number("PROPTEST_RNG_SEED").unwrap_or(20_070_115);
+    let shards = cases.div_ceil(50);
+    let tried = AtomicUsize::new(0);
+    let follow_shard = |shard: u64| {
+        let mut bytes = [0; 32];
+        bytes[..8].copy_from_slice(&(seed + shard).to_le_bytes());
+        let rng = TestRng::from_seed(RngAlgorithm::ChaCha, &bytes);
+        let cases = cases.div_ceil(shards) as u32;
+        let config = Config { cases, failure_persistence: None, ..Config::default() };
+        let mut runner = TestRunner::new_with_rng(config, rng);
+        let failure = runner.run(&step::sequence(), |steps| {
+            tried.fetch_add(1, Ordering::Relaxed);
+            follow(&steps)
+        });
+        failure.err()
+    };
+    // More threads than cores: sequences often wait, for files to become older and for the disk.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(16).build().unwrap();
+    let failure = pool.install(|| (0..shards).into_par_iter().find_map_any(follow_shard));
+    if let Some(failure) = failure {
+        panic!("of some {} sequences, shrunk ones included: {failure}", tried.into_inner());
+    }
+}
+
+/// The panics of [`pack`] are part of the law; their messages would only hide others.
+fn be_quiet_about_panics() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        let usual = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            if info.payload().downcast_ref::<&str>() != Some(&pack::PANIC) {
+                usual(info);
+            }
+        }));
+    });
+}
+
+/// Takes all steps; says which promise was broken.
+fn follow(steps: &[Step]) -> Result<(), TestCaseError> {
+    let mut world = World::new();
+    for (place, step) in steps.iter().enumerate() {
+        let kept = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| world.step(step)));
+        let broken = match kept {
+            Ok(Ok(())) => continue,
+            Ok(Err(broken)) => broken,
+            Err(panic) => super::in_words(&*panic),
+        };
+        return Err(TestCaseError::fail(format!("step {place}, {step:?}: {broken}")));
+    }
+    Ok(())
+}
+
+/// What is known of the nodes of a graph, by name: what each was last computed from.
+type Last = HashMap<String, Parts>;
+
+/// A process that evaluates the graph.
+struct Process {
+    evaluator: Evaluator,
+    /// The keys of what it has computed or met.
+    keys: HashSet<Hash>,
+    last: Option<Last>,
+}
+
+struct World {
+    project: Project,
+    catalog: Catalog,
+    /// Those that live; the last one is asked.
+    processes: Vec<Process>,
+    cache: PathBuf,
+    /// The keys of what is on disk.
+    kept: HashSet<Hash>,
+    /// What the last evaluation on disk knew.
+    last: Option<Last>,
+    /// Whether it is known which results the processes still have.
+    exact: bool,
+    /// Whether it is known what the processes remember of the last evaluation.
+    told: bool,
+    _folder: tempfile::TempDir,
+}
+
+/// Makes a promise.
+macro_rules! promise {
+    ($kept:expr, $($words:tt)+) => {
+        if !$kept {
+            return Err(format!($($words)+));
+        }
+    };
+}
+
+impl World {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let project = folder.path().join("project");
+        std::fs::create_dir(&project).unwrap();
+        let mut world = Self {
+            project: Project::new(&project),
+            catalog: Catalog::new(&[pack::PACK]),
+            processes: Vec::new(),
+            cache: folder.path().join("cache"),
+            kept: HashSet::new(),
+            last: None,
+            exact: true,
+            told: true,
+            _folder: folder,
+        };
+        world.start(true);
+        world
+    }
+
+    fn start(&mut self, disk: bool) {
+        let mut evaluator = Evaluator::new(2, AMPLE).unwrap();
+        if disk {
+            share_fingerprint(&self.cache);
+            let disk = Disk::open(&self.cache, u64::MAX, &self.catalog).unwrap();
+            evaluator = evaluator.with_disk(disk);
+        }
+        self.processes.push(Process { evaluator, keys: HashSet::new(), last: None });
+    }
+
+    fn step(&mut self, step: &Step) -> Result<(), String> {
+        match step {
+            Step::Edit(edit) => self.project.edit(edit),
+            Step::Command(command) => return self.command(command),
+        }
+        Ok(())
+    }
+
+    fn command(&mut self, command: &Command) -> Result<(), String> {
+        match command {
+            Command::Evaluate { wanted, values } => {
+                return self.evaluate(wanted, *values, usize::MAX);
+            }
+            Command::Cancel { wanted, after } => return self.evaluate(wanted, true, *after),
+            Command::Process { keep, disk } => {
+                self.flush();
+                if *keep {
+                    // Which of them wrote last what is on disk is not followed here.
+                    self.told = false;
+                    self.processes.rotate_left(1);
+                }
+                if !keep || self.processes.len() < 2 {
+                    if !keep {
+                        self.processes.pop();
+                    }
+                    self.start(*disk);
+                }
+            }
+            Command::Memory { kilobytes } => {
+                self.exact = false;
+                self.process().evaluator.set_memory(kilobytes << 10);
+            }
+            Command::Clear => {
+                self.flush();
+                Disk::gc(&self.cache, 0);
+                self.kept.clear();
+                self.last = None;
+                // Results may now be in memory alone, or, if they were read as hashes, nowhere.
+                self.exact = false;
+            }
+            Command::Damage { file, at } => {
+                self.flush();
+                self.exact = false;
+                self.told = false;
+                damage(&self.cache, *file, *at);
+            }
+            Command::Forget => {
+                self.exact = false;
+                let process = self.process();
+                process.evaluator.forget();
+                process.last = Some(Last::new());
+            }
+            Command::Verify { share } => {
+                self.exact = false;
+                self.process().evaluator.verify = f64::from(*share) / 255.0;
+            }
+        }
+        Ok(())
+    }
+
+    fn process(&mut self) -> &mut Process {
+        self.processes.last_mut().expect("there is always one")
+    }
+
+    /// Waits until everything is on disk.
+    fn flush(&self) {
+        for disk in self.processes.iter().filter_map(|process| process.evaluator.disk()) {
+            disk.finish();
+        }
+    }
+
+    fn evaluate(&mut self, wanted: &[u8], values: bool, after: usize) -> Result<(), String> {
+        let options = Options { files: Files::Ignored, ..Options::default() };
+        let checked = Graph::load(&self.project.path(), &self.catalog, &options);
+        let problems = checked.problems.first().map(|problem| problem.message.clone());
+        let graph = checked.graph.ok_or_else(|| format!("the graph is refused: {problems:?}"))?;
+        let roots = match wanted {
+            _ if self.project.is_empty() => Vec::new(),
+            [] => Vec::from_iter(0..graph.nodes.len()),
+            picks => Vec::from_iter(
+                picks.iter().flat_map(|pick| graph.nodes_of(self.project.name(*pick))),
+            ),
+        };
+        let truths = plain::evaluate(&graph, &roots);
+        let on_disk = (self.last.clone().unwrap_or_default(), self.kept.clone());
+        let process = self.process();
+        let evaluator = &mut process.evaluator;
+        // What a process finds on disk when it first needs it.
+        let (told, kept) = if evaluator.disk().is_some() { on_disk } else { Default::default() };
+        let last = process.last.get_or_insert(told).clone();
+        let known: HashSet<Hash> = process.keys.union(&kept).copied().collect();
+
+        let pairs = Vec::from_iter(roots.iter().map(|root| (*root, 0)));
+        let hashes = evaluator.known_hashes(&graph, &pairs);
+        for (root, hash) in roots.iter().zip(hashes) {
+            let (name, truth) = (&graph.nodes[*root].name, truths[*root].hash(0));
+            promise!(
+                hash.is_none() || hash == truth,
+                "`{name}` is said to be as it was, and is not"
+            );
+        }
+        let forecasts = evaluator.forecast(&graph, &roots);
+        let cancel = CancelToken::default();
+        let seen = Seen { after, cancel: cancel.clone(), started: Mutex::default() };
+        let values = if values { &roots[..] } else { &[] };
+        let evaluation = evaluator.evaluate(&graph, &roots, values, &seen, &cancel);
+        let started = lock(&seen.started).clone();
+        let cancelled = cancel.is_cancelled();
+
+        agree(&graph, &truths, &evaluation, values, cancelled)?;
+        let found = Found { graph: &graph, truths: &truths, evaluation: &evaluation };
+        if !cancelled {
+            found.states(&started)?;
+            if self.exact {
+                found.runs(&known, &started)?;
+                found.forecast(&forecasts)?;
+            }
+            if self.exact && self.told {
+                found.reasons(&last)?;
+            }
+        }
+        self.remember(&graph, &truths, &evaluation);
+        Ok(())
+    }
+
+    /// What the process knows after an evaluation, and what the next one finds on disk.
+    fn remember(&mut self, graph: &Graph, truths: &[Truth], evaluation: &Evaluation) {
+        let process = self.processes.last_mut().expect("there is always one");
+        let disk = process.evaluator.disk().is_some();
+        let last = process.last.get_or_insert_default();
+        last.retain(|name, _| graph.nodes.iter().any(|node| node.name == *name));
+        for (index, node) in graph.nodes.iter().enumerate() {
+            if let (Truth::Given { parts, .. }, Some(_)) =
+                (&truths[index], evaluation.hash(index, 0))
+            {
+                last.insert(node.name.clone(), parts.clone());
+                process.keys.insert(parts.key());
+                self.kept.extend(disk.then(|| parts.key()));
+            }
+        }
+        if disk {
+            self.last = Some(last.clone());
+        }
+    }
+}
+
+/// Tells a new cache folder which program this is: finding it out takes longer than a sequence.
+fn share_fingerprint(cache: &Path) {
+    static KNOWN: OnceLock<tempfile::TempDir> = OnceLock::new();
+    let known = KNOWN.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        Disk::open(folder.path(), u64::MAX, &Catalog::new(&[])).unwrap();
+        folder
+    });
+    let programs = cache.join("programs");
+    std::fs::create_dir_all(&programs).unwrap();
+    for memo in std::fs::read_dir(known.path().join("programs")).unwrap().flatten() {
+        std::fs::copy(memo.path(), programs.join(memo.file_name())).unwrap();
+    }
+}
+
+/// Damages a file of the cache.
+fn damage(cache: &Path, file: u16, at: u16) {
+    let mut files = Vec::new();
+    let mut folders = vec![cache.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            let path = entry.path();
+            if path.is_dir() { folders.push(path) } else { files.push(path) }
+        }
+    }
+    files.retain(|path| {
+        !path.ends_with("CACHEDIR.TAG") && !path.to_string_lossy().contains("programs")
+    });
+    files.sort();
+    if files.is_empty() {
+        return;
+    }
+    let path = &files[usize::from(file) % files.len()];
+    let mut bytes = std::fs::read(path).unwrap();
+    match usize::from(at) % (bytes.len() + 8) {
+        place if place < bytes.len() => bytes[place] ^= 1 << (at % 8),
+        rest => bytes.truncate(rest),
+    }
+    std::fs::write(path, bytes).unwrap();
+}
+
+/// Notes which nodes begin, and cancels when enough have.
+struct Seen {
+    after: usize,
+    cancel: CancelToken,
+    started: Mutex<Vec<String>>,
+}
+
+impl Observer for Seen {
+    fn started(&self, node: &str) {
+        let mut started = lock(&self.started);
+        started.push(node.to_owned());
+        if started.len() > self.after {
+            self.cancel.cancel();
+        }
+    }
+}
+
+/// Nothing that an evaluation says is false; if it was not cancelled, nothing is missing.
+fn agree(
+    graph: &Graph,
+    truths: &[Truth],
+    evaluation: &Evaluation,
+    values: &[usize],
+    cancelled: bool,
+) -> Result<(), String> {
+    for (index, node) in
+        graph.nodes.iter().enumerate().filter(|(index, _)| truths[*index].is_wanted())
+    {
+        let name = &node.name;
+        for output in 0..node.outputs.len() {
+            let (found, truth) = (evaluation.hash(index, output), truths[index].hash(output));
+            let stopped = cancelled && found.is_none();
+            promise!(stopped || found == truth, "`{name}` is {found:?}, but {truth:?} in truth");
+            let value = evaluation.value(index, output).map(crate::value::AnyValue::hash);
+            let asked = values.contains(&index) && !cancelled;
+            promise!(value.is_none() || value == truth, "`{name}` has a wrong value");
+            promise!(!asked || value == truth, "the value of `{name}` is missing");
+        }
+    }
+    Ok(())
+}
+
+/// An evaluation that came to its end.
+struct Found<'a> {
+    graph: &'a Graph,
+    truths: &'a [Truth],
+    evaluation: &'a Evaluation,
+}
+
+impl Found<'_> {
+    /// The trace has the wanted nodes in their order, each with a state that is possible; who ran began.
+    fn states(&self, started: &[String]) -> Result<(), String> {
+        let trace = self.evaluation.trace();
+        let nodes = self.graph.nodes.iter().zip(self.truths).filter(|(_, truth)| truth.is_wanted());
+        promise!(
+            nodes.clone().map(|(node, _)| &node.name).eq(trace.0.iter().map(|node| &node.name)),
+            "the trace has other nodes"
+        );
+        let problems = self.evaluation.problems();
+        for ((_, truth), node) in nodes.zip(&trace.0) {
+            let (name, state) = (&node.name, node.state);
+            let possible = match truth {
+                Truth::Given { .. } => {
+                    matches!(state, State::Computed | State::Cached | State::Equal)
+                }
+                Truth::Fails => state == State::Failed,
+                Truth::Skipped => state == State::Skipped,
+                Truth::Unwanted => false,
+            };
+            promise!(possible, "`{name}` is {state:?}");
+            let ran = started.contains(name);
+            promise!(ran || state != State::Computed, "`{name}` did not run");
+            promise!(!ran || matches!(state, State::Computed | State::Failed), "`{name}` ran");
+            let failed = format!("`{name}` cannot be computed");
+            let told = problems.iter().filter(|problem| problem.message.starts_with(&failed));
+            promise!(told.count() == usize::from(state == State::Failed), "`{name}`: problems");
+        }
+        Ok(())
+    }
+
+    /// Of equal work exactly one piece is done, and only if nobody has done it before.
+    fn runs(&self, known: &HashSet<Hash>, started: &[String]) -> Result<(), String> {
+        let mut runs: HashMap<Hash, usize> = HashMap::new();
+        let mut above = vec![false; self.truths.len()];
+        let trace = self.evaluation.trace();
+        for (index, truth) in self.truths.iter().enumerate() {
+            let node = &self.graph.nodes[index];
+            let Truth::Given { parts, .. } = truth else { continue };
+            let ran = started.contains(&node.name);
+            let ran_above = node.links.iter().any(|link| above[link.node]);
+            above[index] = ran || ran_above;
+            let count = runs.entry(parts.key()).or_default();
+            *count += usize::from(ran);
+            let state = trace.0.iter().find(|node| node.name == self.graph.nodes[index].name);
+            let state = state.map(|node| node.state);
+            let expected = if ran_above { State::Equal } else { State::Cached };
+            promise!(
+                ran || state == Some(expected),
+                "`{}` is {state:?} where {expected:?} is true",
+                node.name
+            );
+        }
+        for truth in self.truths {
+            let Truth::Given { parts, .. } = truth else { continue };
+            let (key, count) = (parts.key(), runs[&parts.key()]);
+            let expected = usize::from(!known.contains(&key));
+            promise!(count == expected, "{count} runs of one work, {expected} expected: {parts:?}");
+        }
+        Ok(())
+    }
+
+    /// What was forecast came true.
+    fn forecast(&self, forecasts: &[Forecast]) -> Result<(), String> {
+        let trace = self.evaluation.trace();
+        let names = forecasts.iter().map(|forecast| &self.graph.nodes[forecast.index].name);
+        promise!(
+            names.eq(trace.0.iter().map(|node| &node.name)),
+            "other nodes are forecast than visited"
+        );
+        let outlook = |index: usize| forecasts.iter().find(|forecast| forecast.index == index);
+        for (forecast, node) in forecasts.iter().zip(&trace.0) {
+            let state = node.state;
+            let is_sure = |link: &crate::graph::Link| {
+                outlook(link.node).is_some_and(|forecast| forecast.outlook == Outlook::Cached)
+            };
+            let inputs_are_known = self.graph.nodes[forecast.index].links.iter().all(is_sure);
+            let possible = match forecast.outlook {
+                Outlook::Cached => matches!(state, State::Cached),
+                // Another one with the same work may have been faster.
+                Outlook::Runs => state != State::Skipped || !inputs_are_known,
+                Outlook::MayRun => true,
+                Outlook::Fails => state == State::Failed,
+            };
+            promise!(
+                possible,
+                "`{}` was forecast {:?} and is {state:?}",
+                node.name,
+                forecast.outlook
+            );
+        }
+        Ok(())
+    }
+
+    /// Each reason names what differs from the last time.
+    fn reasons(&self, last: &Last) -> Result<(), String> {
+        let trace = self.evaluation.trace();
+        let mut trace = trace.0.iter();
+        for (index, truth) in self.truths.iter().enumerate().filter(|(_, truth)| truth.is_wanted())
+        {
+            let node = &self.graph.nodes[index];
+            let Some(found) = trace.next() else { continue };
+            let Truth::Given { parts, .. } = truth else { continue };
+            let change = last.get(&node.name).map(|before| parts.change(before));
+            let expected = match (found.state, change) {
+                (State::Equal, _) => Reason::SameInputs,
+                (State::Computed, None) => Reason::First,
+                (State::Computed, Some(None)) => Reason::Lost,
+                (State::Computed, Some(Some(change))) => Reason::Changed(change),
+                (_, Some(Some(change))) => Reason::Before(change),
+                (_, None | Some(None)) => Reason::Unchanged,
+            };
+            let expected = expected.in_words(node, &self.graph.nodes);
+            promise!(found.reason == expected, "`{}`: {}, but {expected}", node.name, found.reason);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,127 @@
+//! Nodes on whole numbers: cheap ones, one that often comes out the same, some that read a file, fail or panic.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::error::Error;
+use crate::node::{Context, FilePath, In, Node, node};
+use crate::pack::Pack;
+use crate::value::{DecodeError, Decoder, Encoder, Summary, Value, value_type};
+
+/// A whole number that claims to need a kilobyte, so that a few of them fill a small memory.
+#[derive(Clone, Debug)]
+struct Amount(u64);
+
+impl Value for Amount {
+    const NAME: &'static str = "Amount";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.plain(&self.0);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Ok(Self(from.plain()?))
+    }
+
+    fn size(&self) -> usize {
+        1024
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default().with("amount", self.0)
+    }
+}
+
+/// Adds amounts and a number.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Add {
+    /// The amounts.
+    #[serde(default)]
+    of: Vec<In<Amount>>,
+    /// What is added to them.
+    plus: u64,
+}
+
+impl Node for Add {
+    type Outputs = (Amount,);
+    const OUTPUTS: [&'static str; 1] = ["sum"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((Amount(self.of.iter().map(|of| cx.get(of).0).sum::<u64>() + self.plus),))
+    }
+}
+
+/// Divides by four: many amounts have the same quotient.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Split {
+    /// The amount.
+    of: In<Amount>,
+}
+
+impl Node for Split {
+    type Outputs = (Amount, Amount);
+    const OUTPUTS: [&'static str; 2] = ["quotient", "remainder"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let Amount(of) = *cx.get(&self.of);
+        if of % 4 == 3 {
+            cx.warn("the remainder is large");
+        }
+        Ok((Amount(of / 4), Amount(of % 4)))
+    }
+}
+
+/// The first byte of a file, and that of the file `extra` beside it if there is one.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Read {
+    /// The file.
+    path: FilePath,
+}
+
+impl Node for Read {
+    type Outputs = (Amount,);
+    const OUTPUTS: [&'static str; 1] = ["byte"];
+
+    fn files(&self) -> Vec<FilePath> {
+        vec![self.path.beside("extra")]
+    }
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let first = |bytes: &[u8]| bytes.first().map_or(0, |byte| u64::from(*byte));
+        let extra =
+            cx.file_if_any(&self.path.beside("extra")).map_or(0, |file| first(file.bytes()));
+        Ok((Amount(first(cx.file(&self.path)?.bytes()) + extra),))
+    }
+}
+
+/// Passes amounts on; fails at some and panics at others.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Fragile {
+    /// The amount.
+    of: In<Amount>,
+}
+
+/// What [`Fragile`] says when it panics.
+pub(super) const PANIC: &str = "an amount of this kind is too much";
+
+impl Node for Fragile {
+    type Outputs = (Amount,);
+    const OUTPUTS: [&'static str; 1] = ["amount"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let Amount(of) = *cx.get(&self.of);
+        match of % 5 {
+            3 => Err(std::io::Error::other(format!("{of} is an amount that fails")).into()),
+            4 => panic!("{PANIC}"),
+            _ => Ok((Amount(of),)),
+        }
+    }
+}
+
+/// The pack.
+pub(super) const PACK: Pack = Pack {
+    name: "amounts",
+    nodes: &[node::<Add>(), node::<Split>(), node::<Read>(), node::<Fragile>()],
+    values: &[value_type::<Amount>()],
+    formats: &[],
+};

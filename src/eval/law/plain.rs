@@ -1,0 +1,95 @@
+//! An evaluation without memory: every node that is needed runs, in the graph's order.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use crate::eval::key::Parts;
+use crate::graph::{Graph, GraphNode};
+use crate::node::{Context, File, Progress};
+use crate::value::{AnyValue, Hash};
+
+/// What is true of a node.
+pub(super) enum Truth {
+    /// Nobody needs it.
+    Unwanted,
+    Given {
+        values: Vec<AnyValue>,
+        parts: Parts,
+    },
+    /// It fails.
+    Fails,
+    /// It hangs on one that fails.
+    Skipped,
+}
+
+impl Truth {
+    pub(super) fn hash(&self, output: usize) -> Option<Hash> {
+        match self {
+            Self::Given { values, .. } => Some(values[output].hash()),
+            _ => None,
+        }
+    }
+
+    pub(super) fn is_wanted(&self) -> bool {
+        !matches!(self, Self::Unwanted)
+    }
+}
+
+/// The truth of all nodes, of which these are wanted.
+pub(super) fn evaluate(graph: &Graph, roots: &[usize]) -> Vec<Truth> {
+    let mut wanted = vec![false; graph.nodes.len()];
+    roots.iter().for_each(|&root| wanted[root] = true);
+    for (index, node) in graph.nodes.iter().enumerate().rev() {
+        if wanted[index] {
+            node.links.iter().for_each(|link| wanted[link.node] = true);
+        }
+    }
+    let mut truths: Vec<Truth> = Vec::new();
+    for (index, node) in graph.nodes.iter().enumerate() {
+        let truth = if wanted[index] { of(node, &truths) } else { Truth::Unwanted };
+        truths.push(truth);
+    }
+    truths
+}
+
+fn of(node: &GraphNode, before: &[Truth]) -> Truth {
+    let input = |link: &crate::graph::Link| match &before[link.node] {
+        Truth::Given { values, .. } => Some(values[link.output].clone()),
+        _ => None,
+    };
+    let Some(inputs) = node.links.iter().map(input).collect::<Option<Vec<AnyValue>>>() else {
+        return Truth::Skipped;
+    };
+    let mut files: BTreeMap<PathBuf, Option<File>> = BTreeMap::new();
+    for file in &node.files {
+        let bytes = std::fs::read(&file.path).ok();
+        if bytes.is_none() && file.needed {
+            return Truth::Fails;
+        }
+        let found = bytes.map(|bytes| File {
+            name: file.given.clone(),
+            hash: Hash::of(&bytes),
+            bytes: bytes.into(),
+        });
+        files.insert(file.path.clone(), found);
+    }
+    let hashes = node.files.iter().map(|file| files[&file.path].as_ref().map(|file| file.hash));
+    let parts = Parts {
+        recipe: node.recipe.clone(),
+        inputs: inputs.iter().map(AnyValue::hash).collect(),
+        files: hashes.collect(),
+    };
+    let cx = Context {
+        inputs: &inputs,
+        files: &files,
+        progress: Progress::none(),
+        memos: None,
+        warnings: Mutex::default(),
+    };
+    match catch_unwind(AssertUnwindSafe(|| node.node.eval(&cx))) {
+        Ok(Ok(values)) => Truth::Given { values, parts },
+        _ => Truth::Fails,
+    }
+}
