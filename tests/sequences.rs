@@ -1,0 +1,401 @@
+//! Whatever is edited and asked in whatever order, every command says and writes what it would without memory.
+//!
+//! Graphs of the gallery are edited at random, as text, and asked by the program itself, one process after the other; each answer
+//! is compared with that of `--no-cache`. In one living watch the outputs have to become those of the graph as it is.
+//!
+//! `SEQUENCES` says how many sequences there are, `SEED` which; a failure prints what was done.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant, SystemTime};
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+/// Graphs that take little time, with every way of using others.
+const NAMES: [&str; 10] =
+    ["doll", "face", "pinocchio", "vase", "hull", "feature", "crowd", "tagged", "turned", "relief"];
+
+/// Longer than anything takes on a busy machine; only a failing test waits that long.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+fn number(name: &str, usual: u64) -> u64 {
+    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
+}
+
+#[test]
+fn processes_one_after_the_other_say_what_is_true() {
+    let (count, seed) = (number("SEQUENCES", 10), number("SEED", 20_070_115));
+    for sequence in 0..count {
+        let mut project = Project::new(seed + sequence);
+        for _ in 0..6 {
+            project.edit();
+            project.ask();
+        }
+    }
+}
+
+#[test]
+fn a_living_watch_comes_to_what_is_true() {
+    let (count, seed) = (number("SEQUENCES", 10), number("SEED", 20_070_115));
+    for sequence in 0..count.div_ceil(5) {
+        let mut project = Project::new(seed + 1_000_000 + sequence);
+        let watch = project.watch();
+        for _ in 0..6 {
+            project.edit();
+            if project.random.below(4) == 0 {
+                project.ask();
+            }
+            project.wait_for_watch();
+        }
+        drop(watch);
+    }
+}
+
+/// Pseudorandom numbers: SplitMix64 (Steele, Lea and Flood 2014).
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, limit: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut x = self.0;
+        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((x ^ (x >> 31)) % limit as u64) as usize
+    }
+
+    fn pick<'a, T: ?Sized>(&mut self, among: &[&'a T]) -> &'a T {
+        among[self.below(among.len())]
+    }
+}
+
+/// A copy of the gallery, one graph of which is edited.
+struct Project {
+    random: Random,
+    folder: PathBuf,
+    cache: PathBuf,
+    name: &'static str,
+    /// The graph as it was at first.
+    original: String,
+    /// What was done, for the message of a failure.
+    story: String,
+    _temporary: tempfile::TempDir,
+}
+
+impl Project {
+    fn new(seed: u64) -> Self {
+        let mut random = Random(seed);
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = std::fs::canonicalize(temporary.path()).unwrap().join("graphs");
+        for part in ["", "lib", "doll", "pictures"] {
+            copy_files(&Path::new(GRAPHS).join(part), &folder.join(part));
+        }
+        let name = random.pick(&NAMES);
+        let original = std::fs::read_to_string(folder.join(format!("{name}.ron"))).unwrap();
+        let cache = temporary.path().join("cache");
+        let story = format!("seed {seed}, {name}.ron\n");
+        let project = Self { random, folder, cache, name, original, story, _temporary: temporary };
+        // Files are believed to be as they were by their dates, if these are old enough.
+        project.make_older(60);
+        project
+    }
+
+    fn graph(&self) -> PathBuf {
+        self.folder.join(format!("{}.ron", self.name))
+    }
+
+    fn text(&self) -> String {
+        std::fs::read_to_string(self.graph()).unwrap()
+    }
+
+    fn make_older(&self, seconds: u64) {
+        let time = SystemTime::now() - Duration::from_secs(seconds);
+        for file in files(&self.folder.join("doll")).into_values() {
+            let file = std::fs::File::options().append(true).open(file).unwrap();
+            file.set_modified(time).unwrap();
+        }
+    }
+
+    /// Changes the graph, a graph that it uses, or a file; a change that the check refuses is taken back.
+    fn edit(&mut self) {
+        let (path, before) = match self.random.below(8) {
+            0 => {
+                let lib = self.folder.join("lib");
+                let path = files(&lib).into_values().collect::<Vec<_>>();
+                let path = path[self.random.below(path.len())].clone();
+                (path.clone(), std::fs::read_to_string(path).unwrap())
+            }
+            _ => (self.graph(), self.text()),
+        };
+        let after = match self.random.below(9) {
+            0 => self.renamed(&before),
+            1 => format!("{before}\n// {}\n", self.random.below(100)),
+            2 => self.with_another_output(&before),
+            3 => self.with_an_output_less(&before),
+            4 if path == self.graph() => self.original.clone(),
+            5 => {
+                self.story += "files touched\n";
+                self.make_older(30);
+                before.clone()
+            }
+            6 => {
+                self.story += "a file replaced by itself\n";
+                let file = self.folder.join("doll/color.png");
+                let new = self.folder.join("doll/new");
+                std::fs::copy(&file, &new).unwrap();
+                std::fs::rename(new, file).unwrap();
+                before.clone()
+            }
+            _ => self.with_another_number(&before),
+        };
+        if after == before {
+            return;
+        }
+        save(&path, &after);
+        if self.run(&["check", &self.graph().to_string_lossy()]).status.success() {
+            let _ = writeln!(self.story, "{} becomes\n{after}", path.display());
+        } else {
+            save(&path, &before);
+        }
+    }
+
+    /// One number of the graph a little larger or smaller.
+    fn with_another_number(&mut self, text: &str) -> String {
+        let body = text.find("nodes:").unwrap_or(0);
+        let starts = Vec::from_iter(text.char_indices().filter_map(|(at, _)| {
+            let is_digit = |at: usize| text.as_bytes()[at].is_ascii_digit();
+            let inside = at > 0 && matches!(text.as_bytes()[at - 1], b' ' | b'(' | b'-');
+            (body < at && is_digit(at) && inside).then_some(at)
+        }));
+        if starts.is_empty() {
+            return text.to_owned();
+        }
+        let start = starts[self.random.below(starts.len())];
+        let rest = &text[start..];
+        let length = rest.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len());
+        let Ok(number) = rest[..length].parse::<f64>() else { return text.to_owned() };
+        let new = if rest[..length].contains('.') {
+            format!("{:?}", number * [0.9, 1.1, 2.0][self.random.below(3)])
+        } else {
+            format!("{}", number as u64 + 1 - (self.random.below(3) as u64).min(number as u64))
+        };
+        format!("{}{new}{}", &text[..start], &rest[length..])
+    }
+
+    /// The names of the nodes: what stands before `": ` and a capital letter, inside of `nodes`.
+    fn node_names(text: &str) -> Vec<String> {
+        let body = &text[text.find("nodes:").unwrap_or(text.len())..];
+        let line = |line: &str| {
+            let (name, rest) = line.trim().strip_prefix('"')?.split_once("\": ")?;
+            rest.starts_with(char::is_uppercase).then(|| name.to_owned())
+        };
+        body.lines().filter_map(line).collect()
+    }
+
+    fn renamed(&mut self, text: &str) -> String {
+        let names = Self::node_names(text);
+        if names.is_empty() {
+            return text.to_owned();
+        }
+        let name = &names[self.random.below(names.len())];
+        let new = format!("{name}-{}", self.random.below(3));
+        text.replace(&format!("\"{name}\""), &format!("\"{new}\""))
+            .replace(&format!("\"{name}."), &format!("\"{new}."))
+            .replace(&format!("\"{name}/"), &format!("\"{new}/"))
+    }
+
+    fn with_another_output(&mut self, text: &str) -> String {
+        let names = Self::node_names(text);
+        if names.is_empty() {
+            return text.to_owned();
+        }
+        let name = &names[self.random.below(names.len())];
+        let ending = self.random.pick(&["json", "png", "ply", "pcd"]);
+        let file = format!("outputs: {{ \"more-{}.{ending}\": \"{name}\", ", self.random.below(9));
+        text.replacen("outputs: {", &file, 1)
+    }
+
+    fn with_an_output_less(&self, text: &str) -> String {
+        let Some(start) = text.find("outputs: {").map(|at| at + "outputs: {".len()) else {
+            return text.to_owned();
+        };
+        match text[start..].find(',') {
+            Some(comma) => format!("{}{}", &text[..start], &text[start + comma + 1..]),
+            None => text.to_owned(),
+        }
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+        command.args(arguments).current_dir(self.folder.parent().unwrap()).stdin(Stdio::null());
+        command.env("MAQUETTE_CACHE", &self.cache).output().unwrap()
+    }
+
+    /// Asks something, with and without memory, and compares the answers.
+    fn ask(&mut self) {
+        let graph = self.graph().to_string_lossy().into_owned();
+        let names = Self::node_names(&self.text());
+        let node = names.get(self.random.below(names.len().max(1))).cloned();
+        let value = format!("{}", 1 + self.random.below(9));
+        let set = match self.random.below(4) {
+            0 => vec!["--set".to_owned(), format!("growth={value}")],
+            _ => Vec::new(),
+        };
+        match (self.random.below(8), node) {
+            (0, Some(node)) => self.compare("inspect", &[&graph, &node, "--json"], &set),
+            (1, Some(node)) => {
+                self.compare("inspect", &[&graph, &node, "--out", "TO/a.png"], &set);
+            }
+            (2, Some(node)) => drop(self.told("why", &[&graph, &node])),
+            (3, _) => drop(self.told("run", &[&graph, "-n"])),
+            (4, _) => {
+                let only = self.outputs_in_text();
+                let only = only.get(self.random.below(only.len().max(1))).cloned();
+                let only = only.unwrap_or_default();
+                self.compare("run", &[&graph, "--only", &only, "--out", "TO"], &set);
+            }
+            (5, _) => drop(self.told("cache", &["gc", "--limit", "100kB"])),
+            (6, _) => self.kill_a_run(&graph),
+            _ => {}
+        }
+        self.compare("run", &[&graph, "--out", "TO"], &set);
+    }
+
+    /// A run that is killed at any moment leaves nothing that a later one believes wrongly.
+    fn kill_a_run(&mut self, graph: &str) {
+        let milliseconds = self.random.below(120) as u64;
+        let _ = writeln!(
+            self.story,
+            "$ maquette run {graph} --out out, killed after {milliseconds} ms"
+        );
+        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+        command.args(["run", graph, "--out", "out"]).env("MAQUETTE_CACHE", &self.cache);
+        command.current_dir(self.folder.parent().unwrap());
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut run = command.spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(milliseconds));
+        let _ = run.kill();
+        run.wait().unwrap();
+    }
+
+    fn outputs_in_text(&self) -> Vec<String> {
+        let text = self.text();
+        let Some(start) = text.find("outputs: {") else { return Vec::new() };
+        let mut parts = text[start..].split('"').skip(1).step_by(2);
+        let mut names = Vec::new();
+        while let (Some(name), Some(_)) = (parts.next(), parts.next()) {
+            names.push(name.to_owned());
+        }
+        names
+    }
+
+    /// Lets the program say something; it must not crash.
+    fn told(&mut self, command: &str, arguments: &[&str]) -> Output {
+        let said = self.run(&[&[command], arguments].concat());
+        let _ = writeln!(self.story, "$ maquette {command} {}", arguments.join(" "));
+        assert!(said.status.code().is_some_and(|code| code <= 2), "{}{said:?}", self.story);
+        assert!(
+            !String::from_utf8_lossy(&said.stderr).contains("panicked"),
+            "{}{said:?}",
+            self.story
+        );
+        said
+    }
+
+    /// The same command twice, into `out` with memory and into a fresh folder without.
+    fn compare(&mut self, command: &str, arguments: &[&str], set: &[String]) {
+        let home = self.folder.parent().unwrap().to_owned();
+        let fresh = home.join("fresh");
+        let _ = std::fs::remove_dir_all(&fresh);
+        for folder in ["fresh", "out"] {
+            std::fs::create_dir_all(home.join(folder)).unwrap();
+        }
+        let into = |folder: &str| {
+            let arguments = arguments.iter().map(|argument| argument.replace("TO", folder));
+            Vec::from_iter(arguments.chain(set.iter().cloned()))
+        };
+        let with = into("out");
+        let with = self.told(command, &Vec::from_iter(with.iter().map(String::as_str)));
+        let mut without = into("fresh");
+        without.push("--no-cache".into());
+        without.insert(0, command.into());
+        let without = self.run(&Vec::from_iter(without.iter().map(String::as_str)));
+        let both = format!("{}with memory {with:?}\nwithout {without:?}", self.story);
+        assert_eq!(with.status.code(), without.status.code(), "{both}");
+        if command == "inspect" {
+            assert_eq!(with.stdout, without.stdout, "{both}");
+        }
+        self.outputs_are_those_of(&fresh, "out");
+    }
+
+    fn outputs_are_those_of(&self, fresh: &Path, folder: &str) {
+        let out = files(&fresh.with_file_name(folder));
+        for (name, path) in files(fresh) {
+            let there = out.get(&name).map(|path| std::fs::read(path).unwrap());
+            assert!(there == Some(std::fs::read(path).unwrap()), "{}{name} is stale", self.story);
+        }
+    }
+
+    fn watch(&mut self) -> Watch {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+        command.arg("watch").arg(self.graph()).args(["--events", "--out", "watched"]);
+        command.current_dir(self.folder.parent().unwrap()).env("MAQUETTE_CACHE", &self.cache);
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        let watch = Watch(command.spawn().unwrap());
+        self.wait_for_watch();
+        watch
+    }
+
+    /// Waits until the watched outputs are those of the graph as it is now.
+    fn wait_for_watch(&mut self) {
+        let fresh = self.folder.with_file_name("fresh");
+        let _ = std::fs::remove_dir_all(&fresh);
+        let graph = self.graph().to_string_lossy().into_owned();
+        self.told("run", &[&graph, "--no-cache", "--out", "fresh"]);
+        let end = Instant::now() + PATIENCE;
+        let is_right = || {
+            let watched = files(&fresh.with_file_name("watched"));
+            files(&fresh).into_iter().all(|(name, path)| {
+                let there = watched.get(&name).and_then(|path| std::fs::read(path).ok());
+                there == std::fs::read(path).ok()
+            })
+        };
+        while !is_right() && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        self.outputs_are_those_of(&fresh, "watched");
+    }
+}
+
+/// A program that watches; killed at the end.
+struct Watch(Child);
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        assert!(self.0.try_wait().unwrap().is_none(), "the watch has ended by itself");
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn save(path: &Path, text: &str) {
+    let new = path.with_extension("new");
+    std::fs::write(&new, text).unwrap();
+    std::fs::rename(new, path).unwrap();
+}
+
+/// The files of a folder by name, hidden ones left out.
+fn files(folder: &Path) -> BTreeMap<String, PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let files = entries.map(|entry| entry.path()).filter(|path| path.is_file());
+    let named = files.map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), path));
+    named.filter(|(name, _)| !name.starts_with('.')).collect()
+}
+
+fn copy_files(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for (name, path) in files(from) {
+        std::fs::copy(path, to.join(name)).unwrap();
+    }
+}
