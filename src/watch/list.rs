@@ -51,7 +51,8 @@ impl WatchList {
             let places = places(&path, project);
             for place in places.iter().chain([&path]) {
                 let files = list.by_place.entry(place.clone()).or_default();
-                if !files.contains(&index) {
+                // A place of this file that came before would be the last one.
+                if files.last() != Some(&index) {
                     files.push(index);
                 }
             }

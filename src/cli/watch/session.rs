@@ -3,6 +3,8 @@
 //! A change of the graph is checked at once; the evaluation waits until the change is complete ([`Batch`]). A newer change stops an
 //! evaluation under way, unless it means the same.
 
+use std::collections::BTreeSet;
+use std::iter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
@@ -67,6 +69,10 @@ struct Running {
     cancel: CancelToken,
 }
 
+fn is_stop(message: &Message) -> bool {
+    matches!(message, Message::Input(Input::Stop | Input::Key('q')))
+}
+
 /// How often a run under way is drawn.
 const FRAME: Duration = Duration::from_millis(100);
 
@@ -122,8 +128,14 @@ impl<'a> Session<'a> {
                 Some(due) => receiver.recv_timeout(due.saturating_duration_since(now)),
             };
             match heard {
-                Ok(Message::Input(Input::Stop | Input::Key('q'))) => return self.stop(receiver),
-                Ok(message) => self.hear(message),
+                Ok(message) => {
+                    // All that came meanwhile is heard at once: a thousand files saved together are one change.
+                    let messages = Vec::from_iter(iter::once(message).chain(receiver.try_iter()));
+                    if messages.iter().any(is_stop) {
+                        return self.stop(receiver);
+                    }
+                    self.hear(messages);
+                }
                 Err(RecvTimeoutError::Timeout) if self.running.is_some() => self.view.refresh(),
                 Err(_) => {}
             }
@@ -140,14 +152,24 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn hear(&mut self, message: Message) {
+    fn hear(&mut self, messages: Vec<Message>) {
+        let mut events = Vec::new();
+        for message in messages {
+            match message {
+                Message::Files(event) => events.push(event),
+                other => self.hear_one(other),
+            }
+        }
+        self.files_touched(&events);
+    }
+
+    fn hear_one(&mut self, message: Message) {
         match message {
-            Message::Files(event) => self.files_touched(&event),
             Message::Input(Input::Key('r')) => self.run_again(false),
             Message::Input(Input::Key('f')) => self.run_again(true),
             Message::Input(Input::Key('p')) => self.view.toggle_profile(),
             Message::Input(Input::Resized) => self.view.resized(),
-            Message::Input(_) => {}
+            Message::Input(_) | Message::Files(_) => {}
             Message::Evaluated(report) => self.evaluated(report),
             Message::CommandEnded(ended) => {
                 if let Some(why) = ended.failure() {
@@ -161,13 +183,18 @@ impl<'a> Session<'a> {
     }
 
     /// Finds out which files have another content now, and reacts to it.
-    fn files_touched(&mut self, event: &Event) {
-        let files = self.sources.touched(event);
+    fn files_touched(&mut self, events: &[Event]) {
+        let (mut files, mut moved) = (BTreeSet::new(), false);
+        for event in events {
+            let touched = self.sources.touched(event);
+            moved |= !touched.is_empty() && !matches!(event, Event::Touched(_));
+            files.extend(touched);
+        }
         let mut changed = false;
         for file in &files {
             changed |= self.reread(file);
         }
-        if changed || (!files.is_empty() && !matches!(event, Event::Touched(_))) {
+        if changed || moved {
             self.rewatch();
         }
     }

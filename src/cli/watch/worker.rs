@@ -1,5 +1,6 @@
 //! The thread that evaluates while the watch listens.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
@@ -8,7 +9,7 @@ use std::time::Instant;
 use crate::cli::outputs::{Outputs, Written};
 use crate::cli::run::wanted;
 use crate::error::{Problem, Severity, Span, code};
-use crate::eval::{Disk, Evaluator, Observer, Trace};
+use crate::eval::{Disk, Evaluator, Observer, Trace, in_words};
 use crate::golden;
 use crate::graph::Graph;
 use crate::node::CancelToken;
@@ -67,8 +68,15 @@ impl Worker {
                 if job.recompute {
                     evaluator.forget();
                 }
-                let observer = observe(&job.cancel);
-                sink(evaluate(&job, &mut evaluator, memory, &outputs, &only, &*observer));
+                let report = catch_unwind(AssertUnwindSafe(|| {
+                    let observer = observe(&job.cancel);
+                    evaluate(&job, &mut evaluator, memory, &outputs, &only, &*observer)
+                }));
+                sink(report.unwrap_or_else(|panic| {
+                    // What it was about to remember may be half of something.
+                    evaluator.forget();
+                    panicked(&job, &in_words(&*panic))
+                }));
             }
             // The process ends here; giving the memory back piece by piece would only take time.
             std::mem::forget(evaluator);
@@ -131,9 +139,57 @@ fn evaluate(
     }
 }
 
+/// The report of a run that a fault of the engine ended.
+fn panicked(job: &Job, words: &str) -> Report {
+    let message = format!("the evaluation panicked: {words}");
+    let mut problem = about_graph(&job.graph, Severity::Error, code::PANIC, message);
+    problem.help =
+        "this is a bug; please report it with the graph. The next run starts anew".into();
+    Report {
+        run: job.run,
+        cancelled: false,
+        trace: Trace::default(),
+        problems: vec![problem],
+        written: Vec::new(),
+        seconds: 0.0,
+    }
+}
+
 /// A problem that has no place in the graph's text.
 fn about_graph(graph: &Graph, severity: Severity, code: &'static str, message: String) -> Problem {
     let (source, span) = (graph.source.clone(), Span::default());
     let (help, note, uses) = (String::new(), None, Vec::new());
     Problem { severity, code, source, span, message, help, note, uses }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::catalog::Catalog;
+    use crate::graph::Options;
+
+    #[test]
+    fn a_panic_in_a_run_ends_it_with_a_message_and_the_next_run_works() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("graph.ron");
+        std::fs::write(&path, "Graph(format: 1, nodes: {}, outputs: {})").unwrap();
+        let graph = Graph::load(&path, &Catalog::new(&[]), &Options::default()).graph.unwrap();
+        let graph = Arc::new(graph);
+        let first = std::sync::atomic::AtomicBool::new(true);
+        let observe: Observe = Box::new(move |_| {
+            assert!(!first.swap(false, std::sync::atomic::Ordering::Relaxed), "out of order");
+            Box::new(())
+        });
+        let (sender, reports) = channel();
+        let (evaluator, out) = (Evaluator::new(1, 0).unwrap(), folder.path().join("out"));
+        let sink = move |report| drop(sender.send(report));
+        let worker = Worker::new(evaluator, 0, out, Vec::new(), observe, sink);
+        let messages = [1, 2].map(|run| {
+            let (graph, problems, cancel) = (graph.clone(), Vec::new(), CancelToken::default());
+            worker.start(Job { run, graph, problems, cancel, recompute: false });
+            let report: Report = reports.recv().unwrap();
+            Vec::from_iter(report.problems.into_iter().map(|problem| problem.message))
+        });
+        assert_eq!(messages, [vec!["the evaluation panicked: out of order".to_owned()], vec![]]);
+    }
 }
