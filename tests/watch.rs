@@ -257,6 +257,35 @@ fn a_burst_of_files_is_one_change() {
     project.assert_outputs_are_right();
 }
 
+/// Each event used to be answered by watching all files anew: this took minutes, and Ctrl-C waited for it.
+#[test]
+fn a_thousand_of_three_thousand_files_can_be_saved_together() {
+    const READ: usize = 3000;
+    const SAVED: usize = 1000;
+    let nodes = (0..READ).map(|k| format!("\"m{k}\": ReadMesh(path: \"m{k}.obj\"),\n"));
+    let nodes = String::from_iter(nodes);
+    let project = Project::new(&format!(
+        "Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{ \"first.ply\": \"m0\" }})"
+    ));
+    let save = |count: usize, size: usize| {
+        for k in 0..count {
+            let path = project.folder().join(format!("m{k}.obj"));
+            let new = path.with_extension("new");
+            std::fs::write(&new, format!("v 0 0 0\nv {size} 0 0\nv 0 1 0\nf 1 2 3\n")).unwrap();
+            std::fs::rename(new, path).unwrap();
+        }
+    };
+    save(READ, 1);
+    let mut watch = project.watch(&[]);
+    save(SAVED, 2);
+    let mut changed = 0;
+    while changed < SAVED {
+        changed += watch.run_or_cancelled().changed.as_array().unwrap().len();
+    }
+    save(SAVED, 3);
+    watch.end();
+}
+
 #[test]
 fn a_newer_save_cancels_and_keeps_what_is_done() {
     let project = Project::doll();

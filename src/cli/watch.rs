@@ -91,7 +91,7 @@ impl Watch {
         let view: Box<dyn View> = match terminal {
             Some(terminal) => Box::new(terminal),
             None if self.events => Box::new(Program),
-            None => Box::new(Lines),
+            None => Box::new(Lines::default()),
         };
         let done = sender.clone();
         let evaluator = match self.cache.evaluator(self.threads, catalog) {

@@ -93,7 +93,27 @@ impl View for Program {
 }
 
 /// One line a run, for pipes and files.
-pub(super) struct Lines;
+#[derive(Default)]
+pub(super) struct Lines {
+    /// What the warnings of the last run say.
+    warned: Vec<String>,
+}
+
+impl Lines {
+    /// The problems of a run without the warnings that the last run had, too, and how many these are.
+    fn news(&mut self, problems: Vec<Problem>) -> (Vec<Problem>, usize) {
+        let warnings = problems.iter().filter(|problem| problem.severity == Severity::Warning);
+        let now = Vec::from_iter(warnings.map(|problem| problem.message.clone()));
+        let before = std::mem::replace(&mut self.warned, now);
+        let count = problems.len();
+        let is_new = |problem: &Problem| {
+            problem.severity == Severity::Error || !before.contains(&problem.message)
+        };
+        let new = Vec::from_iter(problems.into_iter().filter(is_new));
+        let known = count - new.len();
+        (new, known)
+    }
+}
 
 impl View for Lines {
     fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
@@ -121,11 +141,16 @@ impl View for Lines {
     fn cancelled(&mut self, _: usize) {}
 
     fn end(&mut self, done: Report) {
-        report(&done.problems);
+        let (news, known) = self.news(done.problems);
+        report(&news);
         let written = done.written.iter().filter(|file| !file.unchanged).count();
         let (counts, seconds) = (counts(&done.trace), done.seconds);
         let written = counted(written, "file");
-        print(&format!("run {}: {counts}; {written} written; {seconds:.3} s\n", done.run));
+        let known = match known {
+            0 => String::new(),
+            known => format!("; {} as before", counted(known, "warning")),
+        };
+        print(&format!("run {}: {counts}; {written} written; {seconds:.3} s{known}\n", done.run));
     }
 }
 
@@ -274,5 +299,39 @@ impl Observer for Follow {
 impl Follow {
     fn note<T>(&self, change: impl FnOnce(&mut BTreeMap<String, Option<f64>>) -> T) {
         change(&mut self.0.lock().unwrap_or_else(|broken| broken.into_inner()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::{Source, Span, code};
+
+    #[test]
+    fn a_warning_is_told_when_it_comes_and_not_again_while_it_stays() {
+        let problem = |severity: Severity, message: &str| Problem {
+            severity,
+            code: code::WARNING,
+            source: Arc::new(Source { name: "a.ron".into(), text: String::new() }),
+            span: Span::default(),
+            message: message.into(),
+            help: String::new(),
+            note: None,
+            uses: Vec::new(),
+        };
+        let doubt = || problem(Severity::Warning, "it is thin");
+        let error = || problem(Severity::Error, "it is torn");
+        let mut lines = Lines::default();
+        let mut told = |problems: Vec<Problem>| {
+            let (news, known) = lines.news(problems);
+            (Vec::from_iter(news.into_iter().map(|problem| problem.message)), known)
+        };
+        assert_eq!(
+            told(vec![doubt(), error()]),
+            (vec!["it is thin".into(), "it is torn".into()], 0)
+        );
+        assert_eq!(told(vec![doubt(), error()]), (vec!["it is torn".into()], 1));
+        assert_eq!(told(vec![]), (vec![], 0));
+        assert_eq!(told(vec![doubt()]), (vec!["it is thin".into()], 0));
     }
 }
