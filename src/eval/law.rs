@@ -15,8 +15,7 @@ use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRu
 use rayon::prelude::*;
 
 use super::key::Parts;
-use super::trace::Reason;
-use super::{Disk, Evaluation, Evaluator, Forecast, Observer, Outlook, State, lock};
+use super::{Disk, Evaluation, Evaluator, Observer, lock};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, Options};
 use crate::node::CancelToken;
@@ -25,10 +24,12 @@ use crate::value::Hash;
 mod pack;
 mod plain;
 mod project;
+mod promises;
 mod step;
 
 use plain::Truth;
 use project::Project;
+use promises::{Found, agree, promise};
 use step::{Command, Step};
 
 /// How many sequences are tried, unless `PROPTEST_CASES` says otherwise.
@@ -120,15 +121,6 @@ struct World {
     /// Whether it is known what the processes remember of the last evaluation.
     told: bool,
     _folder: tempfile::TempDir,
-}
-
-/// Makes a promise.
-macro_rules! promise {
-    ($kept:expr, $($words:tt)+) => {
-        if !$kept {
-            return Err(format!($($words)+));
-        }
-    };
 }
 
 impl World {
@@ -362,156 +354,5 @@ impl Observer for Seen {
         if started.len() > self.after {
             self.cancel.cancel();
         }
-    }
-}
-
-/// Nothing that an evaluation says is false; if it was not cancelled, nothing is missing.
-fn agree(
-    graph: &Graph,
-    truths: &[Truth],
-    evaluation: &Evaluation,
-    values: &[usize],
-    cancelled: bool,
-) -> Result<(), String> {
-    for (index, node) in
-        graph.nodes.iter().enumerate().filter(|(index, _)| truths[*index].is_wanted())
-    {
-        let name = &node.name;
-        for output in 0..node.outputs.len() {
-            let (found, truth) = (evaluation.hash(index, output), truths[index].hash(output));
-            let stopped = cancelled && found.is_none();
-            promise!(stopped || found == truth, "`{name}` is {found:?}, but {truth:?} in truth");
-            let value = evaluation.value(index, output).map(crate::value::AnyValue::hash);
-            let asked = values.contains(&index) && !cancelled;
-            promise!(value.is_none() || value == truth, "`{name}` has a wrong value");
-            promise!(!asked || value == truth, "the value of `{name}` is missing");
-        }
-    }
-    Ok(())
-}
-
-/// An evaluation that came to its end.
-struct Found<'a> {
-    graph: &'a Graph,
-    truths: &'a [Truth],
-    evaluation: &'a Evaluation,
-}
-
-impl Found<'_> {
-    /// The trace has the wanted nodes in their order, each with a state that is possible; who ran began.
-    fn states(&self, started: &[String]) -> Result<(), String> {
-        let trace = self.evaluation.trace();
-        let nodes = self.graph.nodes.iter().zip(self.truths).filter(|(_, truth)| truth.is_wanted());
-        promise!(
-            nodes.clone().map(|(node, _)| &node.name).eq(trace.0.iter().map(|node| &node.name)),
-            "the trace has other nodes"
-        );
-        let problems = self.evaluation.problems();
-        for ((_, truth), node) in nodes.zip(&trace.0) {
-            let (name, state) = (&node.name, node.state);
-            let possible = match truth {
-                Truth::Given { .. } => {
-                    matches!(state, State::Computed | State::Cached | State::Equal)
-                }
-                Truth::Fails => state == State::Failed,
-                Truth::Skipped => state == State::Skipped,
-                Truth::Unwanted => false,
-            };
-            promise!(possible, "`{name}` is {state:?}");
-            let ran = started.contains(name);
-            promise!(ran || state != State::Computed, "`{name}` did not run");
-            promise!(!ran || matches!(state, State::Computed | State::Failed), "`{name}` ran");
-            let failed = format!("`{name}` cannot be computed");
-            let told = problems.iter().filter(|problem| problem.message.starts_with(&failed));
-            promise!(told.count() == usize::from(state == State::Failed), "`{name}`: problems");
-        }
-        Ok(())
-    }
-
-    /// Of equal work exactly one piece is done, and only if nobody has done it before.
-    fn runs(&self, known: &HashSet<Hash>, started: &[String]) -> Result<(), String> {
-        let mut runs: HashMap<Hash, usize> = HashMap::new();
-        let mut above = vec![false; self.truths.len()];
-        let trace = self.evaluation.trace();
-        for (index, truth) in self.truths.iter().enumerate() {
-            let node = &self.graph.nodes[index];
-            let Truth::Given { parts, .. } = truth else { continue };
-            let ran = started.contains(&node.name);
-            let ran_above = node.links.iter().any(|link| above[link.node]);
-            above[index] = ran || ran_above;
-            let count = runs.entry(parts.key()).or_default();
-            *count += usize::from(ran);
-            let state = trace.0.iter().find(|node| node.name == self.graph.nodes[index].name);
-            let state = state.map(|node| node.state);
-            let expected = if ran_above { State::Equal } else { State::Cached };
-            promise!(
-                ran || state == Some(expected),
-                "`{}` is {state:?} where {expected:?} is true",
-                node.name
-            );
-        }
-        for truth in self.truths {
-            let Truth::Given { parts, .. } = truth else { continue };
-            let (key, count) = (parts.key(), runs[&parts.key()]);
-            let expected = usize::from(!known.contains(&key));
-            promise!(count == expected, "{count} runs of one work, {expected} expected: {parts:?}");
-        }
-        Ok(())
-    }
-
-    /// What was forecast came true.
-    fn forecast(&self, forecasts: &[Forecast]) -> Result<(), String> {
-        let trace = self.evaluation.trace();
-        let names = forecasts.iter().map(|forecast| &self.graph.nodes[forecast.index].name);
-        promise!(
-            names.eq(trace.0.iter().map(|node| &node.name)),
-            "other nodes are forecast than visited"
-        );
-        let outlook = |index: usize| forecasts.iter().find(|forecast| forecast.index == index);
-        for (forecast, node) in forecasts.iter().zip(&trace.0) {
-            let state = node.state;
-            let is_sure = |link: &crate::graph::Link| {
-                outlook(link.node).is_some_and(|forecast| forecast.outlook == Outlook::Cached)
-            };
-            let inputs_are_known = self.graph.nodes[forecast.index].links.iter().all(is_sure);
-            let possible = match forecast.outlook {
-                Outlook::Cached => matches!(state, State::Cached),
-                // Another one with the same work may have been faster.
-                Outlook::Runs => state != State::Skipped || !inputs_are_known,
-                Outlook::MayRun => true,
-                Outlook::Fails => state == State::Failed,
-            };
-            promise!(
-                possible,
-                "`{}` was forecast {:?} and is {state:?}",
-                node.name,
-                forecast.outlook
-            );
-        }
-        Ok(())
-    }
-
-    /// Each reason names what differs from the last time.
-    fn reasons(&self, last: &Last) -> Result<(), String> {
-        let trace = self.evaluation.trace();
-        let mut trace = trace.0.iter();
-        for (index, truth) in self.truths.iter().enumerate().filter(|(_, truth)| truth.is_wanted())
-        {
-            let node = &self.graph.nodes[index];
-            let Some(found) = trace.next() else { continue };
-            let Truth::Given { parts, .. } = truth else { continue };
-            let change = last.get(&node.name).map(|before| parts.change(before));
-            let expected = match (found.state, change) {
-                (State::Equal, _) => Reason::SameInputs,
-                (State::Computed, None) => Reason::First,
-                (State::Computed, Some(None)) => Reason::Lost,
-                (State::Computed, Some(Some(change))) => Reason::Changed(change),
-                (_, Some(Some(change))) => Reason::Before(change),
-                (_, None | Some(None)) => Reason::Unchanged,
-            };
-            let expected = expected.in_words(node, &self.graph.nodes);
-            promise!(found.reason == expected, "`{}`: {}, but {expected}", node.name, found.reason);
-        }
-        Ok(())
     }
 }
