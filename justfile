@@ -32,7 +32,7 @@ oracles:
 
 # Random sequences of edits and commands against an evaluation without memory: in one process, and by the program itself.
 law sequences="1000000":
-    PROPTEST_CASES={{sequences}} cargo test --release -p maquette --lib law
+    LAW_SEQUENCES={{sequences}} cargo test --release -p maquette --lib law
 
 sequences count="2000":
     SEQUENCES={{count}} cargo test --release -p maquette-nodes --test sequences
