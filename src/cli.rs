@@ -38,8 +38,9 @@ mod terminal;
 mod test;
 mod watch;
 mod why;
+mod words;
 
-pub(crate) use outputs::write_whole;
+use words::harmless;
 
 /// A node-based geometry graph for redesigning scanned objects.
 #[derive(Parser)]
@@ -147,7 +148,7 @@ pub fn main(packs: &[Pack]) -> ExitCode {
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "maquette", &mut script);
-            print(&String::from_utf8_lossy(&script));
+            print_document(&String::from_utf8_lossy(&script));
             Exit::Done
         }
     };
@@ -165,8 +166,18 @@ pub fn main(packs: &[Pack]) -> ExitCode {
 /// Whether writing to stdout has failed.
 static STDOUT_CLOSED: AtomicBool = AtomicBool::new(false);
 
-/// Writes to stdout; a reader that has gone away is no error.
+/// Writes words to stdout, in which names that others gave may stand.
 fn print(text: &str) {
+    print_as_it_is(&harmless(text));
+}
+
+/// Writes a document to stdout: a program that reads it gets every byte, a terminal what it shows.
+fn print_document(text: &str) {
+    if std::io::stdout().is_terminal() { print(text) } else { print_as_it_is(text) }
+}
+
+/// Writes to stdout; a reader that has gone away is no error.
+fn print_as_it_is(text: &str) {
     if std::io::stdout().lock().write_all(text.as_bytes()).is_err() {
         STDOUT_CLOSED.store(true, Ordering::Relaxed);
     }
@@ -177,13 +188,17 @@ fn stdout_is_closed() -> bool {
     STDOUT_CLOSED.load(Ordering::Relaxed)
 }
 
-/// Writes to stderr.
+/// Writes words to stderr.
 fn eprint(text: &str) {
+    eprint_as_it_is(&harmless(text));
+}
+
+fn eprint_as_it_is(text: &str) {
     let _ = std::io::stderr().lock().write_all(text.as_bytes());
 }
 
 fn print_json(document: &serde_json::Value) {
-    print(&format!("{document:#}\n"));
+    print_as_it_is(&words::escaped(&format!("{document:#}\n")));
 }
 
 /// Whether a stream shows colors: a terminal, unless NO_COLOR is set (no-color.org).
@@ -195,7 +210,7 @@ fn shows_color(stream: &impl IsTerminal) -> bool {
 fn report(problems: &[Problem]) {
     let color = shows_color(&std::io::stderr());
     for problem in problems {
-        eprint(&format!("{}\n\n", in_full(problem, color, None)));
+        eprint_as_it_is(&format!("{}\n\n", in_full(problem, color, None)));
     }
 }
 
@@ -206,25 +221,27 @@ fn in_full(problem: &Problem, color: bool, width: Option<usize>) -> String {
     renderer.render(&[snippet(problem)])
 }
 
+/// All words in it are made harmless: names and lines of others stand in a problem.
 fn snippet(problem: &Problem) -> Group<'_> {
     let level = match problem.severity {
         Severity::Error => Level::ERROR,
         Severity::Warning => Level::WARNING,
     };
-    let group = level.primary_title(&problem.message).id(problem.code);
+    let group = level.primary_title(harmless(&problem.message)).id(problem.code);
     let text = &problem.source.text;
-    let path = problem.source.name.display().to_string();
+    let path = harmless(&problem.source.name.to_string_lossy()).into_owned();
     let group = if problem.span == Span::default() || text.is_empty() {
         group.element(Origin::path(path))
     } else if let Some(shown) = shown_lines(problem) {
         let inside =
             |span: Span| span.start - shown.start..first_line_end(span, text) - shown.start;
-        let mut snippet = Snippet::source(&text[shown.start..shown.end])
+        let mut snippet = Snippet::source(words::harmless_in_place(&text[shown.start..shown.end]))
             .line_start(Place::of(text, shown.start).line)
             .path(path)
             .annotation(AnnotationKind::Primary.span(inside(problem.span)));
         if let Some((span, words)) = &problem.note {
-            snippet = snippet.annotation(AnnotationKind::Context.span(inside(*span)).label(words));
+            snippet = snippet
+                .annotation(AnnotationKind::Context.span(inside(*span)).label(harmless(words)));
         }
         group.element(snippet)
     } else {
@@ -233,12 +250,11 @@ fn snippet(problem: &Problem) -> Group<'_> {
     };
     let group = match &problem.help[..] {
         "" => group,
-        help => group.element(Level::HELP.message(help)),
+        help => group.element(Level::HELP.message(harmless(help))),
     };
     let uses = problem.uses.iter().rev();
-    let uses =
-        uses.map(|at| Level::NOTE.message(format!("used by `{}` at {}", at.name, at.place())));
-    group.elements(uses)
+    let uses = uses.map(|at| format!("used by `{}` at {}", at.name, at.place()));
+    group.elements(uses.map(|text| Level::NOTE.message(harmless(&text).into_owned())))
 }
 
 /// A text longer than this is not shown around a problem: nobody would read it, and drawing marks under it takes long.

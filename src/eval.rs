@@ -29,7 +29,7 @@ mod trace;
 mod why;
 
 use cache::{Cache, Values};
-pub use disk::{Disk, DiskError, Usage};
+pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
 use files::Known;
 pub(crate) use files::Stamp;
 pub(crate) use key::{Change, NodeFile, Recipe};

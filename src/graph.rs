@@ -42,7 +42,7 @@ mod tree_reader;
 pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub use edit::{Edited, Put};
-pub(crate) use paths::{MARKER, project_root};
+pub(crate) use paths::{MARKER, PathProblem, may_read, project_root, without_dots};
 pub(crate) use reader::ReadError;
 pub use reader::Reader;
 pub(crate) use schema::{check_default, inside_option, resolve, variants};
@@ -62,6 +62,8 @@ use crate::catalog::Catalog;
 /// A graph that has been checked: every name, type, range and path in it is right.
 pub struct Graph {
     pub(crate) source: Arc<Source>,
+    /// The files of the graphs that it uses.
+    pub(crate) subgraphs: Vec<PathBuf>,
     /// What it is for, in its author's words.
     pub(crate) doc: String,
     /// Its nodes, each after those that it hangs on.
@@ -273,6 +275,11 @@ impl Graph {
             && self.files().eq(other.files())
             && self.outputs.len() == other.outputs.len()
             && self.outputs.iter().zip(&other.outputs).all(same_output)
+    }
+
+    /// The files that it is made of: its own, and those of the graphs that it uses.
+    pub(crate) fn texts(&self) -> impl Iterator<Item = &Path> {
+        [&self.source.name].into_iter().chain(&self.subgraphs).map(|path| &**path)
     }
 
     /// All files that evaluating it may read, those that need not be there included.

@@ -16,12 +16,15 @@ mod golden;
 mod graph;
 mod node;
 mod pack;
+mod plain;
 mod watch;
+mod writing;
 
 pub use catalog::Catalog;
 pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
 pub use eval::{
-    Disk, DiskError, Evaluation, Evaluator, NodeTrace, Observer, State, ThreadsError, Trace, Usage,
+    Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, State,
+    ThreadsError, Trace, Usage,
 };
 pub use golden::{Comparison, Measure, TestRun, Tolerance, Verdict, compare, test_graphs};
 pub use graph::{

@@ -177,7 +177,7 @@ fn four_evaluators_share_a_folder() {
             move || {
                 for round in 0..6 {
                     if round == 3 && worker == 0 {
-                        Disk::gc(processes.cache(), 0);
+                        Disk::gc(processes.cache(), 0).unwrap();
                     }
                     let growth = ["20", "21"][(worker + round) % 2];
                     let evaluation = processes.run(&[("growth", growth)]);
@@ -222,7 +222,7 @@ impl Clearing<'_> {
 
 impl Observer for Clearing<'_> {
     fn unchanged(&self, _: usize) {
-        Disk::gc(self.cache, 0);
+        Disk::gc(self.cache, 0).unwrap();
     }
 
     fn started(&self, node: &str) {
@@ -297,8 +297,8 @@ fn what_was_not_used_for_longest_goes_first() {
         fs::File::options().append(true).open(file).unwrap().set_modified(old).unwrap();
     }
     processes.run(&[("growth", "30")]);
-    let before = Disk::usage(processes.cache()).bytes;
-    let dropped = Disk::gc(processes.cache(), before - 1_000_000);
+    let before = Disk::usage(processes.cache()).unwrap().bytes;
+    let dropped = Disk::gc(processes.cache(), before - 1_000_000).unwrap();
     assert!((1_000_000..before / 2).contains(&dropped), "{dropped} of {before}");
     // All that went had not been used since.
     let trace = processes.run(&[("growth", "30")]).trace();

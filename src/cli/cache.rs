@@ -1,13 +1,14 @@
 //! `maquette cache`: what is kept on disk, and how to be rid of it.
 
-use std::path::PathBuf;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use serde_json::json;
 
 use super::caching::{default_folder, disk_size, size};
 use super::{Exit, counted, in_bytes, print, print_json};
-use crate::eval::Disk;
+use crate::eval::{Diagnosis, Disk, DiskError, Fault, Usage};
 
 #[derive(Args)]
 pub(super) struct Cache {
@@ -34,6 +35,16 @@ enum Action {
     },
     /// Drop everything.
     Clear,
+    /// Look at every file, of all builds, and drop those that are damaged, incomplete or of no use. Fails if something is wrong that
+    /// could not be mended. What is not ours is named and stays.
+    Doctor {
+        /// Only tell what is wrong.
+        #[arg(long)]
+        dry_run: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
 }
 
 impl Cache {
@@ -43,47 +54,89 @@ impl Cache {
                 "this system has no folder for caches: name one with --cache".into(),
             );
         };
-        let bytes = |bytes: u64| in_bytes(usize::try_from(bytes).unwrap_or(usize::MAX));
-        match &self.action {
-            Action::Ls { json } => {
-                let usage = Disk::usage(&folder);
-                if *json {
-                    print_json(&json!({
-                        "folder": folder.display().to_string(),
-                        "programs": usage.programs,
-                        "results": usage.entries,
-                        "columns": usage.columns,
-                        "graphs": usage.graphs,
-                        "bytes": usage.bytes,
-                    }));
-                    return Exit::Done;
-                }
-                print(&format!(
-                    "{}\n{} of {}, {}, {}: {}\n",
-                    folder.display(),
-                    counted(usage.entries, "result"),
-                    counted(usage.programs, "build"),
-                    counted(usage.columns, "large column"),
-                    counted(usage.graphs, "graph"),
-                    bytes(usage.bytes)
-                ));
-                Exit::Done
-            }
-            Action::Gc { limit } => {
-                let limit = match limit.map_or_else(disk_size, Ok) {
-                    Ok(limit) => limit,
-                    Err(why) => return Exit::Usage(why),
-                };
-                print(&format!("dropped {}\n", bytes(Disk::gc(&folder, limit))));
-                Exit::Done
-            }
-            Action::Clear => match Disk::clear(&folder) {
-                Ok(dropped) => {
-                    print(&format!("dropped {}\n", bytes(dropped)));
-                    Exit::Done
-                }
-                Err(error) => Exit::Usage(error.to_string()),
-            },
-        }
+        self.action(&folder).unwrap_or_else(Exit::Usage)
     }
+
+    fn action(&self, folder: &Path) -> Result<Exit, String> {
+        let wrong = |error: DiskError| error.to_string();
+        match &self.action {
+            Action::Ls { json } => print_usage(folder, &Disk::usage(folder).map_err(wrong)?, *json),
+            Action::Gc { limit } => {
+                let limit = limit.map_or_else(disk_size, Ok)?;
+                let dropped = Disk::gc(folder, limit).map_err(wrong)?;
+                print(&format!("dropped {}\n", bytes(dropped)));
+            }
+            Action::Clear => {
+                let dropped = Disk::gc(folder, 0).map_err(wrong)?;
+                print(&format!("dropped {}\n", bytes(dropped)));
+            }
+            Action::Doctor { dry_run, json } => {
+                let diagnosis = Disk::doctor(folder, *dry_run).map_err(wrong)?;
+                print_diagnosis(folder, &diagnosis, *dry_run, *json);
+                let is_well = diagnosis.faults.iter().all(|fault| fault.mended);
+                return Ok(if is_well { Exit::Done } else { Exit::Failed });
+            }
+        }
+        Ok(Exit::Done)
+    }
+}
+
+fn bytes(bytes: u64) -> String {
+    in_bytes(usize::try_from(bytes).unwrap_or(usize::MAX))
+}
+
+fn print_usage(folder: &Path, usage: &Usage, json: bool) {
+    if json {
+        return print_json(&json!({
+            "folder": folder.display().to_string(),
+            "programs": usage.programs,
+            "results": usage.entries,
+            "columns": usage.columns,
+            "graphs": usage.graphs,
+            "bytes": usage.bytes,
+        }));
+    }
+    print(&format!(
+        "{}\n{} of {}, {}, {}: {}\n",
+        folder.display(),
+        counted(usage.entries, "result"),
+        counted(usage.programs, "build"),
+        counted(usage.columns, "large column"),
+        counted(usage.graphs, "graph"),
+        bytes(usage.bytes)
+    ));
+}
+
+fn print_diagnosis(folder: &Path, diagnosis: &Diagnosis, dry_run: bool, json: bool) {
+    let Diagnosis { files, bytes: size, faults, foreign } = diagnosis;
+    if json {
+        let fault = |fault: &Fault| {
+            let path = fault.path.display().to_string();
+            json!({ "path": path, "what": fault.what, "mended": fault.mended })
+        };
+        return print_json(&json!({
+            "folder": folder.display().to_string(),
+            "files": files,
+            "bytes": size,
+            "faults": faults.iter().map(fault).collect::<Vec<_>>(),
+            "foreign": foreign.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+        }));
+    }
+    let mut text = String::new();
+    for Fault { path, what, mended } in faults {
+        let word = match (mended, dry_run) {
+            (true, _) => "mended",
+            (false, true) => "wrong ",
+            (false, false) => "stays ",
+        };
+        let _ = writeln!(text, "{word}  {}: {what}", path.display());
+    }
+    for path in foreign {
+        let _ = writeln!(text, "left    {}: it is not ours", path.display());
+    }
+    let mended = faults.iter().filter(|fault| fault.mended).count();
+    let wrong = counted(faults.len(), "fault");
+    let (files, size) = (counted(*files, "file"), bytes(*size));
+    let _ = writeln!(text, "{}: {files}, {size}: {wrong}, {mended} mended", folder.display());
+    print(&text);
 }

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::eprint;
 use crate::catalog::Catalog;
-use crate::eval::{Disk, Evaluator};
+use crate::eval::{Disk, DiskError, Evaluator};
 
 /// What shapes the memory of results.
 #[derive(Args)]
@@ -48,6 +48,12 @@ impl CacheOptions {
         };
         match Disk::open(&folder, disk_size()?, catalog) {
             Ok(disk) => Ok(evaluator.with_disk(disk)),
+            // Who names somebody's folder here does not mean what it says.
+            Err(error @ (DiskError::Foreign(_) | DiskError::OtherUser(_)))
+                if self.folder.is_some() =>
+            {
+                Err(format!("{error}; --cache chooses another folder"))
+            }
             Err(error) => {
                 eprint(&format!(
                     "warning: {error}; results are not kept (--cache chooses another folder)\n"
@@ -89,7 +95,9 @@ pub(super) fn default_folder() -> Option<PathBuf> {
     } else {
         named("HOME").map(|home| home.join(".cache"))
     };
-    named("XDG_CACHE_HOME").or(system).map(|folder| folder.join("maquette"))
+    // As the specification of these folders says, one that is not absolute is none.
+    let common = named("XDG_CACHE_HOME").filter(|folder| folder.is_absolute());
+    common.or(system).map(|folder| folder.join("maquette"))
 }
 
 /// `2GB`, `500 MB`, `1.5GiB`, or a number of bytes.

@@ -104,7 +104,7 @@ impl Compare {
 /// The value in a file, by its ending.
 pub(super) fn read(path: &Path) -> Result<AnyValue, String> {
     let wrong = |error: &dyn std::fmt::Display| format!("cannot read {}: {error}", path.display());
-    let bytes = std::fs::read(path).map_err(|error| wrong(&error))?;
+    let bytes = crate::plain::read(path).map_err(|error| wrong(&error))?;
     match &ending(path)[..] {
         "ply" => match ply::read(&bytes) {
             Ok(mesh) if !mesh.faces().is_empty() => Ok(AnyValue::new(mesh)),

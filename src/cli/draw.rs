@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::outputs::write_whole;
-use super::{Exit, print, report};
+use super::{Exit, print_document, report};
 use crate::catalog::Catalog;
 use crate::draw::Drawing;
 use crate::graph::{Files, Graph, Options};
 use crate::node::ending;
+use crate::writing::{Place, Sources};
 
 #[derive(Args)]
 pub(super) struct Draw {
@@ -39,10 +39,10 @@ impl Draw {
         let drawing = Drawing::new(&graph, catalog);
         let text = if dot { drawing.to_dot() } else { drawing.to_svg() };
         let Some(path) = &self.out else {
-            print(&text);
+            print_document(&text);
             return Exit::Done;
         };
-        match write_whole(path, text.as_bytes()) {
+        match Place::anywhere(&Sources::of(&graph)).put(path, text.as_bytes()) {
             Ok(()) => Exit::Done,
             Err(error) => Exit::Usage(format!("cannot write {}: {error}", path.display())),
         }

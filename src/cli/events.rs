@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value as Json, json};
 
 use super::outputs::Written;
-use super::print;
+use super::{print_as_it_is, words};
 use crate::error::{Problem, Severity};
 use crate::eval::{NodeTrace, Observer, State, Trace};
 use crate::node::CancelToken;
@@ -95,7 +95,7 @@ pub(super) fn say(event: &str, fields: Json) {
     if let Json::Object(fields) = fields {
         line.extend(fields);
     }
-    print(&format!("{}\n", Json::Object(line)));
+    print_as_it_is(&words::escaped(&format!("{}\n", Json::Object(line))));
 }
 
 impl Observer for Events {

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::outputs::write_whole;
-use super::{Exit, eprint, print, report};
+use super::{Exit, eprint, print, print_document, report};
 use crate::graph::Graph;
+use crate::plain;
+use crate::writing::rewrite;
 
 #[derive(Args)]
 pub(super) struct Fmt {
@@ -43,7 +44,7 @@ impl Fmt {
                 let mut text = String::new();
                 std::io::stdin().lock().read_to_string(&mut text).map(|_| text)
             }
-            false => std::fs::read_to_string(path),
+            false => plain::read_text(path),
         };
         let text = match text {
             Ok(text) => text,
@@ -66,11 +67,11 @@ impl Fmt {
                 false
             }
             (false, true) => {
-                print(&form);
+                print_document(&form);
                 true
             }
             (false, false) if form == text => true,
-            (false, false) => match replace(path, &form) {
+            (false, false) => match rewrite(path, &form) {
                 Ok(()) => true,
                 Err(error) => {
                     eprint(&format!("error: cannot write {}: {error}\n", path.display()));
@@ -79,17 +80,6 @@ impl Fmt {
             },
         }
     }
-}
-
-/// Puts a new text into a file: whole or not at all, with the permissions of the old one. A symbolic link stays one.
-pub(super) fn replace(path: &Path, text: &str) -> std::io::Result<()> {
-    let path = std::fs::canonicalize(path)?;
-    let permissions = std::fs::metadata(&path)?.permissions();
-    if permissions.readonly() {
-        return Err(std::io::ErrorKind::PermissionDenied.into());
-    }
-    write_whole(&path, text.as_bytes())?;
-    std::fs::set_permissions(&path, permissions)
 }
 
 /// Adds a file, or the graph files in a folder and the folders in it, hidden ones left out, in the order of their names.
@@ -107,8 +97,8 @@ fn collect(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), (PathBuf, std::i
         let is_hidden = entry.file_name().to_string_lossy().starts_with('.');
         let path = entry.path();
         let is_graph = path.extension().is_some_and(|ending| ending == "ron");
-        // Links to folders are not followed: they may lead in a circle.
-        if (kind.is_dir() && !is_hidden) || (is_graph && path.is_file()) {
+        // Links are not followed: they may lead in a circle, or to files of somebody else.
+        if (kind.is_dir() && !is_hidden) || (is_graph && kind.is_file()) {
             collect(&path, files)?;
         }
     }

@@ -7,14 +7,15 @@ use clap::Args;
 use serde_json::Value as Json;
 
 use super::caching::CacheOptions;
-use super::outputs::write_whole;
 use super::{Exit, eprint, print, report};
 use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
 use crate::eval::Evaluator;
 use crate::format::png;
 use crate::golden::mesh_of;
 use crate::graph::{Graph, Options, Subgraph, any_of};
+use crate::plain;
 use crate::render::{View, render};
+use crate::writing::{Place, Refused, Sources};
 
 #[derive(Args)]
 pub(super) struct Gallery {
@@ -60,6 +61,7 @@ impl Gallery {
         let mut used: Vec<Subgraph> = Vec::new();
         let mut evaluator = None;
         let mut complete = true;
+        let (mut pictures, mut sources) = (Vec::new(), Sources::default());
         let graphs = graphs(&self.graphs)?;
         for path in &graphs {
             let checked = Graph::load(path, catalog, &Options::default());
@@ -79,8 +81,9 @@ impl Gallery {
                 };
                 let bytes = picture_of(&graph, evaluator)
                     .ok_or_else(|| format!("{} gives nothing to be seen", path.display()))?;
-                put(&file, &bytes)?;
+                pictures.push((file, bytes));
             }
+            sources.extend(&Sources::of(&graph));
             for subgraph in subgraphs {
                 if used.iter().all(|known| known.file != subgraph.file) {
                     used.push(subgraph);
@@ -90,14 +93,48 @@ impl Gallery {
         self.library(&mut page, &mut used);
         let path = self.graphs.join(PAGE);
         if !self.check {
-            put(&path, page.as_bytes())?;
+            self.put(&path, &page, &pictures, &sources)?;
             print(&format!("{}: {} graphs\n", path.display(), graphs.len()));
             return Ok(Exit::Done);
         }
-        if complete && std::fs::read_to_string(&path).is_ok_and(|known| known == page) {
+        if complete && plain::read_text(&path).is_ok_and(|known| known == page) {
             return Ok(Exit::Done);
         }
         Err(format!("{} is not up to date: `maquette gallery` makes it anew", path.display()))
+    }
+
+    /// Writes the page and its pictures, unless that would replace what is not ours: a page says that it is, and which pictures
+    /// are. It is written first, so that the pictures of a gallery that was stopped are known, too.
+    fn put(
+        &self,
+        path: &Path,
+        page: &str,
+        pictures: &[(PathBuf, Vec<u8>)],
+        sources: &Sources,
+    ) -> Result<(), String> {
+        let known = plain::read_own_text(path).unwrap_or_default();
+        let foreign = |path: &Path| {
+            let what =
+                "no gallery made this file; move it away, or make the gallery of another folder";
+            Err(format!("cannot write {}: {what}", path.display()))
+        };
+        if path.exists() && !known.starts_with(MARK) {
+            return foreign(path);
+        }
+        for (path, bytes) in pictures {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let is_ours = known.contains(&format!("({PICTURES}/{name})"));
+            if path.exists() && !is_ours && !holds(path, bytes) {
+                return foreign(path);
+            }
+        }
+        let place = Place::folder(&self.graphs, sources);
+        let pictures = pictures.iter().map(|(path, bytes)| (&**path, &bytes[..]));
+        let all = [(path, page.as_bytes())].into_iter().chain(pictures);
+        let new = Vec::from_iter(all.filter(|(path, bytes)| !holds(path, bytes)));
+        let failed = |path: &Path, why: Refused| format!("cannot write {}: {why}", path.display());
+        new.iter().try_for_each(|(path, _)| place.judge(path).map_err(|why| failed(path, why)))?;
+        new.iter().try_for_each(|(path, it)| place.put(path, it).map_err(|why| failed(path, why)))
     }
 
     fn entry(
@@ -108,7 +145,7 @@ impl Gallery {
         graph: &Graph,
         used: &[Subgraph],
     ) {
-        let (picture, doc) = (picture.display(), graph.doc());
+        let (picture, doc) = (picture.display(), in_markdown(graph.doc()));
         let _ = write!(page, "\n## [{name}]({name}.ron)\n\n![{name}]({picture})\n\n{doc}\n\n");
         let fields = graph.schema.get("properties").and_then(Json::as_object);
         for (name, field) in fields.into_iter().flatten() {
@@ -131,12 +168,13 @@ impl Gallery {
         *page += LIBRARY;
         for subgraph in used {
             let Description { name, schema, outputs, .. } = subgraph.description();
-            let doc = schema["description"].as_str().unwrap_or_default();
+            let doc = in_markdown(schema["description"].as_str().unwrap_or_default());
             let _ = write!(page, "\n### [{name}]({})\n\n{doc}\n\n", self.relative(&subgraph.file));
             let ports = subgraph.description().ports();
             for port in &ports {
                 let types = any_of(port.types.iter().map(String::as_str));
-                let _ = writeln!(page, "- takes `{}`, {types}: {}", port.name, port.doc);
+                let _ =
+                    writeln!(page, "- takes `{}`, {types}: {}", port.name, in_markdown(&port.doc));
             }
             let fields = schema.get("properties").and_then(Json::as_object);
             for (name, field) in fields.into_iter().flatten() {
@@ -156,6 +194,9 @@ impl Gallery {
     }
 }
 
+/// How every page begins.
+const MARK: &str = "# Graphs to start from\n\nThis page is made by `maquette gallery";
+
 const HEAD: &str = "# Graphs to start from
 
 This page is made by `maquette gallery graphs`. Run a graph as it stands, `maquette run graphs/face.ron`, with other values,
@@ -168,10 +209,16 @@ const LIBRARY: &str = "
 Name the file under `use`, and it is a node like any other: `maquette nodes GRAPH` prints its reference.
 ";
 
+/// Words of a graph's author: text with emphasis, and no markup for a browser.
+fn in_markdown(words: &str) -> String {
+    words.replace('<', "&lt;")
+}
+
 /// One line for a parameter.
 fn parameter(page: &mut String, name: &str, field: &Json, root: &Json) {
     let (kind, default) = (describe_parameter(field, root), describe_default(field));
-    let doc = field["description"].as_str().unwrap_or_default();
+    let doc = in_markdown(field["description"].as_str().unwrap_or_default());
+    let default = in_markdown(&default);
     let _ = writeln!(page, "- `{name}`: {kind}{default}. {doc}");
 }
 
@@ -200,10 +247,6 @@ fn picture_of(graph: &Graph, evaluator: &mut Evaluator) -> Option<Vec<u8>> {
     png::encode_rgb(&render(&mesh, &VIEW)).ok()
 }
 
-/// Writes a file, unless it holds these bytes already.
-fn put(path: &Path, bytes: &[u8]) -> Result<(), String> {
-    if std::fs::read(path).is_ok_and(|known| known == bytes) {
-        return Ok(());
-    }
-    write_whole(path, bytes).map_err(|error| format!("cannot write {}: {error}", path.display()))
+fn holds(path: &Path, bytes: &[u8]) -> bool {
+    plain::read_own(path).is_ok_and(|known| known == bytes)
 }

@@ -7,7 +7,6 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 
 use super::caching::CacheOptions;
-use super::outputs::write_whole;
 use super::progress::Progress;
 use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
 use crate::catalog::Catalog;
@@ -18,6 +17,7 @@ use crate::node::{CancelToken, ending};
 use crate::pack::NewFile;
 use crate::render::{View, render};
 use crate::value::{AnyValue, Mesh, Summary, Surface};
+use crate::writing::{Place, Sources};
 
 #[derive(Args)]
 pub(super) struct Inspect {
@@ -99,7 +99,7 @@ impl Inspect {
         self.print(node, &found, &evaluation.problems());
         let Some((_, value)) = found.first() else { return Exit::Failed };
         match &self.out {
-            Some(path) => self.write(value, path, catalog),
+            Some(path) => self.write(value, path, catalog, &Sources::of(&graph)),
             None => Exit::Done,
         }
     }
@@ -174,7 +174,7 @@ impl Inspect {
         print(&text);
     }
 
-    fn write(&self, value: &AnyValue, path: &Path, catalog: &Catalog) -> Exit {
+    fn write(&self, value: &AnyValue, path: &Path, catalog: &Catalog, sources: &Sources) -> Exit {
         let Some(format) = catalog.format(value.kind(), &ending(path)) else {
             let kind = value.kind();
             let known = catalog.endings(Some(kind)).join(", ");
@@ -185,7 +185,7 @@ impl Inspect {
             None => format.write(value, &name),
             Some(view) => picture(value, view, &name),
         };
-        write_files(files, path)
+        write_files(files, path, sources)
     }
 }
 
@@ -204,17 +204,28 @@ fn picture(value: &AnyValue, view: &View, name: &str) -> Result<Vec<NewFile>, Er
 #[error("--view is for meshes and surfaces")]
 struct NoShape;
 
-fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path) -> Exit {
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let written = files.map_err(|error| error.to_string()).and_then(|files| {
-        files.iter().try_for_each(|file| {
-            write_whole(&folder.join(&file.name), &file.bytes).map_err(|error| error.to_string())
-        })
-    });
-    match written {
-        Ok(()) => Exit::Done,
-        Err(error) => Exit::Usage(format!("cannot write {}: {error}", path.display())),
+/// Writes all files, or none if one of them may not be written.
+fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Sources) -> Exit {
+    let place = Place::anywhere(sources);
+    let failed = |path: &Path, why: &dyn std::fmt::Display| {
+        Exit::Usage(format!("cannot write {}: {why}", path.display()))
+    };
+    let files = match files {
+        Ok(files) => files.into_iter().map(|file| (path.with_file_name(&file.name), file.bytes)),
+        Err(error) => return failed(path, &error),
+    };
+    let files = Vec::from_iter(files);
+    for (path, _) in &files {
+        if let Err(refused) = place.judge(path) {
+            return failed(path, &refused);
+        }
     }
+    for (path, bytes) in &files {
+        if let Err(refused) = place.put(path, bytes) {
+            return failed(path, &refused);
+        }
+    }
+    Exit::Done
 }
 
 /// Facts in two columns.

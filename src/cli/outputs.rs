@@ -1,10 +1,9 @@
 //! Writes the outputs of a graph: each file appears whole or not at all.
 
 use std::collections::{BTreeSet, HashMap};
-use std::io::Write as _;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
-use std::time::Duration;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -15,13 +14,9 @@ use crate::eval::{Evaluation, Evaluator, Stamp};
 use crate::graph::{Graph, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
+use crate::plain;
 use crate::value::Hash;
-
-/// How temporary files begin.
-const TEMPORARY: &str = ".maquette-";
-
-/// A temporary file older than this was left by a process that was killed: writing one takes seconds at most.
-const LEFT_BEHIND: Duration = Duration::from_secs(600);
+use crate::writing::{Place, Refused, Sources};
 
 /// A file of an output that is on disk now.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -50,6 +45,8 @@ impl Written {
 /// A file that holds the right bytes already is left alone, so that neither a viewer nor a build tool takes it for a new one.
 pub(super) struct Outputs {
     folder: PathBuf,
+    /// The user named the folder, so that it may be anywhere.
+    named: bool,
     /// By output: the value that its files were made of, and they, each as it was left.
     known: Mutex<HashMap<String, Known>>,
 }
@@ -57,17 +54,62 @@ pub(super) struct Outputs {
 #[derive(Serialize, Deserialize)]
 struct Known {
     value: Hash,
-    files: Vec<(Written, Option<Stamp>)>,
+    /// Each as it was left; none if somebody changed it while it was written.
+    files: Vec<(Written, Option<Left>)>,
+}
+
+/// What the system said of a file when it was right.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Left {
+    stamp: Stamp,
+    /// Whether any later write gives another stamp; if not, the same stamp says nothing.
+    settled: bool,
+}
+
+impl Left {
+    fn at(path: &Path) -> Option<Self> {
+        let stamp = Stamp::of(path)?;
+        Some(Self { stamp, settled: stamp.is_settled() })
+    }
+
+    /// Whether the file is as it was left: of a young one its content decides. Then it is known better from now on.
+    fn is_there(&mut self, file: &Written) -> bool {
+        if Stamp::of(&file.path) != Some(self.stamp) {
+            return false;
+        }
+        if self.settled {
+            return true;
+        }
+        let settled = self.stamp.is_settled();
+        let is_right = plain::read_own(&file.path).is_ok_and(|it| Hash::of(&it) == file.hash);
+        self.settled = settled && is_right;
+        is_right
+    }
 }
 
 /// `out/doll` for `graphs/doll.ron`.
-pub(super) fn default_folder(graph: &Path) -> PathBuf {
+fn default_folder(graph: &Path) -> PathBuf {
     Path::new("out").join(graph.file_stem().unwrap_or_default())
 }
 
 impl Outputs {
-    pub(super) fn new(folder: PathBuf) -> Self {
-        Self { folder, known: Mutex::default() }
+    /// The folder that the user named, else that of the graph.
+    pub(super) fn new(folder: Option<&Path>, graph: &Path) -> Self {
+        let named = folder.is_some();
+        let folder = folder.map_or_else(|| default_folder(graph), Path::to_owned);
+        Self { folder, named, known: Mutex::default() }
+    }
+
+    pub(super) fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Where they may be written: in their folder, which must not lead elsewhere if nobody named it.
+    pub(super) fn place<'a>(&self, sources: &'a Sources) -> Place<'a> {
+        match self.named {
+            true => Place::folder(&self.folder, sources),
+            false => Place::inside(Path::new("."), &self.folder, sources),
+        }
     }
 
     /// Finds out what the last process knew of the files in the folder.
@@ -113,10 +155,12 @@ impl Outputs {
     ) -> (Vec<Written>, Vec<Problem>) {
         let folders: BTreeSet<PathBuf> =
             outputs.iter().map(|output| self.folder_of(output)).collect();
-        folders.iter().for_each(|folder| remove_left_behind(folder));
+        let sources = Sources::of(graph);
+        let place = self.place(&sources);
+        folders.iter().for_each(|folder| place.sweep(folder));
         let write = |output: &&GraphOutput| match cancel.is_cancelled() {
             true => Ok(Vec::new()),
-            false => self.output(output, evaluation, graph),
+            false => self.output(output, evaluation, graph, &place),
         };
         let results: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
         let (mut files, mut problems) = (Vec::new(), Vec::new());
@@ -134,6 +178,7 @@ impl Outputs {
         output: &GraphOutput,
         evaluation: &Evaluation,
         graph: &Graph,
+        place: &Place<'_>,
     ) -> Result<Vec<Written>, Box<Problem>> {
         let Some(value) = evaluation.hash(output.node, output.output) else {
             return Ok(Vec::new());
@@ -172,41 +217,59 @@ impl Outputs {
         let mut written = Vec::new();
         for file in files {
             let path = path(&file);
-            if is_read_by(graph, &path) {
-                let message = format!("cannot write {}: the graph reads this file", path.display());
-                return Err(problem(message, "--out chooses another folder"));
-            }
-            let file = self.file(&output.name, path.clone(), &file).map_err(|error| {
-                let help =
-                    "the file that was there before is untouched; --out chooses another folder";
-                problem(format!("cannot write {}: {error}", path.display()), help)
+            let file = self.file(&output.name, path.clone(), &file, place).map_err(|refused| {
+                let help = match refused {
+                    Refused::System(_) => {
+                        "the file that was there before is untouched; --out chooses another folder"
+                    }
+                    _ => "--out chooses another folder",
+                };
+                problem(format!("cannot write {}: {refused}", path.display()), help)
             })?;
             written.push(file);
         }
-        let files = written.iter().map(|file| (file.clone(), Stamp::of(&file.path))).collect();
-        self.lock().insert(output.name.clone(), Known { value, files });
-        Ok(written)
+        let files = written.iter().map(|(file, _)| file.clone()).collect();
+        self.lock().insert(output.name.clone(), Known { value, files: written });
+        Ok(files)
     }
 
     /// The files of an output if they were made of this value and nobody has changed them since.
     fn still_there(&self, output: &str, value: Hash) -> Option<Vec<Written>> {
         let known = self.lock();
-        let known = known.get(output).filter(|known| known.value == value)?;
-        let is_as_left = |(file, left): &(Written, Option<Stamp>)| {
-            left.is_some() && Stamp::of(&file.path) == *left
+        let mut files = known.get(output).filter(|known| known.value == value)?.files.clone();
+        drop(known);
+        let is_as_left = |(file, left): &mut (Written, Option<Left>)| {
+            left.as_mut().is_some_and(|left| left.is_there(file))
         };
+        if !files.iter_mut().all(is_as_left) {
+            return None;
+        }
         let unchanged = |(file, _): &(Written, _)| Written { unchanged: true, ..file.clone() };
-        known.files.iter().all(is_as_left).then(|| known.files.iter().map(unchanged).collect())
+        let unchanged = files.iter().map(unchanged).collect();
+        self.lock().insert(output.to_owned(), Known { value, files });
+        Some(unchanged)
     }
 
-    fn file(&self, output: &str, path: PathBuf, file: &NewFile) -> std::io::Result<Written> {
+    fn file(
+        &self,
+        output: &str,
+        path: PathBuf,
+        file: &NewFile,
+        place: &Place<'_>,
+    ) -> Result<(Written, Option<Left>), Refused> {
         let bytes = &file.bytes[..];
-        let unchanged = holds(&path, bytes);
-        if !unchanged {
-            write_whole(&path, bytes)?;
-        }
+        place.judge(&path)?;
+        let found = holds(&path, bytes);
+        let unchanged = found.is_some();
+        let left = match found {
+            Some(found) => Some(found),
+            None => {
+                let stamp = place.write(&path, bytes)?;
+                stamp.map(|stamp| Left { stamp, settled: stamp.is_settled() })
+            }
+        };
         let (output, hash) = (output.to_owned(), Hash::of(bytes));
-        Ok(Written { output, path, bytes: bytes.len(), hash, unchanged })
+        Ok((Written { output, path, bytes: bytes.len(), hash, unchanged }, left))
     }
 
     fn folder_of(&self, output: &GraphOutput) -> PathBuf {
@@ -218,92 +281,70 @@ impl Outputs {
     }
 }
 
-/// Whether a file is one of those that the graph reads: writing it would destroy it, and a watch would never come to rest.
-fn is_read_by(graph: &Graph, path: &Path) -> bool {
-    let path = real(path);
-    path.is_some() && graph.files().any(|file| real(file) == path)
-}
-
-/// The path without links, also of a file that is not there yet.
-fn real(path: &Path) -> Option<PathBuf> {
-    let beside = || Some(std::fs::canonicalize(path.parent()?).ok()?.join(path.file_name()?));
-    std::fs::canonicalize(path).ok().or_else(beside)
-}
-
-/// Whether a file holds these bytes; not asked of large files, because writing them takes no longer than reading them.
-fn holds(path: &Path, bytes: &[u8]) -> bool {
+/// Whether a file holds these bytes, and how it was found; not asked of large files, because writing them takes no longer than
+/// reading them.
+fn holds(path: &Path, bytes: &[u8]) -> Option<Left> {
     const LARGE: usize = 16 << 20;
-    let same_length =
-        std::fs::metadata(path).is_ok_and(|metadata| metadata.len() == bytes.len() as u64);
-    same_length && bytes.len() < LARGE && std::fs::read(path).is_ok_and(|there| there == bytes)
-}
-
-/// Removes what processes that were killed while they wrote have left in a folder.
-fn remove_left_behind(folder: &Path) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let ours = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
-        let metadata = entry.metadata().ok().filter(|metadata| ours && metadata.is_file());
-        let age = metadata.and_then(|metadata| metadata.modified().ok()?.elapsed().ok());
-        if age.is_some_and(|age| age > LEFT_BEHIND) {
-            let _ = std::fs::remove_file(entry.path());
-        }
-    }
-}
-
-/// Writes a file beside its place and moves it there: it appears whole or not at all.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder)?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(TEMPORARY);
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // What the user's umask leaves of it, as for any new file.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(bytes)?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
+    let found = Left::at(path)?;
+    let same_length = fs::metadata(path).is_ok_and(|it| it.len() == bytes.len() as u64);
+    let same = || plain::read_own(path).is_ok_and(|there| there == bytes);
+    (same_length && bytes.len() < LARGE && same()).then_some(found)
 }
 
 #[cfg(test)]
 mod tests {
-    use std::time::SystemTime;
-
     use super::*;
 
-    #[test]
-    fn old_temporary_files_are_swept_and_young_ones_stay() {
-        let folder = tempfile::tempdir().unwrap();
-        let make = |name: &str, age: u64| {
-            let file = std::fs::File::create(folder.path().join(name)).unwrap();
-            file.set_modified(SystemTime::now() - Duration::from_secs(age)).unwrap();
-        };
-        make(".maquette-old", 601);
-        make(".maquette-young", 500);
-        make("model.ply", 601);
-        remove_left_behind(folder.path());
-        let names = std::fs::read_dir(folder.path()).unwrap();
-        let mut names: Vec<_> = names.map(|entry| entry.unwrap().file_name()).collect();
-        names.sort();
-        assert_eq!(names, [".maquette-young", "model.ply"]);
+    /// What `write` does, and whether the file was there already.
+    fn write(outputs: &Outputs, path: &Path) -> bool {
+        let file = NewFile { name: "a.ply".into(), bytes: b"ply".to_vec() };
+        let sources = Sources::default();
+        let place = Place::anywhere(&sources);
+        let (written, left) = outputs.file("a", path.to_owned(), &file, &place).unwrap();
+        let unchanged = written.unchanged;
+        let known = Known { value: Hash::of(b"value"), files: vec![(written, left)] };
+        outputs.lock().insert("a".into(), known);
+        unchanged
     }
 
     #[test]
     fn a_file_that_holds_the_bytes_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
-        let file = NewFile { name: "a.ply".into(), bytes: b"ply".to_vec() };
-        let write = || {
-            let outputs = Outputs::new(folder.path().to_owned());
-            outputs.file("a", path.clone(), &file).unwrap().unchanged
+        let outputs = Outputs::new(Some(folder.path()), Path::new("a.ron"));
+        assert!(!write(&outputs, &path));
+        assert!(write(&outputs, &path));
+        fs::write(&path, "plx").unwrap();
+        assert!(!write(&outputs, &path));
+    }
+
+    #[test]
+    fn a_file_that_was_just_written_is_read_before_it_is_believed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        let outputs = Outputs::new(Some(folder.path()), Path::new("a.ron"));
+        let is_right = || outputs.still_there("a", Hash::of(b"value")).is_some();
+        write(&outputs, &path);
+        assert!(is_right());
+        // Within the clock's grain, as far as a stamp tells.
+        fs::write(&path, "plx").unwrap();
+        let stamp = Stamp::of(&path);
+        let pretend = |known: &mut Known| {
+            known.files[0].1 = stamp.map(|stamp| Left { stamp, settled: false });
         };
-        assert!(!write());
-        assert!(write());
-        std::fs::write(&path, "plx").unwrap();
-        assert!(!write());
+        outputs.lock().get_mut("a").map(pretend).unwrap();
+        assert!(!is_right());
+        fs::write(&path, "ply").unwrap();
+        let old = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
+        fs::File::options().append(true).open(&path).unwrap().set_modified(old).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(150));
+        let stamp = Stamp::of(&path);
+        let pretend = |known: &mut Known| {
+            known.files[0].1 = stamp.map(|stamp| Left { stamp, settled: false });
+        };
+        outputs.lock().get_mut("a").map(pretend).unwrap();
+        assert!(is_right());
+        let settled = outputs.lock()["a"].files[0].1.as_ref().map(|left| left.settled);
+        assert_eq!(settled, Some(true), "the next look needs no reading");
     }
 }

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::in_bytes;
-use super::outputs::write_whole;
 use crate::eval::{NodeTrace, Trace};
+use crate::writing::{Place, Refused};
 
 /// A table of the nodes, the slowest first.
 pub(super) fn table(trace: &Trace) -> String {
@@ -41,9 +41,14 @@ pub(super) fn table(trace: &Trace) -> String {
 }
 
 /// Writes the trace for Chrome's tracing page or Perfetto: `GRAPH.trace.json` among the outputs.
-pub(super) fn write_trace(trace: &Trace, graph: &Path, folder: &Path) -> std::io::Result<PathBuf> {
+pub(super) fn write_trace(
+    trace: &Trace,
+    graph: &Path,
+    folder: &Path,
+    place: &Place<'_>,
+) -> Result<PathBuf, Refused> {
     let name = graph.file_stem().unwrap_or_default().to_string_lossy();
     let path = folder.join(format!("{name}.trace.json"));
-    write_whole(&path, trace.to_chrome().to_string().as_bytes())?;
+    place.write(&path, trace.to_chrome().to_string().as_bytes())?;
     Ok(path)
 }

@@ -6,7 +6,6 @@ use clap::Args;
 
 use super::caching::CacheOptions;
 use super::inspect::view;
-use super::outputs::write_whole;
 use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
@@ -16,6 +15,7 @@ use crate::graph::nearest;
 use crate::node::{CancelToken, ending};
 use crate::render::{Projection, View, render};
 use crate::value::AnyValue;
+use crate::writing::{Place, Sources};
 
 #[derive(Args)]
 pub(super) struct Render {
@@ -53,9 +53,13 @@ fn size(text: &str) -> Result<[usize; 2], String> {
 
 impl Render {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let mut sources = Sources::default();
         let (value, picture) = match &self.picture {
-            None => (compare::read(&self.file), &self.output),
-            Some(picture) => match self.evaluate(catalog) {
+            None => {
+                sources.add(&self.file, "this is the file that is shown");
+                (compare::read(&self.file), &self.output)
+            }
+            Some(picture) => match self.evaluate(catalog, &mut sources) {
                 Ok(value) => (value, picture),
                 Err(exit) => return exit,
             },
@@ -74,19 +78,25 @@ impl Render {
         if self.orthographic {
             view.projection = Projection::Orthographic;
         }
+        let place = Place::anywhere(&sources);
         let written = png::encode_rgb(&render(&mesh, &view)).map_err(|error| error.to_string());
         match written
-            .and_then(|bytes| write_whole(picture, &bytes).map_err(|error| error.to_string()))
+            .and_then(|bytes| place.put(picture, &bytes).map_err(|error| error.to_string()))
         {
             Ok(()) => Exit::Done,
             Err(error) => Exit::Usage(format!("cannot write {}: {error}", picture.display())),
         }
     }
 
-    fn evaluate(&self, catalog: &Catalog) -> Result<Result<AnyValue, String>, Exit> {
+    fn evaluate(
+        &self,
+        catalog: &Catalog,
+        sources: &mut Sources,
+    ) -> Result<Result<AnyValue, String>, Exit> {
         let checked = self.options.load(&self.file, catalog);
         report(&checked.problems);
         let graph = checked.graph.ok_or(Exit::Failed)?;
+        sources.extend(&Sources::of(&graph));
         let name = self.output.to_string_lossy();
         let Some((node, output)) = target(&graph, &name) else {
             let known = graph.output_names().chain(graph.node_names());

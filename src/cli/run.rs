@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::caching::{self, CacheOptions};
 use super::events::{self, Ending, Events};
-use super::outputs::{Outputs, Written, default_folder};
+use super::outputs::{Outputs, Written};
 use super::profile;
 use super::progress::Progress;
 use super::why::reason_with_place;
@@ -20,6 +20,7 @@ use crate::eval::{Evaluation, Forecast, Observer, State, Trace};
 use crate::golden;
 use crate::graph::{Graph, GraphOutput, nearest};
 use crate::node::CancelToken;
+use crate::writing::Sources;
 
 #[derive(Args)]
 pub(super) struct Run {
@@ -82,8 +83,7 @@ impl Run {
         }
         let progress = Progress::new(graph.nodes.len());
         let observer: &dyn Observer = events.as_ref().map_or(&progress, |events| events);
-        let folder = self.out.clone().unwrap_or_else(|| default_folder(&self.graph));
-        let into = Outputs::new(folder.clone());
+        let into = Outputs::new(self.out.as_deref(), &self.graph);
         into.recall(&evaluator);
         let mut values = into.nodes_to_write(&outputs, &graph, &mut evaluator);
         values.extend(judged);
@@ -105,7 +105,12 @@ impl Run {
             // With --json, stdout is for one document.
             let tell: fn(&str) = if self.json { eprint } else { print };
             tell(&profile::table(&trace));
-            if let Err(error) = profile::write_trace(&trace, &self.graph, &folder) {
+            if let Err(error) = profile::write_trace(
+                &trace,
+                &self.graph,
+                into.folder(),
+                &into.place(&Sources::of(&graph)),
+            ) {
                 eprint(&format!("error: cannot write the trace: {error}\n"));
             }
         }

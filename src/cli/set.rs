@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::fmt::replace;
-use super::{Exit, assignment, eprint, print, report};
+use super::{Exit, assignment, eprint, print, print_document, report};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, Options};
+use crate::plain;
+use crate::writing::rewrite;
 
 #[derive(Args)]
 pub(super) struct Set {
@@ -27,7 +28,7 @@ pub(super) struct Set {
 
 impl Set {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        let text = match std::fs::read_to_string(&self.graph) {
+        let text = match plain::read_text(&self.graph) {
             Ok(text) => text,
             Err(error) => {
                 eprint(&format!("error: cannot read {}: {error}\n", self.graph.display()));
@@ -45,11 +46,11 @@ impl Set {
             }
         };
         if self.dry_run {
-            print(&edited.text);
+            print_document(&edited.text);
             return Exit::Done;
         }
         if edited.text != text
-            && let Err(error) = replace(&self.graph, &edited.text)
+            && let Err(error) = rewrite(&self.graph, &edited.text)
         {
             eprint(&format!("error: cannot write {}: {error}\n", self.graph.display()));
             return Exit::Failed;

@@ -9,7 +9,6 @@ use clap::Args;
 use serde_json::json;
 
 use super::caching::CacheOptions;
-use super::outputs::write_whole;
 use super::{Exit, counted, eprint, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
@@ -18,6 +17,7 @@ use crate::golden::case;
 use crate::golden::compare::Verdict;
 use crate::golden::suite::{self, Case, Compared, Report, Settings, State};
 use crate::golden::{html, junit};
+use crate::writing::{Place, Refused, Sources, remove};
 
 #[derive(Args)]
 pub(super) struct Test {
@@ -103,9 +103,13 @@ impl Test {
     }
 
     fn write_reports(&self, report: &Report) -> Result<(), String> {
+        let mut sources = Sources::default();
+        report.cases.iter().for_each(|case| sources.extend(&case.sources));
+        let place = Place::anywhere(&sources);
         let write = |path: &Option<PathBuf>, make: &dyn Fn() -> String| match path {
             None => Ok(()),
-            Some(path) => write_whole(path, make().as_bytes())
+            Some(path) => place
+                .put(path, make().as_bytes())
                 .map_err(|error| format!("cannot write {}: {error}", path.display())),
         };
         write(&self.report, &|| html::page(report))?;
@@ -137,7 +141,7 @@ impl Test {
             }
         }
         for orphan in &report.orphans {
-            let gone = self.bless && std::fs::remove_file(orphan).is_ok();
+            let gone = self.bless && remove(orphan).is_ok();
             count.refused += usize::from(!gone);
             let word = if gone { "removed " } else { "orphan  " };
             print(&format!("{word}  {}\n", orphan.display()));
@@ -158,7 +162,7 @@ impl Test {
         Ok(if failed { Exit::Failed } else { Exit::Done })
     }
 
-    fn accept_case(&self, case: &Case, count: &mut Count) -> std::io::Result<()> {
+    fn accept_case(&self, case: &Case, count: &mut Count) -> Result<(), Refused> {
         let why = reason(case);
         let mut all = true;
         for output in case.changed_outputs() {

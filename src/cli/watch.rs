@@ -10,7 +10,7 @@ use std::sync::mpsc::channel;
 use clap::Args;
 
 use super::caching::CacheOptions;
-use super::outputs::default_folder;
+use super::outputs::Outputs;
 use super::terminal::{Input, Screen};
 use super::{Exit, GraphOptions, interrupt, print, report};
 use crate::catalog::Catalog;
@@ -80,7 +80,8 @@ impl Watch {
             return self.print_list(catalog);
         }
         let (sender, receiver) = channel();
-        let folder = self.out.clone().unwrap_or_else(|| default_folder(&self.graph));
+        let outputs = Outputs::new(self.out.as_deref(), &self.graph);
+        let folder = outputs.folder().to_owned();
         let stop = sender.clone();
         interrupt::handle(move || drop(stop.send(Message::Input(Input::Stop))));
         let screen = !self.events && !self.once && Screen::is_possible();
@@ -101,7 +102,7 @@ impl Watch {
         let worker = Worker::new(
             evaluator,
             self.cache.memory(),
-            folder.clone(),
+            outputs,
             self.only.clone(),
             view.observe(),
             move |report| drop(done.send(Message::Evaluated(report))),

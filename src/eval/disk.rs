@@ -9,31 +9,38 @@
 //! CACHE/FINGERPRINT/outputs/HASH      which files are in the folder of outputs at the path of that hash
 //! ```
 //!
-//! Every file appears whole or not at all, ends with a checksum (a column's is its name), and is believed only if that fits:
-//! what is torn, flipped or foreign is removed and computed again. So any number of processes may share a folder without a
-//! lock. A file's time of change is the time of its last use; [`gc`](Disk::gc) drops the files that were not used for longest.
+//! Every file appears whole or not at all, ends with a checksum of its name and content (a column's is its name), and is believed
+//! only if that fits: what is torn, flipped or of another name is removed and computed again. So any number of processes may share
+//! a folder without a lock. A file's time of change is the time of its last use; [`gc`](Disk::gc) drops the files that were not
+//! used for longest, [`doctor`](Disk::doctor) looks at all of them. Whatever has no name of ours stays: see [`folder`].
 
 use std::collections::HashMap;
 use std::fs;
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::time::SystemTime;
 
 use super::cache::{Outcome, Values};
 use super::files::KnownFile;
 use super::snapshot::Snapshot;
 use crate::catalog::Catalog;
+use crate::plain;
 use crate::value::{Bytes, Columns, Hash, ValueType};
+use crate::writing::{in_spite_of_removal, make_folder, remove, touch, write_parts};
 
+mod doctor;
 mod entry;
+mod folder;
 mod program;
 mod record;
+mod seal;
 mod usage;
 mod writer;
 
+pub use doctor::{Diagnosis, Fault};
 use entry::Entry;
+use seal::{seal, unsealed};
 pub use usage::Usage;
 use writer::{Job, Writer};
 
@@ -45,10 +52,21 @@ pub struct Disk {
 
 /// The disk cache cannot be used.
 #[derive(Debug, thiserror::Error)]
-#[error("the cache {} cannot be used: {error}", .folder.display())]
-pub struct DiskError {
-    folder: PathBuf,
-    error: io::Error,
+pub enum DiskError {
+    /// The folder is somebody's.
+    #[error("{} is no cache of maquette: it is not empty and has no {} of ours", .0.display(), folder::TAG)]
+    Foreign(PathBuf),
+    /// What others wrote is not believed.
+    #[error("the cache {} belongs to another user", .0.display())]
+    OtherUser(PathBuf),
+    /// The system says why.
+    #[error("the cache {} cannot be used: {error}", .folder.display())]
+    System {
+        /// The folder.
+        folder: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
 }
 
 /// The folders, and what happened to them.
@@ -83,9 +101,10 @@ impl Disk {
     /// Results of the running program in this folder, which is made if it is not there, of at most `limit` bytes.
     ///
     /// # Errors
-    /// If the folder cannot be made and is not there, or the program cannot be identified.
+    /// If the folder cannot be made and is not there, or is not ours, or the program cannot be identified.
     pub fn open(folder: &Path, limit: u64, catalog: &Catalog) -> Result<Self, DiskError> {
-        let fail = |error| DiskError { folder: folder.to_owned(), error };
+        folder::claim(folder)?;
+        let fail = |error| DiskError::System { folder: folder.to_owned(), error };
         let fingerprint = program::fingerprint(folder).map_err(fail)?;
         let store =
             Store::open(folder, &fingerprint, limit, catalog.value_types()).map_err(fail)?;
@@ -180,10 +199,8 @@ impl Store {
         let (folder, home) = (folder.to_owned(), folder.join(fingerprint));
         let (trouble, written) = (OnceLock::new(), AtomicU64::new(0));
         let store = Self { folder, home, limit, types, trouble, written };
-        let made = in_spite_of_clearing(|_| {
-            FOLDERS.iter().try_for_each(|name| fs::create_dir_all(store.home.join(name)))?;
-            usage::tag(&store.folder)
-        });
+        let make = |name: &&str| make_folder(&store.home.join(name));
+        let made = in_spite_of_removal(|_| FOLDERS.iter().try_for_each(|name| make(name)));
         match made {
             // A folder that may only be read still answers.
             Err(error) if store.home.is_dir() => drop(store.trouble.set(error.to_string())),
@@ -209,22 +226,12 @@ impl Store {
 
     /// The content of a file that ends with its checksum; none, and no file any more, if that does not fit.
     fn read(&self, path: &Path) -> Option<Vec<u8>> {
-        let mut bytes = fs::read(path).ok()?;
-        let checked = bytes
-            .len()
-            .checked_sub(32)
-            .filter(|&length| blake3::hash(&bytes[..length]).as_bytes()[..] == bytes[length..]);
-        match checked {
-            Some(length) => {
-                bytes.truncate(length);
-                self.touch(path);
-                Some(bytes)
-            }
-            None => {
-                self.remove(path);
-                None
-            }
+        let content = unsealed(path, plain::read_own(path).ok()?);
+        match content {
+            Some(_) => self.touch(path),
+            None => self.remove(path),
         }
+        content
     }
 
     fn entry(&self, key: Hash) -> Option<Entry> {
@@ -239,15 +246,13 @@ impl Store {
     /// Says that a file was used.
     fn touch(&self, path: &Path) {
         if self.trouble.get().is_none() {
-            let file = fs::File::options().append(true).open(path);
-            // A file that another process has just removed needs no time.
-            let _ = file.and_then(|file| file.set_modified(SystemTime::now()));
+            touch(path);
         }
     }
 
     /// Removes a file that is damaged; where that is not allowed, it is found damaged again.
     fn remove(&self, path: &Path) {
-        let _ = fs::remove_file(path);
+        let _ = remove(path);
     }
 
     /// Writes a file, which appears whole or not at all.
@@ -255,29 +260,17 @@ impl Store {
         if self.trouble.get().is_some() {
             return;
         }
-        match self.try_write(path, parts) {
-            Ok(bytes) => drop(self.written.fetch_add(bytes, Ordering::Relaxed)),
+        match write_parts(path, parts) {
+            Ok(_) => {
+                let bytes = parts.iter().map(|part| part.len() as u64).sum();
+                self.written.fetch_add(bytes, Ordering::Relaxed);
+            }
             Err(error) => drop(self.trouble.set(error.to_string())),
         }
     }
 
-    fn try_write(&self, path: &Path, parts: &[&[u8]]) -> io::Result<u64> {
-        let folder = path.parent().unwrap_or(&self.home);
-        in_spite_of_clearing(|is_gone| {
-            if is_gone {
-                fs::create_dir_all(folder)?;
-            }
-            let mut file = tempfile::Builder::new().prefix(usage::TEMPORARY).tempfile_in(folder)?;
-            for part in parts {
-                file.write_all(part)?;
-            }
-            file.persist(path).map_err(|error| error.error)?;
-            Ok(parts.iter().map(|part| part.len() as u64).sum())
-        })
-    }
-
     fn write_checked(&self, path: &Path, content: &[u8]) {
-        self.write(path, &[content, blake3::hash(content).as_bytes()]);
+        self.write(path, &[content, &seal(path, content)]);
     }
 
     fn write_column(&self, column: &dyn Bytes, trusted: bool) {
@@ -288,25 +281,6 @@ impl Store {
             _ => self.write(&path, &[column.bytes()]),
         }
     }
-}
-
-/// Does it again if a file or folder has gone meanwhile, which `does` is told: somebody may clear the cache between any two steps.
-/// Who finds it gone a hundred times has another problem.
-fn in_spite_of_clearing<T>(mut does: impl FnMut(bool) -> io::Result<T>) -> io::Result<T> {
-    const TRIES: usize = 100;
-    let mut result = does(false);
-    for _ in 1..TRIES {
-        match &result {
-            Err(error) if is_gone(error) => result = does(true),
-            _ => break,
-        }
-    }
-    result
-}
-
-/// A folder that goes while it is made was there already, and then is none.
-fn is_gone(error: &io::Error) -> bool {
-    matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::AlreadyExists)
 }
 
 impl Columns for Store {
@@ -337,11 +311,12 @@ mod tests {
     #[test]
     fn a_cache_that_is_cleared_all_the_time_is_no_trouble() {
         let folder = tempfile::tempdir().unwrap();
+        folder::tag(folder.path()).unwrap();
         let is_over = AtomicU64::new(0);
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 while is_over.load(Ordering::Relaxed) == 0 {
-                    Disk::gc(folder.path(), 0);
+                    Disk::gc(folder.path(), 0).unwrap();
                 }
             });
             for number in 0..300_u32 {
@@ -363,17 +338,17 @@ mod tests {
     fn what_is_being_written_stays_when_the_cache_is_cleared() {
         let folder = tempfile::tempdir().unwrap();
         let store = store(folder.path()).unwrap();
+        folder::tag(folder.path()).unwrap();
         let entries = store.home.join("entries");
-        let [new, old] =
-            ["new", "old"].map(|name| entries.join(format!("{}{name}", usage::TEMPORARY)));
-        for path in [&new, &old, &entries.join("result")] {
+        let [busy, left] =
+            ["a", "b"].map(|letter| entries.join(format!(".maquette-{}.part", letter.repeat(12))));
+        for path in [&busy, &left, &store.entry_path(Hash::of(b"result"))] {
             fs::write(path, "half").unwrap();
         }
-        let hour = std::time::Duration::from_secs(3600);
-        let file = fs::File::options().append(true).open(&old).unwrap();
-        file.set_modified(SystemTime::now() - hour).unwrap();
-        assert_eq!(Disk::gc(folder.path(), 0), 8);
+        let writing = fs::File::options().append(true).open(&busy).unwrap();
+        writing.lock().unwrap();
+        assert_eq!(Disk::gc(folder.path(), 0).unwrap(), 8);
         let left = fs::read_dir(entries).unwrap().map(|entry| entry.unwrap().path());
-        assert_eq!(Vec::from_iter(left), [new]);
+        assert_eq!(Vec::from_iter(left), [busy]);
     }
 }

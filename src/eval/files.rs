@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::key::NodeFile;
 use super::lock;
 use crate::node::{File, ReadError};
+use crate::plain;
 use crate::value::Hash;
 
 /// What the system says of a file without reading it. A file that is written to gets another stamp, unless it is written twice
@@ -37,6 +38,12 @@ impl Stamp {
         std::fs::metadata(path).ok().map(|metadata| Self::new(&metadata))
     }
 
+    /// That of a file that was moved between both; none if it was written to, too.
+    pub(crate) fn moved(before: &Metadata, after: &Metadata) -> Option<Self> {
+        let (before, after) = (Self::new(before), Self::new(after));
+        (Self { changed: before.changed, ..after } == before).then_some(after)
+    }
+
     fn new(metadata: &Metadata) -> Self {
         let since = |time: SystemTime| time.duration_since(SystemTime::UNIX_EPOCH).ok();
         let modified = metadata.modified().ok().and_then(since).map_or(0, |since| since.as_nanos());
@@ -52,7 +59,7 @@ impl Stamp {
     }
 
     /// Whether a write after this moment would have given another stamp.
-    fn is_settled(&self) -> bool {
+    pub(crate) fn is_settled(&self) -> bool {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let is_fine = !self.modified.is_multiple_of(1_000_000_000);
         let grain = if is_fine { FINE_GRAIN } else { GRAIN };
@@ -154,7 +161,7 @@ impl<'a> Reads<'a> {
             Err(ReadError { name: file.given.clone(), reason: error.to_string() })
         };
         let stamp = Stamp::of(&file.path);
-        let bytes = match std::fs::read(&file.path) {
+        let bytes = match plain::read(&file.path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return failed(error),

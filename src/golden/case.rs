@@ -10,7 +10,11 @@ use serde::Deserialize;
 use super::compare::Tolerance;
 use super::expect::{Expectation, Place};
 use crate::error::{Problem, Source, Span, code};
-use crate::graph::{Body, Finding, Kind, Tree, Walk, nearest_or_all, parse, read_tree};
+use crate::graph::{
+    Body, Finding, Kind, MARKER, PathProblem, Tree, Walk, may_read, nearest_or_all, parse,
+    project_root, read_tree,
+};
+use crate::plain;
 
 /// The ending of a test file's name.
 pub(crate) const ENDING: &str = ".test.ron";
@@ -100,7 +104,7 @@ const FIELDS: [(&[&str], &[&str]); 3] = [
 
 /// The files that a test file stands for, or every problem of it.
 pub(crate) fn read(path: &Path) -> Result<TestFile, Vec<Problem>> {
-    let (text, unread) = match std::fs::read_to_string(path) {
+    let (text, unread) = match plain::read_own_text(path) {
         Ok(text) => (text, None),
         Err(error) => (String::new(), Some(format!("cannot read the test: {error}"))),
     };
@@ -143,6 +147,7 @@ fn read_text(path: &Path, source: &Arc<Source>) -> Result<TestFile, Vec<Finding>
     };
     walk.node(&tree);
     findings.append(&mut walk.findings);
+    findings.extend(no_names(&tree));
     if !findings.is_empty() {
         return Err(findings);
     }
@@ -150,17 +155,19 @@ fn read_text(path: &Path, source: &Arc<Source>) -> Result<TestFile, Vec<Finding>
         vec![finding(code::WRONG_VALUE, error.span.unwrap_or(tree.span), error.message, "")]
     })?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let graphs = graphs(folder, &test.graph);
-    if graphs.is_empty() {
-        let message = format!("there is no graph `{}`", test.graph);
+    let graphs = graphs(folder, &test.graph).map_err(|problem| {
         let span = field(&tree, "graph").map_or(tree.span, |tree| tree.span);
-        return Err(vec![finding(
-            code::MISSING_FILE,
-            span,
-            message,
-            "the path is relative to the test",
-        )]);
-    }
+        vec![match problem {
+            PathProblem::Outside { message, .. } => {
+                let help =
+                    format!("move it into the project, or put a {MARKER} into a folder above both");
+                finding(code::OUTSIDE, span, message, help)
+            }
+            PathProblem::Missing { message, help } => {
+                finding(code::MISSING_FILE, span, message, help)
+            }
+        }]
+    })?;
     let mut cases = cases(&tree, &test, &source.text);
     if cases.is_empty() {
         let span = tree.span;
@@ -258,37 +265,79 @@ fn cases(tree: &Tree, test: &Test, text: &str) -> Vec<(String, TestCase)> {
     cases
 }
 
-/// The graphs that a name with at most one `*` in its last part stands for, sorted.
-fn graphs(folder: &Path, pattern: &str) -> Vec<PathBuf> {
+/// Names of cases that are no names of folders: goldens lie in folders of these names.
+fn no_names(tree: &Tree) -> Vec<Finding> {
+    let Some(Kind::Map(entries)) = field(tree, "cases").map(|tree| &tree.kind) else {
+        return Vec::new();
+    };
+    let is_plain = |name: &str| {
+        let strange = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':');
+        !name.is_empty() && !name.starts_with('.') && !name.contains(strange)
+    };
+    let names = entries.iter().filter_map(|(key, _)| Some((key.text()?, key.span)));
+    let wrong = names.filter(|(name, _)| !is_plain(name));
+    let wrong = wrong.map(|(name, span)| {
+        let message = format!("`{name}` cannot name a case");
+        let help =
+            "its goldens lie in a folder of this name: no `/`, `\\`, `:`, and no dot in front";
+        finding(code::BAD_NAME, span, message, help)
+    });
+    wrong.collect()
+}
+
+/// The graphs that a name with at most one `*` in its last part stands for, sorted; where one lies out of the project, or there is
+/// none, why.
+fn graphs(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PathProblem> {
+    let here = if folder == Path::new("") { Path::new(".") } else { folder };
+    let here = std::fs::canonicalize(here).unwrap_or_else(|_| here.to_owned());
+    let roots = [project_root(&here)];
+    let may_be_read = |given: &str| may_read(given, &here.join(given), &roots);
+    let missing = || PathProblem::Missing {
+        message: format!("there is no graph `{pattern}`"),
+        help: "the path is relative to the test".into(),
+    };
     let path = folder.join(pattern);
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let Some((start, end)) = name.split_once('*') else {
-        return if path.is_file() { vec![path] } else { Vec::new() };
+        return match may_be_read(pattern) {
+            Ok(()) => Ok(vec![path]),
+            Err(PathProblem::Missing { .. }) if !path.exists() => Err(missing()),
+            Err(problem) => Err(problem),
+        };
     };
+    if let Err(outside @ PathProblem::Outside { .. }) = may_be_read(pattern) {
+        return Err(outside);
+    }
     let fits = |path: &PathBuf| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let long = start.len() + end.len() <= name.len();
         long && name.starts_with(start) && name.ends_with(end) && !name.ends_with(ENDING)
     };
-    let files = std::fs::read_dir(path.parent().unwrap_or(folder)).into_iter().flatten().flatten();
-    let mut graphs: Vec<PathBuf> = files.map(|file| file.path()).filter(fits).collect();
+    let beside = path.parent().filter(|beside| *beside != Path::new(""));
+    let files = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten().flatten();
+    let files = files.map(|file| path.with_file_name(file.file_name()));
+    let mut graphs: Vec<PathBuf> = files.filter(fits).collect();
     graphs.sort();
-    graphs
+    for graph in &graphs {
+        may_be_read(&graph.strip_prefix(folder).unwrap_or(graph).to_string_lossy())?;
+    }
+    if graphs.is_empty() { Err(missing()) } else { Ok(graphs) }
 }
 
-/// All test files in a folder and those inside of it, sorted; the file itself if it is one.
+/// All test files in a folder and those inside of it, sorted; what is no folder as it is. Links to folders are not followed: they
+/// may lead in a circle.
 pub(crate) fn find(path: &Path) -> Vec<PathBuf> {
-    if path.is_file() {
+    if !path.is_dir() {
         return vec![path.to_owned()];
     }
     let mut found = Vec::new();
-    let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
-    for entry in entries.map(|entry| entry.path()) {
-        let name = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if entry.is_dir() && !name.starts_with('.') && name != "target" && name != "out" {
-            found.extend(find(&entry));
-        } else if name.ends_with(ENDING) {
-            found.push(entry);
+    for entry in std::fs::read_dir(path).into_iter().flatten().flatten() {
+        let (path, name) = (entry.path(), entry.file_name().to_string_lossy().into_owned());
+        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+        if is_folder && !name.starts_with('.') && name != "target" && name != "out" {
+            found.extend(find(&path));
+        } else if !is_folder && name.ends_with(ENDING) {
+            found.push(path);
         }
     }
     found.sort();

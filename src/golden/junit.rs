@@ -74,9 +74,22 @@ pub(super) fn escape(text: &str) -> String {
             '>' => escaped.push_str("&gt;"),
             '"' => escaped.push_str("&quot;"),
             '\n' | '\t' => escaped.push(c),
-            c if c < ' ' => {}
+            c if c < ' ' || matches!(c, '\u{7f}'..='\u{9f}' | '\u{fffe}' | '\u{ffff}') => {}
             c => escaped.push(c),
         }
     }
     escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_no_document_may_hold_is_left_out() {
+        assert_eq!(
+            escape("a\u{0}\u{1b}[\u{7f}\u{9b}\u{fffe}\u{ffff}<\"&>\n\té"),
+            "a[&lt;&quot;&amp;&gt;\n\té"
+        );
+    }
 }

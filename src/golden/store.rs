@@ -155,7 +155,7 @@ pub(crate) enum NoGolden {
 
 /// The golden of this name in a folder.
 pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
-    let file = |suffix: &str| std::fs::read(folder.join(format!("{name}{suffix}"))).ok();
+    let file = |suffix: &str| crate::plain::read(&folder.join(format!("{name}{suffix}"))).ok();
     let damaged = |suffix: &str| NoGolden::Damaged(format!("{name}{suffix} is damaged"));
     let text = file(".txt").ok_or(NoGolden::Missing)?;
     let text = String::from_utf8(text).map_err(|_| damaged(".txt"))?;

@@ -1,7 +1,6 @@
 //! Runs tests: every case of every graph, in parallel, and what became of each.
 
-use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
@@ -14,10 +13,13 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
 use crate::eval::{Evaluator, Trace};
 use crate::pack::NewFile;
+use crate::plain;
 use crate::value::AnyValue;
+use crate::writing::{Place, Refused, Sources};
 
 mod job;
 mod nodes;
+mod orphans;
 
 use job::Job;
 use nodes::{changed_lines, changed_warnings};
@@ -48,6 +50,10 @@ pub(crate) struct Case {
     pub(crate) name: String,
     /// Where its goldens are.
     pub(crate) folder: PathBuf,
+    /// Where its test is.
+    beside: PathBuf,
+    /// What it is made of and reads.
+    pub(crate) sources: Sources,
     pub(crate) state: State,
     pub(crate) outputs: Vec<Compared>,
     pub(crate) problems: Vec<Problem>,
@@ -111,7 +117,7 @@ impl Case {
     }
 
     fn nodes_before(&self) -> Option<String> {
-        std::fs::read_to_string(self.folder.join(NODES)).ok()
+        plain::read_text(&self.folder.join(NODES)).ok()
     }
 
     /// Finds the warnings that came or went since the golden was accepted.
@@ -126,16 +132,20 @@ impl Case {
     }
 
     /// Makes an output, as it is now, its golden, which says why it was accepted.
-    pub(crate) fn bless(&self, output: &Compared, why: &[String]) -> std::io::Result<()> {
+    pub(crate) fn bless(&self, output: &Compared, why: &[String]) -> Result<(), Refused> {
+        let place = Place::own(&self.beside, &self.sources);
+        place.judge_folder(&self.folder)?;
+        place.sweep(&self.folder);
+        let before = orphans::goldens(&self.folder).remove(&output.name).unwrap_or_default();
         for suffix in SUFFIXES {
             let path = self.folder.join(format!("{}{suffix}", output.name));
             match output.new.iter().find(|file| file.name == suffix) {
                 Some(file) if suffix == ".txt" => {
                     let because = because(why);
-                    write(&path, &[&file.bytes[..], because.as_bytes()].concat())?;
+                    write(&place, &path, &[&file.bytes[..], because.as_bytes()].concat())?;
                 }
-                Some(file) => write(&path, &file.bytes)?,
-                None if path.exists() => std::fs::remove_file(&path)?,
+                Some(file) => write(&place, &path, &file.bytes)?,
+                None if before.contains(&path) => place.remove(&path)?,
                 None => {}
             }
         }
@@ -143,19 +153,20 @@ impl Case {
     }
 
     /// Accepts what is no output: the nodes as they are, their warnings, and that orphans go.
-    pub(crate) fn bless_rest(&self) -> std::io::Result<()> {
+    pub(crate) fn bless_rest(&self) -> Result<(), Refused> {
+        let place = Place::own(&self.beside, &self.sources);
         if !self.outputs.is_empty() {
-            write(&self.folder.join(NODES), self.nodes.as_bytes())?;
+            write(&place, &self.folder.join(NODES), self.nodes.as_bytes())?;
         }
-        self.orphans.iter().try_for_each(std::fs::remove_file)
+        self.orphans.iter().try_for_each(|orphan| place.remove(orphan))
     }
 }
 
-fn write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    if std::fs::read(path).is_ok_and(|before| before == bytes) {
+fn write(place: &Place<'_>, path: &Path, bytes: &[u8]) -> Result<(), Refused> {
+    if plain::read_own(path).is_ok_and(|before| before == bytes) {
         return Ok(());
     }
-    crate::cli::write_whole(path, bytes)
+    place.write(path, bytes).map(|_| ())
 }
 
 /// What shapes a run of tests.
@@ -209,9 +220,8 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
         }
     }
     let jobs: Vec<Job<'_>> = tests.iter().flat_map(jobs_of).collect();
-    let claimed: BTreeSet<PathBuf> = jobs.iter().map(|job| job.folder.clone()).collect();
     let orphans = match settings.filter {
-        None => orphan_folders(&tests, &claimed),
+        None => orphans::unclaimed(&tests),
         Some(_) => Vec::new(),
     };
     let title = |job: &Job<'_>| format!("{} {}", job.graph.display(), job.test.cases[job.case].0);
@@ -256,54 +266,25 @@ fn next_job<'a, 'j>(next: &AtomicUsize, jobs: &'j [Job<'a>]) -> Option<(usize, &
 }
 
 fn jobs_of(test: &TestFile) -> Vec<Job<'_>> {
-    let beside = test.source.name.parent().unwrap_or(Path::new(""));
+    let beside = beside(test);
     let mut jobs = Vec::new();
     for graph in &test.graphs {
-        let inside = graph.strip_prefix(beside).unwrap_or(graph).with_extension("");
+        // A graph in a folder above the test's has its goldens beside the test all the same.
+        let place = graph.strip_prefix(beside).unwrap_or(graph).with_extension("");
+        let parts = place.components().filter_map(|part| match part {
+            Component::Normal(name) => Some(name),
+            Component::ParentDir => Some("__above".as_ref()),
+            _ => None,
+        });
+        let goldens = beside.join(FOLDER).join(PathBuf::from_iter(parts));
         for (case, (name, _)) in test.cases.iter().enumerate() {
-            let folder = beside.join(FOLDER).join(&inside).join(name);
-            jobs.push(Job { test, graph: graph.clone(), case, folder });
+            jobs.push(Job { test, graph: graph.clone(), case, folder: goldens.join(name) });
         }
     }
     jobs
 }
 
-/// Goldens in folders that no test beside them claims.
-fn orphan_folders(tests: &[TestFile], claimed: &BTreeSet<PathBuf>) -> Vec<PathBuf> {
-    let mut roots: BTreeSet<PathBuf> = BTreeSet::new();
-    let mut claimed = claimed.clone();
-    for test in tests {
-        let beside = test.source.name.parent().unwrap_or(Path::new(""));
-        if !roots.insert(beside.join(FOLDER)) {
-            continue;
-        }
-        // Tests that are not run now claim theirs, too.
-        let files =
-            std::fs::read_dir(if beside == Path::new("") { Path::new(".") } else { beside });
-        for file in files.into_iter().flatten().flatten() {
-            let path = beside.join(file.file_name());
-            if path.to_string_lossy().ends_with(case::ENDING)
-                && let Ok(other) = case::read(&path)
-            {
-                claimed.extend(jobs_of(&other).into_iter().map(|job| job.folder));
-            }
-        }
-    }
-    let mut orphans = Vec::new();
-    for root in roots {
-        files_below(&root, &mut |path| {
-            if !path.parent().is_some_and(|folder| claimed.contains(folder)) {
-                orphans.push(path.to_owned());
-            }
-        });
-    }
-    orphans.sort();
-    orphans
-}
-
-fn files_below(folder: &Path, found: &mut impl FnMut(&Path)) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let path = entry.path();
-        if path.is_dir() { files_below(&path, found) } else { found(&path) }
-    }
+/// The folder of a test.
+fn beside(test: &TestFile) -> &Path {
+    test.source.name.parent().unwrap_or(Path::new(""))
 }

@@ -21,9 +21,10 @@ use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
 use crate::error::{Source, Span, Use, code};
 use crate::golden::Expectation;
+use crate::plain;
 
 pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
-    match std::fs::read_to_string(path) {
+    match plain::read_text(path) {
         Ok(text) => load_text(path, text, catalog, options),
         Err(error) => {
             let source = Arc::new(Source { name: path.to_owned(), text: String::new() });
@@ -112,7 +113,7 @@ pub(super) fn definition<'a>(
     name: PathBuf,
     uses: Vec<Use>,
 ) -> Option<Arc<Definition<'a>>> {
-    let (text, error) = match std::fs::read_to_string(path) {
+    let (text, error) = match plain::read_text(path) {
         Ok(text) => (text, None),
         Err(error) => (String::new(), Some(unread("the graph", &error))),
     };

@@ -49,7 +49,18 @@ pub(super) fn expand<'a>(
     let shape = Arc::new(Shape::new(&nodes));
     let source = definition.sheet.source.clone();
     let Definition { doc, schema, .. } = definition;
-    Some(Graph { source, doc, nodes: nodes.into(), shape, outputs, expect, schema, uses })
+    let subgraphs = world.subgraphs.clone();
+    Some(Graph {
+        source,
+        subgraphs,
+        doc,
+        nodes: nodes.into(),
+        shape,
+        outputs,
+        expect,
+        schema,
+        uses,
+    })
 }
 
 struct Expansion<'w, 'a> {

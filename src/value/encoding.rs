@@ -94,6 +94,7 @@ pub fn hash_of<T: Value>(value: &T) -> Hash {
 pub(crate) trait Bytes: Send + Sync {
     fn hash(&self) -> Hash;
     fn bytes(&self) -> &[u8];
+    fn items(&self) -> usize;
 }
 
 impl<T: NoUninit + Send + Sync> Bytes for Column<T> {
@@ -103,6 +104,10 @@ impl<T: NoUninit + Send + Sync> Bytes for Column<T> {
 
     fn bytes(&self) -> &[u8] {
         bytemuck::cast_slice(self)
+    }
+
+    fn items(&self) -> usize {
+        self.len()
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::worker::Report;
 use crate::cli::terminal::wrapped;
+use crate::cli::words::harmless;
 use crate::cli::{counted, in_bytes, in_full};
 use crate::error::{Problem, Severity};
 use crate::eval::State;
@@ -43,7 +44,8 @@ struct Paint(bool);
 
 impl Paint {
     fn with(self, style: &str, text: &str) -> String {
-        if self.0 { format!("\x1b[{style}m{text}\x1b[0m") } else { text.to_owned() }
+        let text = harmless(text);
+        if self.0 { format!("\x1b[{style}m{text}\x1b[0m") } else { text.into_owned() }
     }
 
     fn bold(self, text: &str) -> String {
@@ -96,8 +98,8 @@ impl Block {
         let graph = paint.bold(&self.graph);
         if self.running {
             let node = self.node.as_ref().map(|(node, share)| match share {
-                Some(share) => format!("computing {node}, {:.0} %", share * 100.0),
-                None => format!("computing {node}"),
+                Some(share) => format!("computing {}, {:.0} %", harmless(node), share * 100.0),
+                None => format!("computing {}", harmless(node)),
             });
             let node = node.unwrap_or_else(|| "running".into());
             return format!("{graph}  run {}: {node}", self.run);
@@ -193,9 +195,10 @@ fn summary(report: &Report, folder: &str, width: usize, paint: Paint) -> Vec<Str
 /// `label  one, two, three`, with how many more there are where the room ends.
 fn list(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<String> {
     const INDENT: usize = 10;
-    let Some((first, rest)) = items.split_first() else { return Vec::new() };
     let room = width.saturating_sub(INDENT + " and 1000 more".len()).max(1);
-    let mut rows = vec![first.clone()];
+    let items = Vec::from_iter(items.iter().map(|item| harmless(item)));
+    let Some((first, rest)) = items.split_first() else { return Vec::new() };
+    let mut rows = vec![first.clone().into_owned()];
     for (index, item) in rest.iter().enumerate() {
         let full = rows.len() == MOST_ROWS;
         let row = rows.last_mut().expect("there is a row");
@@ -204,7 +207,7 @@ fn list(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<String
             *row += item;
         } else if !full {
             *row += ",";
-            rows.push(item.clone());
+            rows.push(item.clone().into_owned());
         } else {
             *row += &format!(" and {} more", rest.len() - index);
             break;
@@ -234,7 +237,7 @@ fn profile(report: &Report, width: usize, paint: Paint) -> Vec<String> {
             "{state:<8}  {name:<longest$}  {time:>9}  {memory:>9}  {}{unchanged}",
             node.reason
         );
-        rows.push(row.chars().take(width).collect());
+        rows.push(harmless(&row).chars().take(width).collect());
     }
     rows
 }

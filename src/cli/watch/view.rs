@@ -12,7 +12,7 @@ use super::worker::{Observe, Report};
 use crate::cli::events::{self, Ending, Events};
 use crate::cli::run::counts;
 use crate::cli::terminal::{Input, Screen};
-use crate::cli::{counted, eprint, print, report, shows_color};
+use crate::cli::{counted, eprint, print, print_as_it_is, report, shows_color};
 use crate::error::{Problem, Severity};
 use crate::eval::{Observer, State};
 
@@ -197,7 +197,7 @@ impl Drop for Terminal {
         let mut rows = self.block.rows(self.screen.size(), self.color);
         rows.pop();
         self.screen.close();
-        print(&rows.iter().map(|row| format!("{row}\n")).collect::<String>());
+        print_as_it_is(&rows.iter().map(|row| format!("{row}\n")).collect::<String>());
     }
 }
 

@@ -1,7 +1,6 @@
 //! The thread that evaluates while the watch listens.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
@@ -55,12 +54,11 @@ impl Worker {
     pub(super) fn new(
         mut evaluator: Evaluator,
         memory: usize,
-        folder: PathBuf,
+        outputs: Outputs,
         only: Vec<String>,
         observe: Observe,
         sink: impl Fn(Report) + Send + 'static,
     ) -> Self {
-        let outputs = Outputs::new(folder);
         outputs.recall(&evaluator);
         let (jobs, receiver) = channel::<Job>();
         std::thread::spawn(move || {

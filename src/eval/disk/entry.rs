@@ -9,13 +9,15 @@ use super::super::cache::{Outcome, Values};
 use crate::value::{AnyValue, Columns, Hash, Kept, ValueType};
 
 /// What stands at the start of every entry: the format's name and version.
-const MAGIC: &[u8; 8] = b"maqent01";
+const MAGIC: &[u8; 8] = b"maqent02";
 
 /// What is known of a result without its values; in JSON, so that a person can read it.
 #[derive(Serialize, Deserialize)]
 struct Header {
     key: String,
     outputs: Vec<OutputHeader>,
+    /// The large columns of all outputs, and how many items each has.
+    columns: Vec<(Hash, u64)>,
     warnings: Vec<String>,
     bytes: usize,
     seconds: f64,
@@ -43,9 +45,11 @@ pub(super) fn write(key: Hash, outcome: &Outcome, kept: &[Kept]) -> Vec<u8> {
         hash: hash.to_string(),
         length: kept.bytes.len(),
     });
+    let columns = kept.iter().flat_map(|kept| &kept.columns);
     let header = Header {
         key: key.to_string(),
         outputs: outputs.collect(),
+        columns: columns.map(|column| (column.hash(), column.items() as u64)).collect(),
         warnings: outcome.warnings.to_vec(),
         bytes: outcome.bytes,
         seconds: outcome.seconds,
@@ -58,6 +62,25 @@ pub(super) fn write(key: Hash, outcome: &Outcome, kept: &[Kept]) -> Vec<u8> {
     bytes
 }
 
+/// The header of an entry, and where what it describes begins; none if these are no bytes of one.
+fn header(bytes: &[u8]) -> Option<(Header, usize)> {
+    let rest = bytes.strip_prefix(MAGIC)?;
+    let (length, rest) = rest.split_first_chunk()?;
+    let (header, _) = rest.split_at_checked(u64::from_le_bytes(*length).try_into().ok()?)?;
+    let start = MAGIC.len() + length.len() + header.len();
+    Some((serde_json::from_slice(header).ok()?, start))
+}
+
+/// The columns that the entry of this key names, and how many items each has: `Some(None)` if it is of another key or does not hold
+/// what it describes, none if it is of another version.
+pub(super) fn columns(bytes: &[u8], key: Hash) -> Option<Option<Vec<(Hash, u64)>>> {
+    let (header, start) = header(bytes)?;
+    let lengths = header.outputs.iter().map(|output| output.length);
+    let end = lengths.fold(Some(start), |end: Option<usize>, length| end?.checked_add(length));
+    let fits = header.key == key.to_string() && end == Some(bytes.len());
+    Some(fits.then_some(header.columns))
+}
+
 impl Entry {
     /// The entry of this key; none if the bytes are not one, or hold values of an unknown type.
     pub(super) fn parse(
@@ -65,11 +88,7 @@ impl Entry {
         key: Hash,
         types: &HashMap<&'static str, &'static ValueType>,
     ) -> Option<Self> {
-        let rest = bytes.strip_prefix(MAGIC)?;
-        let (length, rest) = rest.split_first_chunk()?;
-        let (header, _) = rest.split_at_checked(u64::from_le_bytes(*length).try_into().ok()?)?;
-        let mut start = MAGIC.len() + length.len() + header.len();
-        let header: Header = serde_json::from_slice(header).ok()?;
+        let (header, mut start) = header(&bytes)?;
         if header.key != key.to_string() {
             return None;
         }

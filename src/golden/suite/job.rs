@@ -4,7 +4,8 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use super::nodes::nodes_of;
-use super::{Case, Compared, NODES, SUFFIXES, State};
+use super::orphans::goldens;
+use super::{Case, Compared, State, beside};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Span, code};
 use crate::eval::{Disk, Evaluation, Evaluator, Trace};
@@ -16,6 +17,7 @@ use crate::golden::store::{self, Golden, NoGolden, Written};
 use crate::graph::{Graph, GraphOutput, Options};
 use crate::node::CancelToken;
 use crate::value::AnyValue;
+use crate::writing::{self, Sources};
 
 /// A tolerance this many times wider than what was ever needed is worth a word.
 const TOO_WIDE: f64 = 10.0;
@@ -36,6 +38,8 @@ impl Job<'_> {
             graph: self.graph.clone(),
             name: name.clone(),
             folder: self.folder.clone(),
+            beside: beside(self.test).to_owned(),
+            sources: Sources::default(),
             state: State::Broken,
             outputs: Vec::new(),
             problems: Vec::new(),
@@ -65,6 +69,7 @@ impl Job<'_> {
         }
         let options = Options { set: test_case.set.clone(), ..Options::default() };
         let checked = Graph::load(&self.graph, catalog, &options);
+        case.sources = Sources::of_checked(&self.graph, &checked);
         case.problems = checked.problems;
         let Some(graph) = checked.graph else { return case };
         case.problems.extend(self.misfits(&graph));
@@ -257,20 +262,15 @@ impl Job<'_> {
         Compared { name, files: names, comparison, golden, value: value.clone(), new }
     }
 
-    /// Files in the case's folder that no output asks for.
+    /// Goldens in the case's folder that no output asks for.
     fn orphans(&self, outputs: &[Compared]) -> Vec<PathBuf> {
-        let mut orphans = Vec::new();
-        for entry in std::fs::read_dir(&self.folder).into_iter().flatten().flatten() {
-            let file = entry.file_name().to_string_lossy().into_owned();
-            let asked = |output: &Compared| {
-                SUFFIXES.iter().any(|suffix| file == format!("{}{suffix}", output.name))
-            };
-            if file != NODES && !outputs.iter().any(asked) {
-                orphans.push(entry.path());
-            }
+        let sources = Sources::default();
+        if writing::Place::own(beside(self.test), &sources).judge_folder(&self.folder).is_err() {
+            return Vec::new();
         }
-        orphans.sort();
-        orphans
+        let mut goldens = goldens(&self.folder);
+        outputs.iter().for_each(|output| drop(goldens.remove(&output.name)));
+        goldens.into_values().flatten().collect()
     }
 
     /// Tolerances that are much wider than any difference was, now or when a golden was accepted.

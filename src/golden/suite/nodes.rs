@@ -82,7 +82,7 @@ pub(super) fn nodes_of(graph: &Graph, evaluation: &Evaluation) -> String {
         let mut parameters = node.recipe.parameters.clone();
         without_machine(&mut parameters);
         let files = node.files.iter().filter_map(|file| {
-            let hash = crate::Hash::of(&std::fs::read(&file.path).ok()?);
+            let hash = crate::Hash::of(&crate::plain::read(&file.path).ok()?);
             Some(format!(" {} {}", file.given, hash.short()))
         });
         let files: String = files.collect();

@@ -1,0 +1,45 @@
+//! Files that are read: plain ones, and nothing that would make a reader wait for ever.
+
+use std::fs;
+use std::io::{Error, ErrorKind, Result};
+use std::path::Path;
+
+/// The content of a plain file, or of the one that a link leads to.
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
+    is_plain(&fs::metadata(path)?)?;
+    fs::read(path)
+}
+
+/// The same as text.
+pub(crate) fn read_text(path: &Path) -> Result<String> {
+    is_plain(&fs::metadata(path)?)?;
+    fs::read_to_string(path)
+}
+
+/// The text of a file that is no link either.
+pub(crate) fn read_own_text(path: &Path) -> Result<String> {
+    is_plain(&fs::symlink_metadata(path)?)?;
+    fs::read_to_string(path)
+}
+
+/// The content of a file that is no link either.
+pub(crate) fn read_own(path: &Path) -> Result<Vec<u8>> {
+    is_plain(&fs::symlink_metadata(path)?)?;
+    fs::read(path)
+}
+
+/// Whether there is a plain file at this path, and no link.
+pub(crate) fn is_own(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file())
+}
+
+/// A pipe waits for its writer, and a device may never end.
+fn is_plain(metadata: &fs::Metadata) -> Result<()> {
+    let what = match metadata {
+        it if it.is_file() => return Ok(()),
+        it if it.is_dir() => return Err(ErrorKind::IsADirectory.into()),
+        it if it.is_symlink() => "it is a link, which is not followed here",
+        _ => "it is no plain file",
+    };
+    Err(Error::new(ErrorKind::InvalidInput, what))
+}

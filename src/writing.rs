@@ -1,0 +1,249 @@
+//! What may be written, replaced and deleted: every file that this program leaves on disk or takes from it goes through here.
+//!
+//! - A file appears whole or not at all: it is written beside its place and moved there ([`write_whole`]).
+//! - Only plain files that may be written to are replaced, and only plain files removed: no link, folder, pipe or device.
+//! - What a graph is made of or reads is not replaced ([`Sources`]); nothing is written outside of the folder that was asked
+//!   for, whatever links lead there ([`Place`]).
+//! - What a killed process left half written is swept, what a living one is writing stays ([`temporary`]).
+
+use std::fs::{self, Metadata};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use crate::eval::Stamp;
+use crate::graph::without_dots;
+
+mod sources;
+mod temporary;
+
+pub(crate) use sources::Sources;
+pub(crate) use temporary::{is_abandoned, is_temporary, sweep};
+
+/// Where files may be written and removed.
+pub(crate) struct Place<'a> {
+    bounds: Bounds,
+    sources: &'a Sources,
+}
+
+enum Bounds {
+    /// Any path: one that the user named.
+    None,
+    /// Links may lead anywhere in this folder, but not out of it.
+    Folder(PathBuf),
+    /// The same, and the folder itself lies in another one.
+    Inside { base: PathBuf, folder: PathBuf },
+    /// There is no link on the way from this folder on.
+    Own(PathBuf),
+}
+
+/// Why a file is not written.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Refused {
+    #[error("{0}")]
+    Source(&'static str),
+    #[error("a link leads out of {}", .0.display())]
+    Outside(PathBuf),
+    #[error("there is a link on the way from {}", .0.display())]
+    Linked(PathBuf),
+    #[error("it is {0}, and only plain files are replaced")]
+    NotPlain(&'static str),
+    #[error("it is read-only")]
+    ReadOnly,
+    #[error(transparent)]
+    System(#[from] io::Error),
+}
+
+impl<'a> Place<'a> {
+    /// Any path: one that the user named.
+    pub(crate) fn anywhere(sources: &'a Sources) -> Self {
+        Self { bounds: Bounds::None, sources }
+    }
+
+    /// A folder that the user named, wherever links to it lead.
+    pub(crate) fn folder(folder: &Path, sources: &'a Sources) -> Self {
+        Self { bounds: Bounds::Folder(folder.to_owned()), sources }
+    }
+
+    /// A folder in another one, which no link may lead out of.
+    pub(crate) fn inside(base: &Path, folder: &Path, sources: &'a Sources) -> Self {
+        Self {
+            bounds: Bounds::Inside { base: base.to_owned(), folder: folder.to_owned() },
+            sources,
+        }
+    }
+
+    /// Folders in this one that no link leads to.
+    pub(crate) fn own(base: &Path, sources: &'a Sources) -> Self {
+        Self { bounds: Bounds::Own(base.to_owned()), sources }
+    }
+
+    /// Puts these bytes into a file: whole or not at all. Gives its stamp, unless somebody else has changed it already.
+    pub(crate) fn write(&self, path: &Path, bytes: &[u8]) -> Result<Option<Stamp>, Refused> {
+        self.judge(path)?;
+        Ok(write_whole(path, bytes)?)
+    }
+
+    /// Writes one file, and removes what killed processes left beside it.
+    pub(crate) fn put(&self, path: &Path, bytes: &[u8]) -> Result<(), Refused> {
+        self.judge(path)?;
+        sweep(beside(path));
+        Ok(write_whole(path, bytes).map(|_| ())?)
+    }
+
+    /// Whether a file may be written.
+    pub(crate) fn judge(&self, path: &Path) -> Result<(), Refused> {
+        self.judge_folder(beside(path))?;
+        match fs::symlink_metadata(path) {
+            Ok(it) if !it.is_file() => return Err(Refused::NotPlain(kind(&it))),
+            Ok(it) if it.permissions().readonly() => return Err(Refused::ReadOnly),
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error.into()),
+            _ => {}
+        }
+        self.sources.use_of(path).map_or(Ok(()), |what| Err(Refused::Source(what)))
+    }
+
+    /// Removes a plain file.
+    pub(crate) fn remove(&self, path: &Path) -> Result<(), Refused> {
+        self.judge_folder(beside(path))?;
+        Ok(remove(path)?)
+    }
+
+    /// Removes what killed processes left in a folder, if files may be written there.
+    pub(crate) fn sweep(&self, folder: &Path) {
+        if self.judge_folder(folder).is_ok() {
+            sweep(folder);
+        }
+    }
+
+    /// Whether files in a folder may be written.
+    pub(crate) fn judge_folder(&self, folder: &Path) -> Result<(), Refused> {
+        let lies_in = |inner: &Path, outer: &Path| match real(inner)?.starts_with(real(outer)?) {
+            true => Ok(()),
+            false => Err(Refused::Outside(outer.to_owned())),
+        };
+        match &self.bounds {
+            Bounds::None => Ok(()),
+            Bounds::Folder(outer) => lies_in(folder, outer),
+            Bounds::Inside { base, folder: outer } => {
+                lies_in(outer, base)?;
+                lies_in(folder, outer)
+            }
+            Bounds::Own(base) => {
+                let below = folder.strip_prefix(base).ok();
+                let expected = real(base)?.join(below.unwrap_or(Path::new("..")));
+                match expected == real(folder)? {
+                    true => Ok(()),
+                    false => Err(Refused::Linked(base.clone())),
+                }
+            }
+        }
+    }
+}
+
+/// The folder that a file is in.
+fn beside(path: &Path) -> &Path {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    folder.unwrap_or(Path::new("."))
+}
+
+/// The path without links, also of what is not there yet. A link to nothing is an error: nobody knows what it will lead to.
+fn real(path: &Path) -> io::Result<PathBuf> {
+    let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    let path = std::path::absolute(path)?;
+    let is_there = |path: &&Path| fs::symlink_metadata(path).is_ok();
+    let there = path.ancestors().find(is_there).unwrap_or(&path);
+    let rest = path.strip_prefix(there).unwrap_or(Path::new(""));
+    let there = fs::canonicalize(there)?;
+    Ok(if rest.as_os_str().is_empty() { there } else { without_dots(&there.join(rest)) })
+}
+
+fn kind(metadata: &Metadata) -> &'static str {
+    match metadata {
+        it if it.is_symlink() => "a link",
+        it if it.is_dir() => "a folder",
+        _ => "a pipe or device",
+    }
+}
+
+/// Puts a new text into a file that people write: whole or not at all, with the permissions of the old one. A link that leads to
+/// it stays one.
+pub(crate) fn rewrite(path: &Path, text: &str) -> io::Result<()> {
+    let path = fs::canonicalize(path)?;
+    let metadata = fs::metadata(&path)?;
+    if !metadata.is_file() || metadata.permissions().readonly() {
+        return Err(io::ErrorKind::PermissionDenied.into());
+    }
+    sweep(beside(&path));
+    write_whole(&path, text.as_bytes())?;
+    fs::set_permissions(&path, metadata.permissions())
+}
+
+/// Writes a file beside its place and moves it there: it appears whole or not at all. Gives the stamp of what was moved, unless
+/// somebody else has changed that already.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<Option<Stamp>> {
+    write_parts(path, &[bytes])
+}
+
+/// The same for a content in parts.
+pub(crate) fn write_parts(path: &Path, parts: &[&[u8]]) -> io::Result<Option<Stamp>> {
+    let folder = beside(path);
+    in_spite_of_removal(|is_gone| {
+        if is_gone {
+            fs::create_dir_all(folder)?;
+        }
+        let mut file = temporary::create(folder)?;
+        parts.iter().try_for_each(|part| file.write_all(part))?;
+        let written = file.as_file().metadata()?;
+        // Still locked while it is moved.
+        let file = file.persist(path).map_err(|error| error.error)?;
+        Ok(Stamp::moved(&written, &file.metadata()?))
+    })
+}
+
+/// Does it again if a file or folder has gone meanwhile, which `does` is told: somebody may clear the cache, or sweep a folder,
+/// between any two steps. Who finds it gone a hundred times has another problem.
+pub(crate) fn in_spite_of_removal<T>(mut does: impl FnMut(bool) -> io::Result<T>) -> io::Result<T> {
+    const TRIES: usize = 100;
+    let mut result = does(false);
+    for _ in 1..TRIES {
+        match &result {
+            Err(error) if is_gone(error) => result = does(true),
+            _ => break,
+        }
+    }
+    result
+}
+
+/// A folder that goes while it is made was there already, and then is none.
+fn is_gone(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::AlreadyExists)
+}
+
+/// Makes a folder and those above it.
+pub(crate) fn make_folder(path: &Path) -> io::Result<()> {
+    fs::create_dir_all(path)
+}
+
+/// Removes a plain file; never what a link leads to, nor the link.
+pub(crate) fn remove(path: &Path) -> io::Result<()> {
+    match fs::symlink_metadata(path)? {
+        it if it.is_file() => fs::remove_file(path),
+        it => Err(io::Error::other(format!("it is {}", kind(&it)))),
+    }
+}
+
+/// Removes a folder if nothing is in it.
+pub(crate) fn remove_empty(folder: &Path) {
+    let _ = fs::remove_dir(folder);
+}
+
+/// Says that a file was used: its time of change is now.
+pub(crate) fn touch(path: &Path) {
+    let file = fs::File::options().append(true).open(path);
+    // A file that another process has just removed needs no time.
+    let _ = file.and_then(|file| file.set_modified(SystemTime::now()));
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,87 @@
+use super::*;
+
+#[test]
+fn a_file_is_replaced_whole_and_its_stamp_is_that_of_what_was_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a/b.txt");
+    for text in ["one", "two"] {
+        let stamp = write_whole(&path, text.as_bytes()).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), text);
+        assert!(stamp.is_some() && stamp == Stamp::of(&path));
+    }
+    assert_eq!(fs::read_dir(folder.path().join("a")).unwrap().count(), 1);
+}
+
+#[test]
+fn a_file_that_is_being_written_is_known_from_one_that_was_left() {
+    let folder = tempfile::tempdir().unwrap();
+    let busy = temporary::create(folder.path()).unwrap();
+    assert!(is_temporary(busy.path()) && !is_abandoned(busy.path()));
+    sweep(folder.path());
+    assert!(busy.path().exists());
+    let (_, path) = busy.keep().unwrap();
+    assert!(is_abandoned(&path));
+    sweep(folder.path());
+    assert!(!path.exists());
+}
+
+#[test]
+fn many_writers_and_sweepers_of_one_folder_lose_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    std::thread::scope(|scope| {
+        for writer in 0..4 {
+            let path = folder.path().join(format!("{writer}.txt"));
+            let folder = folder.path();
+            scope.spawn(move || {
+                for round in 0..200 {
+                    sweep(folder);
+                    let text = format!("{writer} {round}");
+                    write_whole(&path, text.as_bytes()).unwrap();
+                    assert_eq!(fs::read_to_string(&path).unwrap(), text);
+                }
+            });
+        }
+    });
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 4);
+}
+
+/// The parts of the sources that come before their tests.
+fn sources(folder: &Path, found: &mut Vec<(PathBuf, String)>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let is_room = path.ends_with("src/writing") || path.ends_with("src/writing.rs");
+        if path.is_dir() && !is_room {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|ending| ending == "rs") && !is_room {
+            let text = fs::read_to_string(&path).unwrap();
+            let own = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+            found.push((path, own.to_owned()));
+        }
+    }
+}
+
+#[test]
+fn nothing_is_written_or_removed_elsewhere() {
+    const WORDS: [&str; 12] = [
+        "fs::write(",
+        "fs::remove_",
+        "fs::rename(",
+        "fs::copy(",
+        "fs::create_dir",
+        "fs::set_permissions(",
+        "fs::hard_link(",
+        "File::create",
+        "File::options",
+        "OpenOptions",
+        "tempfile::",
+        ".set_modified(",
+    ];
+    let mut found = Vec::new();
+    sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut found);
+    assert!(found.len() > 100);
+    for (path, text) in found {
+        for word in WORDS {
+            assert!(!text.contains(word), "{} has {word}", path.display());
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! The doctor of the cache finds whatever happened to a file, and a run after it is as if nothing had happened.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+/// A cache with the doll's results.
+struct Cache(tempfile::TempDir);
+
+impl Cache {
+    fn new() -> Self {
+        let cache = Self(tempfile::tempdir().unwrap());
+        cache.run();
+        cache
+    }
+
+    fn folder(&self) -> PathBuf {
+        self.0.path().join("cache")
+    }
+
+    fn maquette(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+        command.args(arguments).current_dir(GRAPHS).env("NO_COLOR", "1");
+        command.env("MAQUETTE_CACHE", self.folder()).output().unwrap()
+    }
+
+    /// What a run says and writes.
+    fn run(&self) -> (String, Vec<(String, Vec<u8>)>) {
+        let out = self.0.path().join("out");
+        let output = self.maquette(&["run", "doll.ron", "--out", out.to_str().unwrap()]);
+        assert!(output.status.success() && output.stderr.is_empty(), "{}", said(&output));
+        let files = fs::read_dir(out).unwrap().map(|file| file.unwrap().path());
+        let file = |path: PathBuf| {
+            (path.file_name().unwrap().to_string_lossy().into_owned(), fs::read(path).unwrap())
+        };
+        let mut files = Vec::from_iter(files.map(file));
+        files.sort();
+        (said(&output), files)
+    }
+
+    fn doctor(&self, arguments: &[&str]) -> (Option<i32>, serde_json::Value) {
+        let output = self.maquette(&[&["cache", "doctor", "--json"], arguments].concat());
+        (output.status.code(), serde_json::from_slice(&output.stdout).unwrap())
+    }
+
+    /// The files in folders of this name; all if there is none.
+    fn files(&self, what: &str) -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        let mut folders = vec![self.folder()];
+        while let Some(folder) = folders.pop() {
+            for entry in fs::read_dir(&folder).unwrap() {
+                let path = entry.unwrap().path();
+                match path.is_dir() {
+                    true => folders.push(path),
+                    false if what.is_empty() || folder.ends_with(what) => files.push(path),
+                    false => {}
+                }
+            }
+        }
+        files.sort();
+        files
+    }
+
+    /// The doctor finds these files at fault, only tells so in a dry run, and mends them; then all is well and runs are right.
+    fn is_mended(&self, wrong: &[&Path], before: &[(String, Vec<u8>)]) {
+        let all = self.files("");
+        let (code, told) = self.doctor(&["--dry-run"]);
+        let paths = |told: &serde_json::Value| {
+            let faults = told["faults"].as_array().unwrap().iter();
+            Vec::from_iter(faults.map(|fault| PathBuf::from(fault["path"].as_str().unwrap())))
+        };
+        let found = paths(&told);
+        for path in wrong {
+            assert!(
+                found.contains(&path.to_path_buf()),
+                "{} is not found: {told:#}",
+                path.display()
+            );
+        }
+        assert_eq!((code, self.files("")), (Some(i32::from(!wrong.is_empty())), all));
+        let (code, mended) = self.doctor(&[]);
+        assert_eq!((code, paths(&mended)), (Some(0), found));
+        let (code, well) = self.doctor(&[]);
+        assert_eq!((code, paths(&well)), (Some(0), Vec::new()), "{well:#}");
+        assert_eq!(self.run().1, before);
+    }
+}
+
+fn said(output: &Output) -> String {
+    [&output.stdout[..], &output.stderr[..]].map(String::from_utf8_lossy).concat()
+}
+
+fn flip(path: &Path, place: usize) {
+    let mut bytes = fs::read(path).unwrap();
+    let length = bytes.len();
+    bytes[place % length] ^= 1 << (place % 8);
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_cache_that_is_well_stays_as_it_is() {
+    let cache = Cache::new();
+    let all = cache.files("");
+    let (code, told) = cache.doctor(&[]);
+    assert_eq!((code, told["faults"].as_array().unwrap().len()), (Some(0), 0), "{told:#}");
+    // The tag belongs to the folder, not to what is in it.
+    assert_eq!(told["files"], all.len() - 1);
+    assert_eq!(cache.files(""), all);
+    assert!(cache.run().0.contains("14 nodes: 14 cached"));
+}
+
+#[test]
+fn every_flipped_bit_and_every_cut_is_found_and_mended() {
+    let cache = Cache::new();
+    let (_, before) = cache.run();
+    for round in 0..4 {
+        let files = cache.files("");
+        let damaged =
+            Vec::from_iter(files.iter().enumerate().filter(|(k, _)| round == 3 || k % 3 == round));
+        for (k, path) in &damaged {
+            let length = fs::metadata(path).unwrap().len();
+            match (k + round) % 4 {
+                _ if length == 0 => fs::write(path, "x").unwrap(),
+                0 => fs::OpenOptions::new()
+                    .write(true)
+                    .open(path)
+                    .unwrap()
+                    .set_len(length / 2)
+                    .unwrap(),
+                1 => fs::write(path, "").unwrap(),
+                _ => flip(path, 7919 * (k + 1)),
+            }
+        }
+        let tidied = cache.folder().join("programs/tidied");
+        let wrong = damaged.iter().map(|(_, path)| &***path).filter(|path| **path != tidied);
+        cache.is_mended(&Vec::from_iter(wrong), &before);
+    }
+}
+
+#[test]
+fn whole_files_under_the_names_of_others_are_found() {
+    let cache = Cache::new();
+    let (_, before) = cache.run();
+    let hash = "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef";
+    for what in ["entries", "graphs", "outputs", "programs", "columns"] {
+        let files = cache.files(what);
+        let from = files.iter().find(|path| !path.ends_with("tidied")).unwrap();
+        let other = from.with_file_name(hash);
+        fs::copy(from, &other).unwrap();
+        cache.is_mended(&[&other], &before);
+        assert!(!other.exists() && from.exists(), "{what}");
+    }
+    let entries = cache.files("entries");
+    let contents = Vec::from_iter(entries.iter().map(|path| fs::read(path).unwrap()));
+    for (path, content) in entries.iter().zip(contents.iter().cycle().skip(1)) {
+        fs::write(path, content).unwrap();
+    }
+    cache.is_mended(&Vec::from_iter(entries.iter().map(|path| &**path)), &before);
+}
+
+#[test]
+fn results_without_their_columns_and_columns_without_results_go() {
+    let cache = Cache::new();
+    let (_, before) = cache.run();
+    let columns = cache.files("columns");
+    fs::remove_file(&columns[0]).unwrap();
+    let (_, told) = cache.doctor(&["--dry-run"]);
+    let is_incomplete =
+        |fault: &&serde_json::Value| fault["what"].as_str().unwrap().contains("a column");
+    let incomplete = told["faults"].as_array().unwrap().iter().filter(is_incomplete);
+    let incomplete = incomplete.map(|fault| PathBuf::from(fault["path"].as_str().unwrap()));
+    let incomplete = Vec::from_iter(incomplete);
+    assert!(!incomplete.is_empty(), "{told:#}");
+    cache.is_mended(&Vec::from_iter(incomplete.iter().map(|path| &**path)), &before);
+    for entry in cache.files("entries") {
+        fs::remove_file(entry).unwrap();
+    }
+    let columns = cache.files("columns");
+    cache.is_mended(&Vec::from_iter(columns.iter().map(|path| &**path)), &before);
+}
+
+#[test]
+fn what_is_not_ours_is_told_and_stays() {
+    let cache = Cache::new();
+    let (_, before) = cache.run();
+    let home = cache.files("entries")[0].parent().unwrap().parent().unwrap().to_owned();
+    let foreign = [
+        cache.folder().join("mine.txt"),
+        cache.folder().join("programs/film.mov"),
+        home.join("entries/.maquette-backup"),
+        home.join("mine"),
+    ];
+    for path in &foreign {
+        fs::write(path, "mine").unwrap();
+    }
+    let left = home.join("columns/.maquette-aB3dE5gH7jK9.part");
+    fs::write(&left, "half").unwrap();
+    let (code, told) = cache.doctor(&[]);
+    assert_eq!(code, Some(0), "{told:#}");
+    assert_eq!(told["faults"].as_array().unwrap().len(), 1, "{told:#}");
+    let mut paths = foreign.clone().map(|path| path.display().to_string());
+    paths.sort();
+    assert_eq!(told["foreign"], serde_json::json!(paths));
+    assert!(!left.exists());
+    for path in &foreign {
+        assert_eq!(fs::read(path).unwrap(), b"mine");
+    }
+    assert_eq!(cache.run().1, before);
+    let text = said(&cache.maquette(&["cache", "doctor"]));
+    assert!(
+        text.contains("mine.txt: it is not ours") && text.contains("0 faults, 0 mended"),
+        "{text}"
+    );
+}
+
+#[test]
+fn results_of_other_programs_are_looked_at_too() {
+    let cache = Cache::new();
+    let (_, before) = cache.run();
+    let home = cache.files("entries")[0].parent().unwrap().parent().unwrap().to_owned();
+    let other = home.with_file_name("0123456789abcdef0123456789abcdef");
+    fs::rename(&home, &other).unwrap();
+    let damaged = [cache.files("entries")[1].clone(), cache.files("columns")[0].clone()];
+    damaged.iter().for_each(|path| flip(path, 4711));
+    cache.is_mended(&[&damaged[0], &damaged[1]], &before);
+}

@@ -1,0 +1,88 @@
+//! What others wrote cannot talk to the terminal, nor to a browser.
+
+use super::project::{Project, said};
+
+#[test]
+fn nothing_that_is_printed_talks_to_the_terminal() {
+    let project = Project::new();
+    project.write(
+        "mesh.ply",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float \u{1b}[31mred\u{9b}2J\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 1\n0 1 0 1\n3 0 1 2\n",
+    );
+    project.write(
+        "part.ron",
+        "Graph(format: 1, doc: \"A \u{1b}]0;title\u{7}part.\", inputs: {\"mesh\": Mesh}, nodes: {\"moved\": Transform(mesh: \"mesh\")}, outputs: {\"moved\": \"moved\"})",
+    );
+    project.write(
+        "bad.ron",
+        "Graph(format: 1, use: {\"Part\": \"part.ron\"}, nodes: {\"m\": ReadMesh(path: \"mesh.ply\"), \"p\": Part(mesh: \"m\")}, outputs: {\"a\u{1b}[2J.ply\": \"p\", \"\u{1b}[2J\": \"\u{1b}[31m\", \"b.ply\": \"m\"})",
+    );
+    project.write(
+        "good.ron",
+        &project
+            .read("bad.ron")
+            .replace("\"a\u{1b}[2J.ply\": \"p\", \"\u{1b}[2J\": \"\u{1b}[31m\", ", ""),
+    );
+    project.write(
+        "bad.test.ron",
+        "Test(graph: \"good.ron\", cases: {\"\u{1b}[2J\": ()}, expect: [Closed(\"\u{1b}[2J\")])",
+    );
+    project.write(
+        "skip.test.ron",
+        "Test(graph: \"good.ron\", cases: {\"a\": (skip: \"\u{1b}[2Jlater\")})",
+    );
+    for arguments in [
+        &["run", "bad.ron"][..],
+        &["run", "good.ron"],
+        &["inspect", "good.ron", "m"],
+        &["nodes", "good.ron"],
+        &["test"],
+        &["inspect", "good.ron", "m", "--json"],
+        &["test", "--json"],
+        &["run", "bad.ron", "--json"],
+        &["run", "bad.ron", "--events"],
+        &["why", "good.ron", "\u{1b}[2J"],
+        &["run", "\u{1b}[2J.ron"],
+        &["check", "bad.ron"],
+        &["gallery", "\u{1b}[2J"],
+        &["diff", "good.ron", "bad.ron"],
+    ] {
+        let output = project.maquette(arguments);
+        let control = |c: &char| c.is_control() && *c != '\n';
+        let found = said(&output).chars().find(control);
+        assert_eq!(found, None, "{arguments:?}: {:?}", said(&output));
+    }
+    let inspected = project.maquette(&["inspect", "good.ron", "m"]);
+    assert!(said(&inspected).contains("␛[31mred"), "{}", said(&inspected));
+}
+
+#[test]
+fn texts_go_out_as_they_are() {
+    let project = Project::new();
+    let text = "// \u{1b}[1m\tbold\nGraph(format: 1, nodes: {}, outputs: {})\n";
+    project.write("bold.ron", text);
+    let output = project.maquette(&["set", "bold.ron", "--dry-run", "a=1"]);
+    assert_ne!(output.status.code(), Some(0));
+    project.write(
+        "bold.ron",
+        &text.replace("format: 1,", "format: 1, params: {\"a\": Number(default: 2.0)},"),
+    );
+    let output = project.maquette(&["set", "bold.ron", "--dry-run", "a=1"]);
+    assert!(said(&output).starts_with("// \u{1b}[1m\tbold\n"), "{}", said(&output));
+}
+
+#[test]
+fn a_gallery_takes_no_markup_from_a_graph() {
+    let project = Project::new();
+    let doc = "doc: \"It <script>alert(1)</script> shines.\", params: {\"a\": Number(default: 1.0, doc: \"<img src=x>\")},";
+    project
+        .write("net.ron", &super::super::GRAPH.replace("format: 1,", &format!("format: 1, {doc}")));
+    let output = project.maquette(&["gallery", "."]);
+    assert!(output.status.success(), "{}", said(&output));
+    let page = project.read("README.md");
+    assert!(
+        page.contains("It &lt;script>alert(1)&lt;/script> shines.") && page.contains("&lt;img"),
+        "{page}"
+    );
+    assert!(!page.contains("<script") && !page.contains("<img"), "{page}");
+}
