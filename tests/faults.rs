@@ -73,6 +73,8 @@ fn a_run_killed_at_any_moment_leaves_whole_files_and_a_right_cache() {
     }
     run("20", cache.path(), out.path());
     assert_eq!(files(out.path()), new);
+    // Not even what the killed ones were writing.
+    assert_eq!(fs::read_dir(out.path()).unwrap().count(), new.len());
 }
 
 #[test]

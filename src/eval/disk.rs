@@ -200,7 +200,7 @@ impl Store {
         let (trouble, written) = (OnceLock::new(), AtomicU64::new(0));
         let store = Self { folder, home, limit, types, trouble, written };
         let make = |name: &&str| make_folder(&store.home.join(name));
-        let made = in_spite_of_removal(|_| FOLDERS.iter().try_for_each(|name| make(name)));
+        let made = in_spite_of_removal(|_| FOLDERS.iter().try_for_each(make));
         match made {
             // A folder that may only be read still answers.
             Err(error) if store.home.is_dir() => drop(store.trouble.set(error.to_string())),

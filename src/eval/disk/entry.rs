@@ -76,7 +76,7 @@ fn header(bytes: &[u8]) -> Option<(Header, usize)> {
 pub(super) fn columns(bytes: &[u8], key: Hash) -> Option<Option<Vec<(Hash, u64)>>> {
     let (header, start) = header(bytes)?;
     let lengths = header.outputs.iter().map(|output| output.length);
-    let end = lengths.fold(Some(start), |end: Option<usize>, length| end?.checked_add(length));
+    let end = lengths.into_iter().try_fold(start, usize::checked_add);
     let fits = header.key == key.to_string() && end == Some(bytes.len());
     Some(fits.then_some(header.columns))
 }
