@@ -220,6 +220,12 @@ fn is_gone(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::AlreadyExists)
 }
 
+/// Whether files can be written to a folder, or to the nearest one above it if it is not there.
+pub(crate) fn is_writable(folder: &Path) -> bool {
+    let there = folder.ancestors().find(|folder| fs::symlink_metadata(folder).is_ok());
+    temporary::create(there.unwrap_or(Path::new("."))).is_ok()
+}
+
 /// Makes a folder and those above it.
 pub(crate) fn make_folder(path: &Path) -> io::Result<()> {
     fs::create_dir_all(path)

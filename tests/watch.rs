@@ -338,6 +338,21 @@ fn an_output_never_overwrites_what_the_graph_reads() {
     assert_eq!(std::fs::read(project.folder().join("doll/color.png")).unwrap(), before);
 }
 
+/// No event tells that a folder can be written to again.
+#[test]
+fn outputs_that_could_not_be_written_are_written_as_soon_as_they_can_be() {
+    let project = Project::doll();
+    // A file where the folder should be stops every user, root included.
+    let out = project.folder().join("out");
+    std::fs::write(&out, "").unwrap();
+    let mut watch = project.start(&[]);
+    assert_eq!(watch.run().done["ok"], false);
+    std::fs::remove_file(&out).unwrap();
+    assert_eq!(watch.run().done["ok"], true);
+    watch.end();
+    project.assert_outputs_are_right();
+}
+
 #[test]
 fn once_evaluates_and_ends_with_an_exit_code() {
     let project = Project::doll();

@@ -21,6 +21,7 @@ use crate::error::{Problem, Severity, code};
 use crate::graph::{Checked, Graph, ReadFile};
 use crate::node::CancelToken;
 use crate::watch::{Batch, Contents, Event, Sources};
+use crate::writing::is_writable;
 
 /// What is known of the graph's text.
 enum Check {
@@ -58,6 +59,8 @@ pub(super) struct Session<'a> {
     runs: usize,
     /// Whether the last run had errors.
     failed: bool,
+    /// The folder that the last run could not write to, and when to try it again.
+    unwritten: Option<(PathBuf, Instant)>,
     on_done: Option<OnDone>,
     worker: Worker,
     view: Box<dyn View>,
@@ -72,6 +75,9 @@ struct Running {
 fn is_stop(message: &Message) -> bool {
     matches!(message, Message::Input(Input::Stop | Input::Key('q')))
 }
+
+/// How often a folder that could not be written to is tried again.
+const RETRY: Duration = Duration::from_secs(1);
 
 /// How often a run under way is drawn.
 const FRAME: Duration = Duration::from_millis(100);
@@ -105,6 +111,7 @@ impl<'a> Session<'a> {
             running: None,
             runs: 0,
             failed: false,
+            unwritten: None,
             on_done,
             worker,
             view,
@@ -122,7 +129,8 @@ impl<'a> Session<'a> {
             }
             let now = Instant::now();
             let frame = self.running.as_ref().map(|_| now + FRAME);
-            let due = [self.batch.due(), frame].into_iter().flatten().min();
+            let retry = self.unwritten.as_ref().map(|(_, due)| *due);
+            let due = [self.batch.due(), frame, retry].into_iter().flatten().min();
             let heard = match due {
                 None => receiver.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 Some(due) => receiver.recv_timeout(due.saturating_duration_since(now)),
@@ -145,6 +153,7 @@ impl<'a> Session<'a> {
                     self.settle(changed);
                 }
             }
+            self.try_to_write_again();
             self.start();
             if stdout_is_closed() {
                 return self.stop(receiver);
@@ -336,11 +345,30 @@ impl<'a> Session<'a> {
             return self.view.cancelled(report.run);
         }
         let failed = report.problems.iter().any(|problem| problem.severity == Severity::Error);
+        // If it can be written to, something else was wrong, and would be again.
+        let folder = report.unwritten.clone().filter(|folder| !is_writable(folder));
+        self.unwritten = folder.map(|folder| (folder, Instant::now() + RETRY));
         self.view.end(report);
         if !failed && !self.command.once {
             self.run_command();
         }
         self.failed = failed;
+    }
+
+    /// Makes a run as soon as files can be written again where the last one could not: no event tells of it.
+    fn try_to_write_again(&mut self) {
+        let now = Instant::now();
+        match &mut self.unwritten {
+            Some((folder, due)) if *due <= now => {
+                if is_writable(folder) {
+                    self.unwritten = None;
+                    self.wanted.get_or_insert_default();
+                } else {
+                    *due = now + RETRY;
+                }
+            }
+            _ => {}
+        }
     }
 
     fn run_command(&mut self) {

@@ -1,6 +1,7 @@
 //! The thread that evaluates while the watch listens.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
@@ -39,6 +40,8 @@ pub(super) struct Report {
     pub(super) trace: Trace,
     pub(super) problems: Vec<Problem>,
     pub(super) written: Vec<Written>,
+    /// The folder of the outputs, if a file could not be written.
+    pub(super) unwritten: Option<PathBuf>,
     pub(super) seconds: f64,
 }
 
@@ -117,6 +120,7 @@ fn evaluate(
     let violations = golden::violations(graph, &evaluation, &expectations);
     problems.extend(violations.into_iter().map(|violation| violation.problem));
     let trace = evaluation.trace();
+    let not_writable = (!unwritten.is_empty()).then(|| outputs.folder().to_owned());
     problems.extend(unwritten);
     if let Some(trouble) = evaluator.disk().and_then(Disk::trouble) {
         let message = format!("results are not kept for the next run: {trouble}");
@@ -133,6 +137,7 @@ fn evaluate(
         trace,
         problems,
         written,
+        unwritten: not_writable,
         seconds: start.elapsed().as_secs_f64(),
     }
 }
@@ -149,6 +154,7 @@ fn panicked(job: &Job, words: &str) -> Report {
         trace: Trace::default(),
         problems: vec![problem],
         written: Vec::new(),
+        unwritten: None,
         seconds: 0.0,
     }
 }
