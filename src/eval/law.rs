@@ -187,7 +187,7 @@ impl World {
             }
             Command::Clear => {
                 self.flush();
-                Disk::gc(&self.cache, 0);
+                Disk::gc(&self.cache, 0).unwrap();
                 self.kept.clear();
                 self.last = None;
                 // Results may now be in memory alone, or, if they were read as hashes, nowhere.

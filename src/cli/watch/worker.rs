@@ -185,9 +185,10 @@ mod tests {
             Box::new(())
         });
         let (sender, reports) = channel();
-        let (evaluator, out) = (Evaluator::new(1, 0).unwrap(), folder.path().join("out"));
+        let evaluator = Evaluator::new(1, 0).unwrap();
+        let outputs = Outputs::new(Some(&folder.path().join("out")), &path);
         let sink = move |report| drop(sender.send(report));
-        let worker = Worker::new(evaluator, 0, out, Vec::new(), observe, sink);
+        let worker = Worker::new(evaluator, 0, outputs, Vec::new(), observe, sink);
         let messages = [1, 2].map(|run| {
             let (graph, problems, cancel) = (graph.clone(), Vec::new(), CancelToken::default());
             worker.start(Job { run, graph, problems, cancel, recompute: false });

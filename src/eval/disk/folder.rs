@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use super::{DiskError, FOLDERS};
+use super::{DiskError, FOLDERS, program};
 use crate::plain;
 use crate::value::Hash;
 use crate::writing::{is_temporary, make_folder, write_whole};
@@ -101,11 +101,16 @@ fn is_empty(folder: &Path) -> bool {
     list(folder).all(|entry| is_temporary(&entry.path()))
 }
 
-/// Whether a folder without its tag can be nothing else: all that it holds is ours, results of a program among it.
+/// Whether a folder without its tag can be nothing else: all that it holds is ours, and some of it could not be anything else.
 fn looks_ours(folder: &Path) -> bool {
     let contents = contents(folder);
     let has_results = |home: &PathBuf| home.join(FOLDERS[0]).is_dir();
-    contents.foreign.is_empty() && contents.homes.iter().any(has_results)
+    let is_memo = |found: &Found| {
+        let remembered = |bytes| program::remembered(&found.path, bytes).is_some();
+        found.what == What::Program && plain::read_own(&found.path).is_ok_and(remembered)
+    };
+    let is_known = contents.homes.iter().any(has_results) || contents.files.iter().any(is_memo);
+    contents.foreign.is_empty() && is_known
 }
 
 /// Whether a text is a fingerprint: 32 hexadecimal digits.
