@@ -91,6 +91,8 @@ impl Gallery {
             }
         }
         self.library(&mut page, &mut used);
+        // What the authors of graphs wrote is text with emphasis, and no markup for a browser.
+        let page = page.replace('<', "&lt;");
         let path = self.graphs.join(PAGE);
         if !self.check {
             self.put(&path, &page, &pictures, &sources)?;
@@ -145,7 +147,7 @@ impl Gallery {
         graph: &Graph,
         used: &[Subgraph],
     ) {
-        let (picture, doc) = (picture.display(), in_markdown(graph.doc()));
+        let (picture, doc) = (picture.display(), graph.doc());
         let _ = write!(page, "\n## [{name}]({name}.ron)\n\n![{name}]({picture})\n\n{doc}\n\n");
         let fields = graph.schema.get("properties").and_then(Json::as_object);
         for (name, field) in fields.into_iter().flatten() {
@@ -168,13 +170,12 @@ impl Gallery {
         *page += LIBRARY;
         for subgraph in used {
             let Description { name, schema, outputs, .. } = subgraph.description();
-            let doc = in_markdown(schema["description"].as_str().unwrap_or_default());
+            let doc = schema["description"].as_str().unwrap_or_default();
             let _ = write!(page, "\n### [{name}]({})\n\n{doc}\n\n", self.relative(&subgraph.file));
             let ports = subgraph.description().ports();
             for port in &ports {
                 let types = any_of(port.types.iter().map(String::as_str));
-                let _ =
-                    writeln!(page, "- takes `{}`, {types}: {}", port.name, in_markdown(&port.doc));
+                let _ = writeln!(page, "- takes `{}`, {types}: {}", port.name, port.doc);
             }
             let fields = schema.get("properties").and_then(Json::as_object);
             for (name, field) in fields.into_iter().flatten() {
@@ -209,16 +210,10 @@ const LIBRARY: &str = "
 Name the file under `use`, and it is a node like any other: `maquette nodes GRAPH` prints its reference.
 ";
 
-/// Words of a graph's author: text with emphasis, and no markup for a browser.
-fn in_markdown(words: &str) -> String {
-    words.replace('<', "&lt;")
-}
-
 /// One line for a parameter.
 fn parameter(page: &mut String, name: &str, field: &Json, root: &Json) {
     let (kind, default) = (describe_parameter(field, root), describe_default(field));
-    let doc = in_markdown(field["description"].as_str().unwrap_or_default());
-    let default = in_markdown(&default);
+    let doc = field["description"].as_str().unwrap_or_default();
     let _ = writeln!(page, "- `{name}`: {kind}{default}. {doc}");
 }
 
