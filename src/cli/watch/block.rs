@@ -289,6 +289,7 @@ mod tests {
             ]),
             problems: Vec::new(),
             written: vec![written("model.ply", false), written("nose.png", true)],
+            unwritten: None,
             seconds: 0.0381,
         };
         Block {
