@@ -226,3 +226,15 @@ fn a_part_without_cells_or_points_is_explained() {
     expect!["label 1 covers 2 cells of the range grid, but none that can be used has a point"]
         .assert_eq(&message(&scan(&["..#"]), &["##."]));
 }
+
+#[test]
+fn a_region_that_ends_where_the_range_image_does_is_doubted() {
+    let doubt_of = |rows: &[&str]| {
+        let range = full(rows[0].len(), rows.len());
+        let progress = Progress::none();
+        doubt(&extract_region(&spots(rows), &range, Pick::Largest, true, 0, &progress).unwrap())
+    };
+    assert!(doubt_of(&["####"; 4]).unwrap().starts_with("the region is the whole range image"));
+    assert!(doubt_of(&["....", ".##.", ".##."]).unwrap().starts_with("the region reaches"));
+    assert_eq!(doubt_of(&["....", ".##.", ".##.", "...."]), None);
+}
