@@ -1,6 +1,5 @@
 //! All that the packs of a program offer: nodes, values and file formats, by name.
 
-use std::collections::BTreeMap;
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
@@ -8,10 +7,14 @@ use indexmap::IndexMap;
 use serde_json::{Value as Json, json};
 
 use crate::format::FORMATS;
-use crate::graph::{inside_option, variants};
+use crate::graph::{inside_option, resolve, variants};
 use crate::node::{NodeType, Output};
 use crate::pack::{Format, Pack};
 use crate::value::ValueType;
+
+mod ron;
+
+pub(crate) use ron::ron;
 
 /// What the packs of a program offer, by name.
 ///
@@ -223,11 +226,15 @@ impl Catalog {
     }
 }
 
-/// A parameter as the reference prints it: name, what it takes, default, and what it is for.
+/// The schema of what a field takes, without the reference to it and without what says that it may be left out.
+pub(crate) fn inside(schema: &Json, root: &Json) -> Json {
+    let resolved = resolve(root, schema);
+    inside_option(&resolved).map_or(resolved, |inner| resolve(root, &inner))
+}
+
+/// What a parameter takes, on one line.
 pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
-    let resolved = resolve(schema, root);
-    let schema =
-        &inside_option(&resolved).map_or_else(|| resolved.clone(), |inner| resolve(&inner, root));
+    let schema = &inside(schema, root);
     let variants = variants(schema);
     if !variants.is_empty() {
         return variants
@@ -281,24 +288,14 @@ pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
     }
 }
 
-/// The documented choices of an enum: each as a graph file has it, and what it is for.
-pub(crate) fn describe_choices(schema: &Json, root: &Json) -> Vec<(String, String)> {
-    let resolved = resolve(schema, root);
-    let choices = resolved.get("oneOf").and_then(Json::as_array).cloned().unwrap_or_default();
-    let describe = |choice: &Json| {
-        let doc = choice.get("description").and_then(Json::as_str).unwrap_or_default();
-        let whole = json!({ "oneOf": [choice] });
-        (describe_parameter(&whole, root), doc.to_owned())
-    };
-    choices.iter().map(describe).collect()
-}
-
 fn describe_content(content: &Json, root: &Json) -> String {
-    let content = resolve(content, root);
+    let content = resolve(root, content);
     match content.get("properties").and_then(Json::as_object) {
         Some(fields) => {
             let fields = fields.iter().map(|(name, field)| {
-                format!("{name}: {}{}", describe_parameter(field, root), describe_default(field))
+                let (kind, default) =
+                    (describe_parameter(field, root), describe_default(field, root));
+                format!("{name}: {kind}{default}")
             });
             format!("({})", fields.collect::<Vec<_>>().join(", "))
         }
@@ -309,34 +306,8 @@ fn describe_content(content: &Json, root: &Json) -> String {
     }
 }
 
-/// ` = default`, if the schema has one.
-pub(crate) fn describe_default(schema: &Json) -> String {
+/// ` = default`, as a graph file would have it, if the schema has one.
+pub(crate) fn describe_default(schema: &Json, root: &Json) -> String {
     let default = schema.get("default");
-    // A graph's own choices may be in lower case.
-    if let (Some(Json::String(word)), true) = (default, schema.get("enum").is_some()) {
-        return format!(" = {word}");
-    }
-    default.map_or_else(String::new, |default| format!(" = {}", as_ron(default)))
-}
-
-/// A default as a graph file would have it.
-fn as_ron(value: &Json) -> String {
-    match value {
-        Json::Array(items) => {
-            format!("({})", items.iter().map(as_ron).collect::<Vec<_>>().join(", "))
-        }
-        Json::Object(fields) => {
-            let fields: BTreeMap<_, _> = fields.iter().collect();
-            fields.iter().map(|(name, value)| format!("{name}{}", as_ron(value))).collect()
-        }
-        Json::String(text) if text.starts_with(|c: char| c.is_ascii_uppercase()) => text.clone(),
-        other => other.to_string(),
-    }
-}
-
-fn resolve(schema: &Json, root: &Json) -> Json {
-    match schema.get("$ref").and_then(Json::as_str) {
-        Some(target) => root["$defs"][target.rsplit('/').next().unwrap_or_default()].clone(),
-        None => schema.clone(),
-    }
+    default.map_or_else(String::new, |default| format!(" = {}", ron(default, schema, root)))
 }

@@ -12,7 +12,7 @@ use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet}
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
 use crate::catalog::Catalog;
-use crate::error::{Place, Problem, Severity, Span};
+use crate::error::{MOST_TOLD, Place, Problem, Severity, Span};
 use crate::graph::{Checked, Files, Graph, Options};
 use crate::pack::Pack;
 
@@ -108,9 +108,11 @@ fn assignment(text: &str) -> Result<(String, String), String> {
 
 impl GraphOptions {
     fn load(&self, path: &std::path::Path, catalog: &Catalog) -> Checked {
-        let options =
-            Options { roots: self.roots.clone(), set: self.set.clone(), files: Files::Needed };
-        Graph::load(path, catalog, &options)
+        Graph::load(path, catalog, &self.all())
+    }
+
+    fn all(&self) -> Options {
+        Options { roots: self.roots.clone(), set: self.set.clone(), files: Files::Needed }
     }
 }
 
@@ -147,7 +149,7 @@ pub fn main(packs: &[Pack]) -> ExitCode {
         Command::Cache(command) => command.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "maquette", &mut script);
+            clap_complete::generate(shell, &mut Cli::command(), program(), &mut script);
             print_document(&String::from_utf8_lossy(&script));
             Exit::Done
         }
@@ -161,6 +163,13 @@ pub fn main(packs: &[Pack]) -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// The name of this program: one with a stranger's packs has its own.
+fn program() -> String {
+    let path = std::env::args_os().next().map(PathBuf::from);
+    let name = path.as_deref().and_then(std::path::Path::file_stem);
+    name.map_or_else(|| "maquette".into(), |name| name.to_string_lossy().into_owned())
 }
 
 /// Whether writing to stdout has failed.
@@ -206,11 +215,35 @@ fn shows_color(stream: &impl IsTerminal) -> bool {
     stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
 }
 
+/// The problems that are told, in their order, and how many are not: where there are too many, errors go before warnings.
+fn told(problems: &[Problem]) -> (Vec<&Problem>, usize) {
+    let mut told = Vec::from_iter(problems.iter().enumerate());
+    told.sort_by_key(|(_, problem)| problem.severity);
+    told.truncate(MOST_TOLD);
+    told.sort_by_key(|(index, _)| *index);
+    let told = Vec::from_iter(told.into_iter().map(|(_, problem)| problem));
+    let rest = problems.len() - told.len();
+    (told, rest)
+}
+
 /// Prints problems to stderr as people read them.
 fn report(problems: &[Problem]) {
     let color = shows_color(&std::io::stderr());
-    for problem in problems {
+    let (told, rest) = told(problems);
+    for problem in told {
         eprint_as_it_is(&format!("{}\n\n", in_full(problem, color, None)));
+    }
+    if rest > 0 {
+        eprint(&format!("and {} more\n\n", counted(rest, "problem")));
+    }
+}
+
+/// Problems as `--json` has them: the `problems` that are told and, if there are more, how many, as fields of a document.
+fn put_problems(document: &mut serde_json::Value, problems: &[Problem]) {
+    let (told, rest) = told(problems);
+    document["problems"] = told.into_iter().map(Problem::to_json).collect();
+    if rest > 0 {
+        document["more_problems"] = rest.into();
     }
 }
 
@@ -287,7 +320,15 @@ fn in_bytes(bytes: usize) -> String {
     }
 }
 
-/// `3 errors`, `1 error`.
+/// `3 errors`, `1 error`, `9 900 problems`.
 fn counted(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+    let digits = count.to_string();
+    let mut number = String::with_capacity(digits.len() + digits.len() / 3);
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            number.push(' ');
+        }
+        number.push(digit);
+    }
+    format!("{number} {what}{}", if count == 1 { "" } else { "s" })
 }

@@ -68,7 +68,7 @@ impl Severity {
 }
 
 /// A part of a text, by bytes; the end is exclusive.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Span {
     /// First byte.
     pub start: usize,
@@ -100,6 +100,9 @@ impl Place {
         }
     }
 }
+
+/// So many problems are told at a time: nobody reads more. What only serves to explain the others is not looked for.
+pub(crate) const MOST_TOLD: usize = 100;
 
 /// A graph file's name and text, for messages.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -202,6 +205,8 @@ pub mod code {
     pub const NOT_PURE: &str = "G019";
     /// Something that the graph or a test expects does not hold.
     pub const EXPECTED: &str = "G020";
+    /// A node that nothing needs.
+    pub const UNUSED: &str = "G021";
 }
 
 impl Problem {

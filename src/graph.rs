@@ -37,6 +37,7 @@ mod sheet;
 mod suggest;
 mod tools;
 mod top;
+mod tree;
 mod tree_reader;
 
 pub(crate) use describe::Subgraph;
@@ -47,15 +48,16 @@ pub(crate) use reader::ReadError;
 pub use reader::Reader;
 pub(crate) use schema::{check_default, inside_option, resolve, variants};
 pub(crate) use shape::Shape;
-pub(crate) use suggest::nearest;
+pub(crate) use suggest::unknown;
 pub(crate) use top::is_name;
 
-use file::Origin;
-pub(crate) use file::{Body, Kind, Mistake, Tree, parse};
+pub(crate) use file::{Mistake, parse};
 pub(crate) use reader::read_tree;
 pub(crate) use schema::{Finding, Walk};
 pub(crate) use sheet::Sheet;
 pub(crate) use suggest::nearest_or_all;
+use tree::Origin;
+pub(crate) use tree::{Body, Kind, Tree};
 
 use crate::catalog::Catalog;
 
@@ -76,6 +78,8 @@ pub struct Graph {
     pub(crate) schema: serde_json::Value,
     /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
     pub(crate) uses: Vec<GraphUse>,
+    /// Names in its own file that no output of it needs.
+    unused: Vec<Problem>,
 }
 
 /// A node of a graph.
@@ -209,6 +213,16 @@ impl Graph {
     /// Reads and checks a graph file and those that it uses. Runs no node and opens no other file.
     pub fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
         check::load(path, catalog, options)
+    }
+
+    /// The same for a text that stands, or will stand, in the file.
+    pub fn load_text(path: &Path, text: String, catalog: &Catalog, options: &Options) -> Checked {
+        check::load_text(path, text, catalog, options)
+    }
+
+    /// A warning for each node of its own file that nothing needs: no output, and nothing that is expected of a value.
+    pub fn unused(&self) -> &[Problem] {
+        &self.unused
     }
 
     /// What it is for, in its author's words.

@@ -20,7 +20,8 @@ use crate::value::{AnyValue, Hash, Value, ValueType, hash_of, value_type};
 /// One step of a graph, and its whole description.
 ///
 /// A field of type [`In<T>`], `Option<In<T>>` or `Vec<In<T>>` is a port, a field of type [`FilePath`] a file to read, every
-/// other field a parameter. The doc comments of the type and its fields are the user's manual.
+/// other field a parameter. The doc comments of the type and its fields are the user's manual; `#[schemars(range(..))]` says which
+/// numbers a parameter takes, and `#[schemars(extend("unit" = "mm"))]` the unit that manual and messages print beside them.
 pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'static {
     /// What it gives: a tuple of values.
     type Outputs: Outputs;
@@ -214,6 +215,9 @@ impl<T: PortType> JsonSchema for In<T> {
 /// A file that a node reads: a path relative to the graph's file. Empty means none.
 ///
 /// The evaluator reads it; its content, not its path, is part of the node's key.
+///
+/// A field that takes only files of certain endings says so, and the check refuses all others before anything runs:
+/// `#[schemars(extend("endings" = ["obj", "ply"]))]`, in lower case, without the dot.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FilePath {
     given: String,

@@ -173,7 +173,7 @@ fn a_file_of_a_newer_format_is_not_judged() {
     check(
         "Graph(format: 99, meshes: {)",
         expect![[r#"
-        1:15-17 G002 format 99 is unknown: this program reads format 1 (use a newer maquette, or the graph's older version)
+        1:15-17 G002 format 99 is unknown: this program reads format 1 (use a newer program, or the graph's older version)
     "#]],
     );
 }
@@ -214,6 +214,154 @@ fn a_broken_text_says_where() {
             1:88-93 G004 Graph has no field `extra` (its fields: format, doc, use, inputs, params, nodes, outputs, expect)
         "#]],
     );
+}
+
+#[test]
+fn what_is_wrong_in_a_circle_is_told_of_each_node_in_it() {
+    check_nodes(
+        r#""x": Triangulate(range: "y"),
+"y": Triangulate(range: "x"),"#,
+        r#""x.ply": "x""#,
+        expect![[r#"
+            2:1-4 G008 nodes hang on each other in a circle: x <- y <- x (a node cannot need its own result: break one of these links)
+            2:25-28 G012 port `range` of Triangulate wants a RangeImage, but `y` is a Mesh
+            3:25-28 G012 port `range` of Triangulate wants a RangeImage, but `x` is a Mesh
+        "#]],
+    );
+}
+
+#[test]
+fn choices_are_words_and_ranges_hold_something() {
+    check(
+        r#"Graph(format: 1, params: {
+"a": Choice(default: "a", of: ["a", "b"]),
+"b": Choice(default: "b", of: [a, b]),
+"c": Choice(default: a),
+"d": Choice(default: a, of: []),
+"e": Number(default: 1, min: 40, max: 0),
+}, nodes: {}, outputs: {})"#,
+        expect![[r#"
+            2:32-35 G009 a choice is a bare word, not the text "a" (write a without quotes)
+            2:37-40 G009 a choice is a bare word, not the text "b" (write b without quotes)
+            3:22-25 G009 parameter `b` wants one of a, b, not the text "b" (write b without quotes)
+            4:6-24 G005 parameter `c` has no choices (write `of: [Left, Right]`)
+            5:29-31 G009 there is nothing to choose from
+            6:6-41 G009 parameter `e` has a `min`, 40, above its `max`, 0 (no value is in between: swap them?)
+        "#]],
+    );
+}
+
+#[test]
+fn a_missing_comma_and_a_missing_choice_are_named() {
+    check(
+        "Graph(format: 1, nodes: {\"a\": ReadMesh(path: \"doll.obj\") \"b\": 1}, outputs: {})",
+        expect![[r#"
+            1:58-61 G001 there is no comma before `"b"` (put one between this and what stands before it)
+        "#]],
+    );
+    check_nodes(
+        r#""doll": ReadMesh(path: "doll.obj"), "soft": Subdivide(mesh: "doll"),"#,
+        r#""soft.ply": "soft""#,
+        expect![[r#"
+            2:45-68 G005 Subdivide needs a field `scheme` (write `scheme: ..` with one of Loop, CatmullClark, DooSabin)
+        "#]],
+    );
+}
+
+#[test]
+fn files_that_no_reader_takes_are_refused_before_anything_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["doll.gltf", "doll", "doll.OBJ", "doll.xyz"] {
+        std::fs::write(folder.path().join(name), "").unwrap();
+    }
+    let path = folder.path().join("graph.ron");
+    let text = r#"Graph(format: 1, nodes: {
+"a": ReadMesh(path: "doll.gltf"),
+"b": ReadMesh(path: "doll"),
+"c": ReadMesh(path: "doll.OBJ"),
+"d": ReadCapture(color: "doll", range: "doll.xyz"),
+"e": ReadMesh(path: "no.gltf"),
+}, outputs: {})"#;
+    std::fs::write(&path, text).unwrap();
+    expect![[r#"
+        2:21-32 G009 ReadMesh reads no `.gltf` files (it reads: obj, ply, stl, glb)
+        3:21-27 G009 `doll` has no ending that says how ReadMesh reads it (it reads: obj, ply, stl, glb)
+        5:40-50 G009 ReadCapture reads no `.xyz` files (it reads: pcd, ply, ptx, abs, png, tiff, tif)
+        6:21-30 G009 ReadMesh reads no `.gltf` files (it reads: obj, ply, stl, glb)
+    "#]]
+    .assert_eq(&problems(&path));
+}
+
+/// A stranger's node that reads one kind of files.
+#[derive(serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+struct ReadCloud {
+    /// The file.
+    #[schemars(extend("endings" = ["cloud"]))]
+    path: maquette::FilePath,
+}
+
+impl maquette::Node for ReadCloud {
+    type Outputs = (maquette::value::Mask,);
+    const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn eval(&self, _: &maquette::Context<'_>) -> Result<Self::Outputs, maquette::Error> {
+        Ok((maquette::value::Mask::drawn(&["#"]),))
+    }
+}
+
+#[test]
+fn the_node_of_a_strangers_pack_says_which_files_it_reads() {
+    const PACK: maquette::Pack = maquette::Pack {
+        name: "clouds",
+        nodes: &[maquette::node::<ReadCloud>()],
+        values: &[],
+        formats: &[],
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("graph.ron");
+    let text = |file: &str| {
+        format!("Graph(format: 1, nodes: {{\"a\": ReadCloud(path: \"{file}\")}}, outputs: {{}})")
+    };
+    for (file, expected) in [("a.cloud", 0), ("a.ply", 1)] {
+        std::fs::write(folder.path().join(file), "").unwrap();
+        std::fs::write(&path, text(file)).unwrap();
+        let checked = Graph::load(&path, &Catalog::new(&[PACK]), &Options::default());
+        assert_eq!(checked.problems.len(), expected, "{:?}", checked.problems);
+    }
+}
+
+/// Long files take about as long as they are long: each of these took from half a minute to one and a half.
+#[test]
+fn long_files_are_checked_in_seconds() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("doll.obj"), "").unwrap();
+    let path = folder.path().join("graph.ron");
+    let graph = |nodes: &str, outputs: &str| {
+        format!(
+            "Graph(format: 1, nodes: {{\"m\": ReadMesh(path: \"doll.obj\"), {nodes}}}, outputs: {{{outputs}}})"
+        )
+    };
+    let all = |count: usize, one: fn(usize) -> String| String::from_iter((0..count).map(one));
+    let links = all(10_000, |k| format!("\"n{k}\": Transform(mesh: \"n{k}x\"),"));
+    let outputs = all(100_000, |k| format!("\"f{k}.ply\": \"m\","));
+    let cases = all(100_000, |k| format!("\"c{k}\": \"m\","));
+    let switch = format!("\"s\": Switch(cases: {{{cases}}}, choose: c99999),");
+    let words = graph("", "") + &"stray ".repeat(200_000);
+    let inside = graph(&format!("\"s\": [{}]", "stray ".repeat(200_000)), "");
+    for (text, expected) in [
+        (graph(&links, ""), 10_000),
+        (graph("", &outputs), 0),
+        (graph(&switch, "\"s.ply\": \"s\""), 0),
+        (words, 1),
+        (inside, 100_000),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let start = std::time::Instant::now();
+        let checked = Graph::load(&path, &Catalog::new(maquette_nodes::PACKS), &Options::default());
+        assert_eq!(checked.problems.len(), expected);
+        let seconds = start.elapsed().as_secs_f64();
+        assert!(seconds < 60.0, "{expected} problems took {seconds:.1} s");
+    }
 }
 
 /// The graphs that the project's design says must be refused, where the checkout has them beside it.

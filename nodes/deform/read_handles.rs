@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadHandles {
     /// The file: `ron`, `json` or `csv`.
+    #[schemars(extend("endings" = ["ron", "json", "csv"]))]
     pub path: FilePath,
     /// The space of the numbers, where the file does not say it.
     #[serde(default)]

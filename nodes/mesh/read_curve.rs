@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadCurve {
     /// The file: `obj`.
+    #[schemars(extend("endings" = ["obj"]))]
     pub path: FilePath,
 }
 

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadMesh {
     /// The file; its ending says of which format it is.
+    #[schemars(extend("endings" = ["obj", "ply", "stl", "glb"]))]
     pub path: FilePath,
 }
 

@@ -14,6 +14,7 @@ use crate::range::Unit;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadPoints {
     /// The file; its ending says of which format it is: `ply` or `xyz`.
+    #[schemars(extend("endings" = ["ply", "xyz"]))]
     pub path: FilePath,
     /// The unit of the file's coordinates; they are converted to mm.
     #[serde(default)]

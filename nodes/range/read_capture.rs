@@ -19,6 +19,7 @@ pub struct ReadCapture {
     pub color: FilePath,
     /// The grid of points: an organized PCD file, a PLY file with a `range_grid`, a PTX or ABS file, or a depth map, PNG of 16
     /// bits or TIFF of floats, which needs the camera file.
+    #[schemars(extend("endings" = ["pcd", "ply", "ptx", "abs", "png", "tiff", "tif"]))]
     pub range: FilePath,
     /// The camera file; if left out, `camera.json` beside the range file, if there is one.
     #[serde(default)]

@@ -17,6 +17,7 @@ use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_v
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadRange {
     /// The file; its ending says of which format it is: `pcd`, `ply`, `ptx`, `abs`, `png`, `tiff`.
+    #[schemars(extend("endings" = ["pcd", "ply", "ptx", "abs", "png", "tiff", "tif"]))]
     pub path: FilePath,
     /// The camera file; if left out, `camera.json` beside the range file, if there is one and it is for a grid of this size.
     #[serde(default)]

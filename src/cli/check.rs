@@ -1,17 +1,25 @@
-//! `maquette check`: every problem of a graph, at once.
+//! `maquette check`: every problem of graphs, tests and files of handles, at once.
 
-use std::path::PathBuf;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
 use serde_json::json;
 
-use super::{Exit, GraphOptions, counted, print, print_json, report};
+use super::fmt::{collect, read};
+use super::{Exit, GraphOptions, counted, print, print_json, put_problems, report};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity};
+use crate::error::{Problem, Severity, Source, Span, code};
+use crate::format::handles;
+use crate::golden::case;
+use crate::graph::{Checked, Graph, Kind, Options, parse};
+use crate::value::HandleSpace;
 
 #[derive(Args)]
 pub(super) struct Check {
-    /// The graph files.
+    /// The graph files, folders whose `.ron` files are all taken, or `-` for stdin. Test files are checked with the graphs that
+    /// they are about, files of handles as what they are.
     #[arg(required = true, value_name = "GRAPH")]
     graphs: Vec<PathBuf>,
     #[command(flatten)]
@@ -21,19 +29,124 @@ pub(super) struct Check {
     json: bool,
 }
 
+/// What the `.ron` files of a project are.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum What {
+    Graph,
+    Test,
+    Handles,
+}
+
+impl What {
+    fn of(path: &Path, text: &str) -> Self {
+        let tree = parse(text).0;
+        match (tree.name().as_ref().map(|name| &name.text[..]), tree.kind) {
+            (Some("Test"), _) => Self::Test,
+            _ if path.to_string_lossy().ends_with(case::ENDING) => Self::Test,
+            (Some("Handles"), _) | (_, Kind::List(_)) => Self::Handles,
+            _ => Self::Graph,
+        }
+    }
+}
+
 impl Check {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        let checked = self.graphs.iter().map(|path| self.options.load(path, catalog));
-        let problems: Vec<Problem> = checked.flat_map(|checked| checked.problems).collect();
-        let errors = problems.iter().filter(|problem| problem.severity == Severity::Error).count();
+        let mut files = Vec::new();
+        let mut problems = Vec::new();
+        for path in &self.graphs {
+            let unread = collect(path, &mut files).err();
+            problems.extend(unread.map(|(path, error)| unreadable(&path, &error)));
+        }
+        let mut counts = [0; 3];
+        for path in &files {
+            match read(path) {
+                Ok(text) => {
+                    let what = What::of(path, &text);
+                    counts[what as usize] += 1;
+                    problems.extend(self.file(what, path, text, catalog));
+                }
+                Err(error) => problems.push(unreadable(path, &error)),
+            }
+        }
+        // Files that use one another, or are tested by several, show the same problems.
+        let mut seen = HashSet::new();
+        problems.retain(|problem| {
+            let place = (problem.source.name.clone(), problem.span);
+            seen.insert((place, problem.code, problem.message.clone()))
+        });
+        let count = |wanted| problems.iter().filter(|found| found.severity == wanted).count();
+        let (errors, warnings) = (count(Severity::Error), count(Severity::Warning));
         if self.json {
-            let problems: Vec<_> = problems.iter().map(Problem::to_json).collect();
-            print_json(&json!({ "problems": problems }));
+            let mut document = json!({});
+            put_problems(&mut document, &problems);
+            print_json(&document);
         } else {
             report(&problems);
-            let graphs = counted(self.graphs.len(), "graph");
-            print(&format!("checked {graphs}: {}\n", counted(errors, "error")));
+            let names = ["graph", "test", "file of handles"].into_iter().zip(counts);
+            let checked = names.filter(|(name, count)| *count > 0 || *name == "graph");
+            let checked = checked.map(|(name, count)| match (name, count) {
+                ("file of handles", 2..) => format!("{count} files of handles"),
+                _ => counted(count, name),
+            });
+            let checked = Vec::from_iter(checked).join(", ");
+            let warnings = match warnings {
+                0 => String::new(),
+                count => format!(", {}", counted(count, "warning")),
+            };
+            print(&format!("checked {checked}: {}{warnings}\n", counted(errors, "error")));
         }
         if errors == 0 { Exit::Done } else { Exit::Failed }
+    }
+
+    fn file(&self, what: What, path: &Path, text: String, catalog: &Catalog) -> Vec<Problem> {
+        match what {
+            What::Graph => {
+                let checked = Graph::load_text(path, text, catalog, &self.options.all());
+                let unused = checked.graph.as_ref().map(Graph::unused).unwrap_or_default();
+                Vec::from_iter(checked.problems.iter().chain(unused).cloned())
+            }
+            What::Test => match case::read(path) {
+                Ok(test) => self.test(&test, catalog),
+                Err(problems) => problems,
+            },
+            What::Handles => {
+                let read = handles::read_ron(text.as_bytes(), HandleSpace::default());
+                let wrong = |error: handles::HandlesFileError| {
+                    problem(code::WRONG_VALUE, path, text.clone(), error.to_string())
+                };
+                read.err().map(wrong).into_iter().collect()
+            }
+        }
+    }
+
+    /// The problems of the graphs that a test is about, with what each of its cases sets.
+    fn test(&self, test: &case::TestFile, catalog: &Catalog) -> Vec<Problem> {
+        let case = |graph: &PathBuf, set: &[(String, String)]| -> Checked {
+            let own = self.options.all();
+            let set = own.set.iter().chain(set).cloned().collect();
+            Graph::load(graph, catalog, &Options { set, ..own })
+        };
+        let cases = test.cases.iter().flat_map(|(_, set)| {
+            test.graphs.iter().flat_map(move |graph| case(graph, &set.set).problems)
+        });
+        cases.collect()
+    }
+}
+
+fn unreadable(path: &Path, error: &std::io::Error) -> Problem {
+    problem(code::MISSING_FILE, path, String::new(), format!("cannot read the file: {error}"))
+}
+
+/// A problem of a whole file; if it is about a place in it, its message says where.
+fn problem(code: &'static str, path: &Path, text: String, message: String) -> Problem {
+    Problem {
+        severity: Severity::Error,
+        code,
+        source: Arc::new(Source { name: path.to_owned(), text }),
+        span: Span::default(),
+        message,
+        help: String::new(),
+        note: None,
+        uses: Vec::new(),
     }
 }

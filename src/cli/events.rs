@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value as Json, json};
 
 use super::outputs::Written;
-use super::{print_as_it_is, words};
+use super::{print_as_it_is, put_problems, words};
 use crate::error::{Problem, Severity};
 use crate::eval::{NodeTrace, Observer, State, Trace};
 use crate::node::CancelToken;
@@ -84,8 +84,9 @@ pub(super) fn end(ending: &Ending<'_>) {
 
 /// Says which problems there are now.
 pub(super) fn problems(problems: &[Problem]) {
-    let problems: Vec<_> = problems.iter().map(Problem::to_json).collect();
-    say("problems", json!({ "problems": problems }));
+    let mut fields = json!({});
+    put_problems(&mut fields, problems);
+    say("problems", fields);
 }
 
 /// Prints one event; `fields` is an object.

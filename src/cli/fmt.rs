@@ -39,14 +39,7 @@ impl Fmt {
     /// Whether all went well; with `--check`, whether the file is in its canonical form.
     fn file(&self, path: &Path) -> bool {
         let is_stdin = path == Path::new("-");
-        let text = match is_stdin {
-            true => {
-                let mut text = String::new();
-                std::io::stdin().lock().read_to_string(&mut text).map(|_| text)
-            }
-            false => plain::read_text(path),
-        };
-        let text = match text {
+        let text = match read(path) {
             Ok(text) => text,
             Err(error) => {
                 eprint(&format!("error: cannot read {}: {error}\n", path.display()));
@@ -82,8 +75,21 @@ impl Fmt {
     }
 }
 
+/// The text of a file; of stdin for `-`.
+pub(super) fn read(path: &Path) -> std::io::Result<String> {
+    if path != Path::new("-") {
+        return plain::read_text(path);
+    }
+    let mut text = String::new();
+    std::io::stdin().lock().read_to_string(&mut text)?;
+    Ok(text)
+}
+
 /// Adds a file, or the graph files in a folder and the folders in it, hidden ones left out, in the order of their names.
-fn collect(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), (PathBuf, std::io::Error)> {
+pub(super) fn collect(
+    path: &Path,
+    files: &mut Vec<PathBuf>,
+) -> Result<(), (PathBuf, std::io::Error)> {
     if !path.is_dir() {
         files.push(path.to_owned());
         return Ok(());

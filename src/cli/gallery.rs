@@ -212,7 +212,7 @@ Name the file under `use`, and it is a node like any other: `maquette nodes GRAP
 
 /// One line for a parameter.
 fn parameter(page: &mut String, name: &str, field: &Json, root: &Json) {
-    let (kind, default) = (describe_parameter(field, root), describe_default(field));
+    let (kind, default) = (describe_parameter(field, root), describe_default(field, root));
     let doc = field["description"].as_str().unwrap_or_default();
     let _ = writeln!(page, "- `{name}`: {kind}{default}. {doc}");
 }

@@ -12,12 +12,16 @@ use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem};
 use crate::format::png;
-use crate::graph::{Graph, nearest};
+use crate::graph::{Graph, unknown, with_article};
 use crate::node::{CancelToken, ending};
 use crate::pack::NewFile;
 use crate::render::{View, render};
-use crate::value::{AnyValue, Mesh, Summary, Surface};
+use crate::value::{AnyValue, Field, Image, Labels, Mask, Mesh, RangeImage, Summary, Surface};
 use crate::writing::{Place, Sources};
+
+mod seen;
+
+use seen::seen;
 
 #[derive(Args)]
 pub(super) struct Inspect {
@@ -29,7 +33,8 @@ pub(super) struct Inspect {
     /// What is under this pixel of the capture's picture: color, label, point.
     #[arg(long, value_name = "X,Y", value_parser = pixel)]
     at: Option<[usize; 2]>,
-    /// Write the value to this file, too; its ending chooses the format.
+    /// Write the value to this file, too; its ending chooses the format. A `.png` is a picture to look at: of labels, regions and
+    /// range images, too.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// From where a mesh or surface is seen in a picture: how far to the right and above, in degrees, and how much nearer than
@@ -96,12 +101,58 @@ impl Inspect {
         });
         let found = Vec::from_iter(found);
         let node = self.node.split_once('.').map_or(&self.node[..], |(node, _)| node);
+        let found = match self.asked(node, found) {
+            Ok(found) => found,
+            Err(why) => return Exit::Usage(why),
+        };
+        let chosen = match &self.out {
+            Some(path) if !found.is_empty() => match chosen(node, &found, &ending(path), catalog) {
+                Ok(chosen) => Some(chosen),
+                Err(why) => return Exit::Usage(why),
+            },
+            _ => None,
+        };
         self.print(node, &found, &evaluation.problems());
-        let Some((_, value)) = found.first() else { return Exit::Failed };
-        match &self.out {
-            Some(path) => self.write(value, path, catalog, &Sources::of(&graph)),
-            None => Exit::Done,
+        let (Some(path), Some((name, value))) = (&self.out, chosen) else {
+            return if found.is_empty() { Exit::Failed } else { Exit::Done };
+        };
+        if !self.json && found.len() > 1 {
+            print(&format!("{node}.{name} goes to {}\n", path.display()));
         }
+        self.write(value, path, catalog, &Sources::of(&graph))
+    }
+
+    /// The values that have something to say: of a pixel, if one is asked for.
+    fn asked<'v>(
+        &self,
+        node: &str,
+        found: Vec<(&'v str, &'v AnyValue)>,
+    ) -> Result<Vec<(&'v str, &'v AnyValue)>, String> {
+        let Some(at) = self.at.filter(|_| !found.is_empty()) else { return Ok(found) };
+        let is_inside = |value: &AnyValue| size(value).is_none_or(|[w, h]| at[0] < w && at[1] < h);
+        let answers =
+            |(_, value): &&(&str, &AnyValue)| is_inside(value) && !value.probe(at).0.is_empty();
+        let answering = Vec::from_iter(found.iter().filter(answers).copied());
+        if !answering.is_empty() {
+            return Ok(answering);
+        }
+        let [x, y] = at;
+        let sizes = found.iter().filter_map(|(name, value)| Some((name, size(value)?)));
+        let sizes = Vec::from_iter(sizes.map(|(name, [width, height])| {
+            format!("`{node}.{name}` has {width} x {height} pixels, the first of which is 0,0")
+        }));
+        if !sizes.is_empty() {
+            return Err(format!("there is no pixel {x},{y}: {}", sizes.join("; ")));
+        }
+        let grids = found.iter().filter(|(_, value)| value.get::<RangeImage>().is_some());
+        if let Some((name, _)) = grids.into_iter().next() {
+            return Err(format!("`{node}.{name}` has no cell under the pixel {x},{y}"));
+        }
+        let kinds = found.iter().map(|(_, value)| with_article(value.kind().name));
+        Err(format!(
+            "`{node}` gives {}, which has no pixels: --at asks pictures, masks, labels, fields and range images",
+            Vec::from_iter(kinds).join(" and ")
+        ))
     }
 
     /// The outputs that are meant, by name, each with its node and place there.
@@ -118,8 +169,8 @@ impl Inspect {
             None => {
                 let given = graph.uses.iter().find(|given| given.name == name);
                 let given = given.ok_or_else(|| {
-                    let help = nearest(name, graph.names());
-                    format!("the graph has no node `{name}`; {help}")
+                    let known = Vec::from_iter(graph.names());
+                    unknown(format!("the graph has no node `{name}`"), name, "its nodes", &known)
                 })?;
                 let all = given.outputs.iter().flat_map(|(name, targets)| {
                     let one = targets.len() == 1;
@@ -175,18 +226,51 @@ impl Inspect {
     }
 
     fn write(&self, value: &AnyValue, path: &Path, catalog: &Catalog, sources: &Sources) -> Exit {
-        let Some(format) = catalog.format(value.kind(), &ending(path)) else {
-            let kind = value.kind();
-            let known = catalog.endings(Some(kind)).join(", ");
-            return Exit::Usage(format!("a {} can be written to: {known}", kind.name));
-        };
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let files = match &self.view {
-            None => format.write(value, &name),
-            Some(view) => picture(value, view, &name),
+        let files = match (&self.view, seen(value), catalog.format(value.kind(), &ending(path))) {
+            (Some(view), ..) => picture(value, view, &name),
+            (_, Some(seen), _) if ending(path) == "png" => {
+                png::encode_rgb(&seen).map(|bytes| NewFile::only(&name, bytes)).map_err(Error::from)
+            }
+            (_, _, Some(format)) => format.write(value, &name),
+            _ => Ok(Vec::new()),
         };
         write_files(files, path, sources)
     }
+}
+
+/// The first of some values that can be written to a file with this ending, or what can be written instead.
+fn chosen<'v>(
+    node: &str,
+    found: &[(&'v str, &'v AnyValue)],
+    ending: &str,
+    catalog: &Catalog,
+) -> Result<(&'v str, &'v AnyValue), String> {
+    let fits = |value: &AnyValue| {
+        catalog.format(value.kind(), ending).is_some() || ending == "png" && seen(value).is_some()
+    };
+    if let Some(found) = found.iter().find(|(_, value)| fits(value)) {
+        return Ok(*found);
+    }
+    let can = found.iter().map(|(name, value)| {
+        let mut known = catalog.endings(Some(value.kind()));
+        known.extend((seen(value).is_some() && !known.contains(&"png")).then_some("png"));
+        let what = with_article(value.kind().name);
+        match known.is_empty() {
+            true => format!("{node}.{name}, {what}, has no file format"),
+            false => format!("{node}.{name}, {what}, can be written to: {}", known.join(", ")),
+        }
+    });
+    Err(Vec::from_iter(can).join("; "))
+}
+
+/// The pixels of what is asked by its own pixels.
+fn size(value: &AnyValue) -> Option<[usize; 2]> {
+    let image = value.get::<Image>().map(|it| [it.width(), it.height()]);
+    let mask = value.get::<Mask>().map(|it| [it.width(), it.height()]);
+    let labels = value.get::<Labels>().map(|it| [it.width(), it.height()]);
+    let field = value.get::<Field>().map(|it| [it.width(), it.height()]);
+    image.or(mask).or(labels).or(field)
 }
 
 /// A mesh or surface, seen from somewhere.

@@ -6,11 +6,9 @@ use std::path::Path;
 use clap::Args;
 use serde_json::{Value as Json, json};
 
-use super::{Exit, print, print_json, report};
-use crate::catalog::{
-    Catalog, Description, Entry, describe_choices, describe_default, describe_parameter,
-};
-use crate::graph::{Files, Graph, Options, Subgraph, any_of};
+use super::{Exit, print, print_json, program, report};
+use crate::catalog::{Catalog, Description, Entry, describe_default, describe_parameter, inside};
+use crate::graph::{Files, Graph, Options, Subgraph, any_of, unknown, variants};
 
 #[derive(Args)]
 pub(super) struct Nodes {
@@ -40,8 +38,8 @@ impl Nodes {
             return self.graph(Path::new(name), catalog);
         }
         let Some(entry) = catalog.find(name) else {
-            let help = crate::graph::nearest(name, catalog.names());
-            return Exit::Usage(format!("there is no node type `{name}`; {help}"));
+            let message = format!("there is no node type `{name}`");
+            return Exit::Usage(unknown(message, name, "node types", &catalog.names()));
         };
         self.print(&[entry.description()]);
         Exit::Done
@@ -64,8 +62,9 @@ impl Nodes {
         let wanted = |it: &&Subgraph| self.of_graph.as_ref().is_none_or(|name| it.name == *name);
         let found = Vec::from_iter(subgraphs.iter().filter(wanted).map(Subgraph::description));
         if let (true, Some(name)) = (found.is_empty(), &self.of_graph) {
-            let help = crate::graph::nearest(name, subgraphs.iter().map(|it| &it.name[..]));
-            return Exit::Usage(format!("{} uses no graph `{name}`; {help}", path.display()));
+            let message = format!("{} uses no graph `{name}`", path.display());
+            let known = Vec::from_iter(subgraphs.iter().map(|it| &it.name[..]));
+            return Exit::Usage(unknown(message, name, "it uses", &known));
         }
         self.print(&found);
         if found.is_empty() && !self.json && problems.is_empty() {
@@ -90,7 +89,8 @@ fn list(catalog: &Catalog) -> String {
         let sentence = doc.find(". ").map_or(&doc[..], |end| &doc[..=end]);
         let _ = writeln!(text, "  {:<longest$}  {sentence}", entry.name);
     }
-    text + "\n`maquette nodes NODE` prints one in full.\n"
+    let _ = writeln!(text, "\n`{} nodes NODE` prints one in full.", program());
+    text
 }
 
 fn doc(schema: &Json) -> &str {
@@ -119,16 +119,7 @@ fn in_full(entry: &Description<'_>) -> String {
         text += "\nParameters\n";
     }
     for (name, field) in parameters {
-        let choices = describe_choices(field, schema);
-        let default = describe_default(field);
-        let kind = match choices.is_empty() {
-            true => describe_parameter(field, schema),
-            false => "one of".into(),
-        };
-        let _ = writeln!(text, "  {name}: {kind}{default}\n{}", indent(doc(field), 6));
-        for (choice, doc) in choices {
-            let _ = writeln!(text, "    {choice}\n{}", indent(&doc, 8));
-        }
+        describe(&mut text, name, field, schema, 2);
     }
     text += "\nOutputs\n";
     for (name, types) in &entry.outputs {
@@ -136,6 +127,72 @@ fn in_full(entry: &Description<'_>) -> String {
         let _ = writeln!(text, "  {name}: {}{same}", any_of(types.iter().copied()));
     }
     text
+}
+
+/// Options in options go no deeper than this: a type may hold itself.
+const DEEPEST: usize = 24;
+
+/// A parameter with all that may be said in it, each with its own words below it.
+fn describe(text: &mut String, name: &str, field: &Json, root: &Json, by: usize) {
+    let schema = inside(field, root);
+    let default = describe_default(field, root);
+    let choices = choices(&schema);
+    let items = schema.get("items").map(|items| inside(items, root));
+    let holder = if properties(&schema).is_some() { Some(&schema) } else { items.as_ref() };
+    let fields = holder.and_then(properties).filter(|_| by < DEEPEST);
+    let kind = match (&fields, choices.is_empty() || by >= DEEPEST) {
+        (_, false) => "one of".to_owned(),
+        (Some(_), _) if properties(&schema).is_some() => "(..)".to_owned(),
+        (Some(_), _) => "[(..), ..]".to_owned(),
+        _ => describe_parameter(field, root),
+    };
+    let _ = writeln!(text, "{:by$}{name}: {kind}{default}", "");
+    tell(text, doc(field), by + 4);
+    if by >= DEEPEST {
+        return;
+    }
+    for choice in choices {
+        describe_choice(text, choice, root, by + 2);
+    }
+    for (name, field) in fields.into_iter().flatten() {
+        describe(text, name, field, root, by + 4);
+    }
+}
+
+/// One of the choices of a parameter: its name, and what stands in the parentheses behind it.
+fn describe_choice(text: &mut String, choice: &Json, root: &Json, by: usize) {
+    let variants = variants(&json!({ "oneOf": [choice] }));
+    for (name, content) in &variants {
+        let content = content.as_ref().map(|content| inside(content, root));
+        let Some(fields) = content.as_ref().and_then(properties) else {
+            let whole = describe_parameter(&json!({ "oneOf": [choice] }), root);
+            let whole = if variants.len() == 1 { &whole } else { name };
+            let _ = writeln!(text, "{:by$}{whole}", "");
+            tell(text, doc(choice), by + 4);
+            continue;
+        };
+        let _ = writeln!(text, "{:by$}{name}(..)", "");
+        tell(text, doc(choice), by + 4);
+        for (name, field) in fields {
+            describe(text, name, field, root, by + 4);
+        }
+    }
+}
+
+/// What something is for, if there are words for it.
+fn tell(text: &mut String, doc: &str, by: usize) {
+    if !doc.is_empty() {
+        let _ = writeln!(text, "{}", indent(doc, by));
+    }
+}
+
+/// The choices of an enum that have words of their own.
+fn choices(schema: &Json) -> &[Json] {
+    schema.get("oneOf").and_then(Json::as_array).map(Vec::as_slice).unwrap_or_default()
+}
+
+fn properties(schema: &Json) -> Option<&serde_json::Map<String, Json>> {
+    schema.get("properties").and_then(Json::as_object)
 }
 
 fn indent(text: &str, by: usize) -> String {

@@ -11,7 +11,7 @@ use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
 use crate::format::png;
 use crate::golden::{mesh_of, target};
-use crate::graph::nearest;
+use crate::graph::{unknown, with_article};
 use crate::node::{CancelToken, ending};
 use crate::render::{Projection, View, render};
 use crate::value::AnyValue;
@@ -72,7 +72,10 @@ impl Render {
             return Exit::Usage(format!("{} is no name of a PNG file", picture.display()));
         }
         let Some(mesh) = mesh_of(&value) else {
-            return Exit::Usage(format!("a {} has no faces to be seen", value.kind().name));
+            return Exit::Usage(format!(
+                "{} has no faces to be seen",
+                with_article(value.kind().name)
+            ));
         };
         let mut view = View { size: self.size, ..self.camera.unwrap_or_else(View::front) };
         if self.orthographic {
@@ -99,11 +102,9 @@ impl Render {
         sources.extend(&Sources::of(&graph));
         let name = self.output.to_string_lossy();
         let Some((node, output)) = target(&graph, &name) else {
-            let known = graph.output_names().chain(graph.node_names());
-            return Ok(Err(format!(
-                "the graph has no output or node `{name}`; {}",
-                nearest(&name, known)
-            )));
+            let known = Vec::from_iter(graph.output_names().chain(graph.node_names()));
+            let message = format!("the graph has no output or node `{name}`");
+            return Ok(Err(unknown(message, &name, "it has", &known)));
         };
         let mut evaluator = self.cache.evaluator(0, catalog).map_err(Exit::Usage)?;
         let progress = Progress::new(graph.nodes.len());

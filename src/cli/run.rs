@@ -13,12 +13,15 @@ use super::outputs::{Outputs, Written};
 use super::profile;
 use super::progress::Progress;
 use super::why::reason_with_place;
-use super::{Exit, GraphOptions, counted, eprint, in_bytes, interrupt, print, print_json, report};
+use super::{
+    Exit, GraphOptions, counted, eprint, in_bytes, interrupt, print, print_json, put_problems,
+    report,
+};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
 use crate::eval::{Evaluation, Forecast, Observer, State, Trace};
 use crate::golden;
-use crate::graph::{Graph, GraphOutput, nearest};
+use crate::graph::{Graph, GraphOutput, unknown};
 use crate::node::CancelToken;
 use crate::writing::Sources;
 
@@ -138,12 +141,14 @@ impl Run {
         }
         if self.json {
             let outputs = written.iter().map(Written::to_json);
-            print_json(&json!({
+            let mut document = json!({
                 "nodes": traces.iter().map(|node| node.to_json()).collect::<Vec<_>>(),
                 "outputs": outputs.collect::<Vec<_>>(),
-                "problems": problems.iter().map(Problem::to_json).collect::<Vec<_>>(),
+                "problems": [],
                 "seconds": seconds,
-            }));
+            });
+            put_problems(&mut document, problems);
+            print_json(&document);
             return;
         }
         report(problems);
@@ -170,8 +175,13 @@ impl Run {
             let (path, bytes) = (file.path.display(), in_bytes(file.bytes));
             let _ = writeln!(text, "{word} {path}  {bytes}");
         }
-        let counts = counts(&trace);
-        let _ = writeln!(text, "{}: {counts}; {seconds:.2} s", counted(traces.len(), "node"));
+        let _ = match traces.len() {
+            0 => writeln!(text, "nothing to do: the graph has no outputs"),
+            nodes => {
+                let counts = counts(&trace);
+                writeln!(text, "{}: {counts}; {seconds:.2} s", counted(nodes, "node"))
+            }
+        };
         print(&text);
     }
 }
@@ -199,7 +209,8 @@ pub(super) fn wanted<'g>(
     let find = |name: &String| {
         let found = graph.outputs.iter().find(|output| output.name == *name);
         found.ok_or_else(|| {
-            format!("the graph has no output `{name}`; {}", nearest(name, graph.output_names()))
+            let known = Vec::from_iter(graph.output_names());
+            unknown(format!("the graph has no output `{name}`"), name, "its outputs", &known)
         })
     };
     only.iter().map(find).collect()

@@ -9,7 +9,7 @@ use super::caching::CacheOptions;
 use super::{Exit, GraphOptions, print, report};
 use crate::catalog::Catalog;
 use crate::eval::{Change, Forecast, Outlook, Reason};
-use crate::graph::{Graph, nearest};
+use crate::graph::{Graph, unknown};
 
 #[derive(Args)]
 pub(super) struct Why {
@@ -30,8 +30,9 @@ impl Why {
         let Some(graph) = checked.graph else { return Exit::Failed };
         let nodes = graph.nodes_of(&self.node);
         if nodes.is_empty() {
-            let help = nearest(&self.node, graph.names());
-            return Exit::Usage(format!("the graph has no node `{}`; {help}", self.node));
+            let message = format!("the graph has no node `{}`", self.node);
+            let known = Vec::from_iter(graph.names());
+            return Exit::Usage(unknown(message, &self.node, "its nodes", &known));
         }
         let mut evaluator = match self.cache.evaluator(1, catalog) {
             Ok(evaluator) => evaluator,

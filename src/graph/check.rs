@@ -11,6 +11,7 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::definition::{Definition, World};
+use super::draft::Draft;
 use super::expand::expand;
 use super::parameters::Parameters;
 use super::paths::project_root;
@@ -19,7 +20,7 @@ use super::sheet::Sheet;
 use super::top::TopLevel;
 use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
-use crate::error::{Source, Span, Use, code};
+use crate::error::{MOST_TOLD, Source, Span, Use, code};
 use crate::golden::Expectation;
 use crate::plain;
 
@@ -51,6 +52,8 @@ pub(super) fn load_text(
     let (mut world, whole) = first(path, text, catalog, options);
     let mut problems = std::mem::take(&mut world.problems);
     let is_broken = !problems.is_empty();
+    // What uses make of a graph adds nothing to more problems than are told.
+    let whole = whole.filter(|_| problems.len() < MOST_TOLD);
     let graph = whole.and_then(|whole| expand(&mut world, whole, is_broken));
     problems.append(&mut world.problems);
     // What is wrong with a file shows again in every use of it.
@@ -151,6 +154,8 @@ pub(super) struct Whole<'a> {
     pub(super) expect: Vec<(Expectation, Span)>,
     /// Whether it gives ports, not files.
     pub(super) is_used: bool,
+    /// The nodes that nothing needs.
+    pub(super) unused: Vec<(String, Span)>,
 }
 
 impl<'w, 'a> Check<'w, 'a> {
@@ -171,6 +176,12 @@ impl<'w, 'a> Check<'w, 'a> {
         help: impl Into<String>,
     ) {
         self.findings.push(Finding { code, span, message, help: help.into(), note: None });
+    }
+
+    /// What may have been meant, as long as problems are few enough to be told: a guess looks at all that there is.
+    pub(super) fn guess(&self, make: impl FnOnce() -> String) -> String {
+        let known = self.world.problems.len() + self.findings.len();
+        if known < MOST_TOLD { make() } else { String::new() }
     }
 
     fn read(&mut self) -> Option<Whole<'a>> {
@@ -206,12 +217,15 @@ impl<'w, 'a> Check<'w, 'a> {
             true => ports = self.ports(top.outputs, &drafts, &names),
             false => outputs = self.outputs(top.outputs, &drafts, &names),
         }
-        let expect = self.expectations(top.expect, &drafts, &names);
+        let (expect, expected) = self.expectations(top.expect, &drafts, &names);
         if let Some(expect) = top.expect.filter(|_| top.inputs.is_some()) {
             let message = "a graph with inputs can expect nothing of values".to_owned();
             let help = "what is expected is said by the graph that uses it";
             self.find(code::UNKNOWN_FIELD, expect.span, message, help);
         }
+        let given = outputs.iter().map(|output| output.node);
+        let ported = ports.iter().filter_map(|port| Some(port.target?.0));
+        let unused = unused(&drafts, inputs, given.chain(ported).chain(expected));
         let schema = json!({ "description": top.doc, "properties": fields, "required": required });
         let definition = Definition {
             sheet: self.sheet.clone(),
@@ -225,6 +239,36 @@ impl<'w, 'a> Check<'w, 'a> {
             ports,
             schema,
         };
-        Whole { definition, outputs, expect, is_used }
+        Whole { definition, outputs, expect, is_used, unused }
     }
 }
+
+/// The nodes that none of the `needed` ones hangs on, with the places of their names. The cases of a `Switch` are all needed.
+fn unused(
+    drafts: &[Draft<'_>],
+    inputs: usize,
+    needed: impl Iterator<Item = usize>,
+) -> Vec<(String, Span)> {
+    let mut is_needed = vec![false; drafts.len()];
+    let mut open = Vec::from_iter(needed);
+    while let Some(index) = open.pop() {
+        if !std::mem::replace(&mut is_needed[index], true) {
+            let targets = drafts[index].targets.iter().flatten().flatten();
+            open.extend(targets.map(|(node, _)| *node));
+        }
+    }
+    // The elements of a `ForEach` share one name in the file: it is needed if one of them is.
+    let names = || drafts.iter().zip(&is_needed).skip(inputs);
+    let needed: HashSet<Span> =
+        names().filter(|(_, needed)| **needed).map(|(draft, _)| draft.name.span).collect();
+    let mut unused = Vec::new();
+    for (draft, _) in names().filter(|(draft, _)| !needed.contains(&draft.name.span)) {
+        let name = draft.name.text.split('/').next().unwrap_or_default();
+        unused.push((name.to_owned(), draft.name.span));
+    }
+    unused.dedup();
+    unused
+}
+
+#[cfg(test)]
+mod tests;

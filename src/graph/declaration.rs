@@ -2,9 +2,9 @@
 
 use serde_json::{Value as Json, json};
 
-use super::file::{Body, Kind, Origin, Tree};
 use super::schema::Finding;
 use super::suggest::{nearest, nearest_or_all};
+use super::tree::{Body, Kind, Origin, Tree};
 use crate::error::code;
 use crate::value::Color;
 
@@ -64,9 +64,12 @@ impl Declaration {
             unit: None,
             doc: String::new(),
         };
-        let mut has_default = false;
+        // What is known to be wrong says nothing of the default.
+        let mut is_whole = true;
+        let (mut has_default, mut has_choices) = (false, declaration.kind != "Choice");
         for field in tree.fields().unwrap_or_default() {
             let (word, value) = (&field.name.text[..], &field.value);
+            has_choices |= word == "of";
             if !known.contains(&word) {
                 let message = format!("{} has no field `{word}`", declaration.kind);
                 find(
@@ -87,10 +90,24 @@ impl Declaration {
                 }
                 ("min", Kind::Number { value, .. }) => declaration.min.replace(*value).is_none(),
                 ("max", Kind::Number { value, .. }) => declaration.max.replace(*value).is_none(),
-                ("of", Kind::List(items)) => {
-                    declaration.choices =
-                        items.iter().filter_map(|item| item.name()).map(|name| name.text).collect();
-                    declaration.choices.len() == items.len() && !items.is_empty()
+                ("of", Kind::List(items)) if !items.is_empty() => {
+                    for item in items {
+                        match &item.kind {
+                            Kind::Word(word) => declaration.choices.push(word.clone()),
+                            Kind::Broken => is_whole = false,
+                            _ => {
+                                is_whole = false;
+                                let message =
+                                    format!("a choice is a bare word, not {}", item.in_words());
+                                let help = match item.text().filter(|text| is_word(text)) {
+                                    Some(text) => format!("write {text} without quotes"),
+                                    None => "as in `of: [Left, Right]`".into(),
+                                };
+                                find(code::WRONG_VALUE, item.span, message, help);
+                            }
+                        }
+                    }
+                    true
                 }
                 ("doc", Kind::Text(text)) => {
                     declaration.doc.clone_from(text);
@@ -100,20 +117,41 @@ impl Declaration {
                 _ => false,
             };
             if !fits {
-                let message = format!(
-                    "field `{word}` of {} cannot be {}",
-                    declaration.kind,
-                    value.in_words()
-                );
+                is_whole = false;
+                let message = match (word, &value.kind) {
+                    ("of", Kind::List(_)) => "there is nothing to choose from".to_owned(),
+                    _ => format!(
+                        "field `{word}` of {} cannot be {}",
+                        declaration.kind,
+                        value.in_words()
+                    ),
+                };
                 find(code::WRONG_VALUE, value.span, message, String::new());
             }
+        }
+        if !has_choices {
+            let message = format!("parameter `{name}` has no choices");
+            find(code::MISSING_FIELD, tree.span, message, "write `of: [Left, Right]`".into());
+            return None;
+        }
+        if let (Some(min), Some(max)) = (declaration.min, declaration.max)
+            && max < min
+        {
+            let message = format!("parameter `{name}` has a `min`, {min}, above its `max`, {max}");
+            find(
+                code::WRONG_VALUE,
+                tree.span,
+                message,
+                "no value is in between: swap them?".into(),
+            );
+            return None;
         }
         if !has_default {
             let message = format!("parameter `{name}` has no default");
             find(code::MISSING_FIELD, tree.span, message, "write `default: ..`".into());
             return None;
         }
-        Some(declaration)
+        is_whole.then_some(declaration)
     }
 
     /// The value, if it is one of the declared type and in range.
@@ -185,6 +223,9 @@ impl Declaration {
             _ => "numbers in parentheses: (0, 0, 1)".to_owned(),
         };
         let help = match &tree.kind {
+            Kind::Text(text) if self.choices.contains(text) => {
+                format!("write {text} without quotes")
+            }
             Kind::Word(word) => nearest(word, self.choices.iter().map(String::as_str)),
             _ => String::new(),
         };
@@ -232,6 +273,12 @@ impl Declaration {
         }
         schema
     }
+}
+
+/// Whether a text can stand without its quotes.
+fn is_word(text: &str) -> bool {
+    text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+        && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
 fn as_json(tree: &Tree) -> Option<Json> {

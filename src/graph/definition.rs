@@ -10,12 +10,12 @@ use super::check::Check;
 use super::declaration::Declaration;
 use super::draft::Draft;
 use super::each::Each;
-use super::file::{Kind, Name, Tree};
 use super::parameters::Parameters;
 use super::paths::{PathProblem, may_read, without_dots};
 use super::sheet::Sheet;
 use super::suggest::{nearest, nearest_or_all};
 use super::top::TopLevel;
+use super::tree::{Body, Field, Kind, Name, Tree};
 use super::{Options, ReadFile};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Span, Use, code};
@@ -246,7 +246,7 @@ impl<'a> Check<'_, 'a> {
                 self.find(code::WRONG_VALUE, field.value.span, message, "");
             }
         }
-        if let Kind::Call { body: super::file::Body::Items(_), .. } = value.kind {
+        if let Kind::Call { body: Body::Items(_), .. } = value.kind {
             let message = format!("input `{name}` has a value without a name");
             self.find(code::WRONG_VALUE, value.span, message, "write Mesh(doc: \"what it is\")");
         }
@@ -267,9 +267,7 @@ impl<'a> Check<'_, 'a> {
 /// The first node of this type, and its place.
 fn first_use<'t>(top: &TopLevel<'t>, name: &str) -> Option<(&'t str, Span)> {
     let is_of_type = |node: &&(Tree, Tree)| {
-        let graph = |field: &super::file::Field| {
-            field.name.text == "graph" && field.value.text() == Some(name)
-        };
+        let graph = |field: &Field| field.name.text == "graph" && field.value.text() == Some(name);
         let kind = node.1.name();
         kind.as_ref().is_some_and(|kind| kind.text == name)
             || kind.is_some_and(|kind| kind.text == "ForEach")

@@ -10,10 +10,11 @@ use std::fmt;
 use serde_json::json;
 
 use super::Graph;
-use super::file::{Body, Kind, Tree, parse};
+use super::file::parse;
 use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
 use super::patch::patched_tree;
 use super::tools::syntax_problems;
+use super::tree::{Body, Kind, Tree};
 use super::{Files, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source};

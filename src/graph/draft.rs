@@ -1,17 +1,19 @@
 //! The nodes of a graph as its file has them, looked at one by one with the defaults of parameters.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::check::Check;
 use super::definition::{Definition, Used};
 use super::each::{Branches, Each, element_name};
-use super::file::{Kind, Name, Tree};
 use super::node::{Built, Survey};
 use super::parameters::{Parameters, is_parametric};
 use super::schema::FoundLink;
 use super::suggest::nearest;
+use super::tree::{Kind, Name, Tree};
 use crate::catalog::Entry;
 use crate::error::code;
+use crate::node::Output;
 use crate::value::ValueType;
 
 /// A node while it is checked.
@@ -54,6 +56,19 @@ impl What<'_> {
         match self {
             Self::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
             Self::Use(_, graph) => graph.ports.iter().map(|port| &port.name[..]).collect(),
+            Self::Input | Self::Switch(_) | Self::Unknown => Vec::new(),
+        }
+    }
+
+    /// The type of each output, as far as no link decides it.
+    fn types(&self) -> Vec<Option<&'static ValueType>> {
+        let of_node = |output: &Output| match output.types[..] {
+            [kind] => Some(kind),
+            _ => None,
+        };
+        match self {
+            Self::Node(entry) => entry.outputs().iter().map(of_node).collect(),
+            Self::Use(_, graph) => graph.ports.iter().map(|port| port.kind).collect(),
             Self::Input | Self::Switch(_) | Self::Unknown => Vec::new(),
         }
     }
@@ -146,15 +161,10 @@ impl<'a> Check<'_, 'a> {
             self.look(&mut draft, defaults);
             drafts.push(draft);
         }
-        let mut said: Vec<(&'static str, String)> = Vec::new();
-        let mut index = 0;
-        self.findings.retain(|finding| {
-            index += 1;
-            let what = (finding.code, finding.message.clone());
-            let is_new = index <= known || !said.contains(&what);
-            said.extend((index > known && is_new).then_some(what));
-            is_new
-        });
+        let mut said = HashSet::new();
+        let mut found = self.findings.split_off(known);
+        found.retain(|finding| said.insert((finding.code, finding.message.clone())));
+        self.findings.append(&mut found);
         if drafts.len() == first {
             // Without elements there is still something to say about the type.
             let call = Tree::new(value.span, Kind::Word(repeated.kind.clone()));
@@ -175,9 +185,10 @@ impl<'a> Check<'_, 'a> {
             return Draft::new(name, value, What::Unknown);
         };
         let chosen = defaults.substitute(&branches.choose, &mut self.findings);
-        if let Err((message, help)) = branches.chosen(&chosen)
+        if let Err((message, word)) = branches.chosen(&chosen)
             && !chosen.is_broken()
         {
+            let help = self.guess(|| branches.meant(&word));
             self.find(code::WRONG_VALUE, chosen.span, message, help);
         }
         let link = |(name, link): &(String, Tree)| FoundLink {
@@ -210,33 +221,31 @@ impl<'a> Check<'_, 'a> {
             return definition.map_or(What::Unknown, |it| What::Use(kind.text.clone(), it));
         }
         let message = format!("there is no node type `{}`", kind.text);
-        let mut names = self.world.catalog.names();
-        names.extend(subgraphs.iter().map(|subgraph| &subgraph.name[..]));
-        let help = match nearest(&kind.text, names) {
-            help if help.is_empty() => "`maquette nodes` lists them all".into(),
-            help => help,
-        };
+        let help = self.guess(|| {
+            let mut names = self.world.catalog.names();
+            names.extend(subgraphs.iter().map(|subgraph| &subgraph.name[..]));
+            match nearest(&kind.text, names) {
+                help if help.is_empty() => {
+                    "the command `nodes` lists those of this program; others come in packs".into()
+                }
+                help => help,
+            }
+        });
         self.find(code::UNKNOWN_NODE, kind.span, message, help);
         What::Unknown
     }
 
     /// Looks at a node's fields with the default values of parameters.
     fn look(&mut self, draft: &mut Draft<'a>, defaults: &Parameters) {
-        let count = draft.what.outputs().len();
-        draft.types = vec![None; count];
-        if let What::Use(_, graph) = &draft.what {
-            draft.types = graph.ports.iter().map(|port| port.kind).collect();
-        }
+        draft.types = draft.what.types();
         let known = self.findings.len();
         let survey = self.survey(&draft.what, &draft.tree, defaults);
         // Which file a parameter names is a matter of the uses.
         let is_open = draft.parametric && !self.is_first();
         if is_open {
-            let mut index = 0;
-            self.findings.retain(|finding| {
-                index += 1;
-                index <= known || finding.code != code::MISSING_FILE
-            });
+            let mut found = self.findings.split_off(known);
+            found.retain(|finding| finding.code != code::MISSING_FILE);
+            self.findings.append(&mut found);
         } else {
             survey.files.iter().for_each(|file| self.may_read(file));
         }

@@ -1,8 +1,10 @@
 //! `ForEach` and `Switch`: what looks like a node and is resolved when the graph is read.
 
+use std::collections::HashSet;
+
 use super::check::Check;
-use super::file::{Body, Field, Kind, Name, Tree};
 use super::suggest::nearest_or_all;
+use super::tree::{Body, Field, Kind, Name, Tree};
 use crate::error::{Span, code};
 
 /// A `ForEach`: one node for each element of a list.
@@ -53,7 +55,7 @@ impl Check<'_, '_> {
             let name = &field.name;
             if !known.contains(&&name.text[..]) {
                 let message = format!("{kind} has no field `{}`", name.text);
-                let help = nearest_or_all(&name.text, "its fields", known);
+                let help = self.guess(|| nearest_or_all(&name.text, "its fields", known));
                 self.find(code::UNKNOWN_FIELD, name.span, message, help);
             } else if found.iter().any(|before| before.name.text == name.text) {
                 let message = format!("field `{}` is given twice", name.text);
@@ -164,14 +166,15 @@ impl Check<'_, '_> {
 
     fn cases(&mut self, entries: &[(Tree, Tree)]) -> Option<Vec<(String, Tree)>> {
         let before = self.findings.len();
-        let mut cases: Vec<(String, Tree)> = Vec::new();
+        let mut cases: Vec<(String, Tree)> = Vec::with_capacity(entries.len());
+        let mut taken = HashSet::new();
         for (key, value) in entries {
             let (Some(name), Some(_)) = (key.text(), value.text()) else {
                 let message = "a case of Switch is a name and a link".to_owned();
                 self.find(code::WRONG_VALUE, key.span, message, "write `\"name\": \"node\"`");
                 continue;
             };
-            if cases.iter().any(|(known, _)| known == name) {
+            if !taken.insert(name) {
                 let message = format!("there is already a case `{name}`");
                 self.find(code::BAD_NAME, key.span, message, "keep one of them");
             }
@@ -182,7 +185,7 @@ impl Check<'_, '_> {
 }
 
 impl Branches {
-    /// The case that a value names; why there is none otherwise.
+    /// The case that a value names; if there is none, why, and the word that names no case.
     pub(super) fn chosen(&self, value: &Tree) -> Result<usize, (String, String)> {
         let word = match &value.kind {
             Kind::Word(word) | Kind::Text(word) => word.clone(),
@@ -196,11 +199,16 @@ impl Branches {
             }
         };
         let found = self.cases.iter().position(|(name, _)| *name == word);
-        found.ok_or_else(|| {
-            let names = Vec::from_iter(self.cases.iter().map(|(name, _)| &name[..]));
-            let help = nearest_or_all(&word, "its cases", &names);
-            (format!("Switch has no case `{word}`"), help)
-        })
+        found.ok_or_else(|| (format!("Switch has no case `{word}`"), word))
+    }
+
+    /// The case that may have been meant by a word.
+    pub(super) fn meant(&self, word: &str) -> String {
+        if word.is_empty() {
+            return String::new();
+        }
+        let names = Vec::from_iter(self.cases.iter().map(|(name, _)| &name[..]));
+        nearest_or_all(word, "its cases", &names)
     }
 }
 

@@ -1,12 +1,14 @@
 //! Puts values into the text of a graph file without touching another byte.
 
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use super::check::load_text;
-use super::file::{Body, Field, Kind, Part, Tree, parse, parts};
+use super::file::{Part, parse, parts};
 use super::suggest::nearest_or_all;
 use super::tools::syntax_problems;
+use super::tree::{Body, Field, Kind, Tree};
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, Span, code};
@@ -142,11 +144,18 @@ impl Judge<'_> {
 
 /// The problems that are not among those that were known.
 fn news(known: &[Problem], problems: Vec<Problem>) -> Vec<Problem> {
-    let mut known: Vec<_> = known.iter().map(|problem| (problem.code, &problem.message)).collect();
+    let key = |problem: &Problem| (problem.code, problem.message.clone());
+    let mut counts: HashMap<_, usize> = HashMap::new();
+    for problem in known {
+        *counts.entry(key(problem)).or_default() += 1;
+    }
     let mut news = problems;
-    news.retain(|problem| {
-        let seen = known.iter().position(|known| *known == (problem.code, &problem.message));
-        seen.map(|index| known.swap_remove(index)).is_none()
+    news.retain(|problem| match counts.get_mut(&key(problem)) {
+        Some(count) if 0 < *count => {
+            *count -= 1;
+            false
+        }
+        _ => true,
     });
     news
 }
@@ -291,12 +300,13 @@ fn new_entry(text: &str, patch: &Tree, section: &str, target: &str, value: &str)
     };
     let map = field(patch, section).map(|field| &field.value);
     match map.map(|map| (&map.kind, map.span)) {
-        Some((Kind::Map(entries), span)) => match entries.last() {
-            Some((_, last)) => {
-                let at = Span { start: last.span.end, end: last.span.end };
-                vec![(at, format!(", {entry}"))]
+        Some((Kind::Map(entries), span)) => match &entries[..] {
+            [before @ .., (key, value)] => {
+                let before = before.last().map(|(_, value)| value.span.end);
+                let last = Span { start: key.span.start, end: value.span.end };
+                behind(text, span, before, last, &entry)
             }
-            None => vec![(span, format!("{{ {entry} }}"))],
+            [] => vec![(span, format!("{{ {entry} }}"))],
         },
         _ => added(text, patch, section, &format!("{{ {entry} }}")),
     }
@@ -400,26 +410,37 @@ fn added(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Edit> {
     let colon = &text[last.name.span.end..last.value.span.start];
     let colon = if colon.trim() == ":" && !colon.contains('\n') { colon } else { ": " };
     let new = format!("{name}{colon}{value}");
-    let line = text[..last.name.span.start].rfind('\n').map_or(0, |newline| newline + 1);
-    let indent = &text[line..last.name.span.start];
-    let tail = Tail::of(text, last.value.span.end, owner.span.end);
-    if line > owner.span.start && indent.trim().is_empty() {
+    let before = match owner.fields() {
+        Some([.., before, _]) => Some(before.value.span.end),
+        _ => None,
+    };
+    let last = Span { start: last.name.span.start, end: last.value.span.end };
+    behind(text, owner.span, before, last, &new)
+}
+
+/// The edits that put a new field or entry behind the last one of `owner`: on a line of its own if that one is. `before` is where
+/// the one before the last ends.
+fn behind(text: &str, owner: Span, before: Option<usize>, last: Span, new: &str) -> Vec<Edit> {
+    let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
+    let line = text[..last.start].rfind('\n').map_or(0, |newline| newline + 1);
+    let indent = &text[line..last.start];
+    let tail = Tail::of(text, last.end, owner.end);
+    if line > owner.start && indent.trim().is_empty() {
         let newline = if text[..line].ends_with("\r\n") { "\r\n" } else { "\n" };
         return match tail.comma {
             Some(_) => vec![insert(tail.line_end, format!("{newline}{indent}{new},"))],
-            None if tail.line_end == last.value.span.end => {
+            None if tail.line_end == last.end => {
                 vec![insert(tail.line_end, format!(",{newline}{indent}{new}"))]
             }
             None => vec![
-                insert(last.value.span.end, ",".into()),
+                insert(last.end, ",".into()),
                 insert(tail.line_end, format!("{newline}{indent}{new}")),
             ],
         };
     }
-    let is_tight = matches!(owner.fields(), Some([.., before, _])
-        if &text[before.value.span.end..last.name.span.start] == ",");
+    let is_tight = before.is_some_and(|before| &text[before..last.start] == ",");
     let comma = if is_tight { "," } else { ", " };
-    vec![insert(last.value.span.end, format!("{comma}{new}"))]
+    vec![insert(last.end, format!("{comma}{new}"))]
 }
 
 /// What follows the last field of a call.

@@ -12,8 +12,9 @@ use super::each::Branches;
 use super::input::input_node;
 use super::node::Built;
 use super::parameters::{Parameters, handed_over};
+use super::schema::Finding;
 use super::{Graph, GraphNode, GraphOutput, GraphUse, Link, Shape};
-use crate::error::{Use, code};
+use crate::error::{Problem, Severity, Use, code};
 
 /// A node and an output of it, by their places in the flat graph.
 type Target = (usize, usize);
@@ -31,7 +32,7 @@ pub(super) fn expand<'a>(
     whole: Whole<'a>,
     is_broken: bool,
 ) -> Option<Graph> {
-    let Whole { definition, outputs, expect, .. } = whole;
+    let Whole { definition, outputs, expect, unused, .. } = whole;
     let mut expansion = Expansion { world, nodes: Vec::new(), uses: Vec::new(), count: 0 };
     let inputs = expansion.inputs(&definition);
     let scope = Scope { prefix: String::new(), uses: Arc::new([]), inputs, values: None };
@@ -48,7 +49,14 @@ pub(super) fn expand<'a>(
     let outputs = outputs.into_iter().map(output).collect::<Option<_>>()?;
     let shape = Arc::new(Shape::new(&nodes));
     let source = definition.sheet.source.clone();
-    let Definition { doc, schema, .. } = definition;
+    let Definition { sheet, doc, schema, .. } = definition;
+    let unused = unused.into_iter().map(|(name, span)| {
+        let message = format!("nothing needs `{name}`");
+        let help = "name an output for it, or leave it out".to_owned();
+        let finding = Finding { code: code::UNUSED, span, message, help, note: None };
+        Problem { severity: Severity::Warning, ..sheet.problem(finding, &[]) }
+    });
+    let unused = unused.collect();
     let subgraphs = world.subgraphs.clone();
     Some(Graph {
         source,
@@ -60,6 +68,7 @@ pub(super) fn expand<'a>(
         expect,
         schema,
         uses,
+        unused,
     })
 }
 
@@ -289,7 +298,8 @@ impl<'a> Expansion<'_, 'a> {
             let own = scope.values(definition);
             let chosen = own.substitute(&branches.choose, &mut check.findings);
             let case = branches.chosen(&chosen);
-            let wrong = |(message, help): (String, String)| {
+            let wrong = |(message, word): (String, String)| {
+                let help = check.guess(|| branches.meant(&word));
                 check.find(code::WRONG_VALUE, chosen.span, message, help);
             };
             case.map_err(wrong)

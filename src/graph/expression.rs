@@ -20,7 +20,19 @@ pub(crate) enum Outcome {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ExpressionError {
     pub(crate) message: String,
-    pub(crate) help: String,
+    help: String,
+    /// The parameter that is not there, if that is why.
+    unknown: Option<String>,
+}
+
+impl ExpressionError {
+    /// What may have been meant.
+    pub(crate) fn help(&self, parameters: &BTreeMap<String, Outcome>) -> String {
+        match &self.unknown {
+            Some(name) => nearest(name, parameters.keys().map(String::as_str)),
+            None => self.help.clone(),
+        }
+    }
 }
 
 impl fmt::Display for ExpressionError {
@@ -30,7 +42,7 @@ impl fmt::Display for ExpressionError {
 }
 
 fn error<T>(message: impl Into<String>) -> Result<T, ExpressionError> {
-    Err(ExpressionError { message: message.into(), help: String::new() })
+    Err(ExpressionError { message: message.into(), help: String::new(), unknown: None })
 }
 
 /// Functions by name: least number of arguments, most, and what they compute.
@@ -238,7 +250,8 @@ impl Parser<'_> {
             (None, "false") => Ok(Outcome::Truth(false)),
             (None, _) => Err(ExpressionError {
                 message: format!("the graph has no parameter `{name}`"),
-                help: nearest(name, self.parameters.keys().map(String::as_str)),
+                help: String::new(),
+                unknown: Some(name.to_owned()),
             }),
         }
     }
@@ -263,6 +276,7 @@ impl Parser<'_> {
             return Err(ExpressionError {
                 message: format!("there is no function `{name}`"),
                 help: nearest(name, FUNCTIONS.iter().map(|f| f.0).chain(["if"])),
+                unknown: None,
             });
         };
         if !(*least..=*most).contains(&arguments.len()) {
@@ -319,7 +333,7 @@ mod tests {
             ("eye".to_owned(), Outcome::Number(5.0)),
             ("flat".to_owned(), Outcome::Truth(true)),
         ]);
-        evaluate(text, &parameters).map_err(|error| format!("{error}; {}", error.help))
+        evaluate(text, &parameters).map_err(|error| format!("{error}; {}", error.help(&parameters)))
     }
 
     fn check(text: &str, expected: f64) {

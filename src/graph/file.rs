@@ -3,96 +3,12 @@
 //! `ronin-core` parses it without losing a byte and recovers from mistakes; this module and [`TreeReader`] alone know it. What
 //! comes out is [`Tree`], small enough to be substituted into, checked against a schema and read by serde.
 
-use std::sync::Arc;
+use ronin_core::lexer::tokenize;
+use ronin_core::{SyntaxKind, SyntaxNode, TextRange};
 
-use ronin_core::{SyntaxKind, SyntaxNode, SyntaxToken, TextRange};
-
-use super::sheet::Sheet;
+use super::tree::{Kind, Tree, cut};
 use super::tree_reader::{TreeReader, is_value};
 use crate::error::{Place, Span};
-
-/// One value of the file, and where it stands.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Tree {
-    pub(crate) span: Span,
-    pub(crate) kind: Kind,
-    /// Where a value that stands in for a `Param` comes from.
-    pub(crate) origin: Option<Origin>,
-}
-
-/// Where a parameter's value comes from.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Origin {
-    /// The default in the file.
-    Default(Span),
-    /// `--set` with this text.
-    Set(String),
-    /// Another file than the one that it is used in.
-    Given(Given),
-}
-
-/// A value that comes from another file: through a use of a graph, or by a patch.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Given {
-    pub(crate) sheet: Arc<Sheet>,
-    /// Where it stands there.
-    pub(crate) span: Span,
-    /// With which `--set` it was given there, if it was.
-    pub(crate) set: Option<String>,
-}
-
-impl Given {
-    /// In words: `graphs/face.ron:9:30`.
-    pub(crate) fn place(&self) -> String {
-        match &self.set {
-            Some(set) => format!("`--set {set}`"),
-            None => self.sheet.place_in_words(self.span),
-        }
-    }
-}
-
-/// What kind of value it is.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Kind {
-    /// A finite number, and whether it was written as a whole one.
-    Number { value: f64, whole: bool },
-    /// `true` or `false`.
-    Bool(bool),
-    /// A string without its quotes and escapes.
-    Text(String),
-    /// A bare word.
-    Word(String),
-    /// `Name(..)` or `(..)`.
-    Call { name: Option<Name>, body: Body },
-    /// `[..]`.
-    List(Vec<Tree>),
-    /// `{..}`: keys and values.
-    Map(Vec<(Tree, Tree)>),
-    /// Something that has been reported already.
-    Broken,
-}
-
-/// What stands between parentheses.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Body {
-    Empty,
-    Fields(Vec<Field>),
-    Items(Vec<Tree>),
-}
-
-/// A word with its place.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Name {
-    pub(crate) text: String,
-    pub(crate) span: Span,
-}
-
-/// `name: value`.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Field {
-    pub(crate) name: Name,
-    pub(crate) value: Tree,
-}
 
 /// A mistake in the text itself: where, what, and what to do.
 #[derive(Clone, Debug, PartialEq)]
@@ -102,139 +18,55 @@ pub(crate) struct Mistake {
     pub(crate) help: String,
 }
 
-impl Tree {
-    pub(crate) fn new(span: Span, kind: Kind) -> Self {
-        Self { span, kind, origin: None }
-    }
+/// Values in each other, and with them all that walks through them, go no deeper: far deeper than any node needs, and far less
+/// deep than the stack of a thread.
+pub(super) const DEEPEST: usize = 128;
 
-    pub(crate) fn is_broken(&self) -> bool {
-        self.kind == Kind::Broken
-    }
+/// The tokens of a text in order, none left out, each with its place. Nothing in it is nested, so that any text will do.
+fn tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)> + '_ {
+    let mut end = 0;
+    tokenize(text).into_iter().map(move |token| {
+        let start = end;
+        end += token.text.len();
+        (token.kind, Span { start, end })
+    })
+}
 
-    /// Whether nothing in it is broken.
-    pub(crate) fn is_whole(&self) -> bool {
-        match &self.kind {
-            Kind::Broken => false,
-            Kind::Call { body: Body::Fields(fields), .. } => {
-                fields.iter().all(|field| field.value.is_whole())
+/// The first bracket that opens too deep inside of others. One that the wrong bracket closes counts as open, as it may for the
+/// parser, whose own limit does not hold for all that it recurs into.
+fn too_deep(text: &str) -> Option<Span> {
+    use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
+    let mut open = Vec::new();
+    tokens(text).find_map(|(kind, at)| {
+        let opener = match kind {
+            LParen | LBracket | LBrace if open.len() == DEEPEST => return Some(at),
+            LParen | LBracket | LBrace => {
+                open.push(kind);
+                return None;
             }
-            Kind::Call { body: Body::Items(items), .. } | Kind::List(items) => {
-                items.iter().all(Self::is_whole)
-            }
-            Kind::Map(entries) => entries.iter().all(|(_, value)| value.is_whole()),
-            _ => true,
-        }
-    }
-
-    pub(crate) fn text(&self) -> Option<&str> {
-        match &self.kind {
-            Kind::Text(text) => Some(text),
-            _ => None,
-        }
-    }
-
-    /// The name before the parentheses, or the bare word.
-    pub(crate) fn name(&self) -> Option<Name> {
-        match &self.kind {
-            Kind::Call { name, .. } => name.clone(),
-            Kind::Word(text) => Some(Name { text: text.clone(), span: self.span }),
-            _ => None,
-        }
-    }
-
-    /// The fields between the parentheses; none if there are no parentheses, or items in them.
-    pub(crate) fn fields(&self) -> Option<&[Field]> {
-        match &self.kind {
-            Kind::Call { body: Body::Fields(fields), .. } => Some(fields),
-            Kind::Call { body: Body::Empty, .. } => Some(&[]),
-            _ => None,
-        }
-    }
-
-    /// The only item between the parentheses of `name(..)`.
-    pub(crate) fn call_of(&self, wanted: &str) -> Option<&Self> {
-        match &self.kind {
-            Kind::Call { name: Some(name), body: Body::Items(items) } if name.text == wanted => {
-                match &items[..] {
-                    [item] => Some(item),
-                    _ => None,
-                }
-            }
-            _ => None,
-        }
-    }
-
-    /// What stands at the end of this way through fields, items and entries, or as far along it as the file goes. The name of a
-    /// choice, `Near` of `Near(..)`, is a step of the way.
-    pub(crate) fn at(&self, path: &[String]) -> &Self {
-        let Some((step, rest)) = path.split_first() else { return self };
-        let item =
-            |items: &'_ [Self]| step.parse().ok().filter(|&index: &usize| index < items.len());
-        let inside = match &self.kind {
-            Kind::Call { name: Some(name), .. } if name.text == *step => {
-                return self.at_inside(rest);
-            }
-            Kind::List(items) => item(items).map(|index| &items[index]),
-            Kind::Map(entries) => {
-                let entry = entries.iter().find(|(key, _)| key.text() == Some(step));
-                entry.map(|(_, value)| value)
-            }
-            _ => return self.at_inside(path),
+            RParen => LParen,
+            RBracket => LBracket,
+            RBrace => LBrace,
+            _ => return None,
         };
-        inside.map_or(self, |inside| inside.at(rest))
-    }
-
-    /// The same, without the name before the parentheses.
-    fn at_inside(&self, path: &[String]) -> &Self {
-        let Some((step, rest)) = path.split_first() else { return self };
-        let inside = match &self.kind {
-            Kind::Call { body: Body::Fields(fields), .. } => {
-                let field = fields.iter().find(|field| field.name.text == *step);
-                field.map(|field| (&field.value, rest))
-            }
-            // `Near(..)` with one item has the path of the item itself.
-            Kind::Call { body: Body::Items(items), .. } => match step.parse::<usize>() {
-                Ok(index) => items.get(index).map(|item| (item, rest)),
-                Err(_) => items.first().map(|item| (item, path)),
-            },
-            _ => None,
-        };
-        inside.map_or(self, |(inside, rest)| inside.at(rest))
-    }
-
-    /// What kind of value it is, in words, with its text where that is short.
-    pub(crate) fn in_words(&self) -> String {
-        match &self.kind {
-            Kind::Number { value, .. } => format!("the number {value}"),
-            Kind::Bool(value) => value.to_string(),
-            Kind::Text(text) => format!("the text \"{text}\""),
-            Kind::Word(word) => format!("`{word}`"),
-            Kind::Call { name: Some(name), .. } => format!("`{}(..)`", name.text),
-            Kind::Call { body: Body::Fields(_), .. } => "a group of fields".into(),
-            Kind::Call { .. } => "a tuple".into(),
-            Kind::List(_) => "a list".into(),
-            Kind::Map(_) => "a map".into(),
-            Kind::Broken => "something unreadable".into(),
-        }
-    }
+        open.pop_if(|last| *last == opener);
+        None
+    })
 }
 
 /// The value of a whole text, as far as it can be read, and the mistakes in it.
 pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
+    if let Some(span) = too_deep(text) {
+        let message = format!("values are nested more than {DEEPEST} deep here");
+        let mistake = Mistake { span, message, help: "no node needs that".into() };
+        return (Tree::new(Span::default(), Kind::Broken), vec![mistake]);
+    }
     let document = ronin_core::parse(text);
     let mut mistakes: Vec<Mistake> = document
         .diagnostics()
         .iter()
         .map(|found| explain(text, span(found.range), &found.message))
         .collect();
-    if let Some(deep) = mistakes.iter().position(|mistake| mistake.message.contains("nesting")) {
-        let place = Span { end: mistakes[deep].span.start + 1, ..mistakes[deep].span };
-        let message = "values are nested more than 128 deep here".to_owned();
-        return (
-            Tree::new(Span::default(), Kind::Broken),
-            vec![Mistake { span: place, message, help: "no node needs that".into() }],
-        );
-    }
     if let Some(unclosed) = unclosed(text, &document.root()) {
         // Whatever the parser finds behind it follows from it.
         mistakes.retain(|mistake| mistake.span.end <= unclosed.span.start);
@@ -285,10 +117,9 @@ pub(crate) enum Part {
 
 /// The pieces of the text in order, none left out.
 pub(crate) fn parts(text: &str) -> Vec<(Part, Span)> {
-    let root = ronin_core::parse(text).root();
-    let part = |token: SyntaxToken| {
+    let part = |(kind, span)| {
         use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
-        let part = match token.kind() {
+        let part = match kind {
             SyntaxKind::Whitespace | SyntaxKind::Bom => Part::Space,
             SyntaxKind::LineComment => Part::LineComment,
             SyntaxKind::BlockComment => Part::BlockComment,
@@ -298,14 +129,17 @@ pub(crate) fn parts(text: &str) -> Vec<(Part, Span)> {
             SyntaxKind::Colon => Part::Colon,
             _ => Part::Word,
         };
-        (part, span(token.text_range()))
+        (part, span)
     };
-    root.descendant_tokens().map(part).collect()
+    tokens(text).map(part).collect()
 }
 
-/// The text as its syntax tree prints it: the same bytes, however broken the text is.
+/// The text as its syntax tree prints it: the same bytes, however broken the text is. What is nested too deep has no tree.
 pub(crate) fn printed(text: &str) -> String {
-    ronin_core::print(&ronin_core::parse(text))
+    match too_deep(text) {
+        None => ronin_core::print(&ronin_core::parse(text)),
+        Some(_) => text.to_owned(),
+    }
 }
 
 /// Says of a parser's finding what was found, not only what was missed.
@@ -318,6 +152,15 @@ fn explain(text: &str, found: Span, message: &str) -> Mistake {
             message: "there is something behind the end of the graph".into(),
             help: "a file holds one `Graph(..)` and nothing behind it".into(),
         };
+    } else if message.contains("delimited group") {
+        let begins_value = |c: char| c.is_alphanumeric() || "\"'([{-+_".contains(c);
+        match found_text.starts_with(begins_value) {
+            true => (
+                format!("there is no comma before `{}`", cut(found_text)),
+                "put one between this and what stands before it",
+            ),
+            false => (format!("`{found_text}` has no meaning here"), "is it one too many?"),
+        }
     } else if found_text.chars().count() <= 24 && !found_text.is_empty() {
         (
             format!("{message}, but here is `{found_text}`"),
@@ -417,10 +260,53 @@ mod tests {
     }
 
     #[test]
-    fn deep_nesting_is_one_mistake() {
-        let (_, mistakes) = parse(&format!("(a: {}{})", "[".repeat(9999), "]".repeat(9999)));
-        assert_eq!(mistakes.len(), 1);
-        assert_eq!(mistakes[0].message, "values are nested more than 128 deep here");
+    fn deep_nesting_of_anything_is_one_mistake_at_its_place() {
+        // As it is on the thread of a worker.
+        let worker = std::thread::Builder::new().stack_size(2 << 20);
+        let all = worker.spawn(|| {
+            for (open, close) in [
+                ("[", "]"),
+                ("(", ")"),
+                ("{\"a\": ", "}"),
+                ("{(): ", "}"),
+                ("A(", ")"),
+                ("A(b: ", ")"),
+                ("A{b: ", "}"),
+                ("Some(", ")"),
+                ("A(]", ")"),
+                ("A{(", ")}"),
+                ("[A(b: {1: ", "})]"),
+            ] {
+                let text = format!("(a: {}1{})", open.repeat(9999), close.repeat(9999));
+                let (tree, mistakes) = parse(&text);
+                assert!(tree.is_broken());
+                let [Mistake { span, message, .. }] = &mistakes[..] else { panic!("{mistakes:?}") };
+                assert_eq!(message, "values are nested more than 128 deep here");
+                assert!((130..2000).contains(&span.start), "{open} at {}", span.start);
+                assert_eq!(printed(&text), text);
+            }
+        });
+        all.unwrap().join().unwrap();
+    }
+
+    #[test]
+    fn as_deep_as_may_be_is_read_on_the_thread_of_a_worker() {
+        let worker = std::thread::Builder::new().stack_size(2 << 20);
+        let all = worker.spawn(|| {
+            for (open, close) in [("[", "]"), ("A(", ")"), ("A(b: ", ")"), ("{\"a\": ", "}")] {
+                let text = format!("{}1{}", open.repeat(DEEPEST), close.repeat(DEEPEST));
+                let (tree, mistakes) = parse(&text);
+                assert!(mistakes.is_empty() && tree.clone().is_whole(), "{open} {mistakes:?}");
+            }
+        });
+        all.unwrap().join().unwrap();
+    }
+
+    #[test]
+    fn brackets_in_texts_and_comments_are_not_counted() {
+        let open = "(".repeat(999);
+        let text = format!("// {open}\n(a: \"{open}\", /* {open} */ b: r#\"{open}\"#)");
+        assert_eq!(parse(&text).1, []);
     }
 
     #[test]

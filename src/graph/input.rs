@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use super::file::Tree;
 use super::node::Built;
+use super::tree::Tree;
 use crate::error::Error;
 use crate::eval::Recipe;
 use crate::node::{AnyNode, Context, FilePath};

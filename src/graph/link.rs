@@ -76,11 +76,12 @@ impl<'a> Check<'_, 'a> {
                 self.target_in_each(&names.eaches[index], output, span, drafts, names)
             }
             None => {
-                let mut known: Vec<&str> =
-                    drafts.iter().map(|draft| &draft.name.text[..]).collect();
-                known.retain(|name| !name.contains('/'));
-                known.extend(names.eaches.iter().map(|each| &each.name[..]));
-                let help = nearest_or_all(node, "the graph's nodes", &known);
+                let help = self.guess(|| {
+                    let all = drafts.iter().map(|draft| &draft.name.text[..]);
+                    let mut known = Vec::from_iter(all.filter(|name| !name.contains('/')));
+                    known.extend(names.eaches.iter().map(|each| &each.name[..]));
+                    nearest_or_all(node, "the graph's nodes", &known)
+                });
                 self.find(code::UNKNOWN_LINK, span, format!("there is no node `{node}`"), help);
                 None
             }
@@ -100,7 +101,7 @@ impl<'a> Check<'_, 'a> {
         if found.is_none() {
             let kind = with_article(kind);
             let message = format!("`{node}` is {kind}, which has no output `{output}`");
-            let help = nearest_or_all(output, "its outputs", names);
+            let help = self.guess(|| nearest_or_all(output, "its outputs", names));
             self.find(code::UNKNOWN_LINK, span, message, help);
         }
         found

@@ -10,8 +10,8 @@ use std::collections::HashMap;
 use serde_json::Value as Json;
 
 use super::describe::Subgraph;
-use super::file::{Body, Field, Kind, Name, Tree};
 use super::schema::{as_tree, inside_option, resolve, variants};
+use super::tree::{Body, Field, Kind, Name, Tree};
 use crate::catalog::{Catalog, Entry};
 use crate::error::Span;
 

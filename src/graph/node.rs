@@ -1,17 +1,19 @@
 //! One node of a graph: its fields looked at, and the node itself made of them.
 
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use super::check::Check;
 use super::draft::{Draft, What};
 use super::each::Each;
-use super::file::{Body, Field, Kind, Name, Tree};
+use super::file::DEEPEST;
 use super::parameters::{Parameters, read_set};
 use super::paths::{PathProblem, may_read};
 use super::reader::{Reader, Slots};
 use super::schema::{Finding, FoundFile, FoundLink, Walk};
 use super::suggest::nearest_or_all;
+use super::tree::{Body, Field, Kind, Name, Tree};
 use super::{Files, ReadFile};
 use crate::catalog::Entry;
 use crate::error::{Span, code};
@@ -48,13 +50,13 @@ impl<'a> Check<'_, 'a> {
             node: name,
             root: schema,
             folder: &folder,
-            findings: Vec::new(),
+            findings: std::mem::take(&mut self.findings),
             links: Vec::new(),
             files: Vec::new(),
         };
         walk.node(&tree);
-        self.findings.append(&mut walk.findings);
         let (links, mut files) = (walk.links, walk.files);
+        self.findings = walk.findings;
         if !self.sheet.parts.is_empty() {
             // The name of a file may come from a patch.
             for file in files.iter_mut().filter(|file| file.from.is_none()) {
@@ -72,12 +74,12 @@ impl<'a> Check<'_, 'a> {
         targets: &[Option<Vec<(usize, usize)>>],
     ) -> Option<Built> {
         let mut first = 0;
-        let slots = survey.links.iter().zip(targets).map(|(link, targets)| {
+        let mut slots = HashMap::with_capacity(survey.links.len());
+        for (link, targets) in survey.links.iter().zip(targets) {
             let count = targets.as_ref().map_or(1, Vec::len);
+            slots.entry(link.span).or_insert(Slots { first, count });
             first += count;
-            Slots { span: link.span, first: first - count, count }
-        });
-        let slots = Vec::from_iter(slots);
+        }
         let reader = Reader { tree: &survey.tree, links: &slots, files: &survey.files };
         let node = match (entry.node.read)(&reader) {
             Ok(node) => node,
@@ -120,14 +122,18 @@ impl<'a> Check<'_, 'a> {
         Some(Built { node: node.into(), recipe, files, tree: Arc::new(survey.tree) })
     }
 
+    /// Says what is wrong with a file: where it is, its ending, or that it is not there.
     pub(super) fn may_read(&mut self, file: &FoundFile) {
-        if self.world.options.files == Files::Ignored {
-            return;
-        }
-        let (code, message, help) = match may_read(&file.given, &file.resolved, &self.world.roots) {
-            Ok(()) => return,
-            Err(PathProblem::Outside { message, help }) => (code::OUTSIDE, message, help),
-            Err(PathProblem::Missing { message, help }) => (code::MISSING_FILE, message, help),
+        let found = match self.world.options.files {
+            Files::Ignored => Ok(()),
+            Files::Needed => may_read(&file.given, &file.resolved, &self.world.roots),
+        };
+        let misfit = file.misfit.clone();
+        let (code, message, help) = match (found, misfit) {
+            (Err(PathProblem::Outside { message, help }), _) => (code::OUTSIDE, message, help),
+            (_, Some((message, help))) => (code::WRONG_VALUE, message, help),
+            (Err(PathProblem::Missing { message, help }), _) => (code::MISSING_FILE, message, help),
+            (Ok(()), None) => return,
         };
         let Some(from) = &file.from else { return self.find(code, file.span, message, help) };
         // The mistake is where the name stands, not in the graph that was given it.
@@ -167,6 +173,9 @@ impl<'a> Check<'_, 'a> {
             else {
                 continue;
             };
+            if target.split('.').count() > DEEPEST {
+                continue;
+            }
             let value = read_set(text, &format!("{target}={text}"), Span::default());
             set_field(&mut tree, path, &value);
         }
@@ -184,6 +193,11 @@ impl<'a> Check<'_, 'a> {
         let nodes = Vec::from_iter(nodes.chain(eaches.iter().map(|each| &each.name[..])));
         let options = self.world.options;
         for (target, text) in &options.set {
+            if target.split('.').count() > DEEPEST {
+                let message = format!("--set ..={text}: this leads more than {DEEPEST} deep");
+                self.find(code::UNKNOWN_FIELD, Span::default(), message, "no node needs that");
+                continue;
+            }
             let (what, name, known) = match target.split_once('.') {
                 Some((node, _)) => ("node", node, nodes.clone()),
                 None => ("parameter", &target[..], parameters.names()),

@@ -1,13 +1,14 @@
 //! What a graph gives: files, each in a format that its value has, and what is expected of values.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use super::check::Check;
 use super::definition::Port;
 use super::draft::Draft;
-use super::file::Tree;
 use super::link::Names;
 use super::paths::stays_inside;
+use super::tree::Tree;
 use super::{GraphOutput, is_name, with_article};
 use crate::error::{Span, code};
 use crate::golden::Expectation;
@@ -22,6 +23,7 @@ impl Check<'_, '_> {
         names: &Names<'_>,
     ) -> Vec<GraphOutput> {
         let mut outputs: Vec<GraphOutput> = Vec::with_capacity(entries.len());
+        let mut taken = HashSet::new();
         for (key, value) in entries {
             let Some(name) = key.text() else {
                 let message = format!("the name of an output is a text, not {}", key.in_words());
@@ -38,7 +40,7 @@ impl Check<'_, '_> {
                 );
                 continue;
             }
-            if outputs.iter().any(|before| before.name == name) {
+            if taken.contains(name) {
                 self.find(
                     code::BAD_NAME,
                     key.span,
@@ -53,6 +55,7 @@ impl Check<'_, '_> {
             let ending = ending(Path::new(name));
             let format = kind.and_then(|kind| self.world.catalog.format(kind, &ending));
             if let Some(format) = format {
+                taken.insert(name);
                 let (name, format) = (name.to_owned(), *format);
                 let (source, span) = self.sheet.place(key.span);
                 outputs.push(GraphOutput { name, node, output, format, source, span });
@@ -104,6 +107,7 @@ impl Check<'_, '_> {
         names: &Names<'_>,
     ) -> Vec<Port> {
         let mut ports: Vec<Port> = Vec::with_capacity(entries.len());
+        let mut taken = HashSet::new();
         for (key, value) in entries {
             let Some(name) = key.text() else {
                 let message = format!("the name of an output is a text, not {}", key.in_words());
@@ -116,7 +120,7 @@ impl Check<'_, '_> {
                 self.find(code::BAD_NAME, key.span, message, help);
                 continue;
             }
-            if ports.iter().any(|before| before.name == name) {
+            if !taken.insert(name) {
                 let message = format!("there is already an output `{name}`");
                 self.find(code::BAD_NAME, key.span, message, "");
                 continue;
@@ -131,22 +135,24 @@ impl Check<'_, '_> {
         ports
     }
 
-    /// What the graph expects of its values; each must be there.
+    /// What the graph expects of its values, each of which must be there, and the drafts that give them.
     pub(super) fn expectations(
         &mut self,
         tree: Option<&Tree>,
         drafts: &[Draft<'_>],
         names: &Names<'_>,
-    ) -> Vec<(Expectation, Span)> {
-        let Some(tree) = tree else { return Vec::new() };
+    ) -> (Vec<(Expectation, Span)>, Vec<usize>) {
+        let Some(tree) = tree else { return (Vec::new(), Vec::new()) };
+        let mut drafts_of_values = Vec::new();
         let (expectations, findings) = Expectation::read_all(tree);
         self.findings.extend(findings);
         for (expectation, span) in &expectations {
             for value in expectation.values() {
-                self.target(value, *span, drafts, names);
+                let targets = self.target(value, *span, drafts, names).unwrap_or_default();
+                drafts_of_values.extend(targets.into_iter().map(|(node, _)| node));
             }
         }
-        expectations
+        (expectations, drafts_of_values)
     }
 
     fn no_format(&mut self, name: &str, ending: &str, kind: Option<&ValueType>, span: Span) {

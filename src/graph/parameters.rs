@@ -7,11 +7,12 @@ use indexmap::IndexMap;
 
 use super::declaration::Declaration;
 use super::expression::{Outcome, evaluate};
-use super::file::{Body, Field, Given, Kind, Origin, Tree, parse};
+use super::file::parse;
 use super::schema::Finding;
 use super::sheet::Sheet;
 use super::suggest::nearest_or_all;
-use crate::error::{Span, code};
+use super::tree::{Body, Field, Given, Kind, Origin, Tree};
+use crate::error::{MOST_TOLD, Span, code};
 
 /// The values of a graph's parameters.
 #[derive(Clone, Debug, Default)]
@@ -77,8 +78,8 @@ impl Parameters {
         if let Some(argument) = tree.call_of("Param").or_else(|| tree.call_of("Expr")) {
             let is_param = tree.call_of("Param").is_some();
             let found = match argument.text() {
-                Some(name) if is_param => self.parameter(name),
-                Some(text) => self.expression(text),
+                Some(name) if is_param => self.parameter(name, findings.len() < MOST_TOLD),
+                Some(text) => self.expression(text, findings.len() < MOST_TOLD),
                 None => Err((
                     format!("this wants a text, not {}", argument.in_words()),
                     "write Param(\"name\") or Expr(\"a + b\")".into(),
@@ -131,24 +132,28 @@ impl Parameters {
         Tree { kind, ..tree.clone() }
     }
 
-    fn parameter(&self, name: &str) -> Result<Tree, (String, String)> {
+    fn parameter(&self, name: &str, guesses: bool) -> Result<Tree, (String, String)> {
         self.values.get(name).cloned().ok_or_else(|| {
             let help = match self.values.is_empty() {
                 true => "declare it under `params`".into(),
+                false if !guesses => String::new(),
                 false => nearest_or_all(name, "its parameters", &self.names()),
             };
             (format!("the graph has no parameter `{name}`"), help)
         })
     }
 
-    fn expression(&self, text: &str) -> Result<Tree, (String, String)> {
+    fn expression(&self, text: &str, guesses: bool) -> Result<Tree, (String, String)> {
         let outcome = match evaluate(text, &self.numbers) {
             Ok(outcome) => outcome,
             // A parameter without a value has been reported where it is declared.
             Err(_) if self.values.values().any(Tree::is_broken) => {
                 return Ok(Tree::new(Span::default(), Kind::Broken));
             }
-            Err(error) => return Err((error.message, error.help)),
+            Err(error) => {
+                let help = if guesses { error.help(&self.numbers) } else { String::new() };
+                return Err((error.message, help));
+            }
         };
         Ok(Tree::new(
             Span::default(),

@@ -10,9 +10,10 @@ use std::sync::Arc;
 use super::Options;
 use super::check::{Check, first, folder_of};
 use super::edit::{Edit, place};
-use super::file::{self, Body, Kind, Tree};
+use super::file::{self, Mistake};
 use super::sheet::{Part, Sheet};
 use super::suggest::nearest_or_all;
+use super::tree::{Body, Field, Kind, Tree};
 use crate::catalog::Catalog;
 use crate::error::{Source, Span, code};
 
@@ -41,17 +42,22 @@ impl Check<'_, '_> {
         if self.is_newer(&tree) {
             return None;
         }
-        if !mistakes.is_empty() {
-            for mistake in mistakes {
-                self.find(code::SYNTAX, mistake.span, mistake.message, mistake.help);
-            }
-            return None;
-        }
+        let tree = self.whole_tree(tree, mistakes)?;
         if tree.name().is_none_or(|name| name.text != "Patch") {
             return Some(tree);
         }
         self.sheet = self.patched(&tree)?;
-        Some(file::parse(&self.sheet.source.text).0)
+        let (tree, mistakes) = file::parse(&self.sheet.source.text);
+        self.whole_tree(tree, mistakes)
+    }
+
+    /// The tree, if there are no mistakes in its text.
+    fn whole_tree(&mut self, tree: Tree, mistakes: Vec<Mistake>) -> Option<Tree> {
+        let is_whole = mistakes.is_empty();
+        for mistake in mistakes {
+            self.find(code::SYNTAX, mistake.span, mistake.message, mistake.help);
+        }
+        is_whole.then_some(tree)
     }
 
     /// The text of the graph that a patch makes; none if something in the patch or in the other graph's text is wrong.
@@ -132,8 +138,8 @@ impl Check<'_, '_> {
             };
             match &value.kind {
                 Kind::Call { name: None, body: Body::Fields(fields) } => {
-                    let target = |field: &file::Field| format!("{node}.{}", field.name.text);
-                    let put = |field: &file::Field| (target(field), key.span, field.value.clone());
+                    let target = |field: &Field| format!("{node}.{}", field.name.text);
+                    let put = |field: &Field| (target(field), key.span, field.value.clone());
                     puts.extend(fields.iter().map(put));
                 }
                 Kind::Call { name: None, body: Body::Empty } => {}

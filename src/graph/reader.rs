@@ -3,26 +3,25 @@
 //! The schema has been checked before ([`super::schema`]), with every problem of every field; what can still go wrong here is
 //! what only the type itself knows.
 
+use std::collections::HashMap;
 use std::fmt;
 
 use serde::de::{self, DeserializeOwned, DeserializeSeed, IntoDeserializer, Visitor};
 
-use super::file::{Body, Field, Kind, Tree};
 use super::schema::FoundFile;
+use super::tree::{Body, Field, Kind, Tree};
 use crate::error::Span;
 use crate::node::{FILE, LINK};
 
 /// Gives a node its fields: made by the check, read by [`node`](crate::node()).
 pub struct Reader<'a> {
     pub(super) tree: &'a Tree,
-    pub(super) links: &'a [Slots],
+    pub(super) links: &'a HashMap<Span, Slots>,
     pub(super) files: &'a [FoundFile],
 }
 
-/// Where the values of a link come in: a link to the output of a `ForEach` has many.
+/// Where the values of a link come in, by its place: a link to the output of a `ForEach` has many.
 pub(super) struct Slots {
-    /// Where the link stands.
-    pub(super) span: Span,
     pub(super) first: usize,
     pub(super) count: usize,
 }
@@ -56,7 +55,7 @@ impl Reader<'_> {
 
 /// Reads what is no node: without links and files.
 pub(crate) fn read_tree<T: DeserializeOwned>(tree: &Tree) -> Result<T, ReadError> {
-    Reader { tree, links: &[], files: &[] }.read()
+    Reader { tree, links: &HashMap::new(), files: &[] }.read()
 }
 
 #[derive(Clone, Copy)]
@@ -77,8 +76,7 @@ impl<'a> Value<'a> {
         if tree.text().is_none() {
             return 1;
         }
-        let link = self.reader.links.iter().find(|link| link.span == tree.span);
-        link.map_or(1, |link| link.count)
+        self.reader.links.get(&tree.span).map_or(1, |link| link.count)
     }
 
     /// Gives an error its place, unless something inside has done so.
@@ -183,7 +181,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
     }
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
-        let is_link = self.reader.links.iter().any(|link| link.span == self.tree.span);
+        let is_link = self.reader.links.contains_key(&self.tree.span);
         match &self.tree.kind {
             // One link where a list of them may stand.
             Kind::Text(_) if is_link => self.items(std::slice::from_ref(self.tree), visitor),
@@ -198,7 +196,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
     ) -> Result<V::Value, ReadError> {
         match name {
             LINK => {
-                let link = self.reader.links.iter().find(|link| link.span == self.tree.span);
+                let link = self.reader.links.get(&self.tree.span);
                 let slot = link.map(|link| link.first + self.nth);
                 let slot = slot.ok_or_else(|| de::Error::custom("this link was not found"));
                 self.place(slot.and_then(|slot| visitor.visit_u64(slot as u64)))

@@ -2,15 +2,19 @@
 //!
 //! Every problem is found, each at its own place, before serde reads the value.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde_json::{Map, Value as Json};
 
-use super::file::{Body, Field, Given, Kind, Name, Origin, Tree};
+use super::file::parse;
 use super::suggest::nearest_or_all;
+use super::tree::{Body, Field, Given, Kind, Name, Origin, Tree};
 use super::with_article;
-use crate::error::{Problem, Severity, Source, Span, code};
+use crate::catalog::ron;
+use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, code};
+use crate::node::ending;
 use crate::value::Color;
 
 /// A link that a port holds.
@@ -37,6 +41,8 @@ pub(crate) struct FoundFile {
     pub(crate) resolved: PathBuf,
     /// Where its name comes from, if that is another file.
     pub(crate) from: Option<Given>,
+    /// What is wrong with its ending, and what to do.
+    pub(crate) misfit: Option<(String, String)>,
 }
 
 /// A problem without its file.
@@ -74,6 +80,7 @@ pub(crate) struct Walk<'a> {
     pub(crate) root: &'a Json,
     /// The folder that paths are relative to.
     pub(crate) folder: &'a Path,
+    /// What has been found, behind what was known before.
     pub(crate) findings: Vec<Finding>,
     pub(crate) links: Vec<FoundLink>,
     pub(crate) files: Vec<FoundFile>,
@@ -104,12 +111,17 @@ impl Walk<'_> {
             Some(Origin::Given(given)) => {
                 // A note can only be shown in the file of the problem itself.
                 let gap = if help.is_empty() { "" } else { "; " };
-                help = format!("the value comes from {}{gap}{help}", given.place());
+                help = self.guess(|| format!("the value comes from {}{gap}{help}", given.place()));
                 None
             }
             None => None,
         };
         self.findings.push(Finding { code, span: tree.span, message, help, note });
+    }
+
+    /// What may have been meant, as long as problems are few enough to be told.
+    fn guess(&self, make: impl FnOnce() -> String) -> String {
+        if self.findings.len() < MOST_TOLD { make() } else { String::new() }
     }
 
     /// Checks the value of the field `field`.
@@ -167,26 +179,28 @@ impl Walk<'_> {
         let Some(fields) = tree.fields() else {
             return self.wrong(tree, owner, "named fields: `(field: value, ..)`");
         };
-        let names: Vec<&str> = properties.keys().map(String::as_str).collect();
-        for (index, Field { name, value }) in fields.iter().enumerate() {
+        let mut given = HashSet::new();
+        for Field { name, value } in fields {
             let at_name = Tree::new(name.span, Kind::Broken);
-            if fields[..index].iter().any(|before| before.name.text == name.text) {
+            if !given.insert(&name.text[..]) {
                 let message = format!("field `{}` is given twice", name.text);
                 self.find(code::BAD_NAME, &at_name, message, "keep one of them");
             } else if let Some(schema) = properties.get(&name.text) {
                 self.value(value, schema, &name.text);
             } else {
                 let message = format!("{owner} has no field `{}`", name.text);
-                let help = nearest_or_all(&name.text, "its fields", &names);
+                let names = || Vec::from_iter(properties.keys().map(String::as_str));
+                let help = self.guess(|| nearest_or_all(&name.text, "its fields", &names()));
                 self.find(code::UNKNOWN_FIELD, &at_name, message, help);
             }
         }
         let required = schema.get("required").and_then(Json::as_array).into_iter().flatten();
         for name in required.filter_map(Json::as_str) {
-            if fields.iter().any(|field| field.name.text == name) {
+            if given.contains(name) {
                 continue;
             }
-            let (message, help) = match properties.get(name).and_then(|schema| schema.get("port")) {
+            let schema = properties.get(name);
+            let (message, help) = match schema.and_then(|schema| schema.get("port")) {
                 Some(Json::String(wants)) => (
                     format!("{owner} needs a link at its port `{name}`"),
                     format!(
@@ -194,7 +208,16 @@ impl Walk<'_> {
                         with_article(wants)
                     ),
                 ),
-                _ => (format!("{owner} needs a field `{name}`"), format!("write `{name}: ..`")),
+                _ => {
+                    let schema = schema.map(|schema| resolve(self.root, schema));
+                    let choices = schema.map(|schema| variants(&schema)).unwrap_or_default();
+                    let choices = Vec::from_iter(choices.iter().map(|(choice, _)| &choice[..]));
+                    let help = match choices.is_empty() {
+                        true => format!("write `{name}: ..`"),
+                        false => format!("write `{name}: ..` with one of {}", choices.join(", ")),
+                    };
+                    (format!("{owner} needs a field `{name}`"), help)
+                }
             };
             self.find(code::MISSING_FIELD, tree, message, help);
         }
@@ -241,7 +264,7 @@ impl Walk<'_> {
         };
         let Some((_, content)) = variants.iter().find(|(known, _)| *known == name.text) else {
             let message = format!("field `{field}` of {} has no choice `{}`", self.node, name.text);
-            let help = nearest_or_all(&name.text, "its choices", &names);
+            let help = self.guess(|| nearest_or_all(&name.text, "its choices", &names));
             let at_name = Tree { span: name.span, ..tree.clone() };
             return self.find(code::WRONG_VALUE, &at_name, message, help);
         };
@@ -372,10 +395,29 @@ impl Walk<'_> {
                 let folder =
                     from.as_ref().map_or(self.folder, |from| from.sheet.folder_of(from.span));
                 let (given, resolved) = (text.to_owned(), folder.join(text));
-                self.files.push(FoundFile { span: tree.span, given, resolved, from });
+                let misfit = self.misfit(schema, text);
+                self.files.push(FoundFile { span: tree.span, given, resolved, from, misfit });
             }
             _ => {}
         }
+    }
+}
+
+impl Walk<'_> {
+    /// Why a file of this name is none that the node reads, where its field says which these are.
+    fn misfit(&self, schema: &Json, name: &str) -> Option<(String, String)> {
+        let known = schema.get("endings").and_then(Json::as_array)?;
+        let known = Vec::from_iter(known.iter().filter_map(Json::as_str));
+        Path::new(name).file_name()?;
+        let ending = ending(Path::new(name));
+        if known.contains(&&ending[..]) {
+            return None;
+        }
+        let message = match &ending[..] {
+            "" => format!("`{name}` has no ending that says how {} reads it", self.node),
+            _ => format!("{} reads no `.{ending}` files", self.node),
+        };
+        Some((message, format!("it reads: {}", known.join(", "))))
     }
 }
 
@@ -404,8 +446,13 @@ pub(crate) fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<St
     };
     if !default.is_null() {
         walk.value(&as_tree(default), field, "default");
+        // As the reference prints it.
+        let (printed, mistakes) = parse(&ron(default, field, root));
+        walk.value(&printed, field, "default");
+        let mistakes = mistakes.into_iter().map(|mistake| mistake.message);
+        return mistakes.chain(walk.findings.into_iter().map(|found| found.message)).collect();
     }
-    walk.findings.into_iter().map(|finding| finding.message).collect()
+    Vec::new()
 }
 
 /// A JSON value as the file would have it: an object of one capitalized key is a choice with its content.

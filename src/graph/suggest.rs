@@ -1,18 +1,40 @@
 //! Guesses what was meant by a name that is not known.
 
+/// A list of names in a message goes no further.
+const MOST_LISTED: usize = 30;
+
 /// "did you mean `x`?" with the nearest of the known names; empty if none is near.
 ///
-/// Near is: no more than a third of the letters differ (Damerau-Levenshtein, swaps count once), and at least one may.
+/// Near is: no more than a third of the letters differ (swaps count once), and at least one may; if there is no such name, one
+/// that goes on where the given one, of four letters at least, ends.
 pub(crate) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    let distance =
-        |known: &str| strsim::damerau_levenshtein(&name.to_lowercase(), &known.to_lowercase());
-    let nearest = known.into_iter().map(|known| (distance(known), known)).min_by_key(|near| near.0);
-    match nearest {
-        Some((distance, known)) if distance <= (name.chars().count() / 3).max(1) => {
-            format!("did you mean `{known}`?")
+    let name = name.to_lowercase();
+    let length = name.chars().count();
+    let limit = (length / 3).max(1);
+    let (mut near, mut longer) = (None, None);
+    for known in known {
+        #[cfg(test)]
+        tests::LOOKS.set(tests::LOOKS.get() + 1);
+        let lower = known.to_lowercase();
+        let known_length = lower.chars().count();
+        if length.abs_diff(known_length) <= limit {
+            let distance = strsim::osa_distance(&name, &lower);
+            if distance <= limit && near.is_none_or(|(least, _)| distance < least) {
+                near = Some((distance, known));
+            }
+        } else if 4 <= length && length < known_length && longer.is_none_or(|(least, _)| 0 < least)
+        {
+            // What is left out at the end is no mistake, but a letter before it may be missing.
+            let beginnings = [length, length + 1].into_iter().filter(|n| *n <= known_length);
+            let distance =
+                |n| strsim::osa_distance(&name, &String::from_iter(lower.chars().take(n)));
+            let distance = beginnings.map(distance).min().unwrap_or(length);
+            if distance <= 1 && longer.is_none_or(|(least, _)| distance < least) {
+                longer = Some((distance, known));
+            }
         }
-        _ => String::new(),
     }
+    near.or(longer).map_or_else(String::new, |(_, known)| format!("did you mean `{known}`?"))
 }
 
 /// The same; if nothing is near, a list of what there is.
@@ -20,22 +42,70 @@ pub(crate) fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> String {
     match nearest(name, known.iter().copied()) {
         help if !help.is_empty() => help,
         _ if known.is_empty() => String::new(),
+        _ if known.len() > MOST_LISTED => {
+            let rest = known.len() - MOST_LISTED;
+            format!("{what}: {} and {rest} more", known[..MOST_LISTED].join(", "))
+        }
         _ => format!("{what}: {}", known.join(", ")),
     }
 }
 
+/// A message of one line about a name that is not known: what is wrong, and what may have been meant.
+pub(crate) fn unknown(message: String, name: &str, what: &str, known: &[&str]) -> String {
+    match nearest_or_all(name, what, known) {
+        help if help.is_empty() => message,
+        help => format!("{message}; {help}"),
+    }
+}
+
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
+    use std::cell::Cell;
+
     use super::*;
+
+    thread_local! {
+        /// How many known names have been compared with one that is not.
+        pub(crate) static LOOKS: Cell<usize> = const { Cell::new(0) };
+    }
 
     #[test]
     fn a_slip_is_recognized_and_a_stranger_is_not() {
         assert_eq!(nearest("levls", ["scheme", "levels"]), "did you mean `levels`?");
         assert_eq!(nearest("Lop", ["Loop"]), "did you mean `Loop`?");
+        assert_eq!(nearest("lveel", ["scheme", "level"]), "did you mean `level`?");
         assert_eq!(nearest("xyz", ["scheme", "levels"]), "");
         assert_eq!(
             nearest_or_all("xyz", "fields", &["scheme", "levels"]),
             "fields: scheme, levels"
+        );
+    }
+
+    #[test]
+    fn a_name_that_is_cut_off_is_recognized() {
+        assert_eq!(nearest("Tresh", ["Label", "Threshold"]), "did you mean `Threshold`?");
+        assert_eq!(nearest("trian", ["Label", "Triangulate"]), "did you mean `Triangulate`?");
+        assert_eq!(nearest("sca", ["scan-of-all-sides"]), "");
+    }
+
+    #[test]
+    fn a_long_list_of_names_is_cut() {
+        let names = Vec::from_iter((0..1000).map(|k| format!("node-{k}")));
+        let names = Vec::from_iter(names.iter().map(String::as_str));
+        let help = nearest_or_all("xyz", "its nodes", &names);
+        assert!(help.ends_with("node-29 and 970 more"), "{help}");
+    }
+
+    #[test]
+    fn a_message_without_a_guess_has_no_loose_end() {
+        assert_eq!(unknown("no `foo`".into(), "foo", "nodes", &[]), "no `foo`");
+        assert_eq!(
+            unknown("no `foo`".into(), "foo", "nodes", &["fooo"]),
+            "no `foo`; did you mean `fooo`?"
+        );
+        assert_eq!(
+            unknown("no `foo`".into(), "foo", "nodes", &["a", "b"]),
+            "no `foo`; nodes: a, b"
         );
     }
 }

@@ -1,10 +1,10 @@
 //! The fields of a graph file: which there are, and whether each is what it should be.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::check::Check;
-use super::file::{Field, Kind, Tree};
 use super::suggest::nearest_or_all;
+use super::tree::{Field, Kind, Tree};
 use super::with_article;
 use crate::error::{Span, code};
 
@@ -44,7 +44,7 @@ impl Check<'_, '_> {
             Kind::Number { value, .. } if value != FORMAT => {
                 let message =
                     format!("format {value} is unknown: this program reads format {FORMAT}");
-                let help = "use a newer maquette, or the graph's older version";
+                let help = "use a newer program, or the graph's older version";
                 self.find(code::FORMAT, field.value.span, message, help);
                 true
             }
@@ -73,8 +73,9 @@ impl Check<'_, '_> {
             outputs: &[],
             expect: None,
         };
-        for (index, Field { name, value }) in fields.iter().enumerate() {
-            if fields[..index].iter().any(|before| before.name.text == name.text) {
+        let mut given = HashSet::new();
+        for Field { name, value } in fields {
+            if !given.insert(&name.text) {
                 let message = format!("field `{}` is given twice", name.text);
                 self.find(code::BAD_NAME, name.span, message, "keep one of them");
                 continue;
@@ -91,7 +92,7 @@ impl Check<'_, '_> {
                 (known, _) if FIELDS.contains(&known) => self.wrong_field(known, value),
                 (unknown, _) => {
                     let message = format!("Graph has no field `{unknown}`");
-                    let help = nearest_or_all(unknown, "its fields", &FIELDS);
+                    let help = self.guess(|| nearest_or_all(unknown, "its fields", &FIELDS));
                     self.find(code::UNKNOWN_FIELD, name.span, message, help);
                 }
             }

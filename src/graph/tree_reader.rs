@@ -2,7 +2,8 @@
 
 use ronin_core::{SyntaxElement, SyntaxKind, SyntaxNode, SyntaxToken};
 
-use super::file::{Body, Field, Kind, Mistake, Name, Tree, span};
+use super::file::{Mistake, span};
+use super::tree::{Body, Field, Kind, Name, Tree};
 use crate::error::Span;
 
 /// Whether a syntax node is a value, or what stands where one should.

@@ -1,0 +1,305 @@
+//! What the program tells: problems of any file, the reference of nodes, values of graphs.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use expect_test::expect;
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+fn command(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+    command.args(arguments).current_dir(folder).env("NO_COLOR", "1");
+    command
+}
+
+fn maquette(folder: &Path, arguments: &[&str]) -> Output {
+    command(folder, arguments).output().unwrap()
+}
+
+/// The same with a cache that lasts as long as the process of the test.
+fn inspect(arguments: &[&str]) -> Output {
+    let cache = tempfile::tempdir().unwrap();
+    let arguments = [&["inspect", "doll.ron"], arguments].concat();
+    command(Path::new(GRAPHS), &arguments).env("MAQUETTE_CACHE", cache.path()).output().unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in files {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+const MESH: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+
+/// A graph of one mesh, and what stands beside it.
+fn graph(nodes: &str) -> String {
+    format!(
+        "Graph(format: 1, nodes: {{\"m\": ReadMesh(path: \"m.obj\"), {nodes}}}, outputs: {{\"m.ply\": \"m\"}})"
+    )
+}
+
+#[test]
+fn check_takes_folders_tests_handles_patches_and_stdin() {
+    let files = [
+        ("m.obj", MESH),
+        ("a.ron", &graph("")),
+        ("b.ron", "Patch(of: \"a.ron\")"),
+        ("a.test.ron", "Test(graph: \"a.ron\", cases: {\"x\": (set: {\"m.pth\": \"m.obj\"})})"),
+        ("handles.ron", "[(at: (0, 0, 0), to: (0, 0))]"),
+        ("c.test.ron", "Test(grph: \"a.ron\")"),
+    ];
+    let folder = folder(&files);
+    let output = maquette(folder.path(), &["check", "."]);
+    assert_eq!(output.status.code(), Some(1));
+    let problems = stderr(&output);
+    for wrong in
+        ["ReadMesh has no field `pth`", "Test has no field `grph`", "./handles.ron", "line 1"]
+    {
+        assert!(problems.contains(wrong), "{wrong} is missing:\n{problems}");
+    }
+    let end = "checked 2 graphs, 2 tests, 1 file of handles: 4 errors\n";
+    assert_eq!(stdout(&output), end, "{problems}");
+    let output = maquette(folder.path(), &["check", "a.ron", "b.ron"]);
+    assert_eq!(stdout(&output), "checked 2 graphs: 0 errors\n", "{}", stderr(&output));
+    for (text, status) in [(graph(""), 0), (graph("\"n\": Nothing()"), 1)] {
+        let mut child = command(folder.path(), &["check", "-"]);
+        let mut child = child
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        child.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(status));
+    }
+    let output = maquette(folder.path(), &["check", "nowhere.ron", "--json"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stdout(&output).contains("cannot read the file"), "{}", stdout(&output));
+}
+
+#[test]
+fn the_graphs_that_come_with_the_program_have_no_problem_and_no_warning() {
+    let output = maquette(Path::new(GRAPHS), &["check", "."]);
+    assert!(stdout(&output).ends_with(": 0 errors\n"), "{}{}", stdout(&output), stderr(&output));
+}
+
+#[test]
+fn a_node_that_nothing_needs_is_a_warning() {
+    let folder =
+        folder(&[("m.obj", MESH), ("a.ron", &graph("\"turned\": Transform(mesh: \"m\")"))]);
+    let output = maquette(folder.path(), &["check", "a.ron"]);
+    assert!(output.status.success());
+    assert_eq!(stdout(&output), "checked 1 graph: 0 errors, 1 warning\n");
+    assert!(stderr(&output).starts_with("warning[G021]: nothing needs `turned`\n"));
+}
+
+#[test]
+fn at_most_a_hundred_problems_are_told_and_the_others_counted() {
+    let nodes = (0..10_000).map(|k| format!("\"n{k}\": Transform(mesh: \"mm{k}\"),"));
+    let folder = folder(&[("m.obj", MESH), ("a.ron", &graph(&String::from_iter(nodes)))]);
+    let output = maquette(folder.path(), &["check", "a.ron"]);
+    assert_eq!(stdout(&output), "checked 1 graph: 10 000 errors\n");
+    let problems = stderr(&output);
+    assert_eq!(problems.matches("error[G007]").count(), 100);
+    assert!(
+        problems.ends_with("\nand 9 900 problems more\n\n"),
+        "{}",
+        &problems[problems.len() - 99..]
+    );
+    let output = maquette(folder.path(), &["check", "a.ron", "--json"]);
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(document["problems"].as_array().unwrap().len(), 100);
+    assert_eq!(document["more_problems"], 9900);
+}
+
+#[test]
+fn deep_nesting_is_told_wherever_a_value_is_read() {
+    let deep = format!("{}1{}", "A(".repeat(9500), ")".repeat(9500));
+    let folder = folder(&[
+        ("m.obj", MESH),
+        ("a.ron", &graph("")),
+        ("deep.ron", &graph(&format!("\"n\": Transform(mesh: {deep})"))),
+        ("deep.test.ron", &format!("Test(graph: \"a.ron\", expect: [{deep}])")),
+        ("patch.ron", &format!("Patch(of: \"a.ron\", nodes: {{\"m\": (path: {deep})}})")),
+        ("handles.ron", &format!("[(at: {deep})]")),
+        (
+            "h.ron",
+            "Graph(format: 1, nodes: {\"h\": ReadHandles(path: \"handles.ron\")}, outputs: {\"h.json\": \"h\"})",
+        ),
+    ]);
+    for arguments in [
+        &["check", "deep.ron"][..],
+        &["check", "deep.test.ron"],
+        &["check", "patch.ron"],
+        &["check", "handles.ron"],
+        &["run", "h.ron", "--no-cache"],
+        &["fmt", "deep.ron"],
+        &["diff", "a.ron", "deep.ron"],
+        &["set", "deep.ron", "m.path=a.obj"],
+    ] {
+        let output = maquette(folder.path(), arguments);
+        assert!(matches!(output.status.code(), Some(1 | 2)), "{arguments:?}: {output:?}");
+        let told = stderr(&output);
+        assert!(
+            told.contains("values are nested more than 128 deep here"),
+            "{arguments:?}: {told}"
+        );
+    }
+    let path = ["m", &"a.".repeat(9500), "b=1"].concat();
+    let paths = ["m.".to_owned() + &path[1..], format!("m.path={deep}")];
+    for set in &paths {
+        for arguments in [&["run", "a.ron", "--set", set][..], &["set", "a.ron", set]] {
+            let output = maquette(folder.path(), arguments);
+            assert!(matches!(output.status.code(), Some(1)), "{:?}", output.status);
+            assert!(!output.stderr.is_empty());
+        }
+    }
+    for open in ["(", "min(", "-", "not "] {
+        let wrong = format!(
+            "\"n\": Transform(mesh: \"m\", scale: (1, 1, Expr(\"{}\")))",
+            open.repeat(9500)
+        );
+        std::fs::write(folder.path().join("e.ron"), graph(&wrong)).unwrap();
+        let output = maquette(folder.path(), &["check", "e.ron"]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(
+            stderr(&output).contains("the expression is nested too deeply"),
+            "{}",
+            stderr(&output)
+        );
+    }
+}
+
+#[test]
+fn a_camera_file_that_is_nested_too_deep_is_an_error_of_its_node() {
+    let files = ["color.png", "range.pcd"];
+    let folder = folder(&[
+        ("camera.json", &format!("{}{}", "[".repeat(99_999), "]".repeat(99_999))),
+        (
+            "a.ron",
+            "Graph(format: 1, nodes: {\"c\": ReadCapture(color: \"color.png\", range: \"range.pcd\")}, outputs: {\"c.png\": \"c\"})",
+        ),
+    ]);
+    for file in files {
+        std::fs::copy(Path::new(GRAPHS).join("doll").join(file), folder.path().join(file)).unwrap();
+    }
+    let output = maquette(folder.path(), &["run", "a.ron", "--no-cache"]);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    assert!(stderr(&output).contains("error[G016]"), "{}", stderr(&output));
+}
+
+#[test]
+fn unknown_names_get_a_guess_or_a_list_and_no_loose_end() {
+    let folder = folder(&[("m.obj", MESH), ("a.ron", &graph(""))]);
+    for (arguments, expected) in [
+        (
+            &["nodes", "Tresh"][..],
+            "error: there is no node type `Tresh`; did you mean `Threshold`?\n",
+        ),
+        (&["why", "a.ron", "foo"], "error: the graph has no node `foo`; its nodes: m\n"),
+        (
+            &["run", "a.ron", "--only", "nope"],
+            "error: the graph has no output `nope`; its outputs: m.ply\n",
+        ),
+        (&["inspect", "a.ron", "foo"], "error: the graph has no node `foo`; its nodes: m\n"),
+        (&["nodes", "a.ron", "Foo"], "error: a.ron uses no graph `Foo`\n"),
+    ] {
+        let output = maquette(folder.path(), arguments);
+        assert_eq!((output.status.code(), &stderr(&output)[..]), (Some(2), expected));
+    }
+}
+
+#[test]
+fn defaults_are_printed_as_a_graph_has_them_and_nested_options_with_their_words() {
+    let nodes = |name: &str| stdout(&maquette(Path::new(GRAPHS), &["nodes", name]));
+    let edges = nodes("Edges");
+    assert!(edges.contains("\n  high: one of = Percentile(90.0)\n"), "{edges}");
+    let fill = nodes("FillHoles");
+    assert!(fill.contains("\n  method: one of = Exemplar()\n"), "{fill}");
+    let option =
+        "        rate: number from 0 1/mm = 0.0\n                How fast it falls, per mm;";
+    assert!(fill.contains(option), "{fill}");
+    assert!(
+        fill.contains("        patience: integer 1 to 1000 = 3\n            A level ends"),
+        "{fill}"
+    );
+    assert!(!stdout(&maquette(Path::new(GRAPHS), &["nodes", "Ffd"])).contains("null"));
+}
+
+#[test]
+fn set_puts_a_new_entry_of_a_patch_on_a_line_of_its_own() {
+    let base = Path::new(GRAPHS).join("pinocchio.ron");
+    let text = std::fs::read_to_string(&base).unwrap();
+    let output = maquette(
+        Path::new(GRAPHS),
+        &["set", "--dry-run", "pinocchio.ron", "red.select.distance=22"],
+    );
+    let grid = "        \"grid\": (jump: 30.0, grazing: 89.0),\n";
+    let expected = text.replace(grid, &format!("{grid}        \"red.select\": (distance: 22),\n"));
+    assert_ne!(expected, text);
+    assert_eq!(stdout(&output), expected, "{}", stderr(&output));
+}
+
+#[test]
+fn the_eyedropper_says_what_can_be_asked() {
+    let cases = [
+        (
+            &["scan", "--at", "99999,3"][..],
+            "there is no pixel 99999,3: `scan.color` has 400 x 400 pixels",
+        ),
+        (&["red", "--at", "400,0"], "`red.mask` has 400 x 400 pixels"),
+        (
+            &["nose", "--at", "1,1"],
+            "`nose` gives a Region, which has no pixels: --at asks pictures, masks",
+        ),
+        (&["grid", "--at", "1,1"], "`grid` gives a Mesh, which has no pixels"),
+    ];
+    for (arguments, expected) in cases {
+        let output = inspect(arguments);
+        let told = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(told.contains(expected) && output.stdout.is_empty(), "{arguments:?}: {told}");
+    }
+}
+
+#[test]
+fn any_step_can_be_written_by_the_output_that_fits_and_seen_as_a_picture() {
+    let out = tempfile::tempdir().unwrap();
+    let path = |name: &str| out.path().join(name).to_str().unwrap().to_owned();
+    let output = inspect(&["scan", "--out", &path("s.pcd")]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stdout(&output).contains("scan.range goes to "), "{}", stdout(&output));
+    let wrong = inspect(&["scan", "--out", &path("s.step")]);
+    assert_eq!(wrong.status.code(), Some(2));
+    let told =
+        "scan.color, an Image, can be written to: png, tiff; scan.range, a RangeImage, can be";
+    assert!(stderr(&wrong).contains(told), "{}", stderr(&wrong));
+    for node in ["nose", "spots", "blended", "scan.range"] {
+        let file = path("seen.png");
+        let output = inspect(&[node, "--out", &file]);
+        assert!(output.status.success(), "{node}: {}", stderr(&output));
+        let picture = maquette::format::png::read(&std::fs::read(&file).unwrap()).unwrap();
+        let brightest = picture.pixels().iter().flatten().copied().max();
+        assert!(brightest > Some(150), "{node} is dark");
+    }
+}
+
+#[test]
+fn a_graph_without_outputs_has_nothing_to_do() {
+    let folder = folder(&[("a.ron", "Graph(format: 1, nodes: {}, outputs: {})")]);
+    let output = maquette(folder.path(), &["run", "a.ron", "--no-cache"]);
+    assert!(output.status.success());
+    expect![["nothing to do: the graph has no outputs\n"]].assert_eq(&stdout(&output));
+}
