@@ -149,24 +149,16 @@ impl Node for ExtractRegion {
         if columns < 3 || rows < 3 {
             cx.warn(format!("the region is only {columns} x {rows} cells: it has no inside"));
         }
-        if let Some(doubt) = doubt(&region) {
-            cx.warn(doubt);
+        if is_everything(&region) {
+            cx.warn("the region is the whole range image: nothing in it was chosen");
         }
         Ok((region,))
     }
 }
 
-/// What is odd about where a region ends: it does so where the range image does.
-fn doubt(region: &Region) -> Option<&'static str> {
-    let (low, high) = region.bounds();
-    let size = [region.width(), region.height()];
-    if region.cells().len() == size[0] * size[1] {
-        return Some("the region is the whole range image: nothing in it was chosen");
-    }
-    let reaches = |axis: usize| low[axis] == 0 || high[axis] + 1 == size[axis];
-    (reaches(0) || reaches(1)).then_some(
-        "the region reaches the border of the range image, where what it shows may go on",
-    )
+/// Whether no cell is outside. A region that only reaches the border may be meant: scans are cropped.
+fn is_everything(region: &Region) -> bool {
+    region.cells().len() == region.width() * region.height()
 }
 
 /// The part of `labels` that `pick` chooses, as a region of the range grid with its points and contours.
