@@ -51,7 +51,7 @@ pub(crate) use shape::Shape;
 pub(crate) use suggest::unknown;
 pub(crate) use top::is_name;
 
-pub(crate) use file::{Mistake, parse};
+pub(crate) use file::{Mistake, first_word, parse};
 pub(crate) use reader::read_tree;
 pub(crate) use schema::{Finding, Walk};
 pub(crate) use sheet::Sheet;

@@ -13,7 +13,7 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::format::handles;
 use crate::golden::case;
-use crate::graph::{Checked, Graph, Kind, Options, parse};
+use crate::graph::{Checked, Graph, Options, first_word};
 use crate::value::HandleSpace;
 
 #[derive(Args)]
@@ -39,11 +39,10 @@ enum What {
 
 impl What {
     fn of(path: &Path, text: &str) -> Self {
-        let tree = parse(text).0;
-        match (tree.name().as_ref().map(|name| &name.text[..]), tree.kind) {
-            (Some("Test"), _) => Self::Test,
+        match first_word(text) {
+            "Test" => Self::Test,
             _ if path.to_string_lossy().ends_with(case::ENDING) => Self::Test,
-            (Some("Handles"), _) | (_, Kind::List(_)) => Self::Handles,
+            "Handles" | "[" => Self::Handles,
             _ => Self::Graph,
         }
     }

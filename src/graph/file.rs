@@ -32,6 +32,14 @@ fn tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)> + '_ {
     })
 }
 
+/// The first word, bracket or sign of a text, which tells what it holds.
+pub(crate) fn first_word(text: &str) -> &str {
+    use SyntaxKind::{BlockComment, Bom, LineComment, Whitespace};
+    let is_trivia = |kind| matches!(kind, Bom | Whitespace | LineComment | BlockComment);
+    let first = tokens(text).find(|(kind, _)| !is_trivia(*kind));
+    first.map_or("", |(_, at)| &text[at.start..at.end])
+}
+
 /// The first bracket that opens too deep inside of others. One that the wrong bracket closes counts as open, as it may for the
 /// parser, whose own limit does not hold for all that it recurs into.
 fn too_deep(text: &str) -> Option<Span> {
