@@ -1,5 +1,6 @@
 //! Tests of graphs: what their outputs were when somebody looked, and whether they still are.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::catalog::Catalog;
@@ -18,7 +19,7 @@ pub(crate) mod store;
 pub(crate) mod suite;
 mod topology;
 
-pub use compare::{Comparison, Measure, Tolerance, Verdict, compare};
+pub use compare::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
 pub(crate) use expect::{Expectation, nodes_of, target, violations};
 pub(crate) use store::mesh_of;
 
@@ -43,6 +44,7 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
     let settings = suite::Settings {
         catalog,
         filter: None,
+        graphs: &BTreeMap::new(),
         cold: true,
         threads,
         evaluator: &|| Evaluator::new(1, MEMORY).map_err(|error| error.to_string()),

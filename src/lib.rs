@@ -26,7 +26,7 @@ pub use eval::{
     Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, State,
     ThreadsError, Trace, Usage,
 };
-pub use golden::{Comparison, Measure, TestRun, Tolerance, Verdict, compare, test_graphs};
+pub use golden::{Comparison, Keep, Measure, TestRun, Tolerance, Verdict, compare, test_graphs};
 pub use graph::{
     Change, Checked, Difference, Edited, Files, Graph, Options, Put, ReadFile, Reader,
 };

@@ -145,3 +145,121 @@ fn a_much_too_wide_tolerance_is_told() {
         assert_eq!(text.contains("ten times wider than ever needed (0.004)"), wide, "{text}");
     }
 }
+
+#[test]
+fn a_graph_is_tested_by_the_test_file_beside_it() {
+    let folder = blessed();
+    let output = maquette(folder.path(), &["net.ron"], "", None);
+    assert!(output.status.success() && said(&output).contains("1 passed"), "{}", said(&output));
+    std::fs::write(folder.path().join("other.ron"), GRAPH).unwrap();
+    let output = maquette(folder.path(), &["other.ron"], "", None);
+    assert_eq!(output.status.code(), Some(2));
+    let help = "write `Test(graph: \"other.ron\")` to other.test.ron";
+    assert!(said(&output).contains(help), "{}", said(&output));
+}
+
+#[test]
+fn a_filter_that_no_case_holds_fails_with_guesses() {
+    let folder = blessed();
+    let output = maquette(folder.path(), &["--filter", "defualt"], "", None);
+    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+    assert!(said(&output).contains("did you mean `default`?"), "{}", said(&output));
+}
+
+/// Makes the graph one that cannot be read, and tests it in two cases.
+fn break_graph(folder: &Path) {
+    std::fs::write(folder.join("net.ron"), GRAPH.replace("Nurbs(", "Nurb(")).unwrap();
+    let test = "Test(graph: \"net.ron\", cases: {\"default\": (), \"second\": ()})";
+    std::fs::write(folder.join("net.test.ron"), test).unwrap();
+}
+
+#[test]
+fn a_broken_graph_cannot_be_blessed_and_its_problem_is_told_once() {
+    let folder = blessed();
+    break_graph(folder.path());
+    for arguments in [&[][..], &["--bless"]] {
+        let output = maquette(folder.path(), arguments, "", None);
+        let text = said(&output);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert_eq!(text.matches("there is no node type `Nurb`").count(), 1, "{text}");
+        assert!(text.contains("1 problem as before"), "{text}");
+        // The nodes are there; it is the graph that cannot be read.
+        assert!(!text.contains("is gone"), "{text}");
+    }
+    assert!(golden(folder.path(), "nodes.txt").contains("net  PointNet"));
+}
+
+#[test]
+fn an_output_is_expected_by_its_name_in_graphs_as_in_tests() {
+    let folder = blessed();
+    let path = folder.path();
+    let expecting =
+        |text: &str| GRAPH.replace("    outputs:", &format!("    expect: [{text}],\n    outputs:"));
+    std::fs::write(
+        path.join("net.ron"),
+        expecting("Manifold(\"surface.ply\"), Manifold(\"surface\")"),
+    )
+    .unwrap();
+    let output = maquette(path, &[], "", None);
+    assert!(output.status.success(), "{}", said(&output));
+    std::fs::write(path.join("net.ron"), expecting("Closed(\"surface.ply\")")).unwrap();
+    let output = maquette(path, &[], "", None);
+    assert!(said(&output).contains("expected Closed, but `surface.ply` has"), "{}", said(&output));
+    std::fs::write(path.join("net.ron"), GRAPH).unwrap();
+    let test = "Test(graph: \"net.ron\", expect: [Closed(\"surfce\")])";
+    std::fs::write(path.join("net.test.ron"), test).unwrap();
+    let output = maquette(path, &[], "", None);
+    assert!(said(&output).contains("did you mean `surface`?"), "{}", said(&output));
+}
+
+/// A mesh of these levels, tested with this tolerance.
+fn subdivided(folder: &Path, levels: usize, tolerance: &str) {
+    let graph = format!(
+        "Graph(format: 1, nodes: {{ \"net\": PointNet(points: [[(0, 0, 0), (1, 0, 1), (2, 0, 0)], [(0, 1, 1), (1, 1, 2), (2, 1, 1)], [(0, 2, 0), (1, 2, 1), (2, 2, 0)]]), \"surface\": Nurbs(net: \"net\"), \"coarse\": Tessellate(surface: \"surface\", u: 20, v: 20), \"smooth\": Subdivide(mesh: \"coarse\", levels: {levels}) }}, outputs: {{ \"m.ply\": \"smooth\" }})"
+    );
+    std::fs::write(folder.join("net.ron"), graph).unwrap();
+    let test = format!("Test(graph: \"net.ron\", compare: {{\"m.ply\": Mesh({tolerance})}})");
+    std::fs::write(folder.join("net.test.ron"), test).unwrap();
+}
+
+#[test]
+fn after_a_change_of_topology_the_distance_leads_and_its_unit_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    subdivided(path, 1, "");
+    assert!(maquette(path, &["--bless"], "", None).status.success());
+    subdivided(path, 0, "");
+    let output = maquette(path, &["--junit", "j.xml", "--report", "r.html"], "", None);
+    let text = said(&output);
+    let first = text.lines().find(|line| line.contains("smooth: ")).unwrap_or_default();
+    assert!(first.contains("smooth: `surface, ") && first.contains(" mm, allowed is"), "{text}");
+    assert!(text.contains("vertices: "), "{text}");
+    let read = |name: &str| std::fs::read_to_string(path.join(name)).unwrap();
+    let (junit, page) = (read("j.xml"), read("r.html"));
+    assert!(
+        junit.contains("differs by 0.") && junit.contains(" mm; 100 % of the entries seen"),
+        "{junit}"
+    );
+    assert!(!junit.contains("corners") || !junit.contains("; max "), "{junit}");
+    assert!(page.contains("<th>seen") && !page.contains("<td>corners"), "{page}");
+}
+
+#[test]
+fn a_surface_of_other_faces_passes_by_its_distance_and_what_was_sampled_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    subdivided(path, 1, "max: 0.05, remeshed: true");
+    assert!(maquette(path, &["--bless"], "", None).status.success());
+    subdivided(path, 0, "max: 0.05, remeshed: true");
+    let output = maquette(path, &[], "", None);
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(said(&output).contains("within tolerance: `surface, "), "{}", said(&output));
+    subdivided(path, 0, "max: 0.0001, remeshed: true");
+    assert_eq!(maquette(path, &[], "", None).status.code(), Some(1));
+    subdivided(path, 1, "max: 0.05, remeshed: true, keep: Sampled(every: 4)");
+    let refused = maquette(path, &[], "", None);
+    assert!(said(&refused).contains("leave `remeshed` or `keep` out"), "{}", said(&refused));
+    subdivided(path, 1, "max: 0.05, keep: Sampled(every: 4)");
+    let output = maquette(path, &[], "", None);
+    assert!(said(&output).contains("does not keep what the test file says"), "{}", said(&output));
+}

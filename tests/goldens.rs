@@ -109,7 +109,7 @@ fn a_budget_of_memory_is_kept() {
 #[test]
 fn a_damaged_golden_is_a_failure() {
     let found = failures(|folder| {
-        std::fs::write(folder.join("goldens/doll/long/blended.bin"), "golden1\nxyz").unwrap();
+        std::fs::write(folder.join("goldens/doll/long/blended.bin"), "golden2\nxyz").unwrap();
     });
     assert!(found.contains("blended.bin is damaged"), "{found}");
 }

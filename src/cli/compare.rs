@@ -9,7 +9,7 @@ use clap::Args;
 use super::{Exit, print, print_json};
 use crate::format::{glb, obj, pcd, picture_file, ply, stl};
 use crate::golden::compare::in_unit;
-use crate::golden::{Tolerance, Verdict, compare};
+use crate::golden::{Keep, Tolerance, Verdict, compare};
 use crate::node::ending;
 use crate::value::AnyValue;
 
@@ -69,6 +69,7 @@ impl Compare {
             differing: self.differing,
             level: self.level,
             remeshed: self.remeshed,
+            keep: Keep::Whole,
             share: Some(FLOATS),
         };
         let comparison = compare(&old, &new, &tolerance);

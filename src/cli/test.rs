@@ -1,5 +1,6 @@
 //! `maquette test`: golden tests of graphs.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
@@ -14,14 +15,14 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
 use crate::eval::State as NodeState;
 use crate::golden::case;
-use crate::golden::compare::Verdict;
+use crate::golden::compare::{Comparison, Verdict, six};
 use crate::golden::suite::{self, Case, Compared, Report, Settings, State};
 use crate::golden::{html, junit};
 use crate::writing::{Place, Refused, Sources, remove};
 
 #[derive(Args)]
 pub(super) struct Test {
-    /// Test files, or folders that are searched for them; the current folder if left out.
+    /// Test files, graphs that have some, or folders that are searched for them; the current folder if left out.
     #[arg(value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// Only cases whose graph or name holds this.
@@ -55,16 +56,31 @@ pub(super) struct Test {
 impl Test {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
         let mut files = Vec::new();
+        let mut graphs: BTreeMap<PathBuf, BTreeSet<PathBuf>> = BTreeMap::new();
         let here = [PathBuf::from(".")];
         for path in if self.paths.is_empty() { &here[..] } else { &self.paths } {
             if !path.exists() {
                 return Exit::Usage(format!("there is no file or folder {}", path.display()));
+            }
+            if path.is_file() && !path.to_string_lossy().ends_with(case::ENDING) {
+                let tests = case::tests_of(path);
+                if tests.is_empty() {
+                    return Exit::Usage(no_test(path));
+                }
+                for test in tests {
+                    let graph = case::graph_of(&test, path);
+                    graphs.entry(test).or_default().extend(graph);
+                }
+                continue;
             }
             files.extend(case::find(path).into_iter().map(|file| match file.strip_prefix(".") {
                 Ok(file) => file.to_owned(),
                 Err(_) => file,
             }));
         }
+        // Who names a test file, too, or its folder, means all of its graphs.
+        graphs.retain(|test, _| !files.contains(test));
+        files.extend(graphs.keys().cloned());
         files.sort();
         files.dedup();
         if files.is_empty() {
@@ -77,6 +93,7 @@ impl Test {
         let settings = Settings {
             catalog,
             filter: self.filter.as_deref(),
+            graphs: &graphs,
             cold: self.cold,
             threads,
             evaluator: &|| match self.cold {
@@ -152,13 +169,16 @@ impl Test {
             !case.violations.is_empty() || case.problems.iter().any(is_error)
         };
         let wrong: Vec<&Case> = report.cases.iter().filter(errors).collect();
+        let mut told = Told::default();
         for case in &wrong {
-            let problems = case.problems.iter().chain(case.violations.iter().map(|v| &v.problem));
             print(&format!("{}  {}\n", word(case), case.title()));
-            self::report(&problems.cloned().collect::<Vec<_>>());
+            told.report(case);
         }
         self::report(&report.problems);
-        let failed = count.quit || count.refused + wrong.len() + report.problems.len() > 0;
+        if let Some(why) = broken(report) {
+            return Err(why);
+        }
+        let failed = count.quit || count.refused + wrong.len() > 0;
         Ok(if failed { Exit::Failed } else { Exit::Done })
     }
 
@@ -173,6 +193,13 @@ impl Test {
             case.bless(output, &why)?;
             count.accepted += 1;
             print(&format!("blessed   {} {}: {}\n", case.title(), output.name, in_short(output)));
+            let size = output.new.iter().map(|file| file.bytes.len()).sum::<usize>();
+            if size > LARGE {
+                let size = size as f64 / 1e6;
+                print(&format!(
+                    "          takes {size:.1} MB; `keep: Sampled(every: 8)` in the test file keeps less\n"
+                ));
+            }
             why.iter().for_each(|why| print(&format!("          because {why}\n")));
         }
         let orphans = case.orphans.iter().map(|path| format!("{} goes", path.display()));
@@ -220,6 +247,19 @@ impl Test {
     }
 }
 
+/// A golden of so many bytes is worth a word: it is committed again with each change.
+const LARGE: usize = 1 << 20;
+
+fn no_test(graph: &Path) -> String {
+    let name = graph.file_name().unwrap_or_default().to_string_lossy();
+    let test = graph.with_extension("test.ron");
+    format!(
+        "no test file beside or above {} tests it: write `Test(graph: \"{name}\")` to {}",
+        graph.display(),
+        test.display()
+    )
+}
+
 /// What a user decided.
 #[derive(Default)]
 struct Count {
@@ -240,15 +280,39 @@ fn reason(case: &Case) -> Vec<String> {
     }
 }
 
-/// Some of what is to be said of an output.
+/// Some of what is to be said of an output: how far it differs first.
 fn reasons_of(output: &Compared) -> Vec<String> {
-    let reasons = &output.comparison.reasons;
+    let comparison = &output.comparison;
+    let mut reasons = comparison.reasons.clone();
     if reasons.is_empty() {
-        return vec![output.comparison.verdict.word().to_owned()];
+        let outdated = output.outdated.filter(|_| comparison.verdict == Verdict::Identical);
+        let outdated = outdated.map(|why| format!("; the golden {why}"));
+        return vec![format!("{}{}", in_words(comparison), outdated.unwrap_or_default())];
+    }
+    let worst = comparison.worst().filter(|worst| worst.broken.is_empty());
+    if let Some(worst) = worst.filter(|worst| worst.unit == "mm") {
+        reasons.insert(0, worst.in_words());
     }
     let more = reasons.len().saturating_sub(MOST_REASONS);
-    let more = (more > 0).then(|| format!("and {more} more"));
-    reasons.iter().take(MOST_REASONS).cloned().chain(more).collect()
+    reasons.truncate(MOST_REASONS);
+    reasons.extend((more > 0).then(|| format!("and {more} more")));
+    if comparison.seen() < 1.0 {
+        reasons.push(seen(comparison));
+    }
+    reasons
+}
+
+/// The verdict, and how much differs within the tolerance.
+fn in_words(comparison: &Comparison) -> String {
+    let verdict = comparison.verdict.word();
+    let worst = comparison.worst().map_or(String::new(), |worst| format!(": {}", worst.in_words()));
+    let some =
+        if comparison.seen() < 1.0 { format!("; {}", seen(comparison)) } else { String::new() };
+    format!("{verdict}{worst}{some}")
+}
+
+fn seen(comparison: &Comparison) -> String {
+    format!("{} % of the entries were kept and seen", six(100.0 * comparison.seen()))
 }
 
 /// How many reasons of an output are told; the page tells all.
@@ -272,20 +336,48 @@ fn uncommitted(path: &Path) -> Option<String> {
     text.lines().next().map(|line| line.get(3..).unwrap_or(line).to_owned())
 }
 
-fn exit(report: &Report) -> Exit {
+/// Why tests could not run, if some could not.
+fn broken(report: &Report) -> Option<String> {
     let broken = report.count(|case| case.state == State::Broken) + report.problems.len();
-    if broken > 0 {
-        Exit::Usage(format!("{} could not run", counted(broken, "test")))
-    } else if report.count(Case::failed) + report.orphans.len() > 0 {
-        Exit::Failed
-    } else {
-        Exit::Done
+    (broken > 0).then(|| format!("{} could not run", counted(broken, "test")))
+}
+
+fn exit(report: &Report) -> Exit {
+    match broken(report) {
+        Some(why) => Exit::Usage(why),
+        None if report.count(Case::failed) + report.orphans.len() > 0 => Exit::Failed,
+        None => Exit::Done,
     }
 }
 
-/// The best verdict that all outputs of a case reach.
-fn verdict(case: &Case) -> Verdict {
-    case.outputs.iter().map(|output| output.comparison.verdict).max().unwrap_or(Verdict::Identical)
+/// Problems that were told: those of a graph are the same in each of its cases.
+#[derive(Default)]
+struct Told(Vec<Problem>);
+
+impl Told {
+    /// Tells the problems of a case that were not told before.
+    fn report(&mut self, case: &Case) {
+        let problems = case.problems.iter().chain(case.violations.iter().map(|v| &v.problem));
+        let is_known = |problem: &&Problem| {
+            self.0.iter().any(|known| {
+                (&known.source.name, known.span, &known.message)
+                    == (&problem.source.name, problem.span, &problem.message)
+            })
+        };
+        let (known, new): (Vec<&Problem>, Vec<&Problem>) = problems.partition(is_known);
+        let new = Vec::from_iter(new.into_iter().cloned());
+        report(&new);
+        if !known.is_empty() {
+            print(&format!("          {} as before\n", counted(known.len(), "problem")));
+        }
+        self.0.extend(new);
+    }
+}
+
+/// The worst verdict of all outputs of a case, in words.
+fn verdict(case: &Case) -> String {
+    let worst = case.outputs.iter().map(|output| &output.comparison);
+    worst.max_by_key(|comparison| comparison.verdict).map_or("identical".into(), in_words)
 }
 
 fn computed(case: &Case) -> usize {
@@ -294,7 +386,7 @@ fn computed(case: &Case) -> usize {
 
 fn show(result: &Report) {
     report(&result.problems);
-    let mut text = String::new();
+    let (mut text, mut told) = (String::new(), Told::default());
     for case in &result.cases {
         let word = word(case);
         let nodes =
@@ -305,20 +397,14 @@ fn show(result: &Report) {
                 text,
                 "{word}  {}  {}; {nodes}; {:.0} ms",
                 case.title(),
-                verdict(case).word(),
+                verdict(case),
                 case.seconds * 1e3
             ),
             State::Failed | State::Broken => writeln!(text, "{word}  {}", case.title()),
         };
         if case.failed() {
-            let problems: Vec<Problem> = case
-                .problems
-                .iter()
-                .chain(case.violations.iter().map(|v| &v.problem))
-                .cloned()
-                .collect();
             print(&std::mem::take(&mut text));
-            report(&problems);
+            told.report(case);
             for output in
                 case.outputs.iter().filter(|output| output.comparison.verdict == Verdict::Different)
             {

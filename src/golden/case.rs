@@ -7,7 +7,7 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::compare::Tolerance;
+use super::compare::{Keep, Tolerance};
 use super::expect::{Expectation, Place};
 use crate::error::{Problem, Source, Span, code};
 use crate::graph::{
@@ -93,12 +93,12 @@ pub(crate) struct Allowed {
 const FIELDS: [(&[&str], &[&str]); 3] = [
     (
         &["Mesh", "Surface", "RangeImage", "ControlNet", "Curve", "Points", "Region"],
-        &["max", "rms", "p99", "normals", "attributes", "differing", "level", "remeshed"],
+        &["max", "rms", "p99", "normals", "attributes", "differing", "level", "remeshed", "keep"],
     ),
-    (&["Image", "Mask", "Labels"], &["differing", "level"]),
+    (&["Image", "Mask", "Labels"], &["differing", "level", "keep"]),
     (
         &["Field", "Trace", "KnotVector", "Direction"],
-        &["max", "normals", "attributes", "differing"],
+        &["max", "normals", "attributes", "differing", "keep"],
     ),
 ];
 
@@ -178,6 +178,15 @@ fn read_text(path: &Path, source: &Arc<Source>) -> Result<TestFile, Vec<Finding>
         _ => Vec::new(),
     };
     let compare = test.compare;
+    for (output, _, _, span) in &kinds {
+        if compare.get(output).is_some_and(|most| most.remeshed && most.keep != Keep::Whole) {
+            let message = format!(
+                "`{output}` is to be compared as a surface, of which some entries tell nothing"
+            );
+            let help = "leave `remeshed` or `keep` out";
+            return Err(vec![finding(code::WRONG_VALUE, *span, message, help)]);
+        }
+    }
     let allowed = kinds.into_iter().filter_map(|(output, kind, kind_span, span)| {
         let tolerance = compare.get(&output)?.clone();
         Some(Allowed { output, kind, kind_span, span, tolerance })
@@ -342,6 +351,38 @@ pub(crate) fn find(path: &Path) -> Vec<PathBuf> {
     }
     found.sort();
     found
+}
+
+/// The test files that test a graph: beside it, or else in the nearest folder above that has some.
+pub(crate) fn tests_of(graph: &Path) -> Vec<PathBuf> {
+    let Ok(wanted) = graph.canonicalize() else { return Vec::new() };
+    let is_of = |path: &PathBuf| {
+        let tests = |test: TestFile| test.graphs.iter().any(|graph| is_same(graph, &wanted));
+        read(path).is_ok_and(tests)
+    };
+    for folder in graph.ancestors().skip(1) {
+        let here = if folder == Path::new("") { Path::new(".") } else { folder };
+        let files = std::fs::read_dir(here).into_iter().flatten().flatten();
+        let files = files.map(|file| folder.join(file.file_name()));
+        let mut tests: Vec<PathBuf> =
+            files.filter(|path| path.to_string_lossy().ends_with(ENDING)).filter(is_of).collect();
+        if !tests.is_empty() {
+            tests.sort();
+            return tests;
+        }
+    }
+    Vec::new()
+}
+
+/// A graph by the path that its test file gives it.
+pub(crate) fn graph_of(test: &Path, graph: &Path) -> Vec<PathBuf> {
+    let (Ok(test), Ok(wanted)) = (read(test), graph.canonicalize()) else { return Vec::new() };
+    test.graphs.into_iter().filter(|graph| is_same(graph, &wanted)).collect()
+}
+
+/// Whether a path leads to this file.
+fn is_same(path: &Path, file: &Path) -> bool {
+    path.canonicalize().is_ok_and(|path| path == file)
 }
 
 impl TestFile {

@@ -13,7 +13,7 @@ mod columns;
 mod mesh;
 mod order;
 
-pub(crate) use columns::{allowed, compare_columns, given, judge, limit_of, measure, size};
+pub(crate) use columns::{Rounding, allowed, compare_columns, given, limit_of, measure, size};
 pub(crate) use mesh::{compare_meshes, distances, distances_of};
 pub(crate) use order::without_order;
 
@@ -69,10 +69,38 @@ pub struct Tolerance {
     pub level: f64,
     /// Lets a mesh be of other faces, as long as its surface is near.
     pub remeshed: bool,
+    /// How much of the value a golden keeps.
+    pub keep: Keep,
     /// The share of the diagonal, or of the range, that is allowed where nothing is said. Files whose numbers are `float` need
     /// a millionth.
     #[serde(skip)]
     pub share: Option<f64>,
+}
+
+/// How much of a value a golden keeps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub enum Keep {
+    /// Every entry, so that every entry is judged.
+    #[default]
+    Whole,
+    /// Some entries of what is too large to be kept whole: the others are judged by sums over all of them alone, and not at all
+    /// where a tolerance is given.
+    Sampled {
+        /// One of so many entries of a list; of a picture one pixel of so many, in one row of so many.
+        #[schemars(range(min = 2))]
+        every: usize,
+    },
+}
+
+impl Keep {
+    /// One of so many entries is kept.
+    pub(crate) fn stride(self) -> usize {
+        match self {
+            Self::Whole => 1,
+            Self::Sampled { every } => every.max(1),
+        }
+    }
 }
 
 impl Tolerance {
@@ -103,8 +131,34 @@ pub struct Measure {
     pub worst: String,
     /// What was allowed: the largest difference, if one was.
     pub allowed: f64,
+    /// How much more or less each difference may be, because the old one was kept rounded.
+    pub error: f64,
+    /// The share of the elements that were looked at.
+    pub seen: f64,
+    /// Whether its elements are equal or not, and their share is what counts.
+    pub by_share: bool,
     /// What is not allowed, in words; empty if all is well.
     pub broken: String,
+}
+
+impl Measure {
+    /// Which measures tell most: distances, then angles, then numbers, then how many entries are others.
+    fn rank(&self) -> usize {
+        match self.unit {
+            "mm" => 0,
+            "degrees" => 1,
+            "" if self.by_share => 3,
+            _ => 2,
+        }
+    }
+
+    /// How much it differs, in words.
+    pub(crate) fn in_words(&self) -> String {
+        match self.by_share {
+            true => format!("{} % of `{}` differ", six(100.0 * self.differing), self.name),
+            false => format!("`{}` differs by {}", self.name, in_unit(self.max, self.unit)),
+        }
+    }
 }
 
 /// What a comparison found.
@@ -123,11 +177,30 @@ impl Comparison {
         Self { verdict, reasons: Vec::new(), measures: Vec::new() }
     }
 
-    /// The comparison of these facts and measures.
-    pub(crate) fn new(mut reasons: Vec<String>, measures: Vec<Measure>) -> Self {
-        reasons.extend(measures.iter().filter(|m| !m.broken.is_empty()).map(|m| m.broken.clone()));
+    /// The comparison of these facts and measures. Distances come first, the longest before all, then other differences, then
+    /// the facts.
+    pub(crate) fn new(facts: Vec<String>, measures: Vec<Measure>) -> Self {
+        let mut broken: Vec<&Measure> = measures.iter().filter(|m| !m.broken.is_empty()).collect();
+        broken.sort_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)));
+        let mut reasons: Vec<String> = Vec::new();
+        for reason in broken.iter().map(|m| &m.broken).chain(&facts) {
+            if !reasons.contains(reason) {
+                reasons.push(reason.clone());
+            }
+        }
         let verdict = if reasons.is_empty() { Verdict::Within } else { Verdict::Different };
         Self { verdict, reasons, measures }
+    }
+
+    /// The largest distance, or what differs most if nothing is one; none if nothing was measured to differ.
+    pub(crate) fn worst(&self) -> Option<&Measure> {
+        let differing = self.measures.iter().filter(|m| m.max > 0.0);
+        differing.min_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)))
+    }
+
+    /// The share of the elements that were looked at.
+    pub(crate) fn seen(&self) -> f64 {
+        self.measures.iter().map(|m| m.seen).fold(1.0, f64::min)
     }
 
     /// The comparison as `--json` prints it.
@@ -135,7 +208,8 @@ impl Comparison {
         let measures = self.measures.iter().map(|m| {
             json!({
                 "name": m.name, "max": m.max, "rms": m.rms, "p99": m.p99, "differing": m.differing,
-                "unit": m.unit, "worst": m.worst, "allowed": m.allowed, "passed": m.broken.is_empty(),
+                "unit": m.unit, "worst": m.worst, "allowed": m.allowed, "error": m.error, "seen": m.seen,
+                "passed": m.broken.is_empty(),
             })
         });
         json!({
@@ -156,7 +230,7 @@ pub fn compare(old: &AnyValue, new: &AnyValue, tolerance: &Tolerance) -> Compari
         return Comparison::alike(Verdict::Identical);
     }
     if let (Some(old), Some(new)) = (old.get::<Mesh>(), new.get::<Mesh>()) {
-        return compare_meshes(old, new, tolerance);
+        return compare_meshes(old, new, tolerance, &|_| 0.0);
     }
     let order = |value: &AnyValue| without_order(value);
     if let (Some(a), Some(b)) = (order(old), order(new))
@@ -190,7 +264,7 @@ pub(crate) fn compare_parts(old: &Parts, new: &Parts, tolerance: &Tolerance) -> 
             ));
             continue;
         }
-        measures.push(compare_columns(part, other, new.row, tolerance));
+        measures.push(compare_columns(part, other, new.row, tolerance, Rounding::NONE));
     }
     Comparison::new(reasons, measures)
 }

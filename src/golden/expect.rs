@@ -12,7 +12,7 @@ use super::intersect::intersections;
 use super::topology::Topology;
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::eval::Evaluation;
-use crate::graph::{Finding, Graph, Kind, Tree, Walk, read_tree};
+use crate::graph::{Finding, Graph, Kind, Tree, Walk, nearest_or_all, read_tree};
 use crate::value::{AnyValue, Labels, Mask, Mesh, Points, RangeImage, Region, Surface};
 
 /// What must hold of a value, which is named by its link, `node` or `node.output`, or by the name of an output file.
@@ -206,8 +206,12 @@ pub(crate) fn violations(
             uses: Vec::new(),
         };
         if let Some(unknown) = targets.iter().position(Option::is_none) {
-            let message = format!("there is no value `{}`", names[unknown]);
-            let problem = problem(message);
+            let message = format!("there is no output or node `{}`", names[unknown]);
+            let known = graph.outputs.iter().map(|output| &output.name[..]);
+            let known = known.chain(graph.nodes.iter().map(|node| &node.name[..]));
+            let known = Vec::from_iter(known.filter(|name| !name.contains('/')));
+            let help = nearest_or_all(names[unknown], "its outputs and nodes", &known);
+            let problem = Problem { help, ..problem(message) };
             violations.push(Violation { problem, value: None, places: Vec::new() });
             continue;
         }

@@ -129,19 +129,22 @@ fn push_output(text: &mut String, output: &Compared) {
     push_list(text, "reasons", output.comparison.reasons.iter().map(|reason| escape(reason)));
     let differs = |m: &&Measure| m.max > 0.0;
     if output.comparison.measures.iter().any(|m| differs(&m)) {
-        text.push_str("<div class=\"wide\"><table><tr><th>measured<th>largest<th>rms<th>99 %<th>allowed<th>worst place</tr>");
+        text.push_str("<div class=\"wide\"><table><tr><th>measured<th>largest<th>rms<th>99 %<th>allowed<th>seen<th>worst place</tr>");
         for m in output.comparison.measures.iter().filter(differs) {
             let class = if m.broken.is_empty() { "" } else { " class=\"bad\"" };
             let number = |x: f64| if x.is_finite() { six(x) } else { "∞".into() };
+            let numbers = match m.by_share {
+                // Numbers that are equal or not have no size.
+                true => format!("<td colspan=\"3\">{} % differ", six(100.0 * m.differing)),
+                false => [m.max, m.rms, m.p99].map(|x| format!("<td>{}", number(x))).concat(),
+            };
             let _ = write!(
                 text,
-                "<tr{class}><td>{} <small>{}</small><td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+                "<tr{class}><td>{} <small>{}</small>{numbers}<td>{}<td>{} %<td>{}</tr>",
                 escape(&m.name),
                 m.unit,
-                number(m.max),
-                number(m.rms),
-                number(m.p99),
                 number(m.allowed),
+                six(100.0 * m.seen),
                 escape(&m.worst)
             );
         }
@@ -207,7 +210,16 @@ fn push_table(text: &mut String, report: &Report) {
         let worst = case.outputs.iter().map(|output| output.comparison.verdict).max();
         let verdict = match &case.state {
             State::Skipped(why) => format!("skipped: {}", escape(why)),
-            _ => worst.map_or("", Verdict::word).to_owned(),
+            _ => {
+                let seen = case.outputs.iter().map(|output| output.comparison.seen());
+                let seen = seen.fold(1.0, f64::min);
+                let some = if seen < 1.0 {
+                    format!(", {} % seen", six(100.0 * seen))
+                } else {
+                    String::new()
+                };
+                format!("{}{some}", worst.map_or("", Verdict::word))
+            }
         };
         let outputs =
             Vec::from_iter(case.outputs.iter().map(|output| escape(&output.name))).join(", ");

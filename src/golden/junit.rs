@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::compare::{Comparison, six};
 use super::suite::{Report, State};
 
 /// The document.
@@ -26,13 +27,10 @@ pub(crate) fn document(report: &Report) -> String {
         if !case.outputs.is_empty() {
             text.push_str("<properties>");
             for output in &case.outputs {
-                let (name, verdict) = (escape(&output.name), output.comparison.verdict.word());
-                let worst = output.comparison.measures.iter().map(|m| m.max).fold(0.0, f64::max);
+                let name = escape(&output.name);
+                let value = escape(&in_words(&output.comparison));
                 let hash = output.value.hash().short();
-                let _ = write!(
-                    text,
-                    "<property name=\"{name}\" value=\"{verdict}; max {worst}; {hash}\"/>"
-                );
+                let _ = write!(text, "<property name=\"{name}\" value=\"{value}; {hash}\"/>");
             }
             text.push_str("</properties>\n");
         }
@@ -62,6 +60,14 @@ pub(crate) fn document(report: &Report) -> String {
         );
     }
     text + "</testsuite></testsuites>\n"
+}
+
+/// The verdict, what differs most, and how much was looked at.
+fn in_words(comparison: &Comparison) -> String {
+    let verdict = comparison.verdict.word().to_owned();
+    let worst = comparison.worst().map(|worst| worst.in_words());
+    let seen = format!("{} % of the entries seen", six(100.0 * comparison.seen()));
+    [Some(verdict), worst, Some(seen)].into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
 /// Text inside of XML and HTML; what XML cannot hold is left out.

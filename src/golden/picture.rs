@@ -63,8 +63,10 @@ fn pictures(value: &AnyValue, golden: Option<&Golden>) -> (Option<Image>, Option
     }
     let Some(parts) = Parts::of(value) else { return (None, None) };
     let Some(part) = grid_part(&parts) else { return (None, None) };
-    let kept = golden.and_then(Golden::parts).and_then(|kept| kept.column(&part.name));
-    let Some(kept) = kept.filter(|kept| kept.count == part.count && kept.width == part.width)
+    let kept = golden.and_then(Golden::kept).and_then(|kept| kept.column(&part.name));
+    let Some(kept) = kept
+        .map(|kept| &kept.part)
+        .filter(|kept| kept.count == part.count && kept.width == part.width)
     else {
         return (None, gray(part, parts.row, part));
     };

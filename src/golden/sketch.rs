@@ -28,7 +28,8 @@ impl Sketch {
             let (mut sums, mut bits) = ([0.0; SUMS], 0u64);
             for (k, x) in numbers.iter().enumerate() {
                 let mut state = (chunk * CHUNK + k) as u64;
-                bits = bits.wrapping_add(mix(x.to_bits() ^ mix(state)));
+                // Both zeros are one.
+                bits = bits.wrapping_add(mix((x + 0.0).to_bits() ^ mix(state)));
                 let x = match x {
                     x if x.is_finite() => *x,
                     x if x.is_nan() => 0.0,

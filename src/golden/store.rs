@@ -1,11 +1,12 @@
-//! What is kept of a value: a summary that people read in a diff, and its numbers as far as they are few.
+//! What is kept of a value: a summary that people read in a diff, and all of its numbers.
 //!
 //! The summary has the value's hash and a mark that does not depend on order, so that both best verdicts need no numbers; a
-//! sketch of each column finds the least change of any number. The numbers themselves show where a value differs: they are
-//! rounded, written as differences of neighbors, and deflated. Where they take more than [`MOST_BYTES`], only every n-th element
-//! is kept.
+//! sketch of each column tells whether any number of it changed. The numbers judge how far a value differs, and where: every
+//! entry is kept, however many there are, rounded far below what is allowed. What an author finds too large is kept in part by
+//! `keep: Sampled(..)` in the test file; then every verdict that needs numbers says what share of them was looked at.
 
 use std::path::Path;
+use std::sync::OnceLock;
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -20,20 +21,24 @@ use crate::value::{
 };
 
 mod judge;
+#[cfg(test)]
+mod mutations;
 mod pack;
+mod precision;
 mod summary;
 
-use pack::{MOST_BYTES, pack, unpack};
+use pack::{EARLIER, Kept, pack, unpack};
 use summary::{Line, exact, summary};
 
-/// What was kept of a value.
+/// What was kept of a value. Its numbers and pictures are looked into when they are needed.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Golden {
     pub(crate) lines: Vec<(String, String)>,
-    parts: Option<Parts>,
-    picture: Option<Image>,
-    /// A mesh as it looked, where it cannot be made again of its numbers.
-    view: Option<Image>,
+    bin: Option<Vec<u8>>,
+    png: Option<Vec<u8>>,
+    view: Option<Vec<u8>>,
+    kept: OnceLock<Option<Kept>>,
+    picture: OnceLock<Option<Image>>,
 }
 
 /// A file that a value was written to.
@@ -46,8 +51,7 @@ pub(crate) struct Written {
 
 impl Written {
     pub(crate) fn of(file: &NewFile) -> Self {
-        let content = format!("{} bytes, {}", file.bytes.len(), Hash::of(&file.bytes).short());
-        Self { name: file.name.clone(), content }
+        Self { name: file.name.clone(), content: content(&file.bytes) }
     }
 
     /// The files in as many lines.
@@ -78,25 +82,60 @@ pub(crate) fn files(
     let mut lines = summary(value, parts.as_ref(), outputs, tolerance);
     lines
         .extend(needed.iter().map(|(name, needed)| exact(&format!("needed {name}"), six(*needed))));
+    let stride = tolerance.keep.stride();
     if let Some(picture) = picture_of(value) {
-        let (stride, bytes) = small_picture(&picture);
-        lines.push(exact("kept", format!("every {stride}. pixel")));
+        // A picture without pixels is no PNG.
+        let bytes = png::encode_rgb(&every(&picture, stride)).unwrap_or_default();
         files.push(NewFile { name: ".png".into(), bytes });
     } else if let Some(parts) = &parts {
-        let (stride, bytes) = pack(parts, tolerance);
-        lines.push(exact("kept", format!("every {stride}. element")));
-        files.push(NewFile { name: ".bin".into(), bytes });
+        files.push(NewFile { name: ".bin".into(), bytes: pack(parts, tolerance, stride) });
         let view = View { size: [160, 120], ..View::front() };
+        // All of a mesh shows how it looked.
         let mesh = mesh_of(value).filter(|_| stride > 1);
         let look = mesh.and_then(|mesh| png::encode_rgb(&render(&mesh, &view)).ok());
         files.extend(look.map(|bytes| NewFile { name: ".view.png".into(), bytes }));
     }
+    lines.push(exact(FORM, THIS_FORM));
+    if !files.is_empty() {
+        let kept = if stride > 1 { format!("every {stride}. entry") } else { "every entry".into() };
+        lines.push(exact("kept", kept));
+        lines.push(exact(KEPT_FOR, bounds(tolerance)));
+    }
+    lines.extend(files.iter().map(|file| exact(&kept_in(&file.name), content(&file.bytes))));
     lines.sort_by(|a, b| a.label.cmp(&b.label));
     for Line { label, text: fact, .. } in lines {
         text += &line(&label, &fact);
     }
     files.insert(0, NewFile { name: ".txt".into(), bytes: text.into_bytes() });
     files
+}
+
+/// The line that says by which rules a golden is written.
+const FORM: &str = "form";
+const THIS_FORM: &str = "2";
+
+/// The line that says what differences the numbers can judge.
+const KEPT_FOR: &str = "kept for";
+
+/// Begins the lines of a golden's other files.
+const KEPT_IN: &str = "kept in ";
+
+fn kept_in(suffix: &str) -> String {
+    format!("{KEPT_IN}{suffix}")
+}
+
+/// The length and the hash of a file.
+fn content(bytes: &[u8]) -> String {
+    format!("{} bytes, {}", bytes.len(), Hash::of(bytes).short())
+}
+
+/// What is allowed, in words.
+fn bounds(tolerance: &Tolerance) -> String {
+    let means = [("rms", tolerance.rms), ("p99", tolerance.p99)];
+    let means = means.into_iter().filter_map(|(name, most)| Some((name, most?)));
+    let all = tolerance.limits().chain(means).map(|(name, most)| format!("{name} {most}"));
+    let all = Vec::from_iter(all);
+    if all.is_empty() { "what is allowed where nothing is said".into() } else { all.join(", ") }
 }
 
 /// Begins the line that says why a golden is as it is.
@@ -135,17 +174,6 @@ pub(super) fn every(picture: &Image, stride: usize) -> Image {
     Image::new(size[0], size[1], pixels.collect::<Vec<_>>()).expect("a pixel for each place")
 }
 
-fn small_picture(picture: &Image) -> (usize, Vec<u8>) {
-    for stride in 1.. {
-        // A picture without pixels is no PNG.
-        let bytes = png::encode_rgb(&every(picture, stride)).unwrap_or_default();
-        if bytes.len() <= MOST_BYTES {
-            return (stride, bytes);
-        }
-    }
-    (1, Vec::new())
-}
-
 /// Why a golden cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum NoGolden {
@@ -163,18 +191,19 @@ pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
         let (label, text) = line.split_once("  ").unwrap_or((line, ""));
         (label.to_owned(), text.trim().to_owned())
     };
-    let parts = match file(".bin") {
-        Some(bytes) => Some(unpack(&bytes).ok_or_else(|| damaged(".bin"))?),
-        None => None,
-    };
-    let picture = |suffix: &str| match file(suffix) {
-        Some(bytes) if !bytes.is_empty() => {
-            png::read(&bytes).map(Some).map_err(|_| damaged(suffix))
+    let [bin, png, view] = [".bin", ".png", ".view.png"].map(|suffix| (suffix, file(suffix)));
+    let golden = Golden { lines: text.lines().map(line).collect(), ..Golden::default() };
+    if golden.line(FORM) == Some(THIS_FORM) {
+        for (suffix, bytes) in [&bin, &png, &view] {
+            let was = golden.line(&kept_in(suffix));
+            if was != bytes.as_deref().map(content).as_deref() {
+                return Err(damaged(suffix));
+            }
         }
-        _ => Ok(None),
-    };
-    let (picture, view) = (picture(".png")?, picture(".view.png")?);
-    Ok(Golden { lines: text.lines().map(line).collect(), parts, picture, view })
+    } else if bin.1.as_ref().is_some_and(|bytes| !bytes.starts_with(EARLIER)) {
+        return Err(damaged(".bin"));
+    }
+    Ok(Golden { bin: bin.1, png: png.1, view: view.1, ..golden })
 }
 
 impl Golden {
@@ -190,25 +219,45 @@ impl Golden {
         self.lines.iter().filter_map(needed).collect()
     }
 
+    /// Whether it was written by an earlier program, whose numbers are not enough to judge by.
+    pub(crate) fn is_earlier(&self) -> bool {
+        self.line(FORM) != Some(THIS_FORM)
+    }
+
+    /// Whether another golden of the same value would keep it otherwise, in words.
+    pub(crate) fn outdated(&self, tolerance: &Tolerance) -> Option<&'static str> {
+        if self.is_earlier() {
+            return Some("is of an earlier form, which cannot judge a difference");
+        }
+        self.line("kept")?;
+        if self.stride() != tolerance.keep.stride() {
+            return Some("does not keep what the test file says");
+        }
+        let other = self.line(KEPT_FOR) != Some(&bounds(tolerance));
+        other.then_some("was kept for other tolerances")
+    }
+
     fn stride(&self) -> usize {
         let words = self.line("kept").and_then(|text| text.split(['.', ' ']).nth(1)?.parse().ok());
         words.unwrap_or(1)
     }
 
-    /// The picture that was kept, as it is or as every n-th pixel.
+    /// The picture that was kept, as it is or as every n-th pixel, or how a mesh looked of which only some was kept.
     pub(crate) fn picture(&self) -> Option<&Image> {
-        self.picture.as_ref().or(self.view.as_ref())
+        let read = || png::read(self.png.as_ref().or(self.view.as_ref())?).ok();
+        self.picture.get_or_init(read).as_ref()
     }
 
     /// The numbers that were kept.
-    pub(super) fn parts(&self) -> Option<&Parts> {
-        self.parts.as_ref()
+    pub(super) fn kept(&self) -> Option<&Kept> {
+        let read = || unpack(self.bin.as_ref().filter(|_| !self.is_earlier())?);
+        self.kept.get_or_init(read).as_ref()
     }
 
     /// How far each vertex of a mesh is from where it was, judged by the vertex that was kept nearest to it: in the list if this
     /// is as long as it was, else in space.
     pub(super) fn differences(&self, mesh: &Mesh) -> Option<Vec<f64>> {
-        let position = self.parts.as_ref()?.column("position")?;
+        let position = &self.kept()?.column("position")?.part;
         let kept: Vec<Point3<f64>> =
             position.numbers.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2])).collect();
         if position.count == mesh.positions().len() {
@@ -227,19 +276,16 @@ impl Golden {
 
     /// The mesh that was kept, or the surface as one, if all of it was.
     pub(crate) fn mesh(&self) -> Option<Mesh> {
-        let parts = self.parts.as_ref()?;
-        if parts.columns.iter().any(|part| part.stride > 1) {
-            return None;
-        }
+        let kept = self.kept().filter(|_| self.stride() == 1)?;
         match self.line("type")? {
-            "Mesh" => Self::kept_mesh(parts),
-            "Surface" => self.kept_surface(parts)?.tessellate(0, 0).ok(),
+            "Mesh" => Self::kept_mesh(kept),
+            "Surface" => self.kept_surface(kept)?.tessellate(0, 0).ok(),
             _ => None,
         }
     }
 
-    fn kept_surface(&self, parts: &Parts) -> Option<Surface> {
-        let column = |name: &str| parts.column(name).map(|part| &part.numbers[..]);
+    fn kept_surface(&self, kept: &Kept) -> Option<Surface> {
+        let column = |name: &str| kept.numbers(name);
         let places = |name: &str| {
             let places = column(name)?.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2]));
             Some(places.collect::<Vec<_>>())
@@ -256,20 +302,19 @@ impl Golden {
         Surface::new(net, knots("knots u")?, knots("knots v")?).ok()
     }
 
-    fn kept_mesh(parts: &Parts) -> Option<Mesh> {
-        let position = parts.column("position")?;
-        let positions = position.numbers.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2]));
-        let corners = parts.column("corners")?;
+    fn kept_mesh(kept: &Kept) -> Option<Mesh> {
+        let position = kept.numbers("position")?;
+        let positions = position.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2]));
+        let corners = &kept.column("corners")?.part;
         let vertices: Vec<u32> = corners.numbers.iter().map(|&x| x as u32).collect();
-        let faces = match parts.column("sides") {
-            Some(sides) => Faces::polygons(
-                &Vec::from_iter(sides.numbers.iter().map(|&x| x as usize)),
-                vertices,
-            ),
+        let faces = match kept.numbers("sides") {
+            Some(sides) => {
+                Faces::polygons(&Vec::from_iter(sides.iter().map(|&x| x as usize)), vertices)
+            }
             None => Faces::uniform(corners.width, vertices),
         };
         let mut mesh = Mesh::new(positions.collect::<Vec<_>>(), faces.ok()?).ok()?;
-        for part in &parts.columns {
+        for part in kept.columns.iter().map(|column| &column.part) {
             if ["frame", "position", "corners", "sides", "creases"].contains(&&part.name[..]) {
                 continue;
             }

@@ -1,5 +1,6 @@
 //! Runs tests: every case of every graph, in parallel, and what became of each.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -68,8 +69,8 @@ pub(crate) struct Case {
     pub(crate) seconds: f64,
     /// How much of it writing the outputs took.
     pub(crate) file_seconds: f64,
-    /// The nodes as they are now.
-    nodes: String,
+    /// The nodes as they are now; none if the graph could not be read.
+    nodes: Option<String>,
 }
 
 /// A value that outputs give, beside its golden.
@@ -80,6 +81,8 @@ pub(crate) struct Compared {
     pub(crate) files: Vec<String>,
     pub(crate) comparison: Comparison,
     pub(crate) golden: Result<Golden, NoGolden>,
+    /// Why the golden would be kept otherwise now, even if the value is the same.
+    pub(crate) outdated: Option<&'static str>,
     pub(crate) value: AnyValue,
     /// The golden that would be written.
     pub(crate) new: Vec<NewFile>,
@@ -113,7 +116,10 @@ impl Case {
 
     /// Which nodes are not what they were when the golden was accepted, in words.
     pub(crate) fn changed_nodes(&self) -> Vec<String> {
-        self.nodes_before().map_or(Vec::new(), |before| changed_lines(&before, &self.nodes))
+        match (self.nodes_before(), &self.nodes) {
+            (Some(before), Some(now)) => changed_lines(&before, now),
+            _ => Vec::new(),
+        }
     }
 
     fn nodes_before(&self) -> Option<String> {
@@ -122,8 +128,9 @@ impl Case {
 
     /// Finds the warnings that came or went since the golden was accepted.
     fn judge_warnings(&mut self) {
-        let changed = |before: String| changed_warnings(&before, &self.nodes);
-        self.warnings = self.nodes_before().map_or(Vec::new(), changed);
+        if let (Some(before), Some(now)) = (self.nodes_before(), &self.nodes) {
+            self.warnings = changed_warnings(&before, now);
+        }
     }
 
     /// The outputs whose goldens would be others.
@@ -155,8 +162,8 @@ impl Case {
     /// Accepts what is no output: the nodes as they are, their warnings, and that orphans go.
     pub(crate) fn bless_rest(&self) -> Result<(), Refused> {
         let place = Place::own(&self.beside, &self.sources);
-        if !self.outputs.is_empty() {
-            write(&place, &self.folder.join(NODES), self.nodes.as_bytes())?;
+        if let Some(nodes) = self.nodes.as_ref().filter(|_| !self.outputs.is_empty()) {
+            write(&place, &self.folder.join(NODES), nodes.as_bytes())?;
         }
         self.orphans.iter().try_for_each(|orphan| place.remove(orphan))
     }
@@ -174,6 +181,8 @@ pub(crate) struct Settings<'a> {
     pub(crate) catalog: &'a Catalog,
     /// Only cases whose title holds this.
     pub(crate) filter: Option<&'a str>,
+    /// Of these test files only the cases of these graphs.
+    pub(crate) graphs: &'a BTreeMap<PathBuf, BTreeSet<PathBuf>>,
     /// Nothing may come from the cache.
     pub(crate) cold: bool,
     pub(crate) threads: usize,
@@ -221,12 +230,20 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
     }
     let jobs: Vec<Job<'_>> = tests.iter().flat_map(jobs_of).collect();
     let orphans = match settings.filter {
-        None => orphans::unclaimed(&tests),
-        Some(_) => Vec::new(),
+        None if settings.graphs.is_empty() => orphans::unclaimed(&tests),
+        _ => Vec::new(),
     };
-    let title = |job: &Job<'_>| format!("{} {}", job.graph.display(), job.test.cases[job.case].0);
-    let wanted = |job: &Job<'_>| settings.filter.is_none_or(|filter| title(job).contains(filter));
-    let jobs: Vec<Job<'_>> = jobs.into_iter().filter(wanted).collect();
+    let wanted = |job: &&Job<'_>| {
+        let graphs = settings.graphs.get(&job.test.source.name);
+        graphs.is_none_or(|graphs| graphs.contains(&job.graph))
+            && settings.filter.is_none_or(|filter| job.title().contains(filter))
+    };
+    if let Some(filter) =
+        settings.filter.filter(|_| problems.is_empty() && !jobs.iter().any(|job| wanted(&job)))
+    {
+        return Err(no_case(filter, &jobs));
+    }
+    let jobs: Vec<Job<'_>> = jobs.iter().filter(wanted).cloned().collect();
     let next = AtomicUsize::new(0);
     let done: Mutex<Vec<(usize, Case)>> = Mutex::new(Vec::new());
     let failed: Mutex<Option<String>> = Mutex::new(None);
@@ -258,6 +275,21 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
     let cases = cases.into_iter().map(|(_, case)| case).collect();
     let (seconds, threads) = (start.elapsed().as_secs_f64(), settings.threads);
     Ok(Report { cases, problems, orphans, seconds, threads })
+}
+
+/// What is said where no case is meant, with those that may have been.
+fn no_case(filter: &str, jobs: &[Job<'_>]) -> String {
+    const SOME: usize = 10;
+    let titles = Vec::from_iter(jobs.iter().map(Job::title));
+    let words = titles.iter().flat_map(|title| title.split([' ', '/', '.']));
+    let help = crate::graph::nearest(filter, words);
+    let some = || {
+        let more = if titles.len() > SOME { ", .." } else { "" };
+        let some = Vec::from_iter(titles.iter().take(SOME).map(String::as_str)).join(", ");
+        format!("the cases: {some}{more}")
+    };
+    let help = if help.is_empty() { some() } else { help };
+    format!("no case of a graph holds `{filter}` in its name; {help}")
 }
 
 fn next_job<'a, 'j>(next: &AtomicUsize, jobs: &'j [Job<'a>]) -> Option<(usize, &'j Job<'a>)> {

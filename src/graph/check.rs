@@ -217,7 +217,7 @@ impl<'w, 'a> Check<'w, 'a> {
             true => ports = self.ports(top.outputs, &drafts, &names),
             false => outputs = self.outputs(top.outputs, &drafts, &names),
         }
-        let (expect, expected) = self.expectations(top.expect, &drafts, &names);
+        let (expect, expected) = self.expectations(top.expect, top.outputs, &drafts, &names);
         if let Some(expect) = top.expect.filter(|_| top.inputs.is_some()) {
             let message = "a graph with inputs can expect nothing of values".to_owned();
             let help = "what is expected is said by the graph that uses it";

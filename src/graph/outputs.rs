@@ -135,10 +135,12 @@ impl Check<'_, '_> {
         ports
     }
 
-    /// What the graph expects of its values, each of which must be there, and the drafts that give them.
+    /// What the graph expects of its values, each of which must be there as an output or as a node, and the drafts that give
+    /// them.
     pub(super) fn expectations(
         &mut self,
         tree: Option<&Tree>,
+        outputs: &[(Tree, Tree)],
         drafts: &[Draft<'_>],
         names: &Names<'_>,
     ) -> (Vec<(Expectation, Span)>, Vec<usize>) {
@@ -148,8 +150,11 @@ impl Check<'_, '_> {
         self.findings.extend(findings);
         for (expectation, span) in &expectations {
             for value in expectation.values() {
-                let targets = self.target(value, *span, drafts, names).unwrap_or_default();
-                drafts_of_values.extend(targets.into_iter().map(|(node, _)| node));
+                let is_output = outputs.iter().any(|(key, _)| key.text() == Some(value));
+                if !is_output {
+                    let targets = self.target(value, *span, drafts, names).unwrap_or_default();
+                    drafts_of_values.extend(targets.into_iter().map(|(node, _)| node));
+                }
             }
         }
         (expectations, drafts_of_values)

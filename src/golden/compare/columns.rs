@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{Measure, Tolerance, six, unit};
+use super::{Measure, Tolerance, in_unit, six, unit};
 use crate::golden::parts::{Class, Part};
 
 /// What is allowed where nothing is said, as a share of the diagonal of all places or numbers: a billionth. The same program
@@ -75,56 +75,67 @@ pub(crate) fn size(part: &Part) -> f64 {
     }
 }
 
-/// Compares the entries of `old` with those of `new`, of which there are as many; either may hold every n-th only.
+/// How far the numbers of an old column may be from what they were.
+#[derive(Clone, Copy)]
+pub(crate) struct Rounding {
+    /// A single number, at most.
+    pub(crate) half: f64,
+    /// An element, in the unit of differences.
+    pub(crate) error: f64,
+}
+
+impl Rounding {
+    /// They are what they were.
+    pub(crate) const NONE: Self = Self { half: 0.0, error: 0.0 };
+}
+
+/// Compares the entries of `old` with those of `new`, of which there are as many; the old one may hold every n-th only.
+/// Differences that rounding alone may make are none.
 pub(crate) fn compare_columns(
     old: &Part,
     new: &Part,
     row: Option<usize>,
     tolerance: &Tolerance,
+    rounding: Rounding,
 ) -> Measure {
-    let stride = old.stride.max(new.stride);
-    let places = old.count.div_ceil(stride);
-    let pair = |k: usize| {
-        let index = k * stride;
-        (old.element(index / old.stride), new.element(index / new.stride))
-    };
-    let of = |k: usize| {
-        let (a, b) = pair(k);
+    let (stride, places) = (old.stride, old.numbers.len() / old.width);
+    let of = |place: usize| {
+        let (a, b) = (old.element(place), new.element(place * stride));
+        let half = rounding.half * (1.0 + 1e-9);
+        if half > 0.0 && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= half) {
+            return 0.0;
+        }
         difference(old.class, a, b)
     };
     let differences: Vec<f64> = (0..places).into_par_iter().with_min_len(4096).map(of).collect();
-    let allowed = allowed(old, tolerance);
-    let mut measure = measure(&old.name, &differences, unit(old.class), allowed);
+    let mut measure = measure(&old.name, &differences, old.class, allowed(new, tolerance));
+    measure.error = rounding.error;
+    measure.seen = places as f64 / new.count.max(1) as f64;
     if let Some(worst) = worst(&differences) {
-        let (a, b) = pair(worst);
-        measure.worst =
-            format!("{}: {} -> {}", element(worst * stride, row), in_words(a), in_words(b));
+        let (a, b) = (in_words(old.element(worst)), in_words(new.element(worst * stride)));
+        measure.worst = format!("{}: {a} -> {b}", element(worst * stride, row));
+        if stride > 1 {
+            measure.worst += &format!(" (of every {stride}. entry)");
+        }
     }
     judge(&mut measure, old.class, tolerance);
     measure
 }
 
 /// Statistics of some differences.
-pub(crate) fn measure(
-    name: &str,
-    differences: &[f64],
-    unit: &'static str,
-    allowed: f64,
-) -> Measure {
+pub(crate) fn measure(name: &str, differences: &[f64], class: Class, allowed: f64) -> Measure {
     const CHUNK: usize = 1 << 14;
+    let by_share = matches!(class, Class::Level | Class::Exact);
+    // What is allowed of a color does not count.
+    let least = if by_share { allowed } else { 0.0 };
     let sums = differences.par_chunks(CHUNK).map(|chunk| {
         let sum: f64 = chunk.iter().map(|d| d * d).sum();
         let max = chunk.iter().copied().fold(0.0, f64::max);
-        (
-            sum,
-            max,
-            chunk.iter().filter(|&&d| d > allowed).count(),
-            chunk.iter().filter(|&&d| d > 0.0).count(),
-        )
+        (sum, max, chunk.iter().filter(|&&d| d > least).count())
     });
     let sums: Vec<_> = sums.collect();
-    let (sum, max, _, differing) = sums.iter().fold((0.0, 0.0, 0, 0), |total, part| {
-        (total.0 + part.0, f64::max(total.1, part.1), total.2 + part.2, total.3 + part.3)
+    let (sum, max, differing) = sums.iter().fold((0.0, 0.0, 0), |total, part| {
+        (total.0 + part.0, f64::max(total.1, part.1), total.2 + part.2)
     });
     let count = differences.len().max(1) as f64;
     let p99 = if max > 0.0 { percentile(differences) } else { 0.0 };
@@ -134,9 +145,12 @@ pub(crate) fn measure(
         rms: (sum / count).sqrt(),
         p99,
         differing: differing as f64 / count,
-        unit,
+        unit: unit(class),
         worst: String::new(),
         allowed,
+        error: 0.0,
+        seen: 1.0,
+        by_share,
         broken: String::new(),
     }
 }
@@ -147,28 +161,39 @@ fn percentile(differences: &[f64]) -> f64 {
     *sorted.select_nth_unstable_by(place, f64::total_cmp).1
 }
 
-/// Says what of a measure is not allowed.
+/// Says what of a measure is not allowed. What was kept rounded passes only if it would, however it was rounded.
 pub(crate) fn judge(measure: &mut Measure, class: Class, tolerance: &Tolerance) {
-    let (name, unit) = (&measure.name, if measure.unit.is_empty() { "" } else { " " });
-    let unit = format!("{unit}{}", measure.unit);
-    let by_share = matches!(class, Class::Level | Class::Exact);
+    /// Rounding that decides more than this share of what is allowed is too rough.
+    const ROUGH: f64 = 0.1;
+    let (name, unit, error) = (&measure.name, measure.unit, measure.error);
+    let by_share = measure.by_share;
     let limits = [
         ("", measure.max, Some(measure.allowed).filter(|_| !by_share)),
         (" (rms)", measure.rms, tolerance.rms.filter(|_| class == Class::Place)),
         (" (99 %)", measure.p99, tolerance.p99.filter(|_| class == Class::Place)),
     ];
     for (what, found, limit) in limits {
+        let Some(limit) = limit.filter(|_| measure.broken.is_empty()) else { continue };
         // What is not a number is not allowed either.
-        if limit.is_some_and(|limit| limit < found || found.is_nan()) && measure.broken.is_empty() {
-            let limit = six(limit.unwrap_or_default());
-            let found = if found.is_finite() {
-                six(found)
-            } else {
-                "something that is not a number".into()
-            };
-            measure.broken =
-                format!("`{name}` differs by {found}{unit}{what}, allowed is {limit}{unit}");
+        if found + error <= limit {
+            continue;
         }
+        let allowed = in_unit(limit, unit);
+        let known = in_unit(error, unit);
+        measure.broken = if !found.is_finite() {
+            format!("`{name}` differs by something that is not a number, allowed is {allowed}")
+        } else if found - error > limit {
+            format!("`{name}` differs by {}{what}, allowed is {allowed}", in_unit(found, unit))
+        } else if error <= ROUGH * limit {
+            format!(
+                "`{name}` differs by {}{what}, known to {known}, allowed is {allowed}",
+                in_unit(found, unit)
+            )
+        } else {
+            format!(
+                "`{name}` was kept to {known}, too roughly to judge {allowed}{what}: accept it anew where it is as it was"
+            )
+        };
     }
     if by_share && measure.max > measure.allowed && measure.differing > tolerance.differing {
         measure.broken = format!(
@@ -215,16 +240,17 @@ pub(super) fn difference(class: Class, a: &[f64], b: &[f64]) -> f64 {
     let pairs = || a.iter().zip(b);
     match class {
         Class::Place | Class::Number => pairs().map(apart).map(|d| d * d).sum::<f64>().sqrt(),
-        Class::Level | Class::Exact => pairs().map(apart).fold(0.0, f64::max),
+        Class::Level => pairs().map(apart).fold(0.0, f64::max),
+        Class::Exact => f64::from(u8::from(pairs().map(apart).any(|d| d > 0.0))),
         Class::Normal => {
-            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-            let lengths = (dot(a, a) * dot(b, b)).sqrt();
+            let length = |a: &[f64]| a.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let (shorter, longer) = (length(a).min(length(b)), length(a).max(length(b)));
             if a == b {
                 0.0
-            } else if lengths > 0.0 {
-                // By the chord: the arc cosine knows no angle below a millionth of a degree.
-                let chord = |k: usize| a[k] / dot(a, a).sqrt() - b[k] / dot(b, b).sqrt();
-                let half = (0..a.len()).map(|k| chord(k) * chord(k)).sum::<f64>().sqrt() / 2.0;
+            } else if shorter > 0.0 {
+                // By the chord: the arc cosine knows no angle below a millionth of a degree. Where the lengths are others, it
+                // is longer.
+                let half = pairs().map(apart).map(|d| d * d).sum::<f64>().sqrt() / longer / 2.0;
                 (2.0 * libm::asin(half.min(1.0))).to_degrees()
             } else {
                 180.0

@@ -10,9 +10,15 @@ use crate::golden::topology::Topology;
 use crate::value::{AnyValue, Attributes, Mesh};
 use crate::value::{NearestPlace, TriangleTree};
 
-pub(crate) fn compare_meshes(old: &Mesh, new: &Mesh, tolerance: &Tolerance) -> Comparison {
+/// Compares two meshes, of which the columns of the old one may be off by what `error` says for each name.
+pub(crate) fn compare_meshes(
+    old: &Mesh,
+    new: &Mesh,
+    tolerance: &Tolerance,
+    error: &dyn Fn(&str) -> f64,
+) -> Comparison {
     let same_faces = old.faces() == new.faces() && old.positions().len() == new.positions().len();
-    if same_faces {
+    if same_faces && !tolerance.remeshed {
         let parts = |mesh: &Mesh| Parts::of(&AnyValue::new(mesh.clone())).unwrap_or_default();
         let (old_parts, new_parts) = rayon::join(|| parts(old), || parts(new));
         let comparison = compare_parts(&old_parts, &new_parts, tolerance);
@@ -35,18 +41,22 @@ pub(crate) fn compare_meshes(old: &Mesh, new: &Mesh, tolerance: &Tolerance) -> C
             .extend(changed.map(|((name, before), (_, now))| format!("{name}: {before} -> {now}")));
     }
     let (of_old, of_new) = rayon::join(|| TriangleTree::new(old), || TriangleTree::new(new));
-    let to_new = Search::new(old, &of_new);
-    let to_old = Search::new(new, &of_old);
     let places = bytemuck::cast_slice(old.positions()).to_vec();
     let limit = allowed(&Part::new("position", Class::Place, 3, places), tolerance);
+    let off = error("position");
+    let to_new = Search::new(old, &of_new, limit + off);
+    let to_old = Search::new(new, &of_old, limit + off);
     if !tolerance.remeshed {
-        reasons.extend(other_faces(old, new, &of_new, limit));
+        reasons.extend(other_faces(old, new, &of_new, limit + off));
     }
+    let measure = |name: &str, search: &Search, from: &Mesh, to: &TriangleTree| {
+        search.measure(name, from, to, tolerance, [limit, off])
+    };
     let mut measures = vec![
-        to_new.measure("surface, old to new", old, tolerance, limit),
-        to_old.measure("surface, new to old", new, tolerance, limit),
+        measure("surface, old to new", &to_new, old, &of_new),
+        measure("surface, new to old", &to_old, new, &of_old),
     ];
-    let (of_attributes, lost) = attributes(old, new, &to_new, &of_new, tolerance);
+    let (of_attributes, lost) = attributes(old, new, &to_new, &of_new, tolerance, error);
     reasons.extend(lost);
     measures.extend(of_attributes);
     Comparison::new(reasons, measures)
@@ -110,9 +120,9 @@ struct Search {
 }
 
 impl Search {
-    /// Measures all vertices. Of very many that are so far away that each search looks into half of the other mesh, only some:
-    /// they tell the same.
-    fn new(from: &Mesh, to: &TriangleTree) -> Self {
+    /// Measures all vertices. Of very many that are so far away that each search looks into half of the other mesh, only some, if
+    /// these alone are farther than the limit: they tell the same.
+    fn new(from: &Mesh, to: &TriangleTree, limit: f64) -> Self {
         /// So many tell what a surface is like, and how long the others would take.
         const SOME: usize = 1 << 15;
         /// A search near the surface looks into some 40 boxes.
@@ -122,24 +132,44 @@ impl Search {
         if stride > 1 {
             let some: Vec<_> = all.iter().step_by(stride).copied().collect();
             let (hits, visited) = to.search(&some);
-            if visited > LONG * some.len() {
+            if visited > LONG * some.len() && hits.iter().any(|hit| distance(hit) > limit) {
                 return Self { stride, hits };
             }
         }
         Self { stride: 1, hits: to.nearest_to_all(all) }
     }
 
-    fn measure(&self, name: &str, from: &Mesh, tolerance: &Tolerance, limit: f64) -> Measure {
-        let distance =
-            |hit: &Option<NearestPlace>| hit.map_or(f64::INFINITY, |hit| hit.distance_sq.sqrt());
-        let distances: Vec<f64> = self.hits.iter().map(distance).collect();
-        let mut measure = measure(name, &distances, "mm", limit);
+    /// How far the surface is from another one: at its vertices, and if the faces may be others, between them, too.
+    fn measure(
+        &self,
+        name: &str,
+        from: &Mesh,
+        to: &TriangleTree,
+        tolerance: &Tolerance,
+        [limit, off]: [f64; 2],
+    ) -> Measure {
+        let mut distances: Vec<f64> = self.hits.iter().map(distance).collect();
+        let mut nearest = self.hits.clone();
+        let mut between = Vec::new();
+        if tolerance.remeshed && self.stride == 1 {
+            between = places_between(from);
+            nearest.extend(to.nearest_to_all(&between));
+            distances = nearest.iter().map(distance).collect();
+        }
+        let mut measure = measure(name, &distances, Class::Place, limit);
+        measure.error = off;
+        measure.seen = 1.0 / self.stride as f64;
         if let Some(place) = worst(&distances) {
             let vertex = place * self.stride;
-            let at = in_words(from.positions()[vertex].coords.as_slice());
-            let face = self.hits[place]
-                .map_or(String::new(), |hit| format!(", nearest face {}", hit.face));
-            measure.worst = format!("vertex {vertex} {at}{face}");
+            let face =
+                nearest[place].map_or(String::new(), |hit| format!(", nearest face {}", hit.face));
+            measure.worst = match from.positions().get(vertex) {
+                Some(at) => format!("vertex {vertex} {}{face}", in_words(at.coords.as_slice())),
+                None => {
+                    let at = between[place - self.hits.len()];
+                    format!("{}{face}", in_words(at.coords.as_slice()))
+                }
+            };
             if self.stride > 1 {
                 measure.worst += &format!(" (of every {}. vertex)", self.stride);
             }
@@ -149,6 +179,23 @@ impl Search {
     }
 }
 
+fn distance(hit: &Option<NearestPlace>) -> f64 {
+    hit.map_or(f64::INFINITY, |hit| hit.distance_sq.sqrt())
+}
+
+/// The middles of all edges and faces: with the vertices, as many places as tell surfaces apart whose vertices lie on each other.
+fn places_between(mesh: &Mesh) -> Vec<Point3<f64>> {
+    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    let edges = mesh.edges();
+    let middles = edges.vertices.iter().map(|[a, b]| nalgebra::center(&place(*a), &place(*b)));
+    let faces = mesh.faces().iter().map(|face| {
+        let sum: Vector3<f64> = face.iter().map(|&vertex| place(vertex).coords).sum();
+        Point3::from(sum / face.len() as f64)
+    });
+    // The middle of a bent face with four sides or more lies beside its triangles.
+    middles.chain(faces.filter(|_| mesh.faces().sides() == Some(3))).collect()
+}
+
 /// Compares the attributes of `old` with those of `new` at the nearest place; says, too, which are gone or new.
 fn attributes(
     old: &Mesh,
@@ -156,6 +203,7 @@ fn attributes(
     of_vertices: &Search,
     tree: &TriangleTree,
     tolerance: &Tolerance,
+    error: &dyn Fn(&str) -> f64,
 ) -> (Vec<Measure>, Vec<String>) {
     let (mut measures, mut reasons) = (Vec::new(), Vec::new());
     let mut middles = None;
@@ -168,15 +216,16 @@ fn attributes(
                 continue;
             };
             part.name = format!("{}{}", of.word(), part.name);
+            let off = error(&part.name);
             measures.push(match of {
-                Of::Vertex => at_vertices(&part, other, new, of_vertices, tolerance),
+                Of::Vertex => at_vertices(&part, other, new, of_vertices, tolerance, off),
                 _ => {
                     let hits = middles.get_or_insert_with(|| {
                         let middles = middles_of(old, 1);
                         let places: Vec<_> = middles.iter().map(|(_, middle)| *middle).collect();
                         tree.nearest_to_all(&places)
                     });
-                    at_middles(&part, other, [old, new], of, hits, tolerance)
+                    at_middles(&part, other, [old, new], of, hits, tolerance, off)
                 }
             });
         }
@@ -225,6 +274,7 @@ fn at_vertices(
     new: &Mesh,
     search: &Search,
     tolerance: &Tolerance,
+    off: f64,
 ) -> Measure {
     let of = |(place, hit): (usize, &Option<NearestPlace>)| {
         let Some(hit) = hit else { return f64::INFINITY };
@@ -237,7 +287,8 @@ fn at_vertices(
         };
         difference(part.class, part.element(place * search.stride), &there)
     };
-    judged(part, "vertex", search.stride, search.hits.par_iter().enumerate().map(of), tolerance)
+    let differences = search.hits.par_iter().enumerate().map(of);
+    judged(part, "vertex", search.stride, differences, tolerance, off)
 }
 
 /// Every n-th face and the middle of its first triangle: there, other than at its corners, only one face is near.
@@ -258,6 +309,7 @@ fn at_middles(
     of: Of,
     hits: &[Option<NearestPlace>],
     tolerance: &Tolerance,
+    off: f64,
 ) -> Measure {
     let of = |(face, hit): (usize, &Option<NearestPlace>)| {
         let Some(hit) = hit else { return f64::INFINITY };
@@ -268,7 +320,7 @@ fn at_middles(
         let here = mixed(part, [first, first + 1, first + 2], [1.0 / 3.0; 3]);
         difference(part.class, &here, &mixed(other, hit.corners(new), hit.shares))
     };
-    judged(part, "face", 1, hits.par_iter().enumerate().map(of), tolerance)
+    judged(part, "face", 1, hits.par_iter().enumerate().map(of), tolerance, off)
 }
 
 fn mixed(part: &Part, elements: [usize; 3], shares: [f64; 3]) -> Vec<f64> {
@@ -282,10 +334,12 @@ fn judged(
     stride: usize,
     differences: impl ParallelIterator<Item = f64>,
     tolerance: &Tolerance,
+    off: f64,
 ) -> Measure {
     let differences: Vec<f64> = differences.collect();
-    let mut measure =
-        measure(&part.name, &differences, super::unit(part.class), allowed(part, tolerance));
+    let mut measure = measure(&part.name, &differences, part.class, allowed(part, tolerance));
+    measure.error = off;
+    measure.seen = 1.0 / stride as f64;
     if let Some(place) = worst(&differences) {
         measure.worst = format!("{what} {}", place * stride);
     }

@@ -1,24 +1,22 @@
 //! A value beside what was kept of one: the same, the same but reordered, near enough, or different and where.
 //!
-//! What was kept is rounded, and of large values only some: it shows where a value differs and by how much. Whether it
-//! differs at all is decided by the sketch of each column, unless the test file allows some difference.
+//! Every entry is looked at. Its number was kept rounded, so each difference is known to some error, which is far below what is
+//! allowed: nothing passes that would not have passed otherwise, and what is only rounded does not differ.
 
-use super::pack::FACES;
+use super::pack::{Column, FACES, Kept, mark};
 use super::summary::{Line, SKETCH, summary};
-use super::{BECAUSE, Golden, Written, every, picture_of};
+use super::{BECAUSE, FORM, Golden, KEPT_FOR, KEPT_IN, Written, every, picture_of};
 use crate::golden::compare::{
-    Comparison, Measure, Tolerance, Verdict, allowed, compare_meshes, compare_parts,
-    different_facts, given, in_unit, judge, measure, unit, without_order,
+    Comparison, Measure, Rounding, Tolerance, Verdict, allowed, compare_columns, compare_meshes,
+    compare_parts, different_facts, given, in_unit, measure, unit, without_order,
 };
 use crate::golden::parts::{Class, Part, Parts};
 use crate::golden::sketch::Sketch;
 use crate::value::{AnyValue, Image, Mask, Mesh};
 
-/// How far what was kept may be from what was there, as a share of the diagonal: ten times what rounding does.
-const KEPT_SHARE: f64 = 2e-5;
-
-/// The same for normals, in degrees.
-const KEPT_ANGLE: f64 = 0.5;
+/// What is said of a golden that an earlier program wrote.
+const OF_EARLIER_FORM: &str = "the value is another one, and its golden is of an earlier form, which cannot judge by how much: \
+     accept it anew (--bless) with the graph as it was, or look at the result and bless that";
 
 impl Golden {
     /// How a value, written to these files, differs from what was kept.
@@ -39,6 +37,9 @@ impl Golden {
         let mark = without_order(value).map(|mark| format!("{mark:032x}"));
         if mark.is_some() && self.line("hash without order") == mark.as_deref() {
             return Comparison::alike(Verdict::Reordered);
+        }
+        if self.is_earlier() {
+            return Comparison::new(vec![OF_EARLIER_FORM.into()], Vec::new());
         }
         self.compare_numbers(value, tolerance)
     }
@@ -66,134 +67,180 @@ impl Golden {
         let parts = Parts::of(value);
         let now = summary(value, parts.as_ref(), &[], tolerance);
         let mut reasons = self.changed_facts(&now, tolerance);
-        let Comparison { reasons: told, mut measures, .. } =
-            self.compare_kept(value, parts.as_ref(), tolerance);
-        // Measures are judged again below.
-        let of_measure = |reason: &String| measures.iter().any(|m| m.broken == *reason);
-        reasons.extend(told.iter().filter(|reason| !of_measure(reason)).cloned());
-        let by_surface = measures.iter().any(|m| m.name.starts_with("surface,"));
-        let decided = match parts.as_ref().filter(|_| !by_surface) {
-            Some(parts) => self.judge_by_sketches(parts, tolerance, &mut measures),
-            None => Vec::new(),
-        };
-        reasons.extend(measures.iter().filter(|m| !m.broken.is_empty()).map(|m| m.broken.clone()));
-        let whole = self.stride() == 1 && (self.parts.is_some() || self.picture.is_some());
-        if !whole {
-            // The range of a column says nothing more where its sketch has spoken.
-            let of_decided = |line: &&Line| {
-                line.text.contains(" .. ")
-                    && decided.iter().any(|name| line.label.starts_with(name))
-            };
-            reasons.extend(self.changed_numbers(now.iter().filter(|line| !of_decided(line))));
-        }
-        let same = |part: &Part| self.sketch(part) == Some(Sketch::of(&part.numbers));
-        let nothing = parts.is_none_or(|parts| parts.columns.iter().all(same));
-        if reasons.is_empty() && nothing {
-            reasons.push("its hash is another one, but nothing that is compared".into());
-        }
-        let mut distinct = Vec::new();
-        for reason in reasons {
-            if !distinct.contains(&reason) {
-                distinct.push(reason);
+        let Some(parts) = parts else {
+            if reasons.is_empty() {
+                reasons.push(NOTHING_COMPARED.into());
             }
+            return Comparison::new(reasons, Vec::new());
+        };
+        let is_same = |part: &Part| self.sketch(part) == Some(Sketch::of(&part.numbers));
+        let same = Vec::from_iter(parts.columns.iter().map(is_same));
+        let (told, mut measures) = self.measure(value, &parts, &same, tolerance);
+        reasons.extend(told);
+        if !reasons.is_empty() && !tolerance.remeshed {
+            // The faces say already that it is another mesh; that its surface may be so near, too, says nothing.
+            let is_near =
+                |m: &&mut Measure| m.name.starts_with("surface,") && m.max - m.error <= m.allowed;
+            measures.iter_mut().filter(is_near).for_each(|m| m.broken.clear());
         }
-        let verdict = if distinct.is_empty() { Verdict::Within } else { Verdict::Different };
-        Comparison { verdict, reasons: distinct, measures }
+        if self.stride() > 1 {
+            // The range of a column says nothing more where all of its numbers were judged by sums over them.
+            let lax = |name: &str| parts.column(name).is_some_and(|part| is_lax(part, tolerance));
+            let says_more = |line: &&Line| {
+                let column = line
+                    .text
+                    .contains(" .. ")
+                    .then(|| parts.columns.iter().find(|part| line.label.starts_with(&part.name)));
+                column.flatten().is_none_or(|part| lax(&part.name))
+            };
+            reasons.extend(self.changed_numbers(now.iter().filter(says_more)));
+        }
+        if same.iter().all(|same| *same) && reasons.is_empty() {
+            reasons.push(NOTHING_COMPARED.into());
+        }
+        Comparison::new(reasons, measures)
     }
 
-    /// Compares with what was kept, which is rounded: some difference is always allowed.
-    fn compare_kept(
+    /// How far the value is from what was kept, and what else is to be said.
+    fn measure(
         &self,
         value: &AnyValue,
-        parts: Option<&Parts>,
+        parts: &Parts,
+        same: &[bool],
         tolerance: &Tolerance,
-    ) -> Comparison {
-        let tolerance = &Tolerance {
-            share: Some(KEPT_SHARE),
-            normals: tolerance.normals.or(Some(KEPT_ANGLE)),
-            ..tolerance.clone()
-        };
-        if let (Some(old), Some(new)) = (&self.picture, picture_of(value)) {
-            let stride = self.stride();
-            let is_mask = value.get::<Mask>().is_some();
-            let parts = |picture: Image| {
-                let value = if is_mask { mask_of(&picture) } else { AnyValue::new(picture) };
-                Parts::of(&value).unwrap_or_default()
-            };
-            let (old, new) = (parts(old.clone()), parts(every(&new, stride)));
-            let mut comparison = compare_parts(&old, &new, tolerance);
-            if stride > 1 {
-                let kept = format!(" (of every {stride}. pixel)");
-                comparison.measures.iter_mut().for_each(|measure| measure.worst += &kept);
-            }
-            return comparison;
+    ) -> (Vec<String>, Vec<Measure>) {
+        if let (Some(old), Some(new)) = (self.picture(), picture_of(value)) {
+            return self.measure_picture(old, &new, value.get::<Mask>().is_some(), tolerance);
         }
-        let (Some(old), Some(new)) = (&self.parts, parts) else {
-            return Comparison::new(Vec::new(), Vec::new());
+        let Some(kept) = self.kept() else {
+            return (vec!["nothing was kept by which it could be judged".into()], Vec::new());
         };
-        let same_faces = FACES.iter().all(|name| old.column(name) == new.column(name));
-        if let (false, Some(old), Some(new)) = (same_faces, self.mesh(), value.get::<Mesh>()) {
+        let other_faces = FACES
+            .iter()
+            .any(|name| kept.numbers(name) != parts.column(name).map(|part| &part.numbers[..]));
+        if let (true, Some(old), Some(new)) =
+            (other_faces || tolerance.remeshed, self.mesh(), value.get::<Mesh>())
+        {
             let new = new.clone().with_texture(None).with_creases([]).with_frame(None);
-            return compare_meshes(&old, &new, tolerance);
+            let off = |name: &str| kept.column(name).map_or(0.0, |column| column.precision.error);
+            let surfaces = compare_meshes(&old, &new, tolerance, &off);
+            let of_measure =
+                |reason: &&String| surfaces.measures.iter().any(|m| m.broken == **reason);
+            let told = surfaces.reasons.iter().filter(|reason| !of_measure(reason));
+            return (told.cloned().collect(), surfaces.measures);
         }
-        let is_kept =
-            |part: &&Part| !FACES.contains(&&part.name[..]) || old.column(&part.name).is_some();
-        let new =
-            Parts { columns: new.columns.iter().filter(is_kept).cloned().collect(), ..new.clone() };
-        compare_parts(&Parts { facts: new.facts.clone(), ..old.clone() }, &new, tolerance)
+        let mut told = Vec::new();
+        let mut measures = Vec::new();
+        for (part, same) in parts.columns.iter().zip(same) {
+            match kept.column(&part.name) {
+                None if FACES.contains(&&part.name[..]) && self.stride() > 1 => {
+                    if !same {
+                        told.push(format!("`{}` differs where nothing was kept", part.name));
+                    }
+                }
+                None => told.push(format!("`{}` is new", part.name)),
+                Some(old) if old.part.count != part.count || old.part.width != part.width => {
+                    let size = |part: &Part| format!("{} x {}", part.count, part.width);
+                    let (before, now) = (size(&old.part), size(part));
+                    told.push(format!("`{}`: {before} entries became {now}", part.name));
+                }
+                Some(_) if *same => {
+                    let most = allowed(part, tolerance);
+                    measures.push(measure(&part.name, &[], part.class, most));
+                }
+                Some(old) => measures.push(self.measure_column(old, part, kept, tolerance)),
+            }
+        }
+        let is_gone = |column: &&Column| parts.column(&column.part.name).is_none();
+        let gone = kept.columns.iter().filter(is_gone);
+        told.extend(gone.map(|column| format!("`{}` is gone", column.part.name)));
+        (told, measures)
     }
 
-    /// Decides on the columns of which nothing may differ but the last digits; gives their names.
-    fn judge_by_sketches(
+    fn measure_picture(
         &self,
-        parts: &Parts,
+        old: &Image,
+        new: &Image,
+        is_mask: bool,
         tolerance: &Tolerance,
-        measures: &mut Vec<Measure>,
-    ) -> Vec<String> {
-        let mut decided = Vec::new();
-        for part in &parts.columns {
-            let by_share = matches!(part.class, Class::Level | Class::Exact);
-            let lax = given(part, tolerance).is_some_and(|most| most > 0.0)
-                || (by_share && tolerance.differing > 0.0);
-            let kept = self.parts.as_ref().and_then(|parts| parts.column(&part.name));
-            let other_count = kept.is_some_and(|kept| kept.count != part.count);
-            let sketch = self.sketch(part).filter(|_| !lax && !other_count);
-            let Some(sketch) = sketch else { continue };
-            let apart = sketch.apart(&Sketch::of(&part.numbers));
-            let apart = if part.class == Class::Normal { apart.to_degrees() } else { apart };
-            let index = measures.iter().position(|measure| measure.name == part.name);
-            let index = index.unwrap_or_else(|| {
-                measures.push(measure(&part.name, &[], unit(part.class), 0.0));
-                measures.len() - 1
-            });
-            let measure = &mut measures[index];
-            let seen = !measure.broken.is_empty();
-            measure.broken.clear();
-            measure.allowed = allowed(part, tolerance);
-            if apart > measure.allowed && seen {
-                judge(measure, part.class, tolerance);
-            } else {
-                // What was kept differs by its rounding alone.
-                measure.max = apart;
-                measure.rms = apart / (part.count.max(1) as f64).sqrt();
-                measure.p99 = measure.p99.min(apart);
-                measure.worst.clear();
+    ) -> (Vec<String>, Vec<Measure>) {
+        let stride = self.stride();
+        let parts = |picture: Image| {
+            let value = if is_mask { mask_of(&picture) } else { AnyValue::new(picture) };
+            Parts::of(&value).unwrap_or_default()
+        };
+        let (old, some) = (parts(old.clone()), parts(every(new, stride)));
+        let mut measures = compare_parts(&old, &some, tolerance).measures;
+        if stride > 1 {
+            let n_new = new.pixels().len().max(1) as f64;
+            for measure in &mut measures {
+                measure.worst += &format!(" (of every {stride}. pixel)");
+                measure.seen = some.columns.first().map_or(1.0, |part| part.count as f64 / n_new);
             }
-            if apart > measure.allowed && measure.broken.is_empty() {
-                let name = &part.name;
-                measure.broken = match part.class {
-                    Class::Exact | Class::Level => {
-                        format!("`{name}` differs where nothing was kept")
-                    }
-                    _ => format!(
-                        "`{name}` differs by up to {}, where nothing was kept or by less than was",
-                        in_unit(apart, measure.unit)
-                    ),
-                };
-            }
-            decided.push(part.name.clone());
         }
-        decided
+        let nothing_seen = measures.iter().all(|measure| measure.max == 0.0);
+        let lax = tolerance.differing > 0.0 || tolerance.level > 0.0;
+        let told = (stride > 1 && nothing_seen && !lax)
+            .then(|| "the picture differs where nothing was kept".to_owned());
+        (told.into_iter().collect(), measures)
+    }
+
+    /// How far a column, some number of which is another one, is from what it was.
+    fn measure_column(
+        &self,
+        old: &Column,
+        new: &Part,
+        kept: &Kept,
+        tolerance: &Tolerance,
+    ) -> Measure {
+        let fine = old.with_last_digits(new);
+        let has_moved = old.precision.last.is_some() && fine.is_none();
+        let (numbers, step, error) = match (&fine, old.precision.last) {
+            (Some(fine), Some(last)) => (fine, last.step, last.error),
+            _ => (&old.part, old.precision.step, old.precision.error),
+        };
+        // Numbers that are equal or not, and colors, are whole: they are what they were.
+        let rounding =
+            if error > 0.0 { Rounding { half: step / 2.0, error } } else { Rounding::NONE };
+        let mut measure = compare_columns(numbers, new, kept.row, tolerance, rounding);
+        let most = measure.allowed;
+        let reach = old.precision.last.map_or(0.0, |last| last.reach(new.width));
+        let is_sure = measure.max - measure.error > most;
+        if !measure.by_share
+            && !is_sure
+            && (most == 0.0 && error > 0.0 || has_moved && most < reach)
+        {
+            let in_unit = |x: f64| in_unit(x, measure.unit);
+            measure.broken = format!(
+                "`{}` differs by more than {}, which is allowed, but nowhere by more than {}",
+                new.name,
+                in_unit(most),
+                in_unit(measure.max + measure.error)
+            );
+        }
+        if old.part.stride > 1 && !is_lax(new, tolerance) && !is_sure {
+            self.judge_by_sums(new, &mut measure);
+        }
+        measure
+    }
+
+    /// Decides on a column of which only some was kept, and of which nothing may differ but the last digits.
+    fn judge_by_sums(&self, part: &Part, measure: &mut Measure) {
+        let Some(sketch) = self.sketch(part) else { return };
+        let apart = sketch.apart(&Sketch::of(&part.numbers));
+        let apart = if part.class == Class::Normal { apart.to_degrees() } else { apart };
+        let name = &part.name;
+        if apart <= measure.allowed && !measure.by_share {
+            measure.broken.clear();
+        } else if measure.broken.is_empty() {
+            measure.broken = match part.class {
+                Class::Exact | Class::Level => format!("`{name}` differs where nothing was kept"),
+                class => {
+                    let apart = in_unit(apart, unit(class));
+                    format!("`{name}` differs by up to {apart}, where nothing was kept")
+                }
+            };
+        }
     }
 
     fn sketch(&self, part: &Part) -> Option<Sketch> {
@@ -202,10 +249,12 @@ impl Golden {
 
     /// Counts and kinds that are not as they were.
     fn changed_facts(&self, now: &[Line], tolerance: &Tolerance) -> Vec<String> {
-        const OWN: [&str; 4] = ["hash", "hash without order", "kept", BECAUSE];
+        const OWN: [&str; 6] = ["hash", "hash without order", FORM, "kept", KEPT_FOR, BECAUSE];
         let by_itself = |label: &str| {
             OWN.contains(&label)
-                || ["file ", "needed ", SKETCH].iter().any(|start| label.starts_with(start))
+                || ["file ", "needed ", KEPT_IN, SKETCH]
+                    .iter()
+                    .any(|start| label.starts_with(start))
         };
         let is_number =
             |label: &str| now.iter().any(|line| line.label == label && line.slack.is_some());
@@ -255,6 +304,46 @@ impl Golden {
     }
 }
 
+/// What is said where the hash is another one, but no number.
+const NOTHING_COMPARED: &str = "its hash is another one, but nothing that is compared";
+
+/// Whether a test file allows some difference of a column.
+fn is_lax(part: &Part, tolerance: &Tolerance) -> bool {
+    let by_share = matches!(part.class, Class::Level | Class::Exact);
+    given(part, tolerance).is_some_and(|most| most > 0.0) || (by_share && tolerance.differing > 0.0)
+}
+
+impl Column {
+    /// The old numbers to their last digits: those with the digits that were kept that are nearest to the new ones. None if no
+    /// digits were kept, or if some number is another one, because it moved too far.
+    fn with_last_digits(&self, new: &Part) -> Option<Part> {
+        let last = self.precision.last?;
+        let many = 1i64 << last.bits;
+        let width = self.part.width;
+        let mut wholes = Vec::with_capacity(self.part.numbers.len());
+        let mut numbers = Vec::with_capacity(self.part.numbers.len());
+        for (place, &was) in self.part.numbers.iter().enumerate() {
+            let element = place / width;
+            if self.odd[element] {
+                let bits = if was.is_nan() { f64::NAN } else { was }.to_bits();
+                wholes.push(bits as i64);
+                numbers.push(was);
+                continue;
+            }
+            let now = new.element(element * self.part.stride)[place % width] / last.step;
+            if !(now.abs() < 9e15) {
+                return None;
+            }
+            let digit = i64::from(self.digits[place]);
+            let whole = ((now - digit as f64) / many as f64).round() as i64 * many + digit;
+            wholes.push(whole);
+            numbers.push(whole as f64 * last.step);
+        }
+        let part = Part { numbers, ..self.part.clone() };
+        (mark(wholes.into_iter()) == self.mark).then_some(part)
+    }
+}
+
 /// A mask that was kept as a picture.
 fn mask_of(picture: &Image) -> AnyValue {
     let inside = picture.pixels().iter().map(|pixel| u8::from(pixel[0] > 127)).collect();
@@ -267,13 +356,18 @@ mod tests {
     use nalgebra::{Matrix4, Point3};
 
     use super::*;
+    use crate::golden::compare::Keep;
     use crate::golden::store::{files, read};
     use crate::value::{CaptureFrame, ControlNet, Faces, KnotVector, Surface};
 
     /// What is kept of a value.
     fn kept(value: &AnyValue) -> Golden {
+        kept_by(value, &Tolerance::default())
+    }
+
+    fn kept_by(value: &AnyValue, tolerance: &Tolerance) -> Golden {
         let folder = tempfile::tempdir().unwrap();
-        for file in files(value, &[], &[], &Tolerance::default()) {
+        for file in files(value, &[], &[], tolerance) {
             std::fs::write(folder.path().join(format!("x{}", file.name)), file.bytes).unwrap();
         }
         read(folder.path(), "x").unwrap()
@@ -304,25 +398,80 @@ mod tests {
         AnyValue::new(mesh.with_positions(positions).unwrap())
     }
 
+    /// What is kept of a value if only some of it is to be.
+    fn sampled() -> Tolerance {
+        Tolerance { keep: Keep::Sampled { every: 9 }, ..Tolerance::default() }
+    }
+
     #[test]
     fn a_micrometer_at_one_vertex_is_seen_even_if_it_was_not_kept() {
         let mesh = rough();
         let old = AnyValue::new(mesh.clone());
-        assert!(kept(&old).stride() > 1);
-        let comparison = compare(&old, &moved(&mesh, 7, 1e-3));
+        let golden = kept_by(&old, &sampled());
+        let comparison = golden.compare(&moved(&mesh, 7, 1e-3), &[], &sampled());
         assert_eq!(comparison.verdict, Verdict::Different);
         assert!(comparison.reasons[0].contains("where nothing was kept"), "{comparison:?}");
+        assert!((comparison.seen() - 1.0 / 9.0).abs() < 1e-3, "{comparison:?}");
         // The last digit is forgiven.
-        assert_eq!(compare(&old, &moved(&mesh, 7, 1e-12)).verdict, Verdict::Within);
+        let last = golden.compare(&moved(&mesh, 7, 1e-12), &[], &sampled());
+        assert_eq!(last.verdict, Verdict::Within, "{last:?}");
     }
 
     #[test]
     fn the_kept_ones_tell_where() {
         let mesh = rough();
-        let stride = kept(&AnyValue::new(mesh.clone())).stride();
-        let comparison = compare(&AnyValue::new(mesh.clone()), &moved(&mesh, 100 * stride, 0.5));
-        let worst = format!("worst at entry {}:", 100 * stride);
-        assert!(comparison.reasons.iter().any(|why| why.contains(&worst)), "{comparison:?}");
+        let golden = kept_by(&AnyValue::new(mesh.clone()), &sampled());
+        let comparison = golden.compare(&moved(&mesh, 900, 0.5), &[], &sampled());
+        assert!(comparison.reasons[0].contains("worst at entry 900:"), "{comparison:?}");
+    }
+
+    #[test]
+    fn what_was_kept_for_a_wide_bound_does_not_judge_a_narrow_one() {
+        let mesh = rough();
+        let wide = Tolerance { rms: Some(1e-4), ..Tolerance::default() };
+        let narrow = Tolerance { rms: Some(1e-7), ..Tolerance::default() };
+        let golden = kept_by(&AnyValue::new(mesh.clone()), &wide);
+        assert!(golden.outdated(&narrow).is_some() && golden.outdated(&wide).is_none());
+        let judged =
+            |by: f64| golden.compare(&moved(&mesh, 7, by), &[], &narrow).reasons.join("; ");
+        assert!(judged(1e-7).contains("too roughly to judge"), "{}", judged(1e-7));
+        assert!(judged(1.0).contains("differs by 0.00833333 mm (rms)"), "{}", judged(1.0));
+    }
+
+    #[test]
+    fn a_golden_of_an_earlier_form_says_so_and_how_to_accept_it_anew() {
+        let mesh = rough();
+        let value = AnyValue::new(mesh.clone());
+        let mut golden = kept(&value);
+        golden.lines.retain(|(label, _)| label != FORM);
+        assert_eq!(golden.compare(&value, &[], &Tolerance::default()).verdict, Verdict::Identical);
+        assert!(golden.outdated(&Tolerance::default()).is_some());
+        let told = golden.compare(&moved(&mesh, 7, 1e-12), &[], &Tolerance::default());
+        assert!(told.reasons[0].contains("earlier form") && told.reasons[0].contains("--bless"));
+    }
+
+    #[test]
+    fn a_surface_is_measured_on_both_sides_although_its_faces_are_others() {
+        let mesh = rough();
+        let lax = |max| Tolerance { remeshed: true, max: Some(max), ..Tolerance::default() };
+        let golden = kept_by(&AnyValue::new(mesh.clone()), &lax(0.5));
+        // One vertex is pulled out, and a face is split there.
+        let changed = |by: f64| {
+            let mut positions = mesh.positions().to_vec();
+            let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
+            let [a, b, c] = faces[7000];
+            let corners = [a, b, c].map(|vertex| positions[vertex as usize]);
+            let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).normalize();
+            let middle = (corners[0].coords + corners[1].coords + corners[2].coords) / 3.0;
+            let new = positions.len() as u32;
+            positions.push(Point3::from(middle + normal * by));
+            faces[7000] = [a, b, new];
+            faces.extend([[b, c, new], [c, a, new]]);
+            AnyValue::new(Mesh::new(positions, Faces::triangles(faces)).unwrap())
+        };
+        let far = golden.compare(&changed(40.0), &[], &lax(0.5));
+        assert!(far.reasons[0].contains("surface, new to old"), "{far:?}");
+        assert_eq!(golden.compare(&changed(0.3), &[], &lax(0.5)).verdict, Verdict::Within);
     }
 
     #[test]
@@ -333,7 +482,7 @@ mod tests {
         (faces[500], faces[501]) = ([a, b, c], [a, c, d]);
         let other = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
         let comparison = compare(&AnyValue::new(mesh), &AnyValue::new(other));
-        assert!(comparison.reasons.iter().any(|why| why.contains("`corners`")), "{comparison:?}");
+        assert!(comparison.reasons[0].starts_with("2 faces join other vertices"), "{comparison:?}");
     }
 
     #[test]

@@ -1,83 +1,221 @@
-//! The numbers of a value in few bytes: rounded, as differences of neighbors, deflated.
+//! All numbers of a value in few bytes: rounded below what can be judged, without what their neighbors foretell, and coded.
+
+use std::cell::OnceCell;
 
 use serde_json::{Value as Json, json};
 
-use crate::golden::compare::{Tolerance, given, size};
+use self::coder::{Coder, EVEN, Reader, Writer};
+use self::numbers::{Around, Layout, Whole};
+use super::precision::{FEW, Last, Precision, precision};
+use crate::golden::compare::Tolerance;
 use crate::golden::parts::{Class, Part, Parts};
+use crate::value::Hash;
 
-/// More than this is not kept of one value: the goldens of a project stay small enough to be committed again and again.
-pub(super) const MOST_BYTES: usize = 24 << 10;
+mod coder;
+mod faces;
+mod numbers;
 
-/// Columns of no more numbers than this are kept to the last bit.
-const FEW: usize = 256;
+/// The columns that are the faces of a mesh, in the order in which they are needed.
+pub(super) const FACES: [&str; 2] = ["sides", "corners"];
 
-/// To how much the numbers of longer ones are rounded, as a share of the diagonal of all of them: some three bytes a number.
-const KEPT_STEP: f64 = 2e-6;
+const MAGIC: &[u8; 8] = b"golden2\n";
 
-/// The columns that are the faces of a mesh.
-pub(super) const FACES: [&str; 2] = ["corners", "sides"];
+/// How goldens of an earlier form begin.
+pub(super) const EARLIER: &[u8] = b"golden1\n";
 
-const MAGIC: &[u8; 8] = b"golden1\n";
+/// A column as it was kept.
+#[derive(Clone, Debug)]
+pub(in crate::golden) struct Column {
+    /// Its numbers, rounded.
+    pub(in crate::golden) part: Part,
+    pub(super) precision: Precision,
+    /// Which elements are as they were, to the last bit; none if all are.
+    pub(super) odd: Vec<bool>,
+    /// The last digits of all numbers.
+    pub(super) digits: Vec<u8>,
+    /// The mark of all numbers with their last digits.
+    pub(super) mark: String,
+}
 
-/// The numbers of all columns, and which of their elements they are.
-pub(super) fn pack(parts: &Parts, tolerance: &Tolerance) -> (usize, Vec<u8>) {
-    let mut stride = 1;
-    loop {
-        // Some corners say nothing of a mesh, whose counts and mark without order are in the summary.
-        let some =
-            parts.columns.iter().filter(|part| stride == 1 || !FACES.contains(&&part.name[..]));
-        let kept =
-            some.map(|part| if part.count <= FEW { part.clone() } else { part.every(stride) });
-        let bytes = pack_columns(&kept.collect::<Vec<_>>(), parts.row, tolerance);
-        if bytes.len() <= MOST_BYTES || parts.columns.iter().all(|part| part.count <= FEW) {
-            return (stride, bytes);
-        }
-        // Without the faces it is much less: the second try says how much.
-        stride = if stride == 1 {
-            2
-        } else {
-            (stride * bytes.len()).div_ceil(MOST_BYTES).max(stride + 1)
-        };
+/// Everything that was kept of a value's numbers.
+#[derive(Clone, Debug, Default)]
+pub(in crate::golden) struct Kept {
+    pub(in crate::golden) columns: Vec<Column>,
+    /// Elements in a row, where the elements are pixels or control points.
+    pub(in crate::golden) row: Option<usize>,
+}
+
+impl Kept {
+    /// The column of this name.
+    pub(in crate::golden) fn column(&self, name: &str) -> Option<&Column> {
+        self.columns.iter().find(|column| column.part.name == name)
+    }
+
+    /// The numbers of a column.
+    pub(super) fn numbers(&self, name: &str) -> Option<&[f64]> {
+        self.column(name).map(|column| &column.part.numbers[..])
     }
 }
 
-fn pack_columns(columns: &[Part], row: Option<usize>, tolerance: &Tolerance) -> Vec<u8> {
-    let (mut head, mut body) = (Vec::new(), Vec::new());
-    for part in columns {
-        let step = match part.class {
-            _ if part.numbers.len() <= FEW => 0.0,
-            Class::Exact | Class::Level => 1.0,
-            Class::Normal => 1e-3,
-            Class::Place | Class::Number => match given(part, tolerance) {
-                Some(most) if 0.0 < most && most < f64::INFINITY => most / 10.0,
-                _ => KEPT_STEP * size(part),
-            },
+/// The whole numbers nearest to those of a column, in units of the step. Elements with others are odd.
+fn rounded(part: &Part, precision: &Precision) -> Whole {
+    let (step, finest) = (precision.step, precision.finest());
+    let mut whole = Whole { width: part.width, ..Whole::default() };
+    for element in part.numbers.chunks(part.width) {
+        let is_odd = precision.is_odd(element, finest);
+        let round = |x: &f64| match is_odd {
+            true if x.is_nan() => f64::NAN.to_bits() as i64,
+            true => x.to_bits() as i64,
+            false => (x / step).round() as i64,
         };
-        let start = body.len();
-        if step > 0.0 {
-            let mut before = vec![0i64; part.width];
-            for (index, x) in part.numbers.iter().enumerate() {
-                // What is not finite is written as a step that no other number takes.
-                let whole = if x.is_finite() { (x / step).round() as i64 } else { i64::MIN >> 2 };
-                let before = &mut before[index % part.width];
-                varint(&mut body, whole.wrapping_sub(*before));
-                *before = whole;
+        whole.numbers.extend(element.iter().map(round));
+        whole.odd.push(is_odd);
+    }
+    whole
+}
+
+/// The mark of numbers in units of the finest step.
+pub(super) fn mark(numbers: impl Iterator<Item = i64>) -> String {
+    Hash::of(&numbers.flat_map(i64::to_le_bytes).collect::<Vec<u8>>()).short().to_string()
+}
+
+/// The faces of a mesh, for the columns of its vertices.
+#[derive(Default)]
+struct Mesh {
+    vertices: usize,
+    sides: Vec<usize>,
+    corners: Vec<u32>,
+    around: OnceCell<Option<Around>>,
+}
+
+impl Mesh {
+    /// What lies around the elements of a column of so many.
+    fn layout(&self, name: &str, count: usize, stride: usize, row: Option<usize>) -> Layout<'_> {
+        let of_vertices = !name.starts_with("corner ") && !name.starts_with("face ");
+        // Other columns with as many elements cost some bytes more at most.
+        if of_vertices && stride == 1 && count == self.vertices && !self.sides.is_empty() {
+            let around = || Around::new(self.vertices, &self.sides, &self.corners);
+            if let Some(around) = self.around.get_or_init(around) {
+                return Layout::Mesh(around);
             }
-        } else {
-            part.numbers.iter().for_each(|x| body.extend(x.to_le_bytes()));
         }
+        match row {
+            Some(row) if row > 1 && stride == 1 && count.is_multiple_of(row) => Layout::Grid(row),
+            _ => Layout::List,
+        }
+    }
+}
+
+fn sides_of(sides: Option<&[f64]>, width: usize, count: usize) -> Vec<usize> {
+    match sides {
+        Some(sides) => sides.iter().map(|&x| x as usize).collect(),
+        None => vec![width; count],
+    }
+}
+
+/// The numbers of all columns, or of every n-th of their elements.
+pub(super) fn pack(parts: &Parts, tolerance: &Tolerance, stride: usize) -> Vec<u8> {
+    // Some corners say nothing of a mesh, whose counts and mark without order are in the summary.
+    let is_kept = |part: &&Part| stride == 1 || !FACES.contains(&&part.name[..]);
+    let mut columns: Vec<&Part> = parts.columns.iter().filter(is_kept).collect();
+    columns.sort_by_key(|part| FACES.iter().position(|name| part.name == *name).unwrap_or(2));
+    let (mut head, mut body) = (Vec::new(), Vec::new());
+    let mut mesh = Mesh::default();
+    if let Some(corners) = columns.iter().find(|part| is_faces(part)) {
+        let sides = parts.column("sides").map(|part| &part.numbers[..]);
+        mesh.sides = sides_of(sides, corners.width, corners.count);
+        mesh.corners = corners.numbers.iter().map(|&x| x as u32).collect();
+        mesh.vertices = parts.column("position").map_or(0, |part| part.count);
+    }
+    for part in columns {
+        let mut precision = precision(part, tolerance);
+        let thinned = if part.count <= FEW { part.clone() } else { part.every(stride) };
+        let part = &thinned;
+        let bytes = if is_faces(part) {
+            let mut writer = Writer::new();
+            faces::code(&mut writer, &mesh.sides, &mesh.corners);
+            writer.finish()
+        } else {
+            let layout = mesh.layout(&part.name, part.count, part.stride, parts.row);
+            let rough = packed(part, &layout, &precision);
+            match precision.whole().map(|whole| (packed(part, &layout, &whole), whole)) {
+                Some((bytes, whole)) if bytes.len() <= rough.len() => {
+                    precision = whole;
+                    bytes
+                }
+                _ => rough,
+            }
+        };
+        let last = precision.last.map(|last| {
+            let fine = Precision { step: last.step, ..precision };
+            let whole = rounded(part, &fine);
+            json!({"step": last.step, "bits": last.bits, "error": last.error, "mark": mark(whole.numbers.into_iter())})
+        });
         head.push(json!({
             "name": part.name, "class": class_word(part.class), "width": part.width, "count": part.count,
-            "stride": part.stride, "step": step, "bytes": body.len() - start, "row": row,
+            "stride": part.stride, "step": precision.step, "error": precision.error, "last": last, "bytes": bytes.len(),
         }));
+        body.extend(bytes);
     }
-    let head = json!(head).to_string();
-    let mut content = (head.len() as u32).to_le_bytes().to_vec();
-    content.extend(head.as_bytes());
-    content.extend(&body);
+    let head = json!({"row": parts.row, "columns": head}).to_string();
+    let head = miniz_oxide::deflate::compress_to_vec(head.as_bytes(), 9);
     let mut bytes = MAGIC.to_vec();
-    bytes.extend(miniz_oxide::deflate::compress_to_vec(&content, 9));
+    bytes.extend((head.len() as u32).to_le_bytes());
+    bytes.extend(head);
+    bytes.extend(&body);
     bytes
+}
+
+/// The corners of faces have a way of their own, as long as all of them are kept.
+fn is_faces(part: &Part) -> bool {
+    part.name == "corners" && part.stride == 1
+}
+
+fn packed(part: &Part, layout: &Layout<'_>, precision: &Precision) -> Vec<u8> {
+    let mut writer = Writer::new();
+    if precision.step > 0.0 {
+        let whole = rounded(part, precision);
+        let read = numbers::code(&mut writer, layout, whole.odd.len(), &whole);
+        if let Some(last) = precision.last {
+            let fine = rounded(part, &Precision { step: last.step, ..*precision });
+            code_digits(&mut writer, last.bits, &read, |place| fine.numbers[place] as u64);
+        }
+    } else {
+        code_bits(&mut writer, part.numbers.len(), |place| part.numbers[place].to_bits());
+    }
+    writer.finish()
+}
+
+/// The last digits of all elements that are not odd.
+fn code_digits(
+    coder: &mut impl Coder,
+    bits: u32,
+    whole: &Whole,
+    given: impl Fn(usize) -> u64,
+) -> Vec<u8> {
+    let digit = |place: usize| match whole.odd[place / whole.width] {
+        true => 0,
+        false => coder.plain(bits, given(place) & ((1 << bits) - 1)) as u8,
+    };
+    (0..whole.numbers.len()).map(digit).collect()
+}
+
+/// Numbers to the last bit: byte by byte, each by what its place mostly has.
+fn code_bits(coder: &mut impl Coder, count: usize, given: impl Fn(usize) -> u64) -> Vec<f64> {
+    let mut bits = vec![[EVEN; 256]; 8];
+    let number = |place: usize| {
+        let number = given(place).to_be_bytes();
+        let bytes = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| {
+            let mut node = 1;
+            for place in (0..8).rev() {
+                node = 2 * node
+                    + usize::from(coder.bit(&mut bits[k][node], number[k] >> place & 1 == 1));
+            }
+            node as u8
+        });
+        f64::from_be_bytes(bytes)
+    };
+    (0..count).map(number).collect()
 }
 
 const CLASSES: [(Class, &str); 5] = [
@@ -92,67 +230,71 @@ fn class_word(class: Class) -> &'static str {
     CLASSES.iter().find(|(known, _)| *known == class).map_or("", |(_, word)| word)
 }
 
-fn varint(bytes: &mut Vec<u8>, x: i64) {
-    let mut x = (x << 1 ^ x >> 63) as u64;
-    while x >= 0x80 {
-        bytes.push(x as u8 | 0x80);
-        x >>= 7;
-    }
-    bytes.push(x as u8);
-}
-
-fn read_varint(bytes: &mut &[u8]) -> Option<i64> {
-    let mut x = 0u64;
-    for shift in (0..70).step_by(7) {
-        let (&byte, rest) = bytes.split_first()?;
-        *bytes = rest;
-        x |= u64::from(byte & 0x7f).checked_shl(shift).unwrap_or(0);
-        if byte < 0x80 {
-            return Some((x >> 1) as i64 ^ -((x & 1) as i64));
-        }
-    }
-    None
-}
-
 /// The columns that [`pack`] wrote; none if the bytes are damaged.
-pub(super) fn unpack(bytes: &[u8]) -> Option<Parts> {
-    /// No golden that this program writes is longer.
-    const LONGEST: usize = 1 << 28;
+pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
+    /// No head that this program writes is longer.
+    const LONGEST: usize = 1 << 24;
+    /// Nor has a value more numbers.
+    const MOST: usize = 1 << 28;
     let packed = bytes.strip_prefix(MAGIC)?;
-    let content = miniz_oxide::inflate::decompress_to_vec_with_limit(packed, LONGEST).ok()?;
-    let (length, rest) = content.split_first_chunk()?;
+    let (length, rest) = packed.split_first_chunk()?;
     let (head, mut body) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-    let head: Json = serde_json::from_slice(head).ok()?;
-    let mut parts = Parts::default();
-    for column in head.as_array()? {
+    let content = miniz_oxide::inflate::decompress_to_vec_with_limit(head, LONGEST).ok()?;
+    let head: Json = serde_json::from_slice(&content).ok()?;
+    let row = head["row"].as_u64().map(|row| row as usize);
+    let mut kept = Kept { columns: Vec::new(), row };
+    let mut mesh = Mesh::default();
+    for column in head["columns"].as_array()? {
         let number = |name: &str| column[name].as_u64().map(|number| number as usize);
-        let (width, stride, step) =
-            (number("width")?.max(1), number("stride")?.max(1), column["step"].as_f64()?);
-        let (mut own, rest) = body.split_at_checked(number("bytes")?)?;
-        body = rest;
+        let (width, stride) = (number("width")?.max(1), number("stride")?.max(1));
         let count = number("count")?;
-        let length = count.div_ceil(stride).checked_mul(width)?;
-        let mut numbers = Vec::new();
-        if step > 0.0 {
-            let mut before = vec![0i64; width];
-            for index in 0..length {
-                let before = &mut before[index % width];
-                *before = before.wrapping_add(read_varint(&mut own)?);
-                let unknown = *before == i64::MIN >> 2;
-                numbers.push(if unknown { f64::NAN } else { *before as f64 * step });
-            }
-        } else {
-            numbers.extend(
-                own.chunks_exact(8).map(|x| f64::from_le_bytes(x.try_into().unwrap_or_default())),
-            );
-        }
-        if numbers.len() != length {
-            return None;
-        }
+        let length = count.div_ceil(stride).checked_mul(width).filter(|n| *n <= MOST)?;
+        let (own, rest) = body.split_at_checked(number("bytes")?)?;
+        body = rest;
         let class = CLASSES.iter().find(|(_, word)| column["class"] == *word)?.0;
         let name = column["name"].as_str()?.to_owned();
-        parts.columns.push(Part { name, class, width, count, stride, numbers });
-        parts.row = number("row");
+        let last = match &column["last"] {
+            Json::Null => None,
+            last => Some(Last {
+                step: last["step"].as_f64()?,
+                bits: last["bits"].as_u64().filter(|bits| *bits <= 8)? as u32,
+                error: last["error"].as_f64()?,
+            }),
+        };
+        let (step, error) = (column["step"].as_f64()?, column["error"].as_f64()?);
+        let precision = Precision { step, error, last, shortest: 0.0 };
+        let mut part = Part { name, class, width, count, stride, numbers: Vec::new() };
+        let mut reader = Reader::new(own);
+        let (mut odd, mut digits) = (Vec::new(), Vec::new());
+        if is_faces(&part) {
+            mesh.sides = sides_of(kept.numbers("sides"), width, count);
+            let is_position = |column: &&Json| column["name"] == "position";
+            let position = head["columns"].as_array()?.iter().find(is_position)?;
+            mesh.vertices = position["count"].as_u64()? as usize;
+            if mesh.sides.iter().try_fold(0usize, |sum, sides| sum.checked_add(*sides))? != length {
+                return None;
+            }
+            mesh.corners = faces::code(&mut reader, &mesh.sides, &[])?;
+            part.numbers = mesh.corners.iter().map(|&vertex| f64::from(vertex)).collect();
+        } else if step > 0.0 {
+            let layout = mesh.layout(&part.name, count, stride, row);
+            let given = Whole { width, ..Whole::default() };
+            let whole = numbers::code(&mut reader, &layout, length / width, &given);
+            if let Some(last) = last {
+                digits = code_digits(&mut reader, last.bits, &whole, |_| 0);
+            }
+            let numbers = whole.numbers.iter().enumerate();
+            part.numbers =
+                Vec::from_iter(numbers.map(|(place, &number)| match whole.odd[place / width] {
+                    true => f64::from_bits(number as u64),
+                    false => number as f64 * step,
+                }));
+            odd = whole.odd;
+        } else {
+            part.numbers = code_bits(&mut reader, length, |_| 0);
+        }
+        let mark = column["last"]["mark"].as_str().unwrap_or_default().to_owned();
+        kept.columns.push(Column { part, precision, odd, digits, mark });
     }
-    Some(parts)
+    Some(kept)
 }

@@ -10,7 +10,7 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Span, code};
 use crate::eval::{Disk, Evaluation, Evaluator, Trace};
 use crate::golden::case::{Allowed, TestFile};
-use crate::golden::compare::{Comparison, Tolerance, Verdict, limit_of, six};
+use crate::golden::compare::{Comparison, Measure, Tolerance, Verdict, limit_of, six};
 use crate::golden::expect::{Expectation, Place, nodes_of as expected_nodes, target, violations};
 use crate::golden::parts::Parts;
 use crate::golden::store::{self, Golden, NoGolden, Written};
@@ -22,7 +22,23 @@ use crate::writing::{self, Sources};
 /// A tolerance this many times wider than what was ever needed is worth a word.
 const TOO_WIDE: f64 = 10.0;
 
+/// How much a measure's values differ at least, with its name; none if rounding alone may be what differs.
+fn surely(measure: &Measure) -> Option<(String, f64)> {
+    let least = measure.max - measure.error;
+    (0.0 < least && least < f64::INFINITY).then(|| (measure.name.clone(), least))
+}
+
+/// What of a case's goldens would be kept otherwise now, although the values are the same.
+fn outdated(outputs: &[Compared]) -> Vec<String> {
+    let same = outputs.iter().filter(|output| output.comparison.verdict == Verdict::Identical);
+    let told = same.filter_map(|output| {
+        Some(format!("{}: the golden {}; --bless keeps it anew", output.name, output.outdated?))
+    });
+    told.collect()
+}
+
 /// One case of one graph.
+#[derive(Clone)]
 pub(super) struct Job<'a> {
     pub(super) test: &'a TestFile,
     pub(super) graph: PathBuf,
@@ -31,6 +47,10 @@ pub(super) struct Job<'a> {
 }
 
 impl Job<'_> {
+    pub(super) fn title(&self) -> String {
+        format!("{} {}", self.graph.display(), self.test.cases[self.case].0)
+    }
+
     pub(super) fn run(&self, evaluator: &mut Evaluator, catalog: &Catalog) -> Case {
         let start = Instant::now();
         let (name, test_case) = &self.test.cases[self.case];
@@ -50,7 +70,7 @@ impl Job<'_> {
             trace: Trace::default(),
             seconds: 0.0,
             file_seconds: 0.0,
-            nodes: String::new(),
+            nodes: None,
         };
         match &test_case.skip {
             Some(why) if why.trim().is_empty() => {
@@ -79,13 +99,14 @@ impl Job<'_> {
         let broken = !case.problems.is_empty();
         let evaluation = evaluator.evaluate(&graph, &wanted, &wanted, &(), &CancelToken::default());
         case.problems.extend(evaluation.problems());
-        case.nodes = nodes_of(&graph, &evaluation);
+        case.nodes = Some(nodes_of(&graph, &evaluation));
         let disk = evaluator.disk();
         case.outputs = evaluator.install(|| self.outputs(&graph, &evaluation, disk, &mut case));
         case.violations = violations(&graph, &evaluation, &expectations);
         case.orphans = self.orphans(&case.outputs);
         case.trace = evaluation.trace();
         case.notes = self.wide(&case.outputs);
+        case.notes.extend(outdated(&case.outputs));
         self.judge_budget(&mut case);
         case.judge_warnings();
         let failed = case.problems.iter().any(|problem| problem.severity == Severity::Error)
@@ -246,20 +267,21 @@ impl Job<'_> {
         };
         let identical = comparison.verdict == Verdict::Identical;
         let mut needed = golden.as_ref().map(Golden::needed).unwrap_or_default();
-        for measure in comparison.measures.iter().filter(|m| m.max > 0.0 && m.max.is_finite()) {
-            match needed.iter_mut().find(|(name, _)| *name == measure.name) {
-                Some((_, most)) if comparison.verdict == Verdict::Within => {
-                    *most = most.max(measure.max);
+        if comparison.verdict == Verdict::Within {
+            for (name, most) in comparison.measures.iter().filter_map(surely) {
+                match needed.iter_mut().find(|(known, _)| *known == name) {
+                    Some((_, before)) => *before = before.max(most),
+                    None => needed.push((name, most)),
                 }
-                None if comparison.verdict == Verdict::Within => {
-                    needed.push((measure.name.clone(), measure.max));
-                }
-                _ => {}
             }
         }
-        let new =
-            if identical { Vec::new() } else { store::files(value, files, &needed, tolerance) };
-        Compared { name, files: names, comparison, golden, value: value.clone(), new }
+        let outdated = golden.as_ref().ok().and_then(|golden| golden.outdated(tolerance));
+        let new = if identical && outdated.is_none() {
+            Vec::new()
+        } else {
+            store::files(value, files, &needed, tolerance)
+        };
+        Compared { name, files: names, comparison, golden, outdated, value: value.clone(), new }
     }
 
     /// Goldens in the case's folder that no output asks for.
@@ -279,7 +301,7 @@ impl Job<'_> {
         for output in outputs {
             let Some(allowed) = self.allowed(&output.files) else { continue };
             let before = output.golden.as_ref().map(Golden::needed).unwrap_or_default();
-            let now = output.comparison.measures.iter().map(|m| (m.name.clone(), m.max));
+            let now = output.comparison.measures.iter().filter_map(surely);
             let needed: Vec<(String, f64)> = before.into_iter().chain(now).collect();
             let parts = Parts::of(&output.value).unwrap_or_default();
             for (name, limit) in allowed.tolerance.limits() {

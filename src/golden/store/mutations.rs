@@ -1,0 +1,342 @@
+//! One entry is moved by a little less and by a little more than each bound: nothing passes wrongly, and nothing fails wrongly.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{Golden, files, read};
+use crate::golden::compare::{Tolerance, Verdict};
+use crate::value::{
+    AnyValue, Attribute, ControlNet, Curve, Faces, Field, Image, KnotVector, Labels, Mask, Mesh,
+    Points, RangeImage, Surface,
+};
+
+/// Pseudo-random, from 0 to 1: Steele, Lea, Flood, "Fast splittable pseudorandom number generators" (2014).
+fn chance(seed: usize) -> f64 {
+    let z = (seed as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+fn kept(value: &AnyValue, tolerance: &Tolerance) -> Golden {
+    let folder = tempfile::tempdir().unwrap();
+    for file in files(value, &[], &[], tolerance) {
+        std::fs::write(folder.path().join(format!("x{}", file.name)), file.bytes).unwrap();
+    }
+    read(folder.path(), "x").unwrap()
+}
+
+/// How far entries are moved, as a share of what is allowed.
+const MOVES: [(f64, Verdict); 5] = [
+    (0.9, Verdict::Within),
+    (0.96, Verdict::Within),
+    (1.1, Verdict::Different),
+    (3.0, Verdict::Different),
+    (1e7, Verdict::Different),
+];
+
+/// So many places are tried of all, among them the first and the last.
+const PLACES: usize = 9;
+
+/// Moves `old` at places among `count` so that a bound is nearly and just not kept.
+fn check(
+    what: &str,
+    old: AnyValue,
+    tolerance: &Tolerance,
+    (count, bound): (usize, f64),
+    moved: impl Fn(usize, f64) -> AnyValue,
+) {
+    let golden = kept(&old, tolerance);
+    assert_eq!(golden.compare(&old, &[], tolerance).verdict, Verdict::Identical, "{what}");
+    for k in 0..PLACES {
+        let place = k * (count - 1) / (PLACES - 1);
+        for (share, verdict) in MOVES {
+            // The guess at what is harmless is kept to a tenth.
+            if share == 0.96 && *tolerance == Tolerance::default() {
+                continue;
+            }
+            let comparison = golden.compare(&moved(place, share * bound), &[], tolerance);
+            assert_eq!(
+                comparison.verdict, verdict,
+                "{what}: {share} of {bound} at {place}: {comparison:?}"
+            );
+            let far = comparison.measures.iter().filter(|m| !m.by_share);
+            let least = far.map(|m| m.max - m.error).fold(0.0, f64::max);
+            let is_true = least <= 1.000_001 * share * bound;
+            assert!(is_true || tolerance.rms.is_some(), "{what}: {share} of {bound} is {least}");
+        }
+    }
+}
+
+/// The default bound of numbers with such a diagonal.
+fn default_bound(diagonal: f64) -> f64 {
+    1e-9 * diagonal
+}
+
+fn diagonal(points: &[Point3<f64>]) -> f64 {
+    let corner = |pick: fn(f64, f64) -> f64, start: f64| {
+        points
+            .iter()
+            .filter(|p| p.x.is_finite())
+            .fold(Vector3::repeat(start), |corner, p| corner.zip_map(&p.coords, pick))
+    };
+    (corner(f64::max, f64::NEG_INFINITY) - corner(f64::min, f64::INFINITY)).norm()
+}
+
+/// Points of a rough sheet far from the origin.
+fn places(rows: usize, columns: usize) -> Vec<Point3<f64>> {
+    let place = |k: usize| {
+        let (x, y) = ((k % columns) as f64, (k / columns) as f64);
+        Point3::new(
+            500.0 + x + 0.6 * chance(3 * k),
+            y + 0.6 * chance(3 * k + 1),
+            3.0 * chance(3 * k + 2),
+        )
+    };
+    (0..rows * columns).map(place).collect()
+}
+
+fn shifted(points: &[Point3<f64>], place: usize, by: f64) -> Vec<Point3<f64>> {
+    let mut points = points.to_vec();
+    let direction =
+        Vector3::new(chance(place) - 0.5, chance(place + 1) - 0.5, chance(place + 2) - 0.5);
+    points[place] += direction.normalize() * by;
+    points
+}
+
+const SIDE: u32 = 50;
+
+fn mesh() -> Mesh {
+    let quads = (0..SIDE - 1).flat_map(|row| (0..SIDE - 1).map(move |column| row * SIDE + column));
+    let faces = quads.flat_map(|a| [[a, a + 1, a + SIDE], [a + 1, a + SIDE + 1, a + SIDE]]);
+    Mesh::new(places(SIDE as usize, SIDE as usize), Faces::triangles(faces.collect())).unwrap()
+}
+
+fn within(max: f64) -> Tolerance {
+    Tolerance { max: Some(max), ..Tolerance::default() }
+}
+
+#[test]
+fn places_of_a_mesh_are_judged_at_each_bound() {
+    let mesh = mesh();
+    let n = mesh.positions().len();
+    let all = [0.5, 1e-3, 1e-7, default_bound(diagonal(mesh.positions()))];
+    for (k, bound) in all.into_iter().enumerate() {
+        let tolerance = if k == 3 { Tolerance::default() } else { within(bound) };
+        check("max", AnyValue::new(mesh.clone()), &tolerance, (n, bound), |place, by| {
+            AnyValue::new(mesh.with_positions(shifted(mesh.positions(), place, by)).unwrap())
+        });
+    }
+    // One vertex moves so far that the mean over all of them is this.
+    let rms = Tolerance { rms: Some(0.004), ..Tolerance::default() };
+    check("rms", AnyValue::new(mesh.clone()), &rms, (n, 0.004), |place, by| {
+        let by = by * (n as f64).sqrt();
+        AnyValue::new(mesh.with_positions(shifted(mesh.positions(), place, by)).unwrap())
+    });
+    for tolerance in [
+        Tolerance { p99: Some(0.02), ..Tolerance::default() },
+        Tolerance { rms: Some(0.02), ..Tolerance::default() },
+        within(0.02),
+    ] {
+        check("all", AnyValue::new(mesh.clone()), &tolerance, (n, 0.02), |place, by| {
+            let mut positions = mesh.positions().to_vec();
+            for (k, position) in positions.iter_mut().enumerate() {
+                let [x, y, z] = [0, 1, 2].map(|c| chance(3 * k + c + place) - 0.5);
+                *position += Vector3::new(x, y, z).normalize() * by;
+            }
+            AnyValue::new(mesh.with_positions(positions).unwrap())
+        });
+    }
+}
+
+#[test]
+fn a_move_far_below_the_bound_is_no_difference() {
+    let mesh = mesh();
+    let tolerance = Tolerance { rms: Some(0.004), ..within(0.5) };
+    let golden = kept(&AnyValue::new(mesh.clone()), &tolerance);
+    let moved =
+        mesh.with_positions(mesh.positions().iter().map(|p| p + Vector3::repeat(1e-9)).collect());
+    let comparison = golden.compare(&AnyValue::new(moved.unwrap()), &[], &tolerance);
+    assert_eq!(comparison.verdict, Verdict::Within);
+    assert!(comparison.measures.iter().all(|m| m.max <= m.error), "{comparison:?}");
+}
+
+#[test]
+fn attributes_and_normals_are_judged_at_their_bounds() {
+    let plain = mesh();
+    let counts = [plain.positions().len(), plain.faces().corners().len(), plain.faces().len()];
+    let numbers = |count: usize| -> Vec<f64> { (0..count).map(|k| 7.0 * chance(k)).collect() };
+    for (of, count) in counts.into_iter().enumerate() {
+        let with = |numbers: Vec<f64>| {
+            let heat = Attribute::Number(numbers.into());
+            AnyValue::new(match of {
+                0 => plain.clone().with_vertex("heat", heat).unwrap(),
+                1 => plain.clone().with_corner("heat", heat).unwrap(),
+                _ => plain.clone().with_face("heat", heat).unwrap(),
+            })
+        };
+        let low = numbers(count).into_iter().fold(f64::INFINITY, f64::min);
+        let range = numbers(count).into_iter().fold(0.0, f64::max) - low;
+        for bound in [1e-4, default_bound(range)] {
+            let tolerance = match bound {
+                1e-4 => Tolerance {
+                    attributes: [("heat".to_owned(), bound)].into(),
+                    ..Tolerance::default()
+                },
+                _ => Tolerance::default(),
+            };
+            check("heat", with(numbers(count)), &tolerance, (count, bound), |place, by| {
+                let mut numbers = numbers(count);
+                numbers[place] -= by;
+                with(numbers)
+            });
+        }
+    }
+    let normals: Vec<[f64; 3]> = (0..counts[0])
+        .map(|k| Vector3::new(chance(k) - 0.5, chance(k + 1) - 0.5, 1.0).normalize().into())
+        .collect();
+    let with = |normals: Vec<[f64; 3]>| {
+        AnyValue::new(
+            plain.clone().with_vertex("normal", Attribute::Vector(normals.into())).unwrap(),
+        )
+    };
+    for bound in [2.0, 1e-3, 1e-9f64.to_degrees()] {
+        let tolerance = if bound < 1e-6 {
+            Tolerance::default()
+        } else {
+            Tolerance { normals: Some(bound), ..Tolerance::default() }
+        };
+        check("normal", with(normals.clone()), &tolerance, (counts[0], bound), |place, by| {
+            let mut normals = normals.clone();
+            let normal = Vector3::from(normals[place]);
+            let beside = normal.cross(&Vector3::new(0.3, -0.8, 0.1)).normalize();
+            // Beyond half a turn there is nothing farther.
+            let angle = by.min(170.0).to_radians();
+            normals[place] = (normal * libm::cos(angle) + beside * libm::sin(angle)).into();
+            with(normals)
+        });
+    }
+}
+
+#[test]
+fn grids_and_lists_of_places_are_judged_at_their_bounds() {
+    let points = places(90, 60);
+    // Some cells were not measured.
+    let holed: Vec<_> = (0..points.len())
+        .map(|k| if k % 7 == 3 { Point3::new(f64::NAN, f64::NAN, f64::NAN) } else { points[k] })
+        .collect();
+    let near = &points[..1800];
+    let knots = |n| KnotVector::uniform(n, 3).unwrap();
+    let net = |points: Vec<Point3<f64>>| ControlNet::new(30, 60, points).unwrap();
+    let polyline = |points: Vec<Point3<f64>>| Curve::polyline(points, false).unwrap();
+    let range = |points: Vec<Point3<f64>>| AnyValue::new(RangeImage::new(60, 90, points).unwrap());
+    let cloud = |points: Vec<Point3<f64>>| AnyValue::new(Points::new(points).unwrap());
+    type Make<'a> = &'a dyn Fn(Vec<Point3<f64>>) -> AnyValue;
+    let curve: Make<'_> = &|points| AnyValue::new(polyline(points));
+    let moved_net: Make<'_> =
+        &|points| AnyValue::new(net(near.to_vec()).with_points(points).unwrap());
+    let surface: Make<'_> = &|points| {
+        let net = net(near.to_vec()).with_points(points).unwrap();
+        AnyValue::new(Surface::new(net, knots(30), knots(60)).unwrap())
+    };
+    let cases: [(&str, &[Point3<f64>], Make<'_>); 5] = [
+        ("range", &holed, &range),
+        ("points", &points, &cloud),
+        ("curve", &points, curve),
+        ("net", near, moved_net),
+        ("surface", near, surface),
+    ];
+    for (what, places, make) in cases {
+        for bound in [0.05, default_bound(diagonal(places))] {
+            let tolerance = if bound == 0.05 { within(bound) } else { Tolerance::default() };
+            let old = make(places.to_vec());
+            check(what, old, &tolerance, (places.len(), bound), |place, by| {
+                // A cell that was not measured has nothing to move; its neighbor has.
+                let place = if places[place].x.is_nan() { place - 1 } else { place };
+                make(shifted(places, place, by))
+            });
+        }
+    }
+}
+
+#[test]
+fn fields_are_judged_at_their_bounds() {
+    let pixels: Vec<f32> = (0..6400).map(|k| chance(k) as f32 * 8.0).collect();
+    let field = |pixels: Vec<f32>| AnyValue::new(Field::new(80, 80, pixels).unwrap());
+    check("field", field(pixels.clone()), &within(0.25), (6400, 0.25), |place, by| {
+        let mut pixels = pixels.clone();
+        pixels[place] += by as f32;
+        field(pixels)
+    });
+}
+
+#[test]
+fn pixels_are_judged_by_level_and_share() {
+    let (width, height) = (120, 90);
+    let n = width * height;
+    let colors: Vec<[u8; 3]> =
+        (0..n).map(|k| [0, 1, 2].map(|c| (100.0 * chance(3 * k + c)) as u8)).collect();
+    let picture = |colors: Vec<[u8; 3]>| AnyValue::new(Image::new(width, height, colors).unwrap());
+    let level = Tolerance { level: 10.0, ..Tolerance::default() };
+    check("level", picture(colors.clone()), &level, (n, 10.0), |place, by| {
+        let mut colors = colors.clone();
+        colors[place][1] = colors[place][1].saturating_add(by.min(255.0) as u8);
+        picture(colors)
+    });
+    let some = Tolerance { differing: 0.05, ..Tolerance::default() };
+    // So many pixels from one on, around the end.
+    let changed = |from: usize, share: f64| {
+        let many = (share.min(1.0) * n as f64).round() as usize;
+        (0..many).map(move |k| (from + k) % n)
+    };
+    check("differing", picture(colors.clone()), &some, (n, 0.05), |from, share| {
+        let mut colors = colors.clone();
+        changed(from, share).for_each(|pixel| colors[pixel][2] += 1);
+        picture(colors)
+    });
+    let inside: Vec<u8> = (0..n).map(|k| u8::from(chance(k) > 0.5)).collect();
+    let mask = |inside: Vec<u8>| AnyValue::new(Mask::new(width, height, inside).unwrap());
+    check("mask", mask(inside.clone()), &some, (n, 0.05), |from, share| {
+        let mut inside = inside.clone();
+        changed(from, share).for_each(|pixel| inside[pixel] = 1 - inside[pixel]);
+        mask(inside)
+    });
+    let label: Vec<u32> = (0..n).map(|k| (k / 1000) as u32).collect();
+    let labels = |label: Vec<u32>| AnyValue::new(Labels::new(width, height, label).unwrap());
+    check("labels", labels(label.clone()), &some, (n - 1000, 0.05), |from, share| {
+        let mut label = label.clone();
+        // The first pixels of all labels stay, so that they keep their numbers.
+        let (from, many) = (1000 + from, (share.min(1.0) * n as f64).round() as usize);
+        let free =
+            (0..n).map(|k| (from + k) % n).filter(|pixel| pixel % 1000 >= 1 && *pixel >= 1000);
+        for pixel in free.take(many) {
+            label[pixel] = if label[pixel] == 1 { 2 } else { 1 };
+        }
+        labels(label)
+    });
+}
+
+#[test]
+fn one_pixel_and_one_corner_are_seen_where_nothing_is_allowed() {
+    let (width, height) = (200, 150);
+    let colors: Vec<[u8; 3]> =
+        (0..width * height).map(|k| [0, 1, 2].map(|c| (255.0 * chance(3 * k + c)) as u8)).collect();
+    let picture = |colors: Vec<[u8; 3]>| AnyValue::new(Image::new(width, height, colors).unwrap());
+    let golden = kept(&picture(colors.clone()), &Tolerance::default());
+    for place in [0, 1, 200, 7777, width * height - 1] {
+        let mut colors = colors.clone();
+        colors[place][0] ^= 1;
+        let comparison = golden.compare(&picture(colors), &[], &Tolerance::default());
+        assert_eq!(comparison.verdict, Verdict::Different);
+        let at = format!("worst at column {}, row {}:", place % width, place / width);
+        assert!(comparison.reasons[0].contains(&at), "{comparison:?}");
+    }
+    let mesh = mesh();
+    let golden = kept(&AnyValue::new(mesh.clone()), &within(0.5));
+    let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
+    faces[2000].swap(0, 1);
+    let other = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
+    assert_eq!(
+        golden.compare(&AnyValue::new(other), &[], &within(0.5)).verdict,
+        Verdict::Different
+    );
+}
