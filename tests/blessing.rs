@@ -215,7 +215,7 @@ fn an_output_is_expected_by_its_name_in_graphs_as_in_tests() {
 /// A mesh of these levels, tested with this tolerance.
 fn subdivided(folder: &Path, levels: usize, tolerance: &str) {
     let graph = format!(
-        "Graph(format: 1, nodes: {{ \"net\": PointNet(points: [[(0, 0, 0), (1, 0, 1), (2, 0, 0)], [(0, 1, 1), (1, 1, 2), (2, 1, 1)], [(0, 2, 0), (1, 2, 1), (2, 2, 0)]]), \"surface\": Nurbs(net: \"net\"), \"coarse\": Tessellate(surface: \"surface\", u: 20, v: 20), \"smooth\": Subdivide(mesh: \"coarse\", levels: {levels}) }}, outputs: {{ \"m.ply\": \"smooth\" }})"
+        "Graph(format: 1, nodes: {{ \"net\": PointNet(points: [[(0, 0, 0), (1, 0, 1), (2, 0, 0)], [(0, 1, 1), (1, 1, 2), (2, 1, 1)], [(0, 2, 0), (1, 2, 1), (2, 2, 0)]]), \"surface\": Nurbs(net: \"net\"), \"coarse\": Tessellate(surface: \"surface\", u: 20, v: 20), \"smooth\": Subdivide(mesh: \"coarse\", scheme: CatmullClark, levels: {levels}) }}, outputs: {{ \"m.ply\": \"smooth\" }})"
     );
     std::fs::write(folder.join("net.ron"), graph).unwrap();
     let test = format!("Test(graph: \"net.ron\", compare: {{\"m.ply\": Mesh({tolerance})}})");
@@ -233,7 +233,7 @@ fn after_a_change_of_topology_the_distance_leads_and_its_unit_is_told() {
     let text = said(&output);
     let first = text.lines().find(|line| line.contains("smooth: ")).unwrap_or_default();
     assert!(first.contains("smooth: `surface, ") && first.contains(" mm, allowed is"), "{text}");
-    assert!(text.contains("vertices: "), "{text}");
+    assert!(text.contains("faces: "), "{text}");
     let read = |name: &str| std::fs::read_to_string(path.join(name)).unwrap();
     let (junit, page) = (read("j.xml"), read("r.html"));
     assert!(
@@ -248,18 +248,18 @@ fn after_a_change_of_topology_the_distance_leads_and_its_unit_is_told() {
 fn a_surface_of_other_faces_passes_by_its_distance_and_what_was_sampled_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    subdivided(path, 1, "max: 0.05, remeshed: true");
+    subdivided(path, 2, "max: 0.05, remeshed: true, attributes: {\"uv\": 0.01}");
     assert!(maquette(path, &["--bless"], "", None).status.success());
-    subdivided(path, 0, "max: 0.05, remeshed: true");
+    subdivided(path, 1, "max: 0.05, remeshed: true, attributes: {\"uv\": 0.01}");
     let output = maquette(path, &[], "", None);
     assert!(output.status.success(), "{}", said(&output));
     assert!(said(&output).contains("within tolerance: `surface, "), "{}", said(&output));
-    subdivided(path, 0, "max: 0.0001, remeshed: true");
+    subdivided(path, 1, "max: 0.0001, remeshed: true, attributes: {\"uv\": 0.01}");
     assert_eq!(maquette(path, &[], "", None).status.code(), Some(1));
-    subdivided(path, 1, "max: 0.05, remeshed: true, keep: Sampled(every: 4)");
+    subdivided(path, 2, "max: 0.05, remeshed: true, keep: Sampled(every: 4)");
     let refused = maquette(path, &[], "", None);
     assert!(said(&refused).contains("leave `remeshed` or `keep` out"), "{}", said(&refused));
-    subdivided(path, 1, "max: 0.05, keep: Sampled(every: 4)");
+    subdivided(path, 2, "max: 0.05, keep: Sampled(every: 4)");
     let output = maquette(path, &[], "", None);
     assert!(said(&output).contains("does not keep what the test file says"), "{}", said(&output));
 }

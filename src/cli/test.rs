@@ -16,6 +16,7 @@ use crate::error::{Problem, Severity};
 use crate::eval::State as NodeState;
 use crate::golden::case;
 use crate::golden::compare::{Comparison, Verdict, six};
+use crate::golden::store::Golden;
 use crate::golden::suite::{self, Case, Compared, Report, Settings, State};
 use crate::golden::{html, junit};
 use crate::writing::{Place, Refused, Sources, remove};
@@ -190,6 +191,10 @@ impl Test {
                 all = false;
                 continue;
             }
+            // The same value in another form is still there for the reason that it had.
+            let same = output.comparison.verdict == Verdict::Identical;
+            let before = output.golden.as_ref().ok().filter(|_| same).map(Golden::because);
+            let why = before.unwrap_or_else(|| why.clone());
             case.bless(output, &why)?;
             count.accepted += 1;
             print(&format!("blessed   {} {}: {}\n", case.title(), output.name, in_short(output)));

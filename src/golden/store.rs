@@ -237,6 +237,11 @@ impl Golden {
         other.then_some("was kept for other tolerances")
     }
 
+    /// Why it was accepted.
+    pub(crate) fn because(&self) -> Vec<String> {
+        self.line(BECAUSE).map(str::to_owned).into_iter().collect()
+    }
+
     fn stride(&self) -> usize {
         let words = self.line("kept").and_then(|text| text.split(['.', ' ']).nth(1)?.parse().ok());
         words.unwrap_or(1)
