@@ -48,7 +48,7 @@ pub(crate) use reader::ReadError;
 pub use reader::Reader;
 pub(crate) use schema::{check_default, inside_option, resolve, variants};
 pub(crate) use shape::Shape;
-pub(crate) use suggest::unknown;
+pub(crate) use suggest::{nearest, unknown};
 pub(crate) use top::is_name;
 
 pub(crate) use file::{Mistake, first_word, parse};

@@ -331,7 +331,7 @@ impl Column {
                 continue;
             }
             let now = new.element(element * self.part.stride)[place % width] / last.step;
-            if !(now.abs() < 9e15) {
+            if now.is_nan() || now.abs() >= 9e15 {
                 return None;
             }
             let digit = i64::from(self.digits[place]);

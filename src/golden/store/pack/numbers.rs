@@ -96,7 +96,7 @@ impl Whole {
         match layout {
             Layout::List => [before, straight, None, None],
             Layout::Grid(row) => {
-                let left = if element % row == 0 { None } else { before };
+                let left = if element.is_multiple_of(*row) { None } else { before };
                 let (up, corner) = (at(*row), at(row + 1));
                 let sum = left.zip(up).map(|(left, up)| left.wrapping_add(up));
                 let flat = sum.zip(corner).map(|(sum, corner)| sum.wrapping_sub(corner));
@@ -180,10 +180,10 @@ pub(super) fn code(
             let table = level.min(LEVELS - 1) + LEVELS * usize::from(component > 0);
             let left = tables[table].code(coder, number.wrapping_sub(expected));
             let number = expected.wrapping_add(left);
-            for way in 0..2 * WAYS {
+            for (way, off) in off[component].iter_mut().enumerate() {
                 if let Some(guess) = guess(way) {
                     let size = number.wrapping_sub(guess).unsigned_abs().min(1 << 50);
-                    off[component][way] = off[component][way] * 15 / 16 + size;
+                    *off = *off * 15 / 16 + size;
                 }
             }
             length_before = length(left.unsigned_abs());
