@@ -339,14 +339,11 @@ impl<'a> Run<'a> {
         if let (Known::All(last), false) = (&self.plan.known, self.plan.has_work()) {
             return last.clone();
         }
-        let count = self.plan.wanted.len();
-        let mut found = vec![false; count];
-        let mut results = Vec::with_capacity(count);
-        for index in 0..count {
-            let now = self.done(index).filter(|_| self.plan.wanted[index]);
-            found[index] = now.is_some();
-            results.push(now.or_else(|| self.before(index)).cloned());
-        }
+        let last = |(index, wanted): (usize, &bool)| {
+            let now = self.done(index).filter(|_| *wanted);
+            (now.or_else(|| self.before(index)).cloned(), now.is_some())
+        };
+        let (results, found) = self.plan.wanted.iter().enumerate().map(last).unzip();
         let shape = &self.graph.shape;
         let (graph, of) = (self.graph.source.name.clone(), (shape.identity, shape.names.clone()));
         Arc::new(Snapshot::new(graph, of, results, found))
