@@ -1,4 +1,6 @@
 //! How long does checking a graph take? It opens no capture, so its cost is the text's.
+//!
+//! There is no bar.
 
 use maquette::{Catalog, Graph, Options};
 

@@ -1,4 +1,6 @@
 //! Two meshes of a million faces compared, and one rendered: the worst that a test meets.
+//!
+//! There is no bar.
 
 use divan::{Bencher, black_box};
 use maquette::render::{View, render};

@@ -2,6 +2,8 @@
 //!
 //! Evaluates on two threads; each bench changes what its name says before each evaluation, and times the evaluation alone. The
 //! same chains and trees run on salsa and in Blender in `benches/peers`.
+//!
+//! There is no bar: it stands beside its peers.
 
 use divan::{Bencher, black_box};
 use maquette::{Catalog, Evaluator, Graph, Options, Pack};

@@ -1,6 +1,8 @@
 //! How long does it take to deform a million points by handles? The work is that of the peers (`benches/peers/peers.py ffd`):
 //! handles in a jittered grid, every one of them moved, f64, two threads. `near` has deviations of a third, for which handles
 //! far away are left out; `drag` moves one handle while its layout stays; `surface` is a mesh with normals.
+//!
+//! There is no bar: it stands beside its peers.
 
 use divan::{Bencher, black_box};
 use maquette::Progress;

@@ -1,4 +1,6 @@
 //! How long do files take? One million triangles and one capture; bytes in memory, no disk.
+//!
+//! There is no bar.
 
 use maquette::format::{pcd, ply};
 use maquette::value::{Faces, Mesh, RangeImage};

@@ -1,4 +1,6 @@
 //! How long does a surface take, at a grid of 2000 x 2000 parameters? Its net is 200 x 200 points with random weights.
+//!
+//! There is no bar: it stands beside its peers.
 
 use maquette::value::{ControlNet, KnotVector, Surface};
 use nalgebra::Point3;

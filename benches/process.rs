@@ -1,4 +1,6 @@
 //! How long does a whole run take, from the start of the process to the last file?
+//!
+//! There is no bar.
 
 use std::process::Command;
 

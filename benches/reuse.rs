@@ -1,6 +1,8 @@
 //! What do graphs cost that are made of graphs? 2 041 uses, nested three deep, of a graph with two nodes that do next to nothing.
 //!
 //! Each use gives its own value to a parameter, so that no two nodes have one key. Evaluates on two threads.
+//!
+//! There is no bar.
 
 use std::path::PathBuf;
 

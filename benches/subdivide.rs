@@ -1,5 +1,7 @@
 //! How long does a subdivision take, 4 steps to some 1.5 million faces, with two threads? On the meshes of the peers' benchmarks,
 //! if they are there, else on tori like these.
+//!
+//! There is no bar: it stands beside its peers.
 
 #![allow(clippy::print_stdout, reason = "whoever measures must know what was measured")]
 

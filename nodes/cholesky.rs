@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 
+use maquette::{Cancelled, Progress};
 use rayon::prelude::*;
 
 pub(crate) use dissection::{Dissection, Links};
@@ -65,28 +66,37 @@ impl Cholesky {
     /// The factors; none if the matrix is not positive definite.
     pub(crate) fn new(matrix: &Symmetric) -> Option<Self> {
         let links = Links { starts: &matrix.starts, neighbors: &matrix.indices };
-        Self::ordered(matrix, &Dissection::new(links, 1))
+        Self::ordered(matrix, &Dissection::new(links, 1), &Progress::none()).ok().flatten()
     }
 
     /// As [`new`](Self::new), with an order that is known.
-    pub(crate) fn ordered(matrix: &Symmetric, dissection: &Dissection) -> Option<Self> {
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(crate) fn ordered(
+        matrix: &Symmetric,
+        dissection: &Dissection,
+        progress: &Progress<'_>,
+    ) -> Result<Option<Self>, Cancelled> {
         let order = &dissection.order;
         let mut place = vec![0u32; order.len()];
         (0..).zip(order).for_each(|(at, &unknown)| place[unknown as usize] = at);
         let tree = Tree::new(matrix, dissection, &place);
-        let elimination = Elimination { matrix, order, place: &place, tree: &tree };
+        let elimination = Elimination { matrix, order, place: &place, tree: &tree, progress };
         let (tasks, last) = tree.tasks(order.len());
         let run = |groups: &Vec<u32>| elimination.run(groups, BTreeMap::new());
-        let done: Option<Vec<_>> = tasks.par_iter().map(run).collect();
+        let done = tasks.par_iter().map(run).collect::<Result<Vec<_>, Cancelled>>()?;
+        let Some(done) = done.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
         let mut factors = Vec::with_capacity(tree.below.len());
         let mut left = BTreeMap::new();
-        for (done, rest) in done? {
+        for (done, rest) in done {
             factors.extend(done);
             left.extend(rest);
         }
-        factors.extend(elimination.run(&last, left)?.0);
+        let Some((done, _)) = elimination.run(&last, left)? else { return Ok(None) };
+        factors.extend(done);
         factors.sort_by_key(|factor| factor.first);
-        Some(Self { order: order.clone(), factors })
+        Ok(Some(Self { order: order.clone(), factors }))
     }
 
     /// Turns right sides into solutions, three at once.
@@ -227,11 +237,15 @@ struct Elimination<'a> {
     order: &'a [u32],
     place: &'a [u32],
     tree: &'a Tree,
+    progress: &'a Progress<'a>,
 }
 
+/// The columns of some groups, and what they leave to others; none if a pivot is not positive.
+type Eliminated = Option<(Vec<Factor>, Rest)>;
+
 impl Elimination<'_> {
-    /// Eliminates groups in order, `rest` being what others have left to them; none if a pivot is not positive.
-    fn run(&self, groups: &[u32], mut rest: Rest) -> Option<(Vec<Factor>, Rest)> {
+    /// Eliminates groups in order, `rest` being what others have left to them.
+    fn run(&self, groups: &[u32], mut rest: Rest) -> Result<Eliminated, Cancelled> {
         let mut local = vec![0u32; self.order.len()];
         let mut factors = Vec::with_capacity(groups.len());
         for &group in groups {
@@ -257,15 +271,15 @@ impl Elimination<'_> {
                 let rows = &self.tree.below[child as usize];
                 front.add(&left, rows, &local);
             }
-            if !front.eliminate(&least) {
-                return None;
+            if !front.eliminate(&least, self.progress)? {
+                return Ok(None);
             }
             if !below.is_empty() {
                 rest.insert(group, front.split(count));
             }
             factors.push(Factor { first, count, below: below.clone(), columns: front });
         }
-        Some((factors, rest))
+        Ok(Some((factors, rest)))
     }
 }
 

@@ -12,6 +12,7 @@ pub mod subdivision;
 
 mod cholesky;
 mod laplace;
+mod limits;
 
 /// All built-in packs, in pipeline order.
 pub const PACKS: &[Pack] = &[

@@ -10,11 +10,14 @@ use serde_json::Value as Json;
 use crate::catalog::{Catalog, Entry};
 use crate::error::Error;
 use crate::eval::Evaluator;
-use crate::graph::{Graph, Options, check_default, inside_option, is_name, resolve, variants};
+use crate::graph::{
+    Graph, GraphNode, Options, check_default, inside_option, is_name, resolve, variants,
+};
 use crate::node::{CancelToken, Context, Progress};
 use crate::pack::Pack;
 use crate::value::AnyValue;
 
+mod extremes;
 mod hostile;
 
 /// How much memory the evaluators of a check may hold.
@@ -29,6 +32,8 @@ const MEMORY: usize = 1 << 30;
 /// 5. Changing any parameter changes the key.
 /// 6. Equal inputs give equal bytes for 1, 2 and 8 threads.
 /// 7. Hostile values of the input types cause errors, not panics.
+/// 8. With its numbers at the ends of what is allowed, one by one and together, on the values of its example and on hostile ones, it comes
+///    to an end or gives an error, or stops soon when it is told to.
 ///
 /// `others` are the packs whose nodes the examples use beside those of `pack`.
 ///
@@ -193,7 +198,14 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
             ));
         }
     }
-    hostile_inputs(entry, &graph, index, broken);
+    let Ok(values) = run_all(&graph) else { return };
+    hostile_inputs(entry, &graph, index, &values, broken);
+    let load = |set| load(set).graph;
+    extremes::check(
+        &extremes::Case { entry, graph: &graph, index, values: &values },
+        &load,
+        broken,
+    );
 }
 
 /// The first output of every node.
@@ -270,16 +282,19 @@ fn change(
 }
 
 /// Runs the node with one input after the other replaced by values that are hard to treat.
-fn hostile_inputs(entry: &Entry, graph: &Graph, index: usize, broken: &mut Vec<String>) {
-    let Ok(values) = run_all(graph) else { return };
+fn hostile_inputs(
+    entry: &Entry,
+    graph: &Graph,
+    index: usize,
+    values: &Values,
+    broken: &mut Vec<String>,
+) {
     let outputs = values.iter().filter(|((node, _), _)| *node == index);
     for value in outputs.map(|(_, value)| value).filter(|value| !value.can_be_read_back()) {
         broken.push(format!("{}: what `Value::decode` gives is not {value:?}", entry.name));
     }
     let node = &graph.nodes[index];
-    let good: Option<Vec<AnyValue>> =
-        node.links.iter().map(|link| values.get(&(link.node, link.output)).cloned()).collect();
-    let Some(good) = good else { return };
+    let Some(good) = inputs(node, values) else { return };
     let ports = entry.ports();
     for (slot, link) in node.links.iter().enumerate() {
         let Some(port) = ports.iter().find(|port| port.name == link.port) else { continue };
@@ -287,7 +302,7 @@ fn hostile_inputs(entry: &Entry, graph: &Graph, index: usize, broken: &mut Vec<S
             let mut inputs = good.clone();
             let what = format!("{hostile:?}");
             inputs[slot] = hostile;
-            if let Err(panic) = call(node, &inputs) {
+            if let Err(panic) = call(node, &inputs, Progress::none()) {
                 broken.push(format!(
                     "{} panics on a hostile {what} at `{}`: {panic}",
                     entry.name, link.port
@@ -297,8 +312,16 @@ fn hostile_inputs(entry: &Entry, graph: &Graph, index: usize, broken: &mut Vec<S
     }
 }
 
-/// All outputs of all nodes, by node and output.
-fn run_all(graph: &Graph) -> Result<BTreeMap<(usize, usize), AnyValue>, String> {
+/// Outputs by node and output.
+type Values = BTreeMap<(usize, usize), AnyValue>;
+
+/// What comes to a node's links.
+fn inputs(node: &GraphNode, values: &Values) -> Option<Vec<AnyValue>> {
+    node.links.iter().map(|link| values.get(&(link.node, link.output)).cloned()).collect()
+}
+
+/// All outputs of all nodes.
+fn run_all(graph: &Graph) -> Result<Values, String> {
     let mut evaluator = Evaluator::new(0, MEMORY).map_err(|error| error.to_string())?;
     let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
     let places = (0..graph.nodes.len())
@@ -308,15 +331,9 @@ fn run_all(graph: &Graph) -> Result<BTreeMap<(usize, usize), AnyValue>, String> 
 }
 
 /// Evaluates a node by itself; an error is what a panic said.
-fn call(node: &crate::graph::GraphNode, inputs: &[AnyValue]) -> Result<(), String> {
+fn call(node: &GraphNode, inputs: &[AnyValue], progress: Progress<'_>) -> Result<(), String> {
     let files = BTreeMap::new();
-    let cx = Context {
-        inputs,
-        files: &files,
-        progress: Progress::none(),
-        memos: None,
-        warnings: Mutex::default(),
-    };
+    let cx = Context { inputs, files: &files, progress, memos: None, warnings: Mutex::default() };
     let eval = AssertUnwindSafe(|| -> Result<_, Error> { node.node.eval(&cx) });
     catch_unwind(eval).map(|_| ()).map_err(|panic| crate::eval::in_words(&*panic))
 }

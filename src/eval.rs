@@ -93,6 +93,8 @@ pub struct Evaluation {
     news: Vec<News>,
     /// The values of the nodes that were asked for, by node.
     values: Vec<(usize, Values)>,
+    /// How long reading files took.
+    files: f64,
 }
 
 impl Evaluation {
@@ -125,6 +127,11 @@ impl Evaluation {
             bytes: outcome.map_or(0, |outcome| outcome.bytes),
             warnings: outcome.map_or(Vec::new(), |outcome| outcome.warnings.to_vec()),
         }
+    }
+
+    /// How long reading the files of nodes took, in seconds, on all threads together.
+    pub fn seconds_of_files(&self) -> f64 {
+        self.files
     }
 
     /// What failed, and what nodes have doubts about, at the nodes' places.
@@ -239,6 +246,11 @@ impl Evaluator {
         self.cache.set_limit(memory);
     }
 
+    /// How many bytes the results in memory are counted as.
+    pub fn memory(&self) -> usize {
+        self.cache.bytes()
+    }
+
     /// Runs something on the evaluator's threads.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.pool.install(work)
@@ -288,6 +300,7 @@ impl Evaluator {
             }),
             false => run.values_of(values),
         };
+        let files = run.files.seconds();
         let (found, news) = run.end();
         self.fresh = false;
         let is_new = self.last.as_ref().is_none_or(|last| !Arc::ptr_eq(last, &found));
@@ -295,7 +308,8 @@ impl Evaluator {
         if let Some(disk) = self.disk.as_ref().filter(|_| is_new) {
             disk.keep_snapshot(&found, self.files.of(graph.files()));
         }
-        Evaluation { nodes: graph.nodes.clone(), wanted: plan.wanted, found, news, values }
+        let (nodes, wanted) = (graph.nodes.clone(), plan.wanted);
+        Evaluation { nodes, wanted, found, news, values, files }
     }
 
     /// The results on disk, if they may be believed.

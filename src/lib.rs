@@ -14,6 +14,7 @@ mod error;
 mod eval;
 mod golden;
 mod graph;
+mod limit;
 mod node;
 mod pack;
 mod plain;
@@ -30,6 +31,7 @@ pub use golden::{Comparison, Keep, Measure, TestRun, Tolerance, Verdict, compare
 pub use graph::{
     Change, Checked, Difference, Edited, Files, Graph, Options, Put, ReadFile, Reader,
 };
+pub use limit::{Limit, TooMuch};
 pub use node::{
     CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
     ReadError, node,

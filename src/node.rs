@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::marker::PhantomData;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
@@ -366,6 +367,13 @@ impl Progress<'_> {
         }
         Ok(())
     }
+
+    /// Lets a part of the work tell its own share (0 to 1), which is this range of the whole.
+    pub fn part<R>(&self, range: Range<f64>, work: impl FnOnce(&Progress<'_>) -> R) -> R {
+        let Some(report) = self.report else { return work(self) };
+        let of_whole = |share: f64| report(range.start + (range.end - range.start) * share);
+        work(&Progress { report: Some(&of_whole), cancel: self.cancel })
+    }
 }
 
 /// Tells an evaluation to stop.
@@ -530,5 +538,24 @@ impl<T: Node> AnyNode for T {
 
     fn files(&self) -> Vec<FilePath> {
         Node::files(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_tells_its_share_of_the_whole() {
+        let told = Mutex::new(Vec::new());
+        let report = |share: f64| told.lock().unwrap().push(share);
+        let progress = Progress { report: Some(&report), cancel: None };
+        progress
+            .part(0.5..1.0, |half| {
+                half.tick(0.0)?;
+                half.part(0.0..0.5, |quarter| quarter.tick(1.0))
+            })
+            .unwrap();
+        assert_eq!(*told.lock().unwrap(), [0.5, 0.75]);
     }
 }

@@ -104,3 +104,17 @@ fn the_denoising_of_a_large_capture() {
     let nodes = r#""calm": Denoise(range: "scan.range", iterations: 100),"#;
     soon(seconds_to_stop(nodes, "calm"));
 }
+
+#[test]
+fn the_filling_of_a_hole_of_many_triangles() {
+    let nodes = r#""sheet": Triangulate(range: "scan.range"),
+        "whole": FillHoles(mesh: "sheet", method: ThinPlate),"#;
+    soon(seconds_to_stop(nodes, "whole"));
+}
+
+#[test]
+fn a_subdivision_by_many_levels() {
+    let nodes = r#""sheet": Triangulate(range: "scan.range"),
+        "fine": Subdivide(mesh: "sheet", scheme: Loop, levels: 1, limit: true),"#;
+    soon(seconds_to_stop(nodes, "fine"));
+}

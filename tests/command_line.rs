@@ -286,6 +286,11 @@ fn profile_prints_a_table_and_writes_a_trace() {
     let output = maquette(&["run", "doll.ron", "--profile", "--out", out.path().to_str().unwrap()]);
     let text = stdout(&output);
     assert!(text.contains("node") && text.contains("memory") && text.contains("100 %"), "{text}");
+    for (name, state) in [("graph", "read"), ("files", "read"), ("model.glb", "written")] {
+        let row = text.lines().find(|row| row.starts_with(&format!("{name} ")));
+        let row = row.unwrap_or_else(|| panic!("the table has no row of {name}:\n{text}"));
+        assert!(row.contains(state) && row.contains(" ms "), "{row}");
+    }
     let trace = std::fs::read(out.path().join("doll.trace.json")).unwrap();
     let trace: serde_json::Value = serde_json::from_slice(&trace).unwrap();
     assert_eq!(trace["traceEvents"].as_array().unwrap().len(), 14);

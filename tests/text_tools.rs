@@ -1,12 +1,15 @@
 //! Tools on the text of graphs: what they may change, and that they change nothing else.
 
-#![allow(clippy::print_stderr, reason = "a skipped test says so")]
-
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use expect_test::{Expect, expect};
 use maquette::{Catalog, Graph, Options, Problem, Source};
+
+#[path = "common/beside.rs"]
+mod beside;
+
+use beside::beside;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -19,14 +22,8 @@ fn catalog() -> &'static Catalog {
 fn corpus() -> Vec<(PathBuf, String)> {
     let root = Path::new(ROOT);
     let mut files = Vec::new();
-    for folder in ["graphs", "tests/third_party/graphs", "../shared/graphs"] {
-        let folder = root.join(folder);
-        if folder.is_dir() {
-            collect(&folder, &mut files);
-        } else {
-            eprintln!("skipped: there is no {}", folder.display());
-        }
-    }
+    let own = ["graphs", "tests/third_party/graphs"].map(|folder| root.join(folder));
+    own.into_iter().chain(beside("graphs")).for_each(|folder| collect(&folder, &mut files));
     assert!(files.len() > 30);
     files.sort();
     let read = |path: PathBuf| {

@@ -1,5 +1,7 @@
 //! Dense columns of a factor, and what they leave to those behind them.
 
+use maquette::{Cancelled, Progress};
+
 /// The lower half of a symmetric matrix, by columns, of which the first ones are eliminated.
 pub(super) struct Front {
     /// The length of a column.
@@ -31,9 +33,16 @@ impl Front {
 
     /// Turns the first columns, as many as `least` has pivots, into those of the factor, and the others into what is left to eliminate; false
     /// if a pivot is not above its least.
-    pub(super) fn eliminate(&mut self, least: &[f64]) -> bool {
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(super) fn eliminate(
+        &mut self,
+        least: &[f64],
+        progress: &Progress<'_>,
+    ) -> Result<bool, Cancelled> {
         let Self { height, entries, .. } = self;
-        pulp::Arch::new().dispatch(Eliminate { height: *height, entries, least })
+        pulp::Arch::new().dispatch(Eliminate { height: *height, entries, least, progress })
     }
 
     /// Takes off all columns behind the first ones.
@@ -48,14 +57,16 @@ struct Eliminate<'a> {
     height: usize,
     entries: &'a mut [f64],
     least: &'a [f64],
+    progress: &'a Progress<'a>,
 }
 
 impl pulp::NullaryFnOnce for Eliminate<'_> {
-    type Output = bool;
+    type Output = Result<bool, Cancelled>;
 
     #[inline(always)]
-    fn call(self) -> bool {
-        eliminate(self.entries, self.height, self.least)
+    fn call(self) -> Self::Output {
+        let Self { height, entries, least, progress } = self;
+        eliminate(entries, height, least, progress)
     }
 }
 
@@ -63,9 +74,15 @@ impl pulp::NullaryFnOnce for Eliminate<'_> {
 const BLOCK: usize = 16;
 
 #[inline(always)]
-fn eliminate(entries: &mut [f64], height: usize, least: &[f64]) -> bool {
+fn eliminate(
+    entries: &mut [f64],
+    height: usize,
+    least: &[f64],
+    progress: &Progress<'_>,
+) -> Result<bool, Cancelled> {
     let columns = entries.len() / height;
     for first in (0..least.len()).step_by(BLOCK) {
+        progress.check()?;
         let end = (first + BLOCK).min(least.len());
         for column in first..columns {
             let (done, own) = entries.split_at_mut(column * height);
@@ -77,13 +94,13 @@ fn eliminate(entries: &mut [f64], height: usize, least: &[f64]) -> bool {
             // A pivot that is NaN divides no better.
             let divides = own[0] > least[column];
             if !divides {
-                return false;
+                return Ok(false);
             }
             let root = own[0].sqrt();
             own.iter_mut().for_each(|entry| *entry /= root);
         }
     }
-    true
+    Ok(true)
 }
 
 /// Subtracts from the rows of a column, from `row` on, its products with those that are done.

@@ -1,11 +1,13 @@
 //! Rational Gaussian surfaces.
 
 use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
-use maquette::{Context, Error, Node};
+use maquette::{Context, Error, Node, TooMuch};
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::limits::VERTICES;
 
 use super::deformation::{Base, Deformation};
 use super::layout::{Bounds, chosen, prepare};
@@ -67,14 +69,17 @@ pub enum GaussianSurfaceError {
     /// No points.
     #[error("a surface needs at least one point")]
     Nothing,
-    /// No quads, or too many.
-    #[error("{u} x {v} quads are none, or more than a mesh can hold")]
-    Size {
+    /// No quads.
+    #[error("{u} x {v} quads are none")]
+    NoQuads {
         /// Quads along u.
         u: usize,
         /// Quads along v.
         v: usize,
     },
+    /// Too many quads.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// Points that are none, or that cannot be met.
     #[error(transparent)]
     Points(#[from] FfdError),
@@ -112,10 +117,11 @@ pub fn gaussian_surface(
     if points.is_empty() {
         return Err(GaussianSurfaceError::Nothing);
     }
-    let count = (u.saturating_add(1)).saturating_mul(v.saturating_add(1));
-    if u == 0 || v == 0 || MOST_VERTICES < count {
-        return Err(GaussianSurfaceError::Size { u, v });
+    if u == 0 || v == 0 {
+        return Err(GaussianSurfaceError::NoQuads { u, v });
     }
+    VERTICES.check("the surface", (u as f64 + 1.0) * (v as f64 + 1.0))?;
+    let count = (u + 1) * (v + 1);
     let surface = coefficients(points, through)?;
     let at = |index: usize| {
         let (row, column) = (index / (v + 1), index % (v + 1));
@@ -146,9 +152,6 @@ pub fn gaussian_surface(
         .with_vertex("normal", Attribute::Vector(normals))?
         .with_vertex("uv", Attribute::Pair(uv))?)
 }
-
-/// As many vertices as a surface of the greatest number of quads per direction would hardly fill.
-const MOST_VERTICES: usize = 1 << 26;
 
 /// Vertices that one task computes.
 const CHUNK: usize = 4096;

@@ -1,10 +1,12 @@
 //! The lines of an object's box, to see how space is deformed.
 
 use maquette::value::{Curve, CurveError};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Node, TooMuch};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::limits::POINTS;
 
 use super::layout::Bounds;
 use super::object::bounds;
@@ -45,6 +47,9 @@ pub enum LatticeError {
         "a lattice has from 1 to 64 cells along each axis, and as many points on the side of a cell"
     )]
     Size,
+    /// Too many points.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// A box that is too large.
     #[error(transparent)]
     Curve(#[from] CurveError),
@@ -64,11 +69,14 @@ impl Node for Lattice {
 /// Each side of a cell has `samples` points; places in mm.
 ///
 /// # Errors
-/// If a number is not from 1 to 64, or the box is not finite.
+/// If a number is not from 1 to 64, there would be too many points, or the box is not finite.
 pub fn lattice(bounds: Bounds, cells: [usize; 3], samples: usize) -> Result<Curve, LatticeError> {
     if cells.iter().chain([&samples]).any(|count| !(1..=64).contains(count)) {
         return Err(LatticeError::Size);
     }
+    let lines = |along: usize| (cells[(along + 1) % 3] + 1) * (cells[(along + 2) % 3] + 1);
+    let need: usize = (0..3).map(|along| lines(along) * cells[along] * samples).sum();
+    POINTS.check("the lattice", need as f64)?;
     let mut pen = Pen { at: [0; 3], cells, samples, line: vec![[0.0; 3]] };
     for along in 0..3 {
         let (inner, outer) = ((along + 1) % 3, (along + 2) % 3);
@@ -158,5 +166,7 @@ mod tests {
         let bounds = (Point3::origin(), Point3::new(1.0, 1.0, 1.0));
         assert_eq!(lattice(bounds, [0, 1, 1], 1), Err(LatticeError::Size));
         assert_eq!(lattice(bounds, [1; 3], 65), Err(LatticeError::Size));
+        let error = lattice(bounds, [64; 3], 64).unwrap_err().to_string();
+        assert!(error.contains("about 52 000 000 points"), "{error}");
     }
 }

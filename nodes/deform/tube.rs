@@ -1,10 +1,12 @@
 //! Curves as tubes, to be seen and printed.
 
 use maquette::value::{Curve, Faces, Mesh, MeshError};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Node, TooMuch};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::limits::VERTICES;
 
 /// Makes a tube of a curve: a mesh to be seen and printed. An open curve's tube is closed at both ends.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -43,6 +45,9 @@ pub enum TubeError {
     /// A curve whose points are all one.
     #[error("the curve has no length")]
     NoLength,
+    /// Too many points for so many sides.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// No mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -76,6 +81,7 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
     if is_closed && points.first() == points.last() {
         points.pop();
     }
+    VERTICES.check("the tube", points.len() as f64 * sides as f64)?;
     let directions = directions(&points, is_closed).ok_or(TubeError::NoLength)?;
     let mut side = any_normal(directions[0]);
     let mut positions = Vec::with_capacity(points.len() * sides);
@@ -205,6 +211,14 @@ mod tests {
                 heights.fold((1.0_f64, -1.0_f64), |(low, high), z| (low.min(z), high.max(z)));
             assert!(high - low < 0.2 * 0.52, "a quad reaches from {low} to {high}");
         }
+    }
+
+    #[test]
+    fn a_tube_that_memory_does_not_hold_is_refused_with_numbers() {
+        let point = |k: u32| Point3::new(f64::from(k), 0.0, 0.0);
+        let line = Curve::polyline((0..100_000).map(point).collect::<Vec<_>>(), false).unwrap();
+        let error = tube(&line, 1.0, 256).unwrap_err();
+        assert!(error.to_string().contains("about 26 000 000 vertices"), "{error}");
     }
 
     #[test]

@@ -4,7 +4,8 @@ use maquette::{Cancelled, Progress};
 use rayon::prelude::*;
 
 use super::boxes::Triangle;
-use super::fill_holes::Wanted;
+use super::density::Stop;
+use super::fill_holes::{FillError, Wanted};
 use super::filling::Filling;
 use super::holes::Parts;
 use super::intersections::Crossings;
@@ -30,12 +31,12 @@ impl Fillings<'_> {
     /// those most like what is wanted first; of all these what runs through least is taken.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// If there would be too much to look at, or the evaluation is told to stop.
     pub(super) fn calm(
         &mut self,
         wanted: Wanted,
         progress: &Progress<'_>,
-    ) -> Result<(), Cancelled> {
+    ) -> Result<(), FillError> {
         let others: &[Option<Plain>] = match wanted.plain {
             Plain::CreaseAware => {
                 &[None, Some(Plain::ThinPlate), Some(Plain::Membrane), Some(Plain::Flat)]
@@ -75,7 +76,7 @@ impl Fillings<'_> {
         plain: Option<Plain>,
         wanted: Wanted,
         progress: &Progress<'_>,
-    ) -> Result<(), Cancelled> {
+    ) -> Result<(), FillError> {
         let (before, begins) = (self.counts(), self.begins());
         // Creases that do not fit run through something, and are not mended.
         let is_sharp = |plug: &Plug| wanted.plain == Plain::CreaseAware && plug.doubt.is_none();
@@ -87,15 +88,19 @@ impl Fillings<'_> {
             let mut plug = match plain {
                 None => self.plugs[hole].clone(),
                 Some(plain) => {
-                    let plug = plain::fill(self.filling, &rim, plain, wanted.edge, progress)?;
-                    Plug { doubt: Some(Doubt::Calm), ..plug }
+                    match plain::fill(self.filling, &rim, plain, wanted.edge, progress) {
+                        Ok(plug) => Plug { doubt: Some(Doubt::Calm), ..plug },
+                        Err(Stop::Cancelled) => return Err(Cancelled.into()),
+                        // One that is too large is none.
+                        Err(Stop::TooMany(_)) => self.plugs[hole].clone(),
+                    }
                 }
             };
             let own = begins[hole]..begins[hole + 1];
             mend(&mut plug.patch, &Around { crossings: self.crossings, own, rim: &rim });
             Ok((hole, plug))
         };
-        let mut others = restless.map(other).collect::<Result<Vec<_>, Cancelled>>()?;
+        let mut others = restless.map(other).collect::<Result<Vec<_>, FillError>>()?;
         self.exchange(&mut others, progress)?;
         let after = self.counts();
         others.retain(|(hole, _)| before[*hole] <= after[*hole]);
@@ -107,7 +112,7 @@ impl Fillings<'_> {
         &mut self,
         others: &mut [(usize, Plug)],
         progress: &Progress<'_>,
-    ) -> Result<(), Cancelled> {
+    ) -> Result<(), FillError> {
         if others.is_empty() {
             return Ok(());
         }

@@ -3,7 +3,9 @@
 //! Botsch and Kobbelt, "A remeshing approach to multiresolution modeling" (2004), section 4, except that edges are flipped where the
 //! angles opposite to them add up to more than two right ones.
 
-use maquette::{Cancelled, Progress};
+use std::collections::VecDeque;
+
+use maquette::{Cancelled, Limit, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::patch::{NONE, Patch, area_vector, next, previous};
@@ -27,32 +29,83 @@ const LEAST_COSINE: f64 = 0.25881904510252074;
 /// Flips of one pass, for each edge: in a plane all edges together need fewer than the square of their number, and about one.
 const MOST_FLIPS: usize = 10;
 
+/// The most triangles of one filling: more take minutes and some GB, and nearly always come from a vertex of the rim that lies far off.
+pub(super) const TRIANGLES: Limit = Limit {
+    most: 1_000_000,
+    of: "triangles",
+    help: "see whether a vertex of the rim lies far off or `edges` are too short, or leave the rim out by `holes: Edges` or `holes: Loops`",
+};
+
+/// Why a patch is not refined.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Stop {
+    /// The evaluation was told to stop.
+    Cancelled,
+    /// It would have about so many triangles.
+    TooMany(f64),
+}
+
+impl From<Cancelled> for Stop {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
 /// Brings the edges of `patch` near `target`, which is asked at each vertex once: at the rim, and where an edge is split.
 ///
 /// # Errors
-/// If the evaluation is told to stop.
+/// If it would have too many triangles, or the evaluation is told to stop.
 pub(super) fn refine(
     patch: &mut Patch,
     target: impl Fn(Point3<f64>) -> f64,
     progress: &Progress<'_>,
-) -> Result<(), Cancelled> {
+) -> Result<(), Stop> {
     let mut sizes: Vec<f64> = patch.points.iter().map(|&point| target(point)).collect();
     for _ in 0..MOST_PASSES {
-        progress.check()?;
-        let split = split_long(patch, &mut sizes, &target);
-        flip_all(patch);
-        let collapsed = collapse_short(patch, &sizes);
+        let split = split_long(patch, &mut sizes, &target, progress)?;
+        flip_all(patch, progress)?;
+        let collapsed = collapse_short(patch, &sizes, progress)?;
         if !collapsed.is_empty() {
             let edges = edges_near(patch, &collapsed);
-            flip(patch, edges);
+            flip(patch, edges, progress)?;
         }
-        relax(patch);
+        relax(patch, progress)?;
         if split + collapsed.len() <= patch.corners.len() / 2 / SETTLED {
             break;
         }
     }
-    flip_all(patch);
-    Ok(())
+    Ok(flip_all(patch, progress)?)
+}
+
+/// The area of a triangle whose edges are 1.
+const EQUILATERAL: f64 = 0.4330127018922193;
+
+/// About how many triangles [`refine`] makes of `patch`. Triangles much larger than wanted are looked at part by part, so many times.
+pub(super) fn estimate(patch: &Patch, target: impl Fn(Point3<f64>) -> f64, looks: usize) -> f64 {
+    let faces = patch.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE);
+    let place =
+        |vertex: u32| (patch.points[vertex as usize], target(patch.points[vertex as usize]));
+    let mut open: VecDeque<[(Point3<f64>, f64); 3]> = faces.map(|face| face.map(place)).collect();
+    let (mut need, mut left) = (0.0, looks);
+    while let Some(corners) = open.pop_front() {
+        let length = |k: usize| (corners[(k + 1) % 3].0 - corners[k].0).norm();
+        let first = (0..3).max_by(|&a, &b| length(a).total_cmp(&length(b))).unwrap_or(0);
+        let [a, b, c] = [0, 1, 2].map(|k| corners[(first + k) % 3]);
+        let size = ((a.1 + b.1 + c.1) / 3.0).max(f64::MIN_POSITIVE);
+        let longest = length(first);
+        if LONG * size < longest && left > 0 {
+            left -= 1;
+            let middle = nalgebra::center(&a.0, &b.0);
+            let middle = (middle, target(middle));
+            open.extend([[a, middle, c], [middle, b, c]]);
+        } else if longest > 0.0 {
+            // Thin ones are cut along their length, too.
+            let (times, width) = (longest / size, area_vector([a.0, b.0, c.0]).norm() / longest);
+            let along = if LONG < times { 2.0 * times } else { 0.0 };
+            need += times * (width / size) / (2.0 * EQUILATERAL) + along;
+        }
+    }
+    need
 }
 
 fn wanted(patch: &Patch, sizes: &[f64], half: u32) -> f64 {
@@ -65,7 +118,8 @@ fn split_long(
     patch: &mut Patch,
     sizes: &mut Vec<f64>,
     target: &impl Fn(Point3<f64>) -> f64,
-) -> usize {
+    progress: &Progress<'_>,
+) -> Result<usize, Stop> {
     let excess = |half: u32| patch.length(half) / wanted(patch, sizes, half);
     let mut long: Vec<(f64, u32)> = patch
         .inner_edges()
@@ -85,14 +139,18 @@ fn split_long(
         patch.split(half, middle);
         sizes.push(target(middle));
         count += 1;
+        progress.check()?;
+        if 3 * TRIANGLES.most < patch.corners.len() {
+            return Err(Stop::TooMany(estimate(patch, target, 0)));
+        }
     }
-    count
+    Ok(count)
 }
 
 /// Flips edges until none is left that should be.
-fn flip_all(patch: &mut Patch) {
+fn flip_all(patch: &mut Patch, progress: &Progress<'_>) -> Result<(), Cancelled> {
     let edges = patch.inner_edges().collect();
-    flip(patch, edges);
+    flip(patch, edges, progress)
 }
 
 /// The inner edges of faces that have one of these vertices or one next to them: elsewhere no edge should be flipped that should not have
@@ -110,12 +168,13 @@ fn edges_near(patch: &Patch, vertices: &[u32]) -> Vec<u32> {
 }
 
 /// Flips these edges, and those that should be flipped then.
-fn flip(patch: &mut Patch, mut queue: Vec<u32>) {
+fn flip(patch: &mut Patch, mut queue: Vec<u32>, progress: &Progress<'_>) -> Result<(), Cancelled> {
     queue.reverse();
     let mut left = MOST_FLIPS * queue.len();
     while let Some(half) = queue.pop() {
+        progress.check()?;
         if left == 0 {
-            return;
+            break;
         }
         if !patch.is_alive(half) || !should_flip(patch, half) {
             continue;
@@ -125,6 +184,7 @@ fn flip(patch: &mut Patch, mut queue: Vec<u32>) {
         let (f, g) = (half / 3 * 3, patch.twins[half as usize / 3 * 3 + 1] / 3 * 3);
         queue.extend([f, f + 2, g, g + 1]);
     }
+    Ok(())
 }
 
 fn should_flip(patch: &Patch, half: u32) -> bool {
@@ -162,7 +222,11 @@ fn should_flip(patch: &Patch, half: u32) -> bool {
 }
 
 /// Collapses the edges that are too short, the shortest first; gives the vertices that are left of them.
-fn collapse_short(patch: &mut Patch, sizes: &[f64]) -> Vec<u32> {
+fn collapse_short(
+    patch: &mut Patch,
+    sizes: &[f64],
+    progress: &Progress<'_>,
+) -> Result<Vec<u32>, Cancelled> {
     let share = |patch: &Patch, half: u32| patch.length(half) / wanted(patch, sizes, half);
     let mut short: Vec<(f64, u32)> = patch
         .inner_edges()
@@ -172,6 +236,7 @@ fn collapse_short(patch: &mut Patch, sizes: &[f64]) -> Vec<u32> {
     short.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut left = Vec::new();
     for (_, half) in short {
+        progress.check()?;
         if !patch.is_alive(half)
             || patch.twins[half as usize] == NONE
             || share(patch, half) >= SHORT
@@ -187,7 +252,7 @@ fn collapse_short(patch: &mut Patch, sizes: &[f64]) -> Vec<u32> {
             left.push(ends[0]);
         }
     }
-    left
+    Ok(left)
 }
 
 /// Collapses an edge into its middle, or into the rim if it ends there, unless that would spoil the surface.
@@ -222,9 +287,10 @@ fn collapse(patch: &mut Patch, sizes: &[f64], half: u32) -> bool {
 const SLIDE: f64 = 0.6;
 
 /// Slides each inner vertex along the surface to the middle of the faces around, weighed by their areas.
-fn relax(patch: &mut Patch) {
+fn relax(patch: &mut Patch, progress: &Progress<'_>) -> Result<(), Cancelled> {
     let mut ring: Vec<Point3<f64>> = Vec::new();
     for vertex in patch.fixed as u32..patch.points.len() as u32 {
+        progress.check()?;
         if patch.leaving[vertex as usize] == NONE {
             continue;
         }
@@ -251,4 +317,5 @@ fn relax(patch: &mut Patch) {
             patch.points[vertex as usize] = place;
         }
     }
+    Ok(())
 }

@@ -141,7 +141,9 @@ pub(super) fn complete(
     };
     let (mut level, mut done) = (0, 0);
     while level < radii.len() {
-        progress.tick(level as f64 / radii.len() as f64)?;
+        let share = |level: usize| level as f64 / radii.len() as f64;
+        let own = share(level)..share(level + 1);
+        progress.tick(own.start)?;
         let size = completion.size(radii[level], level);
         let exemplars = completion.exemplars(&size, points, progress)?;
         let smaller = radii[0] / 2.0;
@@ -156,7 +158,8 @@ pub(super) fn complete(
             continue;
         }
         let last = level + 1 == radii.len();
-        let outcome = completion.level(&size, &exemplars, points, level, progress)?;
+        let outcome = progress
+            .part(own, |progress| completion.level(&size, &exemplars, points, level, progress))?;
         for (iteration, energy) in &outcome.kept {
             let (max, rms) = (energy.most.sqrt(), energy.mean.sqrt());
             completed.trace.push(TraceStep { iteration: done + iteration, max, rms });

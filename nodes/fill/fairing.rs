@@ -4,6 +4,7 @@
 //! of Pinkall and Polthier, "Computing discrete minimal surfaces and their conjugates" (1993). What turns a thin plate into a surface whose
 //! curvature goes on evenly is from Schneider and Kobbelt, "Geometric fairing of irregular meshes for free-form surface design" (2001).
 
+use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::patch::{NONE, Patch, area_vector};
@@ -30,16 +31,24 @@ const LEAST_AREA: f64 = 0.05;
 
 /// Moves the inner vertices of `patch` to where the energy is least, the shape of its triangles as it is now; false if the equations
 /// have no solution, and then nothing moves.
-pub(super) fn fair(patch: &mut Patch, rim: &Rim, energy: Energy) -> bool {
-    let solved = solve(patch, rim, energy);
+///
+/// # Errors
+/// If the evaluation is told to stop.
+pub(super) fn fair(
+    patch: &mut Patch,
+    rim: &Rim,
+    energy: Energy,
+    progress: &Progress<'_>,
+) -> Result<bool, Cancelled> {
+    let solved = solve(patch, rim, energy, progress)?;
     let is_finite =
         |points: &Vec<Point3<f64>>| points.iter().flat_map(|p| p.iter()).all(|x| x.is_finite());
     match solved.filter(is_finite) {
         Some(points) => {
             patch.points = points;
-            true
+            Ok(true)
         }
-        None => false,
+        None => Ok(false),
     }
 }
 
@@ -184,8 +193,15 @@ impl Laplacian {
     }
 }
 
-fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
+fn solve(
+    patch: &Patch,
+    rim: &Rim,
+    energy: Energy,
+    progress: &Progress<'_>,
+) -> Result<Option<Vec<Point3<f64>>>, Cancelled> {
+    progress.check()?;
     let laplacian = Laplacian::new(patch, rim);
+    progress.check()?;
     let count = patch.points.len();
     let mut unknowns = vec![NONE; count + rim.ring.len()];
     let mut vertices = Vec::new();
@@ -195,7 +211,7 @@ fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
         vertices.push(vertex);
     }
     if vertices.is_empty() {
-        return None;
+        return Ok(None);
     }
     // About the middle of the rim, so that no digits are lost to the place of the hole.
     let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
@@ -211,12 +227,13 @@ fn solve(patch: &Patch, rim: &Rim, energy: Energy) -> Option<Vec<Point3<f64>>> {
         || equations(&laplacian, &vertices, &unknowns, place, energy),
         || laplacian.dissection(&vertices, &unknowns, energy),
     );
-    Cholesky::ordered(&matrix, &dissection)?.solve(&mut right);
+    let Some(factors) = Cholesky::ordered(&matrix, &dissection, progress)? else { return Ok(None) };
+    factors.solve(&mut right);
     let mut points = patch.points.clone();
     for (&vertex, solution) in vertices.iter().zip(right) {
         points[vertex] = origin + Vector3::from(solution);
     }
-    Some(points)
+    Ok(Some(points))
 }
 
 /// What has to hold for the unknowns of `vertices`, each of which `unknowns` numbers, so that an energy is least: the matrix and the right

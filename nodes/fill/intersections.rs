@@ -1,13 +1,28 @@
 //! Where filled triangles run through each other or through the data, decided without rounding.
 
-use maquette::{Cancelled, Progress};
+use maquette::{Limit, Progress};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
 use super::boxes::{Bounds, Boxed, Boxes, Triangle};
+use super::fill_holes::FillError;
 use super::filling::Filling;
 use super::patch::area_vector;
+
+/// Pairs of a filled triangle and another one whose boxes overlap, beside [`PAIRS_OF_EACH`]: some tenths of a second each time that they are looked
+/// at, and at worst as many crossings. Triangles as long as the filling overlap all others.
+const PAIRS: Limit = Limit {
+    most: 500_000,
+    of: "comparisons of triangles",
+    help: "see whether a vertex of a rim lies far off, or leave the rim out by `holes: Edges` or `holes: Loops`",
+};
+
+/// So many of a triangle are ordinary: twice what fillings have whose triangles are as thin as those of good data.
+const PAIRS_OF_EACH: usize = 60;
+
+/// The pairs are counted at so many leaves, which say how many there are at all.
+const SAMPLES: usize = 64;
 
 /// Leaves of filled triangles that one task looks at.
 const CHUNK: usize = 32;
@@ -27,8 +42,8 @@ impl Crossings {
     /// Looks at all that is filled.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
-    pub(super) fn new(filling: &Filling, progress: &Progress<'_>) -> Result<Self, Cancelled> {
+    /// If there would be too much to look at, or the evaluation is told to stop.
+    pub(super) fn new(filling: &Filling, progress: &Progress<'_>) -> Result<Self, FillError> {
         let mut crossings = Self {
             data: Boxes::default(),
             within: Bounds::EMPTY,
@@ -42,13 +57,13 @@ impl Crossings {
     /// Looks at the filled faces that changed.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// If there would be too much to look at, or the evaluation is told to stop.
     pub(super) fn look_again(
         &mut self,
         filling: &Filling,
         changed: impl Fn(u32) -> bool + Sync,
         progress: &Progress<'_>,
-    ) -> Result<(), Cancelled> {
+    ) -> Result<(), FillError> {
         let first = filling.kept as u32;
         let faces = first..filling.faces.len() as u32;
         let filled = || faces.clone().map(|face| Triangle::of(filling, face));
@@ -58,19 +73,38 @@ impl Crossings {
         let is_changed = |face: u32| first <= face && changed(face);
         self.pairs.retain(|pair| !pair.iter().any(|&face| is_changed(face)));
         let leaves: Vec<&[Boxed]> = self.filled.leaves().collect();
+        let ordinary = PAIRS_OF_EACH * (filling.faces.len() - filling.kept);
+        let limit = Limit { most: PAIRS.most + ordinary, ..PAIRS };
+        limit.check("what fills the holes", self.estimate(&leaves, &is_changed))?;
         let of_leaves = |leaves: &[&[Boxed]]| {
-            progress.check()?;
             let mut pairs = Vec::new();
             for leaf in leaves {
+                progress.check()?;
                 self.look_at(leaf, &is_changed, &mut pairs);
             }
             Ok(pairs)
         };
         let found: Vec<Vec<[u32; 2]>> =
-            leaves.par_chunks(CHUNK).map(of_leaves).collect::<Result<_, Cancelled>>()?;
+            leaves.par_chunks(CHUNK).map(of_leaves).collect::<Result<_, FillError>>()?;
         self.pairs.extend(found.into_iter().flatten());
         self.pairs.sort_unstable();
         Ok(())
+    }
+
+    /// About how many pairs of a changed triangle and another one there are whose boxes overlap.
+    fn estimate(&self, leaves: &[&[Boxed]], is_changed: &(impl Fn(u32) -> bool + Sync)) -> f64 {
+        let step = leaves.len().div_ceil(SAMPLES).max(1);
+        let sampled = Vec::from_iter(leaves.iter().step_by(step));
+        let pairs = |leaf: &&&[Boxed]| {
+            let mut count = 0;
+            for own in leaf.iter().filter(|own| is_changed(own.triangle.face)) {
+                self.data.near(&own.bounds, |_| count += 1);
+                self.filled.near(&own.bounds, |_| count += 1);
+            }
+            count
+        };
+        let found: usize = sampled.par_iter().map(pairs).sum();
+        (found * step) as f64
     }
 
     /// Adds the pairs of the changed triangles of a leaf of `filled`. These are side by side, so that what is near them is searched for

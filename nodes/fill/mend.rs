@@ -3,6 +3,7 @@
 //! Around points that are in one place, or nearly so, triangles fold however smooth a surface is. There an edge is flipped, or a vertex
 //! goes into one next to it, wherever that leaves fewer triangles that meet.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::ops::Range;
 
@@ -16,6 +17,10 @@ const MOST_CHANGES: usize = 100;
 
 /// So many faces are looked at for which no change helps: they are where a whole part runs through something.
 const MOST_HOPELESS: usize = 30;
+
+/// So many triangles are looked at at most, whichever lie near those that cross: some tenths of a second. Where each lies near all others,
+/// no small change helps.
+const MOST_LOOKS: usize = 100_000;
 
 /// A triangle that meets more others than these is no fold, and no small change helps.
 const MOST_MET: usize = 20;
@@ -33,11 +38,14 @@ pub(super) fn mend(patch: &mut Patch, around: &Around<'_>) {
     let faces = 0..patch.corners.len() as u32 / 3;
     let triangles = faces.clone().filter_map(|face| triangle(patch, around.rim, face));
     let all = Boxes::new(triangles);
-    let mut mending = Mending { patch, around, all, changed: Vec::new() };
-    let mut queue: VecDeque<u32> = faces.filter(|&face| mending.met(face) > 0).collect();
+    let looks = Cell::new(0);
+    let mut mending = Mending { patch, around, all, changed: Vec::new(), looks };
+    let is_hopeful = |mending: &Mending<'_>| mending.looks.get() < MOST_LOOKS;
+    let crossing = faces.take_while(|_| is_hopeful(&mending)).filter(|&face| mending.met(face) > 0);
+    let mut queue: VecDeque<u32> = crossing.collect();
     let (mut changes, mut hopeless) = (0, 0);
     while let Some(face) = queue.pop_front() {
-        if changes == MOST_CHANGES || hopeless == MOST_HOPELESS {
+        if changes == MOST_CHANGES || hopeless == MOST_HOPELESS || !is_hopeful(&mending) {
             return;
         }
         let met = mending.met(face);
@@ -68,6 +76,8 @@ struct Mending<'a> {
     all: Boxes,
     /// Those that are others now, or gone.
     changed: Vec<u32>,
+    /// How many triangles were looked at.
+    looks: Cell<usize>,
 }
 
 /// A face of a patch, with numbers that no vertex elsewhere has; none if it is gone.
@@ -102,10 +112,13 @@ impl Mending<'_> {
         let changed: Vec<Triangle> = changed.filter_map(|&face| self.triangle(face)).collect();
         let mut count = 0;
         for (k, triangle) in triangles.iter().enumerate() {
+            let looked = || self.looks.set(self.looks.get() + 1);
             self.around.crossings.with(triangle, |face| {
+                looked();
                 count += usize::from(!self.around.own.contains(&face));
             });
             self.all.near(&triangle.bounds(), |other| {
+                looked();
                 let other = &other.triangle;
                 let is_same = is_there(&other.face) && !self.changed.contains(&other.face);
                 count += usize::from(is_same && meet(triangle, other));

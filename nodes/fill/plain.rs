@@ -1,10 +1,10 @@
 //! Fills a hole without looking for examples: flat, as a membrane, or as a thin plate.
 
-use maquette::{Cancelled, Progress};
+use maquette::Progress;
 use nalgebra::{Point3, Vector3};
 
 use super::creases;
-use super::density::refine;
+use super::density::{Stop, TRIANGLES, estimate, refine};
 use super::fairing::{Energy, fair};
 use super::filling::Filling;
 use super::patch::Patch;
@@ -54,20 +54,21 @@ const COARSE_ROUNDS: usize = 2;
 /// Fills one hole, with edges as long as `edge`, or as the data's at the rim.
 ///
 /// # Errors
-/// If the evaluation is told to stop.
+/// If it would have too many triangles, or the evaluation is told to stop.
 pub(super) fn fill(
     filling: &Filling,
     rim: &Rim,
     plain: Plain,
     edge: Option<f64>,
     progress: &Progress<'_>,
-) -> Result<Plug, Cancelled> {
-    progress.check()?;
+) -> Result<Plug, Stop> {
+    progress.tick(0.0)?;
     let sizes = Sizes::new(rim, edge);
     let mut patch = match plain {
         Plain::Centroid => fan(rim, true),
         _ => covered(rim),
     };
+    sizes.check(&patch)?;
     let mut doubt = None;
     match plain {
         Plain::Flat | Plain::Centroid => refine(&mut patch, |point| sizes.at(point), progress)?,
@@ -98,10 +99,11 @@ fn membrane(
     rim: &Rim,
     sizes: &Sizes,
     progress: &Progress<'_>,
-) -> Result<(), Cancelled> {
-    for times in [COARSE, 1.0] {
+) -> Result<(), Stop> {
+    for (times, done) in [(COARSE, 0.0), (1.0, 0.3)] {
+        progress.tick(done)?;
         refine(patch, |point| times * sizes.at(point), progress)?;
-        fair(patch, rim, Energy::Membrane);
+        fair(patch, rim, Energy::Membrane, progress)?;
     }
     Ok(())
 }
@@ -110,27 +112,25 @@ fn membrane(
 /// does not tell whether the data's curvature goes on behind it or fades. So it is bent over the surface half-way between the two
 /// extremes, which are found on the coarse level: a membrane, which does not bulge at all, and a plate over its own shape, the fullest.
 /// Over a flat surface plates are up to twice as far off where data go on round; over its own shape, a plate is so where they do not.
-fn plate(
-    patch: &mut Patch,
-    rim: &Rim,
-    sizes: &Sizes,
-    progress: &Progress<'_>,
-) -> Result<(), Cancelled> {
+fn plate(patch: &mut Patch, rim: &Rim, sizes: &Sizes, progress: &Progress<'_>) -> Result<(), Stop> {
     let coarse = |point| COARSE * sizes.at(point);
     refine(patch, coarse, progress)?;
     // Without the folds that triangles from rim to rim have.
-    fair(patch, rim, Energy::Membrane);
+    fair(patch, rim, Energy::Membrane, progress)?;
     refine(patch, coarse, progress)?;
+    progress.tick(0.1)?;
     for _ in 0..COARSE_ROUNDS {
-        fair(patch, rim, Energy::ThinPlate);
+        fair(patch, rim, Energy::ThinPlate, progress)?;
     }
     let fullest = patch.points.clone();
-    fair(patch, rim, Energy::Membrane);
+    fair(patch, rim, Energy::Membrane, progress)?;
     for (point, full) in patch.points.iter_mut().zip(&fullest) {
         *point = nalgebra::center(point, full);
     }
+    progress.tick(0.2)?;
     refine(patch, |point| sizes.at(point), progress)?;
-    fair(patch, rim, Energy::EvenPlate);
+    progress.tick(0.5)?;
+    fair(patch, rim, Energy::EvenPlate, progress)?;
     Ok(())
 }
 
@@ -180,6 +180,9 @@ pub(super) struct Sizes {
     lengths: Vec<f64>,
 }
 
+/// So many times triangles are looked at closer to estimate their number: some milliseconds.
+const LOOKS: usize = 50_000;
+
 /// So many parts of the rim are told apart at most: a multiple of [`LANES`].
 const MOST_SAMPLES: usize = 128;
 
@@ -207,6 +210,19 @@ impl Sizes {
             places
         });
         Self { places, lengths }
+    }
+
+    /// # Errors
+    /// If there would be too many triangles.
+    fn check(&self, patch: &Patch) -> Result<(), Stop> {
+        // Nowhere are edges shorter than where they are shortest at the rim: nearly always that says enough.
+        let lengths = self.lengths.iter().copied().filter(|length| *length > 0.0);
+        let shortest = lengths.fold(f64::INFINITY, f64::min);
+        if estimate(patch, |_| shortest, 0) <= TRIANGLES.most as f64 {
+            return Ok(());
+        }
+        let need = estimate(patch, |point| self.at(point), LOOKS);
+        if need <= TRIANGLES.most as f64 { Ok(()) } else { Err(Stop::TooMany(need)) }
     }
 
     /// The length of edges at a point.

@@ -1,8 +1,9 @@
 //! Takes a completed hole back towards its start where it runs through itself or through the data.
 
-use maquette::{Cancelled, Progress};
+use maquette::Progress;
 use nalgebra::Point3;
 
+use super::fill_holes::FillError;
 use super::filling::Filling;
 use super::intersections::Crossings;
 
@@ -15,13 +16,13 @@ const WHOLES: usize = 4;
 /// nothing is left that does.
 ///
 /// # Errors
-/// If the evaluation is told to stop.
+/// If there would be too much to look at, or the evaluation is told to stop.
 pub(super) fn settle(
     filling: &mut Filling,
     start: &[Point3<f64>],
     crossings: &mut Crossings,
     progress: &Progress<'_>,
-) -> Result<(), Cancelled> {
+) -> Result<(), FillError> {
     let data = filling.data;
     let completed = filling.points[data..].to_vec();
     let mut shares = vec![1.0; completed.len()];

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use maquette::value::{Attribute, Attributes, CaptureFrame, Column, Faces, Image, Mesh, MeshError};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Limit, Node, TooMuch, Value};
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -51,6 +51,9 @@ pub enum MergeError {
         /// Its place among the meshes, from 1.
         mesh: usize,
     },
+    /// More than memory should hold.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// Too many vertices, or places out of the numbers.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -78,6 +81,10 @@ impl Node for Merge {
     }
 }
 
+/// Bytes of a merged mesh; while it is made there may be three times as many.
+const BYTES: Limit =
+    Limit { most: 4_000_000_000, of: "bytes", help: "merge fewer or coarser meshes" };
+
 fn pose<'a>(mesh: &&'a Mesh) -> Option<&'a Matrix4<f64>> {
     mesh.frame()?.world_from_camera.as_ref()
 }
@@ -97,6 +104,11 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
     if let (Some(place), Poses::Apply) = (nowhere, poses) {
         return Err(MergeError::NoPose { mesh: place + 1 });
     }
+    let picture = |mesh: &Mesh| mesh.texture().map_or(0, Value::size);
+    BYTES.check(
+        "the merged mesh",
+        meshes.iter().map(|mesh| (mesh.size() - picture(mesh)) as f64).sum(),
+    )?;
     let applied = nowhere.is_none() && poses != Poses::Ignore;
     let same_picture = meshes.iter().all(|mesh| mesh.texture() == first.texture());
     let parts: Vec<Mesh> = meshes
@@ -311,6 +323,15 @@ mod tests {
         let creases: Vec<_> = merged.creases().collect();
         assert_eq!(creases, [([0, 1], 3.0), ([6, 7], 1.0)]);
         assert_eq!(merge(&[&first], Poses::Auto), Ok(first));
+    }
+
+    #[test]
+    fn more_than_memory_holds_is_refused_before_it_is_tried() {
+        let point = |k: u32| Point3::new(f64::from(k), 0.0, 0.0);
+        let points = (0..100_000).map(point).collect::<Vec<_>>();
+        let mesh = Mesh::new(points, Faces::triangles(Vec::new())).unwrap();
+        let error = merge(&vec![&mesh; 30_000], Poses::Auto).unwrap_err();
+        assert!(error.to_string().contains("about 72 000 000 000 bytes"), "{error}");
     }
 
     #[test]

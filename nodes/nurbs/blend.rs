@@ -1,7 +1,7 @@
 //! Writes a surface back to the range grid that it came from.
 
 use maquette::value::{ControlNetError, RangeImage, Region, SizeError, Surface, SurfaceError};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Limit, Node, TooMuch};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use schemars::JsonSchema;
@@ -55,8 +55,8 @@ fn four() -> f64 {
     4.0
 }
 
-/// Most cells of a finer grid, some 13 GB of points. More would only run out of memory.
-const MOST_CELLS: usize = 1 << 29;
+/// Cells of a finer grid: some 5 GB while it is made.
+const CELLS: Limit = Limit { most: 1 << 26, of: "cells", help: "choose a smaller `resample`" };
 
 /// Why a surface cannot be written to a range image.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -85,13 +85,14 @@ pub enum BlendError {
         row: usize,
     },
     /// Factors that make no grid.
-    #[error(
-        "cells cannot be divided by {factors:?}: the factors are 1 or more, for at most 2^29 cells"
-    )]
+    #[error("cells cannot be divided by {factors:?}: the factors are 1 or more")]
     Resample {
         /// The factors.
         factors: [usize; 2],
     },
+    /// Too fine a grid.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// The net moved out of all bounds.
     #[error(transparent)]
     Net(#[from] ControlNetError),
@@ -158,11 +159,13 @@ pub fn blend(
     resample: [usize; 2],
 ) -> Result<Blended, BlendError> {
     let [down, right] = resample;
-    let cells =
-        [range.width(), range.height(), right].iter().try_fold(down, |n, k| n.checked_mul(*k));
-    let divided = resample != [1, 1];
-    if down == 0 || right == 0 || divided && cells.is_none_or(|cells| MOST_CELLS < cells) {
+    if down == 0 || right == 0 {
         return Err(BlendError::Resample { factors: resample });
+    }
+    let divided = resample != [1, 1];
+    if divided {
+        let need = [range.width(), range.height(), down, right].map(|count| count as f64);
+        CELLS.check("the finer grid", need.iter().product())?;
     }
     let same = Canvas::new(range, region, surface, mode)?;
     let canvas = if divided { refine(&same, resample) } else { same };

@@ -1,7 +1,7 @@
 //! Makes a rectangular net of control points of a region of a range grid.
 
 use maquette::value::{self, Chart, ControlNetError, RangeImage, Region};
-use maquette::{Context, Error, In, Node, Progress};
+use maquette::{Context, Error, In, Node, Progress, TooMuch};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::patch::Patch;
 use super::{harmonic, polar, rows};
 use crate::laplace::Unsolved;
+use crate::limits::POINTS;
 
 /// Makes a rectangular net of control points of a region of a range grid. Points on the region's border are fixed: an offset
 /// leaves them where they are.
@@ -145,6 +146,9 @@ pub enum NetError {
         /// What is left of the equations, as a share of the square's side.
         residual: f64,
     },
+    /// A size that memory would not hold.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// A net of one line.
     #[error("a net has at least 2 rows and 2 columns")]
     OneLine,
@@ -190,6 +194,12 @@ pub fn control_net(
     }
     if region.cells().len() == 1 {
         return Err(NetError::DegenerateRegion { rows: 1, columns: 1 });
+    }
+    if (rows, columns) != (0, 0) {
+        let (low, high) = region.bounds();
+        let cells = |axis: usize| high[axis] - low[axis] + 1;
+        let along = |given: usize, cells: usize| if given == 0 { cells } else { given } as f64;
+        POINTS.check("the net", along(rows, cells(1)) * along(columns, cells(0)))?;
     }
     let net = match method {
         NetMethod::Auto | NetMethod::Grid if (rows, columns) != (0, 0) => Err(NetError::FixedSize),
@@ -341,6 +351,10 @@ pub(super) mod tests {
         assert_eq!(refused(&point, NetMethod::Rows, 0, 0), degenerate);
         assert_eq!(refused(&all, NetMethod::Auto, 0, 9), NetError::FixedSize);
         assert_eq!(refused(&all, NetMethod::Rows, 1, 0), NetError::OneLine);
+        for method in [NetMethod::Rows, NetMethod::Polar { order: 3 }] {
+            let error = refused(&all, method, 4096, 4096).to_string();
+            assert!(error.starts_with("the net would need about 17 000 000 points"), "{error}");
+        }
         let other = region(&turned, |_, _| true);
         let size = NetError::Size { region: [5, 6], range: [6, 5] };
         assert_eq!(refused(&other, NetMethod::Auto, 0, 0), size);

@@ -1,10 +1,12 @@
 //! Makes a control net of sections.
 
 use maquette::value::{self, ControlNetError, Curve, KnotVector};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Node, TooMuch};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::limits::POINTS;
 
 use super::knots::is_even;
 use super::rows::{resampled, shares};
@@ -49,6 +51,9 @@ pub enum LoftError {
         /// Columns asked for, or points of the longest section.
         columns: usize,
     },
+    /// Too many points.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// Points that make no net.
     #[error(transparent)]
     Net(#[from] ControlNetError),
@@ -141,6 +146,7 @@ pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, L
     if columns < 2 {
         return Err(LoftError::OneColumn { columns });
     }
+    POINTS.check("the net of the sections", sections.len() as f64 * columns as f64)?;
     let exact = common_knots(sections).is_some_and(|knots| knots.n_control() == columns);
     let mut points = Vec::with_capacity(sections.len() * columns);
     let mut weights = Vec::with_capacity(sections.len() * columns);
@@ -243,5 +249,12 @@ mod tests {
         assert_eq!(loft(&[points(3)], 1), Err(LoftError::OneColumn { columns: 1 }));
         assert!(loft(&[], 0).is_err() && loft(&[], 4).is_err());
         assert!(matches!(loft(&[vec![[f64::NAN; 3]; 3]], 5), Err(LoftError::Net(_))));
+    }
+
+    #[test]
+    fn a_net_that_memory_does_not_hold_is_refused_with_numbers() {
+        let line = vec![[0.0; 3], [1.0, 0.0, 0.0]];
+        let error = loft(&vec![line; 2000], 4096).unwrap_err().to_string();
+        assert!(error.contains("about 8 200 000 points"), "{error}");
     }
 }

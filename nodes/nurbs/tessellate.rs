@@ -1,9 +1,11 @@
 //! Makes a mesh of a surface.
 
 use maquette::value::{Mesh, MeshError, Surface};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Node, TooMuch};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::limits::VERTICES;
 
 /// Makes a mesh of quads of a surface, with its exact normals and its parameters, scaled to 0..1, as `uv`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -32,6 +34,9 @@ pub enum TessellateError {
     /// Two ways to say how fine.
     #[error("`tolerance` chooses the quads itself: leave `u` and `v` out")]
     Both,
+    /// Too many quads.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// No mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -56,7 +61,14 @@ pub fn tessellate(
     tolerance: f64,
 ) -> Result<Mesh, TessellateError> {
     match (tolerance == 0.0, [u, v]) {
-        (true, _) => Ok(surface.tessellate(u, v)?),
+        (true, _) => {
+            // What is chosen is no more than this, unless the net has more spans.
+            let along = |given: usize, control: usize| given.max(control).saturating_add(1) as f64;
+            let net = surface.net();
+            let need = along(u, net.rows()) * along(v, net.columns());
+            VERTICES.check("the mesh of the surface", need)?;
+            Ok(surface.tessellate(u, v)?)
+        }
         (false, [0, 0]) => Ok(surface.tessellate_within(tolerance)?),
         (false, _) => Err(TessellateError::Both),
     }
@@ -75,5 +87,15 @@ mod tests {
         assert_eq!(tessellate(&surface, [2, 3], 0.0).unwrap().faces().len(), 6);
         assert!(tessellate(&surface, [0, 0], 0.01).unwrap().faces().len() > 6);
         assert_eq!(tessellate(&surface, [2, 0], 0.01), Err(TessellateError::Both));
+    }
+
+    #[test]
+    fn more_quads_than_memory_holds_are_refused_with_numbers() {
+        let surface = nurbs(&revolve(&[[1.0, 0.0], [1.0, 2.0]]).unwrap(), None, None, Some([2, 3]));
+        let error = tessellate(&surface.unwrap(), [8192, 8192], 0.0).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "the mesh of the surface would need about 67 000 000 vertices, at most 17 000 000 are made: choose fewer rows, columns or sides"
+        );
     }
 }

@@ -199,5 +199,4 @@ fn exceeded(numbers: &[f64]) -> f64 {
 }
 
 #[cfg(test)]
-#[expect(clippy::print_stderr, reason = "tables to read beside their references")]
 mod tests;

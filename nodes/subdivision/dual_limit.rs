@@ -47,6 +47,10 @@ impl DualLimit {
             } else if ring.closed {
                 let share = 1.0 / ring.halves.len() as f64;
                 ring.halves.iter().for_each(|&half| self.push_inner(half, share, row));
+            } else if let Some(corners) = self.lone_face(ring) {
+                // Its new vertices have the same middle as its corners.
+                let share = 1.0 / corners.len() as f64;
+                row.extend(corners.iter().map(|&corner| (corner, share)));
             } else if self.boundary == Boundary::None {
                 let middle = self.middle(ring);
                 let share = 1.0 / middle.len() as f64;
@@ -68,6 +72,17 @@ impl DualLimit {
             let Scratch { ring, row } = scratch;
             self.mesh.ring(self.starts[vertex], ring);
             if ring.halves.is_empty() {
+                return;
+            }
+            if let Some(corners) = self.lone_face(ring) {
+                // Waves once around a face are halved by a step: their sum with `alpha` is half of them.
+                for part in 0..2 {
+                    let n = corners.len();
+                    (0..n)
+                        .zip(corners)
+                        .for_each(|(j, &corner)| rows.push(corner, turn(j, n)[part] / 2.0));
+                    rows.end();
+                }
                 return;
             }
             if ring.closed || self.boundary == Boundary::None {
@@ -119,17 +134,17 @@ impl DualLimit {
         }
     }
 
-    /// Where the border shrinks, the new vertices next to the limit point that goes with a vertex of it: those across the
-    /// middle edge, or those of the only face.
+    /// Where the border shrinks, the corners of the only face at a vertex of it: the limit point that goes with the vertex is the face's
+    /// middle.
+    fn lone_face(&self, ring: &Ring) -> Option<&[u32]> {
+        let is_lone = !ring.closed && self.boundary == Boundary::None && ring.halves.len() == 1;
+        is_lone.then(|| self.mesh.faces.face(self.mesh.face_of(ring.halves[0]) as usize))
+    }
+
+    /// Where the border shrinks, the new vertices across the middle edge at a vertex of it, which has several faces: next to the limit
+    /// point that goes with the vertex.
     fn middle(&self, ring: &Ring) -> Vec<u32> {
-        let n_faces = ring.halves.len();
-        if n_faces == 1 {
-            let face = self.mesh.face_of(ring.halves[0]) as usize;
-            let corners =
-                self.mesh.faces.first_corner(face)..self.mesh.faces.first_corner(face + 1);
-            return corners.map(|corner| corner as u32).collect();
-        }
-        let [owner, twin] = self.mesh.halves[ring.edges[n_faces / 2] as usize];
+        let [owner, twin] = self.mesh.halves[ring.edges[ring.halves.len() / 2] as usize];
         vec![owner, self.mesh.next(twin), twin, self.mesh.next(owner)]
     }
 

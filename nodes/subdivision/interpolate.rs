@@ -1,16 +1,19 @@
 //! Finds the control mesh of a subdivision surface through given vertices.
 
 use maquette::value::{Attribute, Mesh, MeshError, Trace};
-use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use maquette::{Cancelled, Context, Error, In, Node, Progress, TooMuch};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::blocks::limit_matrix;
-use super::interpolation::{Direction, Foot, Interpolated, Interpolation, NotLinear, Solution};
+use super::interpolation::{
+    Direction, Foot, Interpolated, Interpolation, NotLinear, Solution, Solver,
+};
 use super::least_squares::least_squares;
 use super::limit::{Limit, LimitPlaces};
 use super::limit_feet::{ClosestFeet, vertex_feet};
+use super::limit_matrix::PRODUCTS;
 use super::topology::Topology;
 use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivision};
 
@@ -90,6 +93,9 @@ pub enum InterpolateError {
         /// Its name.
         name: String,
     },
+    /// Equations that would take too much memory and time.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// Control points out of all bounds.
     #[error("the iteration ran away: {0}")]
     Mesh(#[from] MeshError),
@@ -180,6 +186,12 @@ fn interpolate_with<E: From<InterpolateError>>(
     let points = mesh.positions();
     let how = &options.how;
     let limits = limit(&Topology::of(mesh, subdivision))?;
+    if how.solver == Solver::Direct {
+        let products = limits.positions.products();
+        PRODUCTS
+            .check("solving for the control points by factors", products)
+            .map_err(InterpolateError::from)?;
+    }
     let matrix = || limit_matrix(&limits, mesh.faces(), options.fixed);
     let solved = match how.foot {
         Foot::Closest => {
@@ -252,5 +264,4 @@ fn refined_once<E: From<InterpolateError>>(
 }
 
 #[cfg(test)]
-#[expect(clippy::print_stderr, reason = "tables to read beside their references")]
 mod tests;

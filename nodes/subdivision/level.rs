@@ -168,9 +168,14 @@ impl Level {
         halves
     }
 
-    /// How many bytes it holds, without the coarser ones.
+    /// How many bytes it holds, the coarser ones included.
     pub(super) fn size(&self) -> usize {
-        self.mesh.size() + self.odd.len() * 8 + self.rings.len() * 4 + self.creases.len() * 16
+        let coarser = self.coarser.as_ref().map_or(0, |coarser| coarser.size());
+        coarser
+            + self.mesh.size()
+            + self.odd.len() * 8
+            + self.rings.len() * 4
+            + self.creases.len() * 16
     }
 }
 

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use maquette::value::{Attribute, Column, Encoder, Mesh, MeshError, Summary};
-use maquette::{Error, Value};
+use maquette::{Error, Limit as Most, Value};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -22,8 +22,10 @@ use super::{Scheme, SubdivideError};
 /// Vertices that one task looks at.
 const BLOCK: usize = 4096;
 
-/// Most entries of the limit's rows: a face of `m` corners has some `m` in the row of each of its corners.
-const MOST_ENTRIES: usize = 1 << 28;
+/// Entries of the limit's rows, places and tangents together some 5 GB: a face of `m` corners has some `m` in the row of each of its
+/// corners.
+const ENTRIES: Most =
+    Most { most: 1 << 27, of: "numbers", help: "divide its faces with many corners" };
 
 /// The limit of each vertex of a mesh without tangents: all that it takes to pass through points.
 #[derive(Clone, Debug)]
@@ -241,14 +243,9 @@ impl<M: Masks + Copy> MaskedMesh<M> {
 }
 
 fn check_faces(topology: &Topology) -> Result<(), SubdivideError> {
-    let faces = &topology.faces;
-    let sides = |face: &usize| faces.face(*face).len();
-    let entries = (0..faces.len()).map(|face| sides(&face).saturating_mul(sides(&face)));
-    if topology.rules.scheme == Scheme::Loop
-        || entries.fold(0, usize::saturating_add) <= MOST_ENTRIES
-    {
+    if topology.rules.scheme == Scheme::Loop {
         return Ok(());
     }
-    let face = (0..faces.len()).max_by_key(sides).unwrap_or_default();
-    Err(SubdivideError::LargeFace { face, corners: sides(&face) })
+    let sides = topology.faces.iter().map(|face| face.len() as f64);
+    Ok(ENTRIES.check("the limit of the mesh", sides.map(|sides| sides * sides).sum())?)
 }

@@ -9,7 +9,7 @@
 
 use std::borrow::Cow;
 
-use maquette::{Cancelled, Progress};
+use maquette::{Cancelled, Limit, Progress};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -27,6 +27,14 @@ const RESTART: u32 = 50;
 /// Directions that the matrix shrinks more than this are those that it takes to zero: the residual has a part that it does not reach,
 /// which the iteration would blow up.
 const VANISHING: f64 = 1e-8;
+
+/// Products of two entries of one row, of which the normal equations are made: some seconds and, where no two are added, some GB. Faces
+/// with a thousand corners have a million for each corner.
+pub(super) const PRODUCTS: Limit = Limit {
+    most: 1 << 30,
+    of: "products",
+    help: "take `solver: Pcg`, or divide faces with many corners",
+};
 
 /// The limit masks of all vertices, in blocks.
 pub(super) struct LimitMatrix {

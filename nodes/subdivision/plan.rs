@@ -1,6 +1,7 @@
 //! What of a subdivision depends on topology alone, and its products.
 
-use maquette::value::{Attribute, Mesh, MeshError};
+use maquette::value::{Attribute, Mesh};
+use maquette::{Limit as Most, Progress};
 
 use super::limit::Limit;
 use super::live::Live;
@@ -10,8 +11,8 @@ use super::subdivide::{Boundary, Corners, Scheme, SubdivideError, Subdivision};
 use super::topology::Topology;
 use super::without_border::without_border;
 
-/// Most corners that a result may have: some 90 million triangles, which with their plan take about 6 GB.
-const MOST_CORNERS: usize = 1 << 28;
+/// Corners of a result: some 90 million triangles, which with their plan take about 6 GB.
+const CORNERS: Most = Most { most: 1 << 28, of: "corners", help: "choose fewer `levels`" };
 
 /// What a step comes after.
 pub(super) enum Before<'a> {
@@ -72,17 +73,32 @@ impl Plan {
     /// # Errors
     /// If its topology is not that of the plan, or a place becomes infinite.
     pub fn apply(&self, mesh: &Mesh) -> Result<Mesh, SubdivideError> {
+        self.apply_within(mesh, &Progress::none())
+    }
+
+    /// As [`apply`](Self::apply).
+    ///
+    /// # Errors
+    /// If its topology is not that of the plan, a place becomes infinite, or the evaluation is told to stop.
+    pub(super) fn apply_within(
+        &self,
+        mesh: &Mesh,
+        progress: &Progress<'_>,
+    ) -> Result<Mesh, SubdivideError> {
         let Self { how, steps, limit, .. } = self;
         self.check(mesh)?;
-        let mut refined = apply(mesh, steps)?;
+        let mut refined = apply(mesh, steps, progress)?;
+        progress.tick(0.9)?;
         if how.corners == Corners::Smooth && how.scheme != Scheme::DooSabin && !steps.is_empty() {
             refined = smooth_corners(mesh, *how, refined)?;
         }
+        progress.check()?;
         refined = match limit {
             Some(EndLimit::Control(limit)) => limit.apply(&refined)?,
             Some(EndLimit::Refined(limit)) => limit.apply(&refined)?,
             None => refined,
         };
+        progress.check()?;
         if how.boundary == Boundary::None && how.scheme != Scheme::DooSabin {
             refined = without_border(mesh, &ancestors(mesh, steps), &refined)?;
         }
@@ -112,30 +128,46 @@ impl Plan {
 }
 
 /// Refines the positions and attributes of a mesh step by step.
-pub(super) fn apply(mesh: &Mesh, steps: &[Step]) -> Result<Mesh, MeshError> {
+///
+/// # Errors
+/// If a place becomes infinite, or the evaluation is told to stop.
+pub(super) fn apply(
+    mesh: &Mesh,
+    steps: &[Step],
+    progress: &Progress<'_>,
+) -> Result<Mesh, SubdivideError> {
     let Some((first, later)) = steps.split_first() else {
         return Ok(mesh.clone());
     };
     let last = later.last().unwrap_or(first);
-    let positions = later
-        .iter()
-        .fold(first.positions(mesh.positions()), |positions, step| step.positions(&positions));
-    let mut refined = Mesh::new(positions, last.finer().clone())?
+    let mut positions = first.positions(mesh.positions());
+    for step in later {
+        progress.check()?;
+        positions = step.positions(&positions);
+    }
+    progress.check()?;
+    let refined = Mesh::new(positions, last.finer().clone())?;
+    progress.check()?;
+    let mut refined = refined
         .with_creases(last.finer_creases())
         .with_texture(mesh.texture().cloned())
         .with_frame(mesh.frame().copied());
     let all = |attribute: &Attribute, carry: fn(&Step, &Attribute) -> Attribute| {
-        later.iter().fold(carry(first, attribute), |carried, step| carry(step, &carried))
+        later.iter().try_fold(carry(first, attribute), |carried, step| {
+            progress.check()?;
+            Ok::<_, SubdivideError>(carry(step, &carried))
+        })
     };
     for (name, attribute) in mesh.vertex().iter().filter(|(name, _)| *name != "normal") {
-        refined = refined.with_vertex(name, all(attribute, Step::vertex_attribute))?;
+        refined = refined.with_vertex(name, all(attribute, Step::vertex_attribute)?)?;
     }
     for (name, attribute) in mesh.corner().iter().filter(|(name, _)| *name != "normal") {
-        refined = refined.with_corner(name, all(attribute, Step::corner_attribute))?;
+        refined = refined.with_corner(name, all(attribute, Step::corner_attribute)?)?;
     }
     if mesh.face().iter().next().is_some() {
         let ancestors = ancestors(mesh, steps);
         for (name, attribute) in mesh.face().iter() {
+            progress.check()?;
             refined = refined.with_face(name, attribute.select(&ancestors))?;
         }
     }
@@ -151,10 +183,6 @@ fn ancestors(mesh: &Mesh, steps: &[Step]) -> Vec<u32> {
 }
 
 fn check_size(mesh: &Mesh, levels: u32) -> Result<(), SubdivideError> {
-    let growth = 4usize.checked_pow(levels);
-    let corners = growth.and_then(|growth| mesh.faces().corners().len().checked_mul(growth));
-    match corners {
-        Some(corners) if corners <= MOST_CORNERS => Ok(()),
-        _ => Err(SubdivideError::TooLarge { levels, faces: mesh.faces().len() }),
-    }
+    let need = mesh.faces().corners().len() as f64 * libm::exp2(2.0 * f64::from(levels));
+    Ok(CORNERS.check(format_args!("a mesh of {levels} levels more"), need)?)
 }

@@ -103,6 +103,12 @@ impl Stencils {
         self.starts.len() - 1
     }
 
+    /// How many products of two entries of one row there are.
+    pub(super) fn products(&self) -> f64 {
+        let lengths = self.starts.windows(2).map(|ends| f64::from(ends[1] - ends[0]));
+        lengths.map(|length| length * length).sum()
+    }
+
     /// The entries of a row: indices and weights.
     pub(super) fn row(&self, row: usize) -> (&[u32], &[f64]) {
         let entries = self.starts[row] as usize..self.starts[row + 1] as usize;

@@ -42,10 +42,11 @@ impl Value for Step {
     }
 
     fn size(&self) -> usize {
-        match &self.rules {
+        let rules = match &self.rules {
             Kind::Primal(step) => step.size(),
             Kind::Dual(step) => step.size(),
-        }
+        };
+        rules + self.root.size()
     }
 
     fn describe(&self) -> Summary {
@@ -192,10 +193,11 @@ impl Value for LastLimit {
     }
 
     fn size(&self) -> usize {
-        match &self.limit {
+        let limit = match &self.limit {
             KindOfLimit::Primal(limit) => limit.size(),
             KindOfLimit::Dual(limit) => limit.size(),
-        }
+        };
+        limit + self.root.size()
     }
 
     fn describe(&self) -> Summary {

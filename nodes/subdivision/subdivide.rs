@@ -4,7 +4,7 @@
 //! refined by products.
 
 use maquette::value::{Mesh, MeshError};
-use maquette::{Context, Error, In, Node};
+use maquette::{Cancelled, Context, Error, In, Node, TooMuch};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -143,30 +143,18 @@ pub enum SubdivideError {
         /// The bad vertices; not looked for if there are bad edges.
         vertices: Vec<u32>,
     },
-    /// A face whose limit would take too much memory.
-    #[error("face {face} has {corners} corners, too many for the limit of its vertices")]
-    LargeFace {
-        /// The largest face.
-        face: usize,
-        /// Its corners.
-        corners: usize,
-    },
     /// A result that memory could not hold.
-    #[error(
-        "{levels} levels would make {faces} faces with 4 to the power of {levels} parts each, which is too large"
-    )]
-    TooLarge {
-        /// Number of steps.
-        levels: u32,
-        /// Number of faces before the first.
-        faces: usize,
-    },
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// A scheme whose limit surface is not made of patches over faces.
     #[error("the surface of Doo and Sabin has patches over vertices, not over faces")]
     NoPatches,
     /// A mesh with other faces, creases or numbers of vertices than those that a plan was made for.
     #[error("the plan was made for a mesh of another topology")]
     OtherTopology,
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
     /// A place became infinite.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -215,7 +203,7 @@ impl Node for Subdivide {
         }
         let mut done = 0;
         let step = |before: Before<'_>| {
-            cx.tick(f64::from(done) / f64::from(levels.max(1)))?;
+            cx.tick(PLANNING * f64::from(done) / f64::from(levels.max(1)))?;
             done += 1;
             match before {
                 Before::Nothing(topology) => cx.memo(topology, Step::memo_first),
@@ -224,12 +212,19 @@ impl Node for Subdivide {
         };
         let end = |before: Before<'_>| match before {
             Before::Nothing(topology) => Ok(EndLimit::Control(cx.memo(topology, Limit::memo)?)),
-            Before::Step(step) => Ok(EndLimit::Refined(cx.memo(step, LastLimit::memo)?)),
+            Before::Step(step) => {
+                cx.tick(PLANNING)?;
+                Ok(EndLimit::Refined(cx.memo(step, LastLimit::memo)?))
+            }
         };
         let how = Subdivision { scheme, levels, limit, boundary, creases, corners };
-        Ok((Plan::with::<Error>(mesh, how, step, end)?.apply(mesh)?,))
+        let plan = Plan::with::<Error>(mesh, how, step, end)?;
+        Ok((plan.apply_within(mesh, cx.progress())?,))
     }
 }
+
+/// The share of the time that plans take; about.
+const PLANNING: f64 = 0.7;
 
 /// Refines `mesh`. New vertices and faces have a fixed order, in terms of the old vertices, the faces, and the edges as
 /// [`Mesh::edges`] gives them; n steps at once give the same as n steps one after the other.

@@ -1,7 +1,7 @@
 //! Refines a polyline towards a smooth curve.
 
 use maquette::value::{Curve, CurveError};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, In, Limit, Node, TooMuch};
 use nalgebra::{Point3, center};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -42,22 +42,15 @@ pub enum SubdivideCurveError {
     #[error("the curve is a B-spline and smooth already; only polylines are refined")]
     Spline,
     /// A result that memory could not hold.
-    #[error("{levels} levels would make more than {most} points of {points}")]
-    TooLarge {
-        /// Number of steps.
-        levels: u32,
-        /// Points before the first.
-        points: usize,
-        /// Most points.
-        most: usize,
-    },
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// Points out of all bounds.
     #[error(transparent)]
     Curve(#[from] CurveError),
 }
 
-/// Most points of a result: 100 MB.
-const MOST_POINTS: usize = 1 << 22;
+/// Points of a result: 100 MB.
+const POINTS: Limit = Limit { most: 1 << 22, of: "points", help: "choose fewer `levels`" };
 
 impl Node for SubdivideCurve {
     type Outputs = (Curve,);
@@ -85,11 +78,8 @@ pub fn subdivide_curve(
     if curve.knots().is_some() {
         return Err(SubdivideCurveError::Spline);
     }
-    let points = curve.points().len();
-    let count = 2usize.checked_pow(levels).and_then(|growth| points.checked_mul(growth));
-    if count.is_none_or(|count| count > MOST_POINTS) {
-        return Err(SubdivideCurveError::TooLarge { levels, points, most: MOST_POINTS });
-    }
+    let need = curve.points().len() as f64 * libm::exp2(f64::from(levels));
+    POINTS.check(format_args!("a curve of {levels} levels more"), need)?;
     let mut refined = curve.points().to_vec();
     for _ in 0..levels {
         refined = match scheme {
@@ -169,10 +159,12 @@ mod tests {
     #[test]
     fn what_cannot_be_refined_is_refused() {
         let ring = curve(&[[0., 0.], [4., 0.], [4., 4.]], true);
-        assert!(matches!(
-            subdivide_curve(&ring, CurveScheme::Cubic, 40),
-            Err(SubdivideCurveError::TooLarge { levels: 40, points: 3, .. })
-        ));
+        let error = subdivide_curve(&ring, CurveScheme::Cubic, 30).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "a curve of 30 levels more would need about 3 200 000 000 points, at most 4 200 000 are made: choose fewer `levels`"
+        );
+        assert!(subdivide_curve(&ring, CurveScheme::Cubic, u32::MAX).is_err());
         let knots = maquette::value::KnotVector::uniform(3, 3).unwrap();
         let spline = Curve::rational(ring.points().to_vec(), vec![1.0; 3], knots).unwrap();
         assert_eq!(

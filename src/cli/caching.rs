@@ -18,7 +18,8 @@ pub(super) struct CacheOptions {
     /// Neither use nor keep results on disk.
     #[arg(long, conflicts_with = "folder")]
     no_cache: bool,
-    /// How much memory results may hold, as 500MB or 2GB.
+    /// How much memory results may hold when no node needs them any more, as 500MB or 2GB. What nodes are working on, the files
+    /// that they read and the program itself, some 20 MB, come on top.
     #[arg(long, value_name = "SIZE", default_value = "2GB", value_parser = size)]
     memory: u64,
     /// Compute this percentage of the cached results all the same, and name every node whose result differs.

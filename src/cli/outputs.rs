@@ -4,6 +4,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
+use std::time::Instant;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -27,6 +28,9 @@ pub(super) struct Written {
     pub(super) hash: Hash,
     /// It was there already, with these bytes.
     pub(super) unchanged: bool,
+    /// How long this run took to make and to write it.
+    #[serde(skip)]
+    pub(super) seconds: f64,
 }
 
 impl Written {
@@ -198,6 +202,7 @@ impl Outputs {
                 uses: Vec::new(),
             })
         };
+        let mut start = Instant::now();
         let files = match evaluation.files(output) {
             None => return Ok(Vec::new()),
             Some(Ok(files)) => files,
@@ -226,7 +231,10 @@ impl Outputs {
                 };
                 problem(format!("cannot write {}: {refused}", path.display()), help)
             })?;
-            written.push(file);
+            let seconds = start.elapsed().as_secs_f64();
+            start = Instant::now();
+            let (file, left) = file;
+            written.push((Written { seconds, ..file }, left));
         }
         let files = written.iter().map(|(file, _)| file.clone()).collect();
         self.lock().insert(output.name.clone(), Known { value, files: written });
@@ -244,7 +252,8 @@ impl Outputs {
         if !files.iter_mut().all(is_as_left) {
             return None;
         }
-        let unchanged = |(file, _): &(Written, _)| Written { unchanged: true, ..file.clone() };
+        let unchanged =
+            |(file, _): &(Written, _)| Written { unchanged: true, seconds: 0.0, ..file.clone() };
         let unchanged = files.iter().map(unchanged).collect();
         self.lock().insert(output.to_owned(), Known { value, files });
         Some(unchanged)
@@ -269,7 +278,7 @@ impl Outputs {
             }
         };
         let (output, hash) = (output.to_owned(), Hash::of(bytes));
-        Ok((Written { output, path, bytes: bytes.len(), hash, unchanged }, left))
+        Ok((Written { output, path, bytes: bytes.len(), hash, unchanged, seconds: 0.0 }, left))
     }
 
     fn folder_of(&self, output: &GraphOutput) -> PathBuf {

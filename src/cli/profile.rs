@@ -4,40 +4,79 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::in_bytes;
-use crate::eval::{NodeTrace, Trace};
+use super::outputs::Written;
+use crate::eval::Trace;
 use crate::writing::{Place, Refused};
 
-/// A table of the nodes, the slowest first.
-pub(super) fn table(trace: &Trace) -> String {
-    let total: f64 = trace.0.iter().map(|node| node.seconds).sum();
-    let mut nodes = Vec::from_iter(&trace.0);
-    nodes.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
-    let width = |cell: fn(&NodeTrace) -> &str| {
-        nodes.iter().map(|node| cell(node).len()).max().unwrap_or(0).max(4)
+/// How many seconds it took to read the graph, and the files of its nodes.
+pub(super) struct Read {
+    pub(super) graph: f64,
+    pub(super) files: f64,
+}
+
+/// A line of the table.
+struct Row<'a> {
+    name: &'a str,
+    kind: &'a str,
+    state: &'a str,
+    seconds: f64,
+    bytes: usize,
+    thread: String,
+}
+
+/// A table of the nodes, of what was read and of what was written, the slowest first. Times on several threads at once add up.
+pub(super) fn table(trace: &Trace, read: &Read, written: &[Written]) -> String {
+    let nodes = trace.0.iter().map(|node| Row {
+        name: &node.name,
+        kind: &node.node,
+        state: node.state.word(),
+        seconds: node.seconds,
+        bytes: node.bytes,
+        thread: node.thread.to_string(),
+    });
+    let aside = |name, kind, state, seconds| Row {
+        name,
+        kind,
+        state,
+        seconds,
+        bytes: 0,
+        thread: String::new(),
     };
-    let (names, kinds) = (width(|node| &node.name), width(|node| &node.node));
+    let outputs = written.iter().map(|file| match file.unchanged {
+        true => aside(&file.output, "output", "as it was", file.seconds),
+        false => aside(&file.output, "output", "written", file.seconds),
+    });
+    let reading = [aside("graph", "", "read", read.graph), aside("files", "", "read", read.files)];
+    let mut rows = Vec::from_iter(nodes.chain(reading).chain(outputs));
+    rows.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
+    let total: f64 = rows.iter().map(|row| row.seconds).sum();
+    let width =
+        |cell: fn(&Row<'_>) -> usize| rows.iter().map(cell).max().unwrap_or(0).max("node".len());
+    let (names, kinds) = (width(|row| row.name.len()), width(|row| row.kind.len()));
     let mut text = format!(
-        "{:<names$}  {:<kinds$}  {:<8}  {:>10}  {:>6}  {:>10}  thread\n",
+        "{:<names$}  {:<kinds$}  {:<9}  {:>10}  {:>6}  {:>10}  thread\n",
         "node", "type", "state", "time", "share", "memory"
     );
-    for node in nodes {
-        let share = if 0.0 < total { 100.0 * node.seconds / total } else { 0.0 };
-        let (time, state) = (format!("{:.1} ms", node.seconds * 1e3), node.state.word());
-        let (memory, thread) = (in_bytes(node.bytes), node.thread);
+    for row in &rows {
+        let share = if 0.0 < total { 100.0 * row.seconds / total } else { 0.0 };
+        let Row { name, kind, state, thread, .. } = row;
+        let (time, memory) = (milliseconds(row.seconds), in_bytes(row.bytes));
         let _ = writeln!(
             text,
-            "{:<names$}  {:<kinds$}  {state:<8}  {time:>10}  {share:>4.0} %  {memory:>10}  {thread:>6}",
-            node.name, node.node
+            "{name:<names$}  {kind:<kinds$}  {state:<9}  {time:>10}  {share:>4.0} %  {memory:>10}  {thread:>6}",
         );
     }
-    let time = format!("{:.1} ms", total * 1e3);
-    let memory = in_bytes(trace.0.iter().map(|node| node.bytes).sum());
+    let (time, memory) = (milliseconds(total), in_bytes(rows.iter().map(|row| row.bytes).sum()));
     let _ = writeln!(
         text,
-        "{:<names$}  {:<kinds$}  {:<8}  {time:>10}  {:>4} %  {memory:>10}",
+        "{:<names$}  {:<kinds$}  {:<9}  {time:>10}  {:>4} %  {memory:>10}",
         "all", "", "", 100
     );
     text
+}
+
+fn milliseconds(seconds: f64) -> String {
+    format!("{:.1} ms", seconds * 1e3)
 }
 
 /// Writes the trace for Chrome's tracing page or Perfetto: `GRAPH.trace.json` among the outputs.

@@ -63,6 +63,7 @@ impl Run {
         interrupt::cancels(&cancel);
         let events = self.events.then(|| Events::new(cancel.clone()));
         let checked = self.options.load(&self.graph, catalog);
+        let reading_graph = start.elapsed().as_secs_f64();
         let mut problems = checked.problems;
         let Some(graph) = checked.graph else {
             self.print(None, &[], &problems, start);
@@ -107,7 +108,8 @@ impl Run {
             let trace = evaluation.trace();
             // With --json, stdout is for one document.
             let tell: fn(&str) = if self.json { eprint } else { print };
-            tell(&profile::table(&trace));
+            let read = profile::Read { graph: reading_graph, files: evaluation.seconds_of_files() };
+            tell(&profile::table(&trace, &read, &files));
             if let Err(error) = profile::write_trace(
                 &trace,
                 &self.graph,

@@ -141,6 +141,11 @@ impl Cache {
         self.keep(key, outcome.clone());
     }
 
+    /// How many bytes all that is held counts as.
+    pub(super) fn bytes(&self) -> usize {
+        lock(&self.state).bytes
+    }
+
     pub(super) fn clear(&self) {
         *lock(&self.state) = State::default();
     }

@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use serde::{Deserialize, Serialize};
 
@@ -117,13 +118,20 @@ impl Known {
 pub(super) struct Reads<'a> {
     known: &'a Known,
     read: Mutex<HashMap<PathBuf, Arc<Slot>>>,
+    /// How long reading took, on all threads together.
+    nanoseconds: AtomicU64,
 }
 
 type Slot = OnceLock<Option<File>>;
 
 impl<'a> Reads<'a> {
     pub(super) fn new(known: &'a Known) -> Self {
-        Self { known, read: Mutex::default() }
+        Self { known, read: Mutex::default(), nanoseconds: AtomicU64::new(0) }
+    }
+
+    /// How long reading took, on all threads together.
+    pub(super) fn seconds(&self) -> f64 {
+        self.nanoseconds.load(Ordering::Relaxed) as f64 / 1e9
     }
 
     /// The hash of the content; none if there is no such file and the node can do without it.
@@ -145,7 +153,10 @@ impl<'a> Reads<'a> {
             Some(found) => found.clone(),
             // Not inside of `get_or_init`: a thread must not wait for another one that may wait for it.
             None => {
+                let start = Instant::now();
                 let found = self.read(file)?;
+                let nanoseconds = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+                self.nanoseconds.fetch_add(nanoseconds, Ordering::Relaxed);
                 slot.get_or_init(|| found).clone()
             }
         };

@@ -33,9 +33,9 @@ impl<T: NoUninit + Send + Sync> Column<T> {
         })
     }
 
-    /// How much memory the items hold, in bytes.
+    /// How much memory the items hold, in bytes; what was set aside for more of them included.
     pub fn size(&self) -> usize {
-        size_of_val(&self.0.items[..])
+        self.0.items.capacity() * size_of::<T>()
     }
 }
 

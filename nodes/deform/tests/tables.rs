@@ -1,7 +1,4 @@
-//! The tables of algorithms.md, 9.2 and 9.4. `cargo test -p maquette-nodes --lib deform::tests::tables -- --nocapture` prints
-//! them.
-
-#![allow(clippy::print_stdout, reason = "the tables are there to be seen")]
+//! The tables of algorithms.md, 9.2 and 9.4.
 
 use super::*;
 
@@ -24,7 +21,6 @@ fn near(found: f64, expected: f64, digits: f64) -> bool {
 // T-FFD-03.
 #[test]
 fn unmoved_handles_squeeze_as_in_the_table_of_the_absolute_form() {
-    println!("sigma     cond2      max      rms");
     for (sigma, cond, most, rms) in [
         (0.1, 1.000, 0.7579, 0.4716),
         (0.2, 1.000, 0.5752, 0.3821),
@@ -37,13 +33,11 @@ fn unmoved_handles_squeeze_as_in_the_table_of_the_absolute_form() {
     ] {
         let (found_most, found_rms, _) = squeeze([sigma; 3]);
         let found_cond = condition(&corners([sigma; 3]));
-        println!("{sigma:5} {found_cond:9.4e} {found_most:8.5} {found_rms:8.5}");
         assert!(near(found_cond, cond, 0.0), "{sigma}: condition {found_cond}");
         assert!(near(found_most, most, 5e-6), "{sigma}: max {found_most}");
         assert!(near(found_rms, rms, 5e-6), "{sigma}: rms {found_rms}");
     }
     let (_, _, axes) = squeeze([0.5, 0.25, 0.25]);
-    println!("sigma (0.5, 0.25, 0.25): max per axis {axes:.4?}");
     for (found, expected) in axes.into_iter().zip([0.0537, 0.2687, 0.2687]) {
         assert!(near(found, expected, 0.0), "{axes:?}");
     }
@@ -60,7 +54,6 @@ fn twin(distance: f64) -> Vec<Handle> {
 // T-FFD-08.
 #[test]
 fn a_handle_near_another_has_the_condition_of_the_table() {
-    println!("distance  cond2  cond2 h^2  estimate  max |V|  handle error");
     for (distance, most_error) in [(1e-1, 1e-14), (1e-2, 1e-12), (1e-3, 5e-11), (1e-4, 7e-9)] {
         let handles = twin(distance);
         let prepared = prepare(&in_world(&handles), UNIT, Mode::Displacement, 0.0, 0.0).unwrap();
@@ -70,12 +63,6 @@ fn a_handle_near_another_has_the_condition_of_the_table() {
         let greatest = (0..9).map(value).fold(0.0, f64::max);
         let (_, report) = try_move(&[Point3::origin()], &handles, how(Mode::Displacement)).unwrap();
         let found = condition(&handles);
-        println!(
-            "{distance:8.0e} {found:9.3e} {:8.3} {:9.3e} {greatest:9.3e} {:9.1e}",
-            found * distance * distance,
-            report.condition,
-            report.residual
-        );
         assert!((found * distance * distance / 1.34 - 1.0).abs() <= 0.06, "{distance}: {found}");
         assert!((0.3..9.0).contains(&(report.condition / found)), "{distance}");
         assert!(report.residual <= most_error, "{distance}: {}", report.residual);
@@ -90,14 +77,12 @@ fn a_handle_near_another_has_the_condition_of_the_table() {
 // T-FFD-08.
 #[test]
 fn random_handles_have_conditions_of_the_order_of_the_table() {
-    println!("handles sigma    cond2 (table)");
     for (count, table) in [(64, [1.5e2, 1.3e4, 3.9e8]), (256, [1.1e3, 2.3e6, 1.9e14])] {
         for (sigma, expected) in [0.1, 0.2, 0.5].into_iter().zip(table) {
             let places = Random(11).points(count);
             let handles: Vec<Handle> =
                 places.into_iter().map(|at| handle(at, at, [sigma; 3])).collect();
             let found = condition(&handles);
-            println!("{count:7} {sigma:5} {found:8.1e} ({expected:.1e})");
             // Other random places, whose nearest pair decides.
             let ratio = libm::log10(found / expected).abs();
             assert!(ratio <= 1.5, "{count} {sigma}: {found:e} {expected:e}");

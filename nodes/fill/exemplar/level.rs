@@ -165,7 +165,8 @@ impl Level<'_> {
         let mut kept = vec![(0, now.energy)];
         let (mut since, mut iterations) = (0, 0);
         while iterations < u64::from(whole.options.iterations) {
-            progress.check()?;
+            // Nobody knows how many iterations there will be; some eight are the rule.
+            progress.tick(iterations as f64 / (iterations as f64 + 8.0))?;
             if best.1.energy.is_nothing(self.scale.radius) || since >= whole.options.patience.max(1)
             {
                 break;

@@ -89,3 +89,36 @@ fn units_do_not_matter() {
         }
     }
 }
+
+#[test]
+fn more_triangles_than_can_be_made_are_refused_with_numbers_before_they_are() {
+    let mesh = without(&grid(40, 40, |x, y| libm::sin(0.2 * x) + 0.1 * y), |p| {
+        [p.x, p.y].iter().all(|at| (15.5..24.5).contains(at))
+    });
+    for edge in [3e-3, 1e-9, 1e-300] {
+        let options = ExemplarOptions { edges: vec![edge], ..Default::default() };
+        let error = fill(&mesh, HoleChoice::All, FillMethod::Exemplar(options)).err();
+        let told = error.map_or_else(|| "nothing".into(), |error| error.to_string());
+        let is_refused = told.starts_with("what fills rim 1 would need about ")
+            && told.contains(" triangles, at most 1 000 000 are made: ");
+        assert!(is_refused, "{edge}: {told}");
+    }
+}
+
+#[test]
+fn the_number_of_triangles_is_known_before() {
+    use super::super::density::{estimate, refine};
+    use super::super::patch::Patch;
+
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let corners = corners.map(|[x, y]| Point3::new(x, y, 0.0));
+    for (size, looks) in [(0.02, 0), (0.02, 5000), (0.005, 5000)] {
+        // From fine on the left to three times as coarse on the right.
+        let target = |p: Point3<f64>| if looks == 0 { size } else { size * (1.0 + 2.0 * p.x) };
+        let mut patch = Patch::new(corners.to_vec(), 4, &[[0, 1, 2], [0, 2, 3]]);
+        let known = estimate(&patch, target, looks);
+        refine(&mut patch, target, &Progress::none()).unwrap();
+        let ratio = known / patch.n_faces() as f64;
+        assert!((0.5..2.5).contains(&ratio), "{size}: {known} for {}", patch.n_faces());
+    }
+}

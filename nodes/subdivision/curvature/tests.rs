@@ -61,7 +61,6 @@ fn curvature_on_a_torus_is_as_near_as_its_reference() {
             errors(&quads, &interpolated(&quads, Scheme::DooSabin)),
         ];
         let expected = [by_loop, by_angles, by_catmull_clark, by_doo_sabin];
-        eprintln!("{n}x{}: {found:.5?}", n / 2);
         let pairs = found.iter().flatten().zip(expected.iter().flatten());
         for (found, expected) in pairs.filter(|(_, expected)| !expected.is_nan()) {
             assert!((found - expected).abs() <= 6e-6, "{n}: {found} {expected}");

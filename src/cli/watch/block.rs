@@ -277,6 +277,7 @@ mod tests {
             bytes: 5_200_000,
             hash: Hash::of(b""),
             unchanged,
+            seconds: 0.0,
         };
         let report = Report {
             run: 12,

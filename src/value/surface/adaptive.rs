@@ -18,8 +18,8 @@ const DEEPEST: u32 = 10;
 /// The side of a span in units of the smallest cell.
 const SPAN: u32 = 1 << DEEPEST;
 
-/// Most cells: with some 500 MB of mesh and seconds of work, more than any use of a mesh.
-const MOST: usize = 1 << 22;
+/// Most cells: with some 130 MB of mesh and a second or two of work, more than any use of a mesh.
+const MOST: usize = 1 << 20;
 
 /// Samples along each side of a cell: one in the middle alone would miss a curve that bends both ways.
 const SAMPLES: usize = 5;

@@ -27,10 +27,12 @@ fn both_feet_need_as_many_iterations_as_their_reference() {
     ] {
         for (foot, expected) in [(Foot::Vertex, by_vertex), (Foot::Closest, closest)] {
             let counts = counts(&mesh, foot);
-            eprintln!("{name}, {foot:?}: {counts:?}, reference {expected:?}");
             for (count, expected) in counts.into_iter().zip(expected) {
                 let allowed = (expected * 15 / 100).max(2);
-                assert!(count <= expected + allowed, "{name} {foot:?} {counts:?}");
+                assert!(
+                    count <= expected + allowed,
+                    "{name} {foot:?} {counts:?}, reference {expected}"
+                );
             }
         }
     }

@@ -206,10 +206,8 @@ fn a_face_that_is_too_large_for_a_limit_is_an_error() {
     let mesh = scattered(vec![(0..count).collect()]);
     let how =
         |limit: bool| with(Scheme::CatmullClark, u32::from(!limit), limit, Boundary::EdgeOnly);
-    assert_eq!(
-        subdivide(&mesh, how(true)),
-        Err(SubdivideError::LargeFace { face: 0, corners: 20_000 })
-    );
+    let error = subdivide(&mesh, how(true)).unwrap_err().to_string();
+    assert!(error.contains("about 400 000 000 numbers"), "{error}");
     assert_eq!(subdivide(&mesh, how(false)).unwrap().faces().len(), 20_000);
     let dual = with(Scheme::DooSabin, 1, false, Boundary::EdgeOnly);
     assert_eq!(subdivide(&mesh, dual).unwrap().faces().len(), 1 + 2 * 20_000);

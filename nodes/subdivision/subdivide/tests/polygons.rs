@@ -1,5 +1,7 @@
 //! The schemes for polygons.
 
+use maquette::Progress;
+use maquette::value::Faces;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::super::super::plan::apply;
@@ -362,7 +364,10 @@ fn a_plan_serves_every_mesh_of_its_topology() {
         let steps = [first.clone(), first.next().unwrap()];
         let turned = mesh.positions().iter().map(|point| Point3::new(point.y, point.z, point.x));
         let moved = mesh.with_positions(turned.collect()).unwrap();
-        assert_eq!(apply(&moved, &steps).unwrap(), subdivide(&moved, how).unwrap());
+        assert_eq!(
+            apply(&moved, &steps, &Progress::none()).unwrap(),
+            subdivide(&moved, how).unwrap()
+        );
     }
 }
 
@@ -429,4 +434,35 @@ fn faces_may_begin_at_any_corner() {
         let turned = limit(&scattered(patchwork().into_iter().map(turned).collect()), scheme, 0);
         assert!(farthest(plain.positions(), turned.positions()) < 1e-15);
     }
+}
+
+#[test]
+fn one_large_face_whose_border_shrinks_has_its_limit_at_once() {
+    // Its places and its tangents, by the rules of the scheme: after many steps they are those of the limit at hand.
+    let place = |k: u32| {
+        let (sine, cosine) = libm::sincos(f64::from(k) * 0.7 + 0.2 * f64::from(k % 3));
+        Point3::new(3.0 * cosine, 2.0 * sine, 0.4 * libm::sin(f64::from(k * k)))
+    };
+    for count in [3, 4, 5, 9] {
+        let places: Vec<Point3<f64>> = (0..count).map(place).collect();
+        let corners = Faces::uniform(count as usize, Vec::from_iter(0..count)).unwrap();
+        let mesh = Mesh::new(places, corners).unwrap();
+        let limit = subdivide(&mesh, with(Scheme::DooSabin, 0, true, Boundary::None)).unwrap();
+        let once = with(Scheme::DooSabin, 1, false, Boundary::None);
+        let late = (0..25).fold(mesh.clone(), |mesh, _| subdivide(&mesh, once).unwrap());
+        let normals = limit.vertex().vectors("normal").unwrap();
+        for (vertex, at) in limit.positions().iter().enumerate() {
+            assert!((at - late.positions()[vertex]).norm() <= 1e-6, "{count}: {at}");
+            let normal = Vector3::from(normals[vertex]);
+            let ends = late.positions().iter().map(|place| (place - at) * libm::exp2(25.0));
+            assert!(ends.map(|way| way.dot(&normal).abs()).all(|off| off <= 1e-5), "{count}");
+        }
+    }
+    let count = 1000;
+    let corners = Faces::uniform(count as usize, Vec::from_iter(0..count)).unwrap();
+    let large = Mesh::new((0..count).map(place).collect::<Vec<_>>(), corners).unwrap();
+    let start = std::time::Instant::now();
+    subdivide(&large, with(Scheme::DooSabin, 0, true, Boundary::None)).unwrap();
+    // Corner by corner of corner it would take a minute and more.
+    assert!(start.elapsed().as_secs() < 20, "{:?}", start.elapsed());
 }
