@@ -312,7 +312,7 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
     let (onto, carry) =
         rayon::join(|| Mesh::new(filling.points.clone(), faces), || Carry::new(filling, copies));
     let onto = onto?
-        .with_creases(mesh.creases())
+        .with_creases(mesh.creases())?
         .with_texture(mesh.texture().cloned())
         .with_frame(mesh.frame().copied());
     let flags: Vec<u8> = (0..count).map(|vertex| u8::from(filling.data <= vertex)).collect();

@@ -107,7 +107,7 @@ pub(super) fn cut(mesh: &Mesh, damaged: &[bool]) -> Result<(Mesh, Vec<bool>), Me
     let creases = mesh.creases().filter(|(ends, _)| ends.iter().all(stays));
     let creases = creases.map(|(ends, sharp)| (ends.map(|end| numbers[end as usize]), sharp));
     let mut left = Mesh::new(positions, Faces::polygons(&sides, corners)?)?
-        .with_creases(creases)
+        .with_creases(creases)?
         .with_texture(mesh.texture().cloned())
         .with_frame(mesh.frame().copied());
     for (name, attribute) in mesh.vertex().iter() {

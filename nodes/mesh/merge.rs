@@ -122,7 +122,7 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
         })
         .collect::<Result<_, _>>()?;
     let merged = Mesh::new(positions(&parts)?, faces(&parts)?)?
-        .with_creases(creases(&parts))
+        .with_creases(creases(&parts))?
         .with_texture(first.texture().filter(|_| same_picture).cloned())
         .with_frame(common_frame(meshes).filter(|_| !applied));
     with_attributes(merged, &parts)
@@ -314,8 +314,8 @@ mod tests {
 
     #[test]
     fn vertices_faces_and_creases_follow_each_other() {
-        let first = square(0.0, true).with_creases([([1, 0], 3.0)]);
-        let second = square(5.0, false).with_creases([([2, 3], 1.0)]);
+        let first = square(0.0, true).with_creases([([1, 0], 3.0)]).unwrap();
+        let second = square(5.0, false).with_creases([([2, 3], 1.0)]).unwrap();
         let merged = merge(&[&first, &second], Poses::Auto).unwrap();
         let faces: Vec<&[u32]> = merged.faces().iter().collect();
         assert_eq!(faces, [&[0, 1, 2][..], &[0, 2, 3], &[4, 5, 6, 7]]);

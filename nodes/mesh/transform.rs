@@ -238,7 +238,7 @@ fn turned_round(mesh: &Mesh) -> Result<Mesh, MeshError> {
         None => Faces::polygons(&faces.iter().map(<[u32]>::len).collect::<Vec<_>>(), corners)?,
     };
     let mut round = Mesh::new(mesh.positions().clone(), turned)?
-        .with_creases(mesh.creases())
+        .with_creases(mesh.creases())?
         .with_texture(mesh.texture().cloned())
         .with_frame(mesh.frame().copied());
     for (name, attribute) in mesh.vertex().iter() {

@@ -197,7 +197,7 @@ mod tests {
         let left = |mesh: &Mesh, scheme| closed_rows(&topology(mesh, scheme)).is_none();
         let open = select_faces(&sphere(1), &Vec::from_iter(1..80)).unwrap();
         assert!(left(&open, Scheme::Loop));
-        assert!(left(&sphere(1).with_creases([([0, 12], 2.0)]), Scheme::Loop));
+        assert!(left(&sphere(1).with_creases([([0, 12], 2.0)]).unwrap(), Scheme::Loop));
         assert!(left(&prism(5), Scheme::CatmullClark));
         assert!(left(&sphere(1), Scheme::CatmullClark));
         let shape = |triangles: Vec<[u32; 3]>| {

@@ -89,7 +89,7 @@ pub(super) fn merged(
         (same[0].0, sharpness)
     });
     let sharp: Vec<_> = chosen.filter(|(_, sharpness)| *sharpness > 0.0).collect();
-    mesh.clone().with_creases(sharp)
+    mesh.clone().with_creases(sharp).expect("edges end at vertices of the mesh")
 }
 
 #[cfg(test)]
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn creases_that_are_there_stay_at_least_as_sharp() {
-        let mesh = strip().with_creases([([2, 3], 1.0), ([5, 4], 9.0)]);
+        let mesh = strip().with_creases([([2, 3], 1.0), ([5, 4], 9.0)]).unwrap();
         assert_eq!(creases(&crease(&mesh, 29.0, 3.0)), [([2, 3], 3.0), ([4, 5], 9.0)]);
         assert_eq!(creases(&crease(&mesh, 180.0, 3.0)), [([2, 3], 1.0), ([4, 5], 9.0)]);
     }

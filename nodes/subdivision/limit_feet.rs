@@ -55,7 +55,7 @@ impl<'a> ClosestFeet<'a> {
     pub(super) fn new(mesh: &'a Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
         let dual = how.scheme == Scheme::DooSabin;
         let bare = Mesh::new(mesh.positions().clone(), mesh.faces().clone())?;
-        let bare = bare.with_creases(mesh.creases());
+        let bare = bare.with_creases(mesh.creases())?;
         let plan = Plan::new(
             &bare,
             Subdivision { levels: if dual { DUAL_STEPS } else { STEPS }, limit: dual, ..how },

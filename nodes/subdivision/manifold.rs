@@ -95,7 +95,7 @@ pub(super) fn manifold(mesh: &Mesh) -> Result<Mesh, MeshError> {
     creases.dedup_by_key(|crease| crease.0);
     let sides: Vec<usize> = faces.iter().map(<[u32]>::len).collect();
     let mut surface = Mesh::new(positions, Faces::polygons(&sides, split)?)?
-        .with_creases(creases)
+        .with_creases(creases)?
         .with_texture(mesh.texture().cloned())
         .with_frame(mesh.frame().copied());
     for (name, attribute) in mesh.vertex().iter() {
@@ -181,9 +181,9 @@ mod tests {
 
     #[test]
     fn what_is_a_surface_stays_as_it_is_and_the_rest_keeps_its_data() {
-        let surface = of(vec![[0, 1, 2], [2, 1, 3]]).with_creases([([1, 2], 2.0)]);
+        let surface = of(vec![[0, 1, 2], [2, 1, 3]]).with_creases([([1, 2], 2.0)]).unwrap();
         assert_eq!(manifold(&surface).unwrap(), surface);
-        let book = of(vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]).with_creases([([0, 1], 2.0)]);
+        let book = of(vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]).with_creases([([0, 1], 2.0)]).unwrap();
         let book =
             book.with_vertex("page", Attribute::Index(vec![7, 8, 9, 10, 11].into())).unwrap();
         let split = manifold(&book).unwrap();

@@ -149,7 +149,7 @@ pub(super) fn apply(
     let refined = Mesh::new(positions, last.finer().clone())?;
     progress.check()?;
     let mut refined = refined
-        .with_creases(last.finer_creases())
+        .with_creases(last.finer_creases())?
         .with_texture(mesh.texture().cloned())
         .with_frame(mesh.frame().copied());
     let all = |attribute: &Attribute, carry: fn(&Step, &Attribute) -> Attribute| {

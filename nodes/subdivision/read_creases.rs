@@ -103,7 +103,7 @@ mod tests {
     fn read(json: &str) -> Result<Mesh, ReadCreasesError> {
         let mesh =
             Mesh::new(vec![Point3::origin(); 4], Faces::triangles(vec![[0, 1, 2], [2, 1, 3]]));
-        read_creases(&mesh.unwrap().with_creases([([0, 1], 7.0)]), json.as_bytes())
+        read_creases(&mesh.unwrap().with_creases([([0, 1], 7.0)]).unwrap(), json.as_bytes())
     }
 
     #[test]

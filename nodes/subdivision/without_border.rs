@@ -41,7 +41,7 @@ pub(super) fn select_faces(mesh: &Mesh, faces: &[u32]) -> Result<Mesh, MeshError
         .map(|(ends, sharpness)| (ends.map(|end| renamed[end as usize]), sharpness))
         .filter(|(ends, _)| !ends.contains(&GONE));
     let mut selected = Mesh::new(positions, Faces::polygons(&sides, corners.collect())?)?
-        .with_creases(creases)
+        .with_creases(creases)?
         .with_texture(mesh.texture().cloned())
         .with_frame(mesh.frame().copied());
     for (name, attribute) in mesh.vertex().iter() {

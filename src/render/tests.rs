@@ -208,13 +208,13 @@ fn wild_numbers_do_no_harm() {
     ];
     for points in triangles {
         let wild = mesh(&points, &[[0, 1, 2]]);
-        let wild = wild.with_vertex("normal", Attribute::Vector(vec![[f64::NAN; 3]; 3].into()));
+        let wild = wild.with_vertex("normal", Attribute::Vector(vec![[huge; 3]; 3].into()));
         for zoom in [1.0, 1e300, f64::NAN] {
             let view = View { zoom, yaw: f64::INFINITY, ..View::front() };
             render(wild.as_ref().unwrap(), &view);
         }
     }
-    let uv = Attribute::Pair(vec![[f64::NAN, f64::INFINITY]; 3].into());
+    let uv = Attribute::Pair(vec![[-huge, huge]; 3].into());
     let textured = mesh(&triangles[0], &[[0, 1, 2]]).with_vertex("uv", uv).unwrap();
     let image = Image::new(1, 1, vec![GREEN]).unwrap();
     render(&textured.with_texture(Some(image)), &view(9, 9));

@@ -2,17 +2,34 @@
 
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
 use thiserror::Error;
 
 use super::{Column, DecodeError, Decoder, Encoder, Rgb};
 
 /// Why an attribute does not fit.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("attribute `{name}` has {count} entries for {elements} elements")]
-pub struct AttributeError {
-    pub(super) name: String,
-    pub(super) count: usize,
-    pub(super) elements: usize,
+pub enum AttributeError {
+    /// Too many or too few entries.
+    #[error("attribute `{name}` has {count} entries for {elements} elements")]
+    Length {
+        /// The attribute's name.
+        name: String,
+        /// Its entries.
+        count: usize,
+        /// Elements that it is for.
+        elements: usize,
+    },
+    /// A texture coordinate or a normal that is NaN or infinite.
+    #[error("attribute `{name}` of {element} {index} is not finite")]
+    NotFinite {
+        /// The attribute's name.
+        name: String,
+        /// `vertex`, `corner` and so on.
+        element: &'static str,
+        /// Which of them, from 0.
+        index: usize,
+    },
 }
 
 /// One column of data: an entry per vertex, corner or face.
@@ -69,6 +86,18 @@ impl Attribute {
         }
     }
 
+    /// The first pair or vector that is no place and no direction.
+    fn first_not_finite(&self) -> Option<usize> {
+        fn first<const N: usize>(column: &Column<[f64; N]>) -> Option<usize> {
+            column.par_iter().position_first(|entry| !entry.iter().all(|x| x.is_finite()))
+        }
+        match self {
+            Self::Pair(column) => first(column),
+            Self::Vector(column) => first(column),
+            _ => None,
+        }
+    }
+
     fn size(&self) -> usize {
         match self {
             Self::Number(column) => column.size(),
@@ -107,7 +136,7 @@ impl Attribute {
 /// Attributes by name, in the order of their names.
 ///
 /// The names that nodes agree on: `uv` (pairs, (0, 0) the picture's lower left corner), `normal` (unit vectors), `color`,
-/// `filled` (flags: computed, not measured).
+/// `filled` (flags: computed, not measured). `uv` and `normal` are finite.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Attributes(BTreeMap<String, Attribute>);
 
@@ -151,10 +180,15 @@ impl Attributes {
         name: &str,
         attribute: Attribute,
         elements: usize,
+        element: &'static str,
     ) -> Result<(), AttributeError> {
         if attribute.len() != elements {
             let count = attribute.len();
-            return Err(AttributeError { name: name.to_owned(), count, elements });
+            return Err(AttributeError::Length { name: name.to_owned(), count, elements });
+        }
+        let checked = Some(&attribute).filter(|_| matches!(name, "uv" | "normal"));
+        if let Some(index) = checked.and_then(Attribute::first_not_finite) {
+            return Err(AttributeError::NotFinite { name: name.to_owned(), element, index });
         }
         self.0.insert(name.to_owned(), attribute);
         Ok(())

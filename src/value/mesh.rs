@@ -56,7 +56,23 @@ pub enum MeshError {
         /// The offending vertex.
         vertex: usize,
     },
-    /// An attribute of the wrong length.
+    /// A crease that names no vertex.
+    #[error("a crease names vertex {vertex}, but there are only {vertices}")]
+    NoCreasedVertex {
+        /// The vertex it names.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// A crease whose sharpness is no number from 0 on.
+    #[error("the crease between vertices {} and {} has the sharpness {sharpness}", ends[0], ends[1])]
+    Sharpness {
+        /// Its ends.
+        ends: [u32; 2],
+        /// What was given.
+        sharpness: f64,
+    },
+    /// An attribute of the wrong length, or with what is no number.
     #[error(transparent)]
     Attribute(#[from] AttributeError),
     /// More vertices or corners than a 32-bit index can tell apart.
@@ -77,8 +93,8 @@ fn check_count(what: &'static str, count: usize) -> Result<(), MeshError> {
 ///
 /// A mesh with a [`CaptureFrame`] has the sensor's axes (x right, y down, z away); one without has y up.
 ///
-/// Invariant, checked by [`Mesh::new`] and the `with_` methods: positions finite; each corner names a vertex; no face
-/// meets a vertex twice; each attribute has an entry per element.
+/// Invariant, checked by [`Mesh::new`] and the `with_` methods: positions finite; each corner and each end of a crease names a
+/// vertex; no face meets a vertex twice; each attribute has an entry per element, and `uv` and `normal` are finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mesh {
     positions: Column<Point3<f64>>,
@@ -128,7 +144,8 @@ impl Mesh {
     pub fn with_positions(&self, positions: Vec<Point3<f64>>) -> Result<Self, MeshError> {
         if positions.len() != self.positions.len() {
             let (count, elements) = (positions.len(), self.positions.len());
-            return Err(AttributeError { name: "position".into(), count, elements }.into());
+            let error = AttributeError::Length { name: "position".into(), count, elements };
+            return Err(error.into());
         }
         check_positions(&positions)?;
         let mut moved = Self { positions: positions.into(), ..self.clone() };
@@ -140,18 +157,18 @@ impl Mesh {
     /// The same mesh with an attribute per vertex.
     ///
     /// # Errors
-    /// If there are more or fewer entries than vertices.
+    /// If there are more or fewer entries than vertices, or texture coordinates or normals are not finite.
     pub fn with_vertex(mut self, name: &str, attribute: Attribute) -> Result<Self, MeshError> {
-        self.vertex.insert(name, attribute, self.positions.len())?;
+        self.vertex.insert(name, attribute, self.positions.len(), "vertex")?;
         Ok(self)
     }
 
     /// The same mesh with an attribute per corner, in the order of [`Faces::corners`].
     ///
     /// # Errors
-    /// If there are more or fewer entries than corners.
+    /// If there are more or fewer entries than corners, or texture coordinates or normals are not finite.
     pub fn with_corner(mut self, name: &str, attribute: Attribute) -> Result<Self, MeshError> {
-        self.corner.insert(name, attribute, self.faces.corners().len())?;
+        self.corner.insert(name, attribute, self.faces.corners().len(), "corner")?;
         Ok(self)
     }
 
@@ -160,7 +177,7 @@ impl Mesh {
     /// # Errors
     /// If there are more or fewer entries than faces.
     pub fn with_face(mut self, name: &str, attribute: Attribute) -> Result<Self, MeshError> {
-        self.face.insert(name, attribute, self.faces.len())?;
+        self.face.insert(name, attribute, self.faces.len(), "face")?;
         Ok(self)
     }
 
@@ -173,15 +190,29 @@ impl Mesh {
     }
 
     /// The same mesh with these creases: vertex pairs and sharpness, 0 to 10 (10 and more never softens).
-    #[must_use]
-    pub fn with_creases(mut self, creases: impl IntoIterator<Item = ([u32; 2], f64)>) -> Self {
+    ///
+    /// # Errors
+    /// If a crease names a vertex that is not there, or its sharpness is negative or NaN.
+    pub fn with_creases(
+        mut self,
+        creases: impl IntoIterator<Item = ([u32; 2], f64)>,
+    ) -> Result<Self, MeshError> {
         let mut creases: Vec<Crease> = creases
             .into_iter()
             .map(|([a, b], sharpness)| Crease { vertices: [a.min(b), a.max(b)], sharpness })
             .collect();
+        for &Crease { vertices: ends, sharpness } in &creases {
+            let (vertex, vertices) = (ends[1], self.positions.len());
+            if vertices <= vertex as usize {
+                return Err(MeshError::NoCreasedVertex { vertex, vertices });
+            }
+            if sharpness.is_nan() || sharpness < 0.0 {
+                return Err(MeshError::Sharpness { ends, sharpness });
+            }
+        }
         creases.sort_by_key(|crease| crease.vertices);
         self.creases = creases.into();
-        self
+        Ok(self)
     }
 
     /// The same mesh with a picture on it.
@@ -384,5 +415,30 @@ mod tests {
         assert!(Mesh::new(nowhere, triangle([0, 1, 2])).is_err());
         let mesh = quad_and_triangle();
         assert!(mesh.with_vertex("filled", Attribute::Flag(vec![1].into())).is_err());
+    }
+
+    #[test]
+    fn a_crease_ends_at_vertices_that_are_there() {
+        let error = |ends, sharpness| {
+            quad_and_triangle().with_creases([(ends, sharpness)]).unwrap_err().to_string()
+        };
+        assert_eq!(error([5, 1], 2.0), "a crease names vertex 5, but there are only 5");
+        assert_eq!(error([2, 1], -1.0), "the crease between vertices 1 and 2 has the sharpness -1");
+        assert!(quad_and_triangle().with_creases([([2, 1], 2.0)]).is_ok());
+    }
+
+    #[test]
+    fn texture_coordinates_and_normals_are_numbers() {
+        let mesh = quad_and_triangle();
+        let uv =
+            Attribute::Pair((0..5).map(|k| [0.5, if k == 3 { f64::NAN } else { 0.0 }]).collect());
+        let error = mesh.clone().with_vertex("uv", uv.clone()).unwrap_err().to_string();
+        assert_eq!(error, "attribute `uv` of vertex 3 is not finite");
+        let normals =
+            (0..7).map(|k| [if k == 6 { f64::INFINITY } else { 0.0 }, 0.0, 1.0]).collect();
+        let error = mesh.clone().with_corner("normal", Attribute::Vector(normals)).unwrap_err();
+        assert_eq!(error.to_string(), "attribute `normal` of corner 6 is not finite");
+        // What else a mesh carries may be unknown somewhere.
+        assert!(mesh.with_vertex("distance", uv).is_ok());
     }
 }

@@ -50,7 +50,7 @@ impl Points {
     /// # Errors
     /// If there are more or fewer entries than points.
     pub fn with_attribute(mut self, name: &str, attribute: Attribute) -> Result<Self, PointsError> {
-        self.attributes.insert(name, attribute, self.positions.len())?;
+        self.attributes.insert(name, attribute, self.positions.len(), "point")?;
         Ok(self)
     }
 
@@ -61,7 +61,8 @@ impl Points {
     pub fn with_positions(&self, positions: Vec<Point3<f64>>) -> Result<Self, PointsError> {
         if positions.len() != self.positions.len() {
             let (count, elements) = (positions.len(), self.positions.len());
-            return Err(AttributeError { name: "position".into(), count, elements }.into());
+            let error = AttributeError::Length { name: "position".into(), count, elements };
+            return Err(error.into());
         }
         let mut moved = Self { attributes: self.attributes.clone(), ..Self::new(positions)? };
         moved.attributes.remove("normal");

@@ -188,6 +188,6 @@ fn around(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Option<u32>>), Cur
     let own = vertices.iter().map(|&vertex| numbers[vertex as usize]).collect();
     let bare = Mesh::new(mesh.positions().to_vec(), mesh.faces().clone())?;
     // Parts may touch at a vertex; the first keeps its number, and it is of no use to any.
-    let part = manifold(&select_faces(&bare.with_creases(mesh.creases()), &faces)?)?;
+    let part = manifold(&select_faces(&bare.with_creases(mesh.creases())?, &faces)?)?;
     Ok((part, own))
 }

@@ -102,7 +102,7 @@ fn every_solver_meets_the_vertices_of_closed_and_open_and_creased_meshes() {
     let creased = noisy(&torus(12, 8, false), 0.05);
     let ring = (0..12).map(|k| ([k, (k + 1) % 12], 10.0));
     let spoke = (0..4).map(|k| ([k * 12, (k + 1) * 12], 10.0));
-    let creased = creased.with_creases(ring.chain(spoke));
+    let creased = creased.with_creases(ring.chain(spoke)).unwrap();
     for scheme in SCHEMES {
         for mesh in [noisy(&torus(12, 8, false), 0.05), open.clone(), creased.clone()] {
             let mesh = match scheme {
@@ -358,7 +358,7 @@ fn triangulated(mesh: &Mesh) -> Mesh {
         .iter()
         .flat_map(|face| (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
     let faces = maquette::value::Faces::triangles(fans.collect());
-    Mesh::new(mesh.positions().clone(), faces).unwrap().with_creases(mesh.creases())
+    Mesh::new(mesh.positions().clone(), faces).unwrap().with_creases(mesh.creases()).unwrap()
 }
 
 #[test]

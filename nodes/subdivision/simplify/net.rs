@@ -285,7 +285,7 @@ impl Net {
         let creases = creases.filter(|(a, (b, sharpness))| a < b && *sharpness > 0.0);
         let creases = creases.map(|(a, (b, s))| ([a, *b].map(|v| names[v as usize]), *s));
         let mut simple = Mesh::new(places, Faces::triangles(triangles.collect()))?
-            .with_creases(creases)
+            .with_creases(creases)?
             .with_texture(mesh.texture().cloned())
             .with_frame(mesh.frame().copied());
         let merged = Merged { merges: &self.merges, kept: &kept };

@@ -84,7 +84,7 @@ fn creases_stay_where_they_are() {
     // A roof: its ridge runs along y.
     let roof = sheet(20, |x, _| 0.5 - (x - 0.5).abs());
     let ridge = (0..20u32).map(|row| ([row * 21 + 10, (row + 1) * 21 + 10], 10.0));
-    let roof = roof.with_creases(ridge);
+    let roof = roof.with_creases(ridge).unwrap();
     let coarse = simple(&roof, 4);
     assert_eq!(coarse.faces().len(), 4);
     let creases = Vec::from_iter(coarse.creases());

@@ -320,7 +320,7 @@ fn cube(sharpness: f64) -> Mesh {
     let faces = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     let mesh = placed(faces, &(0..8).map(corner).collect::<Vec<_>>());
     let edges = (0..8u32).flat_map(|a| [1, 2, 4].map(|bit| [a, a | bit])).filter(|[a, b]| a != b);
-    mesh.with_creases(edges.map(|edge| (edge, sharpness)).collect::<Vec<_>>())
+    mesh.with_creases(edges.map(|edge| (edge, sharpness)).collect::<Vec<_>>()).unwrap()
 }
 
 // T-SUB-06, for triangles.
@@ -355,7 +355,7 @@ fn a_crease_is_the_cubic_spline_of_its_edges() {
     let mesh = scattered(sheet(4, 4, false));
     let line: Vec<u32> = (0..5).map(|j| 10 + j).collect();
     let creases: Vec<_> = line.windows(2).map(|ends| ([ends[0], ends[1]], 10.0)).collect();
-    let limit = limit(&mesh.clone().with_creases(creases), 2);
+    let limit = limit(&mesh.clone().with_creases(creases).unwrap(), 2);
     let [left, middle, right] = [11, 12, 13].map(|i| mesh.positions()[i].coords);
     let expected = (left + 4.0 * middle + right) / 6.0;
     assert!((limit.positions()[12].coords - expected).norm() < 1e-14);

@@ -336,5 +336,5 @@ fn with_creases(mesh: Mesh, random: &mut Random) -> Mesh {
             _ => {}
         }
     }
-    mesh.with_creases(creases)
+    mesh.with_creases(creases).unwrap()
 }

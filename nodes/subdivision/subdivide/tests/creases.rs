@@ -18,7 +18,7 @@ fn triangulated(faces: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
 fn by_hoppe_an_irregular_crease_vertex_has_weights_1_3_1() {
     // The crease runs through the middle of a fan of 3 + 5 triangles on both sides of the vertex 0.
     let faces = rosette(8, 3);
-    let mesh = scattered(faces).with_creases([([0, 1], 10.0), ([0, 4], 10.0)]);
+    let mesh = scattered(faces).with_creases([([0, 1], 10.0), ([0, 4], 10.0)]).unwrap();
     let how = |levels| Subdivision {
         creases: Creases::Hoppe94,
         ..with(Scheme::Loop, levels, true, Boundary::EdgeOnly)
@@ -44,7 +44,8 @@ fn by_hoppe_the_limit_is_the_same_from_every_level() {
         // No vertex is a dart, whose limit no rule set has.
         let count = |v: u32| creases.iter().filter(|ends| ends.contains(&v)).count();
         let lasting = creases.iter().filter(|ends| ends.iter().all(|&end| count(end) != 1));
-        let mesh = mesh.with_creases(lasting.map(|&ends| (ends, 10.0)).collect::<Vec<_>>());
+        let mesh =
+            mesh.with_creases(lasting.map(|&ends| (ends, 10.0)).collect::<Vec<_>>()).unwrap();
         let count = |v: u32| mesh.creases().filter(|(ends, _)| ends.contains(&v)).count();
         let darts: Vec<u32> =
             (0..mesh.positions().len() as u32).filter(|&v| count(v) == 1).collect();
@@ -75,7 +76,8 @@ fn by_hoppe_the_limit_is_the_same_from_every_level() {
 #[test]
 fn by_chaikin_the_sharpness_of_neighboring_edges_flows_together() {
     let creased = |creases| {
-        let mesh = scattered(sheet(4, 4, false)).with_creases([([11, 12], 4.0), ([12, 13], 2.0)]);
+        let mesh =
+            scattered(sheet(4, 4, false)).with_creases([([11, 12], 4.0), ([12, 13], 2.0)]).unwrap();
         let how =
             Subdivision { creases, ..with(Scheme::CatmullClark, 1, false, Boundary::EdgeOnly) };
         let refined = subdivide(&mesh, how).unwrap();
@@ -195,7 +197,7 @@ fn a_plan_refuses_meshes_of_another_topology() {
     let how = with(Scheme::CatmullClark, 1, false, Boundary::EdgeOnly);
     let plan = Plan::new(&cube(), how).unwrap();
     assert!(plan.apply(&cube()).is_ok());
-    let creased = cube().with_creases([([0, 1], 2.0)]);
+    let creased = cube().with_creases([([0, 1], 2.0)]).unwrap();
     assert_eq!(plan.apply(&creased), Err(SubdivideError::OtherTopology));
     assert_eq!(plan.apply(&scattered(tetrahedron())), Err(SubdivideError::OtherTopology));
 }

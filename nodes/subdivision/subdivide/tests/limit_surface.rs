@@ -24,7 +24,7 @@ fn families(scheme: Scheme) -> Vec<Mesh> {
             let edges = mesh.edges().vertices;
             let creases: Vec<_> =
                 edges.into_iter().step_by(3).zip([10.0, 1.5, 10.0, 0.5]).collect();
-            [mesh.clone(), mesh.with_creases(creases)]
+            [mesh.clone(), mesh.with_creases(creases).unwrap()]
         })
         .collect()
 }

@@ -12,7 +12,7 @@ fn what_follows_some_control_points_has_the_bits_of_the_whole_product() {
         for mesh in meshes.into_iter().map(scattered) {
             let edges = mesh.edges().vertices;
             let creases = edges.into_iter().step_by(4).zip([10.0, 1.5, 0.5]);
-            for mesh in [mesh.clone(), mesh.with_creases(Vec::from_iter(creases))] {
+            for mesh in [mesh.clone(), mesh.with_creases(Vec::from_iter(creases)).unwrap()] {
                 let plan =
                     Plan::new(&mesh, with(scheme, 3, false, Boundary::EdgeAndCorner)).unwrap();
                 let mut live = plan.live(&mesh).unwrap();

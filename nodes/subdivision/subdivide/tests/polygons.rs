@@ -75,6 +75,7 @@ fn several_steps_at_once_are_single_steps_one_after_the_other() {
         let mesh = scattered(faces);
         let creases: Vec<_> = mesh.edges().vertices.into_iter().step_by(3).zip(1..).collect();
         mesh.with_creases(creases.into_iter().map(|(ends, k)| (ends, f64::from(k % 8) / 2.0)))
+            .unwrap()
     };
     for faces in families() {
         for scheme in [Scheme::Loop, Scheme::CatmullClark, Scheme::DooSabin] {
@@ -281,7 +282,7 @@ fn the_limit_stays_within_the_hull_of_its_neighbors() {
 /// The cube, its 12 edges sharp.
 fn sharp_cube(sharpness: f64) -> Mesh {
     let edges = (0..8u32).flat_map(|a| [1, 2, 4].map(|bit| [a, a | bit])).filter(|[a, b]| a != b);
-    cube().with_creases(edges.map(|edge| (edge, sharpness)).collect::<Vec<_>>())
+    cube().with_creases(edges.map(|edge| (edge, sharpness)).collect::<Vec<_>>()).unwrap()
 }
 
 // T-SUB-06.
@@ -315,7 +316,7 @@ fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_half_way() {
 fn a_crease_is_the_cubic_spline_of_its_edges() {
     let mesh = scattered(sheet(4, 4, false));
     let creases: Vec<_> = (10..14).map(|j| ([j, j + 1], 10.0)).collect();
-    let mesh = mesh.with_creases(creases);
+    let mesh = mesh.with_creases(creases).unwrap();
     let [left, middle, right] = [11, 12, 13].map(|i| mesh.positions()[i].coords);
     let expected = (left + 4.0 * middle + right) / 6.0;
     for levels in [0, 1, 3] {
