@@ -300,6 +300,14 @@ mod tests {
     }
 
     #[test]
+    fn an_offset_beyond_all_that_a_file_can_hold_is_refused() {
+        let error = moved(&[step(1e308, 0.0, [0.0; 3])]).unwrap_err().to_string();
+        let text = "is not finite: a net's coordinates and weights stay below 3.4e38 in size, which files can hold";
+        assert!(error.starts_with("control point (") && error.ends_with(text), "{error}");
+        assert!(moved(&[step(1e30, 0.0, [0.0; 3])]).is_ok());
+    }
+
+    #[test]
     fn a_region_restricts_the_offset() {
         let net = net();
         let left = region(&range(24, 14, |_, _| 0.0), |x, _| x < 10);

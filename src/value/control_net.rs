@@ -18,8 +18,10 @@ pub enum ControlNetError {
         /// Entries given.
         count: usize,
     },
-    /// A point or weight is NaN or infinite.
-    #[error("control point ({row}, {column}) is not finite")]
+    /// A point or weight is NaN, infinite, or beyond all that single precision can tell, in which it is written.
+    #[error(
+        "control point ({row}, {column}) is not finite: a net's coordinates and weights stay below 3.4e38 in size, which files can hold"
+    )]
     NotFinite {
         /// Row of the point.
         row: usize,
@@ -75,7 +77,7 @@ pub struct Chart {
 /// ```
 ///
 /// Invariant, checked by [`ControlNet::new`] and the `with_` methods: as many points, weights, flags and base points as
-/// rows x columns; all finite; no weight negative.
+/// rows x columns; all finite, also in single precision; no weight negative.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlNet {
     rows: usize,
@@ -135,7 +137,7 @@ impl ControlNet {
         self.check_size(weights.len())?;
         for (index, &weight) in weights.iter().enumerate() {
             let (row, column) = (index / self.columns, index % self.columns);
-            if !weight.is_finite() {
+            if !is_finite(weight) {
                 return Err(ControlNetError::NotFinite { row, column });
             }
             if weight < 0.0 {
@@ -180,7 +182,7 @@ impl ControlNet {
 
     fn check_points(&self, points: &[Point3<f64>]) -> Result<(), ControlNetError> {
         self.check_size(points.len())?;
-        match points.iter().position(|point| !point.coords.iter().all(|x| x.is_finite())) {
+        match points.iter().position(|point| !point.coords.iter().copied().all(is_finite)) {
             None => Ok(()),
             Some(index) => Err(ControlNetError::NotFinite {
                 row: index / self.columns,
@@ -281,6 +283,11 @@ impl Value for ControlNet {
             .with("farthest move", farthest);
         super::mesh::describe_bounds(summary, self.points.iter())
     }
+}
+
+/// Whether a number is finite in single precision, too: what is beyond would be infinite in a file, and its square everywhere.
+fn is_finite(number: f64) -> bool {
+    (number as f32).is_finite()
 }
 
 #[cfg(test)]
