@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::patch::Patch;
+use super::patch::{Patch, placed};
 use super::{harmonic, polar, rows};
 use crate::laplace::Unsolved;
 use crate::limits::POINTS;
@@ -15,9 +15,10 @@ use crate::limits::POINTS;
 /// leaves them where they are.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ControlNet {
-    /// The cells that are to be redesigned.
+    /// The cells that are to be redesigned. Where the range image has no point, theirs are taken, moved along if the range image is
+    /// elsewhere than when the region was made.
     pub region: In<Region>,
-    /// The range image that the region is part of.
+    /// The range image that the region is part of: its points make the net.
     pub range: In<RangeImage>,
     /// How the net is laid over the region.
     #[serde(default)]
@@ -201,6 +202,7 @@ pub fn control_net(
         let along = |given: usize, cells: usize| if given == 0 { cells } else { given } as f64;
         POINTS.check("the net", along(rows, cells(1)) * along(columns, cells(0)))?;
     }
+    let region = &*placed(region, range, progress)?;
     let net = match method {
         NetMethod::Auto | NetMethod::Grid if (rows, columns) != (0, 0) => Err(NetError::FixedSize),
         NetMethod::Auto | NetMethod::Grid => grid(region, range, progress),
@@ -336,6 +338,27 @@ pub(super) mod tests {
         let net = net(&region, &range);
         assert_eq!(net.points()[3 * 9 + 3], Point3::new(3.0, 3.0, 0.0));
         assert!((net.points()[4 * 9 + 1] - Point3::new(1.0, 4.0, 2.0)).norm() <= 1e-11);
+    }
+
+    #[test]
+    fn every_method_takes_its_points_from_the_range() {
+        let hole = |x: f64, y: f64| (x, y) == (5.0, 5.0);
+        let scan = range(12, 12, |x, y| if hole(x, y) { f64::NAN } else { 500.0 + x * y });
+        let disk = region(&scan, |x, y| (2..9).contains(&x) && (2..9).contains(&y));
+        let away = range(12, 12, |x, y| if hole(x, y) { f64::NAN } else { 1500.0 + x * y });
+        for method in [
+            NetMethod::Grid,
+            NetMethod::Rows,
+            NetMethod::Polar { order: 3 },
+            NetMethod::Harmonic { corners: None },
+        ] {
+            let net = |range| control_net(&disk, range, method, 0, 0, &Progress::none()).unwrap();
+            let (near, far) = (net(&scan), net(&away));
+            for (near, far) in near.points().iter().zip(far.points()) {
+                let moved = far - near - nalgebra::Vector3::new(0.0, 0.0, 1000.0);
+                assert!(moved.norm() < 1e-6, "{method:?}: {near} {far}");
+            }
+        }
     }
 
     #[test]

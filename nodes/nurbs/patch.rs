@@ -1,5 +1,7 @@
 //! The part of a range grid around a region, without gaps.
 
+use std::borrow::Cow;
+
 use maquette::Progress;
 use maquette::value::{RangeImage, Region};
 use nalgebra::Point3;
@@ -91,6 +93,47 @@ impl Patch {
         let (above, below) = (along(row), along(row + 1));
         above + (below - above) * t
     }
+}
+
+/// The region with the points that `range` has now. Where `range` has none, the region's own stays, moved by as much as those around
+/// it, the smoothest way.
+pub(super) fn placed<'a>(
+    region: &'a Region,
+    range: &RangeImage,
+    progress: &Progress<'_>,
+) -> Result<Cow<'a, Region>, Unsolved> {
+    let now = |cell: u32| range.point(cell as usize);
+    let mut cells = region.cells().iter().zip(region.points());
+    if cells.all(|(&cell, point)| now(cell).is_none_or(|now| now == *point)) {
+        return Ok(Cow::Borrowed(region));
+    }
+    let (low, high) = region.bounds();
+    let (columns, rows) = (high[0] - low[0] + 1, high[1] - low[1] + 1);
+    let place = |cell: u32| {
+        let (column, row) = (cell as usize % region.width(), cell as usize / region.width());
+        (row - low[1]) * columns + column - low[0]
+    };
+    let mut motions = vec![Point3::new(f64::NAN, f64::NAN, f64::NAN); rows * columns];
+    for (&cell, point) in region.cells().iter().zip(region.points()) {
+        if let Some(now) = now(cell) {
+            motions[place(cell)] = (now - point).into();
+        }
+    }
+    if region.cells().iter().any(|&cell| now(cell).is_none()) {
+        fill(&mut motions, rows, columns, progress)?;
+    }
+    let cells = region.cells().iter().zip(region.points());
+    let points =
+        cells.map(|(&cell, point)| now(cell).unwrap_or(point + motions[place(cell)].coords));
+    let moved = Region::new(
+        region.width(),
+        region.height(),
+        region.cells().to_vec(),
+        points.collect(),
+        region.filled().to_vec(),
+        region.contours().to_vec(),
+    );
+    Ok(Cow::Owned(moved.expect("the cells are those of a region, and their points finite")))
 }
 
 /// Gives the invalid points of a grid the smoothest values that fit the valid ones.
