@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::grid_triangles::{GridTriangle, Rays, double_area, grid_triangles};
 
-/// Joins neighboring cells of a range image to a mesh of triangles that look towards the sensor.
+/// Joins neighboring cells of a range image to a mesh of triangles that look towards the sensor, also if the grid is mirrored.
 ///
 /// Each vertex is a cell and keeps its texture coordinate in the picture. Where two parts of the mesh touch in one cell only,
 /// the cell gets a vertex for each, so that the mesh is manifold.
@@ -63,7 +63,8 @@ impl Node for Triangulate {
     }
 }
 
-/// Joins neighboring cells of `range` to triangles, counter-clockwise seen from the sensor.
+/// Joins neighboring cells of `range` to triangles, counter-clockwise seen from the sensor: as most of them are, because a changed
+/// surface may hang over.
 ///
 /// Left out are triangles with an edge longer than `jump` times the median distance of valid cells that share a side, triangles
 /// whose normal makes an angle of more than `grazing` degrees with the line of sight (on whichever side they are seen: a
@@ -81,19 +82,30 @@ pub fn triangulate(range: &RangeImage, jump: f64, grazing: f64) -> Result<Mesh, 
     let longest_sq = jump * jump * median_spacing_sq(range);
     let least_cosine = libm::cos(grazing.to_radians());
     let rays = Rays::of(range);
+    let middle = |[a, b, c]: [Point3<f64>; 3]| Point3::from((a.coords + b.coords + c.coords) / 3.0);
     let triangles = grid_triangles(width, height, points, |corners| {
         let [a, b, c] = corners;
-        let ray = rays.at(Point3::from((a.coords + b.coords + c.coords) / 3.0));
+        let ray = rays.at(middle(corners));
         let normal = double_area(corners);
         let length = normal.norm();
         [b - a, c - b, a - c].iter().all(|edge| edge.norm_squared() <= longest_sq)
             && length > 0.0
             && normal.dot(&ray).abs() >= least_cosine * length * ray.norm()
     });
+    let looks_away = |triangle: &&GridTriangle| {
+        let corners = triangle.cells(width).map(|cell| points[cell]);
+        double_area(corners).dot(&rays.at(middle(corners))) > 0.0
+    };
+    let each = || triangles.par_iter().with_min_len(BLOCK);
+    // In a grid whose columns run to the left, or whose rows run up, all triangles are the wrong way round.
+    let is_mirrored = triangles.len() < 2 * each().filter(looks_away).count();
     let fans = Fans::new(width, height, &triangles);
     let cells = fans.vertices();
-    let faces = triangles.par_iter().with_min_len(BLOCK);
-    let faces = faces.map(|triangle| fans.face(width, *triangle)).collect();
+    let face = |triangle: &GridTriangle| {
+        let [a, b, c] = fans.face(width, *triangle);
+        if is_mirrored { [a, c, b] } else { [a, b, c] }
+    };
+    let faces = each().map(face).collect();
     let positions = cells.par_iter().with_min_len(BLOCK);
     let positions: Vec<Point3<f64>> = positions.map(|&cell| points[cell]).collect();
     let mesh = Mesh::new(positions, Faces::triangles(faces))?.with_frame(Some(frame));
@@ -297,6 +309,20 @@ mod tests {
     }
 
     #[test]
+    fn a_mirrored_grid_looks_at_the_sensor_too() {
+        let plain_grid = drawn(&["####", "####", "##.#"]);
+        for (x, y) in [(-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
+            let turned = plain_grid.points().iter();
+            let turned = turned.map(|point| Point3::new(x * point.x, y * point.y, point.z));
+            let mesh = plain(&RangeImage::new(4, 3, turned.collect()).unwrap());
+            assert_eq!(mesh.faces().len(), plain(&plain_grid).faces().len());
+            for face in mesh.faces().iter() {
+                assert!(mesh.area_vector(face).z < 0.0, "{x} {y}");
+            }
+        }
+    }
+
+    #[test]
     fn vertices_stand_row_by_row_and_look_at_the_sensor() {
         let mesh = plain(&drawn(&["#####", "#####", "#..#.", "...#."]));
         assert_eq!(mesh.positions().len(), 12);
@@ -370,12 +396,14 @@ mod tests {
 
     #[test]
     fn an_overhang_is_kept() {
-        let flat = drawn(&["##", "##"]);
-        let [a, b, c, d] = [0, 1, 2, 3].map(|cell| flat.points()[cell]);
-        let turned = flat.with_points(vec![b, a, d, c]).unwrap();
-        let mesh = plain(&turned);
-        assert_eq!(mesh.faces().len(), 2);
-        assert!(mesh.vertex_normals().iter().all(|normal| normal.z > 0.999));
+        let flat = drawn(&["######", "######"]);
+        let folded = flat.points().iter().enumerate().map(|(cell, point)| match cell % 6 {
+            3 => Point3::new(1.25, point.y, point.z),
+            _ => *point,
+        });
+        let mesh = plain(&flat.with_points(folded.collect()).unwrap());
+        let away = mesh.faces().iter().filter(|face| mesh.area_vector(face).z > 0.0).count();
+        assert_eq!((mesh.faces().len(), away), (10, 2));
     }
 
     #[test]
