@@ -73,7 +73,9 @@ pub use interpolate_curve::{
     CurveBasis, InterpolateCurve, InterpolateCurveError, interpolate_curve,
 };
 pub use interpolate_surface::{InterpolateSurface, InterpolateSurfaceError, interpolate_surface};
-pub use interpolation::{Direction, Foot, Interpolated, Interpolation, Norm, NotLinear, Solver};
+pub use interpolation::{
+    Direction, Foot, Interpolated, Interpolation, Norm, NotLinear, RanAway, Solver,
+};
 pub use limit_surface::{LimitPoint, LimitSurface};
 pub use live::Live;
 pub use plan::Plan;

@@ -12,7 +12,7 @@ use maquette::value::{Trace, TraceStep};
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
-use super::interpolation::{Direction, Found, Interpolation, Norm, Solution};
+use super::interpolation::{Direction, End, Found, Interpolation, Norm, RanAway, Solution};
 
 /// A point of a curve or surface, and which way is perpendicular there.
 #[derive(Clone, Copy, Debug)]
@@ -107,13 +107,28 @@ impl Record {
         self.tolerance
     }
 
-    /// Whether these distances are small enough.
-    pub(super) fn allows(&self, [max, rms]: [f64; 2]) -> bool {
-        let distance = match self.norm {
+    /// The one of these distances that counts.
+    fn distance(&self, [max, rms]: [f64; 2]) -> f64 {
+        match self.norm {
             Norm::Max => max,
             Norm::Mean => rms,
-        };
-        distance <= self.tolerance
+        }
+    }
+
+    /// The distance at the beginning.
+    fn first(&self) -> f64 {
+        self.steps.first().map_or(0.0, |step| self.distance([step.max, step.rms]))
+    }
+
+    /// Without what was noted after an iteration.
+    fn until(mut self, iteration: u32) -> Self {
+        self.steps.truncate(iteration as usize + 1);
+        self
+    }
+
+    /// Whether these distances are small enough.
+    pub(super) fn allows(&self, distances: [f64; 2]) -> bool {
+        self.distance(distances) <= self.tolerance
     }
 
     /// Notes the distances after the next iteration, the first time before all; whether they are small enough.
@@ -148,8 +163,17 @@ impl Record {
 /// Every so many iterations feet are looked for everywhere, not only near the last ones.
 const WHOLE: u32 = 5;
 
+/// An iterate is near its points if it misses them by less than this share of what the first one does: a surface that is some use.
+const NEAR: f64 = 0.1;
+
+/// After so many iterations without a better one, none is to be expected.
+const LATE: u32 = 10;
+
 /// The geometric iteration. `feet` gives the foot of each point on what some control points make, looking everywhere if it is
 /// told so, else near the last ones. Control points that `fixed` marks stay and have no say; it may be empty.
+///
+/// Only of a linear problem it is known that it converges. Of any other the best iterate is what is found, and an iteration ends that
+/// misses the points by twice as much as at the beginning.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
@@ -166,8 +190,11 @@ pub(super) fn iterate(
         let missed = free.iter().map(|&k| (points[k] - feet[k].point).norm_squared());
         missed.fold(Missed::none(), Missed::and_by).distances()
     };
-    let mut record = Record::new(how.norm, how.tolerance * diagonal(points));
+    let size = diagonal(points);
+    let mut record = Record::new(how.norm, how.tolerance * size);
     let mut control = points.to_vec();
+    let mut best = (f64::INFINITY, 0, control.clone());
+    let mut is_lost = false;
     for iteration in 0..=how.iterations {
         progress.tick(f64::from(iteration) / f64::from(how.iterations.max(1)))?;
         let whole = iteration % WHOLE == 0;
@@ -176,19 +203,40 @@ pub(super) fn iterate(
         if !whole && record.allows(distances(&found)) {
             found = feet(&control, true);
         }
-        if record.note(distances(&found)) {
-            let found = Found { control, trace: record.into_trace(), settled: true };
+        let missed = distances(&found);
+        if record.note(missed) {
+            let found = Found { control, trace: record.into_trace(), end: End::Settled };
             return Ok(Solution { found, unreachable: false });
         }
         if how.is_linear() && record.stalls() {
-            let found = Found { control, trace: record.into_trace(), settled: false };
+            let found = Found { control, trace: record.into_trace(), end: End::Short };
             return Ok(Solution { found, unreachable: true });
+        }
+        if record.distance(missed) < best.0 {
+            best = (record.distance(missed), iteration, control.clone());
+        }
+        let grows = 2.0 * record.first() < record.distance(missed);
+        is_lost = grows || best.1 + LATE < iteration;
+        if grows && !how.is_linear() {
+            break;
         }
         if iteration < how.iterations {
             free.iter().for_each(|&k| control[k] += found[k].step(points[k], how.direction));
         }
     }
-    let found = Found { control, trace: record.into_trace(), settled: false };
+    if how.is_linear() {
+        let found = Found { control, trace: record.into_trace(), end: End::Short };
+        return Ok(Solution { found, unreachable: false });
+    }
+    let (missed, iteration, control) = best;
+    let start = record.first();
+    let moves = control.iter().zip(points).map(|(control, point)| (control - point).norm());
+    let is_far = moves.fold(0.0, f64::max) > size;
+    let end = match is_far || is_lost && missed > NEAR * start {
+        true => End::RanAway(RanAway { iteration, missed }),
+        false => End::Short,
+    };
+    let found = Found { control, trace: record.until(iteration).into_trace(), end };
     Ok(Solution { found, unreachable: false })
 }
 

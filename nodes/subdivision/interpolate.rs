@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::blocks::limit_matrix;
 use super::interpolation::{
-    Direction, Foot, Interpolated, Interpolation, NotLinear, Solution, Solver,
+    Direction, Foot, Interpolated, Interpolation, NotLinear, RanAway, Solution, Solver,
 };
 use super::least_squares::least_squares;
 use super::limit::{Limit, LimitPlaces};
@@ -99,6 +99,9 @@ pub enum InterpolateError {
     /// Control points out of all bounds.
     #[error("the iteration ran away: {0}")]
     Mesh(#[from] MeshError),
+    /// The iteration leads away.
+    #[error(transparent)]
+    RanAway(#[from] RanAway),
     /// The evaluation was told to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -224,8 +227,8 @@ fn interpolate_with<E: From<InterpolateError>>(
             nearest
         }
     };
-    let found = solution.found.shaped(|control| mesh.with_positions(control));
-    let found = found.map_err(InterpolateError::from)?;
+    let shape = |control| mesh.with_positions(control).map_err(InterpolateError::from);
+    let found = solution.found.shaped(shape)?;
     Ok(Interpolated { shape: found.shape.without("normal"), ..found })
 }
 
@@ -259,8 +262,8 @@ fn refined_once<E: From<InterpolateError>>(
     let old = limits.positions.head(mesh.positions().len());
     let solution = least_squares(&old, refined.positions(), mesh.positions(), &[], how, progress);
     let found = solution.map_err(InterpolateError::from)?.found;
-    let found = found.shaped(|control| refined.with_positions(control));
-    Ok(found.map_err(InterpolateError::from)?)
+    let shape = |control| refined.with_positions(control).map_err(InterpolateError::from);
+    Ok(found.shaped(shape)?)
 }
 
 #[cfg(test)]

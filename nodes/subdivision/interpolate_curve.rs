@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::control_curve::ControlCurve;
 use super::geometric::{FootPoint, Perpendicular};
-use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear};
+use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear, RanAway};
 use super::limit_matrix::LimitMatrix;
 
 /// Finds the control points of a smooth curve through given points.
@@ -68,6 +68,9 @@ pub enum InterpolateCurveError {
     /// Control points out of all bounds.
     #[error("the iteration ran away: {0}")]
     Curve(#[from] CurveError),
+    /// The iteration leads away.
+    #[error(transparent)]
+    RanAway(#[from] RanAway),
     /// The evaluation was told to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),

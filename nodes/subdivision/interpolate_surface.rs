@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::geometric::{FootPoint, Perpendicular};
-use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear};
+use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear, RanAway};
 use super::limit_matrix::LimitMatrix;
 use super::stencils::Stencils;
 use crate::nurbs::parameters;
@@ -57,6 +57,9 @@ pub enum InterpolateSurfaceError {
     /// No surface.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
+    /// The iteration leads away.
+    #[error(transparent)]
+    RanAway(#[from] RanAway),
     /// The evaluation was told to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),

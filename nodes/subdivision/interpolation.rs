@@ -153,8 +153,38 @@ pub struct NotLinear {
 pub(super) struct Found {
     pub(super) control: Vec<Point3<f64>>,
     pub(super) trace: Trace,
-    /// Whether the distances are within the tolerance.
-    pub(super) settled: bool,
+    pub(super) end: End,
+}
+
+/// How looking for control points ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum End {
+    /// The distances are within the tolerance.
+    Settled,
+    /// They are not yet, or cannot be.
+    Short,
+    /// They grew, and were never small.
+    RanAway(RanAway),
+}
+
+impl End {
+    /// That of distances which are within the tolerance, or are not.
+    pub(super) fn new(settled: bool) -> Self {
+        if settled { Self::Settled } else { Self::Short }
+    }
+}
+
+/// An iteration that leads away from the points.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "the iteration runs away: at its best, after {iteration} iterations, it misses a point by {missed:.3e} mm; take `direction: Residual` or \
+     `foot: Closest`"
+)]
+pub struct RanAway {
+    /// The iteration that came nearest.
+    pub iteration: u32,
+    /// The distance then, in mm.
+    pub missed: f64,
 }
 
 /// Control points, and whether the limits of any are nearer to the given points.
@@ -179,12 +209,16 @@ impl Found {
     /// What `shape` makes of the control points.
     ///
     /// # Errors
-    /// Those of `shape`.
-    pub(super) fn shaped<T, E>(
+    /// If the iteration ran away, and those of `shape`.
+    pub(super) fn shaped<T, E: From<RanAway>>(
         self,
         shape: impl FnOnce(Vec<Point3<f64>>) -> Result<T, E>,
     ) -> Result<Interpolated<T>, E> {
-        Ok(Interpolated { shape: shape(self.control)?, trace: self.trace, settled: self.settled })
+        if let End::RanAway(error) = self.end {
+            return Err(error.into());
+        }
+        let settled = self.end == End::Settled;
+        Ok(Interpolated { shape: shape(self.control)?, trace: self.trace, settled })
     }
 }
 

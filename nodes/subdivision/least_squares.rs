@@ -9,7 +9,7 @@ use nalgebra::Point3;
 
 use super::columns::{self, Column};
 use super::geometric::{Record, diagonal};
-use super::interpolation::{Found, Interpolation, Solution};
+use super::interpolation::{End, Found, Interpolation, Solution};
 use super::stencils::Stencils;
 
 /// A slope that is so much smaller than the residual is rounding: what is left is beyond the reach of the matrix.
@@ -75,6 +75,6 @@ pub(super) fn least_squares(
         steep = after;
     }
     let control = unknown.into_iter().map(Point3::from).collect();
-    let found = Found { control, trace: record.into_trace(), settled };
+    let found = Found { control, trace: record.into_trace(), end: End::new(settled) };
     Ok(Solution { found, unreachable })
 }

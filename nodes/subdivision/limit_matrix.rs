@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::columns::{self, Column};
 use super::geometric::{Missed, Record, diagonal};
-use super::interpolation::{Found, Interpolation, Solution, Solver};
+use super::interpolation::{End, Found, Interpolation, Solution, Solver};
 use super::least_squares::least_squares;
 use super::stencils::Stencils;
 use super::walk::Walk;
@@ -83,7 +83,7 @@ impl LimitMatrix {
             }
         }
         let settled = record.note(self.missed(&self.blocks, points, &control).distances());
-        let found = Found { control, trace: record.into_trace(), settled };
+        let found = Found { control, trace: record.into_trace(), end: End::new(settled) };
         Some(Solution { found, unreachable: false })
     }
 
@@ -118,7 +118,7 @@ impl LimitMatrix {
         let missed = last.filter(|_| self.blocks.len() == 1);
         let missed = missed.unwrap_or_else(|| self.missed(&self.blocks, points, &control));
         let settled = record.correct(missed.distances());
-        let found = Found { control, trace: record.into_trace(), settled };
+        let found = Found { control, trace: record.into_trace(), end: End::new(settled) };
         Ok(Solution { found, unreachable: unreachable && !settled })
     }
 
