@@ -200,21 +200,24 @@ pub fn fill_holes(
             "" => None,
             name => Some(marks(&mesh, name)?),
         };
-        let start = filling.points[filling.data..].to_vec();
-        let colors = options.counts_colors().then(|| colors(&mesh, &filling, options.texture));
-        let given = Given { allowed, colors: colors.flatten() };
-        let completed = progress
-            .part(plain..PLAIN, |progress| complete(&mut filling, options, &given, progress))?;
-        if completed.no_exemplar && !holes.is_empty() {
-            doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
-        }
-        (steps, copies) = (completed.trace, Some(completed.copies));
-        crossings.look_again(&filling, |_| true, progress)?;
-        if !crossings.is_empty() {
-            let before = crossings.faces(&filling).len();
-            settle(&mut filling, &start, &mut crossings, progress)?;
-            if crossings.faces(&filling).len() < before {
-                doubts.push("where shapes found elsewhere would have run through the mesh or each other, it is filled as at the start".into());
+        // Without an iteration nothing is looked for, because nothing would move.
+        if options.iterations > 0 {
+            let start = filling.points[filling.data..].to_vec();
+            let colors = options.counts_colors().then(|| colors(&mesh, &filling, options.texture));
+            let given = Given { allowed, colors: colors.flatten() };
+            let completed = progress
+                .part(plain..PLAIN, |progress| complete(&mut filling, options, &given, progress))?;
+            if completed.no_exemplar && !holes.is_empty() {
+                doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
+            }
+            (steps, copies) = (completed.trace, Some(completed.copies));
+            crossings.look_again(&filling, |_| true, progress)?;
+            if !crossings.is_empty() {
+                let before = crossings.faces(&filling).len();
+                settle(&mut filling, &start, &mut crossings, progress)?;
+                if crossings.faces(&filling).len() < before {
+                    doubts.push("where shapes found elsewhere would have run through the mesh or each other, it is filled as at the start".into());
+                }
             }
         }
     }

@@ -17,12 +17,12 @@ pub struct ExemplarOptions {
     #[serde(default)]
     pub update: Update,
     /// The radius of a patch on each level; chosen from the hole's width and the data's edges where 0 or left out.
-    #[schemars(extend("unit" = "mm"))]
+    #[schemars(inner(range(min = 0.0)), extend("unit" = "mm"))]
     #[serde(default)]
     pub radii: Vec<f64>,
     /// How far the compared points of a patch are apart on each level, at least an eighth of its radius; chosen from the radii and the
     /// data's edges where 0 or left out. The last one is also the length of the filled edges.
-    #[schemars(extend("unit" = "mm"))]
+    #[schemars(inner(range(min = 0.0)), extend("unit" = "mm"))]
     #[serde(default)]
     pub edges: Vec<f64>,
     /// How the weight of a patch falls with its distance from the hole's rim.
@@ -51,7 +51,7 @@ pub struct ExemplarOptions {
     /// What filled faces show of a picture, if texture coordinates are given for corners, as those of an atlas are.
     #[serde(default)]
     pub texture: Shown,
-    /// Iterations of a level, at most; 0 leaves the start as it is.
+    /// Iterations of a level, at most; 0 leaves the start as it is, and looks for no exemplars.
     #[schemars(range(max = 1000))]
     #[serde(default = "twenty")]
     pub iterations: u32,

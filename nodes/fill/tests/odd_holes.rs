@@ -122,3 +122,14 @@ fn the_number_of_triangles_is_known_before() {
         assert!((0.5..2.5).contains(&ratio), "{size}: {known} for {}", patch.n_faces());
     }
 }
+
+#[test]
+fn without_iterations_the_start_is_taken_and_nothing_is_looked_for() {
+    let mesh = without(&sphere(4), |p| p.z > 0.88);
+    let options = ExemplarOptions { iterations: 0, ..Default::default() };
+    let started = fill(&mesh, HoleChoice::All, FillMethod::Exemplar(options)).unwrap();
+    let plain = fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap();
+    assert_eq!(started.mesh, plain.mesh);
+    assert_eq!(started.trace.steps(), []);
+    assert_eq!(started.doubts, plain.doubts);
+}
