@@ -40,7 +40,7 @@ fn write_ply_million_triangles(bencher: divan::Bencher<'_, '_>) {
 
 #[divan::bench(sample_count = 21, sample_size = 1)]
 fn read_ply_million_triangles(bencher: divan::Bencher<'_, '_>) {
-    let bytes = ply::encode(&mesh());
+    let bytes = ply::encode(&mesh()).expect("a file");
     bencher.bench(|| ply::read(&bytes).expect("a mesh"));
 }
 
@@ -54,7 +54,7 @@ fn vertex_normals_million_triangles(bencher: divan::Bencher<'_, '_>) {
 fn read_pcd_640_480(bencher: divan::Bencher<'_, '_>) {
     let range = RangeImage::new(640, 480, points(640, 480)).expect("a grid");
     let range = range.with_colors(vec![[90, 60, 30]; 640 * 480]).expect("colors");
-    let bytes = pcd::encode(&range);
+    let bytes = pcd::encode(&range).expect("a file");
     bencher.bench(|| pcd::read(&bytes).expect("a grid"));
 }
 

@@ -6,6 +6,10 @@
 
 use std::fmt;
 
+use nalgebra::Point3;
+use rayon::prelude::*;
+use thiserror::Error;
+
 use crate::pack::{Format, format};
 
 pub mod abs;
@@ -85,6 +89,36 @@ impl fmt::Display for At {
             Self::Line(line) => write!(f, "line {line}"),
             Self::Byte(byte) => write!(f, "byte {byte}"),
         }
+    }
+}
+
+/// The most memory that reading a file may take: so much that no honest file of a few megabytes is refused, and as many times the
+/// file's own bytes as the best packed of the large ones unpack to. A small file can unpack to a thousand times its size.
+fn most_memory(bytes: usize) -> usize {
+    bytes.saturating_mul(32).max(1 << 30)
+}
+
+/// A place that single precision cannot tell, in which most formats have places: it would be infinite in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[error(
+    "{what} {index} is at ({:e}, {:e}, {:e}), but coordinates in such a file are at most 3.4e38 in size: scale or move it nearer before it is written",
+    place[0], place[1], place[2]
+)]
+pub struct TooFar {
+    /// `vertex`, `cell` or `point`.
+    pub what: &'static str,
+    /// Which of them, from 0.
+    pub index: usize,
+    /// Where it is.
+    pub place: [f64; 3],
+}
+
+/// Checks that single precision can tell these places, or that there are none.
+fn check_single(what: &'static str, points: &[Point3<f64>]) -> Result<(), TooFar> {
+    let far = |point: &Point3<f64>| point.iter().any(|&x| (x as f32).is_infinite());
+    match points.par_iter().with_min_len(4096).position_first(far) {
+        Some(index) => Err(TooFar { what, index, place: points[index].coords.into() }),
+        None => Ok(()),
     }
 }
 

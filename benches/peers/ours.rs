@@ -76,7 +76,7 @@ fn repeat(work: &str, folder: &Path) {
         }
         "write-ply" => {
             let mesh = ply::read(&read(&folder.join("mesh.ply"))).expect("a mesh");
-            serve(|| ply::encode(&mesh), |_| mesh.faces().len() as f64);
+            serve(|| ply::encode(&mesh).expect("a file"), |_| mesh.faces().len() as f64);
         }
         "catmull-clark" => refine(folder, Scheme::CatmullClark),
         "loop" => refine(folder, Scheme::Loop),

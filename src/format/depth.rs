@@ -13,6 +13,9 @@ use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Pinhole, RangeImage};
 
+/// Memory that a pixel of a depth map takes: its sample, its depth and its point.
+pub(super) const BYTES_PER_PIXEL: usize = 36;
+
 /// Why bytes are not a depth map.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum DepthError {

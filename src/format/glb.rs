@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use serde_json::{Value, json};
 use thiserror::Error;
 
+use super::check_single;
 use super::corners::{Split, split};
 use super::png;
 use super::rows::{fill, floats, indices};
@@ -26,8 +27,6 @@ pub use read::{GlbReadError, read};
 pub(super) enum GlbError {
     #[error("a mesh without vertices cannot be written as GLB")]
     Empty,
-    #[error("a position is too far away for single precision, which GLB has")]
-    TooFar,
     #[error("{bytes} bytes are more than the 4 GiB of a GLB file")]
     TooLarge { bytes: usize },
 }
@@ -60,9 +59,10 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
     if mesh.positions().is_empty() {
         return Err(GlbError::Empty.into());
     }
+    check_single("vertex", mesh.positions())?;
     let vertices = Vertices::new(mesh);
     let mut file = Buffers::default();
-    let mut attributes = json!({ "POSITION": file.positions(&vertices)? });
+    let mut attributes = json!({ "POSITION": file.positions(&vertices) });
     if !mesh.faces().is_empty() {
         attributes["NORMAL"] = file.normals(&vertices).into();
     }
@@ -217,7 +217,7 @@ impl Buffers {
         }))
     }
 
-    fn positions(&mut self, vertices: &Vertices<'_>) -> Result<usize, GlbError> {
+    fn positions(&mut self, vertices: &Vertices<'_>) -> usize {
         let points = vertices.gather(Some(&**vertices.mesh.positions()), None);
         let single = |x: f64| x as f32;
         let first = points[0].map(single);
@@ -225,14 +225,11 @@ impl Buffers {
             let point = point.map(single);
             (low.inf(&point), high.sup(&point))
         });
-        if !low.iter().chain(high.iter()).all(|x| x.is_finite()) {
-            return Err(GlbError::TooFar);
-        }
         let accessor =
             self.attribute(&points, (FLOAT, "VEC3"), |point| floats(point.coords.into()));
         self.accessors[accessor]["min"] = json!(low.coords.as_slice());
         self.accessors[accessor]["max"] = json!(high.coords.as_slice());
-        Ok(accessor)
+        accessor
     }
 
     fn normals(&mut self, vertices: &Vertices<'_>) -> usize {
@@ -412,7 +409,5 @@ mod tests {
         let no_faces = || Faces::triangles(vec![]);
         let empty = Mesh::new(vec![], no_faces()).unwrap();
         assert_eq!(encode(&empty).unwrap_err().downcast(), Some(&GlbError::Empty));
-        let far = Mesh::new(vec![Point3::new(1e300, 0.0, 0.0)], no_faces()).unwrap();
-        assert_eq!(encode(&far).unwrap_err().downcast(), Some(&GlbError::TooFar));
     }
 }

@@ -8,6 +8,7 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+use super::most_memory;
 use crate::value::Image;
 
 /// Why bytes are not a picture in a JPEG file.
@@ -29,6 +30,24 @@ pub enum JpegError {
         /// Bytes in the file.
         bytes: usize,
     },
+    /// A file that ends inside the picture.
+    #[error("byte {bytes}: the file ends before its picture does: it is cut off")]
+    Ends {
+        /// Bytes in the file.
+        bytes: usize,
+    },
+    /// More pixels than are read.
+    #[error(
+        "{width} x {height} pixels would take more than {most} bytes of memory: make the picture smaller"
+    )]
+    TooLarge {
+        /// The picture's width.
+        width: usize,
+        /// The picture's height.
+        height: usize,
+        /// Bytes that reading it may take.
+        most: usize,
+    },
 }
 
 /// Most pixels that a byte can hold: a block of 64 takes at least one bit in the scan of its mean.
@@ -37,11 +56,13 @@ const PIXELS_PER_BYTE: usize = 64 * 8;
 /// The picture in a JPEG file.
 ///
 /// # Errors
-/// If the bytes are not a JPEG file, it is damaged, or its header promises more pixels than it can hold.
+/// If the bytes are not a JPEG file, it is damaged or cut off, or its header promises more pixels than it can hold or memory may.
 pub fn read(bytes: &[u8]) -> Result<Image, JpegError> {
     let broken = |reason: &dyn std::fmt::Debug| JpegError::Broken { reason: format!("{reason:?}") };
     // No processor's own instructions: the pixels are the same on every machine.
+    // Strict: what is missing inside the picture is an error, and not gray.
     let options = DecoderOptions::new_safe()
+        .set_strict_mode(true)
         .set_max_width(usize::from(u16::MAX))
         .set_max_height(usize::from(u16::MAX))
         .jpeg_set_out_colorspace(ColorSpace::RGB);
@@ -51,12 +72,53 @@ pub fn read(bytes: &[u8]) -> Result<Image, JpegError> {
     if PIXELS_PER_BYTE.saturating_mul(bytes.len()) < width * height {
         return Err(JpegError::CutOff { width, height, bytes: bytes.len() });
     }
+    let outline = outline(bytes).ok_or(JpegError::Ends { bytes: bytes.len() })?;
+    let most = most_memory(bytes.len());
+    if most / outline.bytes_per_pixel() < width * height {
+        return Err(JpegError::TooLarge { width, height, most });
+    }
     // The decoder panics on some damaged files: https://github.com/etemesi254/zune-image/issues/362. It is not used after that.
     let samples = catch_unwind(AssertUnwindSafe(|| decoder.decode()))
         .map_err(|_| broken(&"the decoder gave up"))?
         .map_err(|error| broken(&error))?;
     let pixels = samples.as_chunks::<3>().0.to_vec();
     Image::new(width, height, pixels).map_err(|error| broken(&error))
+}
+
+/// What the markers of a file say of its parts.
+struct Outline {
+    /// How often all or a part of the picture is gone through.
+    scans: usize,
+    /// Whether the scans refine each other.
+    progressive: bool,
+}
+
+impl Outline {
+    /// Memory that a pixel takes: three channels in the decoder's list and in the picture, and three coefficients of two bytes if
+    /// they must be kept until the last scan.
+    fn bytes_per_pixel(&self) -> usize {
+        if self.progressive || 1 < self.scans { 12 } else { 6 }
+    }
+}
+
+/// Follows the markers from the start of a file to the end of its picture; none if the file ends before. The decoder does not
+/// notice when only the last rows are missing.
+fn outline(bytes: &[u8]) -> Option<Outline> {
+    let mut outline = Outline { scans: 0, progressive: false };
+    let mut at = 2;
+    loop {
+        // Between markers are the bits of a scan, where a byte of 255 has a zero behind it, and restarts.
+        at += bytes.get(at..)?.iter().position(|&byte| byte == 0xff)?;
+        let kind = *bytes.get(at + 1)?;
+        at += match kind {
+            0xff => 1,
+            0x00 | 0x01 | 0xd0..=0xd8 => 2,
+            0xd9 => return Some(outline),
+            _ => 2 + usize::from(u16::from_be_bytes(*bytes.get(at + 2..)?.first_chunk()?)),
+        };
+        outline.scans += usize::from(kind == 0xda);
+        outline.progressive |= kind == 0xc2;
+    }
 }
 
 #[cfg(test)]
@@ -94,6 +156,31 @@ mod tests {
         let size = file.windows(4).position(|window| window == [0, 12, 0, 16]).unwrap();
         file[size..size + 4].fill(0xff);
         assert!(matches!(read(&file), Err(JpegError::CutOff { width: 65535, .. })));
+    }
+
+    #[test]
+    fn a_photograph_that_is_cut_anywhere_is_refused() {
+        for file in [PHOTO, PROGRESSIVE, GRAY] {
+            let whole = (0..file.len()).find(|&length| read(&file[..length]).is_ok());
+            assert_eq!(whole, None);
+            // What cameras write behind a picture is none of its parts.
+            assert_eq!(read(&[file, b"more"].concat()), read(file));
+        }
+        let half = read(&PHOTO[..PHOTO.len() - 20]).unwrap_err().to_string();
+        assert_eq!(half, "byte 700: the file ends before its picture does: it is cut off");
+    }
+
+    #[test]
+    fn a_small_file_of_a_huge_picture_is_refused() {
+        for (photo, side) in [(PHOTO, 0x40), (PROGRESSIVE, 0x28)] {
+            let mut file = photo.to_vec();
+            let size = file.windows(4).position(|window| window == [0, 12, 0, 16]).unwrap();
+            file[size..size + 4].copy_from_slice(&[side, 0, side, 0]);
+            // So many bytes could hold as many pixels.
+            file.resize(1_000_000, 0);
+            let error = read(&file).unwrap_err();
+            assert!(matches!(error, JpegError::TooLarge { .. }), "{error}");
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::rows::{fill_blocks, fill_column};
-use super::{At, excerpt, parse, words};
+use super::{At, TooFar, check_single, excerpt, most_memory, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{RangeImage, Rgb};
@@ -20,6 +20,9 @@ mod lzf;
 /// Why bytes are not a grid of points in a PCD file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PcdError {
+    /// Nothing at all.
+    #[error("the file is empty")]
+    Empty,
     /// The header lacks a line.
     #[error("the header has no line {keyword}")]
     Missing {
@@ -106,6 +109,18 @@ pub enum PcdError {
         /// Points that the header promises.
         expected: usize,
     },
+    /// Compressed points that take too much memory.
+    #[error(
+        "{width} x {height} points would take more than {most} bytes of memory: write them uncompressed, as `DATA binary`"
+    )]
+    TooMuch {
+        /// What WIDTH says.
+        width: usize,
+        /// What HEIGHT says.
+        height: usize,
+        /// Bytes that reading them may take.
+        most: usize,
+    },
     /// Compressed data that contradict the header or themselves.
     #[error("byte {byte}: {what}")]
     Compressed {
@@ -121,12 +136,15 @@ pub enum PcdError {
 /// # Errors
 /// If the bytes are not a PCD file, its points are not organized as a grid, or it ends too early.
 pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
+    if bytes.is_empty() {
+        return Err(PcdError::Empty);
+    }
     let header = header::read(bytes)?;
     let body = &bytes[header.start..];
     let (points, colors) = match header.encoding {
         Encoding::Ascii => ascii(&header, body)?,
         Encoding::Binary => {
-            need(&header, body, header.stride)?;
+            need(&header, body, header.width * header.height * header.stride)?;
             let rows = |index: usize, field: &Field| &body[index * header.stride + field.offset..];
             gather(&header, rows)
         }
@@ -144,9 +162,8 @@ pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
     })
 }
 
-/// Checks that `body` holds at least this many bytes per point, before memory is reserved for the points.
-fn need(header: &Header, body: &[u8], bytes_per_point: usize) -> Result<(), PcdError> {
-    let expected = (header.width * header.height).saturating_mul(bytes_per_point);
+/// Checks that `body` holds at least this many bytes, before memory is reserved for the points.
+fn need(header: &Header, body: &[u8], expected: usize) -> Result<(), PcdError> {
     if body.len() < expected {
         let at = match header.encoding {
             Encoding::Ascii => At::Line(header.start_line),
@@ -167,6 +184,12 @@ fn unpack(header: &Header, body: &[u8]) -> Result<Vec<u8>, PcdError> {
     if unpacked != header.width * header.height * header.stride {
         let what = "the size of the data is not that of the points in the header";
         return Err(PcdError::Compressed { byte: header.start + 4, what });
+    }
+    let (width, height) = (header.width, header.height);
+    let most = most_memory(body.len());
+    let per_point = header.stride.saturating_add(size_of::<Point3<f64>>() + size_of::<Rgb>());
+    if most / per_point < width * height {
+        return Err(PcdError::TooMuch { width, height, most });
     }
     let stream = rest.get(..packed).ok_or(cut_off(body.len(), packed.saturating_add(8)))?;
     lzf::unpack(stream, unpacked).map_err(|broken| PcdError::Compressed {
@@ -213,9 +236,9 @@ fn unpack_color([blue, green, red, _]: [u8; 4]) -> Rgb {
 
 /// The points of an ascii body, one a line.
 fn ascii(header: &Header, body: &[u8]) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), PcdError> {
-    // Each number takes a digit and a blank, but the last line may lack its end.
-    need(header, body, 1)?;
     let count = header.width * header.height;
+    // Each number takes a digit and a blank, but the last line may lack its end.
+    need(header, body, count.saturating_mul(header.numbers).saturating_mul(2) - 1)?;
     let mut points = Vec::with_capacity(count);
     let mut colors = Vec::new();
     let lines = body.split(|&byte| byte == b'\n').zip(header.start_line..);
@@ -266,12 +289,16 @@ impl FileFormat for RangePcd {
     const ENDING: &'static str = "pcd";
 
     fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        Ok(NewFile::only(name, encode(range)))
+        Ok(NewFile::only(name, encode(range)?))
     }
 }
 
 /// The range image as a binary PCD file: single precision, NaN where a cell is invalid.
-pub fn encode(range: &RangeImage) -> Vec<u8> {
+///
+/// # Errors
+/// If a point is where single precision cannot tell.
+pub fn encode(range: &RangeImage) -> Result<Vec<u8>, TooFar> {
+    check_single("cell", range.points())?;
     let (width, height) = (range.width(), range.height());
     let (names, per_field) = match range.colors() {
         Some(_) => ("x y z rgb", 4),
@@ -300,7 +327,7 @@ pub fn encode(range: &RangeImage) -> Vec<u8> {
             fill_column(rows, stride, 12, &colors[first..], packed);
         }
     });
-    bytes
+    Ok(bytes)
 }
 
 #[cfg(test)]
@@ -347,7 +374,7 @@ mod tests {
     fn a_grid_that_was_written_reads_the_same() {
         for file in [BINARY, NO_COLOR] {
             let range = read(file).unwrap();
-            let again = read(&encode(&range)).unwrap();
+            let again = read(&encode(&range).unwrap()).unwrap();
             assert_eq!(points(&again), points(&range));
             assert_eq!(again.colors(), range.colors());
         }
@@ -391,7 +418,7 @@ mod tests {
     #[test]
     fn a_grid_that_is_promised_but_not_there_takes_no_memory() {
         for (encoding, expected) in [
-            ("ascii", "line 7: the data end too early: 5 bytes, where at least 1000000000000 are"),
+            ("ascii", "line 7: the data end too early: 5 bytes, where at least 5999999999999 are"),
             ("binary", "byte 76: the data end too early: 5 bytes, where at least 12000000000000"),
             ("binary_compressed", "byte 87: the data end too early: 5 bytes, where at least 8 are"),
         ] {
@@ -401,6 +428,24 @@ mod tests {
             let error = read(file.as_bytes()).unwrap_err().to_string();
             assert!(error.starts_with(expected), "{error}");
         }
+    }
+
+    #[test]
+    fn a_small_file_of_very_many_packed_points_is_refused() {
+        let header = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 10000\nHEIGHT 5000\nDATA binary_compressed\n";
+        let (packed, unpacked) = (8_000_000u32, 600_000_000u32);
+        let mut file = [header.as_bytes(), &packed.to_le_bytes(), &unpacked.to_le_bytes()].concat();
+        // One byte and copies of it.
+        file.extend([0, 0]);
+        file.extend([7 << 5, 255, 0].repeat(packed as usize / 3 - 1));
+        file.resize(header.len() + 8 + packed as usize, 0);
+        let text = "10000 x 5000 points would take more than 1073741824 bytes of memory: write them uncompressed, as `DATA binary`";
+        assert_eq!(read(&file).unwrap_err().to_string(), text);
+    }
+
+    #[test]
+    fn an_empty_file_is_said_to_be_empty() {
+        assert_eq!(read(b"").unwrap_err().to_string(), "the file is empty");
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::At;
 use super::corners::{FaceList, with_corners};
 use crate::value::{Attribute, Faces, Mesh, MeshError, Points, Rgb};
 use body::{Body, Rows};
-use header::{Element, Property, Scalar};
+use header::{Element, Header, Kind, Property, Scalar};
 
 mod body;
 mod header;
@@ -139,7 +139,8 @@ pub enum PlyError {
 ///
 /// Properties of vertices become attributes: `nx ny nz` the vectors `normal`; `s t`, `u v` or `texture_u texture_v` the pairs
 /// `uv`; `red green blue` (whole numbers, or floats from 0 to 1) the colors `color`; `filled` as `uchar` flags; every other
-/// floating point property numbers, every other `uint` indices. Lists `texcoord` of faces become the pairs `uv` per corner if all
+/// floating point property numbers, every other `uint` indices. What a file of [`encode`] says of its properties in comments is
+/// believed: its vectors, pairs, colors and flags are read as such. Lists `texcoord` of faces become the pairs `uv` per corner if all
 /// faces have them. Elements other than `vertex` and `face` are passed over.
 ///
 /// # Errors
@@ -161,7 +162,7 @@ pub fn read(bytes: &[u8]) -> Result<Mesh, PlyError> {
         }
     }
     let vertices = vertices.ok_or(PlyError::NoVertices)?;
-    vertices.into_mesh(faces.unwrap_or_default())
+    vertices.into_mesh(&header, faces.unwrap_or_default())
 }
 
 /// The points in a PLY file, with the attributes of [`read`]; faces, if there are some, are left out.
@@ -194,6 +195,9 @@ fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
     }
     Ok(())
 }
+
+/// The properties that are a vertex' color.
+const RGB: [&str; 3] = ["red", "green", "blue"];
 
 /// The scalar properties of an element, row by row.
 struct Table<'a> {
@@ -245,15 +249,40 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// Takes the colors out, if there are some.
-    fn take_colors(&mut self) -> Option<Vec<Rgb>> {
-        let colors = self.take(["red", "green", "blue"])?;
+    /// Takes colors out, if they are there.
+    fn take_colors(&mut self, names: [&str; 3]) -> Option<Vec<Rgb>> {
+        let colors = self.take(names)?;
         let scale = if colors[0].property.scalar.is_float() { 255.0 } else { 1.0 };
         let byte = |channel: f64| (channel * scale).round() as u8;
         Some(self.rows.gather(&colors, |color| color.map(byte)))
     }
 
-    fn into_mesh(mut self, faces: FaceTable) -> Result<Mesh, PlyError> {
+    /// Takes out what the comments of our own files say.
+    fn take_attribute(&mut self, kind: Kind, name: &str) -> Option<Attribute> {
+        let suffixes = kind.suffixes().iter();
+        let names = Vec::from_iter(suffixes.map(|suffix| format!("{name}{suffix}")));
+        let names = Vec::from_iter(names.iter().map(|name| &**name));
+        Some(match (kind, &names[..]) {
+            (Kind::Flag, &[flag]) => {
+                let columns = self.take([flag])?;
+                Attribute::Flag(self.rows.gather(&columns, |[flag]| u8::from(flag != 0.0)).into())
+            }
+            (Kind::Pair, &[first, second]) => {
+                let columns = self.take([first, second])?;
+                Attribute::Pair(self.rows.gather(&columns, |pair| pair).into())
+            }
+            (Kind::Vector, &[x, y, z]) => {
+                let columns = self.take([x, y, z])?;
+                Attribute::Vector(self.rows.gather(&columns, |vector| vector).into())
+            }
+            (_, &[red, green, blue]) => {
+                Attribute::Color(self.take_colors([red, green, blue])?.into())
+            }
+            _ => return None,
+        })
+    }
+
+    fn into_mesh(mut self, header: &Header, faces: FaceTable) -> Result<Mesh, PlyError> {
         let places = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
         let positions = self.rows.gather(&places, Point3::from);
         let uv = faces.uv;
@@ -276,8 +305,13 @@ impl<'a> Table<'a> {
             let corners = Vec::from_iter(origins.into_iter().map(|origin| uv[origin]));
             mesh = with_corners(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
         }
-        if let Some(colors) = self.take_colors() {
+        if let Some(colors) = self.take_colors(RGB) {
             mesh = mesh.with_vertex("color", Attribute::Color(colors.into()))?;
+        }
+        for (kind, name) in &header.attributes {
+            if let Some(attribute) = self.take_attribute(*kind, name) {
+                mesh = mesh.with_vertex(name, attribute)?;
+            }
         }
         for column in std::mem::take(&mut self.columns) {
             let (property, column) = (column.property.clone(), [column]);
@@ -336,7 +370,7 @@ impl FaceTable {
         if let Some(triangles) = body.take_triangles(element) {
             return Ok(Self { triangles: Some(triangles), ..Self::default() });
         }
-        let list = FaceList::with_capacity(element.count);
+        let list = FaceList::with_capacity(body.room_for_faces(element));
         let mut table = Self { triangles: None, list, uv: Some(Vec::new()) };
         let (mut corners, mut uv) = (Vec::new(), Vec::new());
         for _ in 0..element.count {

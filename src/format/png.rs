@@ -7,6 +7,7 @@ use std::io::Cursor;
 
 use thiserror::Error;
 
+use super::{depth, most_memory};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Field, Image, Labels, Mask};
@@ -25,13 +26,15 @@ pub enum PngError {
         reason: String,
     },
     /// More pixels than are read.
-    #[error("{width} x {height} pixels are more than the {most} bytes that a picture may take")]
+    #[error(
+        "{width} x {height} pixels would take more than {most} bytes of memory: make the picture smaller"
+    )]
     TooLarge {
         /// The picture's width.
         width: u32,
         /// The picture's height.
         height: u32,
-        /// Bytes that a picture may take.
+        /// Bytes that reading it may take.
         most: usize,
     },
     /// A header that promises more than can be there.
@@ -72,7 +75,7 @@ pub enum PngError {
 /// If the bytes are not a PNG file, it is damaged, or the picture takes more than 512 MB.
 pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
     let transformations = Transformations::EXPAND | Transformations::STRIP_16;
-    let Pixels { width, height, color, buffer } = decode(bytes, transformations)?;
+    let Pixels { width, height, color, buffer } = decode(bytes, transformations, 3, MOST_BYTES)?;
     let pixels: Vec<[u8; 3]> = match color.samples() {
         1 => buffer.iter().map(|&gray| [gray; 3]).collect(),
         2 => buffer.as_chunks::<2>().0.iter().map(|&[gray, _]| [gray; 3]).collect(),
@@ -93,7 +96,9 @@ pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
 /// # Errors
 /// If the bytes are not a PNG file of that kind, it is damaged, or the picture takes more than 512 MB.
 pub(super) fn read_depth(bytes: &[u8]) -> Result<(usize, usize, Vec<u16>), PngError> {
-    let Pixels { width, height, color, buffer } = decode(bytes, Transformations::IDENTITY)?;
+    let most = most_memory(bytes.len());
+    let Pixels { width, height, color, buffer } =
+        decode(bytes, Transformations::IDENTITY, depth::BYTES_PER_PIXEL as u64, most)?;
     let samples = buffer.as_chunks::<2>().0;
     let gray = color == ColorType::Grayscale;
     if !gray || samples.len() as u64 != pixels(width, height) {
@@ -115,7 +120,13 @@ struct Pixels {
 /// Most bytes that a byte of the file can unpack to: the limit of Deflate.
 const BYTES_PER_BYTE: usize = 1032;
 
-fn decode(bytes: &[u8], transformations: Transformations) -> Result<Pixels, PngError> {
+/// All samples, if pixels of `per_pixel` bytes do not take more than `most`.
+fn decode(
+    bytes: &[u8],
+    transformations: Transformations,
+    per_pixel: u64,
+    most: usize,
+) -> Result<Pixels, PngError> {
     let broken = |reason: ::png::DecodingError| PngError::Broken { reason: reason.to_string() };
     let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MOST_BYTES });
     decoder.set_transformations(transformations);
@@ -125,9 +136,10 @@ fn decode(bytes: &[u8], transformations: Transformations) -> Result<Pixels, PngE
     let info = reader.info();
     let (width, height) = (info.width, info.height);
     let bits = info.bits_per_pixel() as u64 * pixels(width, height);
-    let fits = |size: &usize| *size <= MOST_BYTES && 3 * pixels(width, height) <= MOST_BYTES as u64;
+    let all = per_pixel.saturating_mul(pixels(width, height));
+    let fits = |size: &usize| *size <= MOST_BYTES && all <= most as u64;
     let size = reader.output_buffer_size().filter(fits);
-    let size = size.ok_or(PngError::TooLarge { width, height, most: MOST_BYTES })?;
+    let size = size.ok_or(PngError::TooLarge { width, height, most })?;
     if (BYTES_PER_BYTE.saturating_mul(bytes.len()) as u64) < bits / 8 {
         return Err(PngError::CutOff { width, height, bytes: bytes.len() });
     }
@@ -341,6 +353,18 @@ mod tests {
         drop(writer);
         let error = PngError::TooLarge { width: 1 << 15, height: 1 << 15, most: MOST_BYTES };
         assert_eq!(read(&bytes), Err(error));
+    }
+
+    #[test]
+    fn a_small_file_of_a_huge_depth_map_is_refused() {
+        let mut bytes = Vec::new();
+        let mut encoder = Encoder::new(&mut bytes, 1 << 13, 1 << 13);
+        encoder.set_depth(BitDepth::Sixteen);
+        let mut writer = encoder.write_header().unwrap();
+        writer.write_chunk(::png::chunk::IDAT, &[]).unwrap();
+        drop(writer);
+        let error = PngError::TooLarge { width: 1 << 13, height: 1 << 13, most: 1 << 30 };
+        assert_eq!(read_depth(&bytes), Err(error));
     }
 
     #[test]

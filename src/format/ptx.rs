@@ -9,7 +9,7 @@ use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
 use super::range_file::{RangeFile, Rows};
-use super::{camera, excerpt, parse, words};
+use super::{camera, check_single, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{RangeImage, Rgb};
@@ -191,6 +191,7 @@ impl FileFormat for RangePtx {
     const ENDING: &'static str = "ptx";
 
     fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        check_single("cell", range.points())?;
         Ok(NewFile::only(name, encode(range)))
     }
 }

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use super::corners::FaceList;
 use super::rows::floats;
-use super::{excerpt, parse, words};
+use super::{TooFar, check_single, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Mesh, MeshError};
@@ -55,9 +55,18 @@ pub enum StlError {
         /// Its last line, from 1.
         line: usize,
     },
+    /// A text that ends before its last line.
+    #[error("line {line}: the file ends without `endsolid`: it is cut off")]
+    Open {
+        /// Its last line, from 1.
+        line: usize,
+    },
     /// Vertices and faces that make no mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
+    /// A vertex that the format cannot tell.
+    #[error(transparent)]
+    TooFar(#[from] TooFar),
     /// More triangles than the format can count.
     #[error("{triangles} triangles are more than an STL file can count")]
     TooLarge {
@@ -122,15 +131,17 @@ impl Corners {
 /// The lines `facet normal ..`, `outer loop`, three `vertex x y z`, `endloop`, `endfacet`, between `solid` and `endsolid`.
 fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
     let mut facet: Option<Vec<[f64; 3]>> = None;
-    let mut last = 1;
+    let (mut last, mut is_open) = (1, true);
     for (text, line) in bytes.split(|&byte| byte == b'\n').zip(1..) {
         let mut words = words(text);
         let Some(first) = words.next() else { continue };
         last = line;
         let wrong = |wanted| StlError::Word { line, text: excerpt(text.trim_ascii()), wanted };
         match (first.to_ascii_lowercase().as_slice(), &mut facet) {
-            (b"solid" | b"endsolid", None) | (b"outer" | b"endloop", Some(_)) => {}
-            (b"facet", None) => facet = Some(Vec::with_capacity(3)),
+            (b"solid", None) => is_open = true,
+            (b"endsolid", None) => is_open = false,
+            (b"outer" | b"endloop", Some(_)) => {}
+            (b"facet", None) => (facet, is_open) = (Some(Vec::with_capacity(3)), true),
             (b"vertex", Some(facet)) => {
                 let mut place = [0.0; 3];
                 let mut found = 0;
@@ -156,7 +167,11 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
             (_, Some(_)) => return Err(wrong("vertex")),
         }
     }
-    if facet.is_some() { Err(StlError::Ends { line: last }) } else { Ok(()) }
+    match facet {
+        Some(_) => Err(StlError::Ends { line: last }),
+        None if is_open => Err(StlError::Open { line: last }),
+        None => Ok(()),
+    }
 }
 
 /// Writes a mesh as binary STL; polygons become fans of triangles.
@@ -172,6 +187,7 @@ impl FileFormat for MeshStl {
 }
 
 fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
+    check_single("vertex", mesh.positions())?;
     let triangles: usize = mesh.faces().iter().map(|face| face.len() - 2).sum();
     let count = u32::try_from(triangles).map_err(|_| StlError::TooLarge { triangles })?;
     let mut bytes = Vec::with_capacity(84 + TRIANGLE * triangles);
@@ -196,7 +212,7 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::format::hostile;
+    use crate::format::{glb, hostile, obj, ply};
     use crate::value::Faces;
 
     const TEXT: &str = "solid a square\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 1 1 0\n\
@@ -279,6 +295,34 @@ mod tests {
         );
         let start = &TEXT[..TEXT.find("endloop").unwrap()];
         assert_eq!(read(start.as_bytes()).unwrap_err(), StlError::Ends { line: 6 });
+    }
+
+    #[test]
+    fn a_text_that_is_cut_after_a_facet_is_refused() {
+        let end = TEXT.find("endsolid").unwrap();
+        let error = read(&TEXT.as_bytes()[..end]).unwrap_err().to_string();
+        assert_eq!(error, "line 15: the file ends without `endsolid`: it is cut off");
+        // Some files have several solids.
+        let two = TEXT.repeat(2);
+        assert_eq!(read(two.as_bytes()).unwrap().faces().len(), 4);
+        assert!(read(&two.as_bytes()[..two.len() - 18]).is_err());
+    }
+
+    #[test]
+    fn a_vertex_beyond_single_precision_is_not_written_as_infinite() {
+        let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., -1e39, 0.)];
+        let mesh = Mesh::new(positions, Faces::triangles(vec![[0, 1, 2]])).unwrap();
+        let text = "vertex 2 is at (0e0, -1e39, 0e0), but coordinates in such a file are at most 3.4e38 in size: scale or move it \
+            nearer before it is written";
+        assert_eq!(encode(&mesh).unwrap_err().to_string(), text);
+        assert_eq!(ply::encode(&mesh).unwrap_err().to_string(), text);
+        for written in [
+            obj::MeshObj::write(&mesh, "a.obj"),
+            glb::MeshGlb::write(&mesh, "a.glb"),
+            ply::MeshPly::write(&mesh, "a.ply"),
+        ] {
+            assert_eq!(written.unwrap_err().to_string(), text);
+        }
     }
 
     #[test]

@@ -10,6 +10,7 @@ use ::tiff::decoder::{Decoder, DecodingResult, Limits};
 use ::tiff::encoder::{TiffEncoder, colortype};
 use thiserror::Error;
 
+use super::{depth, most_memory};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Field, Image, Mask};
@@ -47,6 +48,18 @@ pub enum TiffError {
         /// Bytes in the file.
         bytes: usize,
     },
+    /// More pixels than are read.
+    #[error(
+        "{width} x {height} pixels would take more than {most} bytes of memory: make the picture smaller"
+    )]
+    TooLarge {
+        /// The picture's width.
+        width: u32,
+        /// The picture's height.
+        height: u32,
+        /// Bytes that reading it may take.
+        most: usize,
+    },
     /// A picture without pixels, or with more than TIFF can say.
     #[error("a picture of {width} x {height} pixels cannot be written as TIFF")]
     Size {
@@ -71,7 +84,11 @@ struct Pixels {
     samples: DecodingResult,
 }
 
-fn decode(bytes: &[u8]) -> Result<Pixels, TiffError> {
+/// Memory that a pixel of a picture takes: three samples in the decoder's list and in the picture.
+const BYTES_PER_PIXEL: usize = 6;
+
+/// All samples, if a pixel's memory, with what is made of it, is not more than `per_pixel` bytes.
+fn decode(bytes: &[u8], per_pixel: usize) -> Result<Pixels, TiffError> {
     let broken = |error: ::tiff::TiffError| TiffError::Broken { reason: error.to_string() };
     let most = MOST_BYTES.min(BYTES_PER_BYTE.saturating_mul(bytes.len()));
     let mut limits = Limits::default();
@@ -83,6 +100,10 @@ fn decode(bytes: &[u8]) -> Result<Pixels, TiffError> {
     let (width, height) = decoder.dimensions().map_err(broken)?;
     if (most as u64) < u64::from(width) * u64::from(height) / 8 {
         return Err(TiffError::CutOff { width, height, bytes: bytes.len() });
+    }
+    let memory = most_memory(bytes.len());
+    if ((memory / per_pixel) as u64) < u64::from(width) * u64::from(height) {
+        return Err(TiffError::TooLarge { width, height, most: memory });
     }
     let color = decoder.colortype().map_err(broken)?;
     let samples = decoder.read_image().map_err(broken)?;
@@ -133,7 +154,7 @@ fn check_directory(bytes: &[u8]) -> Result<(), TiffError> {
 /// # Errors
 /// If the bytes are not a TIFF file, it is damaged, the picture takes more than 512 MB, or it is of another kind.
 pub fn read(bytes: &[u8]) -> Result<Image, TiffError> {
-    let Pixels { width, height, color, samples } = decode(bytes)?;
+    let Pixels { width, height, color, samples } = decode(bytes, BYTES_PER_PIXEL)?;
     let wrong = || TiffError::Kind {
         found: format!("{color:?}"),
         wanted: "pictures have 8 or 16 bits, gray or RGB, channels together",
@@ -175,7 +196,7 @@ pub(super) struct Depths {
 /// # Errors
 /// If the bytes are not a TIFF file, it is damaged, takes more than 512 MB, or has more than one channel.
 pub(super) fn read_depth(bytes: &[u8]) -> Result<Depths, TiffError> {
-    let Pixels { width, height, color, samples } = decode(bytes)?;
+    let Pixels { width, height, color, samples } = decode(bytes, depth::BYTES_PER_PIXEL)?;
     let wrong = || TiffError::Kind {
         found: format!("{color:?}"),
         wanted: "depths are one channel of floats, or of whole numbers of 16 or 32 bits",
@@ -308,6 +329,19 @@ mod tests {
         for (file, byte) in [(&little[..], 10), (big, 10), (large, 24)] {
             assert_eq!(read(file), Err(TiffError::Entry { byte }));
         }
+    }
+
+    #[test]
+    fn a_small_file_of_a_huge_depth_map_is_refused() {
+        let mut file = written::<FieldTiff>(&Field::new(1, 1, vec![1.0]).unwrap());
+        for tag in [0, 1] {
+            let entry = [tag, 1, 4, 0, 1, 0, 0, 0, 1];
+            let at = file.windows(9).position(|window| window == entry).unwrap();
+            file[at + 8..at + 12].copy_from_slice(&8192u32.to_le_bytes());
+        }
+        file.resize(1_000_000, 0);
+        let error = read_depth(&file).unwrap_err();
+        assert!(matches!(error, TiffError::TooLarge { width: 8192, .. }), "{error}");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{excerpt, parse, words};
+use super::{check_single, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Attribute, Points, PointsError, RangeImage, Rgb};
@@ -106,6 +106,7 @@ impl FileFormat for PointsXyz {
     const ENDING: &'static str = "xyz";
 
     fn write(points: &Points, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        check_single("point", points.positions())?;
         let attributes = points.attributes();
         let (colors, normals) = (attributes.colors("color"), attributes.vectors("normal"));
         let lines = points.positions().iter().enumerate().map(|(index, point)| {
@@ -124,6 +125,7 @@ impl FileFormat for RangeXyz {
     const ENDING: &'static str = "xyz";
 
     fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        check_single("cell", range.points())?;
         let lines = (0..range.points().len()).filter_map(|cell| {
             Some((range.point(cell)?, range.colors().map(|colors| colors[cell]), None))
         });

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::format::corners::split;
-use crate::format::png;
+use crate::format::{check_single, png};
 use crate::memory::huge_vec;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Column, Mesh, Rgb};
@@ -21,6 +21,7 @@ impl FileFormat for MeshObj {
     const ENDING: &'static str = "obj";
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
+        check_single("vertex", mesh.positions())?;
         let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
         let Some(texture) = mesh.texture() else {
             return Ok(NewFile::only(name, encode(mesh, String::new())));
@@ -152,7 +153,7 @@ fn push_color(text: &mut Vec<u8>, color: Rgb) {
     color.into_iter().for_each(|channel| push_float(text, f64::from(channel) / 255.0));
 }
 
-/// A blank and the shortest text that reads as the same single precision number; 0 for what is no number.
+/// A blank and the shortest text that reads as the same single precision number; 0 for what is none.
 fn push_float(text: &mut Vec<u8>, number: f64) {
     let number = number as f32;
     text.push(b' ');

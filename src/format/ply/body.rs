@@ -43,6 +43,14 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
+    /// How many faces of an element the rest can hold, if they have three corners and are not degenerate.
+    pub(super) fn room_for_faces(&self, element: &Element) -> usize {
+        let corner = element.properties.iter().find(|property| property.length.is_some());
+        let corner = corner.map_or(1, |property| self.encoding.least_size(property.scalar));
+        let room = self.bytes.len() - self.next.min(self.bytes.len());
+        element.count.min(room / (self.encoding.least_row(element) + 3 * corner))
+    }
+
     /// The rows of an element without lists, and whether they are big endian; none in a text.
     pub(super) fn take_rows(
         &mut self,

@@ -74,7 +74,7 @@ pub(super) enum Encoding {
 
 impl Encoding {
     /// The fewest bytes that a number takes: in a text a digit and a blank, though the last blank may be missing.
-    fn least_size(self, scalar: Scalar) -> usize {
+    pub(super) fn least_size(self, scalar: Scalar) -> usize {
         match self {
             Self::Ascii => 1,
             Self::LittleEndian | Self::BigEndian => scalar.size(),
@@ -89,12 +89,51 @@ impl Encoding {
     }
 }
 
+/// What several properties are together, or one is beside a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Flag,
+    Pair,
+    Vector,
+    Color,
+}
+
+impl Kind {
+    const ALL: [Self; 4] = [Self::Flag, Self::Pair, Self::Vector, Self::Color];
+
+    /// The word for it in a comment.
+    pub(super) fn word(self) -> &'static str {
+        match self {
+            Self::Flag => "flag",
+            Self::Pair => "pair",
+            Self::Vector => "vector",
+            Self::Color => "color",
+        }
+    }
+
+    fn new(word: &[u8]) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.word().as_bytes() == word)
+    }
+
+    /// What stands behind the attribute's name in those of its properties.
+    pub(super) fn suffixes(self) -> &'static [&'static str] {
+        match self {
+            Self::Flag => &[""],
+            Self::Pair => &["_0", "_1"],
+            Self::Vector => &["_x", "_y", "_z"],
+            Self::Color => &["_red", "_green", "_blue"],
+        }
+    }
+}
+
 #[derive(Debug)]
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
     /// The `obj_info` lines of a name and a number.
     pub(super) info: Vec<(String, f64)>,
+    /// What our own comments `comment attribute <kind> <name>` say of the vertices' properties.
+    pub(super) attributes: Vec<(Kind, String)>,
     /// Where the body begins: byte and line.
     pub(super) start: usize,
     pub(super) start_line: usize,
@@ -110,7 +149,7 @@ impl Header {
 pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
-    let mut info = Vec::new();
+    let (mut info, mut attributes) = (Vec::new(), Vec::new());
     let mut start = 0;
     for line in 1.. {
         let rest = &bytes[start..];
@@ -126,6 +165,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
             [b"obj_info", name, number] => {
                 let name = String::from_utf8_lossy(name).into_owned();
                 info.extend(parse(number).map(|number| (name, number)));
+            }
+            [b"comment", b"attribute", kind, name] => {
+                let name = String::from_utf8_lossy(name).into_owned();
+                attributes.extend(Kind::new(kind).map(|kind| (kind, name)));
             }
             [] | [b"comment" | b"obj_info", ..] => {}
             [b"format", kind, _] => {
@@ -157,7 +200,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
             }
             [b"end_header"] => {
                 let encoding = encoding.ok_or(PlyError::NoFormat)?;
-                return Ok(Header { encoding, elements, info, start, start_line: line + 1 });
+                let start_line = line + 1;
+                return Ok(Header { encoding, elements, info, attributes, start, start_line });
             }
             _ => return Err(wrong()),
         }

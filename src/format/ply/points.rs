@@ -3,6 +3,7 @@
 use super::no_faces;
 use super::write::encode;
 use crate::error::Error;
+use crate::format::check_single;
 use crate::format::rows::{floats, indices};
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
@@ -17,7 +18,7 @@ impl FileFormat for RegionPly {
     fn write(region: &Region, name: &str) -> Result<Vec<NewFile>, Error> {
         let mesh = Mesh::new(region.points().to_vec(), no_faces())?
             .with_vertex("filled", Attribute::Flag(region.filled().to_vec().into()))?;
-        Ok(NewFile::only(name, encode(&mesh)))
+        Ok(NewFile::only(name, encode(&mesh)?))
     }
 }
 
@@ -41,7 +42,7 @@ impl FileFormat for RangePly {
         if filled.contains(&1) {
             mesh = mesh.with_vertex("filled", Attribute::Flag(filled.into()))?;
         }
-        Ok(NewFile::only(name, encode(&mesh)))
+        Ok(NewFile::only(name, encode(&mesh)?))
     }
 }
 
@@ -57,7 +58,7 @@ impl FileFormat for PointsPly {
         for (attribute, column) in points.attributes().iter() {
             mesh = mesh.with_vertex(attribute, column.clone())?;
         }
-        Ok(NewFile::only(name, encode(&mesh)))
+        Ok(NewFile::only(name, encode(&mesh)?))
     }
 }
 
@@ -75,7 +76,7 @@ impl FileFormat for HandlesPly {
             .with_vertex("motion", Attribute::Vector(motions.into()))?
             .with_vertex("sigma", Attribute::Vector(handles.sigma().to_vec().into()))?
             .with_vertex("weight", Attribute::Number(handles.weight().to_vec().into()))?;
-        Ok(NewFile::only(name, encode(&mesh)))
+        Ok(NewFile::only(name, encode(&mesh)?))
     }
 }
 
@@ -88,6 +89,7 @@ impl FileFormat for CurvePly {
 
     fn write(curve: &Curve, name: &str) -> Result<Vec<NewFile>, Error> {
         let points = curve.sample(0);
+        check_single("point", &points)?;
         let count = points.len();
         let edges = Vec::from_iter(if curve.is_closed() { 0..count } else { 0..count - 1 });
         let mut bytes = format!(
@@ -151,16 +153,9 @@ mod tests {
         let points = read_points(&bytes).unwrap();
         assert_eq!(points.positions()[..], [Point3::new(1., 2., 3.), Point3::new(4., 2., 3.)]);
         let attributes = points.attributes();
-        // A file has numbers alone, one for each axis.
-        for (name, numbers) in [
-            ("motion_x", [0.5, 0.5]),
-            ("motion_y", [0.0, 0.0]),
-            ("sigma_y", [0.25, 0.25]),
-            ("sigma_z", [1.0, 1.0]),
-            ("weight", [1.0, 2.0]),
-        ] {
-            assert_eq!(attributes.get(name), Some(&Attribute::Number(numbers.to_vec().into())));
-        }
+        assert_eq!(attributes.vectors("motion").unwrap()[..], [[0.5, 0.0, 0.0]; 2]);
+        assert_eq!(attributes.vectors("sigma").unwrap()[..], [[0.5, 0.25, 1.0]; 2]);
+        assert_eq!(attributes.get("weight"), Some(&Attribute::Number(vec![1.0, 2.0].into())));
     }
 
     #[test]

@@ -5,8 +5,10 @@ use std::borrow::Cow;
 use bytemuck::NoUninit;
 use rayon::prelude::*;
 
+use super::header::Kind;
 use crate::error::Error;
 use crate::format::rows::{fill_blocks, fill_column, floats, indices};
+use crate::format::{TooFar, check_single};
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, Rgb};
 
@@ -18,7 +20,7 @@ impl FileFormat for MeshPly {
     const ENDING: &'static str = "ply";
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
-        Ok(NewFile::only(name, encode(mesh)))
+        Ok(NewFile::only(name, encode(mesh)?))
     }
 }
 
@@ -41,12 +43,14 @@ impl FileFormat for ControlNetPly {
         let mesh = Mesh::new(net.points().to_vec(), faces)?
             .with_vertex("weight", Attribute::Number(net.weights().to_vec().into()))?
             .with_vertex("fixed", Attribute::Flag(net.fixed().to_vec().into()))?;
-        Ok(NewFile::only(name, encode(&mesh)))
+        Ok(NewFile::only(name, encode(&mesh)?))
     }
 }
 
 /// A column of the vertices' table: how its properties read in the header, their bytes, and how they are filled in.
 struct Part<'a> {
+    /// What the header says of the properties beside their types.
+    comment: String,
     properties: String,
     size: usize,
     fill: Fill<'a>,
@@ -63,6 +67,7 @@ impl<'a> Part<'a> {
         entry: impl Fn(&T) -> B + Sync + 'a,
     ) -> Self {
         Self {
+            comment: String::new(),
             properties: names.iter().map(|name| format!("property {kind} {name}\n")).collect(),
             size: size_of::<B>(),
             fill: Box::new(move |rows, first, stride, offset| {
@@ -71,39 +76,54 @@ impl<'a> Part<'a> {
         }
     }
 
-    /// An attribute under its own name.
+    /// An attribute under its own name. A comment says what its properties are together, unless every reader of ours knows.
     fn attribute(name: &str, attribute: &'a Attribute) -> Self {
         let name: String = name
             .chars()
             .map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '_' })
             .collect();
-        let [x, y, z, first, second] =
-            ["x", "y", "z", "0", "1"].map(|suffix| format!("{name}_{suffix}"));
+        let kind = match attribute {
+            Attribute::Number(_) | Attribute::Index(_) => None,
+            Attribute::Flag(_) if name == "filled" => None,
+            Attribute::Flag(_) => Some(Kind::Flag),
+            Attribute::Pair(_) => Some(Kind::Pair),
+            Attribute::Vector(_) => Some(Kind::Vector),
+            Attribute::Color(_) => Some(Kind::Color),
+        };
+        let suffixes = kind.map_or(&[""][..], Kind::suffixes).iter();
+        let names = Vec::from_iter(suffixes.map(|suffix| format!("{name}{suffix}")));
+        let names = Vec::from_iter(names.iter().map(|name| &**name));
+        let comment = kind.map(|kind| format!("comment attribute {} {name}\n", kind.word()));
+        Self { comment: comment.unwrap_or_default(), ..Self::numbers(&names, attribute) }
+    }
+
+    /// The numbers of an attribute as properties of these names.
+    fn numbers(names: &[&str], attribute: &'a Attribute) -> Self {
         match attribute {
             Attribute::Number(numbers) => {
-                Self::new("float", &[&name], numbers, |&number| floats([number]))
+                Self::new("float", names, numbers, |&number| floats([number]))
             }
             Attribute::Index(numbers) => {
-                Self::new("uint", &[&name], numbers, |&number| indices([number]))
+                Self::new("uint", names, numbers, |&number| indices([number]))
             }
-            Attribute::Flag(flags) => Self::new("uchar", &[&name], flags, |&flag| [flag]),
-            Attribute::Pair(pairs) => {
-                Self::new("float", &[&first, &second], pairs, |&pair| floats(pair))
-            }
+            Attribute::Flag(flags) => Self::new("uchar", names, flags, |&flag| [flag]),
+            Attribute::Pair(pairs) => Self::new("float", names, pairs, |&pair| floats(pair)),
             Attribute::Vector(vectors) => {
-                Self::new("float", &[&x, &y, &z], vectors, |&vector| floats(vector))
+                Self::new("float", names, vectors, |&vector| floats(vector))
             }
-            Attribute::Color(colors) => {
-                let names = ["red", "green", "blue"].map(|channel| format!("{name}_{channel}"));
-                Self::new("uchar", &names.each_ref().map(|name| &**name), colors, |&color| color)
-            }
+            Attribute::Color(colors) => Self::new("uchar", names, colors, |&color| color),
         }
     }
 }
 
 /// The mesh as a PLY file, binary and little endian, with `float` positions: normals, texture coordinates, colors (of the texture,
-/// if there are no others) and all other attributes of vertices by name; texture coordinates of corners as lists of faces.
-pub fn encode(mesh: &Mesh) -> Vec<u8> {
+/// if there are no others) and all other attributes of vertices by name, with a comment that says which of them are flags, pairs,
+/// vectors and colors; texture coordinates of corners as lists of faces.
+///
+/// # Errors
+/// If a vertex is where single precision cannot tell.
+pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
+    check_single("vertex", mesh.positions())?;
     let vertex = mesh.vertex();
     let has_normals = vertex.vectors("normal").is_some() || !mesh.faces().is_empty();
     let normals = if has_normals { mesh.normals() } else { Cow::default() };
@@ -134,10 +154,11 @@ pub fn encode(mesh: &Mesh) -> Vec<u8> {
     let corner_uv = mesh.corner().pairs("uv").filter(|_| vertex.pairs("uv").is_none());
     let faces = FaceRows::new(mesh.faces(), corner_uv);
 
+    let comments: String = parts.iter().map(|part| &*part.comment).collect();
     let properties: String = parts.iter().map(|part| &*part.properties).collect();
     let (n_vertices, n_faces) = (mesh.positions().len(), mesh.faces().len());
     let header = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {n_vertices}\n{properties}\
+        "ply\nformat binary_little_endian 1.0\n{comments}element vertex {n_vertices}\n{properties}\
          element face {n_faces}\n{}end_header\n",
         faces.properties()
     );
@@ -155,7 +176,7 @@ pub fn encode(mesh: &Mesh) -> Vec<u8> {
         }
     });
     faces.write(face_rows);
-    bytes
+    Ok(bytes)
 }
 
 /// The texture's color at each vertex, if the mesh has a texture and no colors: so that it is colored in every viewer. A vertex
@@ -276,7 +297,7 @@ mod tests {
             .and_then(|mesh| mesh.with_vertex("h", Attribute::Number(vec![0.5; 5].into())))
             .and_then(|mesh| mesh.with_vertex("part", Attribute::Index(vec![7; 5].into())))
             .unwrap();
-        let again = read(&encode(&mesh)).unwrap();
+        let again = read(&encode(&mesh).unwrap()).unwrap();
         let normals = Attribute::Vector(vec![[0.0, 0.0, 1.0]; 5].into());
         assert_eq!(again, mesh.with_vertex("normal", normals).unwrap());
     }
@@ -284,7 +305,7 @@ mod tests {
     #[test]
     fn texture_coordinates_of_corners_are_kept_where_vertices_have_none() {
         let mesh = mesh().with_corner("uv", Attribute::Pair(pairs(7).into())).unwrap();
-        let again = read(&encode(&mesh)).unwrap();
+        let again = read(&encode(&mesh).unwrap()).unwrap();
         assert_eq!(again.corner(), mesh.corner());
         assert_eq!(again.faces(), mesh.faces());
     }
@@ -294,7 +315,7 @@ mod tests {
         let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
         let faces = Faces::triangles(vec![[0, 1, 2], [2, 1, 0]]);
         let mesh = Mesh::new(positions, faces).unwrap();
-        assert_eq!(read(&encode(&mesh)).unwrap().faces(), mesh.faces());
+        assert_eq!(read(&encode(&mesh).unwrap()).unwrap().faces(), mesh.faces());
     }
 
     #[test]
@@ -302,7 +323,7 @@ mod tests {
         let positions = Vec::from_iter((0..300).map(|i| Point3::new(f64::from(i), 0.0, 0.0)));
         let faces = Faces::uniform(300, Vec::from_iter(0..300)).unwrap();
         let mesh = Mesh::new(positions, faces).unwrap();
-        assert_eq!(read(&encode(&mesh)).unwrap().faces(), mesh.faces());
+        assert_eq!(read(&encode(&mesh).unwrap()).unwrap().faces(), mesh.faces());
     }
 
     #[test]
@@ -310,19 +331,48 @@ mod tests {
         let image = Image::new(2, 1, vec![[10, 20, 30], [40, 50, 60]]).unwrap();
         let uv = vec![[0.0, 0.5], [1.0, 0.5], [1.0, 0.5], [0.0, 0.5], [0.5, 0.5]];
         let mesh = mesh().with_vertex("uv", Attribute::Pair(uv.into())).unwrap();
-        let again = read(&encode(&mesh.with_texture(Some(image)))).unwrap();
+        let again = read(&encode(&mesh.with_texture(Some(image))).unwrap()).unwrap();
         let colors = again.vertex().colors("color").unwrap();
         assert_eq!(colors[..2], [[10, 20, 30], [40, 50, 60]]);
         assert_eq!(colors[4], [25, 35, 45]);
     }
 
     #[test]
-    fn vectors_and_pairs_are_written_by_coordinate() {
+    fn vectors_pairs_colors_and_flags_come_back_as_what_they_were() {
+        let attributes = [
+            ("direction1", Attribute::Vector(vec![[1.0, 2.0, 3.0]; 5].into())),
+            ("at", Attribute::Pair(vec![[4.0, 5.0]; 5].into())),
+            ("paint", Attribute::Color(vec![[7, 8, 9]; 5].into())),
+            ("unknown", Attribute::Flag(vec![0, 1, 0, 1, 1].into())),
+            ("extraordinary", Attribute::Flag(vec![0; 5].into())),
+            ("at_2", Attribute::Number(vec![0.5; 5].into())),
+        ];
+        let mut mesh = mesh();
+        for (name, attribute) in &attributes {
+            mesh = mesh.with_vertex(name, attribute.clone()).unwrap();
+        }
+        let again = read(&encode(&mesh).unwrap()).unwrap();
+        for (name, attribute) in &attributes {
+            assert_eq!(again.vertex().get(name), Some(attribute), "{name}");
+        }
+        assert_eq!(again.vertex().iter().count(), attributes.len() + 1, "and normals");
+    }
+
+    #[test]
+    fn other_programs_find_vectors_and_pairs_by_coordinate() {
         let mesh = mesh()
             .with_vertex("along it", Attribute::Vector(vec![[1.0, 2.0, 3.0]; 5].into()))
             .and_then(|mesh| mesh.with_vertex("at", Attribute::Pair(vec![[4.0, 5.0]; 5].into())))
             .unwrap();
-        let again = read(&encode(&mesh)).unwrap();
+        let file = encode(&mesh).unwrap();
+        // Comments are nothing to them.
+        let start = file.windows(11).position(|window| window == b"end_header\n").unwrap();
+        let header = std::str::from_utf8(&file[..start]).unwrap().lines();
+        let header: String = header
+            .filter(|line| !line.starts_with("comment"))
+            .map(|line| format!("{line}\n"))
+            .collect();
+        let again = read(&[header.as_bytes(), &file[start..]].concat()).unwrap();
         for (name, number) in
             [("along_it_x", 1.0), ("along_it_z", 3.0), ("at_0", 4.0), ("at_1", 5.0)]
         {
