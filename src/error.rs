@@ -10,25 +10,37 @@ use serde_json::json;
 ///
 /// Made by `?` from any error type. Messages are lower case, without a full stop, and do not name the node.
 #[derive(Clone)]
-pub struct Error(Arc<dyn std::error::Error + Send + Sync>);
+pub struct Error {
+    cause: Arc<dyn std::error::Error + Send + Sync>,
+    /// The file that it is about, if a node reads several.
+    file: Option<Arc<str>>,
+}
 
 impl Error {
     /// The error as the type that it was made of, if it is an `E`.
     pub fn downcast<E: std::error::Error + 'static>(&self) -> Option<&E> {
-        self.0.downcast_ref()
+        self.cause.downcast_ref()
+    }
+
+    /// The same error, whose message begins with the name of the file that it is about.
+    pub(crate) fn in_file(self, name: &str) -> Self {
+        Self { file: Some(name.into()), ..self }
     }
 }
 
 impl<E: std::error::Error + Send + Sync + 'static> From<E> for Error {
     fn from(error: E) -> Self {
-        Self(Arc::new(error))
+        Self { cause: Arc::new(error), file: None }
     }
 }
 
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.0)?;
-        let mut source = self.0.source();
+        if let Some(file) = &self.file {
+            write!(f, "{file}: ")?;
+        }
+        write!(f, "{}", self.cause)?;
+        let mut source = self.cause.source();
         while let Some(cause) = source {
             write!(f, ": {cause}")?;
             source = cause.source();
@@ -39,7 +51,7 @@ impl fmt::Display for Error {
 
 impl fmt::Debug for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.fmt(f)
+        self.cause.fmt(f)
     }
 }
 

@@ -32,6 +32,7 @@ use cache::{Cache, Values};
 pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
 use files::Known;
 pub(crate) use files::Stamp;
+pub(crate) use files::{named_in, read_companion};
 pub(crate) use key::{Change, NodeFile, Recipe};
 use plan::Plan;
 use run::{News, Run};

@@ -303,8 +303,14 @@ impl JsonSchema for FilePath {
 pub struct File {
     pub(crate) name: String,
     pub(crate) bytes: Arc<[u8]>,
+    /// The files that it names, by name, or why they cannot be had.
+    pub(crate) companions: Arc<Companions>,
+    /// Of its content, and of that of its companions.
     pub(crate) hash: Hash,
 }
+
+/// Files that a file names, as its format does for materials and pictures: by name, with their contents or why they cannot be had.
+pub(crate) type Companions = BTreeMap<String, Result<Arc<[u8]>, String>>;
 
 impl File {
     /// The path as the graph has it, for messages.
@@ -315,6 +321,26 @@ impl File {
     /// Its content.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
+    }
+
+    /// The content of a file that this one names, by a path relative to its folder: the materials of an OBJ file and their picture.
+    ///
+    /// # Errors
+    /// If there is no such file, or it may not be read; the text says which.
+    pub fn companion(&self, name: &str) -> Result<Arc<[u8]>, String> {
+        let found = self.companions.get(name).cloned();
+        found.unwrap_or_else(|| Err(format!("{} does not name `{name}`", self.name)))
+    }
+
+    /// What `read` makes of its content; an error names the file, for nodes that read several.
+    ///
+    /// # Errors
+    /// Those of `read`.
+    pub fn read<T, E: Into<Error>>(
+        &self,
+        read: impl FnOnce(&[u8]) -> Result<T, E>,
+    ) -> Result<T, Error> {
+        read(&self.bytes).map_err(|error| error.into().in_file(&self.name))
     }
 
     /// What stands behind the last dot of its name, in lower case; empty if nothing does.

@@ -4,6 +4,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use expect_test::expect;
+use maquette::format::png;
+use maquette::value::Image;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
@@ -436,6 +438,44 @@ fn files_are_compared_by_what_they_mean_and_rendered() {
         let picture = maquette::format::png::read(&std::fs::read(picture).unwrap()).unwrap();
         assert_eq!((picture.width(), picture.height()), (40, 30));
     }
+}
+
+#[test]
+fn a_model_comes_with_the_picture_that_its_material_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    let model = "mtllib quad.mtl\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
+        usemtl paint\nf 1/1 2/2 3/3 4/4\n";
+    let red = Image::new(2, 2, vec![[220, 10, 10]; 4]).unwrap();
+    write("quad.obj", model.as_bytes());
+    write("quad.mtl", b"newmtl paint\nmap_Kd red paint.png\n");
+    write("red paint.png", &png::encode_rgb(&red).unwrap());
+    write(
+        "a.ron",
+        br#"Graph(format: 1, nodes: { "m": ReadMesh(path: "quad.obj") }, outputs: { "b.obj": "m" })"#,
+    );
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+
+    let picture = at("front.png");
+    let output = maquette(&["render", &at("quad.obj"), &picture, "--size", "40x40"]);
+    assert_eq!(stderr(&output), "");
+    let [r, g, b] = png::read(&std::fs::read(&picture).unwrap()).unwrap().at([20, 20]);
+    assert!(g.max(b) < 100 && 100 < r, "{r} {g} {b}");
+
+    let cache = tempfile::tempdir().unwrap();
+    let run = || {
+        let output = maquette_with_cache(cache.path(), &["run", &at("a.ron"), "--out", &at("out")]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        stderr(&output)
+    };
+    assert_eq!(run(), "");
+    let copy = std::fs::read(folder.path().join("out/b.png")).unwrap();
+    assert_eq!(png::read(&copy).unwrap(), red);
+    std::fs::remove_file(at("red paint.png")).unwrap();
+    let text = "there is no file `red paint.png`: the mesh comes without its picture";
+    assert!(run().contains(text), "the picture is a part of what was read");
+    let output = maquette(&["render", &at("quad.obj"), &picture]);
+    assert_eq!(stderr(&output), format!("warning: {text}\n"));
 }
 
 #[test]

@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 ///
 /// Coordinates are taken as they are: mm, y up. GLB has meters, which become mm, and its nodes' motions are applied. Corners of STL
 /// and GLB that are at the same place become one vertex.
+///
+/// The picture of a GLB file is in it. Of an OBJ file it is that which its material file names (`map_Kd`), of the first material in
+/// use that has one: a mesh has one picture. What is missing, and materials that are left out, are warned of.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadMesh {
     /// The file; its ending says of which format it is.
@@ -34,6 +37,12 @@ impl Node for ReadMesh {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let file = cx.file(&self.path)?;
+        if file.ending() == "obj" {
+            let mut find = |name: &str| file.companion(name);
+            let (mesh, doubts) = obj::read_textured(file.bytes(), &mut find)?;
+            doubts.into_iter().for_each(|doubt| cx.warn(doubt));
+            return Ok((mesh,));
+        }
         Ok((read_mesh(file.bytes(), &file.ending())?,))
     }
 }
@@ -48,7 +57,7 @@ const READERS: &[(&str, Reader)] = &[
     ("glb", |bytes| Ok(glb::read(bytes)?)),
 ];
 
-/// The mesh in a file whose name ends in `ending`: `obj`, `ply`, `stl` or `glb`.
+/// The mesh in a file whose name ends in `ending`: `obj`, `ply`, `stl` or `glb`; without what stands in other files.
 ///
 /// # Errors
 /// If the ending is another one, or the bytes are no such file.

@@ -138,7 +138,7 @@ impl CameraSource<'_> {
             true => cx.file_if_any(&self.beside()),
             false => Some(cx.file(self.camera)?),
         };
-        let camera = file.map(|file| read_camera(file.bytes())).transpose()?;
+        let camera = file.map(|file| file.read(read_camera)).transpose()?;
         let units = camera.as_ref().and_then(|camera| camera.units.as_deref());
         // A PTX file has a unit of its own.
         let doubtful = |units: &&str| *units != self.unit.word();

@@ -49,8 +49,11 @@ impl Node for ReadCapture {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (color, range) = (cx.file(&self.color)?, cx.file(&self.range)?);
         let camera = self.camera_source().read(cx)?;
-        let (color, bytes, ending) = (color.bytes(), range.bytes(), range.ending());
-        read_capture(color, bytes, &ending, camera.as_ref(), self.unit, self.axes)
+        let ending = range.ending();
+        let image = color.read(read_picture)?;
+        let read =
+            |bytes: &[u8]| range_file::read(bytes, &ending, camera.as_ref(), self.unit, self.axes);
+        registered(image, range.read(read)?, camera.as_ref())
     }
 }
 
@@ -73,8 +76,20 @@ pub fn read_capture(
     unit: Unit,
     axes: Axes,
 ) -> Result<(Image, RangeImage), Error> {
-    let image = picture_file::read(color).map_err(ReadCaptureError)?;
-    let range = range_file::read(range, ending, camera, unit, axes)?;
+    let image = read_picture(color)?;
+    registered(image, range_file::read(range, ending, camera, unit, axes)?, camera)
+}
+
+fn read_picture(bytes: &[u8]) -> Result<Image, ReadCaptureError> {
+    Ok(picture_file::read(bytes)?)
+}
+
+/// A picture and a grid that were taken together, registered to each other.
+fn registered(
+    image: Image,
+    range: RangeImage,
+    camera: Option<&CameraFile>,
+) -> Result<(Image, RangeImage), Error> {
     let (picture, grid) = ([image.width(), image.height()], [range.width(), range.height()]);
     let Some(camera) = camera else {
         return Ok((image, range.with_registration(Registration::corners(grid, picture))));

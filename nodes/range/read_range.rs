@@ -45,8 +45,9 @@ impl Node for ReadRange {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let file = cx.file(&self.path)?;
         let camera = self.camera_source().read(cx)?;
-        let (bytes, ending) = (file.bytes(), file.ending());
-        let read = |camera| read_range(bytes, &ending, camera, self.unit, self.axes);
+        let ending = file.ending();
+        let read =
+            |camera| file.read(|bytes| read_range(bytes, &ending, camera, self.unit, self.axes));
         match read(camera.as_ref()) {
             // A camera file that nobody named may belong to another file of the folder.
             Err(error) if self.camera.is_empty() && is_size(&error) => {

@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{Exit, print, print_json};
+use super::{Exit, eprint, print, print_json};
+use crate::eval::read_companion;
 use crate::format::{glb, obj, pcd, picture_file, ply, stl};
 use crate::golden::compare::in_unit;
 use crate::golden::{Keep, Tolerance, Verdict, compare};
+use crate::graph::project_root;
 use crate::node::ending;
 use crate::value::AnyValue;
 
@@ -115,7 +117,17 @@ pub(super) fn read(path: &Path) -> Result<AnyValue, String> {
             }
             Err(error) => ply::read_points(&bytes).map(AnyValue::new).map_err(|_| wrong(&error)),
         },
-        "obj" => obj::read(&bytes).map(AnyValue::new).map_err(|error| wrong(&error)),
+        "obj" => {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let folder = std::fs::canonicalize(folder.unwrap_or(Path::new(".")));
+            let folder = folder.map_err(|error| wrong(&error))?;
+            let roots = [project_root(&folder)];
+            let mut find = |name: &str| read_companion(name, &folder.join(name), &roots);
+            let read = obj::read_textured(&bytes, &mut find);
+            let (mesh, doubts) = read.map_err(|error| wrong(&error))?;
+            doubts.iter().for_each(|doubt| eprint(&format!("warning: {doubt}\n")));
+            Ok(AnyValue::new(mesh))
+        }
         "glb" => glb::read(&bytes).map(AnyValue::new).map_err(|error| wrong(&error)),
         "stl" => stl::read(&bytes).map(AnyValue::new).map_err(|error| wrong(&error)),
         "pcd" => pcd::read(&bytes).map(AnyValue::new).map_err(|error| wrong(&error)),

@@ -15,6 +15,7 @@ use super::terminal::{Input, Screen};
 use super::{Exit, GraphOptions, interrupt, print, report};
 use crate::catalog::Catalog;
 use crate::error::{Problem, code};
+use crate::eval::named_in;
 use crate::graph::{MARKER, ReadFile, project_root};
 use crate::watch::{Event, Sources, WatchList, Wish};
 
@@ -143,6 +144,13 @@ impl Watch {
             let optional = if file.optional { " if it is there" } else { "" };
             Wish { path: file.path.clone(), why: format!("read by `{}`{optional}", file.node) }
         }));
+        let roots = [root.clone()];
+        for file in files {
+            let name = file.path.file_name().unwrap_or_default().to_string_lossy();
+            let why = format!("named by {name}");
+            let named = named_in(&file.path, &roots).into_iter();
+            wishes.extend(named.map(|path| Wish { path, why: why.clone() }));
+        }
         // A marker that appears nearer, or goes away, makes another root. Where there is none it matters only to a graph that reads
         // outside of its folder.
         if outside || root.join(MARKER).is_file() {

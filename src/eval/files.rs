@@ -1,4 +1,5 @@
-//! The contents of the files that nodes read: each file read once an evaluation, and not at all if it is as it was.
+//! The contents of the files that nodes read: each file read once an evaluation, and not at all if it is as it was. Files that a file
+//! names, as an OBJ file does its materials and their picture, are parts of it: they are read with it, and its hash is that of all.
 
 use std::collections::HashMap;
 use std::fs::Metadata;
@@ -11,7 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use super::key::NodeFile;
 use super::lock;
-use crate::node::{File, ReadError};
+use crate::format::obj;
+use crate::graph::{PathProblem, may_read};
+use crate::node::{Companions, File, ReadError, ending};
 use crate::plain;
 use crate::value::Hash;
 
@@ -73,13 +76,31 @@ impl Stamp {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct KnownFile {
     path: PathBuf,
+    #[serde(flatten)]
+    as_read: AsRead,
+}
+
+/// What a file was when it was read.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct AsRead {
     stamp: Stamp,
+    /// The files that it names; none for those that were not there.
+    #[serde(default)]
+    companions: Vec<(PathBuf, Option<Stamp>)>,
     hash: Hash,
 }
 
-/// The hashes of files that were read, by path, with what the system said of them then.
+impl AsRead {
+    /// Whether the system says the same of all as it did then.
+    fn is_as_it_was(&self, stamp: Stamp) -> bool {
+        let same = |(path, stamp): &(PathBuf, Option<Stamp>)| Stamp::of(path) == *stamp;
+        stamp == self.stamp && self.companions.iter().all(same)
+    }
+}
+
+/// The files that were read, by path, with what the system said of them then.
 #[derive(Default)]
-pub(super) struct Known(Mutex<HashMap<PathBuf, (Stamp, Hash)>>);
+pub(super) struct Known(Mutex<HashMap<PathBuf, AsRead>>);
 
 impl Known {
     /// The content's hash, or that there is no such file; none if it must be read to know.
@@ -88,27 +109,26 @@ impl Known {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Some(None),
             Err(_) => None,
             Ok(metadata) => {
-                let (stamp, hash) = *lock(&self.0).get(path)?;
-                (Stamp::new(&metadata) == stamp).then_some(Some(hash))
+                let as_read = lock(&self.0).get(path)?.clone();
+                as_read.is_as_it_was(Stamp::new(&metadata)).then_some(Some(as_read.hash))
             }
         }
     }
 
     /// Takes over what another process knew.
     pub(super) fn extend(&self, files: Vec<KnownFile>) {
-        lock(&self.0).extend(files.into_iter().map(|file| (file.path, (file.stamp, file.hash))));
+        lock(&self.0).extend(files.into_iter().map(|file| (file.path, file.as_read)));
     }
 
-    fn remember(&self, path: &Path, stamp: Stamp, hash: Hash) {
-        lock(&self.0).insert(path.to_owned(), (stamp, hash));
+    fn remember(&self, path: &Path, as_read: AsRead) {
+        lock(&self.0).insert(path.to_owned(), as_read);
     }
 
     /// What is known of these files.
     pub(super) fn of<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
         let known = lock(&self.0);
         let find = |path: &Path| {
-            let &(stamp, hash) = known.get(path)?;
-            Some(KnownFile { path: path.to_owned(), stamp, hash })
+            Some(KnownFile { path: path.to_owned(), as_read: known.get(path)?.clone() })
         };
         paths.filter_map(find).collect()
     }
@@ -177,12 +197,75 @@ impl<'a> Reads<'a> {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return failed(error),
         };
-        let hash = Hash::of(&bytes);
-        if let Some(stamp) = stamp.filter(Stamp::is_settled) {
-            self.known.remember(&file.path, stamp, hash);
+        let (companions, stamps) = companions(file, &bytes);
+        let hash = hash(&bytes, &companions);
+        let all = stamp.into_iter().chain(stamps.iter().filter_map(|(_, stamp)| *stamp));
+        if let Some(stamp) = stamp.filter(|_| all.clone().all(|stamp| stamp.is_settled())) {
+            self.known.remember(&file.path, AsRead { stamp, companions: stamps, hash });
         }
-        Ok(Some(File { name: file.given.clone(), bytes: bytes.into(), hash }))
+        let (name, companions) = (file.given.clone(), companions.into());
+        Ok(Some(File { name, bytes: bytes.into(), companions, hash }))
     }
+}
+
+/// Where the files are that a file names, which lie in these folders or are said not to.
+pub(crate) fn named_in(path: &Path, roots: &[PathBuf]) -> Vec<PathBuf> {
+    let file = NodeFile {
+        given: String::new(),
+        path: path.to_owned(),
+        needed: false,
+        roots: roots.into(),
+    };
+    // Only such files are read for what they name.
+    let bytes =
+        if ending(path) == "obj" { std::fs::read(path).unwrap_or_default() } else { vec![] };
+    companions(&file, &bytes).1.into_iter().map(|(path, _)| path).collect()
+}
+
+/// The files that a file names, and what the system says of each before it is read.
+fn companions(file: &NodeFile, bytes: &[u8]) -> (Companions, Vec<(PathBuf, Option<Stamp>)>) {
+    let (mut companions, mut stamps) = (Companions::new(), Vec::new());
+    if ending(&file.path) == "obj" {
+        let folder = file.path.parent().unwrap_or(Path::new(""));
+        obj::picture(bytes, &mut |name| {
+            let path = folder.join(name);
+            stamps.push((path.clone(), Stamp::of(&path)));
+            let found = read_companion(name, &path, &file.roots);
+            companions.insert(name.to_owned(), found.clone());
+            found
+        });
+    }
+    (companions, stamps)
+}
+
+/// The content of a file that another one names, if it may be read.
+pub(crate) fn read_companion(
+    name: &str,
+    path: &Path,
+    roots: &[PathBuf],
+) -> Result<Arc<[u8]>, String> {
+    may_read(name, path, roots).map_err(|problem| match problem {
+        PathProblem::Outside { message, .. } | PathProblem::Missing { message, .. } => message,
+    })?;
+    let bytes = std::fs::read(path).map_err(|error| format!("cannot read {name}: {error}"))?;
+    Ok(bytes.into())
+}
+
+/// The hash of a file's content, and of that of the files that it names.
+fn hash(bytes: &[u8], companions: &Companions) -> Hash {
+    let own = Hash::of(bytes);
+    if companions.is_empty() {
+        return own;
+    }
+    let mut all = own.to_string();
+    for (name, found) in companions {
+        let found = match found {
+            Ok(bytes) => Hash::of(bytes).to_string(),
+            Err(why) => why.clone(),
+        };
+        all += &format!("\n{name}\n{found}");
+    }
+    Hash::of(all.as_bytes())
 }
 
 #[cfg(test)]
@@ -190,7 +273,8 @@ mod tests {
     use super::*;
 
     fn at(path: PathBuf) -> NodeFile {
-        NodeFile { given: "a.txt".into(), path, needed: true }
+        let roots = path.parent().map(|root| std::fs::canonicalize(root).unwrap_or(root.into()));
+        NodeFile { given: "a.txt".into(), path, needed: true, roots: roots.into_iter().collect() }
     }
 
     #[test]
@@ -205,10 +289,45 @@ mod tests {
         let old = SystemTime::now() - Duration::from_secs(60);
         std::fs::File::options().append(true).open(&file.path).unwrap().set_modified(old).unwrap();
         let stamp = Stamp::of(&file.path).unwrap();
-        known.remember(&file.path, stamp, Hash::of(b"new"));
+        let as_read = AsRead { stamp, companions: Vec::new(), hash: Hash::of(b"new") };
+        known.remember(&file.path, as_read);
         assert_eq!(known.look(&file.path), Some(Some(Hash::of(b"new"))));
         std::fs::write(&file.path, "bad").unwrap();
         assert_eq!(known.look(&file.path), None);
+    }
+
+    #[test]
+    fn the_files_that_a_file_names_are_a_part_of_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            let old = SystemTime::now() - Duration::from_secs(60);
+            let file = std::fs::File::options().append(true).open(path).unwrap();
+            file.set_modified(old).unwrap();
+        };
+        write("a.obj", "mtllib a.mtl\nv 0 0 0\n");
+        let file = NodeFile { path: folder.path().join("a.obj"), ..at(folder.path().join("a")) };
+        let known = Known::default();
+        let read = || Reads::new(&known).file(&file).unwrap().unwrap();
+        let missing = read();
+        assert_eq!(missing.companion("a.mtl"), Err("there is no file `a.mtl`".into()));
+        let stamp = Stamp::of(&file.path).unwrap();
+        let companions = vec![(folder.path().join("a.mtl"), None)];
+        known.remember(&file.path, AsRead { stamp, companions, hash: missing.hash });
+        assert_eq!(known.look(&file.path), Some(Some(missing.hash)));
+        write("a.mtl", "newmtl a\nmap_Kd a.png\n");
+        assert_eq!(known.look(&file.path), None, "a material has come");
+        let bare = read();
+        assert_eq!(bare.companion("a.png"), Err("there is no file `a.png`".into()));
+        write("a.png", "not yet a picture");
+        let whole = read();
+        assert_eq!(whole.companion("a.png").as_deref(), Ok(&b"not yet a picture"[..]));
+        let other = [missing.hash, bare.hash, Hash::of(whole.bytes())];
+        assert!(!other.contains(&whole.hash));
+        write("a.mtl", "newmtl a\nmap_Kd ../a.png\n");
+        let outside = read().companion("../a.png").unwrap_err();
+        assert_eq!(outside, "`../a.png` lies outside of the project");
     }
 
     #[test]

@@ -31,6 +31,8 @@ pub(crate) struct NodeFile {
     pub(crate) path: PathBuf,
     /// Whether the node cannot do without it.
     pub(crate) needed: bool,
+    /// The folders that a file named by it must lie in.
+    pub(crate) roots: Arc<[PathBuf]>,
 }
 
 impl Recipe {

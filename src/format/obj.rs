@@ -1,21 +1,23 @@
 //! OBJ, the text format of Wavefront: vertices, texture coordinates, normals and polygons.
 //!
-//! Read as a mesh, lines, groups, materials and free-form geometry are passed over; read as a curve, all but lines and free-form
+//! Read as a mesh, lines, groups and free-form geometry are passed over, and [`picture`] finds the picture on it; read as a curve, all but lines and free-form
 //! curves. Surfaces and B-spline curves are written as free-form geometry, which loses nothing.
 
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::corners::{FaceList, with_corners};
-use super::{excerpt, parse, words};
+use super::{excerpt, parse, picture_file, words};
 use crate::value::{Attribute, CurveError, KnotVectorError, Mesh, MeshError, Rgb};
 
 mod curve;
 mod free_form;
+mod material;
 mod write;
 
 pub use curve::read_curve;
 pub(super) use free_form::{CurveObj, SurfaceObj};
+pub use material::{Find, Picture, picture};
 pub(super) use write::MeshObj;
 
 /// Why bytes are not a mesh in an OBJ file.
@@ -112,6 +114,26 @@ pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
     let mut reader = Reader::default();
     for_lines(bytes, |text, line| reader.read_line(text, line))?;
     reader.finish()
+}
+
+/// The mesh in an OBJ file with its picture, if `find` gives it and there are texture coordinates; and what the user should know.
+///
+/// # Errors
+/// As for [`read`].
+pub fn read_textured(bytes: &[u8], find: Find<'_>) -> Result<(Mesh, Vec<String>), ObjError> {
+    let mesh = read(bytes)?;
+    if mesh.vertex().pairs("uv").is_none() && mesh.corner().pairs("uv").is_none() {
+        return Ok((mesh, Vec::new()));
+    }
+    let Picture { file, mut doubts } = picture(bytes, find);
+    let image = file.and_then(|(name, bytes)| match picture_file::read(&bytes) {
+        Ok(image) => Some(image),
+        Err(error) => {
+            doubts.push(format!("{name}: {error}: the mesh comes without its picture"));
+            None
+        }
+    });
+    Ok((mesh.with_texture(image), doubts))
 }
 
 /// Calls `read` with the words of each line, joined with those that a `\` at its end goes on in, and the number of its first one.

@@ -1,7 +1,7 @@
 //! One node of a graph: its fields looked at, and the node itself made of them.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::check::Check;
@@ -110,10 +110,15 @@ impl<'a> Check<'_, 'a> {
                 return None;
             }
         };
+        let roots: Arc<[PathBuf]> = match survey.files.is_empty() && optional.is_empty() {
+            true => Arc::default(),
+            false => self.world.roots.as_slice().into(),
+        };
         let file = |given: &str, path: &Path, needed| NodeFile {
             given: given.to_owned(),
             path: path.to_owned(),
             needed,
+            roots: roots.clone(),
         };
         let named = survey.files.iter().map(|found| file(&found.given, &found.resolved, true));
         let optional = optional.iter().map(|found| file(found.given(), found.resolved(), false));

@@ -29,6 +29,10 @@ const CAMERA: &[u8] = br#"{"units": "mm", "color": {"width": 16, "height": 12, "
 
 const SOLID: &[u8] = b"solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid";
 
+/// A mesh and its material in one.
+const MATERIAL: &[u8] =
+    b"mtllib a.mtl\nusemtl skin\nnewmtl skin\nmap_Kd -s 1 1 1 -clamp on a.png\n";
+
 const PATCH: &[u8] = b"v 0 0 0\nv 1 0 0 1 0.5 0\nv 1 1 0\nv 0 1 0 \\\nvt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/2/1 3//1\nf -1 -2 -4\n";
 
 const SPLINE: &[u8] = b"v 0 0 0 1\nv 1 0 0 0.5\nv 1 1 0 2\nv 0 1 0 1\ncstype rat bspline\ndeg 2\n\
@@ -58,6 +62,11 @@ pub(crate) const READERS: &[Reader] = &[
         seeds: seeds!("photo.jpg", "progressive.jpg", "gray.jpg"),
     },
     Reader { name: "obj", read: |bytes| drop(obj::read(bytes)), seeds: &[PATCH] },
+    Reader {
+        name: "obj_picture",
+        read: |bytes| drop(obj::picture(bytes, &mut |_| Ok(bytes.into()))),
+        seeds: &[MATERIAL],
+    },
     Reader {
         name: "obj_curve",
         read: |bytes| drop(obj::read_curve(bytes)),
