@@ -183,7 +183,7 @@ fn inspect_describes_and_writes_any_value() {
     let path = out.path().join("grid.png");
     let output = maquette(&["inspect", "doll.ron", "grid", "--out", path.to_str().unwrap()]);
     assert!(stdout(&output).contains("non-manifold edges    0"), "{}", stdout(&output));
-    assert!(maquette::format::png::read(&std::fs::read(path).unwrap()).is_ok());
+    assert!(png::read(&std::fs::read(path).unwrap()).is_ok());
 }
 
 #[test]
@@ -435,7 +435,7 @@ fn files_are_compared_by_what_they_mean_and_rendered() {
             .concat(),
         );
         assert!(output.status.success(), "{}", stderr(&output));
-        let picture = maquette::format::png::read(&std::fs::read(picture).unwrap()).unwrap();
+        let picture = png::read(&std::fs::read(picture).unwrap()).unwrap();
         assert_eq!((picture.width(), picture.height()), (40, 30));
     }
 }

@@ -76,7 +76,6 @@ impl Stamp {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct KnownFile {
     path: PathBuf,
-    #[serde(flatten)]
     as_read: AsRead,
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use crate::eval::key::Parts;
 use crate::graph::{Graph, GraphNode};
@@ -72,6 +72,7 @@ fn of(node: &GraphNode, before: &[Truth]) -> Truth {
             name: file.given.clone(),
             hash: Hash::of(&bytes),
             bytes: bytes.into(),
+            companions: Arc::default(),
         });
         files.insert(file.path.clone(), found);
     }
