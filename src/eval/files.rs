@@ -216,8 +216,7 @@ pub(crate) fn named_in(path: &Path, roots: &[PathBuf]) -> Vec<PathBuf> {
         roots: roots.into(),
     };
     // Only such files are read for what they name.
-    let bytes =
-        if ending(path) == "obj" { std::fs::read(path).unwrap_or_default() } else { vec![] };
+    let bytes = if ending(path) == "obj" { plain::read(path).unwrap_or_default() } else { vec![] };
     companions(&file, &bytes).1.into_iter().map(|(path, _)| path).collect()
 }
 
@@ -246,7 +245,7 @@ pub(crate) fn read_companion(
     may_read(name, path, roots).map_err(|problem| match problem {
         PathProblem::Outside { message, .. } | PathProblem::Missing { message, .. } => message,
     })?;
-    let bytes = std::fs::read(path).map_err(|error| format!("cannot read {name}: {error}"))?;
+    let bytes = plain::read(path).map_err(|error| format!("cannot read {name}: {error}"))?;
     Ok(bytes.into())
 }
 
