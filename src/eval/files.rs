@@ -34,8 +34,8 @@ pub(crate) struct Stamp {
 /// Clocks of file systems are at most this coarse,
 const GRAIN: Duration = Duration::from_secs(2);
 
-/// and those that tell parts of a second this coarse; tests run where it is known to be finer, and wait for it often.
-pub(super) const FINE_GRAIN: Duration = Duration::from_millis(if cfg!(test) { 10 } else { 100 });
+/// and those that tell parts of a second this coarse; tests wait for it often, where it is known to be finer.
+pub(super) const FINE_GRAIN: Duration = Duration::from_millis(if cfg!(test) { 40 } else { 100 });
 
 impl Stamp {
     pub(crate) fn of(path: &Path) -> Option<Self> {

@@ -120,7 +120,8 @@ const KEPT_FOR: &str = "kept for";
 /// Begins the lines of a golden's other files.
 const KEPT_IN: &str = "kept in ";
 
-fn kept_in(suffix: &str) -> String {
+/// The label of the line that names a file of a golden, by what follows the golden's name.
+pub(crate) fn kept_in(suffix: &str) -> String {
     format!("{KEPT_IN}{suffix}")
 }
 

@@ -214,7 +214,7 @@ nodes: {
         graph.ron:3:61-64 G009 field `toggle` of All wants true or false, not `yes`
         graph.ron:3:73-78 G009 field `color` of All: `red` is not a color; write six hexadecimal digits, as in "#c33923"
         graph.ron:3:86-90 G009 field `text` of All wants a text in double quotes, not `Word`
-        graph.ron:3:100-104 G009 field `choice` of All has no choice `Edge` (its choices: EdgeOnly, EdgeAndCorner)
+        graph.ron:3:100-104 G009 field `choice` of All has no choice `Edge` (did you mean `EdgeOnly`?)
         graph.ron:3:118-121 G010 field `vector` of All is -20, but must be at least -9
         graph.ron:4:34-40 G009 field `vector` of All wants 3 values, not 2
     "##]].assert_eq(&files(&with_all(wrong)));

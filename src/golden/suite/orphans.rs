@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{FOLDER, NODES, beside, jobs_of};
+use super::{FOLDER, NODES, SUFFIXES, beside, jobs_of};
 use crate::golden::case::{self, TestFile};
+use crate::golden::store::kept_in;
 use crate::plain;
 use crate::value::Hash;
 
@@ -27,12 +28,16 @@ pub(super) fn goldens(folder: &Path) -> BTreeMap<String, Vec<PathBuf>> {
 
 /// What follows the name of a golden in the names of its files, as its summary says; none if the text is no summary.
 fn suffixes(summary: &str) -> Option<Vec<&'static str>> {
-    let fact = |label: &str| {
-        let facts = summary.lines().filter_map(|line| line.split_once("  "));
-        facts.into_iter().find(|(name, _)| *name == label).map(|(_, fact)| fact.trim())
-    };
+    let facts = || summary.lines().filter_map(|line| line.split_once("  "));
+    let fact = |label: &str| facts().find(|(name, _)| *name == label).map(|(_, fact)| fact.trim());
     fact("type")?;
     Hash::parse(fact("hash")?)?;
+    let is_named = |suffix: &&str| facts().any(|(name, _)| name == kept_in(suffix));
+    let named = Vec::from_iter(SUFFIXES.into_iter().filter(is_named));
+    if !named.is_empty() {
+        return Some([&[".txt"], &named[..]].concat());
+    }
+    // Goldens of the earlier form say only how much they keep.
     Some(match fact("kept") {
         Some(kept) if kept.ends_with("pixel") => vec![".txt", ".png"],
         Some("every 1. element") => vec![".txt", ".bin"],
