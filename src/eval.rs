@@ -302,7 +302,8 @@ impl Evaluator {
             false => run.values_of(values),
         };
         let files = run.files.seconds();
-        let (found, news) = run.end();
+        let (visited, news) = run.end();
+        let found = plan.known.after(visited, &plan.wanted, graph, self.last.as_ref());
         self.fresh = false;
         let is_new = self.last.as_ref().is_none_or(|last| !Arc::ptr_eq(last, &found));
         self.last = Some(found.clone());
@@ -324,7 +325,7 @@ impl Evaluator {
         if self.last.as_ref().is_some_and(|last| last.graph == *name) {
             return;
         }
-        self.last = None;
+        // The results of another graph are as true, and may be of use.
         if let Some((snapshot, files)) = self.known_results().and_then(|disk| disk.snapshot(name)) {
             self.last = Some(Arc::new(snapshot));
             self.files.extend(files);

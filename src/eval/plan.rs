@@ -45,6 +45,37 @@ impl Known {
             Self::Some(results) => results[index].as_ref(),
         }
     }
+
+    /// What is known after the nodes that have a task were visited: each node's last result, of this evaluation or of an earlier
+    /// one of the graph.
+    pub(super) fn after(
+        self,
+        visited: Vec<(usize, Option<Arc<Done>>)>,
+        wanted: &[bool],
+        graph: &Graph,
+        last: Option<&Arc<Snapshot>>,
+    ) -> Arc<Snapshot> {
+        let mut results = match self {
+            Self::All(last) if visited.is_empty() => return last,
+            Self::All(last) => {
+                let found = |index: usize| last.current(index).filter(|_| wanted[index]).cloned();
+                (0..wanted.len()).map(found).collect()
+            }
+            Self::Some(results) => results,
+        };
+        for (index, done) in visited {
+            results[index] = done;
+        }
+        let found = results.iter().map(Option::is_some).collect();
+        let (name, shape) = (&graph.source.name, &graph.shape);
+        if let Some(last) = last.filter(|last| last.graph == *name) {
+            for (index, result) in results.iter_mut().enumerate().filter(|(_, it)| it.is_none()) {
+                *result = last.before(&shape.names[index], index).cloned();
+            }
+        }
+        let of = (shape.identity, shape.names.clone());
+        Arc::new(Snapshot::new(name.clone(), of, results, found))
+    }
 }
 
 impl Plan {

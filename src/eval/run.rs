@@ -10,8 +10,8 @@ use super::cache::{FirstBytes, Outcome, Values};
 use super::compute::Loaded;
 use super::files::Reads;
 use super::key::Parts;
-use super::plan::{Known, Plan, Task};
-use super::snapshot::{Done, Snapshot};
+use super::plan::{Plan, Task};
+use super::snapshot::Done;
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 use crate::error::Error;
@@ -202,9 +202,11 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// The node's last result, if an evaluation of this graph gave it.
     pub(super) fn before(&self, index: usize) -> Option<&Arc<Done>> {
         let name = &self.graph.shape.names[index];
-        self.evaluator.last.as_ref()?.before(name, index)
+        let last = self.evaluator.last.as_ref();
+        last.filter(|last| last.graph == self.graph.source.name)?.before(name, index)
     }
 
     /// What becomes of a node, and the nodes of the same key that waited for it; none if it waits itself.
@@ -322,30 +324,20 @@ impl<'a> Run<'a> {
         values.filter_map(|root| Some((root, self.values(root).ok()?))).collect()
     }
 
-    /// What is known now of all nodes, and what happened to those that have a task, in the graph's order.
-    pub(super) fn end(self) -> (Arc<Snapshot>, Vec<News>) {
-        let snapshot = self.snapshot();
+    /// The results of the nodes that were visited, none for those that have none, and what happened to the nodes that have a task,
+    /// in the graph's order.
+    pub(super) fn end(self) -> (Vec<(usize, Option<Arc<Done>>)>, Vec<News>) {
+        let visited = self.slots.into_iter().filter_map(|slot| {
+            let done = slot.done.into_inner()?;
+            Some((slot.node, done))
+        });
+        let visited = visited.collect();
         let mut news = self.news.into_inner().unwrap_or_else(|broken| broken.into_inner());
         news.sort_by_key(|news| news.index);
         // A node may have been found in the cache and then, its values damaged, computed: the latter counts.
         news.reverse();
         news.dedup_by_key(|news| news.index);
         news.reverse();
-        (snapshot, news)
-    }
-
-    /// The last result of each node: of this evaluation, or of an earlier one.
-    fn snapshot(&self) -> Arc<Snapshot> {
-        if let (Known::All(last), false) = (&self.plan.known, self.plan.has_work()) {
-            return last.clone();
-        }
-        let last = |(index, wanted): (usize, &bool)| {
-            let now = self.done(index).filter(|_| *wanted);
-            (now.or_else(|| self.before(index)).cloned(), now.is_some())
-        };
-        let (results, found) = self.plan.wanted.iter().enumerate().map(last).unzip();
-        let shape = &self.graph.shape;
-        let (graph, of) = (self.graph.source.name.clone(), (shape.identity, shape.names.clone()));
-        Arc::new(Snapshot::new(graph, of, results, found))
+        (visited, news)
     }
 }

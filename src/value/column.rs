@@ -33,14 +33,16 @@ impl<T: NoUninit + Send + Sync> Column<T> {
         })
     }
 
-    /// How much memory the items hold, in bytes; what was set aside for more of them included.
+    /// How much memory the items hold, in bytes: what follows from their number, because nothing is set aside for more of them.
     pub fn size(&self) -> usize {
-        self.0.items.capacity() * size_of::<T>()
+        size_of_val(&self.0.items[..])
     }
 }
 
 impl<T> From<Vec<T>> for Column<T> {
-    fn from(items: Vec<T>) -> Self {
+    fn from(mut items: Vec<T>) -> Self {
+        // There will be no more of them; what was set aside would be held as long as the value.
+        items.shrink_to_fit();
         Self(Arc::new(Shared { items, hash: OnceLock::new() }))
     }
 }
