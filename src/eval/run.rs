@@ -133,10 +133,12 @@ impl<'a> Run<'a> {
     }
 
     pub(super) fn start<'s>(&'s self, scope: &rayon::Scope<'s>) {
-        for slot in &self.slots {
-            if slot.waiting.load(Ordering::Relaxed) == 0 {
-                scope.spawn(move |scope| self.visit(slot.node, scope));
-            }
+        // All are found before the first one runs: one that becomes ready meanwhile is visited by whom it waited for, and would be
+        // visited twice.
+        let is_ready = |slot: &&'s Slot| slot.waiting.load(Ordering::Relaxed) == 0;
+        let ready = Vec::from_iter(self.slots.iter().filter(is_ready));
+        for slot in ready {
+            scope.spawn(move |scope| self.visit(slot.node, scope));
         }
     }
 
