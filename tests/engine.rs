@@ -263,3 +263,25 @@ fn a_long_chain_is_evaluated_without_a_deep_stack() {
     let evaluation = evaluate(&graph, 2);
     assert_eq!(number(&evaluation, &graph, "n19999", "sum"), 3.0);
 }
+
+/// While the first nodes were started, those that they made ready were started a second time.
+#[test]
+fn each_node_is_visited_once_however_early_it_becomes_ready() {
+    struct Ends(AtomicUsize);
+    impl Observer for Ends {
+        fn finished(&self, _: &str, _: State, _: f64) {
+            self.0.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+    const PAIRS: usize = 1000;
+    let give = |k: usize| format!("\"a{k}\": Give(number: {k}), ");
+    let sum = |k: usize| format!("\"b{k}\": Sum(numbers: [\"a{k}\"]), ");
+    let nodes = (0..PAIRS).map(give).chain((0..PAIRS).map(sum));
+    let graph = load(&nodes.collect::<String>());
+    for _ in 0..20 {
+        let ends = Ends(AtomicUsize::new(0));
+        let mut evaluator = Evaluator::new(2, 1 << 24).unwrap();
+        evaluator.evaluate_all_nodes(&graph, &ends, &CancelToken::default());
+        assert_eq!(ends.0.into_inner(), 2 * PAIRS);
+    }
+}

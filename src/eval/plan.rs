@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::Evaluator;
 use super::key::Parts;
-use super::snapshot::{Done, Snapshot};
+use super::snapshot::{Done, Snapshot, Visited};
 use crate::graph::Graph;
 
 /// What an evaluation does with each node.
@@ -50,7 +50,7 @@ impl Known {
     /// one of the graph.
     pub(super) fn after(
         self,
-        visited: Vec<(usize, Option<Arc<Done>>)>,
+        visited: Visited,
         wanted: &[bool],
         graph: &Graph,
         last: Option<&Arc<Snapshot>>,

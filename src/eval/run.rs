@@ -11,7 +11,7 @@ use super::compute::Loaded;
 use super::files::Reads;
 use super::key::Parts;
 use super::plan::{Plan, Task};
-use super::snapshot::Done;
+use super::snapshot::{Done, Visited};
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 use crate::error::Error;
@@ -326,9 +326,8 @@ impl<'a> Run<'a> {
         values.filter_map(|root| Some((root, self.values(root).ok()?))).collect()
     }
 
-    /// The results of the nodes that were visited, none for those that have none, and what happened to the nodes that have a task,
-    /// in the graph's order.
-    pub(super) fn end(self) -> (Vec<(usize, Option<Arc<Done>>)>, Vec<News>) {
+    /// The nodes that were visited, and what happened to them, in the graph's order.
+    pub(super) fn end(self) -> (Visited, Vec<News>) {
         let visited = self.slots.into_iter().filter_map(|slot| {
             let done = slot.done.into_inner()?;
             Some((slot.node, done))

@@ -15,6 +15,9 @@ pub(super) struct Done {
     pub(super) outcome: Arc<Outcome>,
 }
 
+/// Nodes that an evaluation visited, each with its result; none if it has none.
+pub(super) type Visited = Vec<(usize, Option<Arc<Done>>)>;
+
 /// The last results of a graph's nodes, in its order.
 pub(super) struct Snapshot {
     /// The graph's file.
