@@ -16,6 +16,7 @@ mod doo_sabin;
 mod downhill;
 mod dual_halves;
 mod dual_limit;
+mod dual_surface;
 mod finer_dual_limit;
 mod finer_limit;
 mod fit_subdivision;

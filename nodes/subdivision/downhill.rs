@@ -1,4 +1,4 @@
-//! From a place of a limit surface downhill to the nearest one around, from face to face.
+//! From a place of a limit surface downhill to the nearest one around, from face to face, but not into all of them.
 //!
 //! Steps of Newton for the square of the distance lead straight to the side of a face; there the neighbor takes over. Where there is
 //! none, or at a crease from which both sides lead away, the walk goes on along the side.
@@ -6,10 +6,18 @@
 use nalgebra::{Point3, Vector3};
 
 use super::connectivity::{Connectivity, NONE};
-use super::limit_surface::{LimitPoint, LimitSurface};
-use super::place::Place;
+use super::limit_surface::LimitPoint;
 
-/// A place on a face of the mesh after one step.
+/// A surface over the faces of a mesh that are all triangles or all quads.
+pub(super) trait Parts {
+    /// The mesh of the faces.
+    fn mesh(&self) -> &Connectivity;
+
+    /// The point at a place.
+    fn at(&self, spot: Spot) -> LimitPoint;
+}
+
+/// A place on a face.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spot {
     pub(super) part: u32,
@@ -21,7 +29,7 @@ pub(super) struct Spot {
 pub(super) struct Nearest {
     pub(super) spot: Spot,
     pub(super) point: LimitPoint,
-    /// Whether it is at a border or a crease, where there may be no perpendicular.
+    /// Whether it is at the end of what may be entered, at a border or at a crease, where there may be no perpendicular.
     pub(super) held: bool,
 }
 
@@ -37,11 +45,17 @@ const QUARTERS: usize = 4;
 /// Coordinates this near to a side are on it.
 const ON_SIDE: f64 = 1e-13;
 
-/// The place from which no step leads nearer to `to`.
-pub(super) fn downhill(surface: &LimitSurface, start: Spot, to: Point3<f64>) -> Nearest {
-    let mesh = surface.parts();
-    let sides = Sides { mesh, count: mesh.faces.sides().unwrap_or_default() as u32 };
-    let look = |spot: Spot| surface.at_part(spot.part, Place::new(spot.at[0], spot.at[1]));
+/// The place from which no step leads nearer to `to`, on the faces that `may_enter` allows.
+pub(super) fn downhill(
+    surface: &impl Parts,
+    start: Spot,
+    to: Point3<f64>,
+    may_enter: impl Fn(u32) -> bool,
+) -> Nearest {
+    let mesh = surface.mesh();
+    let count = mesh.faces.sides().unwrap_or_default() as u32;
+    let sides = Sides { mesh, count, may_enter };
+    let look = |spot: Spot| surface.at(spot);
     let (mut spot, mut point) = (start, look(start));
     let (mut looks, mut came, mut held) = (1, NONE, false);
     while looks < MOST_LOOKS {
@@ -132,13 +146,14 @@ enum Way {
 }
 
 /// The sides of the faces: side `k` runs from corner `k` to the next, and is half-edge `k` of its face.
-struct Sides<'a> {
+struct Sides<'a, F> {
     mesh: &'a Connectivity,
     /// Three or four.
     count: u32,
+    may_enter: F,
 }
 
-impl Sides<'_> {
+impl<F: Fn(u32) -> bool> Sides<'_, F> {
     /// Where the slope leads from a spot in whose face the walk came through the half-edge `came`.
     fn way(&self, spot: Spot, came: u32, slope: &Slope) -> Way {
         let step = slope.step();
@@ -146,7 +161,7 @@ impl Sides<'_> {
         let door = |step: [f64; 2]| {
             let halves = self.out(spot.at, step).map(|side| self.count * spot.part + side);
             let twins = halves.filter(|&half| half != came).map(|half| self.mesh.twin(half));
-            twins.into_iter().find(|&twin| twin != NONE)
+            twins.into_iter().find(|&twin| twin != NONE && (self.may_enter)(twin / self.count))
         };
         if let Some(half) = door(step) {
             return Way::Through(half);

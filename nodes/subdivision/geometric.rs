@@ -145,11 +145,10 @@ impl Record {
 
     /// Whether the last ten iterations took next to nothing away: the rest is what no control points reach.
     pub(super) fn stalls(&self) -> bool {
-        const WINDOW: usize = 10;
-        let Some(last) = self.steps.len().checked_sub(1).filter(|&last| last >= WINDOW) else {
+        let Some(last) = self.steps.len().checked_sub(1).filter(|&last| last >= STALL) else {
             return false;
         };
-        let [before, now] = [last - WINDOW, last].map(|step| self.steps[step]);
+        let [before, now] = [last - STALL, last].map(|step| self.steps[step]);
         now.rms > 0.999 * before.rms
     }
 
@@ -160,6 +159,9 @@ impl Record {
     }
 }
 
+/// So many iterations tell whether next to nothing is taken away any more.
+const STALL: usize = 10;
+
 /// Every so many iterations feet are looked for everywhere, not only near the last ones.
 const WHOLE: u32 = 5;
 
@@ -169,11 +171,63 @@ const NEAR: f64 = 0.1;
 /// After so many iterations without a better one, none is to be expected.
 const LATE: u32 = 10;
 
-/// The geometric iteration. `feet` gives the foot of each point on what some control points make, looking everywhere if it is
-/// told so, else near the last ones. Control points that `fixed` marks stay and have no say; it may be empty.
+/// In so many iterations the largest distance is halved, where the iteration converges: the factors of Loop's scheme and of Doo and Sabin's
+/// are 3/4 on regular meshes, that of Catmull and Clark's is 8/9, and at most 9/10 is known for Loop's on any closed mesh.
+const PATIENCE: u32 = 8;
+
+/// Points that are missed by more than this share of the largest distance are those that hold the iteration up.
+const WORST: f64 = 0.25;
+
+/// How feet are looked for.
+pub(super) struct Look<'a> {
+    /// Everywhere, not only near the last ones.
+    pub(super) whole: bool,
+    /// Marks the points whose foot is at their own control point's parameter, and which their control points go straight to.
+    pub(super) own: &'a [bool],
+}
+
+/// Which points are compared with their own control points' limits.
+struct Own {
+    is: Vec<bool>,
+    /// The largest distance that was to be halved, and since when.
+    mark: (f64, u32),
+    /// When the last points joined.
+    since: u32,
+}
+
+impl Own {
+    /// Whether all are: the problem is linear.
+    fn all(&self) -> bool {
+        self.is.iter().all(|&own| own)
+    }
+
+    /// Whether the iteration with these distances of the points goes on as well as it should.
+    fn is_content(&mut self, iteration: u32, worst: f64) -> bool {
+        if worst <= 0.5 * self.mark.0 {
+            self.mark = (worst, iteration);
+        }
+        let is_in_time = iteration < self.mark.1 + PATIENCE && worst <= 2.0 * self.mark.0;
+        self.all() || worst.is_finite() && is_in_time
+    }
+
+    /// Adds those that are missed by most, by the squares of the distances; all, if these are among them.
+    fn add(&mut self, iteration: u32, squares: &[f64]) {
+        let worst = squares.iter().copied().fold(0.0, f64::max);
+        let holds_up = |k: usize| squares[k] > WORST * WORST * worst || !squares[k].is_finite();
+        let is_new = |(k, own): (usize, &bool)| !own && holds_up(k);
+        let any = self.is.iter().enumerate().any(is_new);
+        self.is.iter_mut().enumerate().for_each(|(k, own)| *own |= !any || holds_up(k));
+        (self.mark, self.since) = ((f64::INFINITY, iteration), iteration);
+    }
+}
+
+/// The geometric iteration. `feet` gives the foot of each point on what some control points make. Control points that `fixed` marks stay
+/// and have no say; it may be empty.
 ///
-/// Only of a linear problem it is known that it converges. Of any other the best iterate is what is found, and an iteration ends that
-/// misses the points by twice as much as at the beginning.
+/// Only of a linear problem it is known that it converges: that of the control points' own limits. So where the largest distance is not
+/// halved in time, or grows, the points that are missed by most take their own limits for feet from then on, and the iteration goes on
+/// from the best iterate. Nearby points may have slid onto nearly the same place of the surface, so that nothing moves them apart; none
+/// slides any more. Each time there are more such points, and with all of them the problem is linear.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
@@ -182,46 +236,58 @@ pub(super) fn iterate(
     how: &Interpolation,
     fixed: &[bool],
     progress: &Progress<'_>,
-    mut feet: impl FnMut(&[Point3<f64>], bool) -> Vec<FootPoint>,
+    mut feet: impl FnMut(&[Point3<f64>], Look<'_>) -> Vec<FootPoint>,
 ) -> Result<Solution, Cancelled> {
-    let is_free = |index: &usize| !fixed.get(*index).is_some_and(|&fixed| fixed);
-    let free = Vec::from_iter((0..points.len()).filter(is_free));
-    let distances = |feet: &[FootPoint]| {
-        let missed = free.iter().map(|&k| (points[k] - feet[k].point).norm_squared());
-        missed.fold(Missed::none(), Missed::and_by).distances()
+    let is_fixed = |k: usize| fixed.get(k).is_some_and(|&fixed| fixed);
+    let squares = |feet: &[FootPoint]| {
+        let square = |k: usize| match is_fixed(k) {
+            true => 0.0,
+            false => (points[k] - feet[k].point).norm_squared(),
+        };
+        Vec::from_iter((0..points.len()).map(square))
     };
-    let size = diagonal(points);
-    let mut record = Record::new(how.norm, how.tolerance * size);
+    let free = points.len() - fixed.iter().filter(|&&fixed| fixed).count();
+    let missed = |squares: &[f64]| {
+        let all = squares.iter().fold(Missed::none(), |all, &off| all.and_by(off));
+        Missed { count: free, ..all }.distances()
+    };
+    let mut record = Record::new(how.norm, how.tolerance * diagonal(points));
     let mut control = points.to_vec();
     let mut best = (f64::INFINITY, 0, control.clone());
     let mut is_lost = false;
+    let is = (0..points.len()).map(|k| how.is_linear() || is_fixed(k)).collect();
+    let mut own = Own { is, mark: (f64::INFINITY, 0), since: 0 };
     for iteration in 0..=how.iterations {
         progress.tick(f64::from(iteration) / f64::from(how.iterations.max(1)))?;
         let whole = iteration % WHOLE == 0;
-        let mut found = feet(&control, whole);
+        let mut found = feet(&control, Look { whole, own: &own.is });
+        let mut off = squares(&found);
         // Near the last foot there may be one, and a nearer one elsewhere: no iteration ends on that.
-        if !whole && record.allows(distances(&found)) {
-            found = feet(&control, true);
+        if !whole && record.allows(missed(&off)) {
+            found = feet(&control, Look { whole: true, own: &own.is });
+            off = squares(&found);
         }
-        let missed = distances(&found);
-        if record.note(missed) {
+        let now = missed(&off);
+        if record.note(now) && (how.is_linear() || !is_far(&control, points)) {
             let found = Found { control, trace: record.into_trace(), end: End::Settled };
             return Ok(Solution { found, unreachable: false });
         }
-        if how.is_linear() && record.stalls() {
+        let stalls = iteration >= own.since + STALL as u32 && record.stalls();
+        if own.all() && stalls {
             let found = Found { control, trace: record.into_trace(), end: End::Short };
             return Ok(Solution { found, unreachable: true });
         }
-        if record.distance(missed) < best.0 {
-            best = (record.distance(missed), iteration, control.clone());
+        if record.distance(now) < best.0 {
+            best = (record.distance(now), iteration, control.clone());
         }
-        let grows = 2.0 * record.first() < record.distance(missed);
-        is_lost = grows || best.1 + LATE < iteration;
-        if grows && !how.is_linear() {
-            break;
-        }
-        if iteration < how.iterations {
-            free.iter().for_each(|&k| control[k] += found[k].step(points[k], how.direction));
+        is_lost = 2.0 * record.first() < record.distance(now) || best.1 + LATE < iteration;
+        if !own.is_content(iteration, now[0]) {
+            own.add(iteration, &off);
+            control.clone_from(&best.2);
+        } else if iteration < how.iterations {
+            for k in (0..points.len()).filter(|&k| !is_fixed(k)) {
+                control[k] += found[k].step(points[k], how.direction);
+            }
         }
     }
     if how.is_linear() {
@@ -229,15 +295,18 @@ pub(super) fn iterate(
         return Ok(Solution { found, unreachable: false });
     }
     let (missed, iteration, control) = best;
-    let start = record.first();
-    let moves = control.iter().zip(points).map(|(control, point)| (control - point).norm());
-    let is_far = moves.fold(0.0, f64::max) > size;
-    let end = match is_far || is_lost && missed > NEAR * start {
+    let end = match is_far(&control, points) || is_lost && missed > NEAR * record.first() {
         true => End::RanAway(RanAway { iteration, missed }),
         false => End::Short,
     };
     let found = Found { control, trace: record.until(iteration).into_trace(), end };
     Ok(Solution { found, unreachable: false })
+}
+
+/// Whether a control point is farther from its point than the points are from each other.
+pub(super) fn is_far(control: &[Point3<f64>], points: &[Point3<f64>]) -> bool {
+    let size = diagonal(points);
+    control.iter().zip(points).any(|(control, point)| (control - point).norm() > size)
 }
 
 /// The diagonal of the box around some points.

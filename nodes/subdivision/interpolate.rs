@@ -7,8 +7,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::blocks::limit_matrix;
+use super::geometric::{Look, is_far};
 use super::interpolation::{
-    Direction, Foot, Interpolated, Interpolation, NotLinear, RanAway, Solution, Solver,
+    Direction, End, Foot, Interpolated, Interpolation, NotLinear, RanAway, Solution, Solver,
 };
 use super::least_squares::least_squares;
 use super::limit::{Limit, LimitPlaces};
@@ -26,7 +27,8 @@ use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivisio
 /// `CatmullClark` has none for some: a pattern that alternates around vertices of three faces, as on a cube, is smoothed away whole.
 ///
 /// The form with `foot: Closest` is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
-/// progressive form.
+/// progressive form. With `foot: Closest` or `direction: Normal` all control points stay within the diagonal of the vertices' box from
+/// their vertices, or there is an error.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Interpolate {
     /// The vertices to meet, and how they hang together.
@@ -150,12 +152,13 @@ fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, InterpolateError
 /// With `foot: Vertex` the distances are those of each vertex from its control point's limit, and the problem is linear: Halstead,
 /// Kass and DeRose, "Efficient, fair interpolation using Catmull-Clark surfaces" (1993), solved by conjugate gradients or by the
 /// progressive iteration of Cheng et al., "Loop subdivision surface based progressive interpolation" (2009). With `foot: Closest` they
-/// are those from the nearest point of the surface: Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm",
-/// Computer-Aided Design 39 (2007).
+/// are those from the nearest point of the surface on the faces at the vertex: Maekawa, Matsumoto and Namiki, "Interpolation by
+/// geometric algorithm", Computer-Aided Design 39 (2007). Of this no proof is known that it converges; where it does not, the vertices
+/// that are missed by most go on with their control points' limits. At the border of an open mesh Doo's and Sabin's scheme has these alone.
 ///
 /// # Errors
-/// If the scheme cannot refine the mesh, no control mesh has such a surface, the solver is not for this foot and direction, or the
-/// evaluation is told to stop.
+/// If the scheme cannot refine the mesh, no control mesh has such a surface, the solver is not for this foot and direction, the control
+/// points of a nonlinear iteration leave the box's diagonal behind, or the evaluation is told to stop.
 pub fn interpolate(
     mesh: &Mesh,
     scheme: Scheme,
@@ -198,8 +201,9 @@ fn interpolate_with<E: From<InterpolateError>>(
     let matrix = || limit_matrix(&limits, mesh.faces(), options.fixed);
     let solved = match how.foot {
         Foot::Closest => {
-            let mut feet = ClosestFeet::new(mesh, subdivision).map_err(InterpolateError::from)?;
-            let feet = |control: &[Point3<f64>], whole| feet.of(control, whole);
+            let feet = ClosestFeet::new(mesh, subdivision, &limits.positions);
+            let mut feet = feet.map_err(InterpolateError::from)?;
+            let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, look.own);
             how.solve(points, options.fixed, progress, feet, matrix)
         }
         Foot::Vertex => {
@@ -207,12 +211,14 @@ fn interpolate_with<E: From<InterpolateError>>(
             let facing = normals.then(|| Limit::new(&limits.topology)).transpose();
             let facing = facing.map_err(InterpolateError::from)?;
             let rows = &limits.positions;
-            let feet = |control: &[Point3<f64>], _| vertex_feet(rows, facing.as_ref(), control);
+            let feet = |control: &[Point3<f64>], look: Look<'_>| {
+                vertex_feet(rows, facing.as_ref(), control, look.own)
+            };
             how.solve(points, options.fixed, progress, feet, matrix)
         }
     };
     let solved = solved.map_err(InterpolateError::from)?;
-    let solution = match solved.filter(|solution| !solution.unreachable) {
+    let mut solution = match solved.filter(|solution| !solution.unreachable) {
         Some(solution) => solution,
         None if options.on_singular == OnSingular::RefineOnce && scheme != Scheme::DooSabin => {
             return refined_once(mesh, subdivision, how, progress, limit);
@@ -227,6 +233,11 @@ fn interpolate_with<E: From<InterpolateError>>(
             nearest
         }
     };
+    if !how.is_linear() && is_far(&solution.found.control, points) {
+        let last = solution.found.trace.steps().last();
+        let (iteration, missed) = last.map_or((0, 0.0), |step| (step.iteration as u32, step.max));
+        solution.found.end = End::RanAway(RanAway { iteration, missed });
+    }
     let shape = |control| mesh.with_positions(control).map_err(InterpolateError::from);
     let found = solution.found.shaped(shape)?;
     Ok(Interpolated { shape: found.shape.without("normal"), ..found })

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::control_curve::ControlCurve;
-use super::geometric::{FootPoint, Perpendicular};
+use super::geometric::{FootPoint, Look, Perpendicular};
 use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear, RanAway};
 use super::limit_matrix::LimitMatrix;
 
@@ -108,7 +108,7 @@ pub fn interpolate_curve(
     let points = curve.points();
     let family = ControlCurve::new(basis, points, curve.is_closed())?;
     let mut feet = Feet::new(&family, points, how.foot);
-    let feet = |control: &[Point3<f64>], whole| feet.of(control, whole);
+    let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, &look);
     let matrix = || matrix(&family, basis, points.len(), curve.is_closed());
     let solution = how.solve(points, &[], progress, feet, matrix)?;
     let found = solution.ok_or(InterpolateCurveError::Singular)?.found;
@@ -144,16 +144,23 @@ impl<'a> Feet<'a> {
         Self { family, points, foot, parameters: family.parameters().to_vec() }
     }
 
-    fn of(&mut self, control: &[Point3<f64>], whole: bool) -> Vec<FootPoint> {
+    fn of(&mut self, control: &[Point3<f64>], look: &Look<'_>) -> Vec<FootPoint> {
         // A curve that ran away has no feet; the iteration notes infinite distances and ends.
         let Ok(curve) = self.family.curve(control) else {
             return vec![FootPoint::nowhere(); self.points.len()];
         };
         let (start, end) = curve.domain();
-        let feet = self.points.iter().zip(&mut self.parameters).map(|(&to, t)| {
+        let own = self.family.parameters().iter().zip(look.own);
+        let feet = self.points.iter().zip(&mut self.parameters).zip(own);
+        let feet = feet.map(|((&to, t), (&own, &is_own))| {
+            if is_own {
+                *t = own;
+                let point = curve.derivatives(own, 0)[0].into();
+                return FootPoint { point, perpendicular: Perpendicular::Nowhere };
+            }
             match self.foot {
                 Foot::Vertex => {}
-                Foot::Closest if whole => *t = curve.closest(to).t,
+                Foot::Closest if look.whole => *t = curve.closest(to).t,
                 Foot::Closest => *t = curve.closest_from(to, *t).t,
             }
             let derivatives = curve.derivatives(*t, 1);

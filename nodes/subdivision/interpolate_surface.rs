@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::geometric::{FootPoint, Perpendicular};
+use super::geometric::{FootPoint, Look, Perpendicular};
 use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear, RanAway};
 use super::limit_matrix::LimitMatrix;
 use super::stencils::Stencils;
@@ -99,7 +99,7 @@ pub fn interpolate_surface(
     how.check()?;
     let sheet = Sheet::new(net, order)?;
     let mut feet = Feet::new(&sheet, net.points(), how.foot);
-    let feet = |control: &[Point3<f64>], whole| feet.of(control, whole);
+    let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, &look);
     let matrix = || {
         let blocks = vec![(0..net.points().len() as u32).collect()];
         LimitMatrix { rows: sheet.collocation(), blocks, scale: None }
@@ -173,17 +173,22 @@ impl<'a> Feet<'a> {
         Self { sheet, points, foot, parameters }
     }
 
-    fn of(&mut self, control: &[Point3<f64>], whole: bool) -> Vec<FootPoint> {
+    fn of(&mut self, control: &[Point3<f64>], look: &Look<'_>) -> Vec<FootPoint> {
         // A surface that ran away has no feet; the iteration notes infinite distances and ends.
         let Ok(surface) = self.sheet.surface(control.to_vec()) else {
             return vec![FootPoint::nowhere(); self.points.len()];
         };
         let [u, v] = [surface.u().domain(), surface.v().domain()];
-        let points = self.points.par_iter().zip(&mut self.parameters);
-        let feet = points.map(|(&to, at)| {
+        let points = self.points.par_iter().zip(&mut self.parameters).enumerate();
+        let feet = points.map(|(k, (&to, at))| {
+            if look.own[k] {
+                *at = self.sheet.at(k);
+                let point = surface.point(at[0], at[1]);
+                return FootPoint { point, perpendicular: Perpendicular::Nowhere };
+            }
             let found = match self.foot {
                 Foot::Vertex => None,
-                Foot::Closest if whole => Some(surface.closest(to)),
+                Foot::Closest if look.whole => Some(surface.closest(to)),
                 Foot::Closest => Some(surface.closest_from(to, *at)),
             };
             if let Some(found) = found {

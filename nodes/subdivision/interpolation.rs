@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::geometric::{FootPoint, iterate};
+use super::geometric::{FootPoint, Look, iterate};
 use super::limit_matrix::LimitMatrix;
 
 /// Which point of a curve or surface a given point is compared with.
@@ -18,7 +18,10 @@ pub enum Foot {
     /// The limit point of its own control point: a linear problem with one solution, where there is one.
     #[default]
     Vertex,
-    /// The nearest one. The curve or surface then passes through the point, but not at its control point's own parameter.
+    /// The nearest one; on a subdivision surface the nearest on the faces at the vertex, reached downhill from its limit point, as
+    /// another sheet of the surface may come nearer. The curve or surface then passes through the point, but not at its control
+    /// point's own parameter. Where the iteration does not halve the largest distance in time, the points that are missed by most go on
+    /// with `Vertex`.
     Closest,
 }
 
@@ -29,7 +32,7 @@ pub enum Direction {
     #[default]
     Residual,
     /// Along the normal at the foot, as far as the given point is away; from the foot to the point where there is no
-    /// perpendicular, at ends, borders and creases.
+    /// perpendicular, at ends, borders and creases, and where this does not converge.
     Normal,
 }
 
@@ -128,7 +131,7 @@ impl Interpolation {
         points: &[Point3<f64>],
         fixed: &[bool],
         progress: &Progress<'_>,
-        feet: impl FnMut(&[Point3<f64>], bool) -> Vec<FootPoint>,
+        feet: impl FnMut(&[Point3<f64>], Look<'_>) -> Vec<FootPoint>,
         matrix: impl FnOnce() -> LimitMatrix,
     ) -> Result<Option<Solution>, Cancelled> {
         match self.solver {
@@ -163,7 +166,7 @@ pub(super) enum End {
     Settled,
     /// They are not yet, or cannot be.
     Short,
-    /// They grew, and were never small.
+    /// They grew, and were never small, or control points went too far.
     RanAway(RanAway),
 }
 
@@ -177,8 +180,8 @@ impl End {
 /// An iteration that leads away from the points.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the iteration runs away: at its best, after {iteration} iterations, it misses a point by {missed:.3e} mm; take `direction: Residual` or \
-     `foot: Closest`"
+    "the iteration runs away: at its best, after {iteration} iterations, it misses a point by {missed:.3e} mm or has control points farther \
+     away than the points from each other; take more iterations, or `foot: Vertex` with `direction: Residual`"
 )]
 pub struct RanAway {
     /// The iteration that came nearest.

@@ -121,6 +121,15 @@ impl LimitSurface {
         &self.frame.mesh.mesh
     }
 
+    /// The face of the control mesh in which a part lies.
+    pub(super) fn face_of(&self, part: u32) -> u32 {
+        let control = &self.frame.steps[0].level.mesh;
+        match self.frame.rules.scheme {
+            Scheme::Loop => part / 4,
+            _ => control.face_of(part >> (2 * (self.n_steps() - 1))),
+        }
+    }
+
     pub(super) fn scheme(&self) -> Scheme {
         self.frame.rules.scheme
     }
