@@ -68,14 +68,14 @@ fn write_pcd_640_480(bencher: divan::Bencher<'_, '_>) {
 #[divan::bench(sample_count = 11, sample_size = 1)]
 fn triangulate_million_cells(bencher: divan::Bencher<'_, '_>) {
     let range = RangeImage::new(1000, 1000, points(1000, 1000)).expect("a grid");
-    bencher.bench(|| triangulate(&range, 6.0, 85.0).expect("a mesh"));
+    bencher.bench(|| triangulate(&range, 6.0, 85.0, 20).expect("a mesh"));
 }
 
 /// A quarter of a million triangles become one million.
 #[divan::bench(sample_count = 11, sample_size = 1)]
 fn subdivide_to_million_triangles(bencher: divan::Bencher<'_, '_>) {
     let range = RangeImage::new(354, 354, points(354, 354)).expect("a grid");
-    let mesh = triangulate(&range, 6.0, 85.0).expect("a mesh");
+    let mesh = triangulate(&range, 6.0, 85.0, 20).expect("a mesh");
     let how = Subdivision {
         scheme: Scheme::Loop,
         levels: 1,

@@ -109,7 +109,7 @@ fn fit(table: &Table) {
     let (unit, axes) = Default::default();
     let (_, range) =
         read_capture(&color, &range, "pcd", Some(&camera), unit, axes).expect("a capture");
-    let scan = triangulate(&range, 6.0, 85.0).expect("a grid with a camera");
+    let scan = triangulate(&range, 6.0, 85.0, 20).expect("a grid with a camera");
     let creased = crease(&scan, 40.0, 10.0);
     let points = scan.positions();
     let target = scan.faces().len() / 20;

@@ -26,6 +26,7 @@ mod profile;
 mod rays;
 mod refine;
 mod revolve;
+mod round;
 mod rows;
 mod seam;
 mod tessellate;

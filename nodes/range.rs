@@ -3,16 +3,20 @@
 use maquette::{Pack, node};
 
 mod average_normal;
+mod border;
 mod contour;
 mod denoise;
 mod extract_region;
+mod fill_range;
 mod footprint;
 mod foreground;
 mod grid_triangles;
+mod joins;
 mod range_file;
 mod range_holes;
 mod read_capture;
 mod read_range;
+mod shadows;
 mod triangulate;
 
 pub use average_normal::{
@@ -20,11 +24,15 @@ pub use average_normal::{
 };
 pub(crate) use contour::contours;
 pub use denoise::{Denoise, Denoising, denoise};
-pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, extract_region};
+pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, Taken, extract_region};
+pub use fill_range::{FillRange, FillRangeError, fill_range};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
+pub(crate) use grid_triangles::grid_triangles;
+pub(crate) use joins::{GRAZING, JUMP, Joins, longest_edge};
 pub use range_file::{Axes, CameraFileError, Unit};
 pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
 pub use read_range::{ReadRange, read_range};
+pub(crate) use shadows::{around, fill_shadows, join_around};
 pub use triangulate::{Triangulate, TriangulateError, triangulate};
 
 /// Nodes on range images.
@@ -34,6 +42,7 @@ pub const PACK: Pack = Pack {
         node::<ReadCapture>(),
         node::<ReadRange>(),
         node::<Denoise>(),
+        node::<FillRange>(),
         node::<Foreground>(),
         node::<ExtractRegion>(),
         node::<AverageNormal>(),

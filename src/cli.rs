@@ -34,6 +34,7 @@ mod progress;
 mod render;
 mod run;
 mod set;
+mod sheet;
 mod terminal;
 mod test;
 mod watch;
@@ -72,6 +73,8 @@ enum Command {
     Compare(compare::Compare),
     /// Render a mesh or surface, of a graph or a file, as a picture.
     Render(render::Render),
+    /// Show what graphs give from five sides, with the least and the greatest of each parameter, in one picture each.
+    Sheet(sheet::Sheet),
     /// Print the reference of all nodes, or of one.
     Nodes(nodes::Nodes),
     /// Make a page of all graphs of a folder, each with its picture.
@@ -142,6 +145,7 @@ pub fn main(packs: &[Pack]) -> ExitCode {
         Command::Test(command) => command.run(&catalog),
         Command::Compare(command) => command.run(),
         Command::Render(command) => command.run(&catalog),
+        Command::Sheet(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
         Command::Gallery(command) => command.run(&catalog),
         Command::Inspect(command) => command.run(&catalog),

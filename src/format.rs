@@ -33,6 +33,7 @@ mod step;
 pub mod stl;
 mod surface;
 pub mod tiff;
+mod upright;
 pub mod xyz;
 
 /// The files that the engine's own values can be written to.

@@ -12,6 +12,7 @@ mod expect;
 pub(crate) mod html;
 mod intersect;
 pub(crate) mod junit;
+mod looks;
 mod parts;
 mod picture;
 mod sketch;

@@ -104,7 +104,7 @@ fn planar_texture_coordinates_are_near_those_of_the_registration() {
     let doll = Doll::new();
     let scan: &RangeImage = doll.get("scan", "range");
     let image = doll.get("scan", "color");
-    let mesh = maquette_nodes::range::triangulate(scan, 6.0, 85.0).unwrap();
+    let mesh = maquette_nodes::range::triangulate(scan, 6.0, 85.0, 20).unwrap();
     let planar = maquette_nodes::mesh::texture(
         &mesh,
         image,

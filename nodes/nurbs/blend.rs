@@ -1,7 +1,7 @@
 //! Writes a surface back to the range grid that it came from.
 
 use maquette::value::{ControlNetError, RangeImage, Region, SizeError, Surface, SurfaceError};
-use maquette::{Context, Error, In, Limit, Node, TooMuch};
+use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress, TooMuch};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use schemars::JsonSchema;
@@ -11,8 +11,14 @@ use super::canvas::{Canvas, Target};
 use super::fold::folded_cells;
 use super::refine::{refine, refined_range};
 use super::seam::{Seam, seam};
+use crate::range::{
+    GRAZING, JUMP, Joins, around, fill_shadows, grid_triangles, join_around, longest_edge,
+};
 
 /// Writes a surface back to the range grid that it came from. Only cells of the region change; all others keep every bit.
+///
+/// What hung together before still does, however steep it became. Shadows at the region's border, which would leave a slit there, are
+/// filled.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Blend {
     /// The range image to change.
@@ -102,6 +108,9 @@ pub enum BlendError {
     /// Columns of different sizes.
     #[error(transparent)]
     Size(#[from] SizeError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
 }
 
 impl Node for Blend {
@@ -111,7 +120,7 @@ impl Node for Blend {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (range, region, surface) =
             (cx.get(&self.range), cx.get(&self.region), cx.get(&self.surface));
-        let blended = blend(range, region, surface, self.mode, self.resample)?;
+        let blended = blend(range, region, surface, self.mode, self.resample, cx.progress())?;
         if blended.folded > 0 {
             cx.warn(format!(
                 "{} changed cells lie in front of each other, seen from the sensor",
@@ -147,6 +156,10 @@ pub struct Blended {
 /// the band, by distance from the nearest cell outside. With the same weights `S - S'` is the surface of the net's
 /// offsets; where it is 0, D keeps its bits.
 ///
+/// Shadows (cells without a point that the scan surrounds) of up to [`SHADOW`] cells between the region and the rest of the scan are filled,
+/// too, by a thin plate under tension. The triangles at filled cells are marked as joined, and those at cells of the region that were part of a surface
+/// before (as `Triangulate` joins cells when nothing else is asked of it).
+///
 /// `resample` divides each cell into (rows, columns); (1, 1) keeps the grid.
 ///
 /// # Errors
@@ -157,6 +170,7 @@ pub fn blend(
     surface: &Surface,
     mode: BlendMode,
     resample: [usize; 2],
+    progress: &Progress<'_>,
 ) -> Result<Blended, BlendError> {
     let [down, right] = resample;
     if down == 0 || right == 0 {
@@ -167,7 +181,8 @@ pub fn blend(
         let need = [range.width(), range.height(), down, right].map(|count| count as f64);
         CELLS.check("the finer grid", need.iter().product())?;
     }
-    let same = Canvas::new(range, region, surface, mode)?;
+    let mut same = Canvas::new(range, region, surface, mode)?;
+    let beside = fill_beside(&mut same, range, progress)?;
     let canvas = if divided { refine(&same, resample) } else { same };
     let changes = changes(&canvas, surface, mode)?;
     let mut points = canvas.points.clone();
@@ -178,13 +193,11 @@ pub fn blend(
     let replaces = mode != BlendMode::Displacement && !divided;
     let seam = replaces.then(|| seam(region, &canvas.points, &points));
 
-    let mut filled: Vec<u8> =
-        (0..range.points().len()).map(|cell| u8::from(range.is_filled(cell))).collect();
-    for (&cell, &flag) in region.cells().iter().zip(region.filled()) {
-        if flag == 1 || range.point(cell as usize).is_none() {
-            filled[cell as usize] = 1;
-        }
-    }
+    let cells = 0..range.points().len();
+    let mut filled = Vec::from_iter(cells.map(|cell| u8::from(range.is_filled(cell))));
+    let new = region.cells().iter().zip(region.filled());
+    let new = new.filter(|&(&cell, &flag)| flag == 1 || range.point(cell as usize).is_none());
+    new.map(|(cell, _)| cell).chain(&beside).for_each(|&cell| filled[cell as usize] = 1);
     let range = if divided {
         let old =
             |cell: usize| cell / canvas.width / down * range.width() + cell % canvas.width / right;
@@ -193,7 +206,64 @@ pub fn blend(
     } else {
         range.with_points(points)?.with_filled(filled)?
     };
-    Ok(Blended { range, folded, seam })
+    let joined = joined(&canvas, &range);
+    Ok(Blended { range: range.with_joined(joined)?, folded, seam })
+}
+
+/// Cells of the largest shadow beside a region that is filled.
+const SHADOW: usize = 1000;
+
+/// Longest edge across such a shadow, in multiples of the median spacing: what is redesigned may stand out far, but what is behind
+/// the object is no part of it.
+const ACROSS: f64 = 40.0;
+
+/// Gives points to the shadows between the region and the rest of the scan; their cells, in raster order.
+fn fill_beside(
+    canvas: &mut Canvas,
+    range: &RangeImage,
+    progress: &Progress<'_>,
+) -> Result<Vec<u32>, Cancelled> {
+    let mut inside = vec![false; canvas.points.len()];
+    canvas.targets.iter().for_each(|target| inside[target.cell] = true);
+    let width = canvas.width;
+    let seen = |cell: usize| range.point(cell).is_some();
+    let is_beside = |cells: &[u32]| {
+        let has = |within: bool| around(width, cells).any(|it| seen(it) && inside[it] == within);
+        cells.len() <= SHADOW && has(true) && has(false)
+    };
+    let longest = longest_edge(range, ACROSS);
+    fill_shadows(width, &mut canvas.points, longest, is_beside, progress)
+}
+
+/// The triangles that hang together whatever the surface does to them: those that did before, at cells of the region, and all at filled
+/// cells.
+fn joined(canvas: &Canvas, range: &RangeImage) -> Vec<u8> {
+    let Canvas { width, height, points, .. } = canvas;
+    let mut inside = vec![false; points.len()];
+    canvas.targets.iter().for_each(|target| inside[target.cell] = true);
+    let before = range.with_points(points.clone()).expect("as many points as cells");
+    let joins = Joins::new(&before, JUMP, GRAZING);
+    let mut joined = Vec::from_iter((0..points.len()).map(|cell| range.joined(cell)));
+    let held = grid_triangles(
+        *width,
+        *height,
+        points,
+        |quad| joined[quad],
+        |triangle, corners| {
+            triangle.cells(*width).iter().any(|&cell| inside[cell]) && joins.holds(corners)
+        },
+    );
+    for triangle in held {
+        joined[triangle.quad as usize] |= triangle.half.bit();
+    }
+    let on_rim = |cell: usize| {
+        let (row, column) = (cell / width, cell % width);
+        row == 0 || column == 0 || row + 1 == *height || column + 1 == *width
+    };
+    let filled = (0..points.len()).filter(|&cell| range.is_filled(cell) && !on_rim(cell));
+    let filled = Vec::from_iter(filled.map(|cell| cell as u32));
+    join_around(*width, &filled, points, &mut joined);
+    joined
 }
 
 /// The cells that change, in raster order, and their new points.

@@ -275,7 +275,9 @@ mod tests {
                 fit_surface(&net, [4, 4], FitMethod::Interpolate, kind, &Progress::none())
                     .unwrap()
                     .surface;
-            let same = blend(&range, &disk, &surface, BlendMode::Replace, [1, 1]).unwrap();
+            let same =
+                blend(&range, &disk, &surface, BlendMode::Replace, [1, 1], &Progress::none())
+                    .unwrap();
             for (before, after) in range.points().iter().zip(same.range.points()) {
                 assert!((before - after).norm() <= 1e-9, "{kind:?}: {before} {after}");
             }

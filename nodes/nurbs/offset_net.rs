@@ -106,7 +106,7 @@ pub fn offset_net(
         None => mean_normal(net).map_err(OffsetError::Normal)?.vector(),
     };
     let offset = sum_of_steps(net, normal, steps)?;
-    let factors = profile.factors(net, &free, picture, progress)?;
+    let factors = profile.factors(net, &free, offset.norm(), picture, progress)?;
     let moved = (net.points().iter().zip(factors).zip(free)).map(|((point, factor), free)| {
         let offset = offset * factor;
         // Adding 0 would turn -0 into 0.

@@ -5,13 +5,17 @@ use maquette::value::{self, Field};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::round::Round;
 use crate::laplace::{self, Unsolved};
 
 /// How an offset fades towards the points that stay. `d` is 0 at those and 1 at the innermost point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Profile {
-    /// A smooth hill: `(1 - cos(pi d)) / 2`.
+    /// A dome while it is low, a finger when it is high: its tip is as round and its wall as steep as the distance and the width of the
+    /// free points ask for, and it leaves the border smoothly.
     #[default]
+    Round,
+    /// A smooth hill: `(1 - cos(pi d)) / 2`. The higher, the more pointed.
     Cosine,
     /// All free points move the whole way, which makes a cliff at the border.
     Plateau,
@@ -46,11 +50,12 @@ pub enum ProfileError {
 }
 
 impl Profile {
-    /// The factor of the offset for each point of a net, row by row. `free` is 1 for each point that moves.
+    /// The factor of the offset, which is `distance` long, for each point of a net, row by row. `free` is 1 for each point that moves.
     pub(super) fn factors(
         self,
         net: &value::ControlNet,
         free: &[u8],
+        distance: f64,
         picture: Option<&Field>,
         progress: &Progress<'_>,
     ) -> Result<Vec<f64>, ProfileError> {
@@ -59,6 +64,10 @@ impl Profile {
             Self::Picture => {
                 let picture = picture.ok_or(ProfileError::NoPicture)?;
                 return gray(picture, net.rows(), net.columns()).ok_or(ProfileError::EmptyPicture);
+            }
+            Self::Round => {
+                let round = Round::new(distance / radius(net, free));
+                Box::new(move |d| round.at(1.0 - d))
             }
             Self::Cosine => Box::new(|d| (1.0 - libm::cos(std::f64::consts::PI * d)) / 2.0),
             Self::Power(power) if power >= 0.0 => Box::new(move |d| libm::pow(d, power)),
@@ -74,7 +83,7 @@ impl Profile {
         };
         let inwardness = inwardness(net.rows(), net.columns(), free, progress)?;
         let mut factors: Vec<f64> = inwardness.into_iter().map(falloff).collect();
-        if matches!(self, Self::Cosine | Self::Gaussian(_)) {
+        if matches!(self, Self::Round | Self::Cosine | Self::Gaussian(_)) {
             blunt(net, free, &mut factors);
         }
         Ok(factors)
@@ -91,6 +100,20 @@ fn blunt(net: &value::ControlNet, free: &[u8], factors: &mut [f64]) {
     if lies_in_one_place && moves && free.contains(&0) {
         factors.copy_within(..columns, columns);
     }
+}
+
+/// The radius of the disk that is as large as the free part of the net before any offset: of all quads, one with some of its points
+/// free counts by their share.
+fn radius(net: &value::ControlNet, free: &[u8]) -> f64 {
+    let (columns, base) = (net.columns(), net.base());
+    let quad = |at: usize| {
+        let corners = [at, at + 1, at + columns + 1, at + columns];
+        let [a, b, c, d] = corners.map(|corner| base[corner]);
+        let share = corners.iter().map(|&corner| f64::from(free[corner])).sum::<f64>() / 4.0;
+        share * (c - a).cross(&(d - b)).norm() / 2.0
+    };
+    let quads = (0..net.rows().saturating_sub(1) * columns).filter(|at| at % columns + 1 < columns);
+    (quads.map(quad).sum::<f64>() / std::f64::consts::PI).sqrt()
 }
 
 /// From 0 at the points that stay to 1 at the innermost free one; if none stays, the net's border counts as staying.
@@ -173,7 +196,7 @@ mod tests {
         };
         let free: Vec<u8> = (0..43 * 43).map(|at| u8::from(from_center(at) < radius)).collect();
         let cone =
-            Profile::Power(1.0).factors(&net(43, 43), &free, None, &Progress::none()).unwrap();
+            Profile::Power(1.0).factors(&net(43, 43), &free, 1.0, None, &Progress::none()).unwrap();
         for (at, d) in cone.iter().enumerate() {
             let exact = (1.0 - from_center(at) / radius).max(0.0);
             assert!((d - exact).abs() <= 0.03, "{at}: {d} {exact}");
@@ -184,8 +207,9 @@ mod tests {
     fn profiles_rise_from_the_border_to_one() {
         let mut free = vec![0; 25];
         [6, 7, 8, 11, 12, 13, 16, 17, 18].into_iter().for_each(|at| free[at] = 1);
-        let factors =
-            |profile: Profile| profile.factors(&net(5, 5), &free, None, &Progress::none()).unwrap();
+        let factors = |profile: Profile| {
+            profile.factors(&net(5, 5), &free, 1.0, None, &Progress::none()).unwrap()
+        };
         for profile in [Profile::Cosine, Profile::Power(2.0)] {
             let factors = factors(profile);
             assert_eq!(factors[0], 0.0);
@@ -196,11 +220,11 @@ mod tests {
         assert_eq!(factors(Profile::Plateau), [1.0; 25]);
         // Without a point that stays, the border of the net is the border of the profile.
         assert_eq!(
-            Profile::Cosine.factors(&net(5, 5), &[1; 25], None, &Progress::none()).unwrap(),
+            Profile::Cosine.factors(&net(5, 5), &[1; 25], 1.0, None, &Progress::none()).unwrap(),
             factors(Profile::Cosine)
         );
         assert_eq!(
-            Profile::Cosine.factors(&net(2, 2), &[1; 4], None, &Progress::none()),
+            Profile::Cosine.factors(&net(2, 2), &[1; 4], 1.0, None, &Progress::none()),
             Ok(vec![0.0; 4])
         );
     }
@@ -211,7 +235,7 @@ mod tests {
         let net = value::ControlNet::new(5, 6, (0..30).map(ring).collect::<Vec<_>>()).unwrap();
         let free: Vec<u8> = (0..30).map(|at| u8::from(at < 24)).collect();
         let factors =
-            |profile: Profile| profile.factors(&net, &free, None, &Progress::none()).unwrap();
+            |profile: Profile| profile.factors(&net, &free, 1.0, None, &Progress::none()).unwrap();
         for profile in [Profile::Cosine, Profile::Gaussian(0.5)] {
             let factors = factors(profile);
             assert_eq!(factors[..6], factors[6..12]);
@@ -227,6 +251,7 @@ mod tests {
             Profile::Picture.factors(
                 &net(rows, columns),
                 &vec![1; rows * columns],
+                1.0,
                 Some(&picture),
                 &Progress::none(),
             )
@@ -237,7 +262,7 @@ mod tests {
         assert_eq!(over(vec![f32::NAN, 1.0, 2.0], 3, 1, 3).unwrap(), [0.0, 0.0, 1.0]);
         assert_eq!(over(vec![f32::NAN], 1, 1, 1), Err(ProfileError::EmptyPicture));
         assert_eq!(
-            Profile::Picture.factors(&net(1, 1), &[1], None, &Progress::none()),
+            Profile::Picture.factors(&net(1, 1), &[1], 1.0, None, &Progress::none()),
             Err(ProfileError::NoPicture)
         );
     }
@@ -245,7 +270,7 @@ mod tests {
     #[test]
     fn numbers_out_of_range_are_refused() {
         for profile in [Profile::Power(-1.0), Profile::Power(f64::NAN), Profile::Gaussian(0.0)] {
-            let refused = profile.factors(&net(3, 3), &[1; 9], None, &Progress::none());
+            let refused = profile.factors(&net(3, 3), &[1; 9], 1.0, None, &Progress::none());
             assert!(matches!(refused, Err(ProfileError::Number { .. })), "{profile:?}");
         }
     }

@@ -87,7 +87,7 @@ pub fn average_normal(
     // Twice the area at which a triangle is only rounding.
     let least = 1e-18 * square(size_of(region.points()));
     let (mut sum, mut total) = (Vector3::zeros(), 0.0);
-    for triangle in grid_triangles(width, height, &points, |_| true) {
+    for triangle in grid_triangles(width, height, &points, |_| 0, |_, _| true) {
         let normal = double_area(triangle.cells(width).map(|cell| points[cell]));
         let length = normal.norm();
         if length <= least {

@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 use super::contour::contours;
 use super::footprint::covered_cells;
 use super::range_holes::{fill_points, usable_cells};
-use crate::image::{Connectivity, close, label};
+use crate::image::{Connectivity, close, fill_contour, label};
 use crate::laplace::Unsolved;
 
 /// Takes one labelled part of a picture as a region of the range grid, ready to be redesigned.
 ///
-/// A range cell belongs to the region if at least half of what it sees of the picture does. Cells inside for which the scanner
-/// has no point are filled smoothly from those around them; a hole that reaches the region's border is left out instead. If
-/// the region falls apart, its largest piece is taken.
+/// A range cell belongs to the region if at least half of what it sees of the picture does, or if the part surrounds it. Cells inside for
+/// which the scanner has no point are filled smoothly from those around them; where it saw nothing up to the rim of the grid, they are
+/// left out instead. If the region falls apart, its largest piece is taken.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ExtractRegion {
     /// The labelled picture.
@@ -26,9 +26,12 @@ pub struct ExtractRegion {
     /// Which part is taken.
     #[serde(default)]
     pub pick: Pick,
-    /// Fills cells without a point that the region surrounds. Without it they are holes of the region.
+    /// Fills cells without a point, unless they belong to the background. Without it they are holes of the region.
     #[serde(default = "yes")]
     pub fill_holes: bool,
+    /// Takes in what the part surrounds, such as the pupil of an eye. Without it that is a hole of the region.
+    #[serde(default = "yes")]
+    pub enclosed: bool,
     /// Radius of a square that closes gaps of the region, in range cells; 0 closes none.
     #[schemars(range(max = 50), extend("unit" = "cells"))]
     #[serde(default = "one")]
@@ -141,9 +144,12 @@ impl Node for ExtractRegion {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (labels, range) = (cx.get(&self.labels), cx.get(&self.range));
-        let close = self.close as usize;
-        let region =
-            extract_region(labels, range, self.pick, self.fill_holes, close, cx.progress())?;
+        let taken = Taken {
+            fill: self.fill_holes,
+            enclosed: self.enclosed,
+            close_radius: self.close as usize,
+        };
+        let region = extract_region(labels, range, self.pick, taken, cx.progress())?;
         let (low, high) = region.bounds();
         let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
         if columns < 3 || rows < 3 {
@@ -161,13 +167,25 @@ fn is_everything(region: &Region) -> bool {
     region.cells().len() == region.width() * region.height()
 }
 
+/// What of a part's surroundings becomes region, too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Taken {
+    /// Cells without a point, which are filled.
+    pub fill: bool,
+    /// What the part surrounds.
+    pub enclosed: bool,
+    /// Gaps as wide as twice this radius, in cells.
+    pub close_radius: usize,
+}
+
 /// The part of `labels` that `pick` chooses, as a region of the range grid with its points and contours.
 ///
 /// A cell is inside if at least half of the area that it sees of the picture is; then gaps are closed with a square of radius
-/// `close_radius` in cells. With `fill` the invalid cells that hang together by sides and touch no cell outside the region get
-/// points by Laplace's equation, coordinate by coordinate, from the valid cells around them; they are flagged, as are the cells
-/// that `range` has as filled. Other invalid cells leave the region. Beyond the grid's rim is outside. Of what remains the
-/// largest part that hangs together by sides is taken, of several the first.
+/// `close_radius` in cells, and with `enclosed` what no way by sides leads to from outside. With `fill` the invalid cells that hang
+/// together by sides and touch no cell outside the region, or neither the rim of the grid nor a thousand others, get points by
+/// Laplace's equation, coordinate by coordinate, from the cells of the region around them; they are flagged, as are the cells that
+/// `range` has as filled. Other invalid cells leave the region. Beyond the grid's rim is outside. Of what remains the largest part that
+/// hangs together by sides is taken, of several the first.
 ///
 /// # Errors
 /// If the labels are not those of the range image's picture, there is no such part, or nothing of it remains.
@@ -175,8 +193,7 @@ pub fn extract_region(
     labels: &Labels,
     range: &RangeImage,
     pick: Pick,
-    fill: bool,
-    close_radius: usize,
+    taken: Taken,
     progress: &Progress<'_>,
 ) -> Result<Region, ExtractRegionError> {
     let size = [labels.width(), labels.height()];
@@ -191,11 +208,16 @@ pub fn extract_region(
         let area = labels.statistics()[number as usize - 1].area;
         return Err(ExtractRegionError::NoCell { label: number, area });
     }
-    let usable = usable_cells(&close(&covered, close_radius), range, fill);
+    let closed = close(&covered, taken.close_radius);
+    let whole = if taken.enclosed { fill_contour(&closed, 0) } else { closed };
+    let usable = usable_cells(&whole, range, taken.fill);
     let pieces = label(&usable, Connectivity::Four);
-    let Some(&largest) = pieces.by_area().first() else {
-        return Err(ExtractRegionError::NoPoint { label: number, cells });
-    };
+    let no_point = ExtractRegionError::NoPoint { label: number, cells };
+    let &largest = pieces.by_area().first().ok_or(no_point.clone())?;
+    let is_seen = |(cell, &piece): (usize, &u32)| piece == largest && range.point(cell).is_some();
+    if !pieces.pixels().iter().enumerate().any(is_seen) {
+        return Err(no_point);
+    }
     finish(&pieces, largest, range, progress)
 }
 

@@ -34,6 +34,18 @@ pub(crate) struct GridTriangle {
     pub(crate) half: Half,
 }
 
+impl Half {
+    /// Its bit in [`RangeImage::joined`].
+    pub(crate) fn bit(self) -> u8 {
+        match self {
+            Self::Adc => 1 << 0,
+            Self::Acb => 1 << 1,
+            Self::Adb => 1 << 2,
+            Self::Bdc => 1 << 3,
+        }
+    }
+}
+
 impl GridTriangle {
     /// Its three cells, counter-clockwise seen from the sensor, by index in a grid of this width.
     pub(crate) fn cells(self, width: usize) -> [usize; 3] {
@@ -71,8 +83,9 @@ impl GridTriangle {
 const SHORTER: f64 = 1.0 - 1e-12;
 
 /// The triangles of a `width` x `height` grid that `keep` takes, row by row from the top. A quad of four cells with points is
-/// divided along its shorter diagonal, of two equal ones that from a to c; a quad of three has one triangle. `keep` is given
-/// the points in the order of [`GridTriangle::cells`]; a cell without a point is NaN in x.
+/// divided along its shorter diagonal, of two equal ones that from a to c, unless `joined`, which is asked for its upper left cell, says
+/// that it was divided before; a quad of three has one triangle. `keep` is given the points in the order of [`GridTriangle::cells`]; a
+/// cell without a point is NaN in x.
 ///
 /// # Panics
 /// If there are more or fewer points than cells.
@@ -80,17 +93,14 @@ pub(crate) fn grid_triangles(
     width: usize,
     height: usize,
     points: &[Point3<f64>],
-    keep: impl Fn([Point3<f64>; 3]) -> bool + Sync,
+    joined: impl Fn(usize) -> u8 + Sync,
+    keep: impl Fn(GridTriangle, [Point3<f64>; 3]) -> bool + Sync,
 ) -> Vec<GridTriangle> {
     assert_eq!(points.len(), width * height, "one point per cell");
     let row = |row: usize| {
         (row * width..(row + 1) * width - 1)
-            .flat_map(|quad| {
-                let halves = halves([0, 1, width + 1, width].map(|step| points[quad + step]));
-                let triangle = move |half| GridTriangle { quad: quad as u32, half };
-                halves.into_iter().flatten().map(triangle)
-            })
-            .filter(|triangle| keep(triangle.cells(width).map(|cell| points[cell])))
+            .flat_map(|quad| quad_triangles(width, points, quad, joined(quad)))
+            .filter(|triangle| keep(*triangle, triangle.cells(width).map(|cell| points[cell])))
     };
     if width < 2 || height < 2 {
         return Vec::new();
@@ -98,11 +108,24 @@ pub(crate) fn grid_triangles(
     (0..height - 1).into_par_iter().with_min_len(32).flat_map_iter(row).collect()
 }
 
+/// The triangles of the quad whose upper left cell is `quad`, not in the last column or row; `joined` is as it was divided before.
+pub(crate) fn quad_triangles(
+    width: usize,
+    points: &[Point3<f64>],
+    quad: usize,
+    joined: u8,
+) -> impl Iterator<Item = GridTriangle> {
+    let halves = halves([0, 1, width + 1, width].map(|step| points[quad + step]), joined);
+    halves.into_iter().flatten().map(move |half| GridTriangle { quad: quad as u32, half })
+}
+
 /// How the cells a, b, c, d of a quad are joined.
-fn halves([a, b, c, d]: [Point3<f64>; 4]) -> [Option<Half>; 2] {
+fn halves([a, b, c, d]: [Point3<f64>; 4], joined: u8) -> [Option<Half>; 2] {
+    let from_b = Half::Adb.bit() | Half::Bdc.bit();
+    let is_shorter = || (d - b).norm_squared() < (c - a).norm_squared() * SHORTER;
     match [a, b, c, d].map(|point| !point.x.is_nan()) {
         [true, true, true, true] => {
-            if (d - b).norm_squared() < (c - a).norm_squared() * SHORTER {
+            if joined & from_b != 0 || joined == 0 && is_shorter() {
                 [Some(Half::Adb), Some(Half::Bdc)]
             } else {
                 [Some(Half::Adc), Some(Half::Acb)]
@@ -163,7 +186,10 @@ mod tests {
     }
 
     fn halves_of(depths: [[f64; 2]; 2]) -> Vec<Half> {
-        grid_triangles(2, 2, &grid(depths), |_| true).into_iter().map(|t| t.half).collect()
+        grid_triangles(2, 2, &grid(depths), |_| 0, |_, _| true)
+            .into_iter()
+            .map(|t| t.half)
+            .collect()
     }
 
     #[test]
@@ -179,7 +205,7 @@ mod tests {
             [[9.0, 9.0], [9.0, hole]],
         ] {
             let points = grid(depths);
-            let triangles = grid_triangles(2, 2, &points, |_| true);
+            let triangles = grid_triangles(2, 2, &points, |_| 0, |_, _| true);
             assert!(!triangles.is_empty());
             for triangle in triangles {
                 let normal = double_area(triangle.cells(2).map(|cell| points[cell]));
@@ -207,7 +233,7 @@ mod tests {
     fn grids_without_quads_have_no_triangles() {
         for (width, height) in [(0, 0), (0, 3), (1, 3), (3, 1)] {
             let points = vec![Point3::origin(); width * height];
-            assert_eq!(grid_triangles(width, height, &points, |_| true), []);
+            assert_eq!(grid_triangles(width, height, &points, |_| 0, |_, _| true), []);
         }
     }
 

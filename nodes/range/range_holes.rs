@@ -4,10 +4,15 @@ use maquette::Progress;
 use maquette::value::{Mask, RangeImage};
 use nalgebra::Point3;
 
+use super::shadows::shadows;
 use crate::image::{Connectivity, label};
 use crate::laplace::{Unsolved, solve};
 
-/// The cells of `region` that have a point, or will have one: with `fill` the invalid ones whose part lies wholly inside.
+/// Cells of the largest shadow that is filled although it reaches beyond the region.
+const SHADOW: usize = 1000;
+
+/// The cells of `region` that have a point, or will have one: with `fill` the invalid ones whose part lies wholly inside, or in a shadow
+/// that the scan surrounds.
 pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mask {
     let (width, height) = (region.width(), region.height());
     let mask = |pixels| Mask::new(width, height, pixels).expect("one entry per cell");
@@ -22,9 +27,12 @@ pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mas
         // A hole that is still closed does not touch the rim, so that each of its cells has four neighbors.
         *hole = *hole && [cell - width, cell - 1, cell + 1, cell + width].into_iter().all(inside);
     }
+    let mut in_shadow = vec![false; width * height];
+    let small = shadows(width, height, range.points()).into_iter().filter(|it| it.len() <= SHADOW);
+    small.filter(|_| fill).flatten().for_each(|cell| in_shadow[cell as usize] = true);
     let usable = |cell: usize| match holes.pixels()[cell] {
         0 => inside(cell),
-        hole => closed[hole as usize - 1],
+        hole => closed[hole as usize - 1] || in_shadow[cell],
     };
     mask((0..width * height).map(|cell| u8::from(usable(cell))).collect())
 }

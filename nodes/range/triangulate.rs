@@ -7,12 +7,15 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid_triangles::{GridTriangle, Rays, double_area, grid_triangles};
+use super::border::Border;
+use super::grid_triangles::{GridTriangle, double_area, grid_triangles};
+use super::joins::{GRAZING, JUMP, Joins};
 
 /// Joins neighboring cells of a range image to a mesh of triangles that look towards the sensor, also if the grid is mirrored.
 ///
-/// Each vertex is a cell and keeps its texture coordinate in the picture. Where two parts of the mesh touch in one cell only,
-/// the cell gets a vertex for each, so that the mesh is manifold.
+/// Each vertex is a cell with its texture coordinate in the picture; those along borders are moved, so that the grid leaves no
+/// steps there. Where two parts of the mesh touch in one cell only, the cell gets a vertex for each, so that the mesh is manifold.
+/// What a redesign or a filling made is never cut.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Triangulate {
     /// The range image.
@@ -20,21 +23,30 @@ pub struct Triangulate {
     /// Longest edge of a triangle, in multiples of the grid's median spacing: longer ones bridge the gap between an object and
     /// what is behind it.
     #[schemars(range(min = 0.0))]
-    #[serde(default = "six")]
+    #[serde(default = "jump")]
     pub jump: f64,
     /// Largest angle between the line of sight and a triangle's normal, to either side: steeper triangles bridge such a gap, too.
     /// 90 keeps all.
     #[schemars(range(min = 0.0, max = 90.0), extend("unit" = "deg"))]
-    #[serde(default = "eighty_five")]
+    #[serde(default = "grazing")]
     pub grazing: f64,
+    /// How often borders are smoothed; 0 leaves them the steps of the grid. No vertex moves by more than one cell, none along the
+    /// rim of the grid.
+    #[schemars(range(max = 1000))]
+    #[serde(default = "twenty")]
+    pub smooth_border: u32,
 }
 
-fn six() -> f64 {
-    6.0
+fn jump() -> f64 {
+    JUMP
 }
 
-fn eighty_five() -> f64 {
-    85.0
+fn grazing() -> f64 {
+    GRAZING
+}
+
+fn twenty() -> u32 {
+    20
 }
 
 /// Why a range image makes no mesh.
@@ -53,7 +65,7 @@ impl Node for Triangulate {
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let mesh = triangulate(cx.get(&self.range), self.jump, self.grazing)?;
+        let mesh = triangulate(cx.get(&self.range), self.jump, self.grazing, self.smooth_border)?;
         if mesh.faces().is_empty() {
             cx.warn(
                 "no triangle is left: raise `jump` or `grazing`, or look for holes in the range",
@@ -68,34 +80,30 @@ impl Node for Triangulate {
 ///
 /// Left out are triangles with an edge longer than `jump` times the median distance of valid cells that share a side, triangles
 /// whose normal makes an angle of more than `grazing` degrees with the line of sight (on whichever side they are seen: a
-/// changed surface may hang over), and triangles without area.
+/// changed surface may hang over), unless they are [`joined`](RangeImage::joined); and triangles without area.
 ///
 /// Vertices are the cells of the triangles, row by row from the top; a cell in which several fans of triangles meet that share
-/// no edge comes once for each fan, so that the mesh is manifold. Vertex attributes are `uv`, `filled` if a vertex is a filled
-/// cell, and `color` if the range image has colors.
+/// no edge comes once for each fan, so that the mesh is manifold. Those along borders are smoothed as often as `smooth_border`
+/// says. Vertex attributes are `uv`, `filled` if a vertex is a filled cell, and `color` if the range image has colors.
 ///
 /// # Errors
 /// If no cell is valid, or the grid has more cells than a mesh can hold.
-pub fn triangulate(range: &RangeImage, jump: f64, grazing: f64) -> Result<Mesh, TriangulateError> {
+pub fn triangulate(
+    range: &RangeImage,
+    jump: f64,
+    grazing: f64,
+    smooth_border: u32,
+) -> Result<Mesh, TriangulateError> {
     let frame = range.capture_frame()?;
     let (width, height, points) = (range.width(), range.height(), range.points());
-    let longest_sq = jump * jump * median_spacing_sq(range);
-    let least_cosine = libm::cos(grazing.to_radians());
-    let rays = Rays::of(range);
-    let middle = |[a, b, c]: [Point3<f64>; 3]| Point3::from((a.coords + b.coords + c.coords) / 3.0);
-    let triangles = grid_triangles(width, height, points, |corners| {
-        let [a, b, c] = corners;
-        let ray = rays.at(middle(corners));
-        let normal = double_area(corners);
-        let length = normal.norm();
-        [b - a, c - b, a - c].iter().all(|edge| edge.norm_squared() <= longest_sq)
-            && length > 0.0
-            && normal.dot(&ray).abs() >= least_cosine * length * ray.norm()
+    let joins = Joins::new(range, jump, grazing);
+    let joined = |quad: usize| range.joined(quad);
+    let triangles = grid_triangles(width, height, points, joined, |triangle, corners| {
+        let is_joined = || joined(triangle.quad as usize) & triangle.half.bit() != 0;
+        double_area(corners).norm_squared() > 0.0 && (joins.holds(corners) || is_joined())
     });
-    let looks_away = |triangle: &&GridTriangle| {
-        let corners = triangle.cells(width).map(|cell| points[cell]);
-        double_area(corners).dot(&rays.at(middle(corners))) > 0.0
-    };
+    let looks_away =
+        |triangle: &&GridTriangle| joins.looks_away(triangle.cells(width).map(|cell| points[cell]));
     let each = || triangles.par_iter().with_min_len(BLOCK);
     // In a grid whose columns run to the left, or whose rows run up, all triangles are the wrong way round.
     let is_mirrored = triangles.len() < 2 * each().filter(looks_away).count();
@@ -105,22 +113,28 @@ pub fn triangulate(range: &RangeImage, jump: f64, grazing: f64) -> Result<Mesh, 
         let [a, b, c] = fans.face(width, *triangle);
         if is_mirrored { [a, c, b] } else { [a, b, c] }
     };
-    let faces = each().map(face).collect();
-    let positions = cells.par_iter().with_min_len(BLOCK);
-    let positions: Vec<Point3<f64>> = positions.map(|&cell| points[cell]).collect();
+    let faces: Vec<[u32; 3]> = each().map(face).collect();
+    let vertices = || cells.par_iter().with_min_len(BLOCK);
+    let mut positions: Vec<Point3<f64>> = vertices().map(|&cell| points[cell]).collect();
+    let place = |&cell: &usize| [(cell % width) as f64, (cell / width) as f64];
+    let mut places: Vec<[f64; 2]> = vertices().map(place).collect();
+    let is_border = |vertex: u32| fans.wedges[cells[vertex as usize]] != u8::MAX;
+    let border = Border::new(&faces, is_border);
+    border.smooth(smooth_border, [width, height], &mut positions, &mut places);
     let mesh = Mesh::new(positions, Faces::triangles(faces))?.with_frame(Some(frame));
-    with_attributes(mesh, range, &cells)
+    with_attributes(mesh, range, &cells, &places)
 }
 
-/// Adds what the cells of the vertices know.
+/// Adds what the cells of the vertices know; `places` are column and row of each.
 fn with_attributes(
     mesh: Mesh,
     range: &RangeImage,
     cells: &[usize],
+    places: &[[f64; 2]],
 ) -> Result<Mesh, TriangulateError> {
-    let (width, map) = (range.width(), range.registration());
-    let uv = |&cell: &usize| map.uv_from_range([(cell % width) as f64, (cell / width) as f64]);
-    let uv: Vec<[f64; 2]> = cells.par_iter().with_min_len(BLOCK).map(uv).collect();
+    let map = range.registration();
+    let uv = |&place: &[f64; 2]| map.uv_from_range(place);
+    let uv: Vec<[f64; 2]> = places.par_iter().with_min_len(BLOCK).map(uv).collect();
     let mut mesh = mesh.with_vertex("uv", Attribute::Pair(uv.into()))?;
     if cells.iter().any(|&cell| range.is_filled(cell)) {
         let filled = cells.iter().map(|&cell| u8::from(range.is_filled(cell))).collect();
@@ -135,73 +149,6 @@ fn with_attributes(
 
 /// Elements that one task works on.
 const BLOCK: usize = 8192;
-
-/// The squared median distance of valid cells that share a side, of an even number the upper of the middle two; 0 if no two do.
-///
-/// In two passes over the grid, because a list of all distances would be twice as large as the grid itself: the first counts
-/// them by their leading bits, whose order is that of the numbers; the second collects those that share the median's.
-fn median_spacing_sq(range: &RangeImage) -> f64 {
-    let buckets = rows_of(range)
-        .fold(
-            || vec![0u32; 1 << 16],
-            |mut counts, row| {
-                each_spacing_sq(range, row, |spacing| counts[bucket(spacing)] += 1);
-                counts
-            },
-        )
-        .reduce_with(|mut counts, others| {
-            counts.iter_mut().zip(others).for_each(|(count, other)| *count += other);
-            counts
-        });
-    let buckets = buckets.unwrap_or_default();
-    let middle = buckets.iter().map(|&count| count as usize).sum::<usize>() / 2;
-    let mut before = 0;
-    let found = buckets.iter().position(|&count| {
-        before += count as usize;
-        middle < before
-    });
-    let Some(found) = found else { return 0.0 };
-    let mut candidates: Vec<f64> = rows_of(range)
-        .fold(Vec::new, |mut kept, row| {
-            each_spacing_sq(range, row, |spacing| {
-                if bucket(spacing) == found {
-                    kept.push(spacing);
-                }
-            });
-            kept
-        })
-        .reduce(Vec::new, |mut kept, others| {
-            kept.extend(others);
-            kept
-        });
-    let place = middle - (before - buckets[found] as usize);
-    *candidates.select_nth_unstable_by(place, f64::total_cmp).1
-}
-
-/// Sign, exponent and the first four bits behind the point of a number from 0 on.
-fn bucket(spacing: f64) -> usize {
-    (spacing.to_bits() >> 48) as usize
-}
-
-fn rows_of(range: &RangeImage) -> impl ParallelIterator<Item = usize> {
-    (0..range.height()).into_par_iter().with_min_len(64)
-}
-
-/// The squared distances of the valid cells of a row to those on their right and above them.
-fn each_spacing_sq(range: &RangeImage, row: usize, mut each: impl FnMut(f64)) {
-    let (width, points) = (range.width(), range.points());
-    let cells = &points[row * width..][..width];
-    let mut valid = |spacing: f64| {
-        if !spacing.is_nan() {
-            each(spacing);
-        }
-    };
-    cells.windows(2).for_each(|pair| valid((pair[1] - pair[0]).norm_squared()));
-    if row > 0 {
-        let above = &points[(row - 1) * width..];
-        cells.iter().zip(above).for_each(|(a, b)| valid((b - a).norm_squared()));
-    }
-}
 
 /// Which triangles around a cell hang together: a cell is a vertex of each such fan.
 struct Fans {
@@ -284,7 +231,7 @@ mod tests {
     }
 
     fn plain(range: &RangeImage) -> Mesh {
-        triangulate(range, 6.0, 85.0).unwrap()
+        triangulate(range, 6.0, 85.0, 0).unwrap()
     }
 
     /// How many fans of faces meet at each vertex: faces around a vertex hang together if they share an edge at it.
@@ -366,17 +313,58 @@ mod tests {
     }
 
     #[test]
-    fn the_median_spacing_is_the_upper_of_the_middle_two() {
-        let spaced = |depths: &[f64]| {
-            let point = |(k, &z): (usize, &f64)| Point3::new(k as f64, 0.0, z);
-            let points = depths.iter().enumerate().map(point).collect();
-            median_spacing_sq(&RangeImage::new(depths.len(), 1, points).unwrap())
+    fn joined_triangles_are_never_cut_and_others_are() {
+        let step = |cell: usize| if cell % 4 < 2 { 500.0 } else { 600.0 };
+        let points =
+            (0..12).map(|cell| Point3::new((cell % 4) as f64, (cell / 4) as f64, step(cell)));
+        let range = RangeImage::new(4, 3, points.collect()).unwrap();
+        assert_eq!(plain(&range).faces().len(), 8);
+        let with = |bits: [u8; 2]| {
+            let joined =
+                (0..12).map(|cell| if cell % 4 == 1 && cell < 8 { bits[cell / 4] } else { 0 });
+            plain(&range.clone().with_joined(joined.collect()).unwrap())
         };
-        assert_eq!(spaced(&[5.0, 5.0, 6.0, 9.0]), 2.0);
-        assert_eq!(spaced(&[5.0, 5.0, 6.0, 9.0, 13.0]), 10.0);
-        assert_eq!(spaced(&[5.0, f64::NAN, 6.0]), 0.0);
-        assert_eq!(spaced(&[5.0, 5.5, f64::NAN, 7.0, 7.25]), 1.25);
-        assert_eq!(median_spacing_sq(&RangeImage::new(0, 0, vec![]).unwrap()), 0.0);
+        assert_eq!(with([3, 0]).faces().len(), 10);
+        assert_eq!(with([2, 12]).faces().len(), 11);
+        let diagonal =
+            |mesh: &Mesh| mesh.faces().iter().any(|face| face.contains(&2) && face.contains(&5));
+        assert!(diagonal(&with([12, 0])) && !diagonal(&with([3, 0])));
+    }
+
+    #[test]
+    fn borders_lose_their_steps_and_keep_their_place() {
+        // A slanted edge, and the rim of the grid.
+        let rows: Vec<String> = (0..24)
+            .map(|y| (0..30).map(|x| if 5 * x < 40 + 2 * y { '#' } else { '.' }).collect())
+            .collect();
+        let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
+        let range = drawn(&rows);
+        let [steps, smooth] = [0, 20].map(|rounds| triangulate(&range, 6.0, 85.0, rounds).unwrap());
+        assert_eq!(steps.faces(), smooth.faces());
+        // How far the slanted edge is from a straight line, away from its ends.
+        let rough = |mesh: &Mesh| {
+            let right = |row: usize| {
+                let row = row as f64;
+                let points = mesh.positions().iter().filter(|point| (point.y - row).abs() < 0.5);
+                points.map(|point| point.x - 0.4 * point.y).fold(0.0, f64::max)
+            };
+            let (least, most) =
+                (6..18).map(right).fold((9e9_f64, 0.0_f64), |(a, b), x| (a.min(x), b.max(x)));
+            most - least
+        };
+        assert!(rough(&smooth) < 0.45 * rough(&steps), "{} {}", rough(&smooth), rough(&steps));
+        for (old, new) in steps.positions().iter().zip(smooth.positions().iter()) {
+            let on_rim = old.x == 0.0 || old.y == 0.0 || old.y == 23.0;
+            assert!((new - old).norm() <= if on_rim { 0.0 } else { 1.0 });
+        }
+        let (Some(Attribute::Pair(uv)), map) = (smooth.vertex().get("uv"), range.registration())
+        else {
+            panic!("no texture coordinates")
+        };
+        for (uv, point) in uv.iter().zip(smooth.positions().iter()) {
+            let there = map.uv_from_range([point.x, point.y]);
+            assert!((0..2).all(|k| (uv[k] - there[k]).abs() < 1e-12));
+        }
     }
 
     #[test]
@@ -390,8 +378,8 @@ mod tests {
         };
         assert_eq!(plain(&step(4.0)).faces().len(), 6);
         assert_eq!(plain(&step(7.0)).faces().len(), 4);
-        assert_eq!(triangulate(&step(7.0), 8.0, 85.0).unwrap().faces().len(), 6);
-        assert_eq!(triangulate(&step(7.0), 8.0, 80.0).unwrap().faces().len(), 4);
+        assert_eq!(triangulate(&step(7.0), 8.0, 85.0, 0).unwrap().faces().len(), 6);
+        assert_eq!(triangulate(&step(7.0), 8.0, 80.0, 0).unwrap().faces().len(), 4);
     }
 
     #[test]
@@ -423,7 +411,7 @@ mod tests {
 
     #[test]
     fn a_range_image_without_points_is_an_error_and_one_point_makes_no_face() {
-        let none = triangulate(&drawn(&["...", "..."]), 6.0, 85.0);
+        let none = triangulate(&drawn(&["...", "..."]), 6.0, 85.0, 0);
         assert_eq!(none, Err(TriangulateError::Range(RangeError::NoValidRange)));
         let one = plain(&drawn(&["...", ".#."]));
         assert!(one.faces().is_empty() && one.positions().is_empty());
@@ -446,7 +434,7 @@ mod tests {
             let points: Vec<_> = depths.iter().enumerate().map(point).collect();
             let range = RangeImage::new(width, depths.len() / width, points).unwrap();
             prop_assume!(range.n_valid() > 0);
-            let mesh = triangulate(&range, jump, 89.0).unwrap();
+            let mesh = triangulate(&range, jump, 89.0, 0).unwrap();
             let edges = mesh.edges();
             prop_assert!(edges.faces.iter().all(|&faces| faces <= 2));
             prop_assert_eq!(edges.misoriented, 0);

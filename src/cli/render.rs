@@ -45,7 +45,7 @@ pub(super) struct Render {
 /// Larger pictures are a slip of the finger.
 const LARGEST: usize = 1 << 14;
 
-fn size(text: &str) -> Result<[usize; 2], String> {
+pub(super) fn size(text: &str) -> Result<[usize; 2], String> {
     let parse = |part: &str| part.trim().parse().ok().filter(|size| (1..=LARGEST).contains(size));
     let (width, height) = text.split_once('x').ok_or("write WIDTHxHEIGHT")?;
     parse(width).zip(parse(height)).map(|(w, h)| [w, h]).ok_or_else(|| "write WIDTHxHEIGHT".into())

@@ -9,6 +9,7 @@ use std::fmt::Write;
 use nalgebra::{Point3, Vector4};
 use thiserror::Error;
 
+use super::upright::upright_surface;
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{KnotVector, Surface};
@@ -30,7 +31,7 @@ impl FileFormat for SurfaceStep {
     const ENDING: &'static str = "step";
 
     fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        Ok(NewFile::only(name, encode(surface)?))
+        Ok(NewFile::only(name, encode(&*upright_surface(surface)?)?))
     }
 }
 

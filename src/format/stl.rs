@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use super::corners::FaceList;
 use super::rows::floats;
+use super::upright::upright;
 use super::{TooFar, check_single, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
@@ -182,7 +183,7 @@ impl FileFormat for MeshStl {
     const ENDING: &'static str = "stl";
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        Ok(NewFile::only(name, encode(mesh)?))
+        Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
     }
 }
 

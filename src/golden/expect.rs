@@ -9,6 +9,7 @@ use serde::Deserialize;
 
 use super::compare::{distances, six};
 use super::intersect::intersections;
+use super::looks;
 use super::topology::Topology;
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::eval::Evaluation;
@@ -28,7 +29,7 @@ pub(crate) enum Expectation {
     Count {
         /// The value.
         of: String,
-        /// What is counted: vertices, edges, faces, components, boundary edges, Euler characteristic, cells, pixels.
+        /// What is counted: vertices, edges, faces, components, boundary edges, border loops, Euler characteristic, cells, pixels.
         what: String,
         /// At least so many.
         #[serde(default)]
@@ -55,7 +56,55 @@ pub(crate) enum Expectation {
         /// The largest distance that counts as near, in mm.
         #[schemars(range(min = 0.0))]
         max: f64,
+        /// The largest root mean square of all distances, in mm.
+        #[serde(default)]
+        #[schemars(range(min = 0.0))]
+        rms: Option<f64>,
     },
+    /// Nothing is torn at a part of a capture: no border of the mesh is seen near it in the picture.
+    Whole {
+        /// The mesh, with its texture coordinates in the capture's picture.
+        of: String,
+        /// The part.
+        around: String,
+        /// How near counts as near, in pixels of the picture.
+        #[serde(default = "fifteen")]
+        #[schemars(range(min = 0.0))]
+        band: f64,
+    },
+    /// No edge of the mesh is sharp.
+    Bend {
+        /// The mesh.
+        of: String,
+        /// The largest angle between the normals of two faces that share an edge, in degrees.
+        #[schemars(range(min = 0.0, max = 180.0))]
+        max: f64,
+    },
+    /// What was filled in goes on from what was there.
+    Continuity {
+        /// The mesh, whose vertices say whether they were `filled`.
+        of: String,
+        /// The largest angle between the normals of a filled face and one beside it that was there, in degrees.
+        #[schemars(range(min = 0.0, max = 180.0))]
+        max: f64,
+    },
+    /// A number of the vertices, such as a curvature, is nowhere out of its range.
+    Attribute {
+        /// The mesh.
+        of: String,
+        /// The attribute's name.
+        name: String,
+        /// At least so much.
+        #[serde(default)]
+        min: Option<f64>,
+        /// At most so much.
+        #[serde(default)]
+        max: Option<f64>,
+    },
+}
+
+fn fifteen() -> f64 {
+    15.0
 }
 
 /// Where an expectation stands.
@@ -116,7 +165,11 @@ impl Expectation {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
             Self::Count { of, .. } | Self::Bounds { of, .. } => vec![of],
+            Self::Bend { of, .. } | Self::Continuity { of, .. } | Self::Attribute { of, .. } => {
+                vec![of]
+            }
             Self::Near { of, to, .. } => vec![of, to],
+            Self::Whole { of, around, .. } => vec![of, around],
         }
     }
 
@@ -128,6 +181,10 @@ impl Expectation {
             Self::Count { .. } => "Count",
             Self::Bounds { .. } => "Bounds",
             Self::Near { .. } => "Near",
+            Self::Whole { .. } => "Whole",
+            Self::Bend { .. } => "Bend",
+            Self::Continuity { .. } => "Continuity",
+            Self::Attribute { .. } => "Attribute",
         }
     }
 
@@ -150,12 +207,29 @@ impl Expectation {
                     Self::Closed(_) => closed(&mesh),
                     Self::Manifold(_) => manifold(&mesh),
                     Self::NoSelfIntersection(_) => no_self_intersection(&mesh),
-                    Self::Near { max, to, .. } => match values.get(1).and_then(|to| mesh_of(to)) {
-                        Some(other) => near(&mesh, &other, *max, to),
-                        None => {
-                            Some((format!("cannot be near `{to}`, which has no faces"), Vec::new()))
+                    Self::Bend { max, .. } => looks::bend(&mesh, *max),
+                    Self::Continuity { max, .. } => looks::smooth_rim(&mesh, *max),
+                    Self::Attribute { name, min, max, .. } => {
+                        looks::numbers(&mesh, name, *min, *max)
+                    }
+                    Self::Whole { around, band, .. } => {
+                        match values.get(1).and_then(|value| value.get::<Region>()) {
+                            Some(region) => looks::whole(&mesh, region, *band),
+                            None => Some((
+                                format!("is not judged: `{around}` is no region"),
+                                Vec::new(),
+                            )),
                         }
-                    },
+                    }
+                    Self::Near { max, rms, to, .. } => {
+                        match values.get(1).and_then(|to| mesh_of(to)) {
+                            Some(other) => near(&mesh, &other, *max, *rms, to),
+                            None => Some((
+                                format!("cannot be near `{to}`, which has no faces"),
+                                Vec::new(),
+                            )),
+                        }
+                    }
                     _ => None,
                 }
             }
@@ -310,7 +384,8 @@ fn count(
     max: Option<f64>,
 ) -> Option<(String, Vec<Point3<f64>>)> {
     let counts: Vec<(&str, i64)> = if let Some(mesh) = mesh_of(value) {
-        Topology::of(&mesh).facts().to_vec()
+        let loops = [("border loops", looks::border_loops(&mesh) as i64)];
+        Topology::of(&mesh).facts().into_iter().chain(loops).collect()
     } else if let Some(mask) = value.get::<Mask>() {
         vec![("pixels", mask.count() as i64)]
     } else if let Some(labels) = value.get::<Labels>() {
@@ -367,8 +442,21 @@ fn bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Option<(String, Ve
     Some((why, outside.iter().take(1000).map(|&index| points[index]).collect()))
 }
 
-fn near(mesh: &Mesh, other: &Mesh, max: f64, to: &str) -> Option<(String, Vec<Point3<f64>>)> {
+fn near(
+    mesh: &Mesh,
+    other: &Mesh,
+    max: f64,
+    rms: Option<f64>,
+    to: &str,
+) -> Option<(String, Vec<Point3<f64>>)> {
     let distances = distances(mesh, other);
+    let squares: f64 = distances.iter().map(|distance| distance * distance).sum();
+    let found = (squares / distances.len().max(1) as f64).sqrt();
+    if let Some(most) = rms.filter(|most| found > *most) {
+        let why =
+            format!("is {} mm from `{to}` on average (RMS), more than {}", six(found), six(most));
+        return Some((why, Vec::new()));
+    }
     let far: Vec<usize> = (0..distances.len()).filter(|&vertex| distances[vertex] > max).collect();
     let worst = *far.iter().max_by(|&&a, &&b| distances[a].total_cmp(&distances[b]))?;
     let p = mesh.positions()[worst];

@@ -32,6 +32,8 @@ pub struct RangeImage {
     points: Column<Point3<f64>>,
     /// Empty, or one entry per cell: 1 where the point was computed, not measured.
     filled: Column<u8>,
+    /// Empty, or one entry per cell: see [`RangeImage::joined`].
+    joined: Column<u8>,
     /// Empty, or one color per cell.
     colors: Column<Rgb>,
     camera: Option<Pinhole>,
@@ -63,6 +65,7 @@ impl RangeImage {
             height,
             points: points.into(),
             filled: Column::default(),
+            joined: Column::default(),
             colors: Column::default(),
             camera: None,
             registration: Registration::corners([width, height], [width, height]),
@@ -86,6 +89,17 @@ impl RangeImage {
     pub fn with_filled(mut self, filled: Vec<u8>) -> Result<Self, SizeError> {
         check_size(self.width, self.height, filled.len())?;
         self.filled = if filled.contains(&1) { filled.into() } else { Column::default() };
+        Ok(self)
+    }
+
+    /// The same with these triangles marked as parts of the surface; see [`joined`](Self::joined).
+    ///
+    /// # Errors
+    /// If there are more or fewer entries than cells.
+    pub fn with_joined(mut self, joined: Vec<u8>) -> Result<Self, SizeError> {
+        check_size(self.width, self.height, joined.len())?;
+        let none = joined.iter().all(|&triangles| triangles == 0);
+        self.joined = if none { Column::default() } else { joined.into() };
         Ok(self)
     }
 
@@ -143,6 +157,13 @@ impl RangeImage {
     /// Whether a cell's point was computed, not measured.
     pub fn is_filled(&self, cell: usize) -> bool {
         self.filled.get(cell) == Some(&1)
+    }
+
+    /// Which triangles between this cell and those to the right, below, and to the lower right are part of the surface however long or
+    /// steep they are, because a redesign or a filling made them so. With a the cell, b right of it, c to the lower right and d below:
+    /// bit 0 is the triangle a d c, bit 1 is a c b; or bit 2 is a d b and bit 3 is b d c.
+    pub fn joined(&self, cell: usize) -> u8 {
+        self.joined.get(cell).copied().unwrap_or(0)
     }
 
     /// The colors of all cells, row by row from the top, if they have any.
@@ -207,6 +228,7 @@ impl Value for RangeImage {
         to.counts(&[self.width, self.height])
             .column(&self.points)
             .column(&self.filled)
+            .column(&self.joined)
             .column(&self.colors)
             .option(self.camera.as_ref(), |to, camera| camera.encode(to))
             .option(self.world_from_camera.as_ref(), encode_pose);
@@ -220,6 +242,7 @@ impl Value for RangeImage {
             height,
             points: from.column()?,
             filled: from.column()?,
+            joined: from.column()?,
             colors: from.column()?,
             camera: from.option(Pinhole::decode)?,
             world_from_camera: from.option(decode_pose)?,
@@ -228,7 +251,7 @@ impl Value for RangeImage {
     }
 
     fn size(&self) -> usize {
-        self.points.size() + self.filled.size() + self.colors.size()
+        self.points.size() + self.filled.size() + self.joined.size() + self.colors.size()
     }
 
     fn describe(&self) -> Summary {

@@ -11,6 +11,7 @@ use super::super::nurbs::nurbs;
 use super::super::offset_net::{OffsetStep, offset_net};
 use super::super::profile::Profile;
 use super::*;
+use crate::range::triangulate;
 
 const ALL_MODES: [BlendMode; 3] =
     [BlendMode::Displacement, BlendMode::Replace, BlendMode::Feather { band: 3.0 }];
@@ -54,7 +55,9 @@ fn a_displacement_by_nothing_keeps_every_bit() {
     let region = disk(&range);
     for order in 2..=5 {
         let surface = surface(&range, &region, NetMethod::Grid, order, 0.0);
-        let same = blend(&range, &region, &surface, BlendMode::Displacement, [1, 1]).unwrap();
+        let same =
+            blend(&range, &region, &surface, BlendMode::Displacement, [1, 1], &Progress::none())
+                .unwrap();
         for cell in 0..range.points().len() {
             let before = match region.find(cell) {
                 Some(index) => Some(region.points()[index]),
@@ -80,7 +83,9 @@ fn a_plane_replaced_by_its_surface_is_the_same_plane() {
     ] {
         for order in 2..=5 {
             let surface = surface(&range, region, method, order, 0.0);
-            let same = blend(&range, region, &surface, BlendMode::Replace, [1, 1]).unwrap();
+            let same =
+                blend(&range, region, &surface, BlendMode::Replace, [1, 1], &Progress::none())
+                    .unwrap();
             for (before, after) in range.points().iter().zip(same.range.points()) {
                 assert!((before - after).norm() <= 1e-12, "{method:?} {order} {before}");
             }
@@ -95,7 +100,8 @@ fn cells_outside_of_the_region_keep_every_bit() {
     let region = disk(&range);
     let surface = surface(&range, &region, NetMethod::Grid, 3, 9.0);
     for mode in ALL_MODES {
-        let after = blend(&range, &region, &surface, mode, [1, 1]).unwrap().range;
+        let after =
+            blend(&range, &region, &surface, mode, [1, 1], &Progress::none()).unwrap().range;
         let mut changed = 0;
         for cell in 0..range.points().len() {
             let same = bits(range.point(cell)) == bits(after.point(cell));
@@ -114,7 +120,8 @@ fn replacing_leaves_a_known_part_of_a_spike() {
     let region = region(&range, |x, y| (4..18).contains(&x) && (4..17).contains(&y));
     for (order, left) in [(4, 16.0 / 36.0), (3, 36.0 / 64.0)] {
         let surface = surface(&range, &region, NetMethod::Grid, order, 0.0);
-        let after = blend(&range, &region, &surface, BlendMode::Replace, [1, 1]).unwrap();
+        let after = blend(&range, &region, &surface, BlendMode::Replace, [1, 1], &Progress::none())
+            .unwrap();
         let height = after.range.points()[10 * 22 + 11].z;
         assert!((height - left).abs() <= 1e-12, "{height}");
     }
@@ -135,7 +142,9 @@ fn the_summit_moves_by_the_growth_and_the_contour_stays() {
     let growth = 12.0;
     for order in [3, 4] {
         let surface = surface(&range, &nose, NetMethod::Grid, order, growth);
-        let after = blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1]).unwrap();
+        let after =
+            blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1], &Progress::none())
+                .unwrap();
         let moved = |cell: usize| (after.range.points()[cell] - range.points()[cell]).norm();
         let summit = moved(22 * 49 + 24);
         assert!((summit - growth).abs() <= 0.1 * growth, "{summit}");
@@ -159,7 +168,7 @@ fn the_methods_rows_and_feather_grow_the_nose_too() {
         (NetMethod::Grid, BlendMode::Feather { band: 4.0 }),
     ] {
         let surface = surface(&range, &nose, method, 3, 12.0);
-        let after = blend(&range, &nose, &surface, mode, [1, 1]).unwrap();
+        let after = blend(&range, &nose, &surface, mode, [1, 1], &Progress::none()).unwrap();
         let summit = after.range.points()[22 * 49 + 24] - range.points()[22 * 49 + 24];
         assert!((summit.norm() - 12.0).abs() <= 1.5, "{method:?} {mode:?} {summit}");
     }
@@ -174,7 +183,7 @@ fn a_surface_that_misses_the_border_leaves_a_seam() {
             surface.net().points().iter().map(|p| p - 9.0 * Vector3::z()).collect();
         let net = surface.net().clone().with_points(raised).unwrap();
         let surface = nurbs(&net, None, None, None).unwrap();
-        blend(&range, &nose, &surface, mode, [1, 1]).unwrap().seam
+        blend(&range, &nose, &surface, mode, [1, 1], &Progress::none()).unwrap().seam
     };
     let seam = steps(BlendMode::Replace).unwrap();
     assert!(seam.is_visible() && (seam.step - 9.0).abs() < 2.0, "{seam:?}");
@@ -188,8 +197,8 @@ fn a_finer_grid_shows_the_same_nose() {
     let (range, nose) = face();
     let surface = surface(&range, &nose, NetMethod::Grid, 3, 12.0);
     for mode in ALL_MODES {
-        let coarse = blend(&range, &nose, &surface, mode, [1, 1]).unwrap().range;
-        let fine = blend(&range, &nose, &surface, mode, [3, 1]).unwrap().range;
+        let coarse = blend(&range, &nose, &surface, mode, [1, 1], &Progress::none()).unwrap().range;
+        let fine = blend(&range, &nose, &surface, mode, [3, 1], &Progress::none()).unwrap().range;
         assert_eq!((fine.width(), fine.height()), (49, 135));
         // The middle one of three new rows lies on the old row.
         for cell in 0..coarse.points().len() {
@@ -212,7 +221,9 @@ fn a_point_pulled_aside_folds() {
     let camera = Pinhole { focal: [700.0; 2], center: [0.0; 2] };
     for camera in [None, Some(camera)] {
         let range = range.clone().with_camera(camera);
-        let after = blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1]).unwrap();
+        let after =
+            blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1], &Progress::none())
+                .unwrap();
         assert!(after.folded > 20, "{}", after.folded);
     }
 }
@@ -223,7 +234,7 @@ fn surfaces_that_do_not_belong_to_the_range_are_refused() {
     let disk = disk(&range);
     let fitting = surface(&range, &disk, NetMethod::Grid, 3, 1.0);
     let refused = |range: &RangeImage, region: &Region, surface: &Surface, resample| {
-        blend(range, region, surface, BlendMode::Replace, resample).unwrap_err()
+        blend(range, region, surface, BlendMode::Replace, resample, &Progress::none()).unwrap_err()
     };
     let free = value::ControlNet::new(3, 3, vec![Point3::origin(); 9]).unwrap();
     let free = nurbs(&free, None, None, None).unwrap();
@@ -239,5 +250,71 @@ fn surfaces_that_do_not_belong_to_the_range_are_refused() {
     for factors in [[1 << 15, 1 << 15], [usize::MAX, 2]] {
         let error = refused(&range, &disk, &fitting, factors);
         assert!(matches!(error, BlendError::TooMuch(_)), "{error}");
+    }
+}
+
+/// What the redesigned nose does to the mesh: its faces, before and after.
+fn faces_before_and_after(
+    range: &RangeImage,
+    nose: &Region,
+    growth: f64,
+    profile: Profile,
+) -> [usize; 2] {
+    let net = control_net(nose, range, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
+    let sensor = Some(Unit::new_unchecked(-Vector3::z()));
+    let steps = [OffsetStep { distance: growth, angle: 0.0, axis: [0.0; 3] }];
+    let net = offset_net(&net, sensor, None, None, &steps, profile, &Progress::none()).unwrap();
+    let surface = nurbs(&net, None, None, Some([3; 2])).unwrap();
+    let after = blend(range, nose, &surface, BlendMode::Displacement, [1, 1], &Progress::none());
+    [range, &after.unwrap().range]
+        .map(|range| triangulate(range, 6.0, 85.0, 0).unwrap().faces().len())
+}
+
+#[test]
+fn what_hung_together_still_does_and_what_did_not_is_not_bridged() {
+    let (range, nose) = face();
+    for growth in [5.0, 40.0, 400.0] {
+        for profile in [Profile::Round, Profile::Plateau] {
+            let [before, after] = faces_before_and_after(&range, &nose, growth, profile);
+            assert_eq!(before, after, "{growth} {profile:?}");
+        }
+    }
+    // The nose in front of a far wall: its silhouette is a border before and after.
+    let wall = |cell: usize| !nose.cells().contains(&(cell as u32));
+    let behind = |(cell, point): (usize, &Point3<f64>)| {
+        point + Vector3::z() * f64::from(u8::from(wall(cell))) * 300.0
+    };
+    let points = range.points().iter().enumerate().map(behind).collect();
+    let before_wall = range.with_points(points).unwrap();
+    let [before, after] = faces_before_and_after(&before_wall, &nose, 40.0, Profile::Round);
+    assert!(before < 48 * 44 * 2 - 80 && after == before, "{before} {after}");
+}
+
+#[test]
+fn a_shadow_beside_the_region_is_filled_and_one_elsewhere_is_not() {
+    let (range, nose) = face();
+    let mut points = range.points().to_vec();
+    let outside = |cell: &usize| !nose.cells().contains(&(*cell as u32));
+    let beside = (20 * 49 + 24..20 * 49 + 49).find(outside).unwrap();
+    let elsewhere = 2 * 49 + 2;
+    for cell in [beside, beside + 1, elsewhere] {
+        points[cell] = Point3::new(f64::NAN, f64::NAN, f64::NAN);
+    }
+    let range = range.with_points(points).unwrap();
+    let surface = surface(&range, &nose, NetMethod::Grid, 3, 12.0);
+    for resample in [[1, 1], [2, 3]] {
+        let after =
+            blend(&range, &nose, &surface, BlendMode::Displacement, resample, &Progress::none());
+        let after = after.unwrap().range;
+        let at = |cell: usize| {
+            let [down, right] = resample;
+            (cell / 49 * down) * after.width() + cell % 49 * right
+        };
+        assert!(
+            after.is_filled(at(beside))
+                && after.joined(at(beside)) != 0
+                && after.point(at(beside)).is_some()
+        );
+        assert!(after.point(at(elsewhere)).is_none() && after.joined(at(elsewhere)) == 0);
     }
 }

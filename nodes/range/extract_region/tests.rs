@@ -32,10 +32,19 @@ fn draw(region: &Region) -> String {
     Mask::new(region.width(), region.height(), region.grid()).unwrap().draw()
 }
 
+fn taken(fill: bool, close_radius: usize) -> Taken {
+    Taken { fill, enclosed: false, close_radius }
+}
+
 fn check(labels: &[&str], range: &[&str], fill: bool, expected: Expect) {
-    let region =
-        extract_region(&spots(labels), &scan(range), Pick::Largest, fill, 0, &Progress::none())
-            .unwrap();
+    let region = extract_region(
+        &spots(labels),
+        &scan(range),
+        Pick::Largest,
+        taken(fill, 0),
+        &Progress::none(),
+    )
+    .unwrap();
     expected.assert_eq(&draw(&region));
 }
 
@@ -69,9 +78,14 @@ fn the_filled_contour_of_a_disk_is_the_disk() {
     for radius in 2..12 {
         let disk = disk(26, radius * radius, 0);
         let labels = label(&disk, Connectivity::Eight);
-        let region =
-            extract_region(&labels, &full(26, 26), Pick::Largest, true, 1, &Progress::none())
-                .unwrap();
+        let region = extract_region(
+            &labels,
+            &full(26, 26),
+            Pick::Largest,
+            taken(true, 1),
+            &Progress::none(),
+        )
+        .unwrap();
         assert_eq!(draw(&region), disk.draw());
         assert_eq!(region.contours().len(), 1);
         assert_eq!(fill_contour(26, 26, &region.contours()[0].cells), disk.draw());
@@ -84,7 +98,8 @@ fn an_annulus_keeps_its_hole() {
     let annulus = disk(26, 120, 30);
     let labels = label(&annulus, Connectivity::Eight);
     let region =
-        extract_region(&labels, &full(26, 26), Pick::Largest, true, 1, &Progress::none()).unwrap();
+        extract_region(&labels, &full(26, 26), Pick::Largest, taken(true, 1), &Progress::none())
+            .unwrap();
     assert_eq!(draw(&region), annulus.draw());
     let holes: Vec<bool> = region.contours().iter().map(|contour| contour.hole).collect();
     assert_eq!(holes, [false, true]);
@@ -106,7 +121,8 @@ fn a_rectangle_aligned_to_two_pixels_is_transferred_exactly() {
             .map(|index| u32::from(inside(index % (2 * width) / 2, index / (2 * width) / 2)));
         let labels = Labels::new(2 * width, 2 * height, pixels.collect()).unwrap();
         let region =
-            extract_region(&labels, &range, Pick::Label(1), true, 1, &Progress::none()).unwrap();
+            extract_region(&labels, &range, Pick::Label(1), taken(true, 1), &Progress::none())
+                .unwrap();
         let expected: Vec<u32> = (0..(width * height) as u32)
             .filter(|&cell| inside(cell as usize % width, cell as usize / width))
             .collect();
@@ -123,8 +139,7 @@ fn a_surrounded_hole_of_the_scan_is_filled_from_around() {
         &spots(&["######"; 4]),
         &scan(&range),
         Pick::Largest,
-        true,
-        0,
+        taken(true, 0),
         &Progress::none(),
     )
     .unwrap();
@@ -137,14 +152,32 @@ fn a_surrounded_hole_of_the_scan_is_filled_from_around() {
 }
 
 #[test]
-fn a_hole_that_reaches_the_border_leaves_the_region() {
-    check(
-        &["......", ".####.", ".####.", ".####.", "......"],
-        &["######", "###.##", "###.##", "######", "######"],
-        true,
-        expect![["......\n.##.#.\n.##.#.\n.####.\n......\n"]],
-    );
+fn a_shadow_that_reaches_beyond_the_region_is_filled_inside_and_background_is_left_out() {
+    let region = [".......", ".#####.", ".#####.", ".#####.", "......."];
+    let scan = ["#####..", "###.#..", "###.#..", "#####..", "#######"];
+    check(&region, &scan, true, expect![[".......\n.####..\n.####..\n.####..\n.......\n"]]);
+    check(&region, &scan, false, expect![[".......\n.##.#..\n.##.#..\n.####..\n.......\n"]]);
     check(&["###", "###"], &["#.#", "###"], true, expect![["#.#\n###\n"]]);
+}
+
+#[test]
+fn what_a_part_surrounds_belongs_to_it() {
+    let labels = ["#####.", "#...#.", "#.#.#.", "#...##", "###.##"];
+    let region = |enclosed| {
+        let taken = Taken { fill: true, enclosed, close_radius: 0 };
+        let labels = label(&Mask::drawn(&labels), Connectivity::Four);
+        draw(
+            &extract_region(&labels, &full(6, 5), Pick::Largest, taken, &Progress::none()).unwrap(),
+        )
+    };
+    assert_eq!(region(false), "#####.\n#...#.\n#...#.\n#...##\n###.##\n");
+    // The way in from below is open: nothing is surrounded.
+    assert_eq!(region(true), region(false));
+    let closed = ["#####.", "#...#.", "#.#.#.", "#...##", "######"];
+    let labels = label(&Mask::drawn(&closed), Connectivity::Four);
+    let taken = Taken { fill: true, enclosed: true, close_radius: 0 };
+    let whole = extract_region(&labels, &full(6, 5), Pick::Largest, taken, &Progress::none());
+    assert_eq!(draw(&whole.unwrap()), "#####.\n#####.\n#####.\n######\n######\n");
 }
 
 #[test]
@@ -155,9 +188,14 @@ fn of_a_region_that_falls_apart_the_largest_piece_is_taken() {
 #[test]
 fn cells_filled_before_stay_flagged() {
     let range = full(2, 2).with_filled(vec![0, 1, 0, 0]).unwrap();
-    let region =
-        extract_region(&spots(&["##", "##"]), &range, Pick::Largest, true, 0, &Progress::none())
-            .unwrap();
+    let region = extract_region(
+        &spots(&["##", "##"]),
+        &range,
+        Pick::Largest,
+        taken(true, 0),
+        &Progress::none(),
+    )
+    .unwrap();
     assert_eq!(region.filled(), [0, 1, 0, 0]);
 }
 
@@ -166,8 +204,14 @@ fn a_gap_is_closed() {
     let labels = spots(&["......", ".##.#.", ".##.#.", ".###..", "......"]);
     let region = |radius| {
         draw(
-            &extract_region(&labels, &full(6, 5), Pick::Largest, true, radius, &Progress::none())
-                .unwrap(),
+            &extract_region(
+                &labels,
+                &full(6, 5),
+                Pick::Largest,
+                taken(true, radius),
+                &Progress::none(),
+            )
+            .unwrap(),
         )
     };
     assert_eq!(region(0), "......\n.##...\n.##...\n.###..\n......\n");
@@ -178,7 +222,7 @@ fn a_gap_is_closed() {
 fn parts_are_picked_by_size_number_and_place() {
     let labels = spots(&["##.#.", "##...", "...##"]);
     let first = |pick| {
-        extract_region(&labels, &full(5, 3), pick, true, 0, &Progress::none())
+        extract_region(&labels, &full(5, 3), pick, taken(true, 0), &Progress::none())
             .map(|region| region.cells()[0])
     };
     assert_eq!(first(Pick::Largest), Ok(0));
@@ -193,7 +237,7 @@ fn parts_are_picked_by_size_number_and_place() {
 fn what_cannot_be_picked_is_explained() {
     let labels = spots(&["##.#.", "##...", "...##"]);
     let message = |labels: &Labels, pick| {
-        extract_region(labels, &full(5, 3), pick, true, 0, &Progress::none())
+        extract_region(labels, &full(5, 3), pick, taken(true, 0), &Progress::none())
             .unwrap_err()
             .to_string()
     };
@@ -216,7 +260,7 @@ fn what_cannot_be_picked_is_explained() {
 #[test]
 fn a_part_without_cells_or_points_is_explained() {
     let message = |range: &RangeImage, rows: &[&str]| {
-        extract_region(&spots(rows), range, Pick::Largest, true, 1, &Progress::none())
+        extract_region(&spots(rows), range, Pick::Largest, taken(true, 1), &Progress::none())
             .unwrap_err()
             .to_string()
     };
@@ -233,7 +277,8 @@ fn a_region_of_the_whole_range_image_is_told_from_one_that_reaches_its_border() 
         let range = full(rows[0].len(), rows.len());
         let progress = Progress::none();
         is_everything(
-            &extract_region(&spots(rows), &range, Pick::Largest, true, 0, &progress).unwrap(),
+            &extract_region(&spots(rows), &range, Pick::Largest, taken(true, 0), &progress)
+                .unwrap(),
         )
     };
     assert!(everything(&["####"; 4]));

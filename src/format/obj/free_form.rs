@@ -5,6 +5,7 @@ use std::fmt::Write;
 use nalgebra::Point3;
 
 use crate::error::Error;
+use crate::format::upright::upright_surface;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Curve, KnotVector, Surface};
 
@@ -42,6 +43,7 @@ impl FileFormat for SurfaceObj {
     const ENDING: &'static str = "obj";
 
     fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
+        let surface = &*upright_surface(surface)?;
         let (net, u, v) = (surface.net(), surface.u(), surface.v());
         let weights = net.weights().iter().map(Some);
         let mut text = vertices(net.points().iter().zip(weights));

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::format::corners::split;
+use crate::format::upright::upright;
 use crate::format::{check_single, png};
 use crate::memory::huge_vec;
 use crate::pack::{FileFormat, NewFile};
@@ -21,6 +22,7 @@ impl FileFormat for MeshObj {
     const ENDING: &'static str = "obj";
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
+        let mesh = &*upright(mesh)?;
         check_single("vertex", mesh.positions())?;
         let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
         let Some(texture) = mesh.texture() else {

@@ -5,6 +5,7 @@ use super::write::encode;
 use crate::error::Error;
 use crate::format::check_single;
 use crate::format::rows::{floats, indices};
+use crate::format::upright::upright_points;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
 
@@ -16,7 +17,7 @@ impl FileFormat for RegionPly {
     const ENDING: &'static str = "ply";
 
     fn write(region: &Region, name: &str) -> Result<Vec<NewFile>, Error> {
-        let mesh = Mesh::new(region.points().to_vec(), no_faces())?
+        let mesh = Mesh::new(upright_points(region.points(), true), no_faces())?
             .with_vertex("filled", Attribute::Flag(region.filled().to_vec().into()))?;
         Ok(NewFile::only(name, encode(&mesh)?))
     }
@@ -33,7 +34,7 @@ impl FileFormat for RangePly {
         let cells = 0..range.points().len();
         let valid = Vec::from_iter(cells.filter(|&cell| range.point(cell).is_some()));
         let points = Vec::from_iter(valid.iter().map(|&cell| range.points()[cell]));
-        let mut mesh = Mesh::new(points, no_faces())?;
+        let mut mesh = Mesh::new(upright_points(&points, true), no_faces())?;
         if let Some(colors) = range.colors() {
             let colors = valid.iter().map(|&cell| colors[cell]).collect();
             mesh = mesh.with_vertex("color", Attribute::Color(colors))?;

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::header::Kind;
 use crate::error::Error;
 use crate::format::rows::{fill_blocks, fill_column, floats, indices};
+use crate::format::upright::{upright, upright_points};
 use crate::format::{TooFar, check_single};
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, Rgb};
@@ -20,7 +21,7 @@ impl FileFormat for MeshPly {
     const ENDING: &'static str = "ply";
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
-        Ok(NewFile::only(name, encode(mesh)?))
+        Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
     }
 }
 
@@ -40,7 +41,7 @@ impl FileFormat for ControlNetPly {
             })
         });
         let faces = Faces::uniform(4, quads.collect::<Vec<u32>>())?;
-        let mesh = Mesh::new(net.points().to_vec(), faces)?
+        let mesh = Mesh::new(upright_points(net.points(), net.frame().is_some()), faces)?
             .with_vertex("weight", Attribute::Number(net.weights().to_vec().into()))?
             .with_vertex("fixed", Attribute::Flag(net.fixed().to_vec().into()))?;
         Ok(NewFile::only(name, encode(&mesh)?))

@@ -1,0 +1,138 @@
+//! Fills what a scanner did not see in the middle of what it saw.
+
+use maquette::value::{RangeImage, SizeError};
+use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::joins::{JUMP, longest_edge};
+use super::shadows::{fill_shadows, join_around};
+
+/// Fills shadows and pits of a range image: cells without a point that the scan surrounds.
+///
+/// A shadow is filled like a skin between the edges around it, a small pit goes on as its surroundings bend. New cells are marked as
+/// filled, and belong to the same surface as those around them, however steep it is. The background is never filled.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct FillRange {
+    /// The range image.
+    pub range: In<RangeImage>,
+    /// Cells of the largest shadow that is filled: what is larger is taken for a gap in the object.
+    #[schemars(extend("unit" = "cells"))]
+    #[serde(default = "thousand")]
+    pub largest: u32,
+    /// Longest edge of what is filled, in multiples of the grid's median spacing: a shadow that needs longer ones lies between an
+    /// object and what is behind it, and stays open.
+    #[schemars(range(min = 0.0))]
+    #[serde(default = "jump")]
+    pub jump: f64,
+}
+
+fn jump() -> f64 {
+    JUMP
+}
+
+fn thousand() -> u32 {
+    1000
+}
+
+/// Why a range image is not filled.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FillRangeError {
+    /// Columns of different sizes.
+    #[error(transparent)]
+    Size(#[from] SizeError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+impl Node for FillRange {
+    type Outputs = (RangeImage,);
+    const OUTPUTS: [&'static str; 1] = ["range"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let largest = self.largest as usize;
+        Ok((fill_range(cx.get(&self.range), largest, self.jump, cx.progress())?,))
+    }
+}
+
+/// The range image with points in all shadows of up to `largest` cells that hang together by sides: those of a thin plate under tension
+/// through the two rows of points around them, unless that needs an edge longer than `jump` times the median distance of valid cells that
+/// share a side. They are marked as filled, and
+/// the triangles at them as joined.
+///
+/// # Errors
+/// If the evaluation is told to stop.
+pub fn fill_range(
+    range: &RangeImage,
+    largest: usize,
+    jump: f64,
+    progress: &Progress<'_>,
+) -> Result<RangeImage, FillRangeError> {
+    let (width, longest) = (range.width(), longest_edge(range, jump));
+    let mut points = range.points().to_vec();
+    let is_small = |shadow: &[u32]| shadow.len() <= largest;
+    let cells = fill_shadows(width, &mut points, longest, is_small, progress)?;
+    if cells.is_empty() {
+        return Ok(range.clone());
+    }
+    let all = 0..points.len();
+    let mut filled = Vec::from_iter(all.clone().map(|cell| u8::from(range.is_filled(cell))));
+    let mut joined = Vec::from_iter(all.map(|cell| range.joined(cell)));
+    cells.iter().for_each(|&cell| filled[cell as usize] = 1);
+    join_around(width, &cells, &points, &mut joined);
+    Ok(range.with_points(points)?.with_filled(filled)?.with_joined(joined)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::range::triangulate;
+
+    /// A ball before a wall, seen from the left with a light from the right, so that a shadow lies at the ball's left.
+    fn scan() -> RangeImage {
+        let point = |cell: usize| {
+            let [x, y] = [(cell % 40) as f64 - 20.0, (cell / 40) as f64 - 15.0];
+            let from = x.hypot(y);
+            let shadow = from > 8.0 && x < -3.0 && from < 11.0;
+            let z = if shadow {
+                f64::NAN
+            } else if from <= 8.0 {
+                490.0 - (64.0 - from * from).sqrt()
+            } else {
+                500.0
+            };
+            Point3::new(x, y, z)
+        };
+        RangeImage::new(40, 30, (0..1200).map(point).collect()).unwrap()
+    }
+
+    fn border_edges(range: &RangeImage) -> usize {
+        let mesh = triangulate(range, 3.0, 80.0, 0).unwrap();
+        let mut edges = Vec::new();
+        for face in mesh.faces().as_triangles().unwrap() {
+            edges.extend((0..3).map(|k| [face[k], face[(k + 1) % 3]]));
+        }
+        let alone = |[a, b]: &&[u32; 2]| !edges.contains(&[*b, *a]);
+        edges.iter().filter(alone).count()
+    }
+
+    #[test]
+    fn a_shadow_becomes_a_skin_from_one_edge_to_the_other() {
+        let range = scan();
+        let whole = fill_range(&range, 1000, 20.0, &Progress::none()).unwrap();
+        assert!(range.n_valid() < 1150 && whole.n_valid() == 1200);
+        let new = |cell: &usize| range.point(*cell).is_none();
+        for cell in (0..1200).filter(new) {
+            assert!(whole.is_filled(cell) && whole.joined(cell) != 0);
+            assert!((481.0..502.0).contains(&whole.points()[cell].z), "{cell}");
+        }
+        assert_eq!(fill_range(&range, 20, 20.0, &Progress::none()).unwrap(), range);
+        assert_eq!(fill_range(&range, 1000, 2.0, &Progress::none()).unwrap(), range);
+        // On the shadow's side nothing is open; on the other the ball still stands before the wall.
+        let [open, closed] = [&range, &whole].map(border_edges);
+        assert!(closed + 40 < open, "{closed} {open}");
+    }
+}

@@ -1,0 +1,159 @@
+//! `maquette sheet`: contact sheets, which show what a graph gives from five sides, with the least and the greatest of each parameter.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::Value as Json;
+
+use super::caching::CacheOptions;
+use super::render::size;
+use super::{Exit, GraphOptions, print, report};
+use crate::catalog::{Catalog, inside};
+use crate::eval::Evaluator;
+use crate::format::png;
+use crate::golden::mesh_of;
+use crate::graph::{Graph, Options};
+use crate::render::{View, render};
+use crate::value::{Image, Mesh, Rgb};
+use crate::writing::{Place, Sources};
+
+/// A row for the defaults, and one for each end of each parameter that has a least and a greatest value.
+#[derive(Args)]
+pub(super) struct Sheet {
+    /// The graphs.
+    #[arg(required = true, value_name = "GRAPH")]
+    graphs: Vec<PathBuf>,
+    /// The folder that the sheets are written to, each with its graph's name.
+    #[arg(long, default_value = ".", value_name = "DIR")]
+    out: PathBuf,
+    /// Width and height of each picture in pixels.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "200x150", value_parser = size)]
+    size: [usize; 2],
+    /// How much nearer than what just fits.
+    #[arg(long, default_value_t = 1.0)]
+    zoom: f64,
+    #[command(flatten)]
+    options: GraphOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
+}
+
+/// Yaw and pitch of each picture in a row: from the front, the right, the left, above and behind.
+const SIDES: [[f64; 2]; 5] = [[0.0, 0.0], [60.0, 10.0], [-60.0, 10.0], [0.0, 60.0], [180.0, 10.0]];
+
+/// What a picture shows of a graph that gives nothing with these values.
+const NOTHING: Rgb = [255, 0, 255];
+
+impl Sheet {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let mut evaluator = match self.cache.evaluator(0, catalog) {
+            Ok(evaluator) => evaluator,
+            Err(why) => return Exit::Usage(why),
+        };
+        let mut exit = Exit::Done;
+        for path in &self.graphs {
+            match self.make(path, catalog, &mut evaluator) {
+                Ok(true) => {}
+                Ok(false) => exit = Exit::Failed,
+                Err(why) => return Exit::Usage(why),
+            }
+        }
+        exit
+    }
+
+    /// Makes one sheet; whether the graph gave something to be seen with all values.
+    fn make(
+        &self,
+        path: &Path,
+        catalog: &Catalog,
+        evaluator: &mut Evaluator,
+    ) -> Result<bool, String> {
+        let checked = self.options.load(path, catalog);
+        report(&checked.problems);
+        let Some(graph) = checked.graph else { return Ok(false) };
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let file = self.out.join(format!("{name}.png"));
+        let sources = Sources::of(&graph);
+        let place = Place::folder(&self.out, &sources);
+        let refused =
+            |why: &dyn std::fmt::Display| format!("cannot write {}: {why}", file.display());
+        place.judge(&file).map_err(|why| refused(&why))?;
+        print(&format!("{}\n", file.display()));
+        let mut rows = Vec::new();
+        let mut complete = true;
+        for values in rows_of(&graph) {
+            let mesh = self.mesh(path, &values, catalog, evaluator);
+            complete &= mesh.is_some();
+            print(&format!("  row {}: {}\n", rows.len() + 1, title(&values)));
+            rows.push(mesh);
+        }
+        let bytes = png::encode_rgb(&self.draw(&rows)).map_err(|why| refused(&why))?;
+        place.put(&file, &bytes).map_err(|why| refused(&why))?;
+        Ok(complete)
+    }
+
+    /// The first output that has faces.
+    fn mesh(
+        &self,
+        path: &Path,
+        values: &[(String, String)],
+        catalog: &Catalog,
+        evaluator: &mut Evaluator,
+    ) -> Option<Mesh> {
+        let mut options: Options = self.options.all();
+        options.set.extend_from_slice(values);
+        let checked = Graph::load(path, catalog, &options);
+        report(&checked.problems);
+        let graph = checked.graph?;
+        let evaluation = evaluator.evaluate_all(&graph);
+        report(&evaluation.problems());
+        let mut values = graph.outputs.iter().filter_map(|it| evaluation.value(it.node, it.output));
+        values.find_map(mesh_of)
+    }
+
+    fn draw(&self, rows: &[Option<Mesh>]) -> Image {
+        let [width, height] = self.size;
+        let full = SIDES.len() * width;
+        let mut pixels = vec![NOTHING; full * height * rows.len()];
+        for (row, mesh) in rows.iter().enumerate() {
+            let Some(mesh) = mesh else { continue };
+            for (column, [yaw, pitch]) in SIDES.into_iter().enumerate() {
+                let view = View { size: self.size, yaw, pitch, zoom: self.zoom, ..View::front() };
+                let picture = render(mesh, &view);
+                for (y, line) in picture.pixels().chunks(width).enumerate() {
+                    let start = (row * height + y) * full + column * width;
+                    pixels[start..start + width].copy_from_slice(line);
+                }
+            }
+        }
+        Image::new(full, height * rows.len(), pixels).expect("a pixel for each place")
+    }
+}
+
+/// The values of each row: none for the defaults, then each parameter at its ends, or as each of its choices.
+fn rows_of(graph: &Graph) -> Vec<Vec<(String, String)>> {
+    let mut rows = vec![Vec::new()];
+    let fields = graph.schema.get("properties").and_then(Json::as_object);
+    for (name, field) in fields.into_iter().flatten() {
+        let field = inside(field, &graph.schema);
+        let is_whole = field.get("type").and_then(Json::as_str) == Some("integer");
+        let write =
+            |number: f64| if is_whole { format!("{number}") } else { format!("{number:?}") };
+        let ends =
+            ["minimum", "maximum"].map(|end| field.get(end).and_then(Json::as_f64).map(write));
+        let choices = field.get("enum").and_then(Json::as_array).into_iter().flatten();
+        let choices = choices.filter_map(Json::as_str).map(str::to_owned);
+        let ends =
+            if let [Some(least), Some(most)] = ends { vec![least, most] } else { Vec::new() };
+        rows.extend(ends.into_iter().chain(choices).map(|value| vec![(name.clone(), value)]));
+    }
+    rows
+}
+
+fn title(values: &[(String, String)]) -> String {
+    match values {
+        [] => "the defaults".to_owned(),
+        values => Vec::from_iter(values.iter().map(|(name, value)| format!("{name} = {value}")))
+            .join(", "),
+    }
+}

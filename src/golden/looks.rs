@@ -1,0 +1,259 @@
+//! What an eye sees at once: tears, kinks and needles, as numbers.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+
+use super::compare::six;
+use crate::value::{Attribute, Mesh, Region};
+
+/// What is wrong, and where.
+type Wrong = Option<(String, Vec<Point3<f64>>)>;
+
+/// How many places are told.
+const PLACES: usize = 1000;
+
+/// Closed chains of edges with one face.
+pub(super) fn border_loops(mesh: &Mesh) -> usize {
+    let border = border(mesh);
+    let mut vertices: Vec<u32> = border.iter().flatten().copied().collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let index = |vertex: &u32| vertices.binary_search(vertex).unwrap_or(0);
+    let mut leaders: Vec<usize> = (0..vertices.len()).collect();
+    fn leader(leaders: &mut [usize], mut of: usize) -> usize {
+        while leaders[of] != of {
+            leaders[of] = leaders[leaders[of]];
+            of = leaders[of];
+        }
+        of
+    }
+    for edge in &border {
+        let [a, b] = [0, 1].map(|end| leader(&mut leaders, index(&edge[end])));
+        leaders[a.max(b)] = a.min(b);
+    }
+    (0..leaders.len()).filter(|&at| leaders[at] == at).count()
+}
+
+/// The edges with one face.
+fn border(mesh: &Mesh) -> Vec<[u32; 2]> {
+    let edges = mesh.edges();
+    let alone = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
+    alone.map(|(edge, _)| *edge).collect()
+}
+
+/// Whether no border of `mesh` comes nearer than `band` pixels of the picture to the region, by where its vertices are in the picture.
+pub(super) fn whole(mesh: &Mesh, region: &Region, band: f64) -> Wrong {
+    let (Some(uv), Some(frame)) = (mesh.vertex().pairs("uv"), mesh.frame()) else {
+        return Some((
+            "has no texture coordinates of a capture, which tell what is seen where".to_owned(),
+            Vec::new(),
+        ));
+    };
+    let picture = frame.picture.map(|size| size as f64);
+    let grid = [region.width(), region.height()];
+    let cell = |place: [f64; 2]| {
+        // Upper left corners are at 0, as those of the picture.
+        let [u, v] = place;
+        [u * grid[0] as f64 - 0.5, (1.0 - v) * grid[1] as f64 - 0.5]
+    };
+    let reach = [0, 1].map(|axis| band * grid[axis] as f64 / picture[axis].max(1.0));
+    let inside = region.grid();
+    let is_near = |vertex: &u32| {
+        let at = cell(uv[*vertex as usize]);
+        let [columns, rows] = [0, 1].map(|axis| {
+            let from = (at[axis] - reach[axis]).ceil().max(0.0) as usize;
+            let to = (at[axis] + reach[axis] + 1.0).max(0.0) as usize;
+            from..to.min(grid[axis])
+        });
+        rows.flat_map(|row| columns.clone().map(move |column| (row, column))).any(
+            |(row, column)| {
+                let away = [column, row].map(|line| line as f64);
+                let share =
+                    [0, 1].map(|axis| (away[axis] - at[axis]) / reach[axis].max(f64::MIN_POSITIVE));
+                inside[row * grid[0] + column] == 1
+                    && share[0] * share[0] + share[1] * share[1] <= 1.0
+            },
+        )
+    };
+    let near: Vec<[u32; 2]> =
+        border(mesh).into_iter().filter(|edge| edge.iter().any(is_near)).collect();
+    let first = mesh.positions()[near.first()?[0] as usize];
+    let why = format!(
+        "has {} border edges within {} px of the region; the first is at {}",
+        near.len(),
+        six(band),
+        place(first)
+    );
+    let middle = |&[a, b]: &[u32; 2]| {
+        nalgebra::center(&mesh.positions()[a as usize], &mesh.positions()[b as usize])
+    };
+    Some((why, near.iter().take(PLACES).map(middle).collect()))
+}
+
+fn place(point: Point3<f64>) -> String {
+    format!("({}, {}, {})", six(point.x), six(point.y), six(point.z))
+}
+
+/// The angle in degrees between the two faces at each edge that has two, with a point on it and whether `wanted` takes the two.
+fn bends(mesh: &Mesh, wanted: impl Fn(usize, usize) -> bool) -> Vec<(f64, Point3<f64>)> {
+    let mut faces: BTreeMap<[u32; 2], Vec<usize>> = BTreeMap::new();
+    for (index, face) in mesh.faces().iter().enumerate() {
+        for (&a, &b) in face.iter().zip(face[1..].iter().chain(&face[..1])) {
+            faces.entry([a.min(b), a.max(b)]).or_default().push(index);
+        }
+    }
+    let normals: Vec<Vector3<f64>> =
+        mesh.faces().iter().map(|face| mesh.area_vector(face)).collect();
+    let bend = |(edge, faces): (&[u32; 2], &Vec<usize>)| {
+        let &[a, b] = &faces[..] else { return None };
+        let [m, n] = [normals[a], normals[b]];
+        // Faces without area look nowhere.
+        if !wanted(a, b) || m.norm() == 0.0 || n.norm() == 0.0 {
+            return None;
+        }
+        let angle = libm::atan2(m.cross(&n).norm(), m.dot(&n)).to_degrees();
+        let [p, q] = edge.map(|vertex| mesh.positions()[vertex as usize]);
+        Some((angle, nalgebra::center(&p, &q)))
+    };
+    faces.iter().filter_map(bend).collect()
+}
+
+fn sharpest(found: Vec<(f64, Point3<f64>)>, max: f64, what: &str) -> Wrong {
+    let mut sharp: Vec<_> = found.into_iter().filter(|(angle, _)| *angle > max).collect();
+    sharp.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let (angle, at) = *sharp.first()?;
+    let why = format!(
+        "bends by more than {} degrees at {} edges{what}; the sharpest, {} degrees, is at {}",
+        six(max),
+        sharp.len(),
+        six(angle),
+        place(at)
+    );
+    Some((why, sharp.iter().take(PLACES).map(|(_, at)| *at).collect()))
+}
+
+/// Whether no two faces that share an edge bend by more than `max` degrees there.
+pub(super) fn bend(mesh: &Mesh, max: f64) -> Wrong {
+    sharpest(bends(mesh, |_, _| true), max, "")
+}
+
+/// Whether faces that were filled in go on from the others without a bend of more than `max` degrees.
+pub(super) fn smooth_rim(mesh: &Mesh, max: f64) -> Wrong {
+    let Some(Attribute::Flag(filled)) = mesh.vertex().get("filled") else {
+        return Some(("says of no vertex whether it was `filled`".to_owned(), Vec::new()));
+    };
+    let is_new = |face: &[u32]| face.iter().any(|&vertex| filled[vertex as usize] == 1);
+    let new: Vec<bool> = mesh.faces().iter().map(is_new).collect();
+    let rim = bends(mesh, |a, b| new[a] != new[b]);
+    if rim.is_empty() {
+        return Some(("has no edge between filled faces and others".to_owned(), Vec::new()));
+    }
+    sharpest(rim, max, " around what was filled")
+}
+
+/// Whether a number of the vertices is nowhere out of its range.
+pub(super) fn numbers(mesh: &Mesh, name: &str, min: Option<f64>, max: Option<f64>) -> Wrong {
+    let Some(Attribute::Number(numbers)) = mesh.vertex().get(name) else {
+        let known = mesh.vertex().iter().filter(|(_, it)| matches!(it, Attribute::Number(_)));
+        let known = Vec::from_iter(known.map(|(name, _)| format!("`{name}`"))).join(", ");
+        let which = if known.is_empty() { "none".to_owned() } else { format!("only {known}") };
+        return Some((format!("has no number `{name}` at its vertices, {which}"), Vec::new()));
+    };
+    let fits =
+        |number: f64| min.is_none_or(|min| min <= number) && max.is_none_or(|max| number <= max);
+    let outside: Vec<usize> = (0..numbers.len()).filter(|&vertex| !fits(numbers[vertex])).collect();
+    let off = |number: f64| {
+        let below = min.map_or(0.0, |min| min - number);
+        let above = max.map_or(0.0, |max| number - max);
+        if number.is_nan() { f64::INFINITY } else { below.max(above) }
+    };
+    let worst = *outside.iter().max_by(|&&a, &&b| off(numbers[a]).total_cmp(&off(numbers[b])))?;
+    let why = format!(
+        "has {} vertices with a `{name}` out of its range; the worst, {}, is at {}",
+        outside.len(),
+        six(numbers[worst]),
+        place(mesh.positions()[worst])
+    );
+    Some((why, outside.iter().take(PLACES).map(|&vertex| mesh.positions()[vertex]).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::value::{CaptureFrame, Faces};
+
+    /// A sheet of 6 x 6 quads, as a capture of 6 x 6 cells sees it in a picture of 12 x 12 pixels, without the faces in `missing`, its
+    /// columns from 3 on rising by `rise`.
+    fn sheet(missing: &[usize], rise: f64) -> Mesh {
+        let points = (0..49).map(|at| {
+            let [x, y] = [(at % 7) as f64, (at / 7) as f64];
+            Point3::new(x, y, 500.0 - rise * (x - 3.0).max(0.0))
+        });
+        let quads = (0..36).filter(|face| !missing.contains(face)).flat_map(|face| {
+            let a = (face / 6 * 7 + face % 6) as u32;
+            [a, a + 7, a + 8, a + 1]
+        });
+        let faces = Faces::uniform(4, quads.collect::<Vec<u32>>()).unwrap();
+        let frame =
+            CaptureFrame { camera: None, picture: [12, 12], depth: 500.0, world_from_camera: None };
+        let uv = (0..49).map(|at| [(at % 7) as f64 / 6.0, 1.0 - (at / 7) as f64 / 6.0]);
+        let number = (0..49).map(f64::from);
+        Mesh::new(points.collect::<Vec<_>>(), faces)
+            .and_then(|mesh| mesh.with_vertex("uv", Attribute::Pair(uv.collect())))
+            .and_then(|mesh| mesh.with_vertex("number", Attribute::Number(number.collect())))
+            .unwrap()
+            .with_frame(Some(frame))
+    }
+
+    #[test]
+    fn loops_of_the_border_are_counted() {
+        assert_eq!(border_loops(&sheet(&[], 0.0)), 1);
+        assert_eq!(border_loops(&sheet(&[14], 0.0)), 2);
+        assert_eq!(border_loops(&sheet(&[7, 10, 28], 0.0)), 4);
+    }
+
+    #[test]
+    fn a_tear_near_a_region_is_found_and_one_far_away_is_none_of_its_business() {
+        let cells = vec![14, 15, 20, 21];
+        let points = vec![Point3::new(0.0, 0.0, 500.0); 4];
+        let region = Region::new(6, 6, cells, points, vec![0; 4], vec![]).unwrap();
+        assert_eq!(whole(&sheet(&[], 0.0), &region, 2.0), None);
+        assert_eq!(whole(&sheet(&[0], 0.0), &region, 2.0), None);
+        let (why, places) = whole(&sheet(&[21], 0.0), &region, 2.0).unwrap();
+        assert!(why.starts_with("has 4 border edges within 2 px of the region"), "{why}");
+        assert_eq!(places.len(), 4);
+        assert!(whole(&sheet(&[], 0.0), &region, 5.0).is_some());
+        assert!(whole(&sheet(&[], 0.0).with_frame(None), &region, 1.0).is_some());
+    }
+
+    #[test]
+    fn bends_are_measured_in_degrees() {
+        assert_eq!(bend(&sheet(&[], 1.0), 45.1), None);
+        let (why, places) = bend(&sheet(&[], 1.0), 44.9).unwrap();
+        assert!(why.contains("at 6 edges") && why.contains("45 degrees"), "{why}");
+        assert_eq!(places.len(), 6);
+    }
+
+    #[test]
+    fn the_rim_of_a_filling_is_looked_at_alone() {
+        let filled = |from: usize| {
+            let flags = (0..49).map(|at| u8::from(at % 7 >= from)).collect();
+            sheet(&[], 1.0).with_vertex("filled", Attribute::Flag(flags)).unwrap()
+        };
+        assert!(smooth_rim(&filled(4), 10.0).is_some());
+        assert_eq!(smooth_rim(&filled(6), 10.0), None);
+        assert!(smooth_rim(&filled(7), 10.0).unwrap().0.contains("no edge"));
+        assert!(smooth_rim(&sheet(&[], 0.0), 10.0).unwrap().0.contains("filled"));
+    }
+
+    #[test]
+    fn numbers_of_vertices_have_ranges() {
+        let mesh = sheet(&[], 0.0);
+        assert_eq!(numbers(&mesh, "number", Some(0.0), Some(48.0)), None);
+        let (why, places) = numbers(&mesh, "number", Some(2.0), Some(47.0)).unwrap();
+        assert!(why.contains("3 vertices") && why.contains("the worst, 0,"), "{why}");
+        assert_eq!(places.len(), 3);
+        assert!(numbers(&mesh, "curvature", None, None).unwrap().0.contains("only `number`"));
+    }
+}
