@@ -33,6 +33,10 @@ pub struct Transform {
     /// Factors along x, y and z; not 0, and negative ones mirror.
     #[serde(default = "ones")]
     pub scale: [f64; 3],
+    /// Forgets that a mesh or net was captured, so that its files have its coordinates as they are, y down and z away from the sensor.
+    /// Otherwise what a capture gave is turned upright in files for viewers.
+    #[serde(default)]
+    pub sensor_axes: bool,
 }
 
 fn ones() -> [f64; 3] {
@@ -151,7 +155,8 @@ impl Node for Transform {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let motion = Motion::new(self.translate, self.rotate, self.scale)?;
-        Ok((transform(&cx.get(&self.mesh), &motion)?,))
+        let moved = transform(&cx.get(&self.mesh), &motion)?;
+        Ok((if self.sensor_axes { without_frame(moved) } else { moved },))
     }
 }
 
@@ -177,6 +182,15 @@ pub fn transform(what: &Movable, motion: &Motion) -> Result<Movable, TransformEr
         }
         Movable::ControlNet(net) => Movable::ControlNet(moved_net(net, motion)?),
     })
+}
+
+/// What has no frame is written to files as it is.
+fn without_frame(what: Movable) -> Movable {
+    match what {
+        Movable::Mesh(mesh) => Movable::Mesh(mesh.with_frame(None)),
+        Movable::ControlNet(net) => Movable::ControlNet(net.with_frame(None)),
+        other => other,
+    }
 }
 
 fn moved_points(points: &Points, motion: &Motion) -> Result<Points, PointsError> {

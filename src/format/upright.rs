@@ -55,3 +55,63 @@ pub(super) fn upright_surface(surface: &Surface) -> Result<Cow<'_, Surface>, Con
     let upright = Surface::new(net, surface.u().clone(), surface.v().clone());
     Ok(Cow::Owned(upright.expect("the knots fit as before")))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::glb::MeshGlb;
+    use crate::format::obj::MeshObj;
+    use crate::format::ply::MeshPly;
+    use crate::format::stl::MeshStl;
+    use crate::format::{glb, obj, ply, stl};
+    use crate::pack::FileFormat;
+    use crate::value::{CaptureFrame, Faces};
+
+    /// A triangle that looks at its sensor, as a capture gives it: y down, z away.
+    fn captured() -> Mesh {
+        let places = [[0.0, 0.0, 500.0], [0.0, 10.0, 500.0], [20.0, 0.0, 520.0]].map(Point3::from);
+        let frame =
+            CaptureFrame { camera: None, picture: [4, 4], depth: 500.0, world_from_camera: None };
+        Mesh::new(places.to_vec(), Faces::triangles(vec![[0, 1, 2]]))
+            .and_then(|it| {
+                it.with_vertex("normal", Attribute::Vector(vec![[0.0, 0.6, -0.8]; 3].into()))
+            })
+            .unwrap()
+            .with_frame(Some(frame))
+    }
+
+    #[test]
+    fn every_file_for_viewers_has_a_capture_upright_and_facing() {
+        let expected =
+            [[0.0, 0.0, -500.0], [0.0, -10.0, -500.0], [20.0, 0.0, -520.0]].map(Point3::from);
+        let write = |write: fn(&Mesh, &str) -> _| -> Vec<u8> {
+            let files: Result<Vec<crate::pack::NewFile>, crate::error::Error> =
+                write(&captured(), "it.x");
+            files.unwrap().swap_remove(0).bytes
+        };
+        let read = [
+            ply::read(&write(MeshPly::write)).unwrap(),
+            obj::read(&write(MeshObj::write)).unwrap(),
+            stl::read(&write(MeshStl::write)).unwrap(),
+            glb::read(&write(MeshGlb::write)).unwrap(),
+        ];
+        for mesh in &read {
+            let places: Vec<_> =
+                mesh.faces().face(0).iter().map(|&at| mesh.positions()[at as usize]).collect();
+            let off = places.iter().zip(expected).map(|(a, b)| (a - b).norm());
+            assert!(off.fold(0.0, f64::max) < 1e-3, "{places:?}");
+            assert!(mesh.area_vector(mesh.faces().face(0)).z > 0.0);
+        }
+        for mesh in &read[..2] {
+            let normal = mesh.vertex().vectors("normal").unwrap()[0];
+            assert!((normal[1] + 0.6).abs() < 1e-6 && (normal[2] - 0.8).abs() < 1e-6, "{normal:?}");
+        }
+    }
+
+    #[test]
+    fn what_no_capture_gave_is_written_as_it_is() {
+        let plain = captured().with_frame(None);
+        assert!(matches!(upright(&plain), Ok(Cow::Borrowed(_))));
+        assert_eq!(upright_points(plain.positions(), false), plain.positions().to_vec());
+    }
+}
