@@ -215,7 +215,7 @@ const SHADOW: usize = 1000;
 
 /// Longest edge across such a shadow, in multiples of the median spacing: what is redesigned may stand out far, but what is behind
 /// the object is no part of it.
-const ACROSS: f64 = 40.0;
+const ACROSS: f64 = 25.0;
 
 /// Gives points to the shadows between the region and the rest of the scan; their cells, in raster order.
 fn fill_beside(
