@@ -30,6 +30,10 @@ peers *args:
 oracles:
     bash tests/oracles/subdivision/run
 
+# Do trimesh and Blender see the doll's files upright, facing, textured and in one place? Installs both from PyPI, some 400 MB.
+files:
+    bash tests/oracles/files/run
+
 # Random sequences of edits and commands against an evaluation without memory: in one process, and by the program itself.
 law sequences="1000000":
     LAW_SEQUENCES={{sequences}} cargo test --release -p maquette --lib law
