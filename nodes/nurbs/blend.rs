@@ -11,9 +11,7 @@ use super::canvas::{Canvas, Target};
 use super::fold::folded_cells;
 use super::refine::{refine, refined_range};
 use super::seam::{Seam, seam};
-use crate::range::{
-    GRAZING, JUMP, Joins, around, fill_shadows, grid_triangles, join_around, longest_edge,
-};
+use crate::range::{GRAZING, JUMP, Joins, around, fill_shadows, grid_triangles, longest_edge};
 
 /// Writes a surface back to the range grid that it came from. Only cells of the region change; all others keep every bit.
 ///
@@ -213,9 +211,9 @@ pub fn blend(
 /// Cells of the largest shadow beside a region that is filled.
 const SHADOW: usize = 1000;
 
-/// Longest edge across such a shadow, in multiples of the median spacing: what is redesigned may stand out far, but what is behind
-/// the object is no part of it.
-const ACROSS: f64 = 25.0;
+/// Longest edge at filled cells, in multiples of the median spacing: what is redesigned may stand out far, but what is behind the object
+/// is no part of it.
+const ACROSS: f64 = 10.0;
 
 /// Gives points to the shadows between the region and the rest of the scan; their cells, in raster order.
 fn fill_beside(
@@ -235,34 +233,27 @@ fn fill_beside(
     fill_shadows(width, &mut canvas.points, longest, is_beside, progress)
 }
 
-/// The triangles that hang together whatever the surface does to them: those that did before, at cells of the region, and all at filled
-/// cells.
+/// The triangles that hang together whatever the surface does to them: those that did before, at cells of the region, and those at filled
+/// cells that do not reach across to what is behind.
 fn joined(canvas: &Canvas, range: &RangeImage) -> Vec<u8> {
     let Canvas { width, height, points, .. } = canvas;
     let mut inside = vec![false; points.len()];
     canvas.targets.iter().for_each(|target| inside[target.cell] = true);
     let before = range.with_points(points.clone()).expect("as many points as cells");
-    let joins = Joins::new(&before, JUMP, GRAZING);
+    let (seen, filled) = (Joins::new(&before, JUMP, GRAZING), Joins::new(&before, ACROSS, 90.0));
     let mut joined = Vec::from_iter((0..points.len()).map(|cell| range.joined(cell)));
-    let held = grid_triangles(
-        *width,
-        *height,
-        points,
-        |quad| joined[quad],
-        |triangle, corners| {
-            triangle.cells(*width).iter().any(|&cell| inside[cell]) && joins.holds(corners)
-        },
-    );
+    let divided = |quad: usize| joined[quad];
+    let held = grid_triangles(*width, *height, points, divided, |triangle, corners| {
+        let cells = triangle.cells(*width);
+        if cells.iter().any(|&cell| range.is_filled(cell)) {
+            filled.holds(corners)
+        } else {
+            cells.iter().any(|&cell| inside[cell]) && seen.holds(corners)
+        }
+    });
     for triangle in held {
         joined[triangle.quad as usize] |= triangle.half.bit();
     }
-    let on_rim = |cell: usize| {
-        let (row, column) = (cell / width, cell % width);
-        row == 0 || column == 0 || row + 1 == *height || column + 1 == *width
-    };
-    let filled = (0..points.len()).filter(|&cell| range.is_filled(cell) && !on_rim(cell));
-    let filled = Vec::from_iter(filled.map(|cell| cell as u32));
-    join_around(*width, &filled, points, &mut joined);
     joined
 }
 

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::contour::contours;
 use super::footprint::covered_cells;
-use super::range_holes::{fill_points, usable_cells};
-use crate::image::{Connectivity, close, fill_contour, label};
+use super::range_holes::{fill_points, usable_cells, with_enclosed};
+use crate::image::{Connectivity, close, label};
 use crate::laplace::Unsolved;
 
 /// Takes one labelled part of a picture as a region of the range grid, ready to be redesigned.
@@ -29,7 +29,8 @@ pub struct ExtractRegion {
     /// Fills cells without a point, unless they belong to the background. Without it they are holes of the region.
     #[serde(default = "yes")]
     pub fill_holes: bool,
-    /// Takes in what the part surrounds, such as the pupil of an eye. Without it that is a hole of the region.
+    /// Takes in what the part surrounds, such as the pupil of an eye, if it lies on the same surface: not what is seen through a handle.
+    /// Without it that is a hole of the region.
     #[serde(default = "yes")]
     pub enclosed: bool,
     /// Radius of a square that closes gaps of the region, in range cells; 0 closes none.
@@ -181,7 +182,8 @@ pub struct Taken {
 /// The part of `labels` that `pick` chooses, as a region of the range grid with its points and contours.
 ///
 /// A cell is inside if at least half of the area that it sees of the picture is; then gaps are closed with a square of radius
-/// `close_radius` in cells, and with `enclosed` what no way by sides leads to from outside. With `fill` the invalid cells that hang
+/// `close_radius` in cells, and with `enclosed` what no way by sides leads to from outside, if most of its cells with a point beside
+/// the part are at most six times the grid's median spacing away from their neighbors there. With `fill` the invalid cells that hang
 /// together by sides and touch no cell outside the region, or neither the rim of the grid nor a thousand others, get points by
 /// Laplace's equation, coordinate by coordinate, from the cells of the region around them; they are flagged, as are the cells that
 /// `range` has as filled. Other invalid cells leave the region. Beyond the grid's rim is outside. Of what remains the largest part that
@@ -209,7 +211,7 @@ pub fn extract_region(
         return Err(ExtractRegionError::NoCell { label: number, area });
     }
     let closed = close(&covered, taken.close_radius);
-    let whole = if taken.enclosed { fill_contour(&closed, 0) } else { closed };
+    let whole = if taken.enclosed { with_enclosed(&closed, range) } else { closed };
     let usable = usable_cells(&whole, range, taken.fill);
     let pieces = label(&usable, Connectivity::Four);
     let no_point = ExtractRegionError::NoPoint { label: number, cells };

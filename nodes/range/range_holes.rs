@@ -4,6 +4,7 @@ use maquette::Progress;
 use maquette::value::{Mask, RangeImage};
 use nalgebra::Point3;
 
+use super::joins::{JUMP, longest_edge};
 use super::shadows::shadows;
 use crate::image::{Connectivity, label};
 use crate::laplace::{Unsolved, solve};
@@ -35,6 +36,41 @@ pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mas
         hole => closed[hole as usize - 1] || in_shadow[cell],
     };
     mask((0..width * height).map(|cell| u8::from(usable(cell))).collect())
+}
+
+/// The region with those parts of the rest that it surrounds and that lie on its surface: along most of their rim, neighbors on both sides
+/// are near each other. Parts without a point are shadows on it.
+pub(crate) fn with_enclosed(region: &Mask, range: &RangeImage) -> Mask {
+    let (width, height) = (region.width(), region.height());
+    let rest = region.pixels().iter().map(|&inside| 1 - inside).collect();
+    let rest =
+        label(&Mask::new(width, height, rest).expect("one entry per cell"), Connectivity::Four);
+    let longest = longest_edge(range, JUMP);
+    // Of each part: neighbors in the region that are near, all of them, and whether it has points.
+    let mut rims = vec![(0_usize, 0_usize, false); rest.statistics().len()];
+    for (cell, &part) in rest.pixels().iter().enumerate().filter(|(_, part)| **part != 0) {
+        let part = part as usize - 1;
+        if rest.statistics()[part].touches_border {
+            continue;
+        }
+        let (near, all, has_points) = &mut rims[part];
+        let here = range.point(cell);
+        *has_points |= here.is_some();
+        for other in [cell - width, cell - 1, cell + 1, cell + width] {
+            if rest.pixels()[other] == 0 {
+                let there = here.zip(range.point(other));
+                *near += usize::from(there.is_some_and(|(a, b)| (a - b).norm() <= longest));
+                *all += 1;
+            }
+        }
+    }
+    let is_taken: Vec<bool> = (rest.statistics().iter().zip(rims))
+        .map(|(part, (near, all, has_points))| {
+            !part.touches_border && (!has_points || 2 * near > all)
+        })
+        .collect();
+    let taken = rest.pixels().iter().map(|&part| part == 0 || is_taken[part as usize - 1]);
+    Mask::from_bools(width, height, taken.collect::<Vec<bool>>()).expect("one entry per cell")
 }
 
 /// Computes the points that are NaN from the others, inside the box (both corners included) that holds all `cells` of a grid of

@@ -181,6 +181,23 @@ fn what_a_part_surrounds_belongs_to_it() {
 }
 
 #[test]
+fn what_is_seen_through_a_handle_is_no_part_of_it() {
+    let labels = label(&Mask::drawn(&["#####", "#...#", "#...#", "#####"]), Connectivity::Four);
+    let behind = |depth: f64| {
+        let flat = full(5, 4);
+        let points = flat.points().iter().enumerate().map(|(cell, point)| {
+            let is_gap = (1..4).contains(&(cell % 5)) && (1..3).contains(&(cell / 5));
+            Point3::new(point.x, point.y, point.z + if is_gap { depth } else { 0.0 })
+        });
+        let range = RangeImage::new(5, 4, points.collect()).unwrap();
+        let taken = Taken { fill: true, enclosed: true, close_radius: 0 };
+        draw(&extract_region(&labels, &range, Pick::Largest, taken, &Progress::none()).unwrap())
+    };
+    assert_eq!(behind(2.0), "#####\n#####\n#####\n#####\n");
+    assert_eq!(behind(90.0), "#####\n#...#\n#...#\n#####\n");
+}
+
+#[test]
 fn of_a_region_that_falls_apart_the_largest_piece_is_taken() {
     check(&["#####", "#####"], &["#.###", "#.###"], true, expect![["..###\n..###\n"]]);
 }
