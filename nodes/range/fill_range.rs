@@ -133,6 +133,6 @@ mod tests {
         assert_eq!(fill_range(&range, 1000, 2.0, &Progress::none()).unwrap(), range);
         // On the shadow's side nothing is open; on the other the ball still stands before the wall.
         let [open, closed] = [&range, &whole].map(border_edges);
-        assert!(closed + 40 < open, "{closed} {open}");
+        assert!(closed + 39 < open, "{closed} {open}");
     }
 }
