@@ -6,6 +6,7 @@ mod merge;
 mod read_curve;
 mod read_mesh;
 mod read_points;
+mod reconstruct;
 mod texture;
 mod transform;
 
@@ -13,6 +14,9 @@ pub use merge::{Merge, MergeError, Poses, merge};
 pub use read_curve::{ReadCurve, ReadCurveError, read_curve};
 pub use read_mesh::{ReadMesh, ReadMeshError, read_mesh};
 pub use read_points::{ReadPoints, ReadPointsError, read_points};
+pub use reconstruct::{
+    FaceKind, Normals, Options, Reconstruct, ReconstructError, SkinKind, reconstruct,
+};
 pub use texture::{Mapping, Texture, TextureError, Window, texture};
 pub use transform::{Motion, Movable, Transform, TransformError, transform};
 
@@ -26,6 +30,7 @@ pub const PACK: Pack = Pack {
         node::<Texture>(),
         node::<Transform>(),
         node::<Merge>(),
+        node::<Reconstruct>(),
     ],
     values: &[],
     formats: &[],

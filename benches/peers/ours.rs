@@ -14,17 +14,18 @@ use std::time::Instant;
 use maquette::Progress;
 use maquette::format::{pcd, ply};
 use maquette::value::{
-    ControlNet, Faces, Handle, HandleSpace, Handles, Image, KnotVector, Mesh, Points, Rgb, Surface,
+    Attribute, ControlNet, Faces, Handle, HandleSpace, Handles, Image, KnotVector, Mesh, Points,
+    Rgb, Surface,
 };
 use maquette_nodes::deform::{Deforming, Drag, ffd};
 use maquette_nodes::fill::{FillMethod, FillOptions, HoleChoice, fill_holes};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
 };
-use maquette_nodes::mesh::Movable;
+use maquette_nodes::mesh::{Movable, Poses, reconstruct};
 use maquette_nodes::subdivision::{
-    Boundary, Corners, Creases, InterpolateOptions, Plan, Scheme, Subdivision, interpolate,
-    subdivide,
+    Boundary, Corners, Creases, InterpolateOptions, Plan, Scattered, Scheme, Subdivision,
+    interpolate, subdivide,
 };
 use nalgebra::Point3;
 
@@ -66,6 +67,9 @@ fn repeat(work: &str, folder: &Path) {
             let open = |mesh: &Mesh| mesh.edges().faces.iter().filter(|&&faces| faces == 1).count();
             serve(run, |filled| open(&filled.mesh) as f64);
         }
+        "reconstruct" => reconstructed(folder, "cloud", false),
+        "reconstruct-normals" => reconstructed(folder, "cloud", true),
+        "reconstruct-clean" => reconstructed(folder, "cloud_clean", false),
         "read-pcd" => {
             let bytes = read(&folder.join("grid.pcd"));
             serve(|| pcd::read(&bytes).expect("a grid"), |range| range.n_valid() as f64);
@@ -224,6 +228,22 @@ fn cloud(folder: &Path) -> Movable {
     let (_, points) = open::<[f64; 3]>(folder, "ffd_pts");
     let points = Vec::from_iter(points.into_iter().map(Point3::from));
     Movable::Points(Points::new(points).expect("finite points"))
+}
+
+/// A skin of points, with or without their normals.
+fn reconstructed(folder: &Path, name: &str, with_normals: bool) {
+    let (_, places) = open::<[f64; 3]>(folder, name);
+    let points = Points::new(Vec::from_iter(places.into_iter().map(Point3::from)));
+    let mut points = points.expect("finite places");
+    if with_normals {
+        let (_, normals) = open::<[f64; 3]>(folder, "cloud_normals");
+        let normals = Attribute::Vector(normals.into());
+        points = points.with_attribute("normal", normals).expect("one for each");
+    }
+    let sources = [Scattered::Points(points)];
+    let options = maquette_nodes::mesh::Options::default();
+    let run = || reconstruct(&sources, Poses::Auto, &options, &Progress::none()).expect("a skin");
+    serve(run, |mesh| mesh.faces().len() as f64);
 }
 
 fn handles(folder: &Path, count: usize, narrower: f64) -> Handles {

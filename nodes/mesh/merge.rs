@@ -121,10 +121,12 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
             }
         })
         .collect::<Result<_, _>>()?;
+    let frames: Vec<Option<CaptureFrame>> =
+        meshes.iter().map(|mesh| mesh.frame().copied()).collect();
     let merged = Mesh::new(positions(&parts)?, faces(&parts)?)?
         .with_creases(creases(&parts))?
         .with_texture(first.texture().filter(|_| same_picture).cloned())
-        .with_frame(common_frame(meshes).filter(|_| !applied));
+        .with_frame(common_frame(&frames).filter(|_| !applied));
     with_attributes(merged, &parts)
 }
 
@@ -137,12 +139,17 @@ fn motion(pose: &Matrix4<f64>) -> Motion {
 
 /// The mesh with its picture as the color of its vertices, and without texture coordinates.
 fn painted(mesh: &Mesh) -> Result<Mesh, MeshError> {
-    let colors = mesh.texture().and_then(|picture| vertex_colors(mesh, picture));
+    let colors = painted_colors(mesh);
     let plain = mesh.clone().with_texture(None).without("uv");
     match colors {
         Some(colors) => plain.with_vertex("color", Attribute::Color(colors)),
         None => Ok(plain),
     }
+}
+
+/// The color of each vertex in the mesh's picture, if it has one.
+pub(super) fn painted_colors(mesh: &Mesh) -> Option<Column<[u8; 3]>> {
+    mesh.texture().and_then(|picture| vertex_colors(mesh, picture))
 }
 
 /// The picture's color at each vertex; a vertex on a seam takes that of one side. None without texture coordinates.
@@ -162,13 +169,13 @@ fn vertex_colors(mesh: &Mesh, picture: &Image) -> Option<Column<[u8; 3]>> {
     Some(colors.into())
 }
 
-/// What is true of the frames of all meshes.
-fn common_frame(meshes: &[&Mesh]) -> Option<CaptureFrame> {
-    let first = *meshes.first()?.frame()?;
-    if meshes.iter().all(|mesh| mesh.frame() == Some(&first)) {
+/// What is true of all these frames.
+pub(super) fn common_frame(frames: &[Option<CaptureFrame>]) -> Option<CaptureFrame> {
+    let first = (*frames.first()?)?;
+    if frames.iter().all(|frame| *frame == Some(first)) {
         return Some(first);
     }
-    let all = meshes.iter().all(|mesh| mesh.frame().is_some());
+    let all = frames.iter().all(Option::is_some);
     all.then_some(CaptureFrame { camera: None, world_from_camera: None, ..first })
 }
 

@@ -1,0 +1,113 @@
+//! How long does it take to make a skin of points, with two threads, everything included, and how near is it to the surface that the
+//! points were taken from? `cargo bench -p maquette-nodes --bench reconstruct -- WORD` runs the rows whose names have the word.
+//!
+//! Points lie evenly on a torus; noise is normal, its deviation a part of the diagonal of the points' box. Distances are root mean
+//! squares over the vertices, in the mean distance of points. The bar for 100 000 points is 2 s and 0.5 distances.
+
+#![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use maquette::Progress;
+use maquette::value::{Attribute, Mesh, Points};
+use maquette_nodes::mesh::{Options, Poses, reconstruct};
+use maquette_nodes::subdivision::Scattered;
+use nalgebra::{Point3, Vector3};
+
+fn main() {
+    // As wherever there is an evaluator.
+    maquette::memory::keep_freed();
+    let words = Vec::from_iter(std::env::args().skip(1).filter(|word| !word.starts_with('-')));
+    println!("{:44} {:>9} {:>9} {:>9} {:>9}", "milliseconds", "median", "least", "vertices", "off");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
+    pool.install(|| {
+        for (count, runs) in [(10_000, 7), (100_000, 7), (1_000_000, 3)] {
+            for noise in [0.0, 0.001, 0.01] {
+                for normals in [false, true] {
+                    let kind = if normals { "with normals" } else { "points alone" };
+                    let name = format!("{count} {kind}, noise {noise}");
+                    if words.is_empty() || words.iter().any(|word| name.contains(&**word)) {
+                        row(&name, runs, &torus(count, noise, normals));
+                    }
+                }
+            }
+        }
+    });
+}
+
+fn row(name: &str, runs: usize, points: &Points) {
+    let sources = [Scattered::Points(points.clone())];
+    let run = || reconstruct(&sources, Poses::Auto, &Options::default(), &Progress::none());
+    let mesh = run().expect("a skin");
+    let mut times = Vec::from_iter((0..runs).map(|_| {
+        let start = Instant::now();
+        let result = black_box(run());
+        let time = 1e3 * start.elapsed().as_secs_f64();
+        drop(result);
+        time
+    }));
+    times.sort_by(f64::total_cmp);
+    let area = 4.0 * std::f64::consts::PI * std::f64::consts::PI * ROUND * TUBE;
+    let off = off(&mesh) / (area / points.positions().len() as f64).sqrt();
+    let (median, least, vertices) = (times[runs / 2], times[0], mesh.positions().len());
+    println!("{name:44} {median:9.1} {least:9.1} {vertices:9} {off:9.3}");
+}
+
+/// Radii of the torus, in mm.
+const ROUND: f64 = 40.0;
+const TUBE: f64 = 15.0;
+
+fn off(mesh: &Mesh) -> f64 {
+    let off = |point: &Point3<f64>| {
+        let out = (point.x * point.x + point.z * point.z).sqrt() - ROUND;
+        (out * out + point.y * point.y).sqrt() - TUBE
+    };
+    let squares: f64 = mesh.positions().iter().map(|point| off(point) * off(point)).sum();
+    (squares / mesh.positions().len() as f64).sqrt()
+}
+
+fn torus(count: usize, noise: f64, normals: bool) -> Points {
+    let mut random = Random(1);
+    let wide = 2.0 * (ROUND + TUBE);
+    let deviation = noise * (2.0 * wide * wide + 4.0 * TUBE * TUBE).sqrt();
+    let (mut places, mut outwards) = (Vec::new(), Vec::new());
+    while places.len() < count {
+        let [u, v] = [0, 1].map(|_| std::f64::consts::TAU * random.even());
+        let radius = ROUND + TUBE * libm::cos(v);
+        // As many as there is area.
+        if random.even() * (ROUND + TUBE) < radius {
+            let (s, c) = libm::sincos(u);
+            let out = Vector3::new(libm::cos(v) * c, libm::sin(v), libm::cos(v) * s);
+            let at = Vector3::new(ROUND * c, 0.0, ROUND * s) + out * TUBE;
+            let moved = Vector3::from_fn(|_, _| random.normal(deviation));
+            places.push(Point3::from(at + moved));
+            outwards.push(out.into());
+        }
+    }
+    let points = Points::new(places).expect("finite places");
+    if !normals {
+        return points;
+    }
+    points.with_attribute("normal", Attribute::Vector(outwards.into())).expect("one for each")
+}
+
+/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
+struct Random(u64);
+
+impl Random {
+    /// Evenly between 0 and 1.
+    fn even(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.0;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Normal, with this deviation: Box and Muller (1958).
+    fn normal(&mut self, deviation: f64) -> f64 {
+        let angle = std::f64::consts::TAU * self.even();
+        deviation * (-2.0 * libm::log(1.0 - self.even())).sqrt() * libm::cos(angle)
+    }
+}

@@ -1,0 +1,188 @@
+//! Some of the cells of a cube, or of the nodes between them, in rows: z, then y, then x ascends.
+
+use std::ops::Range;
+
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+/// A place in a cube of cells or nodes: x, y, z.
+pub(super) type Place = [i32; 3];
+
+/// A cube that is halved again and again: at depth `d` it has `2^d` cells along each side.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cube {
+    /// The corner with the lowest coordinates.
+    pub(super) corner: Point3<f64>,
+    /// Edge of the finest cells, in mm.
+    pub(super) edge: f64,
+    /// Depth of the finest cells.
+    pub(super) depth: u32,
+}
+
+impl Cube {
+    /// Edge of the cells at a depth, in mm.
+    pub(super) fn edge_at(&self, depth: u32) -> f64 {
+        self.edge * f64::from(1_u32 << (self.depth - depth))
+    }
+
+    /// Coordinates in cells of a depth.
+    pub(super) fn in_cells(&self, point: &Point3<f64>, depth: u32) -> [f64; 3] {
+        let edge = self.edge_at(depth);
+        [0, 1, 2].map(|axis| (point[axis] - self.corner[axis]) / edge)
+    }
+
+    /// The cell of a depth that has these coordinates.
+    pub(super) fn cell(&self, coordinates: [f64; 3], depth: u32) -> Place {
+        let last = (1_i32 << depth) - 1;
+        coordinates.map(|x| (x.floor() as i32).clamp(0, last))
+    }
+
+    /// The point at these coordinates in cells of a depth.
+    pub(super) fn point(&self, coordinates: [f64; 3], depth: u32) -> Point3<f64> {
+        let edge = self.edge_at(depth);
+        Point3::from([0, 1, 2].map(|axis| self.corner[axis] + coordinates[axis] * edge))
+    }
+}
+
+/// A sorted set of places, each of which has a number.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Places {
+    /// Rows along y and z.
+    side: i32,
+    places: Vec<[u16; 3]>,
+    /// Where each row (z, y) begins, and the end of the last.
+    rows: Vec<u32>,
+}
+
+impl Places {
+    /// Those of sorted, different places below `side`.
+    pub(super) fn new(side: i32, places: Vec<[u16; 3]>) -> Self {
+        let n_rows = (side * side) as usize;
+        let mut rows = vec![0_u32; n_rows + 1];
+        for place in &places {
+            rows[usize::from(place[2]) * side as usize + usize::from(place[1]) + 1] += 1;
+        }
+        for row in 0..n_rows {
+            rows[row + 1] += rows[row];
+        }
+        Self { side, places, rows }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    pub(super) fn side(&self) -> i32 {
+        self.side
+    }
+
+    pub(super) fn place(&self, number: usize) -> Place {
+        self.places[number].map(i32::from)
+    }
+
+    /// The numbers of a row.
+    pub(super) fn row(&self, y: i32, z: i32) -> Range<usize> {
+        if y < 0 || z < 0 || y >= self.side || z >= self.side {
+            return 0..0;
+        }
+        let row = (z * self.side + y) as usize;
+        self.rows[row] as usize..self.rows[row + 1] as usize
+    }
+
+    /// The first number of a row that is at `x` or behind.
+    pub(super) fn from(&self, row: Range<usize>, x: i32) -> usize {
+        row.start + self.places[row].partition_point(|place| i32::from(place[0]) < x)
+    }
+
+    pub(super) fn find(&self, [x, y, z]: Place) -> Option<usize> {
+        let row = self.row(y, z);
+        let at = self.from(row.clone(), x);
+        (at < row.end && i32::from(self.places[at][0]) == x).then_some(at)
+    }
+
+    /// The numbers of the places whose coordinates differ from these by at most 1.
+    pub(super) fn near(&self, [x, y, z]: Place) -> impl Iterator<Item = usize> {
+        (0..9).flat_map(move |k| {
+            let row = self.row(y + k % 3 - 1, z + k / 3 - 1);
+            let first = self.from(row.clone(), x - 1);
+            (first..row.end.min(first + 3)).take_while(move |&at| self.place(at)[0] <= x + 1)
+        })
+    }
+
+    /// The numbers of the eight corners of a cell, if all are there; corner `k` has the bits of `k` added, x first.
+    pub(super) fn corners(&self, [x, y, z]: Place) -> Option<[usize; 8]> {
+        let mut corners = [0; 8];
+        for k in 0..4 {
+            let first = self.find([x, y + (k & 1), z + (k >> 1)])?;
+            let next = self.places.get(first + 1)?;
+            if next.map(i32::from) != [x + 1, y + (k & 1), z + (k >> 1)] {
+                return None;
+            }
+            corners[2 * k as usize] = first;
+            corners[2 * k as usize + 1] = first + 1;
+        }
+        Some(corners)
+    }
+
+    /// All places of a cube with `side` places along each side whose coordinates are those of a place here and `reach` more.
+    pub(super) fn spread(&self, side: i32, reach: std::ops::RangeInclusive<i32>) -> Self {
+        let (low, high) = (*reach.start(), *reach.end());
+        let of_layer = |z: i32| {
+            let mut places = Vec::new();
+            let mut is_in = vec![0_u64; side as usize / 64 + 1];
+            for y in 0..side {
+                let mut any = false;
+                for cell_z in z - high..=z - low {
+                    for cell_y in y - high..=y - low {
+                        for at in self.row(cell_y, cell_z) {
+                            any = true;
+                            let x = i32::from(self.places[at][0]);
+                            for x in (x + low).max(0)..=(x + high).min(side - 1) {
+                                is_in[x as usize / 64] |= 1 << (x % 64);
+                            }
+                        }
+                    }
+                }
+                if any {
+                    for (word, bits) in is_in.iter_mut().enumerate() {
+                        while *bits != 0 {
+                            let x = 64 * word as u32 + bits.trailing_zeros();
+                            places.push([x as u16, y as u16, z as u16]);
+                            *bits &= *bits - 1;
+                        }
+                    }
+                }
+            }
+            places
+        };
+        let layers: Vec<Vec<[u16; 3]>> = (0..side).into_par_iter().map(of_layer).collect();
+        Self::new(side, layers.concat())
+    }
+
+    /// All places of a cube.
+    pub(super) fn all(side: i32) -> Self {
+        let count = side * side * side;
+        let place = |k: i32| [k % side, k / side % side, k / side / side].map(|x| x as u16);
+        Self::new(side, (0..count).map(place).collect())
+    }
+}
+
+/// The quadratic B-spline around 0, which is 0 from 1.5 on.
+pub(super) fn bell(x: f64) -> f64 {
+    let x = x.abs();
+    if x < 0.5 {
+        0.75 - x * x
+    } else if x < 1.5 {
+        0.5 * (1.5 - x) * (1.5 - x)
+    } else {
+        0.0
+    }
+}
+
+/// The weights of a cell's corners at a place within it, from 0 to 1 along each axis.
+pub(super) fn corner_weights([x, y, z]: [f64; 3]) -> [f64; 8] {
+    std::array::from_fn(|k| {
+        let along = |x: f64, bit: usize| if k & bit == 0 { 1.0 - x } else { x };
+        along(x, 1) * along(y, 2) * along(z, 4)
+    })
+}

@@ -1,0 +1,248 @@
+//! Evens a skin out, and keeps what the points support.
+
+use maquette::{Cancelled, Progress};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::contour::Skin;
+use super::poisson::{Field, SURFACE};
+use super::surfels::{Pyramid, Surfel, place};
+
+/// Rounds of moving each vertex towards the middle of its neighbors. After 4, edges are still as the grid cut them; after 12 nothing
+/// is gained.
+const ROUNDS: usize = 8;
+
+/// Moves the vertices along the surface to the middle of their neighbors, and back onto the surface.
+pub(super) fn relax(
+    skin: &mut Skin,
+    field: &Field,
+    progress: &Progress<'_>,
+) -> Result<(), Cancelled> {
+    let neighbors = Neighbors::new(skin);
+    for round in 0..ROUNDS {
+        let positions = &skin.positions;
+        let moved = |vertex: usize| {
+            let near = neighbors.of(vertex);
+            if near.is_empty() {
+                return positions[vertex];
+            }
+            let sum: Vector3<f64> = near.iter().map(|&v| positions[v as usize].coords).sum();
+            onto(field, &Point3::from(sum / near.len() as f64), &positions[vertex])
+        };
+        skin.positions = (0..positions.len()).into_par_iter().map(moved).collect();
+        progress.tick((round + 1) as f64 / ROUNDS as f64)?;
+    }
+    Ok(())
+}
+
+/// The place on the surface at a goal: by steps of Newton along the gradient, each no longer than half a cell. Where that leads
+/// nowhere, the vertex stays where it was.
+fn onto(field: &Field, goal: &Point3<f64>, before: &Point3<f64>) -> Point3<f64> {
+    let half = 0.5 * field.cube.edge;
+    let mut at = *goal;
+    for _ in 0..3 {
+        let (value, gradient) = field.at_point(&at);
+        let square = gradient.norm_squared();
+        if square * half * half < 1e-8 {
+            return *before;
+        }
+        let step = gradient * ((SURFACE - value) / square);
+        let length = step.norm();
+        at += step * (half / length.max(half));
+        if length < 1e-3 * half {
+            break;
+        }
+    }
+    if (at - goal).norm() > 2.0 * half { *before } else { at }
+}
+
+/// The vertices that share an edge with each.
+pub(super) struct Neighbors {
+    starts: Vec<u32>,
+    all: Vec<u32>,
+}
+
+impl Neighbors {
+    pub(super) fn new(skin: &Skin) -> Self {
+        let ends = |quad: &[u32; 4]| {
+            let quad = *quad;
+            (0..4).flat_map(move |k| {
+                let (a, b) = (quad[k], quad[(k + 1) % 4]);
+                [(a, b), (b, a)]
+            })
+        };
+        let mut edges: Vec<(u32, u32)> = skin.quads.par_iter().flat_map_iter(ends).collect();
+        edges.par_sort_unstable();
+        edges.dedup();
+        let mut starts = vec![0; skin.positions.len() + 1];
+        edges.iter().for_each(|edge| starts[edge.0 as usize + 1] += 1);
+        for vertex in 0..skin.positions.len() {
+            starts[vertex + 1] += starts[vertex];
+        }
+        Self { starts, all: edges.into_iter().map(|edge| edge.1).collect() }
+    }
+
+    pub(super) fn of(&self, vertex: usize) -> &[u32] {
+        &self.all[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+    }
+}
+
+/// Which vertices have points around them: the nearest surfel is no farther away than `reach` times the distance of points there.
+pub(super) fn supported(
+    skin: &Skin,
+    pyramid: &Pyramid,
+    surfels: &[Surfel],
+    reach: f64,
+    noise: f64,
+) -> Vec<bool> {
+    let of_vertex = |at: &Point3<f64>| {
+        let mut depth = pyramid.cube.depth;
+        loop {
+            let layer = &pyramid.layers[depth as usize];
+            let edge = pyramid.cube.edge_at(depth);
+            let near = layer.cells.near(place(&pyramid.cube, at, depth));
+            // How much farther away than allowed each is.
+            let excess = near.map(|cell| {
+                let surfel = &surfels[layer.finest[cell] as usize];
+                if surfel.normal == Vector3::zeros() {
+                    return f64::INFINITY;
+                }
+                let spacing = surfel.spacing.max(pyramid.cube.edge);
+                (surfel.on_plane - at).norm() - reach * spacing - 3.0 * noise
+            });
+            let least = excess.fold(f64::INFINITY, f64::min);
+            if least <= 0.0 {
+                return true;
+            }
+            // Cells farther away may have sparser points that reach as far as here.
+            if least < f64::INFINITY && least > edge || depth == 0 {
+                return false;
+            }
+            depth -= 1;
+        }
+    };
+    skin.positions.par_iter().map(of_vertex).collect()
+}
+
+/// Leaves out parts of the skin that hang together and have hardly any vertex with points around it: what a function does far from
+/// all points is chance.
+pub(super) fn drop_chance(skin: &mut Skin, supported: &mut Vec<bool>) {
+    let parts = parts(skin);
+    let n_parts = parts.iter().max().map_or(0, |&last| last as usize + 1);
+    let mut counts = vec![[0_usize; 2]; n_parts];
+    for (vertex, &part) in parts.iter().enumerate() {
+        counts[part as usize][usize::from(supported[vertex])] += 1;
+    }
+    let is_kept = |part: u32| {
+        let [without, with] = counts[part as usize];
+        SUPPORTED * (without + with) as f64 <= with as f64
+    };
+    let keep: Vec<bool> = parts.iter().map(|&part| is_kept(part)).collect();
+    skin.quads.retain(|quad| keep[quad[0] as usize]);
+    compact(skin, supported);
+}
+
+/// The least share of a part's vertices that have points around them.
+const SUPPORTED: f64 = 0.05;
+
+/// The part of each vertex; parts are numbered by their first vertices.
+fn parts(skin: &Skin) -> Vec<u32> {
+    let mut root: Vec<u32> = (0..skin.positions.len() as u32).collect();
+    fn find(root: &mut [u32], mut at: u32) -> u32 {
+        while root[at as usize] != at {
+            root[at as usize] = root[root[at as usize] as usize];
+            at = root[at as usize];
+        }
+        at
+    }
+    for quad in &skin.quads {
+        for k in 1..4 {
+            let (a, b) = (find(&mut root, quad[0]), find(&mut root, quad[k]));
+            root[a.max(b) as usize] = a.min(b);
+        }
+    }
+    let mut numbers = vec![u32::MAX; root.len()];
+    let mut next = 0;
+    (0..root.len() as u32)
+        .map(|vertex| {
+            let first = find(&mut root, vertex) as usize;
+            if numbers[first] == u32::MAX {
+                numbers[first] = next;
+                next += 1;
+            }
+            numbers[first]
+        })
+        .collect()
+}
+
+/// Leaves out vertices that no quad has.
+fn compact(skin: &mut Skin, flags: &mut Vec<bool>) {
+    let mut is_used = vec![false; skin.positions.len()];
+    skin.quads.iter().flatten().for_each(|&vertex| is_used[vertex as usize] = true);
+    let mut numbers = vec![0; skin.positions.len()];
+    let (mut positions, mut kept) = (Vec::new(), Vec::new());
+    for vertex in (0..skin.positions.len()).filter(|&vertex| is_used[vertex]) {
+        numbers[vertex] = positions.len() as u32;
+        positions.push(skin.positions[vertex]);
+        kept.push(flags[vertex]);
+    }
+    skin.quads.iter_mut().flatten().for_each(|vertex| *vertex = numbers[*vertex as usize]);
+    (skin.positions, *flags) = (positions, kept);
+}
+
+/// Leaves out quads that reach where there are no points, and whatever touches the rest in single vertices; then evens out the
+/// borders, which the grid has cut in steps.
+pub(super) fn open(skin: &mut Skin, supported: &mut Vec<bool>) {
+    skin.quads.retain(|quad| quad.iter().all(|&vertex| supported[vertex as usize]));
+    loop {
+        // A vertex between faces has as many faces as neighbors; on a border it has one less, where more borders meet still less.
+        let neighbors = Neighbors::new(skin);
+        let mut faces = vec![0; skin.positions.len()];
+        skin.quads.iter().flatten().for_each(|&vertex| faces[vertex as usize] += 1);
+        let is_pinched = |vertex: u32| {
+            let near = neighbors.of(vertex as usize).len();
+            near > faces[vertex as usize] + 1
+        };
+        // A corner that only one quad has stands out as a tooth.
+        let is_tooth = |quad: &[u32; 4]| {
+            quad.iter().filter(|&&vertex| faces[vertex as usize] == 1).count() > 1
+        };
+        let before = skin.quads.len();
+        skin.quads.retain(|quad| !is_tooth(quad) && !quad.iter().any(|&vertex| is_pinched(vertex)));
+        if skin.quads.len() == before {
+            break;
+        }
+    }
+    compact(skin, supported);
+    smooth_borders(skin);
+}
+
+/// Moves vertices on borders to the middle of their neighbors there.
+fn smooth_borders(skin: &mut Skin) {
+    let side = |quad: &[u32; 4]| {
+        let quad = *quad;
+        (0..4).map(move |k| (quad[k], quad[(k + 1) % 4]))
+    };
+    let mut sides: Vec<(u32, u32)> = skin.quads.iter().flat_map(side).collect();
+    sides.sort_unstable();
+    let is_border = |&(a, b): &(u32, u32)| sides.binary_search(&(b, a)).is_err();
+    let mut beside = vec![[u32::MAX; 2]; skin.positions.len()];
+    for (a, b) in sides.iter().copied().filter(is_border) {
+        beside[a as usize][1] = b;
+        beside[b as usize][0] = a;
+    }
+    for _ in 0..BORDER_ROUNDS {
+        let positions = &skin.positions;
+        let moved = |(vertex, &[a, b]): (usize, &[u32; 2])| {
+            if a == u32::MAX || b == u32::MAX {
+                return positions[vertex];
+            }
+            let middle = nalgebra::center(&positions[a as usize], &positions[b as usize]);
+            nalgebra::center(&positions[vertex], &middle)
+        };
+        skin.positions = beside.iter().enumerate().map(moved).collect();
+    }
+}
+
+/// Rounds of evening out borders: steps are gone after some four, small bays after more.
+const BORDER_ROUNDS: usize = 6;

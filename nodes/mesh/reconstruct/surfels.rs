@@ -1,0 +1,405 @@
+//! Pieces of the surface: the points of each cell as one, with a normal without a side and the area that it stands for.
+//!
+//! Normals are those of the least-squares planes of neighborhoods: Hoppe, DeRose, Duchamp, McDonald and Stuetzle, "Surface
+//! reconstruction from unorganized points" (1992), section 3.1. Neighborhoods are not the k nearest points but weighted by a
+//! B-spline on sums over cells, so that any size costs the same, and so large that noise does not hide the plane.
+
+use maquette::value::Rgb;
+use maquette::{Cancelled, Progress};
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+
+use super::cells::{Cube, Place, Places, bell};
+use super::cloud::Cloud;
+
+/// Sums over the points of a cell; coordinates from the cube's corner, in its finest cells.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Moments {
+    pub(super) count: f64,
+    sum: [f64; 3],
+    /// xx, xy, xz, yy, yz, zz.
+    squares: [f64; 6],
+}
+
+impl Moments {
+    fn of(at: [f64; 3]) -> Self {
+        let [x, y, z] = at;
+        Self { count: 1.0, sum: at, squares: [x * x, x * y, x * z, y * y, y * z, z * z] }
+    }
+
+    fn add(&mut self, other: &Self, weight: f64) {
+        self.count += weight * other.count;
+        self.sum.iter_mut().zip(other.sum).for_each(|(a, b)| *a += weight * b);
+        self.squares.iter_mut().zip(other.squares).for_each(|(a, b)| *a += weight * b);
+    }
+
+    pub(super) fn mean(&self) -> [f64; 3] {
+        self.sum.map(|x| x / self.count)
+    }
+
+    fn covariance(&self) -> Matrix3<f64> {
+        let [x, y, z] = self.mean();
+        let [xx, xy, xz, yy, yz, zz] = self.squares.map(|x| x / self.count);
+        let (xy, xz, yz) = (xy - x * y, xz - x * z, yz - y * z);
+        Matrix3::new(xx - x * x, xy, xz, xy, yy - y * y, yz, xz, yz, zz - z * z)
+    }
+}
+
+/// The occupied cells of one depth.
+pub(super) struct Layer {
+    pub(super) cells: Places,
+    pub(super) moments: Vec<Moments>,
+    /// The finest cell that stands for each cell: that with the most points.
+    pub(super) finest: Vec<u32>,
+}
+
+/// The points in cells of all depths.
+pub(super) struct Pyramid {
+    pub(super) cube: Cube,
+    /// By depth.
+    pub(super) layers: Vec<Layer>,
+    /// The points, cell by cell of the finest depth, and where those of each begin.
+    pub(super) order: Vec<u32>,
+    pub(super) starts: Vec<u32>,
+}
+
+/// The points sorted by their cells, as numbers in rows, and the cell of each.
+pub(super) fn by_cell(positions: &[Point3<f64>], cube: &Cube) -> Vec<(u64, u32)> {
+    let key = |(point, place): (&Point3<f64>, usize)| {
+        let [x, y, z] = cube.cell(cube.in_cells(point, cube.depth), cube.depth).map(|x| x as u64);
+        (z << 32 | y << 16 | x, place as u32)
+    };
+    let places = 0..positions.len();
+    let mut keys: Vec<(u64, u32)> = positions.par_iter().zip(places).map(key).collect();
+    keys.par_sort_unstable();
+    keys
+}
+
+fn place_of(key: u64) -> [u16; 3] {
+    [key as u16, (key >> 16) as u16, (key >> 32) as u16]
+}
+
+impl Pyramid {
+    pub(super) fn new(positions: &[Point3<f64>], cube: Cube) -> Self {
+        let keys = by_cell(positions, &cube);
+        let mut starts: Vec<u32> = (0..keys.len() as u32)
+            .filter(|&at| at == 0 || keys[at as usize].0 != keys[at as usize - 1].0)
+            .collect();
+        let places = starts.iter().map(|&at| place_of(keys[at as usize].0)).collect();
+        starts.push(keys.len() as u32);
+        let order: Vec<u32> = keys.into_iter().map(|(_, point)| point).collect();
+        let sums = |of_cell: &[u32]| {
+            let mut moments = Moments::default();
+            for &point in &order[of_cell[0] as usize..of_cell[1] as usize] {
+                moments
+                    .add(&Moments::of(cube.in_cells(&positions[point as usize], cube.depth)), 1.0);
+            }
+            moments
+        };
+        let moments: Vec<Moments> = starts.par_windows(2).map(sums).collect();
+        let finest = (0..moments.len() as u32).collect();
+        let cells = Places::new(1 << cube.depth, places);
+        let mut layers = vec![Layer { cells, moments, finest }];
+        for depth in (0..cube.depth).rev() {
+            let coarser = coarser(&layers[layers.len() - 1], depth);
+            layers.push(coarser);
+        }
+        layers.reverse();
+        Self { cube, layers, order, starts }
+    }
+
+    pub(super) fn finest(&self) -> &Layer {
+        &self.layers[self.cube.depth as usize]
+    }
+
+    /// Weighted sums around a place that is given in the finest cells: weights, and how many points have one.
+    fn around(&self, at: [f64; 3], depth: u32) -> (Moments, f64) {
+        let layer = &self.layers[depth as usize];
+        let scale = 1.0 / f64::from(1_u32 << (self.cube.depth - depth));
+        let place = self.cube.cell(at.map(|x| x * scale), depth);
+        let (mut sums, mut count) = (Moments::default(), 0.0);
+        for cell in layer.cells.near(place) {
+            let moments = &layer.moments[cell];
+            let mean = moments.mean();
+            let weight: f64 = (0..3).map(|axis| bell((mean[axis] - at[axis]) * scale)).product();
+            if weight > 0.0 {
+                sums.add(moments, weight);
+                count += moments.count;
+            }
+        }
+        (sums, count)
+    }
+
+    /// The plane around a place, if there are enough points, in the finest cells.
+    fn plane(&self, at: [f64; 3], depth: u32) -> Option<Plane> {
+        let (sums, count) = self.around(at, depth);
+        if count < FEWEST {
+            return None;
+        }
+        let eigen = sums.covariance().try_symmetric_eigen(f64::EPSILON, 1000)?;
+        let mut order = [0, 1, 2];
+        order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+        let spread = order.map(|k| eigen.eigenvalues[k].max(0.0));
+        // Of a line any plane is as near.
+        if spread[1] < LINE * spread[2] || spread[1] == 0.0 {
+            return None;
+        }
+        let normal = eigen.eigenvectors.column(order[0]).into_owned();
+        let middle = self.cube.point(sums.mean(), self.cube.depth);
+        Some(Plane { normal, middle, spread, weight: sums.count, depth })
+    }
+
+    /// The depth at which most neighborhoods are flat, and the deviation of the points from the surface, in mm.
+    ///
+    /// In larger neighborhoods there is more of the surface's bend, the variance of which grows with the fourth power of the size:
+    /// two sizes tell how much of the variance is noise.
+    pub(super) fn flat_depth(&self) -> (u32, f64) {
+        let finest = self.cube.depth;
+        let mut best = (finest, f64::INFINITY, 0.0);
+        let mut last = None;
+        for depth in (finest.saturating_sub(COARSEST).max(1).min(finest)..=finest).rev() {
+            let Some([flatness, variance]) = self.flatness(depth) else { continue };
+            // Farther away, the shape of the whole is seen.
+            if best.1 < BALL && best.1 < flatness {
+                break;
+            }
+            if flatness < best.1 {
+                let finer = last.unwrap_or(variance);
+                best = (depth, flatness, ((16.0 * finer - variance) / 15.0).max(0.0));
+            }
+            if flatness < FLAT {
+                break;
+            }
+            last = Some(variance);
+        }
+        (best.0, best.2.sqrt() * self.cube.edge)
+    }
+
+    /// The median parts of variance across the planes of a depth, and the median variances, in squared finest cells; none if most
+    /// places have no plane.
+    fn flatness(&self, depth: u32) -> Option<[f64; 2]> {
+        let layer = self.finest();
+        let step = layer.moments.len().div_ceil(SAMPLES).max(1);
+        let samples = layer.moments.par_iter().step_by(step);
+        let mut spreads: Vec<[f64; 2]> = samples
+            .filter_map(|moments| self.plane(moments.mean(), depth))
+            .map(|plane| [plane.flatness(), plane.spread[0]])
+            .collect();
+        let middle = spreads.len() / 2;
+        if 2 * spreads.len() * step < layer.moments.len() || spreads.is_empty() {
+            return None;
+        }
+        Some([0, 1].map(|k| {
+            spreads.select_nth_unstable_by(middle, |a, b| a[k].total_cmp(&b[k]));
+            spreads[middle][k]
+        }))
+    }
+}
+
+impl Pyramid {
+    /// The sum of the points' colors in each finest cell.
+    pub(super) fn colors(&self, colors: &[Rgb]) -> Vec<[f64; 3]> {
+        let of_cell = |ends: &[u32]| {
+            let points = self.order[ends[0] as usize..ends[1] as usize].iter();
+            points.fold([0.0; 3], |sum, &point| {
+                [0, 1, 2].map(|k| sum[k] + f64::from(colors[point as usize][k]))
+            })
+        };
+        self.starts.par_windows(2).map(of_cell).collect()
+    }
+
+    /// The mean color around a point: of the finest cells that are near, or else of what stands for coarser ones.
+    pub(super) fn color_at(&self, at: &Point3<f64>, of_cells: &[[f64; 3]]) -> Rgb {
+        for depth in (0..=self.cube.depth).rev() {
+            let layer = &self.layers[depth as usize];
+            let here = self.cube.in_cells(at, self.cube.depth);
+            let scale = 1.0 / f64::from(1_u32 << (self.cube.depth - depth));
+            let (mut sum, mut total) = ([0.0; 3], 0.0);
+            for cell in layer.cells.near(place(&self.cube, at, depth)) {
+                let finest = layer.finest[cell] as usize;
+                let moments = &self.finest().moments[finest];
+                let mean = moments.mean();
+                let weight: f64 =
+                    (0..3).map(|axis| bell((mean[axis] - here[axis]) * scale)).product();
+                total += weight * moments.count;
+                (0..3).for_each(|k| sum[k] += weight * of_cells[finest][k]);
+            }
+            if total > 1e-6 {
+                return sum.map(|x| (x / total).round() as u8);
+            }
+        }
+        [0; 3]
+    }
+}
+
+/// Planes are found from so many points on: of fewer, the side to which they lie flat is chance.
+const FEWEST: f64 = 9.0;
+
+/// Points whose second spread is a smaller part of the first (squares, in mm^2) lie on a line.
+const LINE: f64 = 0.02;
+
+/// Largest part of a neighborhood's variance across its plane. Noise with a deviation of a tenth of the neighborhood has it; of
+/// smaller neighborhoods, normals turn by more than 15 degrees.
+const FLAT: f64 = 0.1;
+
+/// Neighborhoods with a larger part across have no side that they lie on: those of few points in a ball of noise have 0.4.
+const BALL: f64 = 0.35;
+
+/// So many neighborhoods tell the noise.
+const SAMPLES: usize = 4096;
+
+/// So many halvings of the resolution may be needed to see a plane.
+const COARSEST: u32 = 6;
+
+struct Plane {
+    normal: Vector3<f64>,
+    middle: Point3<f64>,
+    /// Variances, ascending, in the finest cells.
+    spread: [f64; 3],
+    weight: f64,
+    depth: u32,
+}
+
+impl Plane {
+    /// The part of the variance across the plane.
+    fn flatness(&self) -> f64 {
+        self.spread[0] / self.spread[1]
+    }
+}
+
+fn coarser(layer: &Layer, depth: u32) -> Layer {
+    let key = |cell: usize| {
+        let [x, y, z] = layer.cells.place(cell).map(|x| x as u64 / 2);
+        (z << 32 | y << 16 | x, cell as u32)
+    };
+    let mut keys: Vec<(u64, u32)> = (0..layer.cells.len()).into_par_iter().map(key).collect();
+    keys.par_sort_unstable();
+    let (mut places, mut moments, mut finest) = (Vec::new(), Vec::new(), Vec::new());
+    for cells in keys.chunk_by(|a, b| a.0 == b.0) {
+        let mut sums = Moments::default();
+        let mut largest = cells[0].1 as usize;
+        for &(_, cell) in cells {
+            sums.add(&layer.moments[cell as usize], 1.0);
+            if layer.moments[cell as usize].count > layer.moments[largest].count {
+                largest = cell as usize;
+            }
+        }
+        places.push(place_of(cells[0].0));
+        moments.push(sums);
+        finest.push(layer.finest[largest]);
+    }
+    Layer { cells: Places::new(1 << depth, places), moments, finest }
+}
+
+/// A piece of the surface.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Surfel {
+    pub(super) at: Point3<f64>,
+    /// The same, on the plane of its neighborhood: without most of the noise, but inside of what is bent.
+    pub(super) on_plane: Point3<f64>,
+    /// Of length 1, to which side is not known unless `is_sided`; 0 if it belongs to no surface.
+    pub(super) normal: Vector3<f64>,
+    /// What it stands for, in mm^2.
+    pub(super) area: f64,
+    /// The distance of points around it, in mm.
+    pub(super) spacing: f64,
+    /// Whether the normal is known to point outside.
+    pub(super) is_sided: bool,
+    /// Edge of the cells in which its neighborhood is seen, in mm.
+    pub(super) reach: f64,
+    /// The depth of these cells.
+    pub(super) depth: u32,
+}
+
+/// What the points around a place stand for if they lie on a plane: the integral of the weights over it, in squared cells. It is
+/// 0.75 along the cells and about 0.66 across them.
+const PLANE: f64 = 0.7;
+
+/// The surfels of all finest cells.
+pub(super) fn surfels(
+    pyramid: &Pyramid,
+    cloud: &Cloud,
+    flat: u32,
+    progress: &Progress<'_>,
+) -> Result<Vec<Surfel>, Cancelled> {
+    let cube = &pyramid.cube;
+    let mut surfels = Vec::with_capacity(pyramid.finest().moments.len());
+    let cells: Vec<usize> = (0..pyramid.finest().moments.len()).collect();
+    for part in cells.chunks(1 << 14) {
+        surfels.par_extend(part.par_iter().map(|&cell| surfel(pyramid, cloud, flat, cell)));
+        progress.tick(surfels.len() as f64 / cells.len() as f64)?;
+    }
+    // What has no neighborhood of its own stands for as much as its cell, so that it is not lost.
+    for surfel in &mut surfels {
+        surfel.spacing = surfel.spacing.max(1e-3 * cube.edge);
+    }
+    Ok(surfels)
+}
+
+fn surfel(pyramid: &Pyramid, cloud: &Cloud, flat: u32, cell: usize) -> Surfel {
+    let cube = &pyramid.cube;
+    let moments = &pyramid.finest().moments[cell];
+    let mean = moments.mean();
+    let points = &pyramid.order[pyramid.starts[cell] as usize..pyramid.starts[cell + 1] as usize];
+    let sum = |vectors: &[Vector3<f64>]| -> Vector3<f64> {
+        points.iter().map(|&point| vectors[point as usize]).sum::<Vector3<f64>>() / moments.count
+    };
+    let (given, view) = (sum(&cloud.normals), sum(&cloud.views));
+    let plane = (1..=flat).rev().find_map(|depth| pyramid.plane(mean, depth));
+    let at = cube.point(mean, cube.depth);
+    let (mut normal, mut area, mut depth) = (Vector3::zeros(), cube.edge * cube.edge, flat);
+    if let Some(plane) = &plane {
+        let edge = cube.edge_at(plane.depth);
+        (normal, depth) = (plane.normal, plane.depth);
+        area = PLANE * edge * edge / plane.weight;
+    }
+    let mut spacing = area.sqrt();
+    if depth < flat {
+        // Nothing else is near: what was found is far away.
+        spacing = spacing.max(SPARSE * cube.edge_at(depth));
+    }
+    let mut is_sided = false;
+    if given.norm() > AGREED {
+        (normal, is_sided) = (given.normalize(), true);
+    } else if view.norm() > AGREED && (normal.dot(&view)).abs() > GRAZING {
+        (normal, is_sided) = (normal * normal.dot(&view).signum(), true);
+    }
+    // Far from all others and from their plane: nothing that a surface could be made of.
+    let is_stray = plane.as_ref().is_some_and(|plane| {
+        let off = (plane.middle - at).dot(&plane.normal).abs();
+        plane.depth < flat
+            && (plane.flatness() > 2.0 * FLAT || off > STRAY * cube.edge_at(plane.depth))
+    });
+    if is_stray || plane.is_none() {
+        normal = Vector3::zeros();
+    }
+    let off = plane.map_or(0.0, |plane| (plane.middle - at).dot(&normal));
+    let on_plane = at + normal * off;
+    Surfel {
+        at,
+        on_plane,
+        normal,
+        area: area * moments.count,
+        spacing,
+        is_sided,
+        reach: cube.edge_at(depth),
+        depth,
+    }
+}
+
+/// Normals of a cell whose mean is shorter point to all sides.
+const AGREED: f64 = 0.3;
+
+/// The distance of points, in cells, where as few are found as a plane needs.
+const SPARSE: f64 = 0.6;
+
+/// Farthest distance from the plane of a sparse neighborhood, in cells.
+const STRAY: f64 = 0.35;
+
+/// Surfaces that are seen at a smaller cosine may as well be seen from behind.
+const GRAZING: f64 = 0.2;
+
+/// The place of a point in the finest cells.
+pub(super) fn place(cube: &Cube, at: &Point3<f64>, depth: u32) -> Place {
+    cube.cell(cube.in_cells(at, depth), depth)
+}

@@ -1,0 +1,323 @@
+use std::collections::BTreeMap;
+
+use maquette::value::{Points, RangeImage};
+
+use super::*;
+
+/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
+struct Random(u64);
+
+impl Random {
+    /// Evenly between 0 and 1.
+    fn even(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.0;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Normal, with this deviation: Box and Muller (1958).
+    fn normal(&mut self, deviation: f64) -> f64 {
+        let angle = std::f64::consts::TAU * self.even();
+        deviation * (-2.0 * libm::log(1.0 - self.even())).sqrt() * libm::cos(angle)
+    }
+
+    fn noise(&mut self, deviation: f64) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| self.normal(deviation))
+    }
+}
+
+/// Evenly spread points of a sphere of radius 50 mm, each moved by this deviation along each axis.
+fn sphere(count: usize, deviation: f64) -> Vec<Point3<f64>> {
+    let mut random = Random(1);
+    let direction = |random: &mut Random| random.noise(1.0).normalize();
+    (0..count)
+        .map(|_| Point3::from(direction(&mut random) * 50.0 + random.noise(deviation)))
+        .collect()
+}
+
+/// The same of a torus around y, with radii of 40 and 15 mm.
+fn torus(count: usize, deviation: f64) -> Vec<Point3<f64>> {
+    let mut random = Random(2);
+    let mut points = Vec::new();
+    while points.len() < count {
+        let [u, v] = [0, 1].map(|_| std::f64::consts::TAU * random.even());
+        // As many as there is area.
+        if random.even() * 55.0 < 40.0 + 15.0 * libm::cos(v) {
+            let r = 40.0 + 15.0 * libm::cos(v);
+            let at = Vector3::new(r * libm::cos(u), 15.0 * libm::sin(v), r * libm::sin(u));
+            points.push(Point3::from(at + random.noise(deviation)));
+        }
+    }
+    points
+}
+
+fn off_torus(point: &Point3<f64>) -> f64 {
+    let out = (point.x * point.x + point.z * point.z).sqrt() - 40.0;
+    (out * out + point.y * point.y).sqrt() - 15.0
+}
+
+fn off_sphere(point: &Point3<f64>) -> f64 {
+    point.coords.norm() - 50.0
+}
+
+fn cloud(points: Vec<Point3<f64>>) -> Scattered {
+    Scattered::Points(Points::new(points).unwrap())
+}
+
+fn skin(points: Vec<Point3<f64>>, options: &Options) -> Mesh {
+    reconstruct(&[cloud(points)], Poses::Auto, options, &Progress::none()).unwrap()
+}
+
+fn rms(mesh: &Mesh, off: impl Fn(&Point3<f64>) -> f64) -> f64 {
+    let squares: f64 = mesh.positions().iter().map(|point| off(point) * off(point)).sum();
+    (squares / mesh.positions().len() as f64).sqrt()
+}
+
+/// Euler characteristic and border edges of a mesh, all edges of which have one or two faces and all vertices one fan of them.
+fn topology(mesh: &Mesh) -> (i64, usize) {
+    let mut sides: BTreeMap<[u32; 2], [usize; 2]> = BTreeMap::new();
+    let mut next: BTreeMap<u32, BTreeMap<u32, u32>> = BTreeMap::new();
+    for face in mesh.faces().iter() {
+        for k in 0..face.len() {
+            let [last, at, then] = [0, 1, 2].map(|i| face[(k + i) % face.len()]);
+            sides.entry([at.min(then), at.max(then)]).or_default()[usize::from(at < then)] += 1;
+            assert_eq!(next.entry(at).or_default().insert(then, last), None, "twice a way");
+        }
+    }
+    assert!(sides.values().all(|&[a, b]| a <= 1 && b <= 1), "edges have one face on each side");
+    for ways in next.values() {
+        // From the way that nothing leads to, or any.
+        let first = ways.keys().find(|&way| !ways.values().any(|to| to == way));
+        let mut at = *first.unwrap_or_else(|| ways.keys().next().unwrap());
+        let mut seen = 0;
+        while let Some(&to) = ways.get(&at) {
+            seen += 1;
+            at = to;
+            if seen == ways.len() {
+                break;
+            }
+        }
+        assert_eq!(seen, ways.len(), "a vertex has one fan of faces");
+    }
+    let borders = sides.values().filter(|sides| **sides != [1, 1]).count();
+    let euler = next.len() as i64 - sides.len() as i64 + mesh.faces().len() as i64;
+    assert_eq!(next.len(), mesh.positions().len(), "all vertices have faces");
+    (euler, borders)
+}
+
+fn volume(mesh: &Mesh) -> f64 {
+    let of_face = |face: &[u32]| {
+        let at = |k: usize| mesh.positions()[face[k] as usize].coords;
+        (1..face.len() - 1).map(|k| at(0).dot(&at(k).cross(&at(k + 1)))).sum::<f64>() / 6.0
+    };
+    mesh.faces().iter().map(of_face).sum()
+}
+
+/// The smallest angle of each triangle in degrees, sorted.
+fn smallest_angles(mesh: &Mesh) -> Vec<f64> {
+    let angle = |face: &[u32]| {
+        let at = |k: usize| mesh.positions()[face[k % 3] as usize];
+        let of_corner = |k: usize| (at(k + 1) - at(k)).angle(&(at(k + 2) - at(k))).to_degrees();
+        (0..3).map(of_corner).fold(f64::INFINITY, f64::min)
+    };
+    let mut angles: Vec<f64> = mesh.faces().iter().map(angle).collect();
+    angles.sort_by(f64::total_cmp);
+    angles
+}
+
+/// The mean distance of points: the side of the square that each has.
+fn distance_on(area: f64, count: usize) -> f64 {
+    (area / count as f64).sqrt()
+}
+
+const SPHERE: f64 = 4.0 * std::f64::consts::PI * 2500.0;
+const TORUS: f64 = 4.0 * std::f64::consts::PI * std::f64::consts::PI * 600.0;
+
+#[test]
+fn noise_of_a_hundredth_is_averaged_to_half_the_distance_of_points() {
+    let count = 100_000;
+    // A hundredth of the diagonals of their boxes: three distances of points.
+    let mesh = skin(sphere(count, 1.73), &Options::default());
+    assert_eq!(topology(&mesh), (2, 0));
+    assert!(rms(&mesh, off_sphere) < 0.5 * distance_on(SPHERE, count));
+    let mesh = skin(torus(count, 1.58), &Options::default());
+    assert_eq!(topology(&mesh), (0, 0));
+    assert!(rms(&mesh, off_torus) < 0.5 * distance_on(TORUS, count));
+}
+
+#[test]
+fn a_clean_cloud_is_met_to_a_tenth_of_the_distance_by_even_triangles() {
+    let count = 8000;
+    let mesh = skin(torus(count, 0.0), &Options::default());
+    assert_eq!(topology(&mesh), (0, 0));
+    assert!(rms(&mesh, off_torus) < 0.1 * distance_on(TORUS, count));
+    let volume_of_torus = TORUS / 2.0 * 15.0;
+    assert!((volume(&mesh) / volume_of_torus - 1.0).abs() < 0.02, "{}", volume(&mesh));
+    let angles = smallest_angles(&mesh);
+    assert!(angles[0] > 15.0 && angles[angles.len() / 100] > 30.0, "{angles:?}");
+}
+
+#[test]
+fn the_outside_is_found_for_each_of_several_parts() {
+    let mut points = sphere(4000, 0.0);
+    let small = points.iter().map(|point| point * 0.4 + Vector3::new(90.0, 0.0, 0.0));
+    points.extend(small.collect::<Vec<_>>());
+    let mesh = skin(points, &Options::default());
+    assert_eq!(topology(&mesh), (4, 0));
+    let both = 4.0 / 3.0 * std::f64::consts::PI * (125_000.0 + 8000.0);
+    assert!((volume(&mesh) / both - 1.0).abs() < 0.02, "{}", volume(&mesh));
+}
+
+#[test]
+fn given_normals_decide_what_is_outside() {
+    let points = sphere(3000, 0.0);
+    let inwards = points.iter().map(|point| (-point.coords.normalize()).into()).collect::<Vec<_>>();
+    let cloud = Points::new(points).unwrap();
+    let cloud = cloud.with_attribute("normal", Attribute::Vector(inwards.into())).unwrap();
+    let of = |normals| {
+        let options = Options { normals, skin: SkinKind::Open, ..Options::default() };
+        let sources = [Scattered::Points(cloud.clone())];
+        reconstruct(&sources, Poses::Auto, &options, &Progress::none()).unwrap()
+    };
+    assert!(volume(&of(Normals::Given)) < 0.0);
+    assert!(volume(&of(Normals::Estimated)) > 0.0);
+}
+
+#[test]
+fn an_open_cloud_has_an_open_skin_or_a_closed_one_with_a_flag() {
+    let cap: Vec<_> = sphere(8000, 0.0).into_iter().filter(|point| point.z > 0.0).collect();
+    let open = skin(cap.clone(), &Options { skin: SkinKind::Open, ..Options::default() });
+    let (euler, borders) = topology(&open);
+    assert_eq!(euler, 1);
+    assert!(borders > 20);
+    assert!(open.positions().iter().all(|point| point.z > -6.0));
+    let closed = skin(cap, &Options::default());
+    assert_eq!(topology(&closed), (2, 0));
+    let Some(Attribute::Flag(filled)) = closed.vertex().get("filled") else {
+        panic!("nothing is flagged")
+    };
+    let share = filled.iter().filter(|&&flag| flag == 1).count() as f64 / filled.len() as f64;
+    assert!(0.1 < share && share < 0.6, "{share}");
+}
+
+#[test]
+fn a_flat_cloud_has_an_open_skin() {
+    let mut random = Random(3);
+    let points: Vec<_> =
+        (0..2000).map(|_| Point3::new(random.even(), random.even(), 0.0) * 10.0).collect();
+    let mesh = skin(points, &Options { skin: SkinKind::Open, ..Options::default() });
+    assert_eq!(topology(&mesh).0, 1);
+    // Behind the last points it may bend.
+    let is_among = |point: &&Point3<f64>| [point.x, point.y].iter().all(|x| 0.3 < *x && *x < 9.7);
+    assert!(mesh.positions().iter().filter(is_among).all(|point| point.z.abs() < 0.05));
+}
+
+#[test]
+fn points_that_are_there_several_times_change_little() {
+    let points = sphere(2000, 0.0);
+    let mesh = skin([points.clone(), points.clone(), points].concat(), &Options::default());
+    assert_eq!(topology(&mesh), (2, 0));
+    assert!(rms(&mesh, off_sphere) < 0.3);
+}
+
+#[test]
+fn a_large_spacing_makes_a_control_mesh_of_quads() {
+    let options = Options { spacing: 15.0, faces: FaceKind::Quads, ..Options::default() };
+    let mesh = skin(sphere(5000, 0.0), &options);
+    assert_eq!(topology(&mesh), (2, 0));
+    assert_eq!(mesh.faces().sides(), Some(4));
+    assert!(mesh.faces().len() < 400, "{}", mesh.faces().len());
+    assert!(rms(&mesh, off_sphere) < 1.5, "{}", rms(&mesh, off_sphere));
+}
+
+#[test]
+fn a_range_image_shows_its_outside_to_the_sensor() {
+    // A bowl that opens towards the sensor: what reaches farthest is inside.
+    let at = |cell: usize| {
+        let (x, y) = ((cell % 60) as f64 - 29.5, (cell / 60) as f64 - 29.5);
+        match (900.0 - x * x - y * y).sqrt() {
+            depth if depth.is_nan() => Point3::new(f64::NAN, 0.0, 0.0),
+            depth => Point3::new(x, y, 200.0 + depth),
+        }
+    };
+    let range = RangeImage::new(60, 60, (0..3600).map(at).collect()).unwrap();
+    let options = Options { skin: SkinKind::Open, ..Options::default() };
+    let sources = [Scattered::RangeImage(range)];
+    let mesh = reconstruct(&sources, Poses::Auto, &options, &Progress::none()).unwrap();
+    assert!(mesh.frame().is_some());
+    let towards = mesh.faces().iter().filter(|face| mesh.area_vector(face).z < 0.0).count();
+    assert!(towards as f64 > 0.95 * mesh.faces().len() as f64);
+}
+
+#[test]
+fn colors_are_those_of_the_points() {
+    let points = sphere(3000, 0.0);
+    let color = |point: &Point3<f64>| if point.x > 0.0 { [200, 0, 0] } else { [0, 0, 200] };
+    let colors: Vec<Rgb> = points.iter().map(color).collect();
+    let cloud = Points::new(points).unwrap();
+    let cloud = cloud.with_attribute("color", Attribute::Color(colors.into())).unwrap();
+    let options = Options::default();
+    let sources = [Scattered::Points(cloud)];
+    let mesh = reconstruct(&sources, Poses::Auto, &options, &Progress::none()).unwrap();
+    let colors = mesh.vertex().colors("color").unwrap();
+    for (point, found) in mesh.positions().iter().zip(&**colors) {
+        assert!(point.x.abs() < 10.0 || *found == color(point), "{point} {found:?}");
+    }
+}
+
+#[test]
+fn what_has_no_skin_is_an_error() {
+    let error = |points: Vec<Point3<f64>>, options: &Options| {
+        let found = reconstruct(&[cloud(points)], Poses::Auto, options, &Progress::none());
+        found.unwrap_err().to_string()
+    };
+    let options = Options::default();
+    let few = "there are only 1 different points, but a skin needs at least 4";
+    assert_eq!(error(vec![Point3::new(1.0, 2.0, 3.0); 9], &options), few);
+    assert!(error(Vec::new(), &options).starts_with("there are only 0"));
+    let line = |k: i32| Point3::from(Vector3::new(1.0, 2.0, 3.0) * f64::from(k));
+    assert!(error((0..50).map(line).collect(), &options).contains("line"));
+    let plane = |k: i32| Point3::new(f64::from(k % 7), f64::from(k / 7), 5.0);
+    assert!(error((0..49).map(plane).collect(), &options).contains("plane"));
+    let far = |k: i32| Point3::new(1e300 * f64::from(k), 1.0, f64::from(k * k));
+    assert!(error((0..9).map(far).collect(), &options).contains("too far"));
+    let tiny = Options { spacing: 1e-9, ..options };
+    assert!(error(sphere(100, 0.0), &tiny).contains("cells along a side"));
+    for spacing in [f64::NAN, -1.0, f64::INFINITY] {
+        assert!(error(sphere(100, 0.0), &Options { spacing, ..options }).contains("`spacing`"));
+    }
+    let apply = reconstruct(&[cloud(sphere(100, 0.0))], Poses::Apply, &options, &Progress::none());
+    assert!(apply.unwrap_err().to_string().contains("no pose"));
+}
+
+#[test]
+fn any_number_of_threads_makes_the_same() {
+    let of = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| skin(torus(6000, 0.3), &Options::default()))
+    };
+    assert_eq!(of(1), of(3));
+}
+
+#[test]
+fn the_skin_of_any_function_is_manifold() {
+    for seed in 0..20 {
+        let mut random = Random(seed);
+        let depth = 3;
+        let cube = Cube { corner: Point3::origin(), edge: 1.0, depth };
+        let grids = (0..=depth).map(|depth| {
+            let nodes = cells::Places::all((1 << depth) + 1);
+            let last = 1 << depth;
+            let is_border = |node| nodes.place(node).iter().any(|&x| x == 0 || x == last);
+            let value = |node| if is_border(node) { 0.0 } else { random.even() };
+            let values = (0..nodes.len()).map(value).collect();
+            poisson::Grid { nodes, values }
+        });
+        let field = Field { cube, grids: grids.collect() };
+        let skin = contour(&field, &Progress::none()).unwrap();
+        let mesh = Mesh::new(skin.positions.clone(), faces(&skin, FaceKind::Quads).unwrap());
+        assert_eq!(topology(&mesh.unwrap()).1, 0);
+    }
+}
