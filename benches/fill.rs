@@ -149,7 +149,6 @@ fn methods() -> Vec<(&'static str, FillMethod)> {
     let published = ExemplarOptions {
         start: Start::Centroid,
         update: Update::Published,
-        patience: 1,
         ..ExemplarOptions::default()
     };
     vec![

@@ -24,6 +24,7 @@ mod method;
 mod patch;
 mod plain;
 mod regions;
+mod remesh;
 mod rim;
 mod settle;
 #[cfg(test)]

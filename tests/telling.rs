@@ -232,7 +232,7 @@ fn defaults_are_printed_as_a_graph_has_them_and_nested_options_with_their_words(
         "        rate: number from 0 1/mm = 0.0\n                How fast it falls, per mm;";
     assert!(fill.contains(option), "{fill}");
     assert!(
-        fill.contains("        patience: integer 1 to 1000 = 3\n            A level ends"),
+        fill.contains("        rotations: integer 1 to 32 = 1\n            How many rotations"),
         "{fill}"
     );
     assert!(!stdout(&maquette(Path::new(GRAPHS), &["nodes", "Ffd"])).contains("null"));

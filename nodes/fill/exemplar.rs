@@ -39,6 +39,7 @@ mod level;
 mod lists;
 mod options;
 mod patches;
+mod published;
 mod roughness;
 mod search;
 mod smoothness;
@@ -51,6 +52,7 @@ mod tints;
 mod votes;
 
 pub use options::{ExemplarOptions, Falloff, Shown, Start, Update};
+pub(super) use published::complete_as_published;
 pub(super) use sources::Sources;
 use votes::Votes;
 
@@ -88,6 +90,16 @@ impl Copies {
     pub(super) fn none(count: usize) -> Self {
         let (votes, sources) = (Votes::none(count), Sources::none());
         Self { exemplar: vec![NONE; count], votes, sources }
+    }
+
+    /// Names the data vertex that each filled vertex copies, which are those from `data` on.
+    fn name(&mut self, guides: &[Guide], data: usize) {
+        for guide in guides {
+            let copied = self.exemplar.get_mut((guide.vertex as usize).wrapping_sub(data));
+            if let Some(copied) = copied {
+                *copied = guide.from();
+            }
+        }
     }
 }
 
@@ -135,7 +147,7 @@ pub(super) fn complete(
         colors: lengths(given, options.color * hole.edge),
         distances: distances(&surface, points, data, (2.5 * radii[0]).max(hole.width)),
         turns: Turns::new(options.rotations, options.mirror),
-        areas: (0..count as u32).map(|vertex| surface.area(points, vertex)).collect(),
+        areas: areas(&surface, points, data, *kept, options.update),
         hole,
         guides: Vec::new(),
     };
@@ -170,23 +182,12 @@ pub(super) fn complete(
             let edge = completion.hole.edge;
             let cells = cells::cells(&surface, points, data, &outcome, edge);
             completion.add_detail(&size, &exemplars, &outcome, &cells, points);
-            let turns = &completion.turns;
-            let copies = &mut completed.copies;
-            copies.votes = Votes::new(&outcome, &exemplars, turns, &surface, points, data);
-            if options.texture == Shown::Copied {
-                copies.sources =
-                    Sources::new(&outcome, &exemplars, turns, &surface, points, *kept, &cells);
-            }
+            completion.copy(&exemplars, &outcome, &cells, points, &mut completed.copies);
         }
         completion.guides = outcome.guides;
         level += 1;
     }
-    for guide in &completion.guides {
-        let copied = completed.copies.exemplar.get_mut((guide.vertex as usize).wrapping_sub(data));
-        if let Some(copied) = copied {
-            *copied = guide.from();
-        }
-    }
+    completed.copies.name(&completion.guides, data);
     Ok(completed)
 }
 
@@ -204,6 +205,24 @@ fn distances(surface: &Surface<'_>, points: &[Point3<f64>], data: usize, most: f
         missing => (points[vertex] - points[missing as usize]).norm(),
     };
     (0..data).map(distance).collect()
+}
+
+/// Twice the sum of the area vectors of the faces around each vertex. As published, the start has no say in the normals of the data: it
+/// may be a cone.
+fn areas(
+    surface: &Surface<'_>,
+    points: &[Point3<f64>],
+    data: usize,
+    kept: usize,
+    update: Update,
+) -> Vec<Vector3<f64>> {
+    let area = |vertex: u32| match update {
+        Update::Published if (vertex as usize) < data => {
+            surface.area_before(points, vertex, kept as u32)
+        }
+        Update::Exact | Update::Published => surface.area(points, vertex),
+    };
+    (0..points.len() as u32).map(area).collect()
 }
 
 /// What a completion works with on all levels.
@@ -298,10 +317,28 @@ impl Completion<'_> {
         let knows = self.options.start == Start::ThinPlate && !self.is_published();
         let doubt = if knows { smoothness::plate_error(exemplars) } else { f64::INFINITY };
         let spacing = if size.sparse { 0.85 * size.sample } else { 0.0 };
-        let scale = Scale { radius: size.radius, spacing, hood: size.hood };
+        let moving = if self.is_published() { 0.0 } else { spacing };
+        let scale = Scale { radius: size.radius, spacing, moving, hood: size.hood };
         let number = number as u64;
         let level = Level { whole: &whole, scale, number, edge: size.sample, doubt, exemplars };
         level.run(points, &mut self.areas, &self.guides, progress)
+    }
+
+    /// Notes what of attributes and pictures is copied from where.
+    fn copy(
+        &self,
+        exemplars: &Exemplars,
+        outcome: &Outcome,
+        cells: &[u32],
+        points: &[Point3<f64>],
+        copies: &mut Copies,
+    ) {
+        let (surface, turns) = (self.surface, &self.turns);
+        copies.votes = Votes::new(outcome, exemplars, turns, surface, points, self.data);
+        if self.options.texture == Shown::Copied {
+            copies.sources =
+                Sources::new(outcome, exemplars, turns, surface, points, self.kept, cells);
+        }
     }
 
     /// Adds what the mean of many exemplars has lost, unless they fit exactly, or the publication is followed.
@@ -313,7 +350,7 @@ impl Completion<'_> {
         cells: &[u32],
         points: &mut [Point3<f64>],
     ) {
-        if self.options.iterations == 0 || outcome.is_exact(size.radius) || self.is_published() {
+        if self.options.most_iterations() == 0 || outcome.is_exact(size.radius) || self.is_published() {
             return;
         }
         let around = |vertex: u32| self.distances[vertex as usize] <= self.hole.width;

@@ -14,13 +14,14 @@ use super::carry::Carry;
 use super::clashes::check_rims;
 use super::colors::colors;
 use super::density::{Stop, TRIANGLES};
-use super::exemplar::{Copies, Given, Start, complete};
+use super::exemplar::{Copies, Given, Start, Update, complete, complete_as_published};
 use super::filling::Filling;
 use super::holes::{HoleChoice, Parts, choose, without_crumbs};
 use super::intersections::Crossings;
 use super::method::FillMethod;
 use super::plain::{self, Doubt, Plain, Plug};
 use super::regions::{NoMarks, cut, marks, within};
+use super::remesh::Remesh;
 use super::rim::{Rim, Surroundings};
 use super::settle::settle;
 
@@ -201,12 +202,34 @@ pub fn fill_holes(
             name => Some(marks(&mesh, name)?),
         };
         // Without an iteration nothing is looked for, because nothing would move.
-        if options.iterations > 0 {
-            let start = filling.points[filling.data..].to_vec();
+        if options.most_iterations() > 0 {
+            let mut start = filling.points[filling.data..].to_vec();
             let colors = options.counts_colors().then(|| colors(&mesh, &filling, options.texture));
             let given = Given { allowed, colors: colors.flatten() };
-            let completed = progress
-                .part(plain..PLAIN, |progress| complete(&mut filling, options, &given, progress))?;
+            let own = plain..PLAIN;
+            let completed = match options.update {
+                Update::Exact => progress.part(own, |progress| {
+                    complete(&mut filling, options, &given, progress)
+                })?,
+                Update::Published => {
+                    let mut plugs = Remesh {
+                        surroundings: &surroundings,
+                        holes: &holes,
+                        plugs: &mut plugs,
+                        edge: wanted.edge,
+                    };
+                    let mut density = |filling: &mut Filling, least: f64, progress: &Progress<'_>| {
+                        plugs.refine(filling, least, progress)
+                    };
+                    let completed = progress.part(own, |progress| {
+                        complete_as_published(&mut filling, &mut density, options, &given, progress)
+                    });
+                    let completed = completed.map_err(stopped)?;
+                    start = plugs.membranes(&mut filling, progress)?;
+                    crossings = Crossings::new(&filling, progress)?;
+                    completed
+                }
+            };
             if completed.no_exemplar && !holes.is_empty() {
                 doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
             }
@@ -295,6 +318,13 @@ fn plug(
         Ok(plug)
     };
     holes.par_iter().zip(numbers).map(fill).collect()
+}
+
+fn stopped(stop: Stop) -> FillError {
+    match stop {
+        Stop::Cancelled => FillError::Cancelled(Cancelled),
+        Stop::TooMany(need) => TRIANGLES.refused("what fills the holes", need).into(),
+    }
 }
 
 fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Result<Mesh, MeshError> {

@@ -115,7 +115,7 @@ fn filled_edges_are_about_as_long_as_wanted() {
         near(&fill(&mesh, HoleChoice::All, method).unwrap().mesh, mean);
     }
     let coarse = ExemplarOptions {
-        iterations: 0,
+        iterations: Some(0),
         start: Start::Flat,
         edges: vec![mean],
         ..Default::default()

@@ -155,7 +155,6 @@ impl Level<'_> {
             exemplars: self.exemplars,
             turns: whole.turns,
             radius: self.scale.radius,
-            moves: whole.options.update == Update::Exact,
             seed: self.number,
         };
         let hints = self.hints(&patches, points, guides);
@@ -164,10 +163,11 @@ impl Level<'_> {
         let mut best = (points[whole.data..].to_vec(), now.clone());
         let mut kept = vec![(0, now.energy)];
         let (mut since, mut iterations) = (0, 0);
-        while iterations < u64::from(whole.options.iterations) {
+        let patience = whole.options.longest_wait();
+        while iterations < u64::from(whole.options.most_iterations()) {
             // Nobody knows how many iterations there will be; some eight are the rule.
             progress.tick(iterations as f64 / (iterations as f64 + 8.0))?;
-            if best.1.energy.is_nothing(self.scale.radius) || since >= whole.options.patience.max(1)
+            if best.1.energy.is_nothing(self.scale.radius) || since >= patience
             {
                 break;
             }
@@ -216,11 +216,16 @@ impl Level<'_> {
         self.doubt * times * times
     }
 
-    /// The vertices whose faces move.
+    fn is_published(&self) -> bool {
+        self.whole.options.update == Update::Published
+    }
+
+    /// The vertices whose normals move: at the rim those of the data stay, if the publication is followed.
     fn active(&self) -> Vec<u32> {
         let Whole { surface, data, .. } = *self.whole;
         let mut active: Vec<u32> = (data as u32..self.whole.hole.rim.len() as u32)
             .flat_map(|vertex| surface.ring(vertex).iter().copied().chain([vertex]))
+            .filter(|&vertex| data <= vertex as usize || !self.is_published())
             .collect();
         active.sort_unstable();
         active.dedup();
@@ -306,7 +311,7 @@ impl Level<'_> {
 
     /// The weights of all patches: 1 around data, less the farther a patch is inside.
     fn weights(&self, patches: &Patches, points: &[Point3<f64>]) -> Vec<f64> {
-        let falloff = self.whole.options.falloff;
+        let falloff = self.whole.options.fall();
         let rate = if falloff.rate == 0.0 { 1.0 / self.edge } else { falloff.rate };
         let fall = libm::log(falloff.base) * rate;
         let weight = |center: usize| {

@@ -25,9 +25,10 @@ pub struct ExemplarOptions {
     #[schemars(inner(range(min = 0.0)), extend("unit" = "mm"))]
     #[serde(default)]
     pub edges: Vec<f64>,
-    /// How the weight of a patch falls with its distance from the hole's rim.
+    /// How the weight of a patch falls with its distance from the hole's rim; if left out, 1.3 times from one compared point to the next, and
+    /// with `update: Published`, whose start says nothing of the shape, 2 times.
     #[serde(default)]
-    pub falloff: Falloff,
+    pub falloff: Option<Falloff>,
     /// The direction that is up: patches are compared upright. The length means nothing.
     #[serde(default = "up")]
     pub up: [f64; 3],
@@ -51,20 +52,48 @@ pub struct ExemplarOptions {
     /// What filled faces show of a picture, if texture coordinates are given for corners, as those of an atlas are.
     #[serde(default)]
     pub texture: Shown,
-    /// Iterations of a level, at most; 0 leaves the start as it is, and looks for no exemplars.
+    /// Iterations of a level, at most; 0 leaves the start as it is, and looks for no exemplars. If left out, 20, and with
+    /// `update: Published`, whose start may be far off, 400.
     #[schemars(range(max = 1000))]
-    #[serde(default = "twenty")]
-    pub iterations: u32,
-    /// A level ends after so many iterations that made it no better; its best iterate is kept.
+    #[serde(default)]
+    pub iterations: Option<u32>,
+    /// A level ends after so many iterations that made it no better; its best iterate is kept. If left out, 3, and with
+    /// `update: Published`, whose energy goes up and down on its way, 25.
     #[schemars(range(min = 1, max = 1000))]
-    #[serde(default = "three")]
-    pub patience: u32,
+    #[serde(default)]
+    pub patience: Option<u32>,
 }
 
 impl ExemplarOptions {
     /// Whether colors have a say about what is copied; they have none in the publication.
     pub(in crate::fill) fn counts_colors(&self) -> bool {
         self.color > 0.0 && self.update == Update::Exact
+    }
+
+    /// Iterations of a level, at most.
+    pub(in crate::fill) fn most_iterations(&self) -> u32 {
+        self.iterations.unwrap_or(match self.update {
+            Update::Exact => 20,
+            Update::Published => 400,
+        })
+    }
+
+    /// Iterations without progress after which a level ends.
+    pub(super) fn longest_wait(&self) -> u32 {
+        let usual = match self.update {
+            Update::Exact => 3,
+            Update::Published => 25,
+        };
+        self.patience.unwrap_or(usual).max(1)
+    }
+
+    /// How weights fall.
+    pub(super) fn fall(&self) -> Falloff {
+        self.falloff.unwrap_or(match self.update {
+            Update::Exact => Falloff::default(),
+            // With 1.3, what the rim says counts too little against a start that is a cone; with 3, too few patches agree.
+            Update::Published => Falloff { base: 2.0, rate: 0.0 },
+        })
     }
 }
 
@@ -80,10 +109,6 @@ fn three() -> u32 {
     3
 }
 
-fn twenty() -> u32 {
-    20
-}
-
 fn up() -> [f64; 3] {
     [0.0, 1.0, 0.0]
 }
@@ -96,15 +121,15 @@ impl Default for ExemplarOptions {
             update: Update::default(),
             radii: Vec::new(),
             edges: Vec::new(),
-            falloff: Falloff::default(),
+            falloff: None,
             up: up(),
             rotations: one(),
             mirror: false,
             exemplars: String::new(),
             color: color(),
             texture: Shown::default(),
-            iterations: twenty(),
-            patience: three(),
+            iterations: None,
+            patience: None,
         }
     }
 }
@@ -140,7 +165,9 @@ pub enum Update {
     /// a part of a patch, and only whole exemplars are used.
     #[default]
     Exact,
-    /// By their weights, with the normals of vertices, and with exemplars up to the rim, as published.
+    /// By their weights, with the normals of vertices, with exemplars up to the rim, and with edges as long on each level as compared points
+    /// are apart, as published; so it completes the cone of `start: Centroid`, too. Other than in the publication, an exemplar is laid against a
+    /// patch by the best small shift and tilt, and the normals at the rim are those of the data alone.
     Published,
 }
 

@@ -13,6 +13,8 @@ pub(super) struct Scale {
     pub(super) radius: f64,
     /// How far samples are apart; all vertices are samples, if 0.
     pub(super) spacing: f64,
+    /// The same for those that move.
+    pub(super) moving: f64,
     /// The radius of the part of a surface whose normals make the normal at a sample.
     pub(super) hood: f64,
 }
@@ -49,7 +51,7 @@ impl Patches {
         scale: &Scale,
     ) -> Self {
         let count = points.len();
-        let movable = thin(surface, points, data as u32..count as u32, scale.spacing);
+        let movable = thin(surface, points, data as u32..count as u32, scale.moving);
         let close = (0..data as u32).filter(|&v| distances[v as usize] <= 2.0 * scale.radius);
         let fixed = thin(surface, points, close, scale.spacing);
         let balls = |vertices: &[u32], radius: f64| -> Vec<Vec<u32>> {

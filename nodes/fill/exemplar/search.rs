@@ -60,8 +60,6 @@ pub(super) struct Search<'a> {
     pub(super) exemplars: &'a Exemplars,
     pub(super) turns: &'a Turns,
     pub(super) radius: f64,
-    /// Whether exemplars are moved and tilted to where they fit best.
-    pub(super) moves: bool,
     /// Sets random places of levels apart.
     pub(super) seed: u64,
 }
@@ -170,7 +168,7 @@ impl Search<'_> {
         };
         patch.samples.clear();
         patch.samples.extend(self.patches.members.of(center).iter().map(take));
-        patch.prepare(self.radius, self.moves);
+        patch.prepare(self.radius, true);
     }
 
     /// The colors of a patch in its frame, if they count.

@@ -71,11 +71,21 @@ impl<'a> Surface<'a> {
 
     /// Twice the sum of the area vectors of the faces around a vertex.
     pub(super) fn area(&self, points: &[Point3<f64>], vertex: u32) -> Vector3<f64> {
+        self.area_before(points, vertex, NONE)
+    }
+
+    /// The same of the faces before `limit` alone.
+    pub(super) fn area_before(
+        &self,
+        points: &[Point3<f64>],
+        vertex: u32,
+        limit: u32,
+    ) -> Vector3<f64> {
         let area = |&face: &u32| {
             let [a, b, c] = self.faces[face as usize].map(|end| points[end as usize]);
             (b - a).cross(&(c - a))
         };
-        self.around(vertex).iter().map(area).sum()
+        self.around(vertex).iter().filter(|face| **face < limit).map(area).sum()
     }
 
     /// The vertices within `radius` of a vertex that are reached over edges between such, the vertex first. Those for which `open`

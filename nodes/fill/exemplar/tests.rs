@@ -182,7 +182,6 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
         exemplars: &exemplars,
         turns: &completion.turns,
         radius: size.radius,
-        moves: true,
         seed: 0,
     };
     let normals = outcome.patches.normals(&completion.areas);
@@ -209,7 +208,7 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
 #[test]
 fn the_fast_search_finds_nearly_the_best() {
     let options =
-        ExemplarOptions { iterations: 0, rotations: 2, mirror: true, ..Default::default() };
+        ExemplarOptions { iterations: Some(0), rotations: 2, mirror: true, ..Default::default() };
     let [fast, best] = found_and_best(&mut bumps(), &options);
     assert!(fast <= 1.05 * best, "{fast} {best}");
 }
@@ -223,7 +222,7 @@ fn the_fast_search_finds_nearly_the_best_among_sharp_edges() {
     };
     let mut filling = grid(71, |x, y| x * x + y * y < 0.1, height);
     plate(&mut filling);
-    let options = ExemplarOptions { iterations: 0, ..ExemplarOptions::default() };
+    let options = ExemplarOptions { iterations: Some(0), ..ExemplarOptions::default() };
     let [fast, best] = found_and_best(&mut filling, &options);
     assert!(fast <= 1.05 * best, "{fast} {best}");
 }
@@ -246,7 +245,7 @@ fn without_iterations_the_start_stays_and_knows_its_exemplars() {
     for update in [Update::Exact, Update::Published] {
         let mut filling = bumps();
         let start = filling.points.clone();
-        let options = ExemplarOptions { iterations: 0, update, ..ExemplarOptions::default() };
+        let options = ExemplarOptions { iterations: Some(0), update, ..ExemplarOptions::default() };
         let done = run(&mut filling, &options);
         assert_eq!(filling.points, start);
         assert!(done.copies.exemplar.iter().all(|&vertex| (vertex as usize) < filling.data));

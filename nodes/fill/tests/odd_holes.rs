@@ -13,7 +13,7 @@ fn check(mesh: &Mesh, max: usize, share: f64) -> usize {
     };
     let (low, high) = bounds(mesh);
     let allowed = share * (high - low).norm();
-    let exemplar = FillMethod::Exemplar(ExemplarOptions { iterations: 2, ..Default::default() });
+    let exemplar = FillMethod::Exemplar(ExemplarOptions { iterations: Some(2), ..Default::default() });
     let open = PLAIN.into_iter().chain([exemplar]).map(|method| {
         let filled = fill(mesh, HoleChoice::Edges { max }, method.clone()).unwrap();
         let told = filled.doubts.iter().find(|doubt| doubt.contains("run through others"));
@@ -126,7 +126,7 @@ fn the_number_of_triangles_is_known_before() {
 #[test]
 fn without_iterations_the_start_is_taken_and_nothing_is_looked_for() {
     let mesh = without(&sphere(4), |p| p.z > 0.88);
-    let options = ExemplarOptions { iterations: 0, ..Default::default() };
+    let options = ExemplarOptions { iterations: Some(0), ..Default::default() };
     let started = fill(&mesh, HoleChoice::All, FillMethod::Exemplar(options)).unwrap();
     let plain = fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap();
     assert_eq!(started.mesh, plain.mesh);
