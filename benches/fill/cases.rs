@@ -6,6 +6,9 @@ use maquette::value::{Faces, Mesh};
 use maquette_nodes::mesh::read_mesh;
 use nalgebra::{Point3, Vector3};
 
+#[path = "../../nodes/fill/shapes/nut.rs"]
+mod nut;
+
 /// A mesh with holes, and what it was before.
 pub(crate) struct Case {
     pub(crate) name: String,
@@ -21,7 +24,7 @@ pub(crate) fn cases() -> Vec<Case> {
     let folder = std::env::var_os("FILL_DATA").map(PathBuf::from);
     let folder =
         folder.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"));
-    let mut cases = vec![bumpy_sphere(45)];
+    let mut cases = vec![bumpy_sphere(45), broken_nut(5), broken_nut(8)];
     for (name, file) in [
         ("holes/smooth_blob", "obj"),
         ("holes/smooth_spot", "obj"),
@@ -121,6 +124,14 @@ pub(crate) fn bumpy_sphere(frequency: u32) -> Case {
     let (holed, truth) = without(points, &faces, &gone);
     let edge = mean_edge(&holed);
     Case { name: "bumpy sphere".to_owned(), holed, truth, edge }
+}
+
+fn broken_nut(sides: u32) -> Case {
+    let (points, faces) = nut::nut(sides);
+    let gone: Vec<bool> = points.iter().map(|point| nut::is_lost(point, sides)).collect();
+    let (holed, truth) = without(points, &faces, &gone);
+    let edge = mean_edge(&holed);
+    Case { name: format!("nut of {sides} sides"), holed, truth, edge }
 }
 
 /// A mesh without some vertices, and the whole one with these at the end.

@@ -79,7 +79,7 @@ impl Fillings<'_> {
     ) -> Result<(), FillError> {
         let (before, begins) = (self.counts(), self.begins());
         // Creases that do not fit run through something, and are not mended.
-        let is_sharp = |plug: &Plug| wanted.plain == Plain::CreaseAware && plug.doubt.is_none();
+        let is_sharp = |plug: &Plug| plug.is_sharp;
         let restless = holes
             .par_iter()
             .filter(|&&hole| before[hole] > 0 && !(plain.is_none() && is_sharp(&self.plugs[hole])));

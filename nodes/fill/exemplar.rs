@@ -63,6 +63,8 @@ pub(super) struct Given {
     pub(super) allowed: Option<Vec<bool>>,
     /// The colors of all vertices in CIE L*a*b*, those of the filled ones as the rim lets expect them.
     pub(super) colors: Option<Vec<[f64; 3]>>,
+    /// Marks the filled vertices of holes over which creases of the data go on at the start; none, if left out.
+    pub(super) sharp: Vec<bool>,
 }
 
 /// How a completion went.
@@ -149,6 +151,7 @@ pub(super) fn complete(
         turns: Turns::new(options.rotations, options.mirror),
         areas: areas(&surface, points, data, *kept, options.update),
         hole,
+        sharp: &given.sharp,
         guides: Vec::new(),
     };
     let (mut level, mut done) = (0, 0);
@@ -235,6 +238,8 @@ struct Completion<'a> {
     /// Of all vertices; none if they do not count.
     colors: Vec<Color>,
     hole: Hole,
+    /// Marks the filled vertices whose start is sharp; none, if empty.
+    sharp: &'a [bool],
     distances: Vec<f64>,
     turns: Turns,
     /// Twice the sum of the area vectors of the faces around each vertex.
@@ -312,6 +317,7 @@ impl Completion<'_> {
             options: self.options,
             turns: &self.turns,
             hole: &self.hole,
+            sharp: self.sharp,
             distances: &self.distances,
         };
         let knows = self.options.start == Start::ThinPlate && !self.is_published();
@@ -350,12 +356,16 @@ impl Completion<'_> {
         cells: &[u32],
         points: &mut [Point3<f64>],
     ) {
-        if self.options.most_iterations() == 0 || outcome.is_exact(size.radius) || self.is_published() {
+        if self.options.most_iterations() == 0
+            || outcome.is_exact(size.radius)
+            || self.is_published()
+        {
             return;
         }
         let around = |vertex: u32| self.distances[vertex as usize] <= self.hole.width;
         let around = (0..self.data as u32).filter(|&vertex| around(vertex)).collect();
         let (surface, turns, radius) = (self.surface, &self.turns, size.radius);
-        Detail { surface, exemplars, outcome, turns, cells, radius }.add(points, around);
+        let sharp = self.sharp;
+        Detail { surface, exemplars, outcome, turns, cells, sharp, radius }.add(points, around);
     }
 }

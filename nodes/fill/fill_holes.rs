@@ -180,6 +180,11 @@ pub fn fill_holes(
     let mut plugs = progress.part(0.0..plain, |progress| {
         plug(&filling, &surroundings, (&holes, &chosen.holes), wanted, progress)
     })?;
+    if is_start {
+        // That no creases end at a rim is nothing to be told of where nobody asked for them.
+        let none = |plug: &&mut Plug| plug.doubt == Some(Doubt::NoCreases);
+        plugs.iter_mut().filter(none).for_each(|plug| plug.doubt = None);
+    }
     filling.add_all(&holes, &plugs);
     let mut crossings = Crossings::new(&filling, progress)?;
     if !crossings.is_empty() {
@@ -205,12 +210,15 @@ pub fn fill_holes(
         if options.most_iterations() > 0 {
             let mut start = filling.points[filling.data..].to_vec();
             let colors = options.counts_colors().then(|| colors(&mesh, &filling, options.texture));
-            let given = Given { allowed, colors: colors.flatten() };
+            let sharp = holes.iter().zip(&plugs).flat_map(|(hole, plug)| {
+                let count = plug.patch.compact().1.len() - hole.len();
+                std::iter::repeat_n(plug.is_sharp, count)
+            });
+            let given = Given { allowed, colors: colors.flatten(), sharp: sharp.collect() };
             let own = plain..PLAIN;
             let completed = match options.update {
-                Update::Exact => progress.part(own, |progress| {
-                    complete(&mut filling, options, &given, progress)
-                })?,
+                Update::Exact => progress
+                    .part(own, |progress| complete(&mut filling, options, &given, progress))?,
                 Update::Published => {
                     let mut plugs = Remesh {
                         surroundings: &surroundings,
@@ -218,9 +226,10 @@ pub fn fill_holes(
                         plugs: &mut plugs,
                         edge: wanted.edge,
                     };
-                    let mut density = |filling: &mut Filling, least: f64, progress: &Progress<'_>| {
-                        plugs.refine(filling, least, progress)
-                    };
+                    let mut density =
+                        |filling: &mut Filling, least: f64, progress: &Progress<'_>| {
+                            plugs.refine(filling, least, progress)
+                        };
                     let completed = progress.part(own, |progress| {
                         complete_as_published(&mut filling, &mut density, options, &given, progress)
                     });
@@ -272,6 +281,7 @@ impl Wanted {
             FillMethod::Flat => Plain::Flat,
             FillMethod::CreaseAware => Plain::CreaseAware,
             FillMethod::Exemplar(options) => match options.start {
+                Start::ThinPlate if options.update == Update::Exact => Plain::CreaseAware,
                 Start::ThinPlate => Plain::ThinPlate,
                 Start::Centroid => Plain::Centroid,
                 Start::Membrane => Plain::Membrane,

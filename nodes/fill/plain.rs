@@ -38,6 +38,8 @@ pub(super) enum Doubt {
 pub(super) struct Plug {
     pub(super) patch: Patch,
     pub(super) doubt: Option<Doubt>,
+    /// Whether creases of the data go on in it.
+    pub(super) is_sharp: bool,
 }
 
 /// How far a filling may go from the middle of the rim, in the largest distance of the rim from there. A ball's opening of less than a
@@ -85,11 +87,11 @@ pub(super) fn fill(
     }
     if plain == Plain::CreaseAware {
         match creases::sharpen(filling, &patch, rim, &sizes, progress)? {
-            Some(sharp) => return Ok(Plug { patch: sharp, doubt: None }),
+            Some(sharp) => return Ok(Plug { patch: sharp, doubt: None, is_sharp: true }),
             None => doubt = doubt.or(Some(Doubt::NoCreases)),
         }
     }
-    Ok(Plug { patch, doubt })
+    Ok(Plug { patch, doubt, is_sharp: false })
 }
 
 /// Finds a shape and a density that fit each other: a coarse one of both, of which the shape says how far vertices are apart, then the

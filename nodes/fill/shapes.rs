@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use maquette::value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
 
+pub(super) mod nut;
+
 /// A mesh of triangles.
 pub(super) fn of(points: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Mesh {
     Mesh::new(points, Faces::triangles(faces)).unwrap()

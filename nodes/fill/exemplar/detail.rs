@@ -29,6 +29,8 @@ pub(super) struct Detail<'a> {
     pub(super) turns: &'a Turns,
     /// The patch that each missing vertex copies.
     pub(super) cells: &'a [u32],
+    /// Marks the missing vertices over which creases go on, which stay where they are; none, if empty.
+    pub(super) sharp: &'a [bool],
     /// The radius of a patch.
     pub(super) radius: f64,
 }
@@ -53,7 +55,7 @@ impl Detail<'_> {
         for (site, &cell) in self.cells.iter().enumerate() {
             let (vertex, normal) = (data + site, self.outcome.normals[site]);
             normals[vertex] = normal;
-            if cell != NONE {
+            if cell != NONE && self.sharp.get(site) != Some(&true) {
                 let copied = lies.over(vertex as u32, cell as usize);
                 if copied.is_finite() {
                     wanted[vertex] = copied;

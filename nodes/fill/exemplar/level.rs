@@ -26,6 +26,8 @@ pub(super) struct Whole<'a> {
     pub(super) options: &'a ExemplarOptions,
     pub(super) turns: &'a Turns,
     pub(super) hole: &'a Hole,
+    /// Marks the missing vertices whose start is sharp; none, if empty.
+    pub(super) sharp: &'a [bool],
     /// How far each data vertex is from the nearest missing one.
     pub(super) distances: &'a [f64],
 }
@@ -116,6 +118,10 @@ const WORST: usize = 12;
 /// Below this share of a patch's radius distances are rounding.
 const NOTHING: f64 = 1e-10;
 
+/// How far a start over which creases go on may well be off, in edges: as far as the data may be from the surfaces that meet in them.
+/// Exemplars that lie against it by more would round the creases.
+const SHARP: f64 = 0.1;
+
 /// A level: what is compared with what, and how far apart.
 pub(super) struct Level<'a> {
     pub(super) whole: &'a Whole<'a>,
@@ -167,8 +173,7 @@ impl Level<'_> {
         while iterations < u64::from(whole.options.most_iterations()) {
             // Nobody knows how many iterations there will be; some eight are the rule.
             progress.tick(iterations as f64 / (iterations as f64 + 8.0))?;
-            if best.1.energy.is_nothing(self.scale.radius) || since >= patience
-            {
+            if best.1.energy.is_nothing(self.scale.radius) || since >= patience {
                 break;
             }
             iterations += 1;
@@ -211,6 +216,9 @@ impl Level<'_> {
 
     /// How far a missing vertex may well be off at the beginning.
     fn doubt(&self, vertex: usize) -> f64 {
+        if self.whole.sharp.get(vertex - self.whole.data) == Some(&true) {
+            return SHARP * self.whole.hole.edge;
+        }
         let seen = HOLE * REACH * self.scale.radius;
         let times = (self.whole.hole.widths[vertex - self.whole.data] / seen).max(1.0);
         self.doubt * times * times

@@ -137,7 +137,8 @@ impl Default for ExemplarOptions {
 /// The shape that a completion starts with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Start {
-    /// A thin plate that goes on smoothly from the rim.
+    /// A thin plate that goes on smoothly from the rim. Creases of the data that end at the rim go on until they meet, and stay sharp, unless
+    /// `update` is `Published`.
     #[default]
     ThinPlate,
     /// A cone over the rim's centroid, as published.

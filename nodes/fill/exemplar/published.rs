@@ -7,8 +7,7 @@ use super::hole::{Hole, SAMPLES};
 use super::search::Turns;
 use super::surface::Surface;
 use super::{
-    Completed, Completion, Copies, ExemplarOptions, FEWEST, Given, areas, cells,
-    distances,
+    Completed, Completion, Copies, ExemplarOptions, FEWEST, Given, areas, cells, distances,
 };
 use crate::fill::density::Stop;
 use crate::fill::filling::Filling;
@@ -33,8 +32,7 @@ pub(in crate::fill) fn complete_as_published(
 ) -> Result<Completed, Stop> {
     let (data, kept) = (filling.data, filling.kept);
     let count = filling.points.len() - data;
-    let mut completed =
-        Completed { trace: vec![], copies: Copies::none(count), no_exemplar: true };
+    let mut completed = Completed { trace: vec![], copies: Copies::none(count), no_exemplar: true };
     let start = Surface::new(filling.points.len(), &filling.faces);
     let Some(hole) = Hole::new(&start, &filling.points, data) else { return Ok(completed) };
     let mut radii = hole.radii(options, &filling.points[..data]);
@@ -62,6 +60,7 @@ pub(in crate::fill) fn complete_as_published(
             turns: Turns::new(options.rotations, options.mirror),
             areas: areas(&surface, points, data, kept, options.update),
             hole,
+            sharp: &[],
             guides: Vec::new(),
         };
         let size = completion.size(radii[level], level);

@@ -134,7 +134,7 @@ fn what_moves_with_its_up_vector_is_filled_alike() {
 fn without_exemplars_the_start_stays() {
     let mut filling = bumps();
     let start = filling.points.clone();
-    let nowhere = Given { allowed: Some(vec![false; filling.data]), colors: None };
+    let nowhere = Given { allowed: Some(vec![false; filling.data]), ..Given::default() };
     let options = ExemplarOptions::default();
     let done = complete(&mut filling, &options, &nowhere, &Progress::none()).unwrap();
     assert!(done.no_exemplar && done.trace.is_empty());
@@ -147,7 +147,7 @@ fn exemplars_come_from_where_they_are_allowed() {
     let mut filling = bumps();
     let allowed: Vec<bool> = filling.points[..filling.data].iter().map(|p| p.x > 0.0).collect();
     let options = ExemplarOptions::default();
-    let given = Given { allowed: Some(allowed.clone()), colors: None };
+    let given = Given { allowed: Some(allowed.clone()), ..Given::default() };
     let done = complete(&mut filling, &options, &given, &Progress::none()).unwrap();
     assert!(!done.no_exemplar);
     assert!(done.copies.exemplar.iter().all(|&vertex| vertex != NONE && allowed[vertex as usize]));
@@ -169,6 +169,7 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
         turns: Turns::new(options.rotations, options.mirror),
         areas: (0..points.len() as u32).map(|vertex| surface.area(points, vertex)).collect(),
         hole,
+        sharp: &[],
         guides: Vec::new(),
     };
     let size = completion.size(completion.hole.smallest(), 0);
@@ -304,7 +305,7 @@ fn what_is_lost_on_one_side_grows_again_from_the_other() {
         filling.points[data..].iter_mut().for_each(|point| point.z = 0.06);
         let other = |point: &Point3<f64>| libm::hypot(point.x + 0.45, point.y) < 0.3;
         let allowed = filling.points[..data].iter().map(other).collect();
-        let given = Given { allowed: Some(allowed), colors: None };
+        let given = Given { allowed: Some(allowed), ..Given::default() };
         let options = ExemplarOptions { start: Start::Flat, mirror, ..ExemplarOptions::default() };
         complete(&mut filling, &options, &given, &Progress::none()).unwrap();
         let pairs = filling.points[data..].iter().zip(&whole.points[data..]);

@@ -13,7 +13,8 @@ fn check(mesh: &Mesh, max: usize, share: f64) -> usize {
     };
     let (low, high) = bounds(mesh);
     let allowed = share * (high - low).norm();
-    let exemplar = FillMethod::Exemplar(ExemplarOptions { iterations: Some(2), ..Default::default() });
+    let exemplar =
+        FillMethod::Exemplar(ExemplarOptions { iterations: Some(2), ..Default::default() });
     let open = PLAIN.into_iter().chain([exemplar]).map(|method| {
         let filled = fill(mesh, HoleChoice::Edges { max }, method.clone()).unwrap();
         let told = filled.doubts.iter().find(|doubt| doubt.contains("run through others"));

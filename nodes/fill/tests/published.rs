@@ -1,6 +1,6 @@
 //! What the completion does as it is published, on a case with a known end.
 
-use super::super::exemplar::Update;
+use super::super::exemplar::{Start, Update};
 use super::*;
 
 fn published(radii: &[f64]) -> FillMethod {
@@ -32,4 +32,30 @@ fn a_flat_cap_becomes_round_again() {
         let end = rms(&mesh, published(&[0.75, 0.5, 0.32]), off);
         assert!(0.06 < start && end <= 0.01, "{start} {end}");
     }
+}
+
+/// How far the surface of a lumpy ball is from its middle.
+fn lump(direction: nalgebra::Vector3<f64>) -> f64 {
+    let [x, y, z] = direction.into();
+    1.0 + 0.12 * libm::sin(2.3 * x + 0.4) * libm::cos(1.9 * y - 0.3) + 0.08 * libm::sin(2.1 * z + x)
+}
+
+// Results, defect 7: a cone is no better than what it started as if its wrinkles survive the coarse levels.
+#[test]
+fn a_cone_becomes_as_smooth_as_a_plate() {
+    let ball = sphere(4);
+    let points =
+        ball.positions().iter().map(|point| (point.coords * lump(point.coords)).into()).collect();
+    let ball = ball.with_positions(points).unwrap();
+    let axis = nalgebra::Vector3::new(0.48, 0.6, 0.64);
+    let mesh = without(&ball, |point| point.coords.normalize().dot(&axis) > 0.85);
+    let off = |point: &Point3<f64>| point.coords.norm() - lump(point.coords.normalize());
+    let published = FillMethod::Exemplar(ExemplarOptions {
+        start: Start::Centroid,
+        update: Update::Published,
+        ..ExemplarOptions::default()
+    });
+    let [flat, plate, completed] =
+        [FillMethod::Flat, FillMethod::ThinPlate, published].map(|method| rms(&mesh, method, off));
+    assert!(completed <= 1.2 * plate && plate < 0.2 * flat, "{flat} {plate} {completed}");
 }

@@ -1,0 +1,69 @@
+//! Nuts with any number of sides, for tests and benches.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, center};
+
+/// Of a nut with its bore along `y`: vertices, and triangles of about one mm. It is 20 mm from the middle to an outer corner, 20 mm high,
+/// and its bore is half as wide.
+pub(crate) fn nut(sides: u32) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
+    let corner = |k: u32, radius: f64, y: f64| {
+        let angle = std::f64::consts::TAU * f64::from(k % sides) / f64::from(sides);
+        Point3::new(radius * libm::sin(angle), y, radius * libm::cos(angle))
+    };
+    let mut nut = Nut::default();
+    for k in 0..sides {
+        let at = |radius: f64, y: f64| [corner(k, radius, y), corner(k + 1, radius, y)];
+        let ([a, b], [c, d]) = (at(20.0, -10.0), at(20.0, 10.0));
+        let ([e, f], [g, h]) = (at(10.0, -10.0), at(10.0, 10.0));
+        for quad in [[a, b, d, c], [c, d, h, g], [g, h, f, e], [e, f, b, a]] {
+            nut.add(quad);
+        }
+    }
+    (nut.points, nut.faces)
+}
+
+#[derive(Default)]
+struct Nut {
+    points: Vec<Point3<f64>>,
+    faces: Vec<[u32; 3]>,
+    numbers: BTreeMap<[i64; 3], u32>,
+}
+
+impl Nut {
+    /// Adds a flat quadrilateral, cut alike on sides that others share.
+    fn add(&mut self, [a, b, c, d]: [Point3<f64>; 4]) {
+        let columns = 16;
+        let rows = (b - c).norm().round() as u32;
+        let mix = |p: Point3<f64>, q: Point3<f64>, t: f64| p + (q - p) * t;
+        let mut number = |i: u32, j: u32| {
+            let [s, t] = [f64::from(i) / f64::from(columns), f64::from(j) / f64::from(rows)];
+            let point = mix(mix(a, b, s), mix(d, c, s), t);
+            let key = point.coords.map(|x| (x * 1e6).round() as i64).into();
+            *self.numbers.entry(key).or_insert_with(|| {
+                self.points.push(point);
+                self.points.len() as u32 - 1
+            })
+        };
+        for j in 0..rows {
+            for i in 0..columns {
+                let [p, q] = [number(i, j), number(i + 1, j)];
+                let [r, s] = [number(i + 1, j + 1), number(i, j + 1)];
+                self.faces.extend(match (i + j) % 2 {
+                    0 => [[p, q, r], [p, r, s]],
+                    _ => [[p, q, s], [q, r, s]],
+                });
+            }
+        }
+    }
+}
+
+/// What is cut out of it: a ball around an outer corner and the middle of a side, over several edges.
+pub(crate) fn is_lost(point: &Point3<f64>, sides: u32) -> bool {
+    let half = std::f64::consts::PI / f64::from(sides);
+    let [top, side] = [
+        Point3::new(0.0, 10.0, 20.0),
+        Point3::new(18.0 * libm::sin(half), 4.0, 18.0 * libm::cos(half)),
+    ];
+    (point - center(&top, &side)).norm() < 8.5
+}
