@@ -26,6 +26,9 @@ pub(super) struct Fillings<'a> {
 /// So many holes are looked at one by one at the end.
 const MOST_ALONE: usize = 20;
 
+/// So many crossing triangles of a filling with creases are mended at most.
+const MOST_MENDED: usize = 16;
+
 impl Fillings<'_> {
     /// Mends what fills the holes whose triangles run through others. Where that does not help they are filled again, with other surfaces,
     /// those most like what is wanted first; of all these what runs through least is taken.
@@ -38,7 +41,7 @@ impl Fillings<'_> {
         progress: &Progress<'_>,
     ) -> Result<(), FillError> {
         let others: &[Option<Plain>] = match wanted.plain {
-            Plain::CreaseAware => {
+            Plain::CreaseAware | Plain::PlateOrCreases => {
                 &[None, Some(Plain::ThinPlate), Some(Plain::Membrane), Some(Plain::Flat)]
             }
             Plain::ThinPlate => &[None, Some(Plain::Membrane), Some(Plain::Flat)],
@@ -78,17 +81,21 @@ impl Fillings<'_> {
         progress: &Progress<'_>,
     ) -> Result<(), FillError> {
         let (before, begins) = (self.counts(), self.begins());
-        // Creases that do not fit run through something, and are not mended.
-        let is_sharp = |plug: &Plug| plug.is_sharp;
+        // Creases that do not fit run through much, and are not mended.
+        let is_misfit = |hole: usize| self.plugs[hole].is_sharp && before[hole] > MOST_MENDED;
+        let is_unasked =
+            |hole: usize| wanted.plain == Plain::PlateOrCreases && self.plugs[hole].is_sharp;
         let restless = holes
             .par_iter()
-            .filter(|&&hole| before[hole] > 0 && !(plain.is_none() && is_sharp(&self.plugs[hole])));
+            .filter(|&&hole| before[hole] > 0 && !(plain.is_none() && is_misfit(hole)));
         let other = |&hole: &usize| {
             let rim = Rim::new(self.filling, self.surroundings, &self.holes[hole]);
             let mut plug = match plain {
                 None => self.plugs[hole].clone(),
                 Some(plain) => {
                     match plain::fill(self.filling, &rim, plain, wanted.edge, progress) {
+                        // Nobody asked for the creases that go.
+                        Ok(plug) if plain == Plain::ThinPlate && is_unasked(hole) => plug,
                         Ok(plug) => Plug { doubt: Some(Doubt::Calm), ..plug },
                         Err(Stop::Cancelled) => return Err(Cancelled.into()),
                         // One that is too large is none.

@@ -29,6 +29,9 @@ const LEAST_AREA: f64 = 0.15;
 /// How far the vertices of a part may be from its surface, the root of their mean square in lengths of edges.
 const FIT: f64 = 0.12;
 
+/// So many times an edge between two parts bends as much as one within a part, on the mean and without noise, if they meet in creases.
+const TIMES: f64 = 4.0;
+
 /// As many parts can be told apart in a set of them.
 const MOST: usize = 32;
 
@@ -133,7 +136,8 @@ impl Charts {
         let normals = smoothed(&areas, &neighbors);
         let even = SHARP.iter().find_map(|&sharp| {
             let parts = smooth_parts(&normals, &neighbors, sharp);
-            Self::of_parts(filling, rim, &faces, &parts)
+            let found = Self::of_parts(filling, rim, &faces, &parts);
+            found.filter(|_| bend_in_creases(&parts, &normals, &neighbors))
         });
         even.or_else(|| {
             let points = &filling.points;
@@ -147,7 +151,8 @@ impl Charts {
             let edge = rim.lengths.iter().sum::<f64>() / rim.len() as f64;
             let parts = facets(&band, FIT * edge);
             let found = Self::of_parts(filling, rim, &faces, &parts);
-            found.filter(|charts| charts.are_facets(rim))
+            let found = found.filter(|charts| charts.are_facets(rim));
+            found.filter(|_| bend_in_creases(&parts, &normals, &neighbors))
         })
     }
 
@@ -309,6 +314,18 @@ fn smooth_parts(normals: &[Vector3<f64>], neighbors: &[[u32; 2]], sharp: f64) ->
         }
     }
     (0..normals.len() as u32).map(|face| root(&mut parts, face)).collect()
+}
+
+/// Whether a surface bends where its parts meet, and much less within them: the bumps of a relief fit paraboloids, too, but are round.
+fn bend_in_creases(parts: &[u32], normals: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> bool {
+    let (mut within, mut between) = ((0.0, 0.0), (0.0, 0.0));
+    for &[a, b] in neighbors {
+        let [m, n] = [a, b].map(|face| normals[face as usize]);
+        let sum = if parts[a as usize] == parts[b as usize] { &mut within } else { &mut between };
+        sum.0 += libm::atan2(m.cross(&n).norm(), m.dot(&n));
+        sum.1 += 1.0;
+    }
+    between.1 == 0.0 || TIMES * within.0 * between.1 < between.0 * within.1
 }
 
 /// Parts all of which lie below each other's surfaces meet convexly.

@@ -13,8 +13,13 @@ use super::patch::{NONE, Patch, area_vector, next, previous};
 use super::plain::Sizes;
 use super::rim::Rim;
 
-/// How often vertices slide and go back to their surfaces.
-const ROUNDS: usize = 12;
+/// How often vertices slide and go back to their surfaces before creases are cut into them. Where faces are folded in the end, another
+/// number is tried: then other edges cross the creases.
+const ROUNDS: [usize; 6] = [12, 4, 24, 8, 16, 2];
+
+/// The same afterwards, at most; it ends when no face is folded any more.
+const AFTER: usize = 6;
+const MOST_AFTER: usize = 30;
 
 /// An edge shorter than this many times its target is collapsed, where creases allow it.
 const SHORT: f64 = 0.6;
@@ -34,30 +39,45 @@ pub(super) fn sharpen(
     progress: &Progress<'_>,
 ) -> Result<Option<Patch>, Cancelled> {
     let Some(charts) = Charts::around(filling, rim) else { return Ok(None) };
-    let mut sets = charts.of_rim.clone();
-    sets.resize(patch.points.len(), 0);
-    let mut sharp = Sharp { patch: patch.clone(), charts, sets, rim, sizes, is_cut: false };
-    for _ in 0..ROUNDS {
-        progress.check()?;
+    let mut best: Option<(usize, Sharp<'_>)> = None;
+    for rounds in ROUNDS {
+        let mut sets = charts.of_rim.clone();
+        sets.resize(patch.points.len(), 0);
+        let mut sharp =
+            Sharp { patch: patch.clone(), charts: &charts, sets, rim, sizes, is_cut: false };
+        for _ in 0..rounds {
+            progress.check()?;
+            sharp.choose_parts();
+            sharp.slide();
+        }
         sharp.choose_parts();
+        sharp.cut();
+        sharp.is_cut = true;
+        for round in 0..MOST_AFTER {
+            progress.check()?;
+            if round >= AFTER && sharp.folded() == 0 {
+                break;
+            }
+            sharp.slide();
+            sharp.collapse_short();
+            sharp.flip_all();
+        }
         sharp.slide();
+        let folded = sharp.folded();
+        let better = best.as_ref().is_none_or(|(least, _)| folded < *least);
+        if better && sharp.is_sound(patch, rim) {
+            best = Some((folded, sharp));
+        }
+        if best.as_ref().is_some_and(|(least, _)| *least == 0) {
+            break;
+        }
     }
-    sharp.choose_parts();
-    sharp.cut();
-    sharp.is_cut = true;
-    for _ in 0..ROUNDS / 2 {
-        progress.check()?;
-        sharp.slide();
-        sharp.collapse_short();
-        sharp.flip_all();
-    }
-    sharp.slide();
-    Ok(sharp.is_sound(patch, rim).then_some(sharp.patch))
+    Ok(best.map(|(_, sharp)| sharp.patch))
 }
 
 struct Sharp<'a> {
     patch: Patch,
-    charts: Charts,
+    charts: &'a Charts,
     /// Of each vertex the set of parts on which it lies.
     sets: Vec<u32>,
     rim: &'a Rim,
@@ -294,7 +314,19 @@ impl Sharp<'_> {
         patch.around(inner).any(|half| patch.ends(half)[1] == other)
     }
 
-    /// Whether all faces lie on parts and look to their sides, and nothing went too far.
+    /// How many faces lie on no part, or do not look to the side of theirs.
+    fn folded(&self) -> usize {
+        let faces = (0..self.patch.corners.len() as u32).step_by(3);
+        let is_folded = |&half: &u32| {
+            let corners = [half, half + 1, half + 2].map(|half| self.patch.corners[half as usize]);
+            let set = self.face_set(half);
+            let points = corners.map(|vertex| self.patch.points[vertex as usize]);
+            set == 0 || !self.is_upright(points, set)
+        };
+        faces.filter(|&half| self.patch.is_alive(half)).filter(is_folded).count()
+    }
+
+    /// Whether nothing went too far.
     fn is_sound(&self, start: &Patch, rim: &Rim) -> bool {
         let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
         let middle = Point3::from(sum / rim.len() as f64);

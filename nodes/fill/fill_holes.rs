@@ -180,11 +180,6 @@ pub fn fill_holes(
     let mut plugs = progress.part(0.0..plain, |progress| {
         plug(&filling, &surroundings, (&holes, &chosen.holes), wanted, progress)
     })?;
-    if is_start {
-        // That no creases end at a rim is nothing to be told of where nobody asked for them.
-        let none = |plug: &&mut Plug| plug.doubt == Some(Doubt::NoCreases);
-        plugs.iter_mut().filter(none).for_each(|plug| plug.doubt = None);
-    }
     filling.add_all(&holes, &plugs);
     let mut crossings = Crossings::new(&filling, progress)?;
     if !crossings.is_empty() {
@@ -281,7 +276,7 @@ impl Wanted {
             FillMethod::Flat => Plain::Flat,
             FillMethod::CreaseAware => Plain::CreaseAware,
             FillMethod::Exemplar(options) => match options.start {
-                Start::ThinPlate if options.update == Update::Exact => Plain::CreaseAware,
+                Start::ThinPlate if options.update == Update::Exact => Plain::PlateOrCreases,
                 Start::ThinPlate => Plain::ThinPlate,
                 Start::Centroid => Plain::Centroid,
                 Start::Membrane => Plain::Membrane,

@@ -18,6 +18,8 @@ pub(super) enum Plain {
     Membrane,
     ThinPlate,
     CreaseAware,
+    /// As `CreaseAware` where creases are certain, else as `ThinPlate`: nobody asked for them.
+    PlateOrCreases,
     /// A fan around the middle of the rim, as in the published completion.
     Centroid,
 }
@@ -45,6 +47,9 @@ pub(super) struct Plug {
 /// How far a filling may go from the middle of the rim, in the largest distance of the rim from there. A ball's opening of less than a
 /// tenth of its width is still filled; a plate that a rough rim throws off is not.
 const FARTHEST: f64 = 2.5;
+
+/// Edges of a rim over which creases go on unasked.
+const LEAST_RIM: usize = 16;
 
 /// Edges in the first, coarse shape, in those of the end: the coarse one is found fast, and then vertices are added where they belong.
 const COARSE: f64 = 2.0;
@@ -75,7 +80,7 @@ pub(super) fn fill(
     match plain {
         Plain::Flat | Plain::Centroid => refine(&mut patch, |point| sizes.at(point), progress)?,
         Plain::Membrane => membrane(&mut patch, rim, &sizes, progress)?,
-        Plain::ThinPlate | Plain::CreaseAware => {
+        Plain::ThinPlate | Plain::CreaseAware | Plain::PlateOrCreases => {
             let start = patch.clone();
             plate(&mut patch, rim, &sizes, progress)?;
             if goes_too_far(&patch, rim) {
@@ -85,10 +90,14 @@ pub(super) fn fill(
             }
         }
     }
-    if plain == Plain::CreaseAware {
+    // A rim that is too rough for a plate, or has few edges, has creases by chance.
+    let is_certain = || doubt.is_none() && LEAST_RIM <= rim.len();
+    let is_asked = plain == Plain::CreaseAware;
+    if is_asked || plain == Plain::PlateOrCreases && is_certain() {
         match creases::sharpen(filling, &patch, rim, &sizes, progress)? {
             Some(sharp) => return Ok(Plug { patch: sharp, doubt: None, is_sharp: true }),
-            None => doubt = doubt.or(Some(Doubt::NoCreases)),
+            None if is_asked => doubt = doubt.or(Some(Doubt::NoCreases)),
+            None => {}
         }
     }
     Ok(Plug { patch, doubt, is_sharp: false })
