@@ -95,7 +95,7 @@ mod tests {
     fn scan() -> RangeImage {
         let point = |cell: usize| {
             let [x, y] = [(cell % 40) as f64 - 20.0, (cell / 40) as f64 - 15.0];
-            let from = x.hypot(y);
+            let from = libm::hypot(x, y);
             let shadow = from > 8.0 && x < -3.0 && from < 11.0;
             let z = if shadow {
                 f64::NAN

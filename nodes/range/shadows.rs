@@ -121,24 +121,27 @@ struct Term {
     parts: Vec<(u32, f64)>,
 }
 
+/// A weight, and steps of columns and rows from a cell with their factors.
+type Difference = (f64, &'static [([i64; 2], f64)]);
+
+/// The differences of the second order, which bending is made of, and those of the first.
+const DIFFERENCES: [Difference; 5] = [
+    (1.0, &[([0, 0], 1.0), ([1, 0], -2.0), ([2, 0], 1.0)]),
+    (1.0, &[([0, 0], 1.0), ([0, 1], -2.0), ([0, 2], 1.0)]),
+    (2.0, &[([0, 0], 1.0), ([1, 0], -1.0), ([0, 1], -1.0), ([1, 1], 1.0)]),
+    (TENSION, &[([0, 0], -1.0), ([1, 0], 1.0)]),
+    (TENSION, &[([0, 0], -1.0), ([0, 1], 1.0)]),
+];
+
 /// Bending and stretching wherever `cells` have a share; other cells without a point have none.
 fn terms(width: usize, cells: &[u32], points: &[Point3<f64>]) -> Vec<Term> {
     let height = points.len() / width;
     let is_free = |cell: u32| cells.binary_search(&cell).is_ok();
     let known = |cell: u32| !points[cell as usize].x.is_nan() || is_free(cell);
-    // Steps of columns and rows from a cell, with the factors of a difference of first or second order.
-    let stretch: [&[([i64; 2], f64)]; 2] =
-        [&[([0, 0], -1.0), ([1, 0], 1.0)], &[([0, 0], -1.0), ([0, 1], 1.0)]];
-    let bend: [(f64, &[([i64; 2], f64)]); 3] = [
-        (1.0, &[([0, 0], 1.0), ([1, 0], -2.0), ([2, 0], 1.0)]),
-        (1.0, &[([0, 0], 1.0), ([0, 1], -2.0), ([0, 2], 1.0)]),
-        (2.0, &[([0, 0], 1.0), ([1, 0], -1.0), ([0, 1], -1.0), ([1, 1], 1.0)]),
-    ];
-    let kinds = Vec::from_iter(bend.into_iter().chain(stretch.map(|steps| (TENSION, steps))));
     let mut terms = Vec::new();
     for &cell in cells {
         let at = [i64::from(cell) % width as i64, i64::from(cell) / width as i64];
-        for &(weight, steps) in &kinds {
+        for (weight, steps) in DIFFERENCES {
             // Once for each place of the free cell in the difference, unless an earlier part is free: then that one has made it.
             for own in 0..steps.len() {
                 let part = |&(step, factor): &([i64; 2], f64)| {
