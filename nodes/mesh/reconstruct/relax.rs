@@ -87,7 +87,11 @@ impl Neighbors {
     }
 }
 
-/// Which vertices have points around them: the nearest surfel is no farther away than `reach` times the distance of points there.
+/// How far from the plane of the points around it a vertex may lie, in distances of points: farther away the skin has rolled over.
+const OFF_PLANE: f64 = 0.5;
+
+/// Which vertices have points around them: the nearest surfel is no farther away than `reach` times the distance of points there, and the
+/// vertex lies on its plane.
 pub(super) fn supported(
     skin: &Skin,
     pyramid: &Pyramid,
@@ -108,7 +112,9 @@ pub(super) fn supported(
                     return f64::INFINITY;
                 }
                 let spacing = surfel.spacing.max(pyramid.cube.edge);
-                (surfel.on_plane - at).norm() - reach * spacing - 3.0 * noise
+                let away = at - surfel.on_plane;
+                let off = away.dot(&surfel.normal).abs() - OFF_PLANE * spacing;
+                (away.norm() - reach * spacing).max(off) - 3.0 * noise
             });
             let least = excess.fold(f64::INFINITY, f64::min);
             if least <= 0.0 {
