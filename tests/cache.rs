@@ -73,7 +73,7 @@ fn the_next_process_computes_nothing_and_has_the_same_values() {
     let graph = processes.graph(&[]);
     let first = processes.run(&[]);
     let second = processes.run(&[]);
-    assert_eq!(second.trace().count(State::Cached), 14, "{}", second.trace());
+    assert_eq!(second.trace().count(State::Cached), 15, "{}", second.trace());
     assert_eq!(hash(&first, &graph), hash(&second, &graph));
 }
 
@@ -82,7 +82,7 @@ fn the_next_process_computes_what_changed_alone() {
     let processes = Processes::new();
     processes.run(&[]);
     let trace = processes.run(&[("growth", "25")]).trace();
-    assert_eq!(trace.count(State::Cached), 6, "{trace}");
+    assert_eq!(trace.count(State::Cached), 7, "{trace}");
     assert!(
         trace.to_string().contains("computed raised   parameter `distance` 12 -> 25"),
         "{trace}"
@@ -331,7 +331,7 @@ fn verifying_computes_and_finds_no_difference() {
     let mut evaluator = processes.evaluator().verifying(1.0);
     let evaluation = evaluator.evaluate_all(&processes.graph(&[]));
     assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
-    assert_eq!(evaluation.trace().count(State::Computed), 14, "{}", evaluation.trace());
+    assert_eq!(evaluation.trace().count(State::Computed), 15, "{}", evaluation.trace());
 }
 
 #[test]

@@ -241,10 +241,10 @@ fn a_second_run_computes_nothing_and_a_third_says_why_it_would() {
         maquette_with_cache(cache.path(), &[&["run", "doll.ron", "--out", folder], more].concat())
     };
     let first = stdout(&run(&[]));
-    assert!(first.contains("14 nodes: 14 computed"), "{first}");
+    assert!(first.contains("15 nodes: 15 computed"), "{first}");
     let before = std::fs::read(out.path().join("model.glb")).unwrap();
     let second = stdout(&run(&[]));
-    assert!(second.contains("14 nodes: 14 cached"), "{second}");
+    assert!(second.contains("15 nodes: 15 cached"), "{second}");
     assert_eq!(std::fs::read(out.path().join("model.glb")).unwrap(), before);
 
     let dry = stdout(&run(&["-n", "--set", "growth=25"]));
@@ -269,7 +269,7 @@ fn a_second_run_computes_nothing_and_a_third_says_why_it_would() {
     let cleared = stdout(&maquette_with_cache(cache.path(), &["cache", "clear"]));
     assert!(cleared.starts_with("dropped "), "{cleared}");
     let again = stdout(&run(&[]));
-    assert!(again.contains("14 nodes: 14 computed"), "{again}");
+    assert!(again.contains("15 nodes: 15 computed"), "{again}");
 }
 
 #[test]
@@ -295,7 +295,7 @@ fn profile_prints_a_table_and_writes_a_trace() {
     }
     let trace = std::fs::read(out.path().join("doll.trace.json")).unwrap();
     let trace: serde_json::Value = serde_json::from_slice(&trace).unwrap();
-    assert_eq!(trace["traceEvents"].as_array().unwrap().len(), 14);
+    assert_eq!(trace["traceEvents"].as_array().unwrap().len(), 15);
 }
 
 /// A folder with the subdivided doll, its test, and nothing blessed yet.

@@ -56,7 +56,7 @@ fn the_mask_is_the_nose() {
 #[test]
 fn the_nose_grows_and_nothing_else_moves() {
     let doll = Doll::new();
-    let scan: &RangeImage = doll.get("scan", "range");
+    let scan: &RangeImage = doll.get("whole", "");
     let blended: &RangeImage = doll.get("blended", "");
     let nose: &Region = doll.get("nose", "");
     let normal = doll.get::<Direction>("normal", "").vector();

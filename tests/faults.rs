@@ -172,8 +172,8 @@ mod file_systems {
         let words = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{words}");
         let text = String::from_utf8_lossy(&output.stdout);
-        assert!(text.contains("14 nodes: 14 cached"), "{text}");
-        assert!(text.contains("14 nodes: 8 computed, 6 cached"), "{text}");
+        assert!(text.contains("15 nodes: 15 cached"), "{text}");
+        assert!(text.contains("15 nodes: 8 computed, 7 cached"), "{text}");
         assert_eq!(files(&out), expected("20"));
     }
 }

@@ -58,21 +58,22 @@ fn a_parameter_runs_what_depends_on_it() {
     session.check(
         &[("growth", "20.0")],
         expect![[r#"
-        cached   scan     nothing that it depends on changed
-        cached   red      nothing that it depends on changed
-        cached   spots    nothing that it depends on changed
-        cached   nose     nothing that it depends on changed
-        cached   normal   nothing that it depends on changed
-        cached   net      nothing that it depends on changed
-        computed raised   parameter `distance` 12 -> 20
-        computed knots-u  input `net` changed; came out the same
-        computed knots-v  input `net` changed; came out the same
-        computed surface  input `net` changed
-        computed blended  input `surface` changed
-        computed grid     input `range` changed
-        computed skin     input `mesh` changed
-        computed model    input `mesh` changed
-    "#]],
+            cached   scan     nothing that it depends on changed
+            cached   whole    nothing that it depends on changed
+            cached   red      nothing that it depends on changed
+            cached   spots    nothing that it depends on changed
+            cached   nose     nothing that it depends on changed
+            cached   normal   nothing that it depends on changed
+            cached   net      nothing that it depends on changed
+            computed raised   parameter `distance` 12 -> 20
+            computed knots-u  input `net` changed; came out the same
+            computed knots-v  input `net` changed; came out the same
+            computed surface  input `net` changed
+            computed blended  input `surface` changed
+            computed grid     input `range` changed
+            computed skin     input `mesh` changed
+            computed model    input `mesh` changed
+        "#]],
     );
 }
 
@@ -83,21 +84,22 @@ fn a_node_that_comes_out_the_same_stops_the_wave() {
     session.check(
         &[("red.select.distance", "30.001")],
         expect![[r#"
-        cached   scan     nothing that it depends on changed
-        computed red      parameter `distance` 30 -> 30.001; came out the same
-        equal    spots    its inputs came out the same
-        equal    nose     its inputs came out the same
-        equal    normal   its inputs came out the same
-        equal    net      its inputs came out the same
-        equal    raised   its inputs came out the same
-        equal    knots-u  its inputs came out the same
-        equal    knots-v  its inputs came out the same
-        equal    surface  its inputs came out the same
-        equal    blended  its inputs came out the same
-        equal    grid     its inputs came out the same
-        equal    skin     its inputs came out the same
-        equal    model    its inputs came out the same
-    "#]],
+            cached   scan     nothing that it depends on changed
+            cached   whole    nothing that it depends on changed
+            computed red      parameter `distance` 30 -> 30.001; came out the same
+            equal    spots    its inputs came out the same
+            equal    nose     its inputs came out the same
+            equal    normal   its inputs came out the same
+            equal    net      its inputs came out the same
+            equal    raised   its inputs came out the same
+            equal    knots-u  its inputs came out the same
+            equal    knots-v  its inputs came out the same
+            equal    surface  its inputs came out the same
+            equal    blended  its inputs came out the same
+            equal    grid     its inputs came out the same
+            equal    skin     its inputs came out the same
+            equal    model    its inputs came out the same
+        "#]],
     );
 }
 
@@ -193,7 +195,10 @@ fn a_file_with_other_bytes_and_the_same_pixels_runs_its_reader_alone() {
     let equal = ["nose", "normal", "net", "raised", "knots-u", "knots-v", "surface", "blended"];
     let equal = equal.map(|name| format!("{name} equal")).join(", ");
     let states = copy.states();
-    assert!(states.starts_with("scan computed the same, red equal, spots equal"), "{states}");
+    assert!(
+        states.starts_with("scan computed the same, whole equal, red equal, spots equal"),
+        "{states}"
+    );
     assert!(states.contains(&equal), "{states}");
     assert!(!states.contains("red computed"), "{states}");
 }
@@ -280,20 +285,21 @@ fn an_error_stops_only_what_hangs_on_it() {
     session.check(
         &[("nose.pick", "Rank(99)")],
         expect![[r#"
-        computed scan     not computed before
-        computed red      not computed before
-        computed spots    not computed before
-        failed   nose     there is no rank 99: the labels have 1 parts, numbered from 1
-        skipped  normal   hangs on `nose`
-        skipped  net      hangs on `nose`
-        skipped  raised   hangs on `net`
-        skipped  knots-u  hangs on `raised`
-        skipped  knots-v  hangs on `raised`
-        skipped  surface  hangs on `raised`
-        skipped  blended  hangs on `nose`
-        skipped  grid     hangs on `blended`
-        skipped  skin     hangs on `grid`
-        skipped  model    hangs on `skin`
-    "#]],
+            computed scan     not computed before
+            computed whole    not computed before
+            computed red      not computed before
+            computed spots    not computed before
+            failed   nose     there is no rank 99: the labels have 1 parts, numbered from 1
+            skipped  normal   hangs on `nose`
+            skipped  net      hangs on `nose`
+            skipped  raised   hangs on `net`
+            skipped  knots-u  hangs on `raised`
+            skipped  knots-v  hangs on `raised`
+            skipped  surface  hangs on `raised`
+            skipped  blended  hangs on `nose`
+            skipped  grid     hangs on `blended`
+            skipped  skin     hangs on `grid`
+            skipped  model    hangs on `skin`
+        "#]],
     );
 }

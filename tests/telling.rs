@@ -246,7 +246,7 @@ fn set_puts_a_new_entry_of_a_patch_on_a_line_of_its_own() {
         Path::new(GRAPHS),
         &["set", "--dry-run", "pinocchio.ron", "red.select.distance=22"],
     );
-    let grid = "        \"grid\": (jump: 30.0, grazing: 89.0),\n";
+    let grid = "        \"grid\": (smooth_border: 60),\n";
     let expected = text.replace(grid, &format!("{grid}        \"red.select\": (distance: 22),\n"));
     assert_ne!(expected, text);
     assert_eq!(stdout(&output), expected, "{}", stderr(&output));

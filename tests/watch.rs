@@ -69,7 +69,7 @@ fn a_comment_runs_no_node_and_touches_no_output() {
     let before = project.output_times();
     project.save(&format!("// A comment.\n{}", project.doll_text(12.0)));
     let run = watch.run();
-    assert_eq!((count(&run.done, "computed"), count(&run.done, "cached")), (0, 14));
+    assert_eq!((count(&run.done, "computed"), count(&run.done, "cached")), (0, 15));
     assert!(run.written.iter().all(|file| file["unchanged"] == true), "{:?}", run.written);
     assert_eq!(project.output_times(), before);
 }
@@ -451,7 +451,7 @@ fn run_tells_events_too() {
         .map(|line| serde_json::from_slice(line).unwrap())
         .collect();
     let kinds = |kind: &str| events.iter().filter(|event| event["event"] == kind).count();
-    assert_eq!((kinds("started"), kinds("finished")), (14, 14));
+    assert_eq!((kinds("started"), kinds("finished")), (15, 15));
     assert_eq!((kinds("problems"), kinds("written"), kinds("done")), (1, 5, 1));
     assert_eq!(events.last().unwrap()["ok"], true);
 }
@@ -462,6 +462,6 @@ fn a_watch_that_is_not_on_a_terminal_prints_one_line_a_run() {
     let once = project.maquette(&["watch", "doll.ron", "--once", "--out", "out"]);
     let text = String::from_utf8(once.stdout).unwrap();
     assert_eq!(text.lines().count(), 1, "{text}");
-    assert!(text.starts_with("run 1: 14 computed; 5 files written; "), "{text}");
+    assert!(text.starts_with("run 1: 15 computed; 5 files written; "), "{text}");
     assert!(!text.contains('\x1b'), "{text}");
 }

@@ -102,6 +102,9 @@ fn fill(
     points: &mut [Point3<f64>],
     progress: &Progress<'_>,
 ) -> Result<(), Cancelled> {
+    if cells.is_empty() {
+        return Ok(());
+    }
     let terms = terms(width, cells, points);
     let groups = groups(cells, &terms);
     let solve = |(cells, terms): &(Vec<u32>, Vec<Term>)| {

@@ -223,7 +223,7 @@ mod tests {
         let (why, places) = whole(&sheet(&[21], 0.0), &region, 2.0).unwrap();
         assert!(why.starts_with("has 4 border edges within 2 px of the region"), "{why}");
         assert_eq!(places.len(), 4);
-        assert!(whole(&sheet(&[], 0.0), &region, 5.0).is_some());
+        assert!(whole(&sheet(&[], 0.0), &region, 5.2).is_some());
         assert!(whole(&sheet(&[], 0.0).with_frame(None), &region, 1.0).is_some());
     }
 

@@ -125,7 +125,8 @@ mod tests {
         let range = range.with_colors(vec![[1; 3], [2, 3, 4]]).unwrap();
         let range = range.with_filled(vec![0, 1]).unwrap();
         let mesh = read(&RangePly::write(&range, "range.ply").unwrap()[0].bytes).unwrap();
-        assert_eq!(mesh.positions()[..], [Point3::new(1., 2., 3.)]);
+        // Upright, as all files for viewers.
+        assert_eq!(mesh.positions()[..], [Point3::new(1., -2., -3.)]);
         assert_eq!(mesh.vertex().colors("color").unwrap()[..], [[2, 3, 4]]);
         assert_eq!(mesh.vertex().get("filled"), Some(&Attribute::Flag(vec![1].into())));
     }
@@ -176,9 +177,9 @@ mod tests {
     #[test]
     fn a_region_becomes_its_points() {
         let points = vec![Point3::new(1., 2., 3.), Point3::new(4., 5., 6.)];
-        let region = Region::new(2, 1, vec![0, 1], points.clone(), vec![0, 1], vec![]).unwrap();
+        let region = Region::new(2, 1, vec![0, 1], points, vec![0, 1], vec![]).unwrap();
         let mesh = read(&RegionPly::write(&region, "region.ply").unwrap()[0].bytes).unwrap();
-        assert_eq!(mesh.positions()[..], points);
+        assert_eq!(mesh.positions()[..], [Point3::new(1., -2., -3.), Point3::new(4., -5., -6.)]);
         assert_eq!(mesh.vertex().get("filled"), Some(&Attribute::Flag(vec![0, 1].into())));
     }
 }
