@@ -249,7 +249,7 @@ fn a_second_run_computes_nothing_and_a_third_says_why_it_would() {
 
     let dry = stdout(&run(&["-n", "--set", "growth=25"]));
     assert!(
-        dry.contains("runs      raised   parameter `distance` 12 -> 25, doll.ron:20:78"),
+        dry.contains("runs      raised   parameter `distance` 12 -> 25, doll.ron:22:78"),
         "{dry}"
     );
     assert!(dry.contains("may run   model    hangs on `skin`"), "{dry}");
@@ -260,7 +260,7 @@ fn a_second_run_computes_nothing_and_a_third_says_why_it_would() {
     assert_eq!(why("nose"), "`nose` does not run: nothing that it depends on changed\n");
     expect![[r#"
         `skin` runs if what it hangs on comes out different:
-          `raised` runs: parameter `distance` 12 -> 25, doll.ron:20:78
+          `raised` runs: parameter `distance` 12 -> 25, doll.ron:22:78
     "#]]
     .assert_eq(&why("skin"));
 

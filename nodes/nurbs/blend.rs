@@ -154,7 +154,7 @@ pub struct Blended {
 /// the band, by distance from the nearest cell outside. With the same weights `S - S'` is the surface of the net's
 /// offsets; where it is 0, D keeps its bits.
 ///
-/// Shadows (cells without a point that the scan surrounds) of up to [`SHADOW`] cells between the region and the rest of the scan are filled,
+/// Shadows (cells without a point that the scan surrounds) of up to 1000 cells between the region and the rest of the scan are filled,
 /// too, by a thin plate under tension. The triangles at filled cells are marked as joined, and those at cells of the region that were part of a surface
 /// before (as `Triangulate` joins cells when nothing else is asked of it).
 ///
