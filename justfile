@@ -38,6 +38,10 @@ files:
 law sequences="1000000":
     LAW_SEQUENCES={{sequences}} cargo test --release -p maquette --lib law
 
+# Moves each of so many entries of each kind of value by a little less and a little more than each bound of its golden.
+verdicts places="100000":
+    PLACES={{places}} cargo test --release -p maquette --lib mutations
+
 sequences count="2000":
     SEQUENCES={{count}} cargo test --release -p maquette-nodes --test sequences
 
