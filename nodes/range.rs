@@ -32,7 +32,7 @@ pub(crate) use joins::{GRAZING, JUMP, Joins, longest_edge};
 pub use range_file::{Axes, CameraFileError, Unit};
 pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
 pub use read_range::{ReadRange, read_range};
-pub(crate) use shadows::{around, fill_shadows};
+pub(crate) use shadows::{LARGEST_SHADOW, around, fill_shadows};
 pub use triangulate::{Triangulate, TriangulateError, triangulate};
 
 /// Nodes on range images.

@@ -11,7 +11,9 @@ use super::canvas::{Canvas, Target};
 use super::fold::folded_cells;
 use super::refine::{refine, refined_range};
 use super::seam::{Seam, seam};
-use crate::range::{GRAZING, JUMP, Joins, around, fill_shadows, grid_triangles, longest_edge};
+use crate::range::{
+    GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles, longest_edge,
+};
 
 /// Writes a surface back to the range grid that it came from. Only cells of the region change; all others keep every bit.
 ///
@@ -208,9 +210,6 @@ pub fn blend(
     Ok(Blended { range: range.with_joined(joined)?, folded, seam })
 }
 
-/// Cells of the largest shadow beside a region that is filled.
-const SHADOW: usize = 1000;
-
 /// Longest edge at filled cells, in multiples of the median spacing: what is redesigned may stand out far, but what is behind the object
 /// is no part of it.
 const ACROSS: f64 = 10.0;
@@ -227,7 +226,7 @@ fn fill_beside(
     let seen = |cell: usize| range.point(cell).is_some();
     let is_beside = |cells: &[u32]| {
         let has = |within: bool| around(width, cells).any(|it| seen(it) && inside[it] == within);
-        cells.len() <= SHADOW && has(true) && has(false)
+        cells.len() <= LARGEST_SHADOW && has(true) && has(false)
     };
     let longest = longest_edge(range, ACROSS);
     fill_shadows(width, &mut canvas.points, longest, is_beside, progress)
@@ -240,7 +239,8 @@ fn joined(canvas: &Canvas, range: &RangeImage) -> Vec<u8> {
     let mut inside = vec![false; points.len()];
     canvas.targets.iter().for_each(|target| inside[target.cell] = true);
     let before = range.with_points(points.clone()).expect("as many points as cells");
-    let (seen, filled) = (Joins::new(&before, JUMP, GRAZING), Joins::new(&before, ACROSS, 90.0));
+    let seen = Joins::new(&before, JUMP, GRAZING);
+    let filled = seen.allowing(ACROSS, 90.0);
     let mut joined = Vec::from_iter((0..points.len()).map(|cell| range.joined(cell)));
     let divided = |quad: usize| joined[quad];
     let held = grid_triangles(*width, *height, points, divided, |triangle, corners| {

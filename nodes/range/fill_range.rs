@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::joins::{JUMP, longest_edge};
-use super::shadows::{fill_shadows, join_around};
+use super::shadows::{LARGEST_SHADOW, fill_shadows, join_around};
 
 /// Fills shadows and pits of a range image: cells without a point that the scan surrounds.
 ///
@@ -17,8 +17,8 @@ pub struct FillRange {
     /// The range image.
     pub range: In<RangeImage>,
     /// Cells of the largest shadow that is filled: what is larger is taken for a gap in the object.
-    #[schemars(extend("unit" = "cells"))]
-    #[serde(default = "thousand")]
+    #[schemars(range(max = 100_000), extend("unit" = "cells"))]
+    #[serde(default = "largest_shadow")]
     pub largest: u32,
     /// Longest edge of what is filled, in multiples of the grid's median spacing: a shadow that needs longer ones lies between an
     /// object and what is behind it, and stays open.
@@ -31,8 +31,8 @@ fn jump() -> f64 {
     JUMP
 }
 
-fn thousand() -> u32 {
-    1000
+fn largest_shadow() -> u32 {
+    LARGEST_SHADOW as u32
 }
 
 /// Why a range image is not filled.

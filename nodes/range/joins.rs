@@ -14,6 +14,7 @@ pub(crate) const GRAZING: f64 = 85.0;
 
 /// Tells triangles on a surface from those that bridge the gap to what is behind it.
 pub(crate) struct Joins {
+    spacing_sq: f64,
     longest_sq: f64,
     least_cosine: f64,
     rays: Rays,
@@ -28,10 +29,21 @@ impl Joins {
     /// For triangles with edges up to `jump` times the median distance of valid cells that share a side, whose normals make angles
     /// up to `grazing` degrees with the line of sight.
     pub(crate) fn new(range: &RangeImage, jump: f64, grazing: f64) -> Self {
-        Self {
-            longest_sq: jump * jump * median_spacing_sq(range),
-            least_cosine: libm::cos(grazing.to_radians()),
+        let own = Self {
+            spacing_sq: median_spacing_sq(range),
+            longest_sq: 0.0,
+            least_cosine: 0.0,
             rays: Rays::of(range),
+        };
+        own.allowing(jump, grazing)
+    }
+
+    /// The same grid judged by other bounds.
+    pub(crate) fn allowing(&self, jump: f64, grazing: f64) -> Self {
+        Self {
+            longest_sq: jump * jump * self.spacing_sq,
+            least_cosine: libm::cos(grazing.to_radians()),
+            ..*self
         }
     }
 

@@ -5,12 +5,9 @@ use maquette::value::{Mask, RangeImage};
 use nalgebra::Point3;
 
 use super::joins::{JUMP, longest_edge};
-use super::shadows::shadows;
+use super::shadows::{LARGEST_SHADOW, shadows};
 use crate::image::{Connectivity, label};
 use crate::laplace::{Unsolved, solve};
-
-/// Cells of the largest shadow that is filled although it reaches beyond the region.
-const SHADOW: usize = 1000;
 
 /// The cells of `region` that have a point, or will have one: with `fill` the invalid ones whose part lies wholly inside, or in a shadow
 /// that the scan surrounds.
@@ -29,7 +26,8 @@ pub(crate) fn usable_cells(region: &Mask, range: &RangeImage, fill: bool) -> Mas
         *hole = *hole && [cell - width, cell - 1, cell + 1, cell + width].into_iter().all(inside);
     }
     let mut in_shadow = vec![false; width * height];
-    let small = shadows(width, height, range.points()).into_iter().filter(|it| it.len() <= SHADOW);
+    let small =
+        shadows(width, height, range.points()).into_iter().filter(|it| it.len() <= LARGEST_SHADOW);
     small.filter(|_| fill).flatten().for_each(|cell| in_shadow[cell as usize] = true);
     let usable = |cell: usize| match holes.pixels()[cell] {
         0 => inside(cell),

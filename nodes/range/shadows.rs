@@ -9,6 +9,9 @@ use super::grid_triangles::quad_triangles;
 use crate::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use crate::image::{Connectivity, label};
 
+/// Cells of the largest shadow that is filled unless something else is asked for: what is larger is taken for a gap in the object.
+pub(crate) const LARGEST_SHADOW: usize = 1000;
+
 /// The cells of a grid without a point, in parts that hang together by sides; in each, cells in raster order. Parts that reach the rim of
 /// the grid are none: nothing surrounds the background.
 pub(crate) fn shadows(width: usize, height: usize, points: &[Point3<f64>]) -> Vec<Vec<u32>> {
