@@ -2,8 +2,8 @@
 //!
 //! Prints a table of all methods on all cases: those of the data's folder (`FILL_DATA`, by default `../shared/data`), and a bumpy sphere with
 //! a hole of 948 vertices, the one of the peers' item 7; each also with noise. `fill WORD ...` prints the rows whose case or method has one of
-//! the words, `fill rims` the times of large rims, `fill sizes` those of thin plates over one hole in ever finer data, and `fill rough` compares how
-//! rough fills are with how rough it was there. Two other programs fill
+//! the words, `fill rims` the times of large rims, `fill sizes` those of thin plates over one hole in ever finer data, and `fill rough WORD ...` compares how
+//! rough fills are with how rough it was there and is around, in the rows that have all of the words. Two other programs fill
 //! the same holes if they are there: `CGAL_FILL` names the program made of `benches/peers/cgal_fill.cpp`, `MESHLIB_PYTHON` a Python that has
 //! MeshLib. `benches/peers/peers.py holes` makes and names both.
 //!
@@ -29,7 +29,7 @@ use maquette_nodes::mesh::read_mesh;
 use nalgebra::Point3;
 
 use cases::{Case, bumpy_sphere, cases, with_noise};
-use judge::{character, judge};
+use judge::{characters, judge};
 
 #[path = "fill/cases.rs"]
 mod cases;
@@ -56,7 +56,7 @@ fn measure() {
         return sizes();
     }
     if words.iter().any(|word| word == "rough") {
-        return characters();
+        return roughness(&words);
     }
     let wanted = |text: &str| words.is_empty() || words.iter().any(|word| text.contains(&word[..]));
     let peers = peers();
@@ -294,20 +294,31 @@ fn sizes() {
     }
 }
 
-/// How rough fills are beside what was there, where that is rough.
-fn characters() {
+/// How rough fills are beside what was there and beside what is around.
+fn roughness(words: &[String]) {
+    let words: Vec<&String> = words.iter().filter(|word| *word != "rough").collect();
     println!(
-        "{:36} {:18} {:>9}  bends at 10, 25, 50, 75 and 90 of a hundred",
-        "over the truth's", "method", "roughness"
+        "{:28} {:13} {:24} {:>9}  bends at 10, 25, 50, 75 and 90 of a hundred",
+        "case", "method", "share of", "roughness"
     );
     for case in cases() {
         for (name, method) in methods() {
+            let text = format!("{} {name}", case.name);
+            if !words.iter().all(|word| text.contains(&word[..])) {
+                continue;
+            }
             let options = FillOptions { holes: HoleChoice::All, method };
             let filled = fill_holes(&case.holed, &options, &Progress::none()).expect("a surface");
-            let character = character(&case, &filled.mesh);
-            let bends: String =
-                character.bends.iter().map(|share| format!(" {share:5.2}")).collect();
-            println!("{:36} {name:18} {:9.2} {bends}", case.name, character.roughness);
+            let all = characters(&case, &filled.mesh);
+            let what = ["truth", "neighborhood", "truth by neighborhood"];
+            for (what, character) in what.into_iter().zip(all) {
+                let bends: String =
+                    character.bends.iter().map(|share| format!(" {share:5.2}")).collect();
+                println!(
+                    "{:28} {name:13} {what:24} {:9.2} {bends}",
+                    case.name, character.roughness
+                );
+            }
         }
     }
 }

@@ -25,6 +25,7 @@ pub(crate) fn cases() -> Vec<Case> {
     let folder =
         folder.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"));
     let mut cases = vec![bumpy_sphere(45), broken_nut(5), broken_nut(8)];
+    cases.extend([wool(), terrain(), fur()]);
     for (name, file) in [
         ("holes/smooth_blob", "obj"),
         ("holes/smooth_spot", "obj"),
@@ -80,6 +81,72 @@ fn cut(file: &str, mesh: &Mesh, seed: u32, rings: usize) -> Case {
     let edge = mean_edge(&holed);
     let name = file.rsplit('/').next().unwrap_or(file).split('.').next().unwrap_or(file);
     Case { name: format!("cut {name} {seed}"), holed, truth, edge }
+}
+
+/// A sphere with curls: ridges that wind. What is cut out is as rough as what is around it, which is not so everywhere.
+fn wool() -> Case {
+    let (directions, faces) = geodesic(45);
+    let curl = |v: &Vector3<f64>| {
+        let x = v.x + 0.11 * libm::sin(6.0 * v.y + 1.0) + 0.07 * libm::sin(11.0 * v.z - 4.0 * v.y);
+        let y = v.y + 0.11 * libm::sin(7.0 * v.z + 2.0) + 0.07 * libm::sin(10.0 * v.x + 3.0 * v.z);
+        let z = v.z + 0.11 * libm::sin(5.0 * v.x - 1.0) + 0.07 * libm::sin(12.0 * v.y - 5.0 * v.x);
+        let wave = libm::sin(13.0 * x + 9.0 * y)
+            + libm::sin(15.0 * y - 8.0 * z + 1.0)
+            + libm::sin(14.0 * z + 10.0 * x - 2.0);
+        (v * (1.0 + 0.06 * libm::cos(2.0 * wave))).into()
+    };
+    let points: Vec<Point3<f64>> = directions.iter().map(curl).collect();
+    let mesh = Mesh::new(points, Faces::triangles(faces)).expect("a sphere");
+    cut("wool", &mesh, 14_300, 10)
+}
+
+/// A square of fractal noise, whose waves are as high as they are long to the power 1.5.
+fn terrain() -> Case {
+    let side = 120_u32;
+    let tau = std::f64::consts::TAU;
+    let waves: Vec<[f64; 4]> = (0..160)
+        .map(|k| {
+            let [long, turn, phase] = [0, 1, 2].map(|part| noise(3 * k + part + 77));
+            // From 60 edges to 3.
+            let length = 60.0 * libm::pow(0.05, long);
+            let (sine, cosine) = libm::sincos(tau * turn);
+            let height = 0.003 * libm::pow(length, 1.5);
+            [cosine * tau / length, sine * tau / length, tau * phase, height]
+        })
+        .collect();
+    let point = |k: u32| {
+        let (x, y) = (f64::from(k % side), f64::from(k / side));
+        let high = waves.iter().map(|[u, v, phase, high]| high * libm::sin(u * x + v * y + phase));
+        Point3::new(x, y, high.sum())
+    };
+    let corners =
+        (0..side - 1).flat_map(|row| (0..side - 1).map(move |column| row * side + column));
+    let faces = corners.flat_map(|k| [[k, k + 1, k + side + 1], [k, k + side + 1, k + side]]);
+    let points: Vec<_> = (0..side * side).map(point).collect();
+    let mesh = Mesh::new(points, Faces::triangles(faces.collect())).expect("a square");
+    cut("terrain", &mesh, side * 55 + 62, 11)
+}
+
+/// An egg with grooves, some five edges apart, that run along it like hair.
+fn fur() -> Case {
+    let (directions, faces) = geodesic(40);
+    let hair = |v: &Vector3<f64>| {
+        let across = 46.0 * v.x
+            + 2.5 * libm::sin(3.0 * v.y + 1.0)
+            + 1.5 * libm::sin(7.0 * v.y - 2.0 * v.z)
+            + 0.8 * libm::sin(17.0 * v.z + 5.0 * v.x);
+        let high = 0.012 * (1.0 + 0.4 * libm::sin(9.0 * v.y + 4.0 * v.x)) * libm::sin(across);
+        let egg = Vector3::new(v.x, 1.5 * v.y, v.z);
+        Point3::from(egg * (1.0 + high))
+    };
+    let points: Vec<Point3<f64>> = directions.iter().map(hair).collect();
+    let mesh = Mesh::new(points, Faces::triangles(faces)).expect("an egg");
+    let front = |&vertex: &u32| {
+        let toward = directions[vertex as usize].dot(&Vector3::new(0.1, 0.2, 1.0));
+        (toward * 1e9) as i64
+    };
+    let seed = (0..directions.len() as u32).max_by_key(front).expect("vertices");
+    cut("fur", &mesh, seed, 10)
 }
 
 fn mean_edge(mesh: &Mesh) -> f64 {

@@ -53,7 +53,7 @@ pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
     }
 }
 
-/// How rough what fills a hole is, as a share of how rough what was there is.
+/// How rough what fills a hole is, as a share of how rough something else is.
 pub(crate) struct Character {
     /// Of the distances from the surface to itself after some smoothing, the roots of their mean squares.
     pub(crate) roughness: f64,
@@ -61,18 +61,57 @@ pub(crate) struct Character {
     pub(crate) bends: [f64; 5],
 }
 
-/// Compares the part of `filled` at its new vertices with that of the truth at its lost ones.
-pub(crate) fn character(case: &Case, filled: &Mesh) -> Character {
+/// Compares the part of `filled` at its new vertices with that of the truth at its lost ones, and with the neighborhood: the data in so
+/// many rings around the hole as the hole has across. Last, compares the truth with the neighborhood.
+pub(crate) fn characters(case: &Case, filled: &Mesh) -> [Character; 3] {
     let data = case.holed.positions().len();
-    let [own, there] = [filled, &case.truth].map(|mesh| (roughness(mesh, data), bends(mesh, data)));
-    let bends = std::array::from_fn(|k| own.1[k] / there.1[k]);
-    Character { roughness: own.0 / there.0, bends }
+    let new = |vertex: usize| data <= vertex;
+    let around = neighborhood(case);
+    let measure = |mesh: &Mesh, is_in: &dyn Fn(usize) -> bool, touches: bool| Character {
+        roughness: roughness(mesh, is_in),
+        bends: bends(mesh, is_in, touches),
+    };
+    let [own, there] = [filled, &case.truth].map(|mesh| measure(mesh, &new, true));
+    let near = measure(&case.truth, &|vertex| around[vertex], false);
+    let over = |a: &Character, b: &Character| Character {
+        roughness: a.roughness / b.roughness,
+        bends: std::array::from_fn(|k| a.bends[k] / b.bends[k]),
+    };
+    [over(&own, &there), over(&own, &near), over(&there, &near)]
+}
+
+/// Marks the vertices of the truth in so many rings around what is lost as that has across.
+fn neighborhood(case: &Case) -> Vec<bool> {
+    let data = case.holed.positions().len();
+    let edges = case.truth.edges().vertices;
+    let steps = |from: &dyn Fn(usize) -> bool| {
+        let mut steps: Vec<usize> = (0..case.truth.positions().len())
+            .map(|v| if from(v) { 0 } else { usize::MAX })
+            .collect();
+        for ring in 0.. {
+            let before = steps.clone();
+            for &[a, b] in &edges {
+                for [a, b] in [[a, b], [b, a]].map(|ends| ends.map(|end| end as usize)) {
+                    if before[a] == ring && before[b] == usize::MAX {
+                        steps[b] = ring + 1;
+                    }
+                }
+            }
+            if before == steps {
+                break;
+            }
+        }
+        steps
+    };
+    let depth = steps(&|vertex| vertex < data).into_iter().max().unwrap_or(0);
+    let out = steps(&|vertex| data <= vertex);
+    out.into_iter().map(|ring| 0 < ring && ring <= 2 * depth).collect()
 }
 
 /// Steps of smoothing, each half-way to the mean of the neighbors.
 const STEPS: usize = 4;
 
-fn roughness(mesh: &Mesh, data: usize) -> f64 {
+fn roughness(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool) -> f64 {
     let edges = mesh.edges().vertices;
     let mut degrees = vec![0.0_f64; mesh.positions().len()];
     edges.iter().flatten().for_each(|&vertex| degrees[vertex as usize] += 1.0);
@@ -88,14 +127,20 @@ fn roughness(mesh: &Mesh, data: usize) -> f64 {
         }
     }
     let normals = mesh.vertex_normals();
-    let each = mesh.positions().iter().zip(&smooth).zip(&normals).skip(data);
-    let far: Vec<f64> = each.map(|((p, q), normal)| (p - q).dot(normal)).collect();
+    let each = mesh.positions().iter().zip(&smooth).zip(&normals).enumerate();
+    let part = each.filter(|(vertex, _)| is_in(*vertex));
+    let far: Vec<f64> = part.map(|(_, ((p, q), normal))| (p - q).dot(normal)).collect();
     (far.iter().map(|far| far * far).sum::<f64>() / far.len() as f64).sqrt()
 }
 
-fn bends(mesh: &Mesh, data: usize) -> [f64; 5] {
+/// Of the faces with all vertices in a part, or, if they need but touch it, with one.
+fn bends(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool, touches: bool) -> [f64; 5] {
     let mut sides: Vec<([u32; 2], Vector3<f64>)> = Vec::new();
-    for face in mesh.faces().iter().filter(|face| face.iter().any(|&v| data <= v as usize)) {
+    let counts = |face: &&[u32]| {
+        let mut within = face.iter().map(|&vertex| is_in(vertex as usize));
+        if touches { within.any(|is| is) } else { within.all(|is| is) }
+    };
+    for face in mesh.faces().iter().filter(counts) {
         let normal = mesh.area_vector(face).normalize();
         let ends = |k: usize| [face[k], face[(k + 1) % face.len()]];
         sides.extend((0..face.len()).map(ends).map(|[a, b]| ([a.min(b), a.max(b)], normal)));

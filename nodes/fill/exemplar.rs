@@ -10,7 +10,7 @@
 //! - A thin plate at the start counts as an estimate of its own, as good as thin plates are where the data are known: a vertex
 //!   moves to the mean of both, weighed by their certainty. Where no exemplar fits, the plate stays.
 //! - Last, each vertex gets the fine detail of its exemplar, made as rough as the data around the hole: the mean of many patches is
-//!   smoother than each of them, and the best match of a smooth patch is a smooth one.
+//!   smoother than each of them, and the best match of a smooth patch is a smooth one. Then edges bend as often and as much as there.
 
 use maquette::value::TraceStep;
 use maquette::{Cancelled, Progress};
@@ -26,6 +26,7 @@ use search::Turns;
 use surface::{NONE, Surface};
 use tints::Color;
 
+mod bends;
 mod cells;
 mod compare;
 mod descriptor;
@@ -184,7 +185,7 @@ pub(super) fn complete(
         if last {
             let edge = completion.hole.edge;
             let cells = cells::cells(&surface, points, data, &outcome, edge);
-            completion.add_detail(&size, &exemplars, &outcome, &cells, points);
+            completion.add_detail(&size, &exemplars, &outcome, &cells, points, progress)?;
             completion.copy(&exemplars, &outcome, &cells, points, &mut completed.copies);
         }
         completion.guides = outcome.guides;
@@ -347,7 +348,7 @@ impl Completion<'_> {
         }
     }
 
-    /// Adds what the mean of many exemplars has lost, unless they fit exactly, or the publication is followed.
+    /// Adds what the mean of many exemplars has lost, unless they fit exactly, not all vertices move, or the publication is followed.
     fn add_detail(
         &self,
         size: &Size,
@@ -355,17 +356,21 @@ impl Completion<'_> {
         outcome: &Outcome,
         cells: &[u32],
         points: &mut [Point3<f64>],
-    ) {
+        progress: &Progress<'_>,
+    ) -> Result<(), Cancelled> {
         if self.options.most_iterations() == 0
             || outcome.is_exact(size.radius)
             || self.is_published()
+            || outcome.patches.movable < cells.len()
         {
-            return;
+            return Ok(());
         }
         let around = |vertex: u32| self.distances[vertex as usize] <= self.hole.width;
         let around = (0..self.data as u32).filter(|&vertex| around(vertex)).collect();
         let (surface, turns, radius) = (self.surface, &self.turns, size.radius);
         let sharp = self.sharp;
         Detail { surface, exemplars, outcome, turns, cells, sharp, radius }.add(points, around);
+        let normals = &outcome.normals[..cells.len()];
+        bends::bend_alike(surface, points, normals, &self.hole, sharp, progress)
     }
 }

@@ -36,18 +36,15 @@ pub(super) struct Detail<'a> {
 }
 
 impl Detail<'_> {
-    /// Moves the missing vertices along their normals until each lies over or under its neighbors as on its exemplar, as far as that is a
+    /// Moves the missing vertices, all of which are sites, along their normals until each lies over or under its neighbors as on its exemplar, as far as that is a
     /// matter of few edges. Detail is amplified until it is as rough as the data's vertices `around` the hole: matches are chosen by what
     /// is there, which has little.
     ///
     /// This is the equation of a thin plate whose rest shape is bent: Botsch and Sorkine, "On linear variational surface deformation
     /// methods" (2008), section 4.
     pub(super) fn add(&self, points: &mut [Point3<f64>], around: Vec<u32>) {
-        let (count, missing) = (points.len(), self.outcome.patches.movable);
+        let count = points.len();
         let data = count - self.cells.len();
-        if missing < self.cells.len() {
-            return;
-        }
         let (mut change, mut wanted) = (vec![0.0; count], vec![0.0; count]);
         let mut normals = vec![Vector3::zeros(); count];
         let now = |vertex: u32| points[vertex as usize];

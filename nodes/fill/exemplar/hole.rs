@@ -11,6 +11,8 @@ pub(super) struct Hole {
     pub(super) rim: Vec<u32>,
     /// For each missing vertex how far its hole reaches from the rim.
     pub(super) widths: Vec<f64>,
+    /// Of each missing vertex the number of its hole.
+    pub(super) numbers: Vec<u32>,
     /// The farthest that a hole reaches from its rim.
     pub(super) width: f64,
     /// The mean length of the data's edges at the rim.
@@ -30,9 +32,9 @@ impl Hole {
         border.dedup();
         let edge = mean_edge(surface, points, &border, data as u32)?;
         let rim = surface.nearest(points, border.iter().copied(), f64::INFINITY);
-        let widths = widths(surface, points, &rim, data);
+        let (widths, numbers) = widths(surface, points, &rim, data);
         let width = widths.iter().copied().fold(0.0, f64::max);
-        Some(Self { rim, widths, width, edge })
+        Some(Self { rim, widths, numbers, width, edge })
     }
 
     /// The radius of a patch that sees the vertices it is made of.
@@ -85,14 +87,15 @@ fn mean_edge(surface: &Surface<'_>, points: &[Point3<f64>], rim: &[u32], data: u
     (sum > 0.0).then(|| sum / f64::from(count))
 }
 
-/// For each missing vertex how far its hole reaches from the rim.
+/// For each missing vertex how far its hole reaches from the rim, and the number of that.
 fn widths(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
     near_rim: &[u32],
     data: usize,
-) -> Vec<f64> {
+) -> (Vec<f64>, Vec<u32>) {
     let mut widths = vec![-1.0; points.len() - data];
+    let (mut numbers, mut count) = (vec![0; points.len() - data], 0);
     for first in data..points.len() {
         if widths[first - data] >= 0.0 {
             continue;
@@ -113,7 +116,10 @@ fn widths(
                 }
             }
         }
-        hole.iter().for_each(|vertex| widths[vertex - data] = width);
+        for vertex in hole {
+            (widths[vertex - data], numbers[vertex - data]) = (width, count);
+        }
+        count += 1;
     }
-    widths
+    (widths, numbers)
 }

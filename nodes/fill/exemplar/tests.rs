@@ -275,6 +275,55 @@ fn a_filled_part_is_as_rough_as_what_is_around_it() {
     assert!(start < 0.5 * truth && (end / truth - 1.0).abs() < 0.25, "{start} {end} {truth}");
 }
 
+/// Of a hundred edges whose faces have such corners, by how much the 10th, 25th, 50th, 75th and 90th bends.
+fn bends(filling: &Filling, is_in: impl Fn([u32; 4]) -> bool) -> [f64; 5] {
+    let surface = Surface::new(filling.points.len(), &filling.faces);
+    let edges = bends::hinges(&surface).filter(|&corners| is_in(corners));
+    let mut angles: Vec<f64> =
+        edges.map(|corners| bends::angle(corners, &filling.points).abs()).collect();
+    angles.sort_by(f64::total_cmp);
+    [10, 25, 50, 75, 90].map(|share| angles[share * angles.len() / 100])
+}
+
+#[test]
+fn curls_go_on_as_sharp_and_as_flat_as_they_are_around() {
+    let height = |x: f64, y: f64| {
+        let curl = libm::sin(22.0 * x + 3.0 * libm::sin(9.0 * y));
+        0.04 * curl + 0.01 * libm::sin(31.0 * x - 27.0 * y)
+    };
+    let mut filling = grid(41, |x, y| x * x + y * y < 0.06, height);
+    plate(&mut filling);
+    let data = filling.data as u32;
+    run(&mut filling, &ExemplarOptions::default());
+    // As far from the hole as it is wide.
+    let near = |vertex: u32| filling.points[vertex as usize].xy().coords.norm() < 0.74;
+    let inside = bends(&filling, |[a, b, c, d]| data <= a.max(b).max(c.min(d)));
+    let around =
+        bends(&filling, |corners| corners.iter().all(|&vertex| vertex < data && near(vertex)));
+    for (inside, around) in inside.iter().zip(around) {
+        assert!((inside / around - 1.0).abs() < 0.15, "{inside} beside {around}");
+    }
+}
+
+#[test]
+fn angles_have_a_side_and_slopes() {
+    let points = [[0.0, 0.0, 0.0], [1.2, 0.1, 0.0], [0.4, 1.0, 0.3], [0.7, -0.9, 0.2]];
+    let points = points.map(Point3::from);
+    let corners = [0, 1, 2, 3];
+    assert!(bends::angle(corners, &points) < 0.0, "both faces rise from the edge");
+    for (corner, slope) in bends::slopes(corners, &points).iter().enumerate() {
+        for axis in 0..3 {
+            let at = |step: f64| {
+                let mut points = points;
+                points[corner][axis] += step;
+                bends::angle(corners, &points)
+            };
+            let difference = (at(1e-5) - at(-1e-5)) / 2e-5;
+            assert!((difference - slope[axis]).abs() < 1e-8, "{difference} {slope}");
+        }
+    }
+}
+
 #[test]
 fn votes_carry_what_exemplars_have() {
     let mut filling = bumps();
