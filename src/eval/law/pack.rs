@@ -32,7 +32,7 @@ impl Value for Amount {
     }
 }
 
-/// Adds amounts and a number.
+/// Adds amounts, each as often as its place says, and a number: their order counts.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Add {
     /// The amounts.
@@ -47,7 +47,8 @@ impl Node for Add {
     const OUTPUTS: [&'static str; 1] = ["sum"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((Amount(self.of.iter().map(|of| cx.get(of).0).sum::<u64>() + self.plus),))
+        let amounts = (1..).zip(&self.of).map(|(times, of)| times * cx.get(of).0);
+        Ok((Amount(amounts.sum::<u64>() + self.plus),))
     }
 }
 

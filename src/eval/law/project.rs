@@ -104,6 +104,7 @@ impl Project {
                     links[link] = usize::from(to) % node;
                 }
             }
+            Edit::Turn { node } => self.nodes[place(node)].links.reverse(),
             Edit::Swap { node } => self.swap(place(node)),
             Edit::Remove { node } => self.remove(place(node)),
         }

@@ -39,6 +39,10 @@ pub(super) enum Edit {
         link: u8,
         to: u8,
     },
+    /// Its links in the opposite order.
+    Turn {
+        node: u8,
+    },
     Swap {
         node: u8,
     },
@@ -124,9 +128,10 @@ fn edit() -> impl Strategy<Value = Edit> {
     prop_oneof![
         4 => add(),
         6 => pair().prop_map(|(node, number)| Edit::Number { node, number }),
-        1 => (any::<u8>(), kind()).prop_map(|(node, kind)| Edit::Kind { node, kind }),
+        2 => (any::<u8>(), kind()).prop_map(|(node, kind)| Edit::Kind { node, kind }),
         1 => any::<u8>().prop_map(|node| Edit::Rename { node }),
         2 => (pair(), any::<u8>()).prop_map(|((node, link), to)| Edit::Link { node, link, to }),
+        2 => any::<u8>().prop_map(|node| Edit::Turn { node }),
         1 => any::<u8>().prop_map(|node| Edit::Swap { node }),
         1 => any::<u8>().prop_map(|node| Edit::Remove { node }),
         1 => any::<u8>().prop_map(|number| Edit::Inner { number }),
