@@ -11,6 +11,10 @@ graphs *args:
 mutations:
     python3 tests/mutations/run.py
 
+# Does the law of memory notice faults? 22 are tried, one build each: some ten minutes.
+law-mutations sequences="2000":
+    SEQUENCES={{sequences}} python3 tests/mutations/law.py
+
 lint:
     cargo fmt --all --check
     cargo clippy --workspace --all-targets -- -D warnings
