@@ -14,6 +14,8 @@ struct Node {
     number: u8,
     /// Where its links go: places of nodes before it.
     links: Vec<usize>,
+    /// Whether it takes their other outputs.
+    other: bool,
 }
 
 /// What the author has in mind; [`Project::save`] brings it into the folder.
@@ -105,6 +107,7 @@ impl Project {
                 }
             }
             Edit::Turn { node } => self.nodes[place(node)].links.reverse(),
+            Edit::Other { node } => self.nodes[place(node)].other ^= true,
             Edit::Swap { node } => self.swap(place(node)),
             Edit::Remove { node } => self.remove(place(node)),
         }
@@ -122,7 +125,7 @@ impl Project {
         }
         let links = links.iter().filter(|_| at > 0).map(|link| usize::from(*link) % at).collect();
         let name = self.new_name();
-        self.nodes.insert(at, Node { name, kind, number, links });
+        self.nodes.insert(at, Node { name, kind, number, links, other: false });
     }
 
     /// Removes a node; what was linked to it is linked to the one before it.
@@ -191,7 +194,7 @@ impl Project {
             let to = &self.nodes[*node.links.get(at % node.links.len().max(1))?];
             let output = match to.kind {
                 Kind::Split if to.links.is_empty() => "",
-                Kind::Split if node.number.is_multiple_of(2) => ".remainder",
+                Kind::Split if node.other ^ node.number.is_multiple_of(2) => ".remainder",
                 _ => "",
             };
             // Of a list only the first element.

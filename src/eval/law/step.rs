@@ -43,6 +43,10 @@ pub(super) enum Edit {
     Turn {
         node: u8,
     },
+    /// It takes the other outputs of what it is linked to.
+    Other {
+        node: u8,
+    },
     Swap {
         node: u8,
     },
@@ -132,6 +136,7 @@ fn edit() -> impl Strategy<Value = Edit> {
         1 => any::<u8>().prop_map(|node| Edit::Rename { node }),
         2 => (pair(), any::<u8>()).prop_map(|((node, link), to)| Edit::Link { node, link, to }),
         2 => any::<u8>().prop_map(|node| Edit::Turn { node }),
+        2 => any::<u8>().prop_map(|node| Edit::Other { node }),
         1 => any::<u8>().prop_map(|node| Edit::Swap { node }),
         1 => any::<u8>().prop_map(|node| Edit::Remove { node }),
         1 => any::<u8>().prop_map(|number| Edit::Inner { number }),
