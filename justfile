@@ -11,8 +11,8 @@ graphs *args:
 mutations:
     python3 tests/mutations/run.py
 
-# Does the law of memory notice faults? 22 are tried, one build each: some ten minutes.
-law-mutations sequences="2000":
+# Does the law of memory notice faults? 21 are tried, one build each: some half an hour.
+law-mutations sequences="20000":
     SEQUENCES={{sequences}} python3 tests/mutations/law.py
 
 lint:

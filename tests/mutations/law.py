@@ -106,11 +106,6 @@ FAULTS = [
          "file.map_or([0; 32], |hash| hash.0)",
          "file.map_or([0; 32], |_| [0; 32])"),
     ]),
-    ("whether a file is there, in a result's key", [
-        ("src/eval/key.rs",
-         "            content.push(u8::from(file.is_some()));\n            content.extend_from_slice(&file.map_or([0; 32], |hash| hash.0));",
-         "            if let Some(hash) = file {\n                content.extend_from_slice(&hash.0);\n            }"),
-    ]),
     ("the parameters in a result's key", [
         ("src/eval/key.rs",
          "let content = json!([kind, without_paths(&parameters), Vec::from_iter(optional)]);",
