@@ -118,3 +118,6 @@ pub(super) fn laplacian(mesh: &Mesh) -> Stencils {
     });
     rows
 }
+
+#[cfg(test)]
+mod tests;

@@ -71,18 +71,19 @@ impl Primal {
         }
     }
 
-    /// The refined creases, by vertices.
+    /// The refined creases, sorted by vertices.
     pub(super) fn finer_creases(&self) -> Vec<([u32; 2], f64)> {
         let sharpness = Sharpness::new(&self.level.mesh, self.level.rules, &self.level.creases);
         // Two new edges on each old one, told apart by a bit.
         let refined = sharpness.refined(|edge| [2 * edge, 2 * edge + 1]);
         let lasting = refined.into_iter().filter(|(_, sharpness)| sharpness.is_finite());
-        lasting
-            .map(|(half, sharpness)| {
-                let end = self.level.mesh.ends(half / 2)[half as usize % 2];
-                ([end, self.level.mesh.vertices as u32 + half / 2], sharpness)
-            })
-            .collect()
+        let by_vertices = lasting.map(|(half, sharpness)| {
+            let end = self.level.mesh.ends(half / 2)[half as usize % 2];
+            ([end, self.level.mesh.vertices as u32 + half / 2], sharpness)
+        });
+        let mut creases = Vec::from_iter(by_vertices);
+        creases.sort_unstable_by_key(|(ends, _)| *ends);
+        creases
     }
 
     /// The refined vertices' places.

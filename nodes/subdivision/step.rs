@@ -113,7 +113,7 @@ impl Step {
         }
     }
 
-    /// The refined creases, by vertices.
+    /// The refined creases, sorted by vertices.
     pub(super) fn finer_creases(&self) -> Vec<([u32; 2], f64)> {
         match &self.rules {
             Kind::Primal(step) => step.finer_creases(),
