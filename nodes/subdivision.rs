@@ -67,7 +67,8 @@ pub use curvature::{
     angle_bending, curvature,
 };
 pub use fit_subdivision::{
-    FitSubdivision, FitSubdivisionError, FittedSubdivision, Scattered, fit_subdivision,
+    FitSubdivision, FitSubdivisionError, FittedSubdivision, Moves, Prices, Scattered, fit_by_moves,
+    fit_subdivision,
 };
 pub use interpolate::{Interpolate, InterpolateError, InterpolateOptions, OnSingular, interpolate};
 pub use interpolate_curve::{

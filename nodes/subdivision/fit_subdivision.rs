@@ -1,6 +1,8 @@
 //! Fits a subdivision surface to scattered points.
 
-use maquette::value::{self, Mesh, MeshError, RangeImage, Trace, TraceStep, TriangleTree};
+use maquette::value::{
+    self, Mesh, MeshError, NearestPlace, RangeImage, Trace, TraceStep, TriangleTree,
+};
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -13,10 +15,19 @@ use super::geometric::Missed;
 use super::stencils::Stencils;
 use crate::cholesky::Cholesky;
 
+pub use moves::{Prices, fit_by_moves};
+use scan::{Foot, Scan};
+
+mod local;
+mod moves;
+mod net;
+mod scan;
+
 /// Moves the control points of a Loop subdivision surface until it is as near as possible to given points.
 ///
-/// The control mesh keeps its faces: start with `Simplify` of a dense mesh of the points. Its creases and borders stay sharp, so that
-/// the surface is smooth piece by piece. Points whose nearest place is farther away than two edges of the control mesh are left out:
+/// Start with `Simplify` of a dense mesh of the points. Creases and borders stay sharp, so that the surface is smooth piece by piece. With
+/// `moves: ByEnergy()` the faces change, too: vertices go where the surface is simple and come where it is not, and edges become
+/// sharp or smooth wherever the scan is. Points whose nearest place is farther away than two edges of the control mesh are left out:
 /// they belong to parts that the mesh does not have.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FitSubdivision {
@@ -32,6 +43,20 @@ pub struct FitSubdivision {
     #[schemars(range(max = 1000))]
     #[serde(default = "six")]
     pub iterations: u32,
+    /// What may change beside the places of control points.
+    #[serde(default)]
+    pub moves: Moves,
+}
+
+/// What may change beside the places of control points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub enum Moves {
+    /// Nothing: the control mesh keeps its faces and creases.
+    #[default]
+    Nothing,
+    /// Edges are collapsed, split, swapped, made sharp and made smooth wherever that is worth its price. `points` must be a mesh, because
+    /// what lies between points counts, too; the result has no attributes.
+    ByEnergy(Prices),
 }
 
 fn thousandth() -> f64 {
@@ -60,6 +85,12 @@ pub enum FitSubdivisionError {
         /// Number of points.
         count: usize,
     },
+    /// Points without a surface, where faces are to change.
+    #[error(
+        "`moves: ByEnergy` looks at what lies between the points, too: give a mesh with faces as `points`, which `Reconstruct` makes of \
+         points and `Triangulate` of range data"
+    )]
+    NoSurface,
     /// A mesh that Loop's scheme cannot refine.
     #[error(transparent)]
     Subdivide(#[from] SubdivideError),
@@ -76,7 +107,8 @@ impl Node for FitSubdivision {
     const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let points = match cx.get(&self.points) {
+        let (mesh, scattered) = (cx.get(&self.mesh), cx.get(&self.points));
+        let points = match &scattered {
             Scattered::Points(points) => points.positions().to_vec(),
             Scattered::Mesh(mesh) => mesh.positions().to_vec(),
             Scattered::RangeImage(range) => {
@@ -84,8 +116,21 @@ impl Node for FitSubdivision {
             }
         };
         let Self { smoothing, iterations, .. } = *self;
-        let fitted =
-            fit_subdivision(cx.get(&self.mesh), &points, smoothing, iterations, cx.progress())?;
+        let fitted = match (self.moves, &scattered) {
+            (Moves::Nothing, _) => {
+                fit_subdivision(mesh, &points, smoothing, iterations, cx.progress())?
+            }
+            (Moves::ByEnergy(prices), Scattered::Mesh(scan)) => {
+                if [mesh.vertex(), mesh.corner(), mesh.face()]
+                    .iter()
+                    .any(|all| all.iter().next().is_some())
+                {
+                    cx.warn("the attributes of the mesh are dropped: `moves` makes other faces");
+                }
+                fit_by_moves(mesh, scan, smoothing, iterations, prices, cx.progress())?
+            }
+            (Moves::ByEnergy(_), _) => return Err(FitSubdivisionError::NoSurface.into()),
+        };
         if 0 < fitted.left_out {
             let (count, all) = (fitted.left_out, points.len());
             cx.warn(format!("{count} of {all} points are far from the mesh and were left out"));
@@ -127,31 +172,136 @@ pub fn fit_subdivision(
     iterations: u32,
     progress: &Progress<'_>,
 ) -> Result<FittedSubdivision, FitSubdivisionError> {
-    let surface = Composed::new(mesh, LEVELS)?;
-    let stiffness = laplacian(mesh);
-    let reach = 2.0 * mean_edge(mesh);
-    let mut mesh = mesh.clone();
-    let mut steps: Vec<TraceStep> = Vec::new();
-    for iteration in 0..=u64::from(iterations) {
-        progress.tick(iteration as f64 / f64::from(iterations.max(1)))?;
-        let feet = Feet::new(&surface.surface(mesh.positions())?, points, reach);
-        if feet.points.is_empty() {
-            return Err(FitSubdivisionError::Apart { count: points.len() });
-        }
-        let [max, rms] = feet.missed.distances();
-        let settled = steps.last().is_some_and(|last| last.rms - rms < LEAST_GAIN * last.rms);
-        steps.push(TraceStep { iteration, max, rms });
-        if settled || iteration == u64::from(iterations) {
-            let left_out = points.len() - feet.points.len();
-            let trace = Trace::new(steps).expect("iterations are counted up");
-            return Ok(FittedSubdivision { mesh, trace, left_out });
-        }
-        let share = feet.points.len() as f64 / mesh.positions().len() as f64;
-        let weight = smoothing * share;
-        let system = System::new(&surface, &feet, &stiffness, weight);
-        mesh = mesh.with_positions(system.solve(mesh.positions(), progress)?)?;
+    let mut fit = Fit { points, scan: None, smoothing, iterations, steps: Vec::new() };
+    let (mesh, nearest) = fit.settled(mesh, progress)?;
+    Ok(fit.end(mesh, &nearest))
+}
+
+/// The place of a surface that is nearest to a point.
+#[derive(Clone, Copy, Debug)]
+struct Nearest {
+    distance_sq: f64,
+    /// The face of the control mesh.
+    face: u32,
+}
+
+impl Nearest {
+    /// A place after so many steps of subdivision: each cuts a face in four.
+    fn new(place: &NearestPlace, levels: u32) -> Self {
+        Self { distance_sq: place.distance_sq, face: place.face >> (2 * levels) }
     }
-    unreachable!("the last iteration returns")
+}
+
+/// The iteration.
+struct Fit<'a> {
+    points: &'a [Point3<f64>],
+    /// What lies between the points, if that counts: the surface is to be near it everywhere, and must not begin to fold.
+    scan: Option<&'a Scan<'a>>,
+    smoothing: f64,
+    iterations: u32,
+    steps: Vec<TraceStep>,
+}
+
+impl Fit<'_> {
+    /// The mesh with its control points where its surface is nearest to the points, and for each point its nearest place, if it is near.
+    fn settled(
+        &mut self,
+        mesh: &Mesh,
+        progress: &Progress<'_>,
+    ) -> Result<(Mesh, Vec<Option<Nearest>>), FitSubdivisionError> {
+        let surface = Composed::new(mesh, LEVELS)?;
+        let stiffness = laplacian(mesh);
+        let reach = 2.0 * mean_edge(mesh);
+        let mut mesh = mesh.clone();
+        let mut before = f64::INFINITY;
+        for iteration in 0..=self.iterations {
+            match self.scan {
+                None => progress.tick(f64::from(iteration) / f64::from(self.iterations.max(1)))?,
+                Some(_) => progress.check()?,
+            }
+            let fine = surface.surface(mesh.positions())?;
+            let mut feet = Feet::new(&fine, self.points, reach);
+            if feet.points.is_empty() {
+                return Err(FitSubdivisionError::Apart { count: self.points.len() });
+            }
+            let [max, rms] = feet.missed.distances();
+            let has_settled = before - rms < LEAST_GAIN * before;
+            before = rms;
+            self.steps.push(TraceStep { iteration: self.steps.len() as u64, max, rms });
+            if has_settled || iteration == self.iterations {
+                return Ok((mesh, feet.nearest));
+            }
+            let share = feet.points.len() as f64 / mesh.positions().len() as f64;
+            if let Some(scan) = self.scan {
+                feet.hold(&scan.feet(&fine));
+            }
+            let system = System::new(&surface, &feet, &stiffness, self.smoothing * share);
+            let found = system.solve(mesh.positions(), progress)?;
+            mesh = match self.scan {
+                None => mesh.with_positions(found)?,
+                Some(_) => unfolded(&surface, &mesh, found)?,
+            };
+        }
+        unreachable!("the last iteration returns")
+    }
+
+    fn end(self, mesh: Mesh, nearest: &[Option<Nearest>]) -> FittedSubdivision {
+        let left_out = nearest.iter().filter(|nearest| nearest.is_none()).count();
+        let trace = Trace::new(self.steps).expect("iterations are counted up");
+        FittedSubdivision { mesh, trace, left_out }
+    }
+}
+
+/// The mesh with its control points in new places, but for those around new folds, which stay.
+fn unfolded(
+    surface: &Composed,
+    mesh: &Mesh,
+    mut places: Vec<Point3<f64>>,
+) -> Result<Mesh, MeshError> {
+    let before = folds(&surface.surface(mesh.positions())?, LEVELS);
+    loop {
+        let mut after = folds(&surface.surface(&places)?, LEVELS);
+        after.retain(|face| before.binary_search(face).is_err());
+        let mut is_near = vec![false; places.len()];
+        let corners = after.iter().flat_map(|&face| mesh.faces().face(face as usize));
+        corners.for_each(|&vertex| is_near[vertex as usize] = true);
+        let mut has_changed = false;
+        for face in mesh.faces().iter().filter(|face| face.iter().any(|&v| is_near[v as usize])) {
+            for &vertex in face {
+                let old = mesh.positions()[vertex as usize];
+                let place = std::mem::replace(&mut places[vertex as usize], old);
+                has_changed |= place != old;
+            }
+        }
+        if !has_changed {
+            return mesh.with_positions(places);
+        }
+    }
+}
+
+/// The least cosine between the normals of two neighboring faces of a refined surface that does not fold.
+const LEAST_COSINE: f64 = -0.2;
+
+/// The control faces at which a surface after so many steps of subdivision folds, sorted.
+fn folds(fine: &Mesh, levels: u32) -> Vec<u32> {
+    let edges = fine.edges();
+    let mut sides = vec![None; edges.vertices.len()];
+    let mut folds = Vec::new();
+    for ((face, corners), of_corner) in
+        (0_u32..).zip(fine.faces().iter()).zip(edges.of_corner.chunks(3))
+    {
+        let normal = fine.area_vector(corners).try_normalize(0.0).unwrap_or_default();
+        for edge in of_corner {
+            if let Some((other, there)) = sides[*edge as usize].replace((normal, face))
+                && normal.dot(&other) < LEAST_COSINE
+            {
+                folds.extend([face, there].map(|face| face >> (2 * levels)));
+            }
+        }
+    }
+    folds.sort_unstable();
+    folds.dedup();
+    folds
 }
 
 fn mean_edge(mesh: &Mesh) -> f64 {
@@ -167,15 +317,19 @@ struct Feet {
     /// Each place as the mean of three vertices.
     rows: Stencils,
     missed: Missed,
+    /// For each point given.
+    nearest: Vec<Option<Nearest>>,
 }
 
 impl Feet {
     fn new(fine: &Mesh, points: &[Point3<f64>], reach: f64) -> Self {
-        let places = TriangleTree::new(fine).nearest_to_all(points);
-        let near = points.iter().zip(places).filter_map(|(point, place)| {
-            let place = place.filter(|place| place.distance_sq <= reach * reach)?;
-            Some((Column::from(point.coords), place))
-        });
+        let is_near = |place: &NearestPlace| place.distance_sq <= reach * reach;
+        let mut places = TriangleTree::new(fine).nearest_to_all(points);
+        places.iter_mut().for_each(|place| *place = place.filter(is_near));
+        let nearest =
+            places.iter().map(|place| Some(Nearest::new(place.as_ref()?, LEVELS))).collect();
+        let near = points.iter().zip(places);
+        let near = near.filter_map(|(point, place)| Some((Column::from(point.coords), place?)));
         let (points, places): (Vec<Column>, Vec<_>) = near.unzip();
         let corners = fine.faces().corners();
         let (rows, _) = Stencils::build(places.len(), |_: &mut (), k, rows| {
@@ -186,7 +340,18 @@ impl Feet {
         });
         let missed = places.iter().map(|place| place.distance_sq);
         let missed = missed.fold(Missed::none(), Missed::and_by);
-        Self { points, rows, missed }
+        Self { points, rows, missed, nearest }
+    }
+
+    /// Adds vertices of the fine mesh, which are to be at their feet.
+    fn hold(&mut self, feet: &[Foot]) {
+        let weighted = feet.iter().map(|foot| Column::from(foot.place.coords * foot.weight.sqrt()));
+        self.points.extend(weighted);
+        let (rows, _) = Stencils::build(feet.len(), |_: &mut (), k, rows| {
+            rows.push(feet[k].vertex, feet[k].weight.sqrt());
+            rows.end();
+        });
+        self.rows = self.rows.above(&rows, 1.0);
     }
 }
 

@@ -1,7 +1,11 @@
+use maquette::value::Faces;
 use nalgebra::Vector3;
 
-use super::super::shapes::sphere;
+use super::super::connectivity::{Connectivity, NONE};
+use super::super::crease::crease;
+use super::super::shapes::{sphere, torus};
 use super::super::simplify::simplify;
+use super::net::{Move, Net};
 use super::*;
 
 fn fitted(mesh: &Mesh, points: &[Point3<f64>]) -> FittedSubdivision {
@@ -48,4 +52,129 @@ fn points_far_away_are_left_out_and_none_near_is_an_error() {
     assert_eq!(fitted(&coarse, &points).left_out, 1);
     let far = fit_subdivision(&coarse, &points[points.len() - 1..], 1e-3, 6, &Progress::none());
     assert_eq!(far, Err(FitSubdivisionError::Apart { count: 1 }));
+}
+
+/// A cube of edge 2 whose faces are `n` by `n` squares of two triangles.
+fn divided_cube(n: usize) -> Mesh {
+    let at = |k: usize| 2.0 * k as f64 / n as f64 - 1.0;
+    let mut points: Vec<Point3<f64>> = Vec::new();
+    let mut faces = Vec::new();
+    for (axis, side) in [0, 1, 2].into_iter().flat_map(|axis| [(axis, -1.0), (axis, 1.0)]) {
+        let mut vertex = |i: usize, j: usize| {
+            let mut point = Point3::origin();
+            (point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3]) = (side, at(i), at(j));
+            let known = points.iter().position(|other| (other - point).norm() < 1e-9);
+            known.unwrap_or_else(|| {
+                points.push(point);
+                points.len() - 1
+            }) as u32
+        };
+        for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+            let mut square =
+                [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
+            if side < 0.0 {
+                square.reverse();
+            }
+            let [a, b, c, d] = square;
+            faces.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    Mesh::new(points, Faces::triangles(faces)).unwrap()
+}
+
+fn moved(start: &Mesh, scan: &Mesh, passes: u32) -> FittedSubdivision {
+    let prices = Prices { passes, ..Prices::default() };
+    fit_by_moves(start, scan, 1e-3, 6, prices, &Progress::none()).unwrap()
+}
+
+/// How far the surface of a control mesh goes from a scan.
+fn farthest(control: &Mesh, scan: &Mesh) -> f64 {
+    let fine = Composed::new(control, 4).unwrap().surface(control.positions()).unwrap();
+    let places = TriangleTree::new(scan).nearest_to_all(fine.positions()).into_iter().flatten();
+    libm::sqrt(places.map(|place| place.distance_sq).fold(0.0, f64::max))
+}
+
+fn rms(fitted: &FittedSubdivision) -> f64 {
+    fitted.trace.steps().last().unwrap().rms
+}
+
+#[test]
+fn energy_finds_the_edges_of_a_cube() {
+    let scan = divided_cube(12);
+    let start = divided_cube(3);
+    let smooth = fitted(&start, scan.positions());
+    let found = moved(&start, &scan, 4);
+    assert!(rms(&found) < rms(&smooth) / 20.0, "{} {}", rms(&found), rms(&smooth));
+    let beyond = farthest(&found.mesh, &scan);
+    assert!(beyond < 0.02, "{beyond}");
+    // Sharp edges run along an edge of the cube, where two coordinates are 1.
+    let on_edge = |vertex: u32| {
+        let place = found.mesh.positions()[vertex as usize];
+        place.iter().filter(|x| 0.9 < x.abs()).count() >= 2
+    };
+    let along = found.mesh.creases().filter(|([a, b], _)| on_edge(*a) && on_edge(*b)).count();
+    assert_eq!(along, found.mesh.creases().len());
+    assert!(12 <= along, "{along}");
+}
+
+#[test]
+fn energy_makes_creases_smooth_that_a_sphere_does_not_have() {
+    let dense = sphere(4);
+    let coarse = simplify(&dense, 256, &Progress::none()).unwrap();
+    let creased = crease(&coarse, 15.0, 10.0);
+    let found = moved(&creased, &dense, 2);
+    let [before, after] = [&creased, &found.mesh].map(|mesh| mesh.creases().len());
+    assert!(20 < before && 2 * after < before, "{before} {after}");
+    assert!(rms(&found) < rms(&fitted(&creased, dense.positions())));
+}
+
+#[test]
+fn a_scan_without_faces_is_no_surface_for_moves() {
+    let points = Mesh::new(sphere(2).positions().clone(), Faces::triangles(Vec::new())).unwrap();
+    let found = fit_by_moves(&sphere(0), &points, 1e-3, 6, Prices::default(), &Progress::none());
+    assert_eq!(found, Err(FitSubdivisionError::NoSurface));
+}
+
+#[test]
+fn moves_are_the_same_for_any_number_of_threads() {
+    let scan = divided_cube(8);
+    let start = divided_cube(4);
+    let with_threads = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| moved(&start, &scan, 1))
+    };
+    assert_eq!(with_threads(1), with_threads(3));
+}
+
+/// The Euler characteristic, and whether there is a border.
+fn kind(mesh: &Mesh) -> (i32, bool) {
+    let surface = Connectivity::new(mesh.faces(), mesh.positions().len()).expect("a surface").0;
+    let border = surface.halves.iter().any(|halves| halves[1] == NONE);
+    let parts = mesh.positions().len() + mesh.faces().len();
+    (parts as i32 - surface.halves.len() as i32, border)
+}
+
+#[test]
+fn any_moves_leave_a_surface_of_the_same_kind() {
+    let open = divided_cube(3);
+    let faces = open.faces().as_triangles().unwrap()[18..].to_vec();
+    let net = Net::new(&open);
+    let (open, _) = net.part(faces.into_iter(), |v| net.places[v as usize]).unwrap();
+    for start in [torus(6, 5, true), sphere(1), divided_cube(2), open] {
+        let start = crease(&start, 50.0, 10.0);
+        let mut net = Net::new(&start);
+        let mut random = 1_u64;
+        for _ in 0..2000 {
+            random = random.wrapping_mul(0xd134_2543_de82_ef95).wrapping_add(1);
+            let edges = net.edges(0..net.faces.len() as u32);
+            let edge = edges[(random >> 33) as usize % edges.len()];
+            let made = Move::ALL[(random >> 20) as usize % 4];
+            let is_large = edges.len() > 400 && made == Move::Split;
+            if let Some(change) = net.change(made, edge).filter(|_| !is_large) {
+                let new = net.places.len() as u32;
+                net.apply(&change, new);
+                assert_eq!(kind(&net.mesh().unwrap().0), kind(&start), "{made:?} at {edge:?}");
+            }
+        }
+    }
 }
