@@ -80,13 +80,20 @@ pub(crate) enum Expectation {
         #[schemars(range(min = 0.0, max = 180.0))]
         max: f64,
     },
-    /// What was filled in goes on from what was there.
+    /// What is new goes on from what was there.
     Continuity {
-        /// The mesh, whose vertices say whether they were `filled`.
+        /// The mesh.
         of: String,
-        /// The largest angle between the normals of a filled face and one beside it that was there, in degrees.
+        /// The part that is new. If left out, the vertices of the mesh say whether they were `filled`.
+        #[serde(default)]
+        around: Option<String>,
+        /// The largest angle between the normals of a new face and one beside it that was there, in degrees.
         #[schemars(range(min = 0.0, max = 180.0))]
         max: f64,
+        /// The largest jump of the curvature across the rim, as root mean square along it, in 1/mm. If left out, any.
+        #[serde(default)]
+        #[schemars(range(min = 0.0))]
+        curvature: Option<f64>,
     },
     /// A number of the vertices, such as a curvature, is nowhere out of its range.
     Attribute {
@@ -165,8 +172,9 @@ impl Expectation {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
             Self::Count { of, .. } | Self::Bounds { of, .. } => vec![of],
-            Self::Bend { of, .. } | Self::Continuity { of, .. } | Self::Attribute { of, .. } => {
-                vec![of]
+            Self::Bend { of, .. } | Self::Attribute { of, .. } => vec![of],
+            Self::Continuity { of, around, .. } => {
+                [&of[..]].into_iter().chain(around.as_deref()).collect()
             }
             Self::Near { of, to, .. } => vec![of, to],
             Self::Whole { of, around, .. } => vec![of, around],
@@ -208,17 +216,22 @@ impl Expectation {
                     Self::Manifold(_) => manifold(&mesh),
                     Self::NoSelfIntersection(_) => no_self_intersection(&mesh),
                     Self::Bend { max, .. } => looks::bend(&mesh, *max),
-                    Self::Continuity { max, .. } => looks::smooth_rim(&mesh, *max),
+                    Self::Continuity { around, max, curvature, .. } => {
+                        let region = values.get(1).map(|value| value.get::<Region>());
+                        match (around, region) {
+                            (Some(around), None | Some(None)) => Some(no_region(around)),
+                            (_, region) => {
+                                looks::continuity(&mesh, region.flatten(), *max, *curvature)
+                            }
+                        }
+                    }
                     Self::Attribute { name, min, max, .. } => {
                         looks::numbers(&mesh, name, *min, *max)
                     }
                     Self::Whole { around, band, .. } => {
                         match values.get(1).and_then(|value| value.get::<Region>()) {
                             Some(region) => looks::whole(&mesh, region, *band),
-                            None => Some((
-                                format!("is not judged: `{around}` is no region"),
-                                Vec::new(),
-                            )),
+                            None => Some(no_region(around)),
                         }
                     }
                     Self::Near { max, rms, to, .. } => {
@@ -235,6 +248,10 @@ impl Expectation {
             }
         }
     }
+}
+
+fn no_region(name: &str) -> (String, Vec<Point3<f64>>) {
+    (format!("is not judged: `{name}` is no region"), Vec::new())
 }
 
 /// The node and output that a name of an expectation means.

@@ -2,13 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, SMatrix, SVector, Vector3};
 
 use super::compare::six;
 use crate::value::{Attribute, Mesh, Region};
 
 /// What is wrong, and where.
 type Wrong = Option<(String, Vec<Point3<f64>>)>;
+
+/// The least share of the best known combination of a quadratic's coefficients that the worst known one must have.
+const LEAST_KNOWN: f64 = 1e-6;
 
 /// How many places are told.
 const PLACES: usize = 1000;
@@ -52,15 +55,10 @@ pub(super) fn whole(mesh: &Mesh, region: &Region, band: f64) -> Wrong {
     };
     let picture = frame.picture.map(|size| size as f64);
     let grid = [region.width(), region.height()];
-    let cell = |place: [f64; 2]| {
-        // Upper left corners are at 0, as those of the picture.
-        let [u, v] = place;
-        [u * grid[0] as f64 - 0.5, (1.0 - v) * grid[1] as f64 - 0.5]
-    };
     let reach = [0, 1].map(|axis| band * grid[axis] as f64 / picture[axis].max(1.0));
     let inside = region.grid();
     let is_near = |vertex: &u32| {
-        let at = cell(uv[*vertex as usize]);
+        let at = cell(uv[*vertex as usize], grid);
         let [columns, rows] = [0, 1].map(|axis| {
             let from = (at[axis] - reach[axis]).ceil().max(0.0) as usize;
             let to = (at[axis] + reach[axis] + 1.0).max(0.0) as usize;
@@ -138,18 +136,132 @@ pub(super) fn bend(mesh: &Mesh, max: f64) -> Wrong {
     sharpest(bends(mesh, |_, _| true), max, "")
 }
 
-/// Whether faces that were filled in go on from the others without a bend of more than `max` degrees.
-pub(super) fn smooth_rim(mesh: &Mesh, max: f64) -> Wrong {
-    let Some(Attribute::Flag(filled)) = mesh.vertex().get("filled") else {
-        return Some(("says of no vertex whether it was `filled`".to_owned(), Vec::new()));
+/// The cell of a grid of so many columns and rows that a place of its picture shows, between cells and outside as it comes.
+///
+/// Upper left corners are at 0, as those of the picture.
+fn cell([u, v]: [f64; 2], grid: [usize; 2]) -> [f64; 2] {
+    [u * grid[0] as f64 - 0.5, (1.0 - v) * grid[1] as f64 - 0.5]
+}
+
+/// Which faces are new: those in the region, or, without one, those that were filled in.
+fn new_faces(mesh: &Mesh, region: Option<&Region>) -> Result<Vec<bool>, &'static str> {
+    let is_new: Vec<bool> = match (region, mesh.vertex().get("filled"), mesh.vertex().pairs("uv")) {
+        (None, Some(Attribute::Flag(filled)), _) => filled.iter().map(|&flag| flag == 1).collect(),
+        (None, ..) => return Err("says of no vertex whether it was `filled`"),
+        (Some(_), _, None) => {
+            return Err("has no texture coordinates of a capture, which tell what is seen where");
+        }
+        (Some(region), _, Some(uv)) => {
+            let size = [region.width(), region.height()];
+            let inside = region.grid();
+            let holds = |&uv: &[f64; 2]| {
+                let [column, row] = cell(uv, size).map(f64::round);
+                let is_seen = 0.0 <= column && 0.0 <= row && (column as usize) < size[0];
+                let at = row as usize * size[0] + column as usize;
+                is_seen && inside.get(at) == Some(&1)
+            };
+            uv.iter().map(holds).collect()
+        }
     };
-    let is_new = |face: &[u32]| face.iter().any(|&vertex| filled[vertex as usize] == 1);
-    let new: Vec<bool> = mesh.faces().iter().map(is_new).collect();
+    Ok(mesh.faces().iter().map(|face| face.iter().any(|&vertex| is_new[vertex as usize])).collect())
+}
+
+/// Whether new faces go on from the others without a bend of more than `max` degrees, and if it is given, without a jump of more than
+/// `curvature`, in 1/mm.
+pub(super) fn continuity(
+    mesh: &Mesh,
+    region: Option<&Region>,
+    max: f64,
+    curvature: Option<f64>,
+) -> Wrong {
+    let new = match new_faces(mesh, region) {
+        Ok(new) => new,
+        Err(why) => return Some((why.to_owned(), Vec::new())),
+    };
     let rim = bends(mesh, |a, b| new[a] != new[b]);
     if rim.is_empty() {
-        return Some(("has no edge between filled faces and others".to_owned(), Vec::new()));
+        return Some(("has no edge between new faces and others".to_owned(), Vec::new()));
     }
-    sharpest(rim, max, " around what was filled")
+    let bent = sharpest(rim, max, " around what is new");
+    bent.or_else(|| {
+        let (most, found) = (curvature?, jump(mesh, &new));
+        (found > most).then(|| {
+            let [found, most] = [found, most].map(six);
+            let why = format!(
+                "bends otherwise beside what is new: its curvature jumps by {found}/mm (RMS), more than {most}"
+            );
+            (why, Vec::new())
+        })
+    })
+}
+
+/// The root mean square of how much the curvature across the rim of the new faces jumps there, in 1/mm.
+///
+/// On each side of a vertex of the rim, a quadratic height over the tangent plane is fitted to the vertices of two rings of faces.
+fn jump(mesh: &Mesh, new: &[bool]) -> f64 {
+    let mut around = vec![Vec::new(); mesh.positions().len()];
+    for (index, face) in mesh.faces().iter().enumerate() {
+        face.iter().for_each(|&vertex| around[vertex as usize].push(index));
+    }
+    let mut rim: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    let edges = mesh.edges();
+    let mut sides = vec![[false; 2]; edges.vertices.len()];
+    for (face, &is_new) in new.iter().enumerate() {
+        for corner in mesh.faces().first_corner(face)..mesh.faces().first_corner(face + 1) {
+            sides[edges.of_corner[corner] as usize][usize::from(is_new)] = true;
+        }
+    }
+    for (&[a, b], _) in edges.vertices.iter().zip(&sides).filter(|(_, sides)| **sides == [true; 2])
+    {
+        rim.entry(a).or_default().push(b);
+        rim.entry(b).or_default().push(a);
+    }
+    let normals = mesh.vertex_normals();
+    let gap = |(&vertex, others): (&u32, &Vec<u32>)| {
+        let &[before, after] = &others[..] else { return None };
+        let [before, at, after] =
+            [before, vertex, after].map(|vertex| mesh.positions()[vertex as usize]);
+        let normal = normals[vertex as usize];
+        let across = normal.cross(&(after - before)).try_normalize(0.0)?;
+        let axes = [across, normal.cross(&across), normal];
+        let curvature = |side: bool| {
+            let faces =
+                |vertex: u32| around[vertex as usize].iter().filter(|&&face| new[face] == side);
+            let corners = |vertex: u32| faces(vertex).flat_map(|&face| mesh.faces().face(face));
+            let mut near: Vec<u32> =
+                corners(vertex).flat_map(|&other| corners(other)).copied().collect();
+            near.sort_unstable();
+            near.dedup();
+            let place = |&other: &u32| {
+                let way = mesh.positions()[other as usize] - at;
+                axes.map(|axis| axis.dot(&way))
+            };
+            curvature_across(&Vec::from_iter(near.iter().map(place)))
+        };
+        Some(curvature(true)? - curvature(false)?)
+    };
+    let gaps: Vec<f64> = rim.iter().filter_map(gap).collect();
+    (gaps.iter().map(|gap| gap * gap).sum::<f64>() / gaps.len().max(1) as f64).sqrt()
+}
+
+/// The curvature along the first axis of the quadratic height over the first two axes that fits best; none if the places do not tell.
+fn curvature_across(places: &[[f64; 3]]) -> Option<f64> {
+    let reach_sq = places.iter().map(|[x, y, _]| x * x + y * y).sum::<f64>() / places.len() as f64;
+    let reach = reach_sq.sqrt();
+    let (mut matrix, mut right) = (SMatrix::<f64, 5, 5>::zeros(), SVector::<f64, 5>::zeros());
+    for place in places {
+        let [x, y, z] = place.map(|part| part / reach);
+        let row = SVector::from([x, y, x * x / 2.0, x * y, y * y / 2.0]);
+        matrix += row * row.transpose();
+        right += row * z;
+    }
+    let eigen = matrix.symmetric_eigen();
+    if eigen.eigenvalues.min() < LEAST_KNOWN * eigen.eigenvalues.max() {
+        return None;
+    }
+    let found = eigen.recompose().cholesky()?.solve(&right);
+    let slope = 1.0 + found[0] * found[0] + found[1] * found[1];
+    Some(found[2] / (reach * slope * slope.sqrt()))
 }
 
 /// Whether a number of the vertices is nowhere out of its range.
@@ -236,15 +348,48 @@ mod tests {
     }
 
     #[test]
-    fn the_rim_of_a_filling_is_looked_at_alone() {
+    fn the_rim_of_what_is_new_is_looked_at_alone() {
         let filled = |from: usize| {
             let flags = (0..49).map(|at| u8::from(at % 7 >= from)).collect();
             sheet(&[], 1.0).with_vertex("filled", Attribute::Flag(flags)).unwrap()
         };
-        assert!(smooth_rim(&filled(4), 10.0).is_some());
-        assert_eq!(smooth_rim(&filled(6), 10.0), None);
-        assert!(smooth_rim(&filled(7), 10.0).unwrap().0.contains("no edge"));
-        assert!(smooth_rim(&sheet(&[], 0.0), 10.0).unwrap().0.contains("filled"));
+        let smooth = |mesh: &Mesh| continuity(mesh, None, 10.0, None);
+        assert!(smooth(&filled(4)).is_some());
+        assert_eq!(smooth(&filled(6)), None);
+        assert!(smooth(&filled(7)).unwrap().0.contains("no edge"));
+        assert!(smooth(&sheet(&[], 0.0)).unwrap().0.contains("filled"));
+
+        let cells: Vec<u32> = (0..36).filter(|cell| cell % 6 >= 4).collect();
+        let points = vec![Point3::new(0.0, 0.0, 500.0); cells.len()];
+        let depths = vec![0; cells.len()];
+        let region = Region::new(6, 6, cells, points, depths, vec![]).unwrap();
+        let within = |max: f64| continuity(&sheet(&[], 1.0), Some(&region), max, None);
+        assert_eq!(within(45.1), None);
+        assert!(within(10.0).is_some());
+    }
+
+    #[test]
+    fn a_plane_beside_a_cylinder_is_smooth_but_bends_otherwise() {
+        // Along x, flat until 2, then round; new is what comes after column `from`.
+        let rolled = |radius: f64, from: usize| {
+            let flat = sheet(&[], 0.0);
+            let points = flat.positions().iter().map(|point| {
+                let turn = (point.x - 2.0).max(0.0) / radius;
+                let [x, z] = [libm::sin(turn), 1.0 - libm::cos(turn)].map(|part| part * radius);
+                Point3::new(point.x.min(2.0) + x, point.y, point.z - z)
+            });
+            let flags = (0..49).map(|at| u8::from(at % 7 > from)).collect();
+            let rolled = flat.with_positions(points.collect()).unwrap();
+            rolled.with_vertex("filled", Attribute::Flag(flags)).unwrap()
+        };
+        let gap = |mesh: &Mesh| jump(mesh, &new_faces(mesh, None).unwrap());
+        // At the joint, and beside it.
+        assert!((gap(&rolled(20.0, 2)) - 0.05).abs() < 0.003, "{}", gap(&rolled(20.0, 2)));
+        assert!(gap(&rolled(20.0, 4)) < 0.001, "{}", gap(&rolled(20.0, 4)));
+        let joint = rolled(20.0, 2);
+        assert_eq!(continuity(&joint, None, 5.0, Some(0.06)), None);
+        let (why, _) = continuity(&joint, None, 5.0, Some(0.04)).unwrap();
+        assert!(why.contains("curvature jumps by 0.0"), "{why}");
     }
 
     #[test]
