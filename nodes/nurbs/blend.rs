@@ -17,8 +17,8 @@ use crate::range::{
 
 /// Writes a surface back to the range grid that it came from. Only cells of the region change; all others keep every bit.
 ///
-/// What hung together before still does, however steep it became. Shadows at the region's border, which would leave a slit there, are
-/// filled.
+/// The region keeps hanging on what is around it, however steep it becomes, also where the sensor saw past its edge. Shadows at its
+/// border, which would leave a slit there, are filled.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Blend {
     /// The range image to change.
@@ -157,8 +157,9 @@ pub struct Blended {
 /// offsets; where it is 0, D keeps its bits.
 ///
 /// Shadows (cells without a point that the scan surrounds) of up to 1000 cells between the region and the rest of the scan are filled,
-/// too, by a thin plate under tension. The triangles at filled cells are marked as joined, and those at cells of the region that were part of a surface
-/// before (as `Triangulate` joins cells when nothing else is asked of it).
+/// too, by a thin plate under tension. Triangles within the region that were part of a surface before are marked as joined (as
+/// `Triangulate` joins cells when nothing else is asked of it). So are those at the region's border and at filled cells, unless an edge was
+/// longer than 15 median spacings: what a part hides of its surroundings hangs on it, what is behind the object does not.
 ///
 /// `resample` divides each cell into (rows, columns); (1, 1) keeps the grid.
 ///
@@ -210,9 +211,9 @@ pub fn blend(
     Ok(Blended { range: range.with_joined(joined)?, folded, seam })
 }
 
-/// Longest edge at filled cells, in multiples of the median spacing: what is redesigned may stand out far, but what is behind the object
-/// is no part of it.
-const ACROSS: f64 = 10.0;
+/// Longest edge at the region's border and at filled cells, in multiples of the median spacing: what is redesigned may stand out far and hide
+/// a part of its own surroundings from the sensor, but what is behind the object is no part of it.
+const ACROSS: f64 = 15.0;
 
 /// Gives points to the shadows between the region and the rest of the scan; their cells, in raster order.
 fn fill_beside(
@@ -223,7 +224,8 @@ fn fill_beside(
     let mut inside = vec![false; canvas.points.len()];
     canvas.targets.iter().for_each(|target| inside[target.cell] = true);
     let width = canvas.width;
-    let seen = |cell: usize| range.point(cell).is_some();
+    // Cells of the region may have points that the scan has not.
+    let seen = |cell: usize| inside[cell] || range.point(cell).is_some();
     let is_beside = |cells: &[u32]| {
         let has = |within: bool| around(width, cells).any(|it| seen(it) && inside[it] == within);
         cells.len() <= LARGEST_SHADOW && has(true) && has(false)
@@ -232,23 +234,41 @@ fn fill_beside(
     fill_shadows(width, &mut canvas.points, longest, is_beside, progress)
 }
 
-/// The triangles that hang together whatever the surface does to them: those that did before, at cells of the region, and those at filled
-/// cells that do not reach across to what is behind.
+/// The triangles that hang together whatever the surface does to them: those within the region that did before, and those at its border
+/// and at filled cells, unless they reached across to what is behind.
 fn joined(canvas: &Canvas, range: &RangeImage) -> Vec<u8> {
     let Canvas { width, height, points, .. } = canvas;
     let mut inside = vec![false; points.len()];
     canvas.targets.iter().for_each(|target| inside[target.cell] = true);
+    let beside = |marked: &dyn Fn(usize) -> bool| {
+        let mut beside = vec![false; points.len()];
+        for cell in (0..points.len()).filter(|&cell| marked(cell)) {
+            let [column, row] = [cell % width, cell / width];
+            for row in row.saturating_sub(1)..(row + 2).min(*height) {
+                beside[row * width..][column.saturating_sub(1)..(column + 2).min(*width)]
+                    .fill(true);
+            }
+        }
+        beside
+    };
+    let near = beside(&|cell| inside[cell]);
+    let rim = beside(&|cell| !inside[cell] && !points[cell].x.is_nan());
     let before = range.with_points(points.clone()).expect("as many points as cells");
     let seen = Joins::new(&before, JUMP, GRAZING);
-    let filled = seen.allowing(ACROSS, 90.0);
+    let across = seen.allowing(ACROSS, 90.0);
     let mut joined = Vec::from_iter((0..points.len()).map(|cell| range.joined(cell)));
     let divided = |quad: usize| joined[quad];
     let held = grid_triangles(*width, *height, points, divided, |triangle, corners| {
         let cells = triangle.cells(*width);
-        if cells.iter().any(|&cell| range.is_filled(cell)) {
-            filled.holds(corners)
+        let any = |is: &dyn Fn(usize) -> bool| cells.iter().any(|&cell| is(cell));
+        if any(&|cell| range.is_filled(cell)) || any(&|cell| inside[cell]) && any(&|cell| rim[cell])
+        {
+            across.holds(corners)
+        } else if any(&|cell| inside[cell]) {
+            seen.holds(corners)
         } else {
-            cells.iter().any(|&cell| inside[cell]) && seen.holds(corners)
+            // The outermost cells of what is redesigned, of mixed colors, are often none of the region.
+            any(&|cell| near[cell]) && !seen.holds(corners) && across.holds(corners)
         }
     });
     for triangle in held {

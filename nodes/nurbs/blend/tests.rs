@@ -271,7 +271,7 @@ fn faces_before_and_after(
 }
 
 #[test]
-fn what_hung_together_still_does_and_what_did_not_is_not_bridged() {
+fn the_region_hangs_on_its_surroundings_and_not_on_what_is_far_behind() {
     let (range, nose) = face();
     for growth in [5.0, 40.0, 400.0] {
         for profile in [Profile::Round, Profile::Plateau] {
@@ -279,15 +279,20 @@ fn what_hung_together_still_does_and_what_did_not_is_not_bridged() {
             assert_eq!(before, after, "{growth} {profile:?}");
         }
     }
-    // The nose in front of a far wall: its silhouette is a border before and after.
-    let wall = |cell: usize| !nose.cells().contains(&(cell as u32));
-    let behind = |(cell, point): (usize, &Point3<f64>)| {
-        point + Vector3::z() * f64::from(u8::from(wall(cell))) * 300.0
+    // Everything else farther away, by so many mm: cells are 1 mm apart.
+    let behind = |depth: f64| {
+        let is_nose = |cell: usize| nose.cells().contains(&(cell as u32));
+        let point = |(cell, point): (usize, &Point3<f64>)| {
+            point + Vector3::z() * if is_nose(cell) { 0.0 } else { depth }
+        };
+        range.with_points(range.points().iter().enumerate().map(point).collect()).unwrap()
     };
-    let points = range.points().iter().enumerate().map(behind).collect();
-    let before_wall = range.with_points(points).unwrap();
-    let [before, after] = faces_before_and_after(&before_wall, &nose, 40.0, Profile::Round);
+    // In front of a far wall its silhouette is a border before and after.
+    let [before, after] = faces_before_and_after(&behind(300.0), &nose, 40.0, Profile::Round);
     assert!(before < 48 * 44 * 2 - 80 && after == before, "{before} {after}");
+    // Where it hides a part of the cheek, the cheek hangs on it.
+    let [before, after] = faces_before_and_after(&behind(8.0), &nose, 40.0, Profile::Round);
+    assert!(before < 48 * 44 * 2 - 80 && after == 48 * 44 * 2, "{before} {after}");
 }
 
 #[test]
