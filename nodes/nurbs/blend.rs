@@ -12,7 +12,8 @@ use super::fold::folded_cells;
 use super::refine::{refine, refined_range};
 use super::seam::{Seam, seam};
 use crate::range::{
-    GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles, longest_edge,
+    ACROSS, GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles,
+    longest_edge,
 };
 
 /// Writes a surface back to the range grid that it came from. Only cells of the region change; all others keep every bit.
@@ -210,10 +211,6 @@ pub fn blend(
     let joined = joined(&canvas, &range);
     Ok(Blended { range: range.with_joined(joined)?, folded, seam })
 }
-
-/// Longest edge at the region's border and at filled cells, in multiples of the median spacing: what is redesigned may stand out far and hide
-/// a part of its own surroundings from the sensor, but what is behind the object is no part of it.
-const ACROSS: f64 = 15.0;
 
 /// Gives points to the shadows between the region and the rest of the scan; their cells, in raster order.
 fn fill_beside(
