@@ -157,8 +157,8 @@ pub struct Blended {
 /// the band, by distance from the nearest cell outside. With the same weights `S - S'` is the surface of the net's
 /// offsets; where it is 0, D keeps its bits.
 ///
-/// Shadows (cells without a point that the scan surrounds) of up to 1000 cells between the region and the rest of the scan are filled,
-/// too, by a thin plate under tension. Triangles within the region that were part of a surface before are marked as joined (as
+/// Shadows (cells without a point that the scan surrounds) of up to 1000 cells between the region and the rest of the scan, and those of which
+/// all cells are within 8 cells of the region, are filled, too, by a thin plate under tension. Triangles within the region that were part of a surface before are marked as joined (as
 /// `Triangulate` joins cells when nothing else is asked of it). So are those at the region's border and at filled cells, unless an edge was
 /// longer than 15 median spacings: what a part hides of its surroundings hangs on it, what is behind the object does not.
 ///
@@ -212,7 +212,24 @@ pub fn blend(
     Ok(Blended { range: range.with_joined(joined)?, folded, seam })
 }
 
-/// Gives points to the shadows between the region and the rest of the scan; their cells, in raster order.
+/// Slits, and shadows of which all cells are at most so far from the region, lie beside it, though they do not touch it.
+const BESIDE: usize = 8;
+
+/// The marked cells of a grid, and all that are up to `reach` columns and rows away from one.
+fn spread(marked: &[bool], width: usize, reach: usize) -> Vec<bool> {
+    let height = marked.len() / width.max(1);
+    let mut spread = vec![false; marked.len()];
+    for cell in (0..marked.len()).filter(|&cell| marked[cell]) {
+        let [column, row] = [cell % width, cell / width];
+        let columns = column.saturating_sub(reach)..(column + reach + 1).min(width);
+        for row in row.saturating_sub(reach)..(row + reach + 1).min(height) {
+            spread[row * width..][columns.clone()].fill(true);
+        }
+    }
+    spread
+}
+
+/// Gives points to the shadows between the region and the rest of the scan, and to those beside it; their cells, in raster order.
 fn fill_beside(
     canvas: &mut Canvas,
     range: &RangeImage,
@@ -221,11 +238,13 @@ fn fill_beside(
     let mut inside = vec![false; canvas.points.len()];
     canvas.targets.iter().for_each(|target| inside[target.cell] = true);
     let width = canvas.width;
+    let near = spread(&inside, width, BESIDE);
     // Cells of the region may have points that the scan has not.
     let seen = |cell: usize| inside[cell] || range.point(cell).is_some();
     let is_beside = |cells: &[u32]| {
         let has = |within: bool| around(width, cells).any(|it| seen(it) && inside[it] == within);
-        cells.len() <= LARGEST_SHADOW && has(true) && has(false)
+        let is_near = || has(true) || cells.iter().all(|&cell| near[cell as usize]);
+        cells.len() <= LARGEST_SHADOW && has(false) && is_near()
     };
     let longest = longest_edge(range, ACROSS);
     fill_shadows(width, &mut canvas.points, longest, is_beside, progress)
@@ -237,19 +256,9 @@ fn joined(canvas: &Canvas, range: &RangeImage) -> Vec<u8> {
     let Canvas { width, height, points, .. } = canvas;
     let mut inside = vec![false; points.len()];
     canvas.targets.iter().for_each(|target| inside[target.cell] = true);
-    let beside = |marked: &dyn Fn(usize) -> bool| {
-        let mut beside = vec![false; points.len()];
-        for cell in (0..points.len()).filter(|&cell| marked(cell)) {
-            let [column, row] = [cell % width, cell / width];
-            for row in row.saturating_sub(1)..(row + 2).min(*height) {
-                beside[row * width..][column.saturating_sub(1)..(column + 2).min(*width)]
-                    .fill(true);
-            }
-        }
-        beside
-    };
-    let near = beside(&|cell| inside[cell]);
-    let rim = beside(&|cell| !inside[cell] && !points[cell].x.is_nan());
+    let near = spread(&inside, *width, BESIDE);
+    let outside = (0..points.len()).map(|cell| !inside[cell] && !points[cell].x.is_nan());
+    let rim = spread(&Vec::from_iter(outside), *width, 1);
     let before = range.with_points(points.clone()).expect("as many points as cells");
     let seen = Joins::new(&before, JUMP, GRAZING);
     let across = seen.allowing(ACROSS, 90.0);
@@ -264,7 +273,7 @@ fn joined(canvas: &Canvas, range: &RangeImage) -> Vec<u8> {
         } else if any(&|cell| inside[cell]) {
             seen.holds(corners)
         } else {
-            // The outermost cells of what is redesigned, of mixed colors, are often none of the region.
+            // What is redesigned is to stand in one skin; its own outermost cells, of mixed colors, are often none of the region.
             any(&|cell| near[cell]) && !seen.holds(corners) && across.holds(corners)
         }
     });
