@@ -160,8 +160,8 @@ pub struct Blended {
 /// Shadows (cells without a point that the scan surrounds) of up to 1000 cells between the region and the rest of the scan, and those of
 /// which all cells are within 8 cells of the region, are filled, too, by a thin plate under tension. Triangles within the region that were
 /// part of a surface before are marked as joined (as `Triangulate` joins cells when nothing else is asked of it). So are those at its
-/// border, at filled cells and within 8 cells of it, unless an edge was longer than 15 median spacings: what a part hides of its surroundings
-/// hangs on it, what is behind the object does not.
+/// border, at filled cells and within 8 cells of it, unless an edge was longer than 15 median spacings: what a part hides of its
+/// surroundings hangs on it, what is behind the object does not.
 ///
 /// `resample` divides each cell into (rows, columns); (1, 1) keeps the grid.
 ///
