@@ -25,7 +25,7 @@ pub use edges::{Edges, EdgesError, High, Operator, Picture, edges};
 pub use fill_contour::{FillContour, fill_contour};
 pub use grow_region::{GrowRegion, grow_region};
 pub use label::{Connectivity, Label, label};
-pub use morphology::{close, open};
+pub use morphology::{close, dilate, open};
 pub use otsu::otsu;
 pub use outline::{Outline, outline};
 pub use picture_error::PictureError;

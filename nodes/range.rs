@@ -28,7 +28,7 @@ pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, Taken, extract
 pub use fill_range::{FillRange, FillRangeError, fill_range};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
 pub(crate) use grid_triangles::grid_triangles;
-pub(crate) use joins::{ACROSS, GRAZING, JUMP, Joins, longest_edge};
+pub(crate) use joins::{GRAZING, JUMP, Joins, longest_edge};
 pub use range_file::{Axes, CameraFileError, Unit};
 pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
 pub use read_range::{ReadRange, read_range};

@@ -129,5 +129,5 @@ fn an_expectation_that_does_not_hold_names_what_offends() {
             "    expect: [Closed(\"skin\")],\n    outputs: {",
         );
     });
-    assert!(found.contains("expected Closed, but `skin` has 2340 edges with one face"), "{found}");
+    assert!(found.contains("expected Closed, but `skin` has 2398 edges with one face"), "{found}");
 }

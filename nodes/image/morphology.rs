@@ -15,6 +15,14 @@ pub fn close(mask: &Mask, radius: usize) -> Mask {
     spread_both(mask, radius, [1, 0])
 }
 
+/// All that a square of this radius around a pixel of the mask covers. Radius 0 changes nothing.
+pub fn dilate(mask: &Mask, radius: usize) -> Mask {
+    let (width, height) = (mask.width(), mask.height());
+    let mut pixels = mask.pixels().to_vec();
+    spread_square(&mut pixels, width, height, radius, 1);
+    Mask::new(width, height, pixels).expect("as many pixels as before")
+}
+
 /// Spreads first the pixels of one kind, then those of the other.
 fn spread_both(mask: &Mask, radius: usize, kinds: [u8; 2]) -> Mask {
     let (width, height) = (mask.width(), mask.height());
@@ -28,13 +36,16 @@ fn spread_both(mask: &Mask, radius: usize, kinds: [u8; 2]) -> Mask {
         let inner = (row + radius) * wide + radius;
         pixels[inner..inner + width].copy_from_slice(&mask.pixels()[row * width..][..width]);
     }
-    for kind in kinds {
-        (0..high).for_each(|row| spread(&mut pixels, row * wide, 1, wide, radius, kind));
-        (0..wide).for_each(|column| spread(&mut pixels, column, wide, high, radius, kind));
-    }
+    kinds.into_iter().for_each(|kind| spread_square(&mut pixels, wide, high, radius, kind));
     let inner = |row| pixels[(row + radius) * wide + radius..][..width].iter().copied();
     Mask::new(width, height, (0..height).flat_map(inner).collect())
         .expect("as many pixels as before")
+}
+
+/// Gives the value `kind` to all pixels that a square around a pixel of that kind covers.
+fn spread_square(pixels: &mut [u8], width: usize, height: usize, radius: usize, kind: u8) {
+    (0..height).for_each(|row| spread(pixels, row * width, 1, width, radius, kind));
+    (0..width).for_each(|column| spread(pixels, column, width, height, radius, kind));
 }
 
 /// Along one line of `count` pixels, `step` apart, gives the value `kind` to all within `radius` of a pixel that has it.
@@ -57,6 +68,14 @@ mod tests {
     fn opening_removes_a_speck_and_keeps_a_square() {
         let mask = Mask::drawn(&["#....", "..###", "..###", "..###"]);
         assert_eq!(open(&mask, 1).draw(), ".....\n..###\n..###\n..###\n");
+    }
+
+    #[test]
+    fn dilating_grows_by_squares_up_to_the_border() {
+        let mask = Mask::drawn(&["#.....", "......", "......", ".....#"]);
+        assert_eq!(dilate(&mask, 1).draw(), "##....\n##....\n....##\n....##\n");
+        assert_eq!(dilate(&mask, 0), mask);
+        assert_eq!(dilate(&mask, 9).count(), 24);
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! Writes a surface back to the range grid that it came from.
 
-use maquette::value::{ControlNetError, RangeImage, Region, SizeError, Surface, SurfaceError};
+use maquette::value::{
+    ControlNetError, Mask, RangeImage, Region, SizeError, Surface, SurfaceError,
+};
 use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress, TooMuch};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -11,9 +13,9 @@ use super::canvas::{Canvas, Target};
 use super::fold::folded_cells;
 use super::refine::{refine, refined_range};
 use super::seam::{Seam, seam};
+use crate::image::dilate;
 use crate::range::{
-    ACROSS, GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles,
-    longest_edge,
+    GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles, longest_edge,
 };
 
 /// Writes a surface back to the range grid that it came from. Only cells of the region change; all others keep every bit.
@@ -185,8 +187,15 @@ pub fn blend(
         CELLS.check("the finer grid", need.iter().product())?;
     }
     let mut same = Canvas::new(range, region, surface, mode)?;
-    let beside = fill_beside(&mut same, range, progress)?;
-    let canvas = if divided { refine(&same, resample) } else { same };
+    let own = Neighborhood::of(&same);
+    let beside = fill_beside(&mut same, &own, range, progress)?;
+    let (canvas, own) = if divided {
+        let finer = refine(&same, resample);
+        let own = Neighborhood::of(&finer);
+        (finer, own)
+    } else {
+        (same, own)
+    };
     let changes = changes(&canvas, surface, mode)?;
     let mut points = canvas.points.clone();
     changes.iter().for_each(|&(cell, point)| points[cell] = point);
@@ -209,42 +218,53 @@ pub fn blend(
     } else {
         range.with_points(points)?.with_filled(filled)?
     };
-    let joined = joined(&canvas, &range);
+    let joined = joined(&canvas, &own, &range);
     Ok(Blended { range: range.with_joined(joined)?, folded, seam })
 }
 
 /// Slits, and shadows of which all cells are at most so far from the region, lie beside it, though they do not touch it.
 const BESIDE: usize = 8;
 
-/// The marked cells of a grid, and all that are up to `reach` columns and rows away from one.
-fn spread(marked: &[bool], width: usize, reach: usize) -> Vec<bool> {
-    let height = marked.len() / width.max(1);
-    let mut spread = vec![false; marked.len()];
-    for cell in (0..marked.len()).filter(|&cell| marked[cell]) {
-        let [column, row] = [cell % width, cell / width];
-        let columns = column.saturating_sub(reach)..(column + reach + 1).min(width);
-        for row in row.saturating_sub(reach)..(row + reach + 1).min(height) {
-            spread[row * width..][columns.clone()].fill(true);
-        }
+/// Longest edge where a surface is known to go on, in multiples of the median spacing: a part may stand out far and hide some of its own
+/// surroundings from the sensor, but what is behind the object is no part of it.
+const ACROSS: f64 = 15.0;
+
+/// The cells of a region, and those at most `BESIDE` from it.
+struct Neighborhood {
+    inside: Mask,
+    near: Mask,
+}
+
+impl Neighborhood {
+    fn of(canvas: &Canvas) -> Self {
+        let mut inside = vec![0; canvas.points.len()];
+        canvas.targets.iter().for_each(|target| inside[target.cell] = 1);
+        let inside = Mask::new(canvas.width, canvas.height, inside).expect("a value for each cell");
+        Self { near: dilate(&inside, BESIDE), inside }
     }
-    spread
+
+    fn has(&self, cell: usize) -> bool {
+        self.inside.pixels()[cell] == 1
+    }
+
+    fn is_near(&self, cell: usize) -> bool {
+        self.near.pixels()[cell] == 1
+    }
 }
 
 /// Gives points to the shadows between the region and the rest of the scan, and to those beside it; their cells, in raster order.
 fn fill_beside(
     canvas: &mut Canvas,
+    region: &Neighborhood,
     range: &RangeImage,
     progress: &Progress<'_>,
 ) -> Result<Vec<u32>, Cancelled> {
-    let mut inside = vec![false; canvas.points.len()];
-    canvas.targets.iter().for_each(|target| inside[target.cell] = true);
     let width = canvas.width;
-    let near = spread(&inside, width, BESIDE);
     // Cells of the region may have points that the scan has not.
-    let seen = |cell: usize| inside[cell] || range.point(cell).is_some();
+    let seen = |cell: usize| region.has(cell) || range.point(cell).is_some();
     let is_beside = |cells: &[u32]| {
-        let has = |within: bool| around(width, cells).any(|it| seen(it) && inside[it] == within);
-        let is_near = || has(true) || cells.iter().all(|&cell| near[cell as usize]);
+        let has = |within| around(width, cells).any(|it| seen(it) && region.has(it) == within);
+        let is_near = || has(true) || cells.iter().all(|&cell| region.is_near(cell as usize));
         cells.len() <= LARGEST_SHADOW && has(false) && is_near()
     };
     let longest = longest_edge(range, ACROSS);
@@ -253,13 +273,12 @@ fn fill_beside(
 
 /// The triangles that hang together whatever the surface does to them: those within the region that did before, and those at its border
 /// and at filled cells, unless they reached across to what is behind.
-fn joined(canvas: &Canvas, range: &RangeImage) -> Vec<u8> {
+fn joined(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) -> Vec<u8> {
     let Canvas { width, height, points, .. } = canvas;
-    let mut inside = vec![false; points.len()];
-    canvas.targets.iter().for_each(|target| inside[target.cell] = true);
-    let near = spread(&inside, *width, BESIDE);
-    let outside = (0..points.len()).map(|cell| !inside[cell] && !points[cell].x.is_nan());
-    let rim = spread(&Vec::from_iter(outside), *width, 1);
+    let is_outside = |cell: usize| !region.has(cell) && !points[cell].x.is_nan();
+    let outside = Vec::from_iter((0..points.len()).map(is_outside));
+    let outside = Mask::from_bools(*width, *height, outside).expect("a value for each cell");
+    let rim = dilate(&outside, 1);
     let before = range.with_points(points.clone()).expect("as many points as cells");
     let seen = Joins::new(&before, JUMP, GRAZING);
     let across = seen.allowing(ACROSS, 90.0);
@@ -268,14 +287,14 @@ fn joined(canvas: &Canvas, range: &RangeImage) -> Vec<u8> {
     let held = grid_triangles(*width, *height, points, divided, |triangle, corners| {
         let cells = triangle.cells(*width);
         let any = |is: &dyn Fn(usize) -> bool| cells.iter().any(|&cell| is(cell));
-        if any(&|cell| range.is_filled(cell)) || any(&|cell| inside[cell]) && any(&|cell| rim[cell])
-        {
+        let inside = any(&|cell| region.has(cell));
+        if any(&|cell| range.is_filled(cell)) || inside && any(&|cell| rim.pixels()[cell] == 1) {
             across.holds(corners)
-        } else if any(&|cell| inside[cell]) {
+        } else if inside {
             seen.holds(corners)
         } else {
             // What is redesigned is to stand in one skin; its own outermost cells, of mixed colors, are often none of the region.
-            any(&|cell| near[cell]) && !seen.holds(corners) && across.holds(corners)
+            any(&|cell| region.is_near(cell)) && !seen.holds(corners) && across.holds(corners)
         }
     });
     for triangle in held {

@@ -1,22 +1,17 @@
 //! Fills what a scanner did not see in the middle of what it saw.
 
-use maquette::value::{Mask, RangeImage, SizeError};
+use maquette::value::{RangeImage, SizeError};
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
-use nalgebra::Point3;
-use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid_triangles::{GridTriangle, quad_triangles};
-use super::joins::{ACROSS, GRAZING, JUMP, Joins, longest_edge};
+use super::joins::{JUMP, longest_edge};
 use super::shadows::{LARGEST_SHADOW, fill_shadows, join_around};
-use crate::image::{Connectivity, label};
 
 /// Fills shadows and pits of a range image: cells without a point that the scan surrounds.
 ///
 /// A shadow is filled like a skin between the edges around it, a small pit goes on as its surroundings bend. New cells are marked as
-/// filled, and belong to the same surface as those around them, however steep it is. Slits, where cells beside each other are too far
-/// apart for `Triangulate` and the surface goes on all around, are joined. The background is never filled.
+/// filled, and belong to the same surface as those around them, however steep it is. The background is never filled.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FillRange {
     /// The range image.
@@ -26,7 +21,7 @@ pub struct FillRange {
     #[serde(default = "largest_shadow")]
     pub largest: u32,
     /// Longest edge of what is filled, in multiples of the grid's median spacing: a shadow that needs longer ones lies between an
-    /// object and what is behind it, and stays open. Slits may have edges 2.5 times as long.
+    /// object and what is behind it, and stays open.
     #[schemars(range(min = 0.0))]
     #[serde(default = "jump")]
     pub jump: f64,
@@ -63,8 +58,7 @@ impl Node for FillRange {
 
 /// The range image with points in all shadows of up to `largest` cells that hang together by sides: those of a thin plate under tension
 /// through the two rows of points around them, unless that needs an edge longer than `jump` times the median distance of valid cells that
-/// share a side. They are marked as filled, and the triangles at them as joined. So are those of slits: of up to 30 quads that the surface
-/// surrounds, whose edges are longer than 6 median distances, but not longer than 2.5 times `jump`.
+/// share a side. They are marked as filled, and the triangles at them as joined.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
@@ -78,73 +72,21 @@ pub fn fill_range(
     let mut points = range.points().to_vec();
     let is_small = |shadow: &[u32]| shadow.len() <= largest;
     let cells = fill_shadows(width, &mut points, longest, is_small, progress)?;
+    if cells.is_empty() {
+        return Ok(range.clone());
+    }
     let all = 0..points.len();
     let mut filled = Vec::from_iter(all.clone().map(|cell| u8::from(range.is_filled(cell))));
     let mut joined = Vec::from_iter(all.map(|cell| range.joined(cell)));
     cells.iter().for_each(|&cell| filled[cell as usize] = 1);
     join_around(width, &cells, &points, &mut joined);
-    let slits = slits(range, &points, &joined, largest.min(LARGEST_SLIT), jump * ACROSS / JUMP);
-    if cells.is_empty() && slits.is_empty() {
-        return Ok(range.clone());
-    }
-    for triangle in slits {
-        joined[triangle.quad as usize] |= triangle.half.bit();
-    }
     Ok(range.with_points(points)?.with_filled(filled)?.with_joined(joined)?)
-}
-
-/// Quads of the largest slit that is joined: longer ones lie between parts that do not touch.
-const LARGEST_SLIT: usize = 30;
-
-/// The triangles of slits: of groups of up to `largest` quads, each of four points, which the surface surrounds but is not seen in, with
-/// edges up to `jump` times the median spacing.
-fn slits(
-    range: &RangeImage,
-    points: &[Point3<f64>],
-    joined: &[u8],
-    largest: usize,
-    jump: f64,
-) -> Vec<GridTriangle> {
-    let (width, height) = (range.width(), range.height());
-    let seen = Joins::new(range, JUMP, GRAZING);
-    let across = seen.allowing(jump, 90.0);
-    let corners = |triangle: GridTriangle| triangle.cells(width).map(|cell| points[cell]);
-    // The triangles of a quad that are not seen; none if it is no quad of four points.
-    let unseen = |quad: usize| -> Option<Vec<GridTriangle>> {
-        let (row, column) = (quad / width, quad % width);
-        let known = |cell: usize| !points[cell].x.is_nan();
-        let whole = row + 1 < height
-            && column + 1 < width
-            && [quad, quad + 1, quad + width, quad + width + 1].into_iter().all(known);
-        let is_unseen = |triangle: &GridTriangle| {
-            joined[quad] & triangle.half.bit() == 0 && !seen.holds(corners(*triangle))
-        };
-        whole.then(|| quad_triangles(width, points, quad, joined[quad]).filter(is_unseen).collect())
-    };
-    let unseen: Vec<Option<Vec<GridTriangle>>> =
-        (0..points.len()).into_par_iter().with_min_len(1024).map(unseen).collect();
-    let open = unseen.iter().map(|triangles| match triangles {
-        Some(triangles) => u8::from(!triangles.is_empty()),
-        None => 1,
-    });
-    let open = Mask::new(width, height, open.collect()).expect("a quad each");
-    let groups = label(&open, Connectivity::Eight);
-    // Whether each group is a slit, by the group's number.
-    let mut is_slit = Vec::from_iter(groups.statistics().iter().map(|group| group.area <= largest));
-    for (quad, &group) in groups.pixels().iter().enumerate().filter(|(_, group)| **group != 0) {
-        let holds = |triangles: &Vec<GridTriangle>| {
-            triangles.iter().all(|&triangle| across.holds(corners(triangle)))
-        };
-        is_slit[group as usize - 1] &= unseen[quad].as_ref().is_some_and(holds);
-    }
-    let within = |(triangles, &group): (Option<Vec<GridTriangle>>, &u32)| {
-        triangles.filter(|_| group != 0 && is_slit[group as usize - 1])
-    };
-    unseen.into_iter().zip(groups.pixels()).filter_map(within).flatten().collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::*;
     use crate::range::triangulate;
 
@@ -166,8 +108,8 @@ mod tests {
         RangeImage::new(40, 30, (0..1200).map(point).collect()).unwrap()
     }
 
-    fn border_edges(range: &RangeImage, jump: f64, grazing: f64) -> usize {
-        let mesh = triangulate(range, jump, grazing, 0).unwrap();
+    fn border_edges(range: &RangeImage) -> usize {
+        let mesh = triangulate(range, 3.0, 80.0, 0).unwrap();
         let mut edges = Vec::new();
         for face in mesh.faces().as_triangles().unwrap() {
             edges.extend((0..3).map(|k| [face[k], face[(k + 1) % 3]]));
@@ -189,28 +131,7 @@ mod tests {
         assert_eq!(fill_range(&range, 20, 20.0, &Progress::none()).unwrap(), range);
         assert_eq!(fill_range(&range, 1000, 2.0, &Progress::none()).unwrap(), range);
         // On the shadow's side nothing is open; on the other the ball still stands before the wall.
-        let [open, closed] = [&range, &whole].map(|range| border_edges(range, 3.0, 80.0));
+        let [open, closed] = [&range, &whole].map(border_edges);
         assert!(closed + 39 < open, "{closed} {open}");
-    }
-
-    #[test]
-    fn a_slit_that_the_surface_surrounds_is_joined_and_one_before_a_wall_is_not() {
-        // A step of so much in the middle of a plane, some cells long.
-        let step = |depth: f64| {
-            let point = |cell: usize| {
-                let [x, y] = [(cell % 40) as f64, (cell / 40) as f64];
-                let under = (10.0..16.0).contains(&y) && (20.0..26.0).contains(&x);
-                // It rises again to the right.
-                let z = if under { depth * (1.0 - (x - 20.0) / 6.0) } else { 0.0 };
-                Point3::new(x, y, 500.0 + z)
-            };
-            RangeImage::new(40, 30, (0..1200).map(point).collect()).unwrap()
-        };
-        let edges = |range: &RangeImage| border_edges(range, JUMP, GRAZING);
-        let filled = |range: RangeImage| fill_range(&range, 1000, 6.0, &Progress::none()).unwrap();
-        let outline = edges(&step(0.0));
-        assert!(edges(&step(9.0)) > outline);
-        assert_eq!(edges(&filled(step(9.0))), outline);
-        assert!(edges(&filled(step(90.0))) > outline);
     }
 }

@@ -109,7 +109,7 @@ pub(crate) fn grid_triangles(
 }
 
 /// The triangles of the quad whose upper left cell is `quad`, not in the last column or row; `joined` is as it was divided before.
-pub(crate) fn quad_triangles(
+pub(super) fn quad_triangles(
     width: usize,
     points: &[Point3<f64>],
     quad: usize,

@@ -12,10 +12,6 @@ pub(crate) const JUMP: f64 = 6.0;
 /// Largest angle between a surface's normal and the line of sight in degrees, unless something else is asked for.
 pub(crate) const GRAZING: f64 = 85.0;
 
-/// Longest edge where a surface is known to go on, in multiples of the median spacing: a part may stand out far and hide some of its own
-/// surroundings from the sensor, but what is behind the object is no part of it.
-pub(crate) const ACROSS: f64 = 15.0;
-
 /// Tells triangles on a surface from those that bridge the gap to what is behind it.
 pub(crate) struct Joins {
     spacing_sq: f64,
