@@ -7,14 +7,11 @@ use indexmap::IndexMap;
 use serde_json::{Value as Json, json};
 
 use crate::format::FORMATS;
-use crate::graph::{inside_option, resolve, variants};
 use crate::node::{NodeType, Output};
 use crate::pack::{Format, Pack};
+use crate::text::ron;
+use crate::text::{inside_option, resolve, variants};
 use crate::value::ValueType;
-
-mod ron;
-
-pub(crate) use ron::ron;
 
 /// What the packs of a program offer, by name.
 ///

@@ -10,11 +10,10 @@ use serde_json::Value as Json;
 use crate::catalog::{Catalog, Entry};
 use crate::error::Error;
 use crate::eval::Evaluator;
-use crate::graph::{
-    Graph, GraphNode, Options, check_default, inside_option, is_name, resolve, variants,
-};
+use crate::graph::{Graph, GraphNode, Options, is_name};
 use crate::node::{CancelToken, Context, Progress};
 use crate::pack::Pack;
+use crate::text::{check_default, inside_option, resolve, variants};
 use crate::value::AnyValue;
 
 mod extremes;

@@ -8,6 +8,7 @@ use crate::eval::{NodeFile, Recipe};
 use crate::golden::Expectation;
 use crate::node::AnyNode;
 use crate::pack::Format;
+use crate::text::{Origin, Sheet, Tree};
 use crate::value::ValueType;
 
 mod check;
@@ -20,7 +21,6 @@ mod each;
 mod edit;
 mod expand;
 mod expression;
-mod file;
 mod format;
 mod input;
 mod link;
@@ -29,35 +29,14 @@ mod node;
 mod outputs;
 mod parameters;
 mod patch;
-mod paths;
-mod reader;
-mod schema;
 mod shape;
-mod sheet;
-mod suggest;
-mod tools;
 mod top;
-mod tree;
-mod tree_reader;
 
 pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub use edit::{Edited, Put};
-pub(crate) use paths::{MARKER, PathProblem, may_read, project_root, without_dots};
-pub(crate) use reader::ReadError;
-pub use reader::Reader;
-pub(crate) use schema::{check_default, inside_option, resolve, variants};
 pub(crate) use shape::Shape;
-pub(crate) use suggest::{nearest, unknown};
 pub(crate) use top::is_name;
-
-pub(crate) use file::{Mistake, first_word, parse};
-pub(crate) use reader::read_tree;
-pub(crate) use schema::{Finding, Walk};
-pub(crate) use sheet::Sheet;
-pub(crate) use suggest::nearest_or_all;
-use tree::Origin;
-pub(crate) use tree::{Body, Kind, Tree};
 
 use crate::catalog::Catalog;
 
@@ -300,15 +279,4 @@ impl Graph {
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         self.nodes.iter().flat_map(|node| &node.files).map(|file| &*file.path)
     }
-}
-
-/// `a Mask`, `an Image`.
-pub(crate) fn with_article(word: &str) -> String {
-    let vowel = word.starts_with(['A', 'E', 'I', 'O', 'U', 'a', 'e', 'i', 'o', 'u']);
-    format!("{} {word}", if vowel { "an" } else { "a" })
-}
-
-/// The names of some types, for a message: `Mesh or Surface`.
-pub(crate) fn any_of<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
-    Vec::from_iter(names).join(" or ")
 }

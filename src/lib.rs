@@ -17,7 +17,9 @@ mod graph;
 mod limit;
 mod node;
 mod pack;
+mod paths;
 mod plain;
+mod text;
 mod watch;
 mod writing;
 
@@ -28,15 +30,14 @@ pub use eval::{
     ThreadsError, Trace, Usage,
 };
 pub use golden::{Comparison, Keep, Measure, TestRun, Tolerance, Verdict, compare, test_graphs};
-pub use graph::{
-    Change, Checked, Difference, Edited, Files, Graph, Options, Put, ReadFile, Reader,
-};
+pub use graph::{Change, Checked, Difference, Edited, Files, Graph, Options, Put, ReadFile};
 pub use limit::{Limit, TooMuch};
 pub use node::{
     CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
     ReadError, node,
 };
 pub use pack::{FileFormat, Format, NewFile, Pack, format};
+pub use text::Reader;
 pub use value::{
     AnyValue, DecodeError, Decoder, Encoder, Hash, Summary, Value, ValueType, hash_of, value_type,
 };

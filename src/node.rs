@@ -15,7 +15,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::json;
 
 use crate::error::{Cancelled, Error};
-use crate::graph::Reader;
+use crate::text::{FILE, LINK, Reader};
 use crate::value::{AnyValue, Hash, Value, ValueType, hash_of, value_type};
 
 /// One step of a graph, and its whole description.
@@ -149,11 +149,6 @@ outputs!(1: A 0);
 outputs!(2: A 0, B 1);
 outputs!(3: A 0, B 1, C 2);
 outputs!(4: A 0, B 1, C 2, D 3);
-
-/// Keys of the JSON objects that stand for links and files in a node's serialized parameters. No parameter has such a key,
-/// because a field's name has no dollar sign.
-pub(crate) const LINK: &str = "$link";
-pub(crate) const FILE: &str = "$file";
 
 /// A port: takes a link to a `T`.
 pub struct In<T> {
@@ -345,12 +340,8 @@ impl File {
 
     /// What stands behind the last dot of its name, in lower case; empty if nothing does.
     pub fn ending(&self) -> String {
-        ending(Path::new(&self.name))
+        crate::plain::ending(Path::new(&self.name))
     }
-}
-
-pub(crate) fn ending(path: &Path) -> String {
-    path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
 }
 
 /// A file could not be read.
@@ -513,7 +504,7 @@ pub struct NodeType {
     pub(crate) name: fn() -> Cow<'static, str>,
     pub(crate) schema: fn() -> Schema,
     pub(crate) outputs: fn() -> Vec<Output>,
-    pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, crate::graph::ReadError>,
+    pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, crate::text::ReadError>,
 }
 
 /// One output of a node.

@@ -43,3 +43,8 @@ fn is_plain(metadata: &fs::Metadata) -> Result<()> {
     };
     Err(Error::new(ErrorKind::InvalidInput, what))
 }
+
+/// What stands behind the last dot of a file's name, in lower case; empty if nothing does.
+pub(crate) fn ending(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
+}

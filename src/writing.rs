@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use crate::eval::Stamp;
-use crate::graph::without_dots;
+use crate::paths::without_dots;
 
 mod sources;
 mod temporary;

@@ -13,7 +13,8 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::format::handles;
 use crate::golden::case;
-use crate::graph::{Checked, Graph, Options, first_word};
+use crate::graph::{Checked, Graph, Options};
+use crate::text::first_word;
 use crate::value::HandleSpace;
 
 #[derive(Args)]

@@ -11,8 +11,8 @@ use crate::eval::read_companion;
 use crate::format::{glb, obj, pcd, picture_file, ply, stl};
 use crate::golden::compare::in_unit;
 use crate::golden::{Keep, Tolerance, Verdict, compare};
-use crate::graph::project_root;
-use crate::node::ending;
+use crate::paths::project_root;
+use crate::plain::ending;
 use crate::value::AnyValue;
 
 #[derive(Args)]

@@ -8,7 +8,7 @@ use super::{Exit, print_document, report};
 use crate::catalog::Catalog;
 use crate::draw::Drawing;
 use crate::graph::{Files, Graph, Options};
-use crate::node::ending;
+use crate::plain::ending;
 use crate::writing::{Place, Sources};
 
 #[derive(Args)]

@@ -12,9 +12,10 @@ use crate::catalog::{Catalog, Description, describe_default, describe_parameter}
 use crate::eval::Evaluator;
 use crate::format::png;
 use crate::golden::mesh_of;
-use crate::graph::{Graph, Options, Subgraph, any_of};
+use crate::graph::{Graph, Options, Subgraph};
 use crate::plain;
 use crate::render::{View, render};
+use crate::text::any_of;
 use crate::writing::{Place, Refused, Sources};
 
 #[derive(Args)]

@@ -12,10 +12,12 @@ use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem};
 use crate::format::png;
-use crate::graph::{Graph, unknown, with_article};
-use crate::node::{CancelToken, ending};
+use crate::graph::Graph;
+use crate::node::CancelToken;
 use crate::pack::NewFile;
+use crate::plain::ending;
 use crate::render::{View, render};
+use crate::text::{unknown, with_article};
 use crate::value::{AnyValue, Field, Image, Labels, Mask, Mesh, RangeImage, Summary, Surface};
 use crate::writing::{Place, Sources};
 

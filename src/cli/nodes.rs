@@ -8,7 +8,8 @@ use serde_json::{Value as Json, json};
 
 use super::{Exit, print, print_json, program, report};
 use crate::catalog::{Catalog, Description, Entry, describe_default, describe_parameter, inside};
-use crate::graph::{Files, Graph, Options, Subgraph, any_of, unknown, variants};
+use crate::graph::{Files, Graph, Options, Subgraph};
+use crate::text::{any_of, unknown, variants};
 
 #[derive(Args)]
 pub(super) struct Nodes {

@@ -11,9 +11,10 @@ use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
 use crate::format::png;
 use crate::golden::{mesh_of, target};
-use crate::graph::{unknown, with_article};
-use crate::node::{CancelToken, ending};
+use crate::node::CancelToken;
+use crate::plain::ending;
 use crate::render::{Projection, View, render};
+use crate::text::{unknown, with_article};
 use crate::value::AnyValue;
 use crate::writing::{Place, Sources};
 

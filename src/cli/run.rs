@@ -21,8 +21,9 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
 use crate::eval::{Evaluation, Forecast, Observer, State, Trace};
 use crate::golden;
-use crate::graph::{Graph, GraphOutput, unknown};
+use crate::graph::{Graph, GraphOutput};
 use crate::node::CancelToken;
+use crate::text::unknown;
 use crate::writing::Sources;
 
 #[derive(Args)]

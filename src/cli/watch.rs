@@ -16,7 +16,8 @@ use super::{Exit, GraphOptions, interrupt, print, report};
 use crate::catalog::Catalog;
 use crate::error::{Problem, code};
 use crate::eval::named_in;
-use crate::graph::{MARKER, ReadFile, project_root};
+use crate::graph::ReadFile;
+use crate::paths::{MARKER, project_root};
 use crate::watch::{Event, Sources, WatchList, Wish};
 
 mod block;

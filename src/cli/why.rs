@@ -9,7 +9,8 @@ use super::caching::CacheOptions;
 use super::{Exit, GraphOptions, print, report};
 use crate::catalog::Catalog;
 use crate::eval::{Change, Forecast, Outlook, Reason};
-use crate::graph::{Graph, unknown};
+use crate::graph::Graph;
+use crate::text::unknown;
 
 #[derive(Args)]
 pub(super) struct Why {

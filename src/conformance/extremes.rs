@@ -7,8 +7,9 @@ use serde_json::Value as Json;
 
 use super::{Values, call, hostile, inputs};
 use crate::catalog::Entry;
-use crate::graph::{Graph, inside_option, resolve, variants};
+use crate::graph::Graph;
 use crate::node::{CancelToken, Progress};
+use crate::text::{inside_option, resolve, variants};
 use crate::value::AnyValue;
 
 /// What is checked: a node of its example, and the values of the example.

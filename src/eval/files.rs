@@ -13,9 +13,10 @@ use serde::{Deserialize, Serialize};
 use super::key::NodeFile;
 use super::lock;
 use crate::format::obj;
-use crate::graph::{PathProblem, may_read};
-use crate::node::{Companions, File, ReadError, ending};
+use crate::node::{Companions, File, ReadError};
+use crate::paths::{PathProblem, may_read};
 use crate::plain;
+use crate::plain::ending;
 use crate::value::Hash;
 
 /// What the system says of a file without reading it. A file that is written to gets another stamp, unless it is written twice

@@ -9,7 +9,8 @@ use std::sync::Arc;
 
 use serde_json::{Value as Json, json};
 
-use crate::node::{FILE, LINK, ending};
+use crate::plain::ending;
+use crate::text::{FILE, LINK};
 use crate::value::Hash;
 
 /// What a node is, apart from what comes in: all that is known when its graph is read.

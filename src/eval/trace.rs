@@ -5,7 +5,8 @@ use std::fmt;
 use serde_json::json;
 
 use super::key::{Change, in_short};
-use crate::graph::{GraphNode, with_article};
+use crate::graph::GraphNode;
+use crate::text::with_article;
 
 /// What became of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,7 +7,6 @@ use thiserror::Error;
 use super::json::print;
 use super::{At, excerpt};
 use crate::error::{Error, Place};
-use crate::graph;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Handle, HandleSpace, Handles, HandlesError};
 
@@ -58,16 +57,16 @@ fn text(bytes: &[u8]) -> Result<&str, HandlesFileError> {
 pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
     let text = text(bytes)?;
     let place = |offset: usize| At::Line(Place::of(text, offset).line);
-    let (tree, mistakes) = graph::parse(text);
+    let (tree, mistakes) = crate::text::parse(text);
     if let Some(mistake) = mistakes.into_iter().next() {
         let at = place(mistake.span.start);
         return Err(HandlesFileError::Syntax { at, message: mistake.message });
     }
     let content = match &tree.kind {
-        graph::Kind::List(_) => {
-            graph::read_tree(&tree).map(|handles| Content { space: None, handles })
+        crate::text::Kind::List(_) => {
+            crate::text::read_tree(&tree).map(|handles| Content { space: None, handles })
         }
-        _ => graph::read_tree(&tree),
+        _ => crate::text::read_tree(&tree),
     };
     let content = content.map_err(|error| {
         let at = place(error.span.map_or(0, |span| span.start));

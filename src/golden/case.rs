@@ -10,11 +10,9 @@ use serde::Deserialize;
 use super::compare::{Keep, Tolerance};
 use super::expect::{Expectation, Place};
 use crate::error::{Problem, Source, Span, code};
-use crate::graph::{
-    Body, Finding, Kind, MARKER, PathProblem, Tree, Walk, may_read, nearest_or_all, parse,
-    project_root, read_tree,
-};
+use crate::paths::{MARKER, PathProblem, may_read, project_root};
 use crate::plain;
+use crate::text::{Body, Finding, Kind, Tree, Walk, nearest_or_all, parse, read_tree};
 
 /// The ending of a test file's name.
 pub(crate) const ENDING: &str = ".test.ron";
@@ -125,7 +123,7 @@ fn finding(code: &'static str, span: Span, message: String, help: impl Into<Stri
 
 fn read_text(path: &Path, source: &Arc<Source>) -> Result<TestFile, Vec<Finding>> {
     let (mut tree, mistakes) = parse(&source.text);
-    let mistake = |m: crate::graph::Mistake| finding(code::SYNTAX, m.span, m.message, m.help);
+    let mistake = |m: crate::text::Mistake| finding(code::SYNTAX, m.span, m.message, m.help);
     let mut findings: Vec<Finding> = mistakes.into_iter().map(mistake).collect();
     if !findings.is_empty() {
         return Err(findings);

@@ -13,7 +13,8 @@ use super::looks;
 use super::topology::Topology;
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::eval::Evaluation;
-use crate::graph::{Finding, Graph, Kind, Tree, Walk, nearest_or_all, read_tree};
+use crate::graph::Graph;
+use crate::text::{Finding, Kind, Tree, Walk, nearest_or_all, read_tree};
 use crate::value::{AnyValue, Labels, Mask, Mesh, Points, RangeImage, Region, Surface};
 
 /// What must hold of a value, which is named by its link, `node` or `node.output`, or by the name of an output file.

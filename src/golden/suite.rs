@@ -282,7 +282,7 @@ fn no_case(filter: &str, jobs: &[Job<'_>]) -> String {
     const SOME: usize = 10;
     let titles = Vec::from_iter(jobs.iter().map(Job::title));
     let words = titles.iter().flat_map(|title| title.split([' ', '/', '.']));
-    let help = crate::graph::nearest(filter, words);
+    let help = crate::text::nearest(filter, words);
     let some = || {
         let more = if titles.len() > SOME { ", .." } else { "" };
         let some = Vec::from_iter(titles.iter().take(SOME).map(String::as_str)).join(", ");

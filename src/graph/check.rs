@@ -14,15 +14,14 @@ use super::definition::{Definition, World};
 use super::draft::Draft;
 use super::expand::expand;
 use super::parameters::Parameters;
-use super::paths::project_root;
-use super::schema::Finding;
-use super::sheet::Sheet;
 use super::top::TopLevel;
 use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
 use crate::error::{MOST_TOLD, Source, Span, Use, code};
 use crate::golden::Expectation;
+use crate::paths::project_root;
 use crate::plain;
+use crate::text::{Finding, Sheet};
 
 pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
     match plain::read_text(path) {

@@ -2,10 +2,8 @@
 
 use serde_json::{Value as Json, json};
 
-use super::schema::Finding;
-use super::suggest::{nearest, nearest_or_all};
-use super::tree::{Body, Kind, Origin, Tree};
 use crate::error::code;
+use crate::text::{Body, Finding, Kind, Origin, Tree, nearest, nearest_or_all};
 use crate::value::Color;
 
 /// The types that a parameter can have.

@@ -11,14 +11,12 @@ use super::declaration::Declaration;
 use super::draft::Draft;
 use super::each::Each;
 use super::parameters::Parameters;
-use super::paths::{PathProblem, may_read, without_dots};
-use super::sheet::Sheet;
-use super::suggest::{nearest, nearest_or_all};
 use super::top::TopLevel;
-use super::tree::{Body, Field, Kind, Name, Tree};
 use super::{Options, ReadFile};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Span, Use, code};
+use crate::paths::{PathProblem, may_read, without_dots};
+use crate::text::{Body, Field, Kind, Name, Sheet, Tree, nearest, nearest_or_all};
 use crate::value::ValueType;
 
 /// A graph as its file has it, with the default values of its parameters.

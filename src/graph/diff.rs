@@ -10,14 +10,12 @@ use std::fmt;
 use serde_json::json;
 
 use super::Graph;
-use super::file::parse;
 use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
 use super::patch::patched_tree;
-use super::tools::syntax_problems;
-use super::tree::{Body, Kind, Tree};
 use super::{Files, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source};
+use crate::text::{Body, Kind, Tree, parse, syntax_problems};
 
 /// One difference between two graphs.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -8,12 +8,10 @@ use super::definition::{Definition, Used};
 use super::each::{Branches, Each, element_name};
 use super::node::{Built, Survey};
 use super::parameters::{Parameters, is_parametric};
-use super::schema::FoundLink;
-use super::suggest::nearest;
-use super::tree::{Kind, Name, Tree};
 use crate::catalog::Entry;
 use crate::error::code;
 use crate::node::Output;
+use crate::text::{FoundLink, Kind, Name, Tree, nearest};
 use crate::value::ValueType;
 
 /// A node while it is checked.

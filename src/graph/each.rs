@@ -3,9 +3,8 @@
 use std::collections::HashSet;
 
 use super::check::Check;
-use super::suggest::nearest_or_all;
-use super::tree::{Body, Field, Kind, Name, Tree};
 use crate::error::{Span, code};
+use crate::text::{Body, Field, Kind, Name, Tree, nearest_or_all};
 
 /// A `ForEach`: one node for each element of a list.
 pub(super) struct Each {

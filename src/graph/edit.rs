@@ -5,13 +5,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::check::load_text;
-use super::file::{Part, parse, parts};
-use super::suggest::nearest_or_all;
-use super::tools::syntax_problems;
-use super::tree::{Body, Field, Kind, Tree};
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, Span, code};
+use crate::text::{Body, Field, Kind, Token, Tree, nearest_or_all, parse, syntax_problems, tokens};
 
 /// A graph file's text with values put into it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -456,18 +453,18 @@ impl Tail {
         let mut tail = Self { comma: None, line_end: value_end };
         let mut same_line = true;
         // A text that begins in the middle of a graph is still cut into the right pieces.
-        for (part, span) in parts(&text[value_end..call_end]) {
+        for (part, span) in tokens(&text[value_end..call_end]) {
             let (start, end) = (value_end + span.start, value_end + span.end);
             match part {
-                Part::Comma => {
+                Token::Comma => {
                     tail = Self { comma: Some(start), line_end: end };
                     same_line = true;
                 }
-                Part::Space if text[start..end].contains('\n') => same_line = false,
-                Part::LineComment | Part::BlockComment if same_line => {
+                Token::Space if text[start..end].contains('\n') => same_line = false,
+                Token::LineComment | Token::BlockComment if same_line => {
                     tail.line_end = start + text[start..end].trim_end().len();
                 }
-                Part::Close => break,
+                Token::Close => break,
                 _ => {}
             }
         }

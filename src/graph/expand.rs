@@ -12,9 +12,9 @@ use super::each::Branches;
 use super::input::input_node;
 use super::node::Built;
 use super::parameters::{Parameters, handed_over};
-use super::schema::Finding;
 use super::{Graph, GraphNode, GraphOutput, GraphUse, Link, Shape};
 use crate::error::{Problem, Severity, Use, code};
+use crate::text::Finding;
 
 /// A node and an output of it, by their places in the flat graph.
 type Target = (usize, usize);

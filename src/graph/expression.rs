@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use super::suggest::nearest;
+use crate::text::nearest;
 
 /// What an expression gives.
 #[derive(Clone, Copy, Debug, PartialEq)]

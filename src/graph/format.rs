@@ -11,9 +11,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::Graph;
-use super::file::{Part, parse, parts, printed};
-use super::tools::syntax_problems;
 use crate::error::{Problem, Severity, Source, Span, code};
+use crate::text::{Token, parse, printed, syntax_problems, tokens};
 
 /// Columns of the longest line that is not broken. The graphs that the form was taken from have nodes of up to 146 columns on
 /// one line; at 120 every fifth of the long ones would become a block of five to ten lines.
@@ -62,12 +61,12 @@ impl Graph {
 /// All that a form must keep: the words in their order, without commas that mean nothing, and the comments.
 fn inventory(text: &str) -> (Vec<&str>, Vec<&str>) {
     let (mut words, mut comments): (Vec<&str>, Vec<&str>) = (Vec::new(), Vec::new());
-    for (part, span) in parts(text) {
+    for (part, span) in tokens(text) {
         let word = &text[span.start..span.end];
         match part {
-            Part::Space => {}
-            Part::LineComment | Part::BlockComment => comments.push(word.trim_end()),
-            Part::Close => {
+            Token::Space => {}
+            Token::LineComment | Token::BlockComment => comments.push(word.trim_end()),
+            Token::Close => {
                 words.pop_if(|last| *last == ",");
                 words.push(word);
             }
@@ -224,7 +223,7 @@ impl<'t> Group<'t> {
 /// Reads the pieces of a text into entries. The text has no mistakes.
 struct Parts<'t> {
     text: &'t str,
-    parts: Vec<(Part, Span)>,
+    parts: Vec<(Token, Span)>,
     at: usize,
 }
 
@@ -238,7 +237,7 @@ struct Draft<'t> {
 
 impl<'t> Parts<'t> {
     fn new(text: &'t str) -> Self {
-        Self { text, parts: parts(text), at: 0 }
+        Self { text, parts: tokens(text), at: 0 }
     }
 
     /// The whole file: its top level is a group without brackets.
@@ -259,36 +258,36 @@ impl<'t> Parts<'t> {
             self.at += 1;
             let text = self.slice(span);
             match part {
-                Part::Space => {
+                Token::Space => {
                     newlines += text.matches('\n').count();
                     continue;
                 }
-                Part::Comma => {
+                Token::Comma => {
                     draft.finish(&mut entries, None);
                 }
-                Part::Close => {
+                Token::Close => {
                     close = text;
                     break;
                 }
-                Part::LineComment | Part::BlockComment => {
+                Token::LineComment | Token::BlockComment => {
                     if depth == 0 && newlines > 0 && !draft.entry.pieces.is_empty() {
                         draft.finish(&mut entries, None);
                     }
-                    let is_inline = part == Part::BlockComment
+                    let is_inline = part == Token::BlockComment
                         && !text.contains('\n')
                         && (!draft.entry.pieces.is_empty() || self.word_follows());
                     let note = Note { text: text.trim_end(), gap: newlines > 1 };
                     draft.comment(note, newlines > 0, is_inline, entries.last_mut());
                 }
-                Part::Colon => draft.push(Piece::Colon, false),
-                Part::Word => {
+                Token::Colon => draft.push(Piece::Colon, false),
+                Token::Word => {
                     // What is behind an attribute of the file is not behind it on its line.
                     if depth == 0 && draft.entry.last_group().is_some() {
                         draft.finish(&mut entries, None);
                     }
                     draft.push(Piece::Word(text), newlines > 1);
                 }
-                Part::Open => {
+                Token::Open => {
                     let mut group = self.group(text, depth + 1);
                     group.is_top = depth == 0;
                     if group.is_top || (depth == 1 && draft.is_nodes() && !group.entries.is_empty())
@@ -309,8 +308,8 @@ impl<'t> Parts<'t> {
         let rest = &self.parts[self.at..];
         let next = rest
             .iter()
-            .find(|(part, span)| *part != Part::Space || self.slice(*span).contains('\n'));
-        next.is_some_and(|(part, _)| matches!(part, Part::Word | Part::Open))
+            .find(|(part, span)| *part != Token::Space || self.slice(*span).contains('\n'));
+        next.is_some_and(|(part, _)| matches!(part, Token::Word | Token::Open))
     }
 }
 

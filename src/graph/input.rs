@@ -5,10 +5,10 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::node::Built;
-use super::tree::Tree;
 use crate::error::Error;
 use crate::eval::Recipe;
 use crate::node::{AnyNode, Context, FilePath};
+use crate::text::Tree;
 use crate::value::AnyValue;
 
 /// A node that has no value: only a graph that uses this one gives it one.

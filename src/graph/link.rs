@@ -5,11 +5,9 @@ use std::collections::HashMap;
 use super::check::Check;
 use super::draft::{Draft, What};
 use super::each::Each;
-use super::schema::FoundLink;
-use super::suggest::nearest_or_all;
-use super::{any_of, with_article};
 use crate::error::{Span, code};
 use crate::node::Output;
+use crate::text::{FoundLink, any_of, nearest_or_all, with_article};
 use crate::value::ValueType;
 
 /// More links than this one after the other through `ForEach`es without elements are a circle.

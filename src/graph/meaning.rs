@@ -10,10 +10,9 @@ use std::collections::HashMap;
 use serde_json::Value as Json;
 
 use super::describe::Subgraph;
-use super::schema::{as_tree, inside_option, resolve, variants};
-use super::tree::{Body, Field, Kind, Name, Tree};
 use crate::catalog::{Catalog, Entry};
 use crate::error::Span;
+use crate::text::{Body, Field, Kind, Name, Tree, as_tree, inside_option, resolve, variants};
 
 /// The parts of a graph whose entries have names.
 pub(super) const SECTIONS: [(&str, &str); 5] = [

@@ -7,18 +7,17 @@ use std::sync::Arc;
 use super::check::Check;
 use super::draft::{Draft, What};
 use super::each::Each;
-use super::file::DEEPEST;
 use super::parameters::{Parameters, read_set};
-use super::paths::{PathProblem, may_read};
-use super::reader::{Reader, Slots};
-use super::schema::{Finding, FoundFile, FoundLink, Walk};
-use super::suggest::nearest_or_all;
-use super::tree::{Body, Field, Kind, Name, Tree};
 use super::{Files, ReadFile};
 use crate::catalog::Entry;
 use crate::error::{Span, code};
 use crate::eval::{NodeFile, Recipe};
 use crate::node::AnyNode;
+use crate::paths::{PathProblem, may_read};
+use crate::text::{
+    Body, DEEPEST, Field, Finding, FoundFile, FoundLink, Kind, Name, Reader, Slots, Tree, Walk,
+    nearest_or_all,
+};
 
 /// A node's fields, looked at: the values that they have, and the links and files among them.
 pub(super) struct Survey {

@@ -7,12 +7,12 @@ use super::check::Check;
 use super::definition::Port;
 use super::draft::Draft;
 use super::link::Names;
-use super::paths::stays_inside;
-use super::tree::Tree;
-use super::{GraphOutput, is_name, with_article};
+use super::{GraphOutput, is_name};
 use crate::error::{Span, code};
 use crate::golden::Expectation;
-use crate::node::ending;
+use crate::paths::stays_inside;
+use crate::plain::ending;
+use crate::text::{Tree, with_article};
 use crate::value::ValueType;
 
 impl Check<'_, '_> {

@@ -7,12 +7,8 @@ use indexmap::IndexMap;
 
 use super::declaration::Declaration;
 use super::expression::{Outcome, evaluate};
-use super::file::parse;
-use super::schema::Finding;
-use super::sheet::Sheet;
-use super::suggest::nearest_or_all;
-use super::tree::{Body, Field, Given, Kind, Origin, Tree};
 use crate::error::{MOST_TOLD, Span, code};
+use crate::text::{Body, Field, Finding, Given, Kind, Origin, Sheet, Tree, nearest_or_all, parse};
 
 /// The values of a graph's parameters.
 #[derive(Clone, Debug, Default)]

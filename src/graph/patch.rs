@@ -10,12 +10,9 @@ use std::sync::Arc;
 use super::Options;
 use super::check::{Check, first, folder_of};
 use super::edit::{Edit, place};
-use super::file::{self, Mistake};
-use super::sheet::{Part, Sheet};
-use super::suggest::nearest_or_all;
-use super::tree::{Body, Field, Kind, Tree};
 use crate::catalog::Catalog;
 use crate::error::{Source, Span, code};
+use crate::text::{Body, Field, Kind, Mistake, Part, Sheet, Tree, nearest_or_all};
 
 /// The tree of the graph that a patch makes; the patch's own if the other graph is not there, or one of them is wrong.
 pub(super) fn patched_tree(
@@ -24,9 +21,9 @@ pub(super) fn patched_tree(
     catalog: &Catalog,
     options: &Options,
 ) -> Tree {
-    let (tree, _) = file::parse(&text);
+    let (tree, _) = crate::text::parse(&text);
     let (_, whole) = first(path, text, catalog, options);
-    whole.map_or(tree, |whole| file::parse(&whole.definition.sheet.source.text).0)
+    whole.map_or(tree, |whole| crate::text::parse(&whole.definition.sheet.source.text).0)
 }
 
 /// A value, what it is for, and where the patch names that.
@@ -38,7 +35,7 @@ const FIELDS: [&str; 5] = ["format", "doc", "of", "params", "nodes"];
 impl Check<'_, '_> {
     /// The tree of the file's text. If it is a patch, of the graph that it makes of another one; the sheet is that graph's, then.
     pub(super) fn tree(&mut self) -> Option<Tree> {
-        let (tree, mistakes) = file::parse(&self.sheet.source.text);
+        let (tree, mistakes) = crate::text::parse(&self.sheet.source.text);
         if self.is_newer(&tree) {
             return None;
         }
@@ -47,7 +44,7 @@ impl Check<'_, '_> {
             return Some(tree);
         }
         self.sheet = self.patched(&tree)?;
-        let (tree, mistakes) = file::parse(&self.sheet.source.text);
+        let (tree, mistakes) = crate::text::parse(&self.sheet.source.text);
         self.whole_tree(tree, mistakes)
     }
 

@@ -3,10 +3,8 @@
 use std::collections::{HashMap, HashSet};
 
 use super::check::Check;
-use super::suggest::nearest_or_all;
-use super::tree::{Field, Kind, Tree};
-use super::with_article;
 use crate::error::{Span, code};
+use crate::text::{Field, Kind, Tree, nearest_or_all, with_article};
 
 /// The version of the file format that this program reads.
 const FORMAT: f64 = 1.0;

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use crate::graph::{Checked, Graph, MARKER};
+use crate::graph::{Checked, Graph};
+use crate::paths::MARKER;
 
 const TEXT: &str = "the graph is made of this file";
 const READ: &str = "the graph reads this file";

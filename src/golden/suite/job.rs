@@ -155,7 +155,7 @@ impl Job<'_> {
                         format!("the graph has no output `{}`", allowed.output),
                     );
                     problem.help =
-                        crate::graph::nearest_or_all(&allowed.output, "its outputs", &names);
+                        crate::text::nearest_or_all(&allowed.output, "its outputs", &names);
                     problems.push(problem);
                 }
                 continue;

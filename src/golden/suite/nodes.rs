@@ -2,7 +2,7 @@
 
 use crate::eval::Evaluation;
 use crate::graph::{Graph, Link};
-use crate::node::FILE;
+use crate::text::FILE;
 
 /// Begins the line of a warning, among those of the nodes.
 const WARNING: &str = "warning  ";

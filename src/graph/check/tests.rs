@@ -1,7 +1,7 @@
 //! Files with very many mistakes: the work grows as the file does.
 
 use super::*;
-use crate::graph::suggest::tests::LOOKS;
+use crate::text::LOOKS;
 
 /// The problems of a text without built-in nodes, and how many names were compared to find them.
 fn problems(text: String) -> (usize, usize) {

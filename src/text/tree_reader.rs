@@ -7,19 +7,19 @@ use super::tree::{Body, Field, Kind, Name, Tree};
 use crate::error::Span;
 
 /// Whether a syntax node is a value, or what stands where one should.
-pub(super) fn is_value(kind: SyntaxKind) -> bool {
+pub(crate) fn is_value(kind: SyntaxKind) -> bool {
     use SyntaxKind::{EnumVariant, Error, List, Literal, Map, Struct, Tuple, Unit};
     matches!(kind, Struct | Tuple | List | Map | EnumVariant | Unit | Literal | Error)
 }
 
 /// Makes values of syntax nodes, and notes what is wrong with them.
 #[derive(Default)]
-pub(super) struct TreeReader {
-    pub(super) mistakes: Vec<Mistake>,
+pub(crate) struct TreeReader {
+    pub(crate) mistakes: Vec<Mistake>,
 }
 
 impl TreeReader {
-    pub(super) fn value(&mut self, node: &SyntaxNode) -> Tree {
+    pub(crate) fn value(&mut self, node: &SyntaxNode) -> Tree {
         let at = span(node.text_range());
         let kind = match node.kind() {
             SyntaxKind::Struct => {
@@ -104,7 +104,7 @@ impl TreeReader {
         }
     }
 
-    pub(super) fn mistake(&mut self, span: Span, message: &str, help: &str) -> Kind {
+    pub(crate) fn mistake(&mut self, span: Span, message: &str, help: &str) -> Kind {
         self.mistakes.push(Mistake { span, message: message.into(), help: help.into() });
         Kind::Broken
     }

@@ -7,8 +7,8 @@ use serde_json::{Value as Json, json};
 use super::*;
 use crate::catalog::describe_parameter;
 use crate::error::Place;
-use crate::graph::file::parse;
-use crate::graph::schema::{Walk, as_tree};
+use crate::text::parse;
+use crate::text::{Walk, as_tree};
 
 /// A shape.
 #[derive(Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

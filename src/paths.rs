@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use super::suggest::nearest;
+use crate::text::nearest;
 
 /// Marks the root of a project.
 pub(crate) const MARKER: &str = "maquette.toml";

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value as Json};
 
-use crate::graph::{inside_option, resolve, variants};
+use super::schema::{inside_option, resolve, variants};
 
 /// A value of JSON, which fits this schema, as RON. Fields that have their defaults are left out.
 pub(crate) fn ron(value: &Json, schema: &Json, root: &Json) -> String {

@@ -207,7 +207,7 @@ impl Tree {
 }
 
 /// The beginning of a text that is too long for a message.
-pub(super) fn cut(text: &str) -> Cow<'_, str> {
+pub(crate) fn cut(text: &str) -> Cow<'_, str> {
     const MOST: usize = 60;
     match text.char_indices().nth(MOST) {
         Some((end, _)) => format!("{}..", &text[..end]).into(),

@@ -20,10 +20,10 @@ pub(crate) struct Mistake {
 
 /// Values in each other, and with them all that walks through them, go no deeper: far deeper than any node needs, and far less
 /// deep than the stack of a thread.
-pub(super) const DEEPEST: usize = 128;
+pub(crate) const DEEPEST: usize = 128;
 
 /// The tokens of a text in order, none left out, each with its place. Nothing in it is nested, so that any text will do.
-fn tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)> + '_ {
+fn raw_tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)> + '_ {
     let mut end = 0;
     tokenize(text).into_iter().map(move |token| {
         let start = end;
@@ -36,7 +36,7 @@ fn tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)> + '_ {
 pub(crate) fn first_word(text: &str) -> &str {
     use SyntaxKind::{BlockComment, Bom, LineComment, Whitespace};
     let is_trivia = |kind| matches!(kind, Bom | Whitespace | LineComment | BlockComment);
-    let first = tokens(text).find(|(kind, _)| !is_trivia(*kind));
+    let first = raw_tokens(text).find(|(kind, _)| !is_trivia(*kind));
     first.map_or("", |(_, at)| &text[at.start..at.end])
 }
 
@@ -45,7 +45,7 @@ pub(crate) fn first_word(text: &str) -> &str {
 fn too_deep(text: &str) -> Option<Span> {
     use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
     let mut open = Vec::new();
-    tokens(text).find_map(|(kind, at)| {
+    raw_tokens(text).find_map(|(kind, at)| {
         let opener = match kind {
             LParen | LBracket | LBrace if open.len() == DEEPEST => return Some(at),
             LParen | LBracket | LBrace => {
@@ -111,7 +111,7 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
 
 /// What a piece of the text is, as far as its layout goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Part {
+pub(crate) enum Token {
     Space,
     LineComment,
     BlockComment,
@@ -124,22 +124,22 @@ pub(crate) enum Part {
 }
 
 /// The pieces of the text in order, none left out.
-pub(crate) fn parts(text: &str) -> Vec<(Part, Span)> {
+pub(crate) fn tokens(text: &str) -> Vec<(Token, Span)> {
     let part = |(kind, span)| {
         use SyntaxKind::{LBrace, LBracket, LParen, RBrace, RBracket, RParen};
         let part = match kind {
-            SyntaxKind::Whitespace | SyntaxKind::Bom => Part::Space,
-            SyntaxKind::LineComment => Part::LineComment,
-            SyntaxKind::BlockComment => Part::BlockComment,
-            LParen | LBracket | LBrace => Part::Open,
-            RParen | RBracket | RBrace => Part::Close,
-            SyntaxKind::Comma => Part::Comma,
-            SyntaxKind::Colon => Part::Colon,
-            _ => Part::Word,
+            SyntaxKind::Whitespace | SyntaxKind::Bom => Token::Space,
+            SyntaxKind::LineComment => Token::LineComment,
+            SyntaxKind::BlockComment => Token::BlockComment,
+            LParen | LBracket | LBrace => Token::Open,
+            RParen | RBracket | RBrace => Token::Close,
+            SyntaxKind::Comma => Token::Comma,
+            SyntaxKind::Colon => Token::Colon,
+            _ => Token::Word,
         };
         (part, span)
     };
-    tokens(text).map(part).collect()
+    raw_tokens(text).map(part).collect()
 }
 
 /// The text as its syntax tree prints it: the same bytes, however broken the text is. What is nested too deep has no tree.
@@ -249,7 +249,7 @@ fn unclosed(text: &str, root: &SyntaxNode) -> Option<Mistake> {
     })
 }
 
-pub(super) fn span(range: TextRange) -> Span {
+pub(crate) fn span(range: TextRange) -> Span {
     Span { start: range.start(), end: range.end() }
 }
 

@@ -9,12 +9,12 @@ use std::sync::Arc;
 use serde_json::{Map, Value as Json};
 
 use super::file::parse;
+use super::ron::ron;
 use super::suggest::nearest_or_all;
 use super::tree::{Body, Field, Given, Kind, Name, Origin, Tree};
 use super::with_article;
-use crate::catalog::ron;
 use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, code};
-use crate::node::ending;
+use crate::plain::ending;
 use crate::value::Color;
 
 /// A link that a port holds.
@@ -456,7 +456,7 @@ pub(crate) fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<St
 }
 
 /// A JSON value as the file would have it: an object of one capitalized key is a choice with its content.
-pub(super) fn as_tree(value: &Json) -> Tree {
+pub(crate) fn as_tree(value: &Json) -> Tree {
     let fields = |fields: &Map<String, Json>| {
         let field = |(name, value): (&String, &Json)| Field {
             name: Name { text: name.clone(), span: Span::default() },

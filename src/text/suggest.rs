@@ -59,7 +59,7 @@ pub(crate) fn unknown(message: String, name: &str, what: &str, known: &[&str]) -
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use std::cell::Cell;
 
     use super::*;

@@ -11,19 +11,23 @@ use serde::de::{self, DeserializeOwned, DeserializeSeed, IntoDeserializer, Visit
 use super::schema::FoundFile;
 use super::tree::{Body, Field, Kind, Tree};
 use crate::error::Span;
-use crate::node::{FILE, LINK};
+
+/// Keys of the JSON objects that stand for links and files in a node's serialized parameters. No parameter has such a key,
+/// because a field's name has no dollar sign.
+pub(crate) const LINK: &str = "$link";
+pub(crate) const FILE: &str = "$file";
 
 /// Gives a node its fields: made by the check, read by [`node`](crate::node()).
 pub struct Reader<'a> {
-    pub(super) tree: &'a Tree,
-    pub(super) links: &'a HashMap<Span, Slots>,
-    pub(super) files: &'a [FoundFile],
+    pub(crate) tree: &'a Tree,
+    pub(crate) links: &'a HashMap<Span, Slots>,
+    pub(crate) files: &'a [FoundFile],
 }
 
 /// Where the values of a link come in, by its place: a link to the output of a `ForEach` has many.
-pub(super) struct Slots {
-    pub(super) first: usize,
-    pub(super) count: usize,
+pub(crate) struct Slots {
+    pub(crate) first: usize,
+    pub(crate) count: usize,
 }
 
 /// Why a node's fields cannot be read, and where.

@@ -1,0 +1,36 @@
+//! RON text alone: a file's tree with the place of every value, its lossless tokens, and checks of a value against a schema.
+
+mod file;
+mod problems;
+mod reader;
+mod ron;
+mod schema;
+mod sheet;
+mod suggest;
+mod tree;
+mod tree_reader;
+
+pub(crate) use file::{DEEPEST, Mistake, Token, first_word, parse, printed, tokens};
+pub(crate) use problems::syntax_problems;
+pub use reader::Reader;
+pub(crate) use reader::{FILE, LINK, ReadError, Slots, read_tree};
+pub(crate) use ron::ron;
+pub(crate) use schema::{
+    Finding, FoundFile, FoundLink, Walk, as_tree, check_default, inside_option, resolve, variants,
+};
+pub(crate) use sheet::{Part, Sheet};
+#[cfg(test)]
+pub(crate) use suggest::tests::LOOKS;
+pub(crate) use suggest::{nearest, nearest_or_all, unknown};
+pub(crate) use tree::{Body, Field, Given, Kind, Name, Origin, Tree};
+
+/// `a Mask`, `an Image`.
+pub(crate) fn with_article(word: &str) -> String {
+    let vowel = word.starts_with(['A', 'E', 'I', 'O', 'U', 'a', 'e', 'i', 'o', 'u']);
+    format!("{} {word}", if vowel { "an" } else { "a" })
+}
+
+/// The names of some types, for a message: `Mesh or Surface`.
+pub(crate) fn any_of<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    Vec::from_iter(names).join(" or ")
+}
