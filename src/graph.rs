@@ -4,8 +4,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::error::{Problem, Severity, Source, Span, Use};
-use crate::eval::{NodeFile, Recipe};
-use crate::golden::Expectation;
 use crate::node::AnyNode;
 use crate::pack::Format;
 use crate::text::{Origin, Sheet, Tree};
@@ -20,6 +18,7 @@ mod draft;
 mod each;
 mod edit;
 mod expand;
+mod expectation;
 mod expression;
 mod format;
 mod input;
@@ -29,12 +28,15 @@ mod node;
 mod outputs;
 mod parameters;
 mod patch;
+mod recipe;
 mod shape;
 mod top;
 
 pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub use edit::{Edited, Put};
+pub(crate) use expectation::Expectation;
+pub(crate) use recipe::{NodeFile, Recipe};
 pub(crate) use shape::Shape;
 pub(crate) use top::is_name;
 

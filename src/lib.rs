@@ -19,6 +19,7 @@ mod node;
 mod pack;
 mod paths;
 mod plain;
+mod stamp;
 mod text;
 mod watch;
 mod writing;

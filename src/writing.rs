@@ -11,8 +11,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use crate::eval::Stamp;
 use crate::paths::without_dots;
+use crate::stamp::Stamp;
 
 mod sources;
 mod temporary;

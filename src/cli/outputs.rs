@@ -11,11 +11,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::error::{Problem, Severity, code};
-use crate::eval::{Evaluation, Evaluator, Stamp};
+use crate::eval::{Evaluation, Evaluator};
 use crate::graph::{Graph, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
 use crate::plain;
+use crate::stamp::Stamp;
 use crate::value::Hash;
 use crate::writing::{Place, Refused, Sources};
 

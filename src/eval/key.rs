@@ -4,61 +4,13 @@
 //! value leaves every key below it as it was, and the wave stops there with no second mechanism. The price is one pass over
 //! each new value.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
-use serde_json::{Value as Json, json};
+use serde_json::Value as Json;
 
-use crate::plain::ending;
+use crate::graph::Recipe;
 use crate::text::{FILE, LINK};
 use crate::value::Hash;
-
-/// What a node is, apart from what comes in: all that is known when its graph is read.
-#[derive(Debug)]
-pub(crate) struct Recipe {
-    /// The type's name: `Threshold`.
-    pub(crate) kind: String,
-    /// Its parameters, with links as `{"$link": slot}` and files as `{"$file": path}`.
-    pub(crate) parameters: Json,
-    /// The hash of both, in which of a file's path only the ending counts.
-    pub(crate) identity: Hash,
-}
-
-/// A file that a node reads.
-#[derive(Clone, Debug)]
-pub(crate) struct NodeFile {
-    /// The path as the graph has it.
-    pub(crate) given: String,
-    pub(crate) path: PathBuf,
-    /// Whether the node cannot do without it.
-    pub(crate) needed: bool,
-    /// The folders that a file named by it must lie in.
-    pub(crate) roots: Arc<[PathBuf]>,
-}
-
-impl Recipe {
-    pub(crate) fn new(kind: &str, parameters: Json, files: &[NodeFile]) -> Self {
-        let optional = files.iter().filter(|file| !file.needed).map(|file| ending(&file.path));
-        let content = json!([kind, without_paths(&parameters), Vec::from_iter(optional)]);
-        let identity = Hash::of(content.to_string().as_bytes());
-        Self { kind: kind.to_owned(), parameters, identity }
-    }
-}
-
-/// The parameters with nothing but the ending of each file's path.
-fn without_paths(field: &Json) -> Json {
-    match field {
-        Json::Object(entries) => match entries.get(FILE).and_then(Json::as_str) {
-            Some(path) => json!({ FILE: ending(path.as_ref()) }),
-            None => {
-                let entry = |(name, value): (&String, &Json)| (name.clone(), without_paths(value));
-                Json::Object(entries.iter().map(entry).collect())
-            }
-        },
-        Json::Array(items) => items.iter().map(without_paths).collect(),
-        plain => plain.clone(),
-    }
-}
 
 /// What a result is computed from.
 #[derive(Clone, Debug)]
@@ -156,17 +108,12 @@ pub(crate) fn in_short(value: &Json) -> String {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     fn recipe(parameters: Json) -> Recipe {
         Recipe::new("Threshold", parameters, &[])
-    }
-
-    #[test]
-    fn a_path_counts_by_its_ending_alone() {
-        let of = |path: &str| recipe(json!({ "path": { FILE: path } })).identity;
-        assert_eq!(of("/a/color.png"), of("/b/other.PNG"));
-        assert_ne!(of("/a/color.png"), of("/a/color.jpg"));
     }
 
     #[test]

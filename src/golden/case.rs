@@ -8,8 +8,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::compare::{Keep, Tolerance};
-use super::expect::{Expectation, Place};
+use super::expect::Place;
 use crate::error::{Problem, Source, Span, code};
+use crate::graph::Expectation;
 use crate::paths::{MARKER, PathProblem, may_read, project_root};
 use crate::plain;
 use crate::text::{Body, Finding, Kind, Tree, Walk, nearest_or_all, parse, read_tree};

@@ -4,8 +4,6 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use nalgebra::Point3;
-use schemars::JsonSchema;
-use serde::Deserialize;
 
 use super::compare::{distances, six};
 use super::intersect::intersections;
@@ -13,107 +11,9 @@ use super::looks;
 use super::topology::Topology;
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::eval::Evaluation;
-use crate::graph::Graph;
-use crate::text::{Finding, Kind, Tree, Walk, nearest_or_all, read_tree};
+use crate::graph::{Expectation, Graph};
+use crate::text::nearest_or_all;
 use crate::value::{AnyValue, Labels, Mask, Mesh, Points, RangeImage, Region, Surface};
-
-/// What must hold of a value, which is named by its link, `node` or `node.output`, or by the name of an output file.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-pub(crate) enum Expectation {
-    /// The mesh has no boundary.
-    Closed(String),
-    /// No edge has more than two faces, and all faces that meet look to the same side.
-    Manifold(String),
-    /// No two faces of the mesh run through each other.
-    NoSelfIntersection(String),
-    /// A number is in a range.
-    Count {
-        /// The value.
-        of: String,
-        /// What is counted: vertices, edges, faces, components, boundary edges, border loops, Euler characteristic, cells, pixels.
-        what: String,
-        /// At least so many.
-        #[serde(default)]
-        min: Option<f64>,
-        /// At most so many.
-        #[serde(default)]
-        max: Option<f64>,
-    },
-    /// All of it lies in a box.
-    Bounds {
-        /// The value.
-        of: String,
-        /// Lowest coordinates, in mm.
-        low: (f64, f64, f64),
-        /// Highest coordinates, in mm.
-        high: (f64, f64, f64),
-    },
-    /// All of its vertices are near another mesh or surface.
-    Near {
-        /// The value.
-        of: String,
-        /// The other one.
-        to: String,
-        /// The largest distance that counts as near, in mm.
-        #[schemars(range(min = 0.0))]
-        max: f64,
-        /// The largest root mean square of all distances, in mm.
-        #[serde(default)]
-        #[schemars(range(min = 0.0))]
-        rms: Option<f64>,
-    },
-    /// Nothing is torn at a part of a capture: no border of the mesh is seen near it in the picture.
-    Whole {
-        /// The mesh, with its texture coordinates in the capture's picture.
-        of: String,
-        /// The part.
-        around: String,
-        /// How near counts as near, in pixels of the picture.
-        #[serde(default = "fifteen")]
-        #[schemars(range(min = 0.0))]
-        band: f64,
-    },
-    /// No edge of the mesh is sharp.
-    Bend {
-        /// The mesh.
-        of: String,
-        /// The largest angle between the normals of two faces that share an edge, in degrees.
-        #[schemars(range(min = 0.0, max = 180.0))]
-        max: f64,
-    },
-    /// What is new goes on from what was there.
-    Continuity {
-        /// The mesh.
-        of: String,
-        /// The part that is new. If left out, the vertices of the mesh say whether they were `filled`.
-        #[serde(default)]
-        around: Option<String>,
-        /// The largest angle between the normals of a new face and one beside it that was there, in degrees.
-        #[schemars(range(min = 0.0, max = 180.0))]
-        max: f64,
-        /// The largest jump of the curvature across the rim, as root mean square along it, in 1/mm. If left out, any.
-        #[serde(default)]
-        #[schemars(range(min = 0.0))]
-        curvature: Option<f64>,
-    },
-    /// A number of the vertices, such as a curvature, is nowhere out of its range.
-    Attribute {
-        /// The mesh.
-        of: String,
-        /// The attribute's name.
-        name: String,
-        /// At least so much.
-        #[serde(default)]
-        min: Option<f64>,
-        /// At most so much.
-        #[serde(default)]
-        max: Option<f64>,
-    },
-}
-
-fn fifteen() -> f64 {
-    15.0
-}
 
 /// Where an expectation stands.
 #[derive(Clone)]
@@ -135,68 +35,6 @@ pub(crate) struct Violation {
 const NAMED: usize = 5;
 
 impl Expectation {
-    /// A list of expectations and where each stands, and every problem of it.
-    pub(crate) fn read_all(tree: &Tree) -> (Vec<(Self, Span)>, Vec<Finding>) {
-        let root = serde_json::to_value(schemars::schema_for!(Vec<Self>)).unwrap_or_default();
-        let mut walk = Walk {
-            node: "Graph",
-            root: &root,
-            folder: std::path::Path::new(""),
-            findings: Vec::new(),
-            links: Vec::new(),
-            files: Vec::new(),
-        };
-        walk.value(tree, &root, "expect");
-        let mut findings = walk.findings;
-        let items = match &tree.kind {
-            Kind::List(items) if findings.is_empty() => &items[..],
-            _ => &[],
-        };
-        let mut expectations = Vec::new();
-        for item in items {
-            match read_tree(item) {
-                Ok(expectation) => expectations.push((expectation, item.span)),
-                Err(error) => findings.push(Finding {
-                    code: code::WRONG_VALUE,
-                    span: error.span.unwrap_or(item.span),
-                    message: error.message,
-                    help: String::new(),
-                    note: None,
-                }),
-            }
-        }
-        (expectations, findings)
-    }
-
-    /// The values that it speaks of.
-    pub(crate) fn values(&self) -> Vec<&str> {
-        match self {
-            Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
-            Self::Count { of, .. } | Self::Bounds { of, .. } => vec![of],
-            Self::Bend { of, .. } | Self::Attribute { of, .. } => vec![of],
-            Self::Continuity { of, around, .. } => {
-                [&of[..]].into_iter().chain(around.as_deref()).collect()
-            }
-            Self::Near { of, to, .. } => vec![of, to],
-            Self::Whole { of, around, .. } => vec![of, around],
-        }
-    }
-
-    fn name(&self) -> &'static str {
-        match self {
-            Self::Closed(_) => "Closed",
-            Self::Manifold(_) => "Manifold",
-            Self::NoSelfIntersection(_) => "NoSelfIntersection",
-            Self::Count { .. } => "Count",
-            Self::Bounds { .. } => "Bounds",
-            Self::Near { .. } => "Near",
-            Self::Whole { .. } => "Whole",
-            Self::Bend { .. } => "Bend",
-            Self::Continuity { .. } => "Continuity",
-            Self::Attribute { .. } => "Attribute",
-        }
-    }
-
     /// Checks it; what is wrong if it does not hold, with the places of offending elements.
     fn check(&self, values: &[&AnyValue]) -> Option<(String, Vec<Point3<f64>>)> {
         let value = values.first()?;

@@ -13,12 +13,13 @@ use serde_json::json;
 use super::definition::{Definition, World};
 use super::draft::Draft;
 use super::expand::expand;
+use super::expectation::Expectation;
 use super::parameters::Parameters;
+use super::recipe::NodeFile;
 use super::top::TopLevel;
 use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
 use crate::error::{MOST_TOLD, Source, Span, Use, code};
-use crate::golden::Expectation;
 use crate::paths::project_root;
 use crate::plain;
 use crate::text::{Finding, Sheet};
@@ -92,7 +93,7 @@ pub(super) fn first<'a>(
 
 fn files_of(graph: &Graph) -> Vec<ReadFile> {
     let of_node = |node: &super::GraphNode| {
-        let file = |file: &crate::eval::NodeFile| ReadFile {
+        let file = |file: &NodeFile| ReadFile {
             path: file.path.clone(),
             node: node.name.clone(),
             optional: !file.needed,

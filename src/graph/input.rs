@@ -5,8 +5,8 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::node::Built;
+use super::recipe::Recipe;
 use crate::error::Error;
-use crate::eval::Recipe;
 use crate::node::{AnyNode, Context, FilePath};
 use crate::text::Tree;
 use crate::value::AnyValue;

@@ -8,10 +8,10 @@ use super::check::Check;
 use super::draft::{Draft, What};
 use super::each::Each;
 use super::parameters::{Parameters, read_set};
+use super::recipe::{NodeFile, Recipe};
 use super::{Files, ReadFile};
 use crate::catalog::Entry;
 use crate::error::{Span, code};
-use crate::eval::{NodeFile, Recipe};
 use crate::node::AnyNode;
 use crate::paths::{PathProblem, may_read};
 use crate::text::{

@@ -4,10 +4,10 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::super::files::Stamp;
 use super::folder::{PROGRAMS, is_fingerprint};
 use super::seal::{seal, unsealed};
 use crate::plain;
+use crate::stamp::Stamp;
 use crate::value::Hash;
 use crate::writing::write_parts;
 

@@ -8,9 +8,10 @@ use serde_json::Value as Json;
 
 use super::super::cache::Outcome;
 use super::super::files::KnownFile;
-use super::super::key::{Parts, Recipe};
+use super::super::key::Parts;
 use super::super::snapshot::{Done, Snapshot};
 use super::Store;
+use crate::graph::Recipe;
 use crate::value::Hash;
 
 #[derive(Serialize, Deserialize)]
