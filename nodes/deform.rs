@@ -45,4 +45,5 @@ pub const PACK: Pack = Pack {
     ],
     values: &[],
     formats: &[],
+    readers: &[],
 };

@@ -41,4 +41,4 @@ pub use regions::{HoleRegion, NoMarks};
 
 /// Nodes that close the holes of surfaces.
 pub const PACK: Pack =
-    Pack { name: "fill", nodes: &[node::<FillHoles>()], values: &[], formats: &[] };
+    Pack { name: "fill", nodes: &[node::<FillHoles>()], values: &[], formats: &[], readers: &[] };

@@ -51,4 +51,5 @@ pub const PACK: Pack = Pack {
     ],
     values: &[],
     formats: &[],
+    readers: &[],
 };

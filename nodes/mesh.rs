@@ -34,4 +34,5 @@ pub const PACK: Pack = Pack {
     ],
     values: &[],
     formats: &[],
+    readers: &[],
 };

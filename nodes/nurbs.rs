@@ -68,4 +68,5 @@ pub const PACK: Pack = Pack {
     ],
     values: &[],
     formats: &[],
+    readers: &[],
 };

@@ -50,4 +50,5 @@ pub const PACK: Pack = Pack {
     ],
     values: &[],
     formats: &[],
+    readers: &[],
 };

@@ -1,17 +1,20 @@
 //! All that the packs of a program offer: nodes, values and file formats, by name.
 
 use std::collections::HashMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use indexmap::IndexMap;
 use serde_json::{Value as Json, json};
 
-use crate::format::FORMATS;
+use crate::error::Error;
+use crate::format::{FORMATS, READERS};
 use crate::node::{NodeType, Output};
-use crate::pack::{Format, Pack};
+use crate::pack::{Format, NewFile, Pack};
+use crate::plain::ending;
+use crate::reading::Readers;
 use crate::text::ron;
 use crate::text::{inside_option, resolve, variants};
-use crate::value::ValueType;
+use crate::value::{AnyValue, ValueType};
 
 /// What the packs of a program offer, by name.
 ///
@@ -20,6 +23,7 @@ pub struct Catalog {
     entries: IndexMap<String, Entry>,
     values: Vec<&'static ValueType>,
     formats: Vec<Format>,
+    readers: Arc<Readers>,
 }
 
 /// One node of a catalog.
@@ -27,6 +31,7 @@ pub(crate) struct Entry {
     pub(crate) name: String,
     pub(crate) pack: &'static str,
     pub(crate) node: NodeType,
+    readers: Arc<Readers>,
     schema: OnceLock<Json>,
     outputs: OnceLock<Vec<Output>>,
 }
@@ -34,7 +39,11 @@ pub(crate) struct Entry {
 impl Entry {
     /// The JSON schema of the node's fields, ports included.
     pub(crate) fn schema(&self) -> &Json {
-        self.schema.get_or_init(|| Json::from((self.node.schema)()))
+        self.schema.get_or_init(|| {
+            let mut schema = Json::from((self.node.schema)());
+            name_endings(&mut schema, &self.readers);
+            schema
+        })
     }
 
     pub(crate) fn outputs(&self) -> &[Output] {
@@ -147,9 +156,20 @@ fn port(name: &str, field: &Json, optional: bool) -> Option<PortDescription> {
     })
 }
 
+/// No format holds such a value.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no `.{ending}` file holds a value of the type {kind}; it can be written to: {}", known.join(", "))]
+struct NoFormat {
+    kind: &'static str,
+    ending: String,
+    known: Vec<&'static str>,
+}
+
 impl Catalog {
     /// What these packs offer, beside the engine's own file formats.
     pub fn new(packs: &[Pack]) -> Self {
+        let brought = packs.iter().flat_map(|pack| pack.readers);
+        let readers = Arc::new(Readers::new(READERS.iter().chain(brought).copied()));
         let mut entries = IndexMap::new();
         for pack in packs {
             for node in pack.nodes {
@@ -158,6 +178,7 @@ impl Catalog {
                     name,
                     pack: pack.name,
                     node: *node,
+                    readers: readers.clone(),
                     schema: OnceLock::new(),
                     outputs: OnceLock::new(),
                 });
@@ -165,7 +186,47 @@ impl Catalog {
         }
         let brought = packs.iter().flat_map(|pack| pack.formats);
         let values = packs.iter().flat_map(|pack| pack.values).copied().collect();
-        Self { entries, values, formats: FORMATS.iter().chain(brought).copied().collect() }
+        let formats = FORMATS.iter().chain(brought).copied().collect();
+        Self { entries, values, formats, readers }
+    }
+
+    /// Addresses of the code of its packs: somewhere in each node.
+    pub(crate) fn code(&self) -> impl Iterator<Item = usize> {
+        self.entries().map(|entry| entry.node.read as usize)
+    }
+
+    /// What reads files.
+    pub(crate) fn readers(&self) -> &Arc<Readers> {
+        &self.readers
+    }
+
+    /// All nodes, with their ports, parameters and words, as `maquette nodes --json` prints them; and for each type of values the endings
+    /// of the files that it is read from and written to.
+    pub fn to_json(&self) -> Json {
+        let mut kinds = Vec::from_iter(self.value_types().into_values());
+        kinds.sort_by_key(|kind| kind.name);
+        let value = |kind: &ValueType| {
+            let (read, written) = (self.readers.endings(Some(kind.name)), self.endings(Some(kind)));
+            json!({ "name": kind.name, "read": read, "written": written })
+        };
+        json!({
+            "nodes": self.entries().map(Entry::to_json).collect::<Vec<_>>(),
+            "values": kinds.into_iter().map(value).collect::<Vec<_>>(),
+        })
+    }
+
+    /// A value as the files of the format that the ending of `name` means: that file itself first, then those that belong to it.
+    ///
+    /// # Errors
+    /// If no format with this ending takes such a value, or the value does not fit into it.
+    pub fn write(&self, value: &AnyValue, name: &str) -> Result<Vec<NewFile>, Error> {
+        let (kind, ending) = (value.kind(), ending(name.as_ref()));
+        match self.format(kind, &ending) {
+            Some(format) => format.write(value, name),
+            None => {
+                Err(NoFormat { kind: kind.name, ending, known: self.endings(Some(kind)) }.into())
+            }
+        }
     }
 
     /// Whether some pack has a node of this name.
@@ -196,6 +257,11 @@ impl Catalog {
         self.formats.iter().find(|format| (format.kind)() == kind && format.ending == ending)
     }
 
+    /// The format of a value of this type where nobody asks for another one: the first that is listed for it.
+    pub(crate) fn preferred_format(&self, kind: &ValueType) -> Option<&Format> {
+        self.formats.iter().find(|format| (format.kind)() == kind)
+    }
+
     /// The endings of the files that this type of value can be written to; of all types without one.
     pub(crate) fn endings(&self, kind: Option<&ValueType>) -> Vec<&'static str> {
         let fitting =
@@ -220,6 +286,16 @@ impl Catalog {
                     .is_some_and(|port| port.types.iter().any(|kind| kind == from))
         };
         self.entries().filter(converts).map(|entry| entry.name.as_str()).collect()
+    }
+}
+
+/// Says of each file that a node reads as a type of values which endings such files have: `"reads": "Mesh"` gets `"endings"`.
+fn name_endings(schema: &mut Json, readers: &Readers) {
+    let fields = schema.get_mut("properties").and_then(Json::as_object_mut);
+    for field in fields.into_iter().flat_map(|fields| fields.values_mut()) {
+        if let Some(kind) = field.get("reads").and_then(Json::as_str) {
+            field["endings"] = json!(readers.endings(Some(kind)));
+        }
     }
 }
 

@@ -6,15 +6,16 @@
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
 use crate::catalog::Catalog;
-use crate::error::{MOST_TOLD, Place, Problem, Severity, Span};
-use crate::graph::{Checked, Files, Graph, Options};
+use crate::error::{MOST_TOLD, Problem};
+use crate::graph::{Checked, Graph, Options};
 use crate::pack::Pack;
+use crate::telling::{escaped, harmless, in_full};
 
 mod cache;
 mod caching;
@@ -25,10 +26,10 @@ mod draw;
 mod events;
 mod fmt;
 mod gallery;
+mod inputs;
 mod inspect;
 mod interrupt;
 mod nodes;
-mod outputs;
 mod profile;
 mod progress;
 mod render;
@@ -39,9 +40,6 @@ mod terminal;
 mod test;
 mod watch;
 mod why;
-mod words;
-
-use words::harmless;
 
 /// A node-based geometry graph for redesigning scanned objects.
 #[derive(Parser)]
@@ -115,7 +113,7 @@ impl GraphOptions {
     }
 
     fn all(&self) -> Options {
-        Options { roots: self.roots.clone(), set: self.set.clone(), files: Files::Needed }
+        Options { roots: self.roots.clone(), set: self.set.clone(), ..Options::default() }
     }
 }
 
@@ -132,8 +130,10 @@ enum Exit {
 
 /// The whole program, with these packs.
 pub fn main(packs: &[Pack]) -> ExitCode {
+    crate::memory::keep_freed();
+    crate::eval::this_is_a_program();
     let cli = Cli::parse();
-    let catalog = Catalog::new(packs);
+    let catalog = Arc::new(Catalog::new(packs));
     let exit = match cli.command {
         Command::Run(command) => command.run(&catalog),
         Command::Watch(command) => command.run(&catalog),
@@ -143,7 +143,7 @@ pub fn main(packs: &[Pack]) -> ExitCode {
         Command::Set(command) => command.run(&catalog),
         Command::Diff(command) => command.run(&catalog),
         Command::Test(command) => command.run(&catalog),
-        Command::Compare(command) => command.run(),
+        Command::Compare(command) => command.run(&catalog),
         Command::Render(command) => command.run(&catalog),
         Command::Sheet(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
@@ -211,7 +211,7 @@ fn eprint_as_it_is(text: &str) {
 }
 
 fn print_json(document: &serde_json::Value) {
-    print_as_it_is(&words::escaped(&format!("{document:#}\n")));
+    print_as_it_is(&escaped(&format!("{document:#}\n")));
 }
 
 /// Whether a stream shows colors: a terminal, unless NO_COLOR is set (no-color.org).
@@ -249,70 +249,6 @@ fn put_problems(document: &mut serde_json::Value, problems: &[Problem]) {
     if rest > 0 {
         document["more_problems"] = rest.into();
     }
-}
-
-/// A problem with its lines of the graph, over several lines; long lines are cut around the place if there is a width.
-fn in_full(problem: &Problem, color: bool, width: Option<usize>) -> String {
-    let renderer = if color { Renderer::styled() } else { Renderer::plain() };
-    let renderer = width.map_or(renderer.clone(), |width| renderer.term_width(width));
-    renderer.render(&[snippet(problem)])
-}
-
-/// All words in it are made harmless: names and lines of others stand in a problem.
-fn snippet(problem: &Problem) -> Group<'_> {
-    let level = match problem.severity {
-        Severity::Error => Level::ERROR,
-        Severity::Warning => Level::WARNING,
-    };
-    let group = level.primary_title(harmless(&problem.message)).id(problem.code);
-    let text = &problem.source.text;
-    let path = harmless(&problem.source.name.to_string_lossy()).into_owned();
-    let group = if problem.span == Span::default() || text.is_empty() {
-        group.element(Origin::path(path))
-    } else if let Some(shown) = shown_lines(problem) {
-        let inside =
-            |span: Span| span.start - shown.start..first_line_end(span, text) - shown.start;
-        let mut snippet = Snippet::source(words::harmless_in_place(&text[shown.start..shown.end]))
-            .line_start(Place::of(text, shown.start).line)
-            .path(path)
-            .annotation(AnnotationKind::Primary.span(inside(problem.span)));
-        if let Some((span, words)) = &problem.note {
-            snippet = snippet
-                .annotation(AnnotationKind::Context.span(inside(*span)).label(harmless(words)));
-        }
-        group.element(snippet)
-    } else {
-        let Place { line, column } = Place::of(text, problem.span.start);
-        group.element(Origin::path(path).line(line).char_column(column))
-    };
-    let group = match &problem.help[..] {
-        "" => group,
-        help => group.element(Level::HELP.message(harmless(help))),
-    };
-    let uses = problem.uses.iter().rev();
-    let uses = uses.map(|at| format!("used by `{}` at {}", at.name, at.place()));
-    group.elements(uses.map(|text| Level::NOTE.message(harmless(&text).into_owned())))
-}
-
-/// A text longer than this is not shown around a problem: nobody would read it, and drawing marks under it takes long.
-const MOST_SHOWN: usize = 4096;
-
-/// The lines that hold a problem and its note; none if they are too long to show.
-fn shown_lines(problem: &Problem) -> Option<Span> {
-    let text = &problem.source.text;
-    let spans = [Some(problem.span), problem.note.as_ref().map(|(span, _)| *span)];
-    let spans = || spans.into_iter().flatten();
-    let start = spans().map(|span| span.start).min()?;
-    let end = spans().map(|span| first_line_end(span, text)).max()?;
-    let start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
-    let end = text[end..].find('\n').map_or(text.len(), |newline| end + newline);
-    (end - start <= MOST_SHOWN).then_some(Span { start, end })
-}
-
-/// Where the part of a span that lies in its first line ends: a long call is shown by its first line.
-fn first_line_end(span: Span, text: &str) -> usize {
-    let newline = text[span.start..].find('\n');
-    newline.map_or(span.end, |newline| span.end.min(span.start + newline))
 }
 
 /// `4.1 MB`.

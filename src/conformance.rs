@@ -13,6 +13,7 @@ use crate::eval::Evaluator;
 use crate::graph::{Graph, GraphNode, Options, is_name};
 use crate::node::{CancelToken, Context, Progress};
 use crate::pack::Pack;
+use crate::reading::Readers;
 use crate::text::{check_default, inside_option, resolve, variants};
 use crate::value::AnyValue;
 
@@ -331,8 +332,15 @@ fn run_all(graph: &Graph) -> Result<Values, String> {
 
 /// Evaluates a node by itself; an error is what a panic said.
 fn call(node: &GraphNode, inputs: &[AnyValue], progress: Progress<'_>) -> Result<(), String> {
-    let files = BTreeMap::new();
-    let cx = Context { inputs, files: &files, progress, memos: None, warnings: Mutex::default() };
+    let (files, readers) = (BTreeMap::new(), Readers::default());
+    let cx = Context {
+        inputs,
+        files: &files,
+        progress,
+        memos: None,
+        readers: &readers,
+        warnings: Mutex::default(),
+    };
     let eval = AssertUnwindSafe(|| -> Result<_, Error> { node.node.eval(&cx) });
     catch_unwind(eval).map(|_| ()).map_err(|panic| crate::eval::in_words(&*panic))
 }

@@ -63,6 +63,13 @@ struct Wire {
     to: [usize; 2],
 }
 
+impl Graph {
+    /// The graph as an SVG picture: boxes for nodes and output files, links with the types that they carry.
+    pub fn to_svg(&self, catalog: &Catalog) -> String {
+        Drawing::new(self, catalog).to_svg()
+    }
+}
+
 impl Drawing {
     /// What is drawn of `graph`.
     pub(crate) fn new(graph: &Graph, catalog: &Catalog) -> Self {

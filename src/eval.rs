@@ -29,9 +29,10 @@ mod trace;
 mod why;
 
 use cache::{Cache, Values};
+pub(crate) use disk::this_is_a_program;
 pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
 use files::Known;
-pub(crate) use files::{named_in, read_companion};
+pub(crate) use files::named_in;
 pub(crate) use key::Change;
 use plan::Plan;
 use run::{News, Run};
@@ -216,7 +217,6 @@ impl Evaluator {
     /// # Errors
     /// If the threads cannot be started.
     pub fn new(threads: usize, memory: usize) -> Result<Self, ThreadsError> {
-        crate::memory::keep_freed();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|error| ThreadsError(error.to_string()))?;
         let (cache, files) = (Cache::new(memory), Known::default());

@@ -1,8 +1,8 @@
 //! Files: what reads bytes into values, and what writes values to bytes.
 //!
 //! Readers are functions from bytes to a value or a typed error. They never panic, and never reserve more memory than a small
-//! multiple of the bytes that are there, whatever a header promises. Writers are [`FileFormat`](crate::FileFormat)s; [`FORMATS`]
-//! lists them, one line for each type of values and ending.
+//! multiple of the bytes that are there, whatever a header promises. Writers are [`FileFormat`](crate::FileFormat)s, readers by ending
+//! [`FileReader`](crate::FileReader)s; [`FORMATS`] and [`READERS`] list them, one line for each type of values and kind of files.
 
 use std::fmt;
 
@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::pack::{Format, format};
+use crate::reading::{AnyReader, reader};
 
 pub mod abs;
 pub mod camera;
@@ -36,7 +37,7 @@ pub mod tiff;
 mod upright;
 pub mod xyz;
 
-/// The files that the engine's own values can be written to.
+/// The files that the engine's own values can be written to; the first one of a type is preferred where nobody names a file.
 pub const FORMATS: &[Format] = &[
     format::<png::ImagePng>(),
     format::<png::MaskPng>(),
@@ -46,6 +47,7 @@ pub const FORMATS: &[Format] = &[
     format::<tiff::MaskTiff>(),
     format::<tiff::FieldTiff>(),
     format::<pcd::RangePcd>(),
+    format::<glb::MeshGlb>(),
     format::<ply::MeshPly>(),
     format::<ply::ControlNetPly>(),
     format::<ply::RegionPly>(),
@@ -60,11 +62,10 @@ pub const FORMATS: &[Format] = &[
     format::<obj::MeshObj>(),
     format::<obj::CurveObj>(),
     format::<stl::MeshStl>(),
-    format::<glb::MeshGlb>(),
-    format::<surface::SurfacePly>(),
-    format::<obj::SurfaceObj>(),
     format::<step::SurfaceStep>(),
     format::<surface::SurfaceGlb>(),
+    format::<surface::SurfacePly>(),
+    format::<obj::SurfaceObj>(),
     format::<picture::MeshPng>(),
     format::<picture::SurfacePng>(),
     format::<json::DirectionJson>(),
@@ -73,6 +74,23 @@ pub const FORMATS: &[Format] = &[
     format::<json::TraceJson>(),
     format::<json::ControlNetJson>(),
     format::<handles::HandlesJson>(),
+];
+
+/// The files that the engine's own values can be read from; where only the ending is known, the first one that finds something.
+pub const READERS: &[AnyReader] = &[
+    reader::<picture_file::ImageFiles>(),
+    reader::<range_file::RangeFiles>(),
+    reader::<obj::MeshObj>(),
+    reader::<ply::MeshPly>(),
+    reader::<stl::MeshStl>(),
+    reader::<glb::MeshGlb>(),
+    reader::<ply::PointsPly>(),
+    reader::<xyz::PointsXyz>(),
+    reader::<obj::CurveObj>(),
+    reader::<picture_file::MaskFiles>(),
+    reader::<handles::HandlesRon>(),
+    reader::<handles::HandlesJson>(),
+    reader::<handles::HandlesCsv>(),
 ];
 
 /// A place in a file: a line of a text, or a byte of anything else.

@@ -21,7 +21,7 @@ pub(crate) mod suite;
 mod topology;
 
 pub use compare::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
-pub(crate) use expect::{nodes_of, target, violations};
+pub(crate) use expect::{Violation, nodes_of, violations};
 pub(crate) use store::mesh_of;
 
 /// What came out of the tests of a folder.

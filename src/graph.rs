@@ -1,11 +1,14 @@
 //! A graph: read from its file, checked, and ready to be evaluated.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::error::{Problem, Severity, Source, Span, Use};
 use crate::node::AnyNode;
 use crate::pack::Format;
+use crate::plain;
+use crate::reading::Readers;
 use crate::text::{Origin, Sheet, Tree};
 use crate::value::ValueType;
 
@@ -36,6 +39,7 @@ pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub use edit::{Edited, Put};
 pub(crate) use expectation::Expectation;
+pub use input::{GraphInput, GraphPort};
 pub(crate) use recipe::{NodeFile, Recipe};
 pub(crate) use shape::Shape;
 pub(crate) use top::is_name;
@@ -43,6 +47,7 @@ pub(crate) use top::is_name;
 use crate::catalog::Catalog;
 
 /// A graph that has been checked: every name, type, range and path in it is right.
+#[derive(Clone)]
 pub struct Graph {
     pub(crate) source: Arc<Source>,
     /// The files of the graphs that it uses.
@@ -53,17 +58,23 @@ pub struct Graph {
     pub(crate) nodes: Arc<[GraphNode]>,
     pub(crate) shape: Arc<Shape>,
     pub(crate) outputs: Vec<GraphOutput>,
+    /// What reads the files of its nodes.
+    pub(crate) readers: Arc<Readers>,
+    /// What it wants and gives if it is a function of values.
+    inputs: Vec<GraphInput>,
+    ports: Vec<GraphPort>,
     /// What must hold of its values, and where the file says so.
     pub(crate) expect: Vec<(Expectation, Span)>,
     /// Its inputs and parameters, described as a node's fields are.
     pub(crate) schema: serde_json::Value,
     /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
-    pub(crate) uses: Vec<GraphUse>,
+    pub(crate) uses: Arc<[GraphUse]>,
     /// Names in its own file that no output of it needs.
     unused: Vec<Problem>,
 }
 
 /// A node of a graph.
+#[derive(Clone)]
 pub(crate) struct GraphNode {
     pub(crate) name: String,
     pub(crate) recipe: Arc<Recipe>,
@@ -85,6 +96,7 @@ pub(crate) struct GraphNode {
 }
 
 /// A use of a graph, or what else stands for nodes.
+#[derive(Clone)]
 pub(crate) struct GraphUse {
     pub(crate) name: String,
     /// The type's name: `Feature`.
@@ -104,6 +116,7 @@ pub(crate) struct Link {
 }
 
 /// A file that a graph gives.
+#[derive(Clone)]
 pub(crate) struct GraphOutput {
     /// Relative to the folder of all outputs.
     pub(crate) name: String,
@@ -124,6 +137,30 @@ pub struct Options {
     pub set: Vec<(String, String)>,
     /// Whether the files that the graph reads must be there.
     pub files: Files,
+    /// Texts that stand in place of files of graphs, by path: those that an editor has not saved yet.
+    pub texts: BTreeMap<PathBuf, String>,
+}
+
+impl Options {
+    /// The same with a text in place of the file of a graph at this path.
+    #[must_use]
+    pub fn with_text(mut self, path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
+        self.texts.insert(path.into(), text.into());
+        self
+    }
+
+    /// The text of a graph's file, or the one that stands in its place.
+    pub(crate) fn text(&self, path: &Path) -> std::io::Result<String> {
+        match self.texts.get(path) {
+            Some(text) => Ok(text.clone()),
+            None => plain::read_text(path),
+        }
+    }
+
+    /// Whether a text stands in place of the file.
+    pub(crate) fn has_text(&self, path: &Path) -> bool {
+        self.texts.contains_key(path)
+    }
 }
 
 /// What a check demands of the files that a graph reads.
@@ -201,6 +238,13 @@ impl Graph {
         check::load_text(path, text, catalog, options)
     }
 
+    /// An error that has no place in the graph's text.
+    pub(crate) fn problem(&self, code: &'static str, message: String) -> Problem {
+        let (source, span, severity) = (self.source.clone(), Span::default(), Severity::Error);
+        let (help, note, uses) = (String::new(), None, Vec::new());
+        Problem { severity, code, source, span, message, help, note, uses }
+    }
+
     /// A warning for each node of its own file that nothing needs: no output, and nothing that is expected of a value.
     pub fn unused(&self) -> &[Problem] {
         &self.unused
@@ -211,14 +255,32 @@ impl Graph {
         &self.doc
     }
 
+    /// The text of its file.
+    pub fn source_text(&self) -> &str {
+        &self.source.text
+    }
+
     /// The names of its nodes, each after those that it hangs on.
     pub fn node_names(&self) -> impl Iterator<Item = &str> {
         self.nodes.iter().map(|node| node.name.as_str())
     }
 
+    /// Its inputs and parameters as a JSON schema, as a node's fields are described: types, ranges, units, defaults, words.
+    pub fn schema(&self) -> &serde_json::Value {
+        &self.schema
+    }
+
     /// The names of its outputs.
     pub fn output_names(&self) -> impl Iterator<Item = &str> {
         self.outputs.iter().map(|output| output.name.as_str())
+    }
+
+    /// The node and output of a value by the name of an output, or by its link.
+    pub(crate) fn value_named(&self, name: &str) -> Option<(usize, usize)> {
+        let outputs = self.outputs.iter().map(|output| (&output.name, output.node, output.output));
+        let ports = self.ports.iter().map(|port| (&port.name, port.node, port.output));
+        let found = outputs.chain(ports).find(|(known, ..)| *known == name);
+        found.map(|(_, node, output)| (node, output)).or_else(|| self.target(name))
     }
 
     /// The node and output that a link names: `node`, `node.output`, and the same of a use of a graph.

@@ -1,5 +1,80 @@
 //! A node-based geometry graph for redesigning scanned objects: the engine and its values.
+//!
+//! # A tour
+//!
+//! A graph is a text. A [`Session`] checks it, evaluates what is wanted of it, each step once, and remembers results:
+//!
+//! ```
+//! use maquette::value::Curve;
+//! use maquette::{Options, Run, Session, Settings};
+//!
+//! let text = r#"Graph(
+//!     format: 1,
+//!     params: { "levels": Integer(default: 2, min: 0, max: 8, doc: "How often corners are cut.") },
+//!     nodes: {
+//!         "polygon": ReadCurve(path: "square.obj"),
+//!         "round": SubdivideCurve(curve: "polygon", scheme: Chaikin, levels: Param("levels")),
+//!     },
+//!     outputs: { "round.obj": "round" },
+//! )"#;
+//! # let folder = tempfile::tempdir()?;
+//! # std::fs::write(folder.path().join("square.obj"), "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nl 1 2 3 4 1\n")?;
+//! # let path = folder.path().join("round.ron");
+//! let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory())?;
+//! let checked = session.load(&path, &Options::default().with_text(&path, text));
+//! let graph = checked.graph.ok_or_else(|| checked.problems[0].to_text(false))?;
+//! let done = session.run(&graph, &Run::default()).map_err(|problems| problems[0].to_text(false))?;
+//! let round = done.get::<Curve>("round.obj")?;
+//! assert!(round.is_closed() && round.points().len() > 4);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! What travels on links are [`Value`]s: meshes, range images, curves and what else [`value`] has, or a pack brings. What reads them
+//! from files and writes them is in [`format`](mod@format).
+//!
+//! A node is a struct whose fields are its ports and parameters, and a pure function. Its documentation is the user's manual. A [`Pack`]
+//! lists nodes; packs are all that a program is made of:
+//!
+//! ```
+//! use maquette::value::Mesh;
+//! use maquette::{Context, Error, In, Node, Pack, node};
+//! use schemars::JsonSchema;
+//! use serde::{Deserialize, Serialize};
+//!
+//! /// Lifts a mesh.
+//! #[derive(Serialize, Deserialize, JsonSchema)]
+//! pub struct Lift {
+//!     /// What is lifted.
+//!     pub mesh: In<Mesh>,
+//!     /// How high.
+//!     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
+//!     pub height: f64,
+//! }
+//!
+//! impl Node for Lift {
+//!     type Outputs = (Mesh,);
+//!     const OUTPUTS: [&'static str; 1] = ["mesh"];
+//!
+//!     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+//!         let mesh = cx.get(&self.mesh);
+//!         let lifted = mesh.positions().iter().map(|p| p + nalgebra::Vector3::z() * self.height);
+//!         Ok((mesh.with_positions(lifted.collect())?,))
+//!     }
+//! }
+//!
+//! pub const PACK: Pack =
+//!     Pack { name: "lift", nodes: &[node::<Lift>()], values: &[], formats: &[], readers: &[] };
+//! ```
+//!
+//! [`conformance::check`] tells which laws a pack breaks; `cli::main` with some packs is a program with all commands. `examples/embed.rs`
+//! is a host in forty lines, and ARCHITECTURE.md tells how it is built.
 
+#![cfg_attr(
+    not(feature = "cli"),
+    allow(dead_code, unused_imports, reason = "only the commands use it")
+)]
+
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod conformance;
 pub mod format;
@@ -19,7 +94,10 @@ mod node;
 mod pack;
 mod paths;
 mod plain;
+mod reading;
+mod session;
 mod stamp;
+mod telling;
 mod text;
 mod watch;
 mod writing;
@@ -31,13 +109,21 @@ pub use eval::{
     ThreadsError, Trace, Usage,
 };
 pub use golden::{Comparison, Keep, Measure, TestRun, Tolerance, Verdict, compare, test_graphs};
-pub use graph::{Change, Checked, Difference, Edited, Files, Graph, Options, Put, ReadFile};
+pub use graph::{
+    Change, Checked, Difference, Edited, Files, Graph, GraphInput, GraphPort, Options, Put,
+    ReadFile,
+};
 pub use limit::{Limit, TooMuch};
 pub use node::{
     CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
     ReadError, node,
 };
 pub use pack::{FileFormat, Format, NewFile, Pack, format};
+pub use reading::{AnyReader, FileReader, NoReader, Reading, reader};
+pub use session::{
+    CacheFolder, Finished, OutputFolder, Produced, Run, Session, SessionError, Settings, Wanted,
+    Written,
+};
 pub use text::Reader;
 pub use value::{
     AnyValue, DecodeError, Decoder, Encoder, Hash, Summary, Value, ValueType, hash_of, value_type,

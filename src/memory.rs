@@ -15,7 +15,6 @@ const LEAST: usize = 4 << 20;
 ///
 /// Nothing is written here: write every item once, from the threads that compute them, so that the pages are filled in parallel.
 pub fn huge_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
-    keep_freed();
     let mut items = bytemuck::zeroed_vec(len);
     if LEAST <= size_of_val(&items[..]) {
         advise(&mut items);
@@ -29,7 +28,8 @@ pub fn huge_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
 /// time of an interpolation of 20 000 vertices. Of large lists it begins, once some have been freed, to keep the memory, which it must
 /// fill with zeros first, in one thread and on small pages.
 ///
-/// [`huge_vec`] and [`Evaluator::new`](crate::Evaluator::new) do this; whoever calls functions of nodes without them may.
+/// It is the matter of the whole process: only a program of its own does it, as [`cli::main`](crate::cli::main) does; a library in a host
+/// leaves the host's allocator alone.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 pub fn keep_freed() {
     static ONCE: std::sync::Once = std::sync::Once::new();

@@ -15,6 +15,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::json;
 
 use crate::error::{Cancelled, Error};
+use crate::reading::{Readers, Reading};
 use crate::text::{FILE, LINK, Reader};
 use crate::value::{AnyValue, Hash, Value, ValueType, hash_of, value_type};
 
@@ -213,7 +214,8 @@ impl<T: PortType> JsonSchema for In<T> {
 /// The evaluator reads it; its content, not its path, is part of the node's key.
 ///
 /// A field that takes only files of certain endings says so, and the check refuses all others before anything runs:
-/// `#[schemars(extend("endings" = ["obj", "ply"]))]`, in lower case, without the dot.
+/// `#[schemars(extend("endings" = ["obj", "ply"]))]`, in lower case, without the dot; `extend("reads" = "Mesh")` stands for those
+/// from which the program's packs read that type of values.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FilePath {
     given: String,
@@ -421,6 +423,7 @@ pub struct Context<'a> {
     pub(crate) files: &'a BTreeMap<PathBuf, Option<File>>,
     pub(crate) progress: Progress<'a>,
     pub(crate) memos: Option<&'a dyn Memos>,
+    pub(crate) readers: &'a Readers,
     pub(crate) warnings: Mutex<Vec<String>>,
 }
 
@@ -441,6 +444,25 @@ impl Context<'_> {
         match self.files.get(path.resolved()) {
             Some(Some(file)) => Ok(file),
             _ => Err(ReadError { name: path.given.clone(), reason: "no such file".into() }.into()),
+        }
+    }
+
+    /// The value in a file that a field of the node names, by whatever reader the program's packs have for its ending; what the
+    /// reader doubts is warned of. Such a field says `#[schemars(extend("reads" = "Mesh"))]`.
+    ///
+    /// # Errors
+    /// If the file is not there, nothing reads such files, or the reader fails.
+    pub fn read<T: Value>(&self, path: &FilePath) -> Result<T, Error> {
+        let file = self.file(path)?;
+        let beside = |name: &str| file.companion(name);
+        let reading = Reading::new(file.name(), file.bytes(), &beside);
+        let value = self.readers.read(value_type::<T>(), &reading)?;
+        reading.doubts().into_iter().for_each(|doubt| self.warn(doubt));
+        match value.get::<T>() {
+            Some(value) => Ok(value.clone()),
+            None => {
+                panic!("two types of values are called {}; conformance::check finds this", T::NAME)
+            }
         }
     }
 

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::node::NodeType;
+use crate::reading::AnyReader;
 use crate::value::{AnyValue, Value, ValueType, value_type};
 
 /// A named list of nodes, with the values and file formats that they need.
@@ -15,6 +16,8 @@ pub struct Pack {
     pub values: &'static [&'static ValueType],
     /// The files that values can be written to.
     pub formats: &'static [Format],
+    /// The files that values can be read from.
+    pub readers: &'static [AnyReader],
 }
 
 /// A way to write one type of values to one kind of files.

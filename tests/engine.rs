@@ -1,5 +1,8 @@
 //! What the engine promises to every pack, tried with a small one: each key once, in parallel, panics caught, cancel obeyed.
 
+#[path = "engine/session.rs"]
+mod session;
+
 use std::sync::Barrier;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -143,6 +146,7 @@ const PACK: Pack = Pack {
     nodes: &[node::<Give>(), node::<Sum>(), node::<Meet>(), node::<Panic>(), node::<Work>()],
     values: &[value_type::<Number>()],
     formats: &[],
+    readers: &[],
 };
 
 fn load(nodes: &str) -> Graph {

@@ -319,6 +319,7 @@ fn the_node_of_a_strangers_pack_says_which_files_it_reads() {
         nodes: &[maquette::node::<ReadCloud>()],
         values: &[],
         formats: &[],
+        readers: &[],
     };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("graph.ron");

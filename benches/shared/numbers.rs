@@ -55,4 +55,5 @@ pub(crate) const PACK: Pack = Pack {
     nodes: &[node::<Add>()],
     values: &[value_type::<Number>()],
     formats: &[],
+    readers: &[],
 };

@@ -18,6 +18,10 @@ impl Node for ReadImage {
     const OUTPUTS: [&'static str; 1] = ["image"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((picture_file::read(cx.file(&self.path)?.bytes())?,))
+        let bytes = cx.file(&self.path)?.bytes();
+        match picture_file::Kind::of(bytes) {
+            Some(_) => Ok((picture_file::read(bytes)?,)),
+            None => Ok((cx.read(&self.path)?,)),
+        }
     }
 }

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadCurve {
     /// The file: `obj`.
-    #[schemars(extend("endings" = ["obj"]))]
+    #[schemars(extend("reads" = "Curve"))]
     pub path: FilePath,
 }
 
@@ -32,8 +32,7 @@ impl Node for ReadCurve {
     const OUTPUTS: [&'static str; 1] = ["curve"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let file = cx.file(&self.path)?;
-        Ok((read_curve(file.bytes(), &file.ending())?,))
+        Ok((cx.read(&self.path)?,))
     }
 }
 

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadMesh {
     /// The file; its ending says of which format it is.
-    #[schemars(extend("endings" = ["obj", "ply", "stl", "glb"]))]
+    #[schemars(extend("reads" = "Mesh"))]
     pub path: FilePath,
 }
 
@@ -36,14 +36,7 @@ impl Node for ReadMesh {
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let file = cx.file(&self.path)?;
-        if file.ending() == "obj" {
-            let mut find = |name: &str| file.companion(name);
-            let (mesh, doubts) = obj::read_textured(file.bytes(), &mut find)?;
-            doubts.into_iter().for_each(|doubt| cx.warn(doubt));
-            return Ok((mesh,));
-        }
-        Ok((read_mesh(file.bytes(), &file.ending())?,))
+        Ok((cx.read(&self.path)?,))
     }
 }
 

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use serde_json::json;
 
-use super::caching::{default_folder, disk_size, size};
 use super::{Exit, counted, in_bytes, print, print_json};
 use crate::eval::{Diagnosis, Disk, DiskError, Fault, Usage};
+use crate::session::{default_folder, disk_size, size};
 
 #[derive(Args)]
 pub(super) struct Cache {

@@ -7,17 +7,14 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{Exit, eprint, print, print_json};
-use crate::eval::read_companion;
-use crate::format::{glb, obj, pcd, picture_file, ply, stl};
+use crate::catalog::Catalog;
 use crate::golden::compare::in_unit;
 use crate::golden::{Keep, Tolerance, Verdict, compare};
-use crate::paths::project_root;
-use crate::plain::ending;
 use crate::value::AnyValue;
 
 #[derive(Args)]
 pub(super) struct Compare {
-    /// What it was: a mesh (ply, obj, glb, stl), a range image (pcd) or a picture (png, jpg, tiff).
+    /// What it was: a file that some node reads, such as a mesh (ply, obj, glb, stl), a range image (pcd) or a picture (png, jpg, tiff).
     old: PathBuf,
     /// What it is.
     new: PathBuf,
@@ -56,8 +53,8 @@ fn attribute(text: &str) -> Result<(String, f64), String> {
 }
 
 impl Compare {
-    pub(super) fn run(&self) -> Exit {
-        let (old, new) = rayon::join(|| read(&self.old), || read(&self.new));
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let (old, new) = rayon::join(|| read(&self.old, catalog), || read(&self.new, catalog));
         let (old, new) = match (old, new) {
             (Ok(old), Ok(new)) => (old, new),
             (Err(why), _) | (_, Err(why)) => return Exit::Usage(why),
@@ -104,36 +101,9 @@ impl Compare {
     }
 }
 
-/// The value in a file, by its ending.
-pub(super) fn read(path: &Path) -> Result<AnyValue, String> {
-    let wrong = |error: &dyn std::fmt::Display| format!("cannot read {}: {error}", path.display());
-    let bytes = crate::plain::read(path).map_err(|error| wrong(&error))?;
-    match &ending(path)[..] {
-        "ply" => match ply::read(&bytes) {
-            Ok(mesh) if !mesh.faces().is_empty() => Ok(AnyValue::new(mesh)),
-            // Points, or a mesh without faces: the same to the eye.
-            Ok(mesh) => {
-                Ok(ply::read_points(&bytes).map_or_else(|_| AnyValue::new(mesh), AnyValue::new))
-            }
-            Err(error) => ply::read_points(&bytes).map(AnyValue::new).map_err(|_| wrong(&error)),
-        },
-        "obj" => {
-            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-            let folder = std::fs::canonicalize(folder.unwrap_or(Path::new(".")));
-            let folder = folder.map_err(|error| wrong(&error))?;
-            let roots = [project_root(&folder)];
-            let mut find = |name: &str| read_companion(name, &folder.join(name), &roots);
-            let read = obj::read_textured(&bytes, &mut find);
-            let (mesh, doubts) = read.map_err(|error| wrong(&error))?;
-            doubts.iter().for_each(|doubt| eprint(&format!("warning: {doubt}\n")));
-            Ok(AnyValue::new(mesh))
-        }
-        "glb" => glb::read(&bytes).map(AnyValue::new).map_err(|error| wrong(&error)),
-        "stl" => stl::read(&bytes).map(AnyValue::new).map_err(|error| wrong(&error)),
-        "pcd" => pcd::read(&bytes).map(AnyValue::new).map_err(|error| wrong(&error)),
-        "png" | "jpg" | "jpeg" | "tif" | "tiff" => {
-            picture_file::read(&bytes).map(AnyValue::new).map_err(|error| wrong(&error))
-        }
-        other => Err(wrong(&format!("files that end in `{other}` are not compared"))),
-    }
+/// The value in a file, by its ending; doubts are printed.
+pub(super) fn read(path: &Path, catalog: &Catalog) -> Result<AnyValue, String> {
+    let (value, doubts) = catalog.readers().open(path, None)?;
+    doubts.iter().for_each(|doubt| eprint(&format!("warning: {doubt}\n")));
+    Ok(value)
 }

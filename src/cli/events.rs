@@ -21,11 +21,12 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value as Json, json};
 
-use super::outputs::Written;
-use super::{print_as_it_is, put_problems, words};
+use super::{print_as_it_is, put_problems};
 use crate::error::{Problem, Severity};
 use crate::eval::{NodeTrace, Observer, State, Trace};
 use crate::node::CancelToken;
+use crate::session::Written;
+use crate::telling::escaped;
 
 /// The progress of one node is not told more often than this.
 const SPACING: Duration = Duration::from_millis(100);
@@ -96,7 +97,7 @@ pub(super) fn say(event: &str, fields: Json) {
     if let Json::Object(fields) = fields {
         line.extend(fields);
     }
-    print_as_it_is(&words::escaped(&format!("{}\n", Json::Object(line))));
+    print_as_it_is(&escaped(&format!("{}\n", Json::Object(line))));
 }
 
 impl Observer for Events {

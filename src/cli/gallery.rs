@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
 use serde_json::Value as Json;
@@ -9,12 +10,12 @@ use serde_json::Value as Json;
 use super::caching::CacheOptions;
 use super::{Exit, eprint, print, report};
 use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
-use crate::eval::Evaluator;
 use crate::format::png;
 use crate::golden::mesh_of;
 use crate::graph::{Graph, Options, Subgraph};
 use crate::plain;
 use crate::render::{View, render};
+use crate::session::Session;
 use crate::text::any_of;
 use crate::writing::{Place, Refused, Sources};
 
@@ -47,7 +48,7 @@ const PAGE: &str = "README.md";
 const PICTURES: &str = "pictures";
 
 impl Gallery {
-    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         match self.make(catalog) {
             Ok(exit) => exit,
             Err(why) => {
@@ -57,7 +58,7 @@ impl Gallery {
         }
     }
 
-    fn make(&self, catalog: &Catalog) -> Result<Exit, String> {
+    fn make(&self, catalog: &Arc<Catalog>) -> Result<Exit, String> {
         let mut page = String::from(HEAD);
         let mut used: Vec<Subgraph> = Vec::new();
         let mut evaluator = None;
@@ -78,7 +79,7 @@ impl Gallery {
             } else {
                 let evaluator = match &mut evaluator {
                     Some(evaluator) => evaluator,
-                    none => none.insert(self.cache.evaluator(0, catalog)?),
+                    none => none.insert(self.cache.session(0, catalog)?),
                 };
                 let bytes = picture_of(&graph, evaluator)
                     .ok_or_else(|| format!("{} gives nothing to be seen", path.display()))?;
@@ -235,8 +236,8 @@ fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
 }
 
 /// The first output that has faces, as it looks.
-fn picture_of(graph: &Graph, evaluator: &mut Evaluator) -> Option<Vec<u8>> {
-    let evaluation = evaluator.evaluate_all(graph);
+fn picture_of(graph: &Graph, session: &mut Session) -> Option<Vec<u8>> {
+    let evaluation = session.evaluator().evaluate_all(graph);
     report(&evaluation.problems());
     let mut values = graph.outputs.iter().filter_map(|it| evaluation.value(it.node, it.output));
     let mesh = values.find_map(mesh_of)?;

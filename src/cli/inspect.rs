@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
 use serde_json::{Value as Json, json};
@@ -74,7 +75,7 @@ pub(super) fn view(text: &str) -> Result<View, String> {
 type Found = (String, (usize, usize));
 
 impl Inspect {
-    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let checked = self.options.load(&self.graph, catalog);
         let Some(graph) = checked.graph else {
             report(&checked.problems);
@@ -84,8 +85,8 @@ impl Inspect {
             Ok(found) => found,
             Err(why) => return Exit::Usage(why),
         };
-        let mut evaluator = match self.cache.evaluator(self.threads, catalog) {
-            Ok(evaluator) => evaluator,
+        let mut session = match self.cache.session(self.threads, catalog) {
+            Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
         let progress = Progress::new(graph.nodes.len());
@@ -93,7 +94,7 @@ impl Inspect {
         nodes.sort_unstable();
         nodes.dedup();
         let cancel = CancelToken::default();
-        let evaluation = evaluator.evaluate(&graph, &nodes, &nodes, &progress, &cancel);
+        let evaluation = session.evaluator().evaluate(&graph, &nodes, &nodes, &progress, &cancel);
         progress.end();
         if !self.json {
             report(&evaluation.problems());
@@ -227,7 +228,13 @@ impl Inspect {
         print(&text);
     }
 
-    fn write(&self, value: &AnyValue, path: &Path, catalog: &Catalog, sources: &Sources) -> Exit {
+    fn write(
+        &self,
+        value: &AnyValue,
+        path: &Path,
+        catalog: &Arc<Catalog>,
+        sources: &Sources,
+    ) -> Exit {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let files = match (&self.view, seen(value), catalog.format(value.kind(), &ending(path))) {
             (Some(view), ..) => picture(value, view, &name),
@@ -246,7 +253,7 @@ fn chosen<'v>(
     node: &str,
     found: &[(&'v str, &'v AnyValue)],
     ending: &str,
-    catalog: &Catalog,
+    catalog: &Arc<Catalog>,
 ) -> Result<(&'v str, &'v AnyValue), String> {
     let fits = |value: &AnyValue| {
         catalog.format(value.kind(), ending).is_some() || ending == "png" && seen(value).is_some()

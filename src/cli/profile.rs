@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::in_bytes;
-use super::outputs::Written;
 use crate::eval::Trace;
+use crate::session::Written;
 use crate::writing::{Place, Refused};
 
 /// How many seconds it took to read the graph, and the files of its nodes.

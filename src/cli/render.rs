@@ -1,6 +1,7 @@
 //! `maquette render`: a picture of a mesh or surface, from a graph or a file.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
 
@@ -10,10 +11,10 @@ use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
 use crate::format::png;
-use crate::golden::{mesh_of, target};
-use crate::node::CancelToken;
+use crate::golden::mesh_of;
 use crate::plain::ending;
 use crate::render::{Projection, View, render};
+use crate::session::{Run, Wanted};
 use crate::text::{unknown, with_article};
 use crate::value::AnyValue;
 use crate::writing::{Place, Sources};
@@ -53,12 +54,12 @@ pub(super) fn size(text: &str) -> Result<[usize; 2], String> {
 }
 
 impl Render {
-    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let mut sources = Sources::default();
         let (value, picture) = match &self.picture {
             None => {
                 sources.add(&self.file, "this is the file that is shown");
-                (compare::read(&self.file), &self.output)
+                (compare::read(&self.file, catalog), &self.output)
             }
             Some(picture) => match self.evaluate(catalog, &mut sources) {
                 Ok(value) => (value, picture),
@@ -94,7 +95,7 @@ impl Render {
 
     fn evaluate(
         &self,
-        catalog: &Catalog,
+        catalog: &Arc<Catalog>,
         sources: &mut Sources,
     ) -> Result<Result<AnyValue, String>, Exit> {
         let checked = self.options.load(&self.file, catalog);
@@ -102,17 +103,21 @@ impl Render {
         let graph = checked.graph.ok_or(Exit::Failed)?;
         sources.extend(&Sources::of(&graph));
         let name = self.output.to_string_lossy();
-        let Some((node, output)) = target(&graph, &name) else {
+        if graph.value_named(&name).is_none() {
             let known = Vec::from_iter(graph.output_names().chain(graph.node_names()));
             let message = format!("the graph has no output or node `{name}`");
             return Ok(Err(unknown(message, &name, "it has", &known)));
-        };
-        let mut evaluator = self.cache.evaluator(0, catalog).map_err(Exit::Usage)?;
+        }
+        let mut session = self.cache.session(0, catalog).map_err(Exit::Usage)?;
         let progress = Progress::new(graph.nodes.len());
-        let evaluation =
-            evaluator.evaluate(&graph, &[node], &[node], &progress, &CancelToken::default());
+        let wanted = Wanted::Named(vec![name.into_owned()]);
+        let run = Run { wanted, observer: &progress, ..Run::default() };
+        let finished = session.run(&graph, &run).map_err(|problems| {
+            report(&problems);
+            Exit::Failed
+        })?;
         progress.end();
-        report(&evaluation.problems());
-        evaluation.value(node, output).cloned().map(Ok).ok_or(Exit::Failed)
+        report(&finished.problems());
+        finished.value(&self.output.to_string_lossy()).cloned().map(Ok).ok_or(Exit::Failed)
     }
 }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
@@ -9,7 +10,7 @@ use serde_json::json;
 
 use super::caching::{self, CacheOptions};
 use super::events::{self, Ending, Events};
-use super::outputs::{Outputs, Written};
+use super::inputs::InputOptions;
 use super::profile;
 use super::progress::Progress;
 use super::why::reason_with_place;
@@ -19,11 +20,10 @@ use super::{
 };
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
-use crate::eval::{Evaluation, Forecast, Observer, State, Trace};
-use crate::golden;
-use crate::graph::{Graph, GraphOutput};
+use crate::eval::{Forecast, Observer, State, Trace};
+use crate::graph::Graph;
 use crate::node::CancelToken;
-use crate::text::unknown;
+use crate::session::{OutputFolder, Produced, Written};
 use crate::writing::Sources;
 
 #[derive(Args)]
@@ -36,6 +36,8 @@ pub(super) struct Run {
     /// Write only this output; may be given several times.
     #[arg(long, value_name = "OUTPUT")]
     only: Vec<String>,
+    #[command(flatten)]
+    inputs: InputOptions,
     #[command(flatten)]
     options: GraphOptions,
     #[command(flatten)]
@@ -58,7 +60,7 @@ pub(super) struct Run {
 }
 
 impl Run {
-    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let start = Instant::now();
         let cancel = CancelToken::default();
         interrupt::cancels(&cancel);
@@ -70,76 +72,80 @@ impl Run {
             self.print(None, &[], &problems, start);
             return Exit::Failed;
         };
-        let outputs = match wanted(&graph, &self.only) {
-            Ok(outputs) => outputs,
+        let mut session = match self.cache.session(self.threads, catalog) {
+            Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
-        let mut evaluator = match self.cache.evaluator(self.threads, catalog) {
-            Ok(evaluator) => evaluator,
-            Err(why) => return Exit::Usage(why),
+        let graph = match self.inputs.fed(&session, &graph) {
+            Ok((graph, doubts)) => {
+                problems.extend(doubts);
+                graph
+            }
+            Err(wrong) => {
+                self.print(None, &[], &wrong, start);
+                return Exit::Failed;
+            }
         };
-        let mut nodes: Vec<usize> = outputs.iter().map(|output| output.node).collect();
-        let expectations = graph.expectations();
-        let judged = golden::nodes_of(&graph, &expectations);
-        nodes.extend(&judged);
         if self.dry_run {
-            print(&forecast(&graph, &evaluator.forecast(&graph, &nodes)));
-            return Exit::Done;
+            return match session.dry_run(&graph, &self.only) {
+                Ok(forecasts) => {
+                    print(&forecast(&graph, &forecasts));
+                    Exit::Done
+                }
+                Err(why) => Exit::Usage(why),
+            };
         }
         let progress = Progress::new(graph.nodes.len());
         let observer: &dyn Observer = events.as_ref().map_or(&progress, |events| events);
-        let into = Outputs::new(self.out.as_deref(), &self.graph);
-        into.recall(&evaluator);
-        let mut values = into.nodes_to_write(&outputs, &graph, &mut evaluator);
-        values.extend(judged);
-        let evaluation = evaluator.evaluate(&graph, &nodes, &values, observer, &cancel);
-        let (files, unwritten) = into.write(&outputs, &evaluation, &graph, &evaluator, &cancel);
-        into.keep(&evaluator);
+        let into = OutputFolder::new(self.out.as_deref(), &self.graph).keeping(self.inputs.files());
+        session.recall(&into);
+        let produced = session.produce(&graph, &self.only, &into, observer, &cancel);
         progress.end();
+        let produced = match produced {
+            Ok(produced) => produced,
+            Err(why) => return Exit::Usage(why),
+        };
         if cancel.is_cancelled() {
-            caching::finish(&evaluator);
+            caching::finish(&session);
             return Exit::Interrupted;
         }
-        problems.extend(evaluation.problems());
-        let violations = golden::violations(&graph, &evaluation, &expectations);
-        problems.extend(violations.into_iter().map(|violation| violation.problem));
-        problems.extend(unwritten);
-        self.print(Some(&evaluation), &files, &problems, start);
+        problems.extend(produced.problems.iter().cloned());
+        self.print(Some(&produced), &produced.written, &problems, start);
         if self.profile {
-            let trace = evaluation.trace();
+            let trace = produced.trace();
             // With --json, stdout is for one document.
             let tell: fn(&str) = if self.json { eprint } else { print };
-            let read = profile::Read { graph: reading_graph, files: evaluation.seconds_of_files() };
-            tell(&profile::table(&trace, &read, &files));
+            let read = profile::Read { graph: reading_graph, files: produced.seconds_of_files() };
+            tell(&profile::table(&trace, &read, &produced.written));
             if let Err(error) = profile::write_trace(
                 &trace,
                 &self.graph,
-                into.folder(),
+                into.path(),
                 &into.place(&Sources::of(&graph)),
             ) {
                 eprint(&format!("error: cannot write the trace: {error}\n"));
             }
         }
-        caching::finish(&evaluator);
+        caching::finish(&session);
         // The process ends here; giving the memory back piece by piece would only take time.
-        std::mem::forget((evaluator, evaluation, graph));
+        std::mem::forget((session, produced, graph));
         let failed = problems.iter().any(|problem| problem.severity == Severity::Error);
         if failed { Exit::Failed } else { Exit::Done }
     }
 
     fn print(
         &self,
-        evaluation: Option<&Evaluation>,
+        produced: Option<&Produced>,
         written: &[Written],
         problems: &[Problem],
         start: Instant,
     ) {
-        let trace = evaluation.map(Evaluation::trace).unwrap_or_default();
+        let trace = produced.map(Produced::trace).unwrap_or_default();
         let traces = &trace.0;
         let seconds = start.elapsed().as_secs_f64();
         if self.events {
             events::problems(problems);
-            let trace = evaluation.map(|_| &trace);
+            let trace = produced.map(|_| &trace);
             return events::end(&Ending { run: 1, trace, written, problems, seconds });
         }
         if self.json {
@@ -155,7 +161,7 @@ impl Run {
             return;
         }
         report(problems);
-        if evaluation.is_none() {
+        if produced.is_none() {
             return;
         }
         let mut text = String::new();
@@ -199,24 +205,6 @@ fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
         let _ = writeln!(text, "{word:<8}  {:<longest$}  {reason}", name(forecast));
     }
     text
-}
-
-/// The outputs of these names; all if there are none.
-pub(super) fn wanted<'g>(
-    graph: &'g Graph,
-    only: &[String],
-) -> Result<Vec<&'g GraphOutput>, String> {
-    if only.is_empty() {
-        return Ok(graph.outputs.iter().collect());
-    }
-    let find = |name: &String| {
-        let found = graph.outputs.iter().find(|output| output.name == *name);
-        found.ok_or_else(|| {
-            let known = Vec::from_iter(graph.output_names());
-            unknown(format!("the graph has no output `{name}`"), name, "its outputs", &known)
-        })
-    };
-    only.iter().map(find).collect()
 }
 
 /// `2 computed, 12 cached`.

@@ -1,6 +1,7 @@
 //! `maquette sheet`: contact sheets, which show what a graph gives from five sides, with the least and the greatest of each parameter.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
 use serde_json::Value as Json;
@@ -9,11 +10,11 @@ use super::caching::CacheOptions;
 use super::render::size;
 use super::{Exit, GraphOptions, print, report};
 use crate::catalog::{Catalog, inside};
-use crate::eval::Evaluator;
 use crate::format::png;
 use crate::golden::mesh_of;
 use crate::graph::{Graph, Options};
 use crate::render::{View, render};
+use crate::session::Session;
 use crate::value::{Image, Mesh, Rgb};
 use crate::writing::{Place, Sources};
 
@@ -45,14 +46,14 @@ const SIDES: [[f64; 2]; 5] = [[0.0, 0.0], [60.0, 10.0], [-60.0, 10.0], [0.0, 60.
 const NOTHING: Rgb = [255, 0, 255];
 
 impl Sheet {
-    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        let mut evaluator = match self.cache.evaluator(0, catalog) {
-            Ok(evaluator) => evaluator,
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
+        let mut session = match self.cache.session(0, catalog) {
+            Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
         let mut exit = Exit::Done;
         for path in &self.graphs {
-            match self.make(path, catalog, &mut evaluator) {
+            match self.make(path, catalog, &mut session) {
                 Ok(true) => {}
                 Ok(false) => exit = Exit::Failed,
                 Err(why) => return Exit::Usage(why),
@@ -65,8 +66,8 @@ impl Sheet {
     fn make(
         &self,
         path: &Path,
-        catalog: &Catalog,
-        evaluator: &mut Evaluator,
+        catalog: &Arc<Catalog>,
+        session: &mut Session,
     ) -> Result<bool, String> {
         let checked = self.options.load(path, catalog);
         report(&checked.problems);
@@ -82,7 +83,7 @@ impl Sheet {
         let mut rows = Vec::new();
         let mut complete = true;
         for values in rows_of(&graph) {
-            let mesh = self.mesh(path, &values, catalog, evaluator);
+            let mesh = self.mesh(path, &values, catalog, session);
             complete &= mesh.is_some();
             print(&format!("  row {}: {}\n", rows.len() + 1, title(&values)));
             rows.push(mesh);
@@ -97,15 +98,15 @@ impl Sheet {
         &self,
         path: &Path,
         values: &[(String, String)],
-        catalog: &Catalog,
-        evaluator: &mut Evaluator,
+        catalog: &Arc<Catalog>,
+        session: &mut Session,
     ) -> Option<Mesh> {
         let mut options: Options = self.options.all();
         options.set.extend_from_slice(values);
         let checked = Graph::load(path, catalog, &options);
         report(&checked.problems);
         let graph = checked.graph?;
-        let evaluation = evaluator.evaluate_all(&graph);
+        let evaluation = session.evaluator().evaluate_all(&graph);
         report(&evaluation.problems());
         let mut values = graph.outputs.iter().filter_map(|it| evaluation.value(it.node, it.output));
         values.find_map(mesh_of)

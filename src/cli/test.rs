@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 
 use clap::Args;
 use serde_json::json;
@@ -19,6 +20,7 @@ use crate::golden::compare::{Comparison, Verdict, six};
 use crate::golden::store::Golden;
 use crate::golden::suite::{self, Case, Compared, Report, Settings, State};
 use crate::golden::{html, junit};
+use crate::session::Session;
 use crate::writing::{Place, Refused, Sources, remove};
 
 #[derive(Args)]
@@ -55,7 +57,7 @@ pub(super) struct Test {
 }
 
 impl Test {
-    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let mut files = Vec::new();
         let mut graphs: BTreeMap<PathBuf, BTreeSet<PathBuf>> = BTreeMap::new();
         let here = [PathBuf::from(".")];
@@ -99,7 +101,7 @@ impl Test {
             threads,
             evaluator: &|| match self.cold {
                 true => crate::eval::Evaluator::new(1, 1 << 30).map_err(|error| error.to_string()),
-                false => self.cache.evaluator(1, catalog),
+                false => self.cache.session(1, catalog).map(Session::into_evaluator),
             },
         };
         let report = match suite::run(&files, &settings) {

@@ -10,7 +10,7 @@ use std::sync::mpsc::channel;
 use clap::Args;
 
 use super::caching::CacheOptions;
-use super::outputs::Outputs;
+use super::inputs::InputOptions;
 use super::terminal::{Input, Screen};
 use super::{Exit, GraphOptions, interrupt, print, report};
 use crate::catalog::Catalog;
@@ -18,6 +18,7 @@ use crate::error::{Problem, code};
 use crate::eval::named_in;
 use crate::graph::ReadFile;
 use crate::paths::{MARKER, project_root};
+use crate::session::OutputFolder;
 use crate::watch::{Event, Sources, WatchList, Wish};
 
 mod block;
@@ -29,7 +30,7 @@ mod worker;
 use on_done::{Ended, OnDone};
 use session::Session;
 use view::{Lines, Program, Terminal, View};
-use worker::{Report, Worker};
+use worker::{Report, Wishes, Worker};
 
 #[derive(Args)]
 pub(super) struct Watch {
@@ -41,6 +42,8 @@ pub(super) struct Watch {
     /// Write only this output; may be given several times.
     #[arg(long, value_name = "OUTPUT")]
     only: Vec<String>,
+    #[command(flatten)]
+    inputs: InputOptions,
     #[command(flatten)]
     options: GraphOptions,
     #[command(flatten)]
@@ -77,13 +80,14 @@ enum Message {
 }
 
 impl Watch {
-    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         if self.list {
             return self.print_list(catalog);
         }
         let (sender, receiver) = channel();
-        let outputs = Outputs::new(self.out.as_deref(), &self.graph);
-        let folder = outputs.folder().to_owned();
+        let outputs = OutputFolder::new(self.out.as_deref(), &self.graph);
+        let outputs = outputs.keeping(self.inputs.files());
+        let folder = outputs.path().to_owned();
         let stop = sender.clone();
         interrupt::handle(move || drop(stop.send(Message::Input(Input::Stop))));
         let screen = !self.events && !self.once && Screen::is_possible();
@@ -97,15 +101,13 @@ impl Watch {
             None => Box::new(Lines::default()),
         };
         let done = sender.clone();
-        let evaluator = match self.cache.evaluator(self.threads, catalog) {
-            Ok(evaluator) => evaluator,
+        let session = match self.cache.session(self.threads, catalog) {
+            Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
         let worker = Worker::new(
-            evaluator,
-            self.cache.memory(),
-            outputs,
-            self.only.clone(),
+            session,
+            Wishes { folder: outputs, only: self.only.clone(), inputs: self.inputs.clone() },
             view.observe(),
             move |report| drop(done.send(Message::Evaluated(report))),
         );
@@ -145,6 +147,11 @@ impl Watch {
             let optional = if file.optional { " if it is there" } else { "" };
             Wish { path: file.path.clone(), why: format!("read by `{}`{optional}", file.node) }
         }));
+        let inputs = self.inputs.files().map(|path| {
+            let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+            Wish { path, why: "an input".into() }
+        });
+        wishes.extend(inputs);
         let roots = [root.clone()];
         for file in files {
             let name = file.path.file_name().unwrap_or_default().to_string_lossy();

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
 
@@ -25,7 +26,7 @@ pub(super) struct Why {
 }
 
 impl Why {
-    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let checked = self.options.load(&self.graph, catalog);
         report(&checked.problems);
         let Some(graph) = checked.graph else { return Exit::Failed };
@@ -35,11 +36,11 @@ impl Why {
             let known = Vec::from_iter(graph.names());
             return Exit::Usage(unknown(message, &self.node, "its nodes", &known));
         }
-        let mut evaluator = match self.cache.evaluator(1, catalog) {
-            Ok(evaluator) => evaluator,
+        let mut session = match self.cache.session(1, catalog) {
+            Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
-        let forecasts = evaluator.forecast(&graph, &nodes);
+        let forecasts = session.forecast(&graph, &nodes);
         nodes.iter().for_each(|&node| print(&explain(&graph, node, &forecasts)));
         Exit::Done
     }

@@ -99,6 +99,7 @@ impl Run<'_> {
             files,
             progress: Progress { report: Some(&report), cancel: Some(self.cancel) },
             memos: Some(&self.evaluator.cache),
+            readers: &self.graph.readers,
             warnings: Mutex::default(),
         };
         let values = catch_unwind(AssertUnwindSafe(|| node.node.eval(&cx)))

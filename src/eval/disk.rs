@@ -40,6 +40,7 @@ mod writer;
 
 pub use doctor::{Diagnosis, Fault};
 use entry::Entry;
+pub(crate) use program::this_is_a_program;
 use seal::{seal, unsealed};
 pub use usage::Usage;
 use writer::{Job, Writer};
@@ -105,7 +106,7 @@ impl Disk {
     pub fn open(folder: &Path, limit: u64, catalog: &Catalog) -> Result<Self, DiskError> {
         folder::claim(folder)?;
         let fail = |error| DiskError::System { folder: folder.to_owned(), error };
-        let fingerprint = program::fingerprint(folder).map_err(fail)?;
+        let fingerprint = program::fingerprint(folder, catalog).map_err(fail)?;
         let store =
             Store::open(folder, &fingerprint, limit, catalog.value_types()).map_err(fail)?;
         let store = Arc::new(store);

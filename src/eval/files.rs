@@ -13,9 +13,9 @@ use super::lock;
 use crate::format::obj;
 use crate::graph::NodeFile;
 use crate::node::{Companions, File, ReadError};
-use crate::paths::{PathProblem, may_read};
 use crate::plain;
 use crate::plain::ending;
+use crate::reading::read_companion;
 use crate::stamp::Stamp;
 use crate::value::Hash;
 
@@ -181,19 +181,6 @@ fn companions(file: &NodeFile, bytes: &[u8]) -> (Companions, Vec<(PathBuf, Optio
         });
     }
     (companions, stamps)
-}
-
-/// The content of a file that another one names, if it may be read.
-pub(crate) fn read_companion(
-    name: &str,
-    path: &Path,
-    roots: &[PathBuf],
-) -> Result<Arc<[u8]>, String> {
-    may_read(name, path, roots).map_err(|problem| match problem {
-        PathProblem::Outside { message, .. } | PathProblem::Missing { message, .. } => message,
-    })?;
-    let bytes = plain::read(path).map_err(|error| format!("cannot read {name}: {error}"))?;
-    Ok(bytes.into())
 }
 
 /// The hash of a file's content, and of that of the files that it names.

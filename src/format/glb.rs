@@ -14,6 +14,7 @@ use super::png;
 use super::rows::{fill, floats, indices};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
+use crate::reading::{FileReader, Reading};
 use crate::value::{Mesh, Rgb, linear_from_srgb};
 
 mod accessor;
@@ -291,6 +292,15 @@ impl Buffers {
             "bufferView": view, "componentType": UNSIGNED_INT, "type": "SCALAR",
             "count": 3 * triangles.len(),
         }))
+    }
+}
+
+impl FileReader for MeshGlb {
+    type Value = Mesh;
+    const ENDINGS: &'static [&'static str] = &["glb"];
+
+    fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
+        Ok(read(file.bytes())?)
     }
 }
 

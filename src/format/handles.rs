@@ -8,6 +8,7 @@ use super::json::print;
 use super::{At, excerpt};
 use crate::error::{Error, Place};
 use crate::pack::{FileFormat, NewFile};
+use crate::reading::{FileReader, Reading};
 use crate::value::{Handle, HandleSpace, Handles, HandlesError};
 
 /// Why bytes are no handles.
@@ -174,6 +175,39 @@ impl FileFormat for HandlesJson {
             "handles": Value::from_iter(handles.iter().map(entry)),
         });
         Ok(NewFile::only(name, print(&document)))
+    }
+}
+
+/// Reads handles from RON.
+pub(in crate::format) struct HandlesRon;
+
+impl FileReader for HandlesRon {
+    type Value = Handles;
+    const ENDINGS: &'static [&'static str] = &["ron"];
+
+    fn read(file: &Reading<'_>) -> Result<Handles, Error> {
+        Ok(read_ron(file.bytes(), HandleSpace::default())?)
+    }
+}
+
+impl FileReader for HandlesJson {
+    type Value = Handles;
+    const ENDINGS: &'static [&'static str] = &["json"];
+
+    fn read(file: &Reading<'_>) -> Result<Handles, Error> {
+        Ok(read_json(file.bytes(), HandleSpace::default())?)
+    }
+}
+
+/// Reads handles from CSV.
+pub(in crate::format) struct HandlesCsv;
+
+impl FileReader for HandlesCsv {
+    type Value = Handles;
+    const ENDINGS: &'static [&'static str] = &["csv"];
+
+    fn read(file: &Reading<'_>) -> Result<Handles, Error> {
+        Ok(read_csv(file.bytes(), HandleSpace::default())?)
     }
 }
 

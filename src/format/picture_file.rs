@@ -2,8 +2,9 @@
 
 use thiserror::Error;
 
-use super::{excerpt, jpeg, png, tiff};
-use crate::value::Image;
+use super::{camera, excerpt, jpeg, png, tiff};
+use crate::reading::{FileReader, Reading};
+use crate::value::{Image, Mask, Rgb};
 
 /// Why bytes are not a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -62,6 +63,38 @@ pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
         Some(Kind::Jpeg) => Ok(jpeg::read(bytes)?),
         Some(Kind::Tiff) => Ok(tiff::read(bytes)?),
         None => Err(PictureError::Unknown { text: excerpt(&bytes[..bytes.len().min(8)]) }),
+    }
+}
+
+/// Reads a picture, whatever its ending says; `camera.json` beside it says which camera took it.
+pub(in crate::format) struct ImageFiles;
+
+impl FileReader for ImageFiles {
+    type Value = Image;
+    const ENDINGS: &'static [&'static str] = &["png", "jpg", "jpeg", "tif", "tiff"];
+
+    fn read(file: &Reading<'_>) -> Result<Image, crate::error::Error> {
+        let image = read(file.bytes())?;
+        let camera = file.companion("camera.json").ok();
+        let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
+        let size = Some([image.width(), image.height()]);
+        let camera = camera.filter(|camera| camera.color.size == size);
+        Ok(image.with_camera(camera.map(|camera| camera.color.pinhole)))
+    }
+}
+
+/// Reads a picture as a mask: what is nearer to white than to black is inside.
+pub(in crate::format) struct MaskFiles;
+
+impl FileReader for MaskFiles {
+    type Value = Mask;
+    const ENDINGS: &'static [&'static str] = &["png", "jpg", "jpeg", "tif", "tiff"];
+
+    fn read(file: &Reading<'_>) -> Result<Mask, crate::error::Error> {
+        let image = read(file.bytes())?;
+        let is_light = |[r, g, b]: &Rgb| u16::from(*r) + u16::from(*g) + u16::from(*b) >= 3 * 128;
+        let inside = image.pixels().iter().map(|pixel| u8::from(is_light(pixel)));
+        Ok(Mask::new(image.width(), image.height(), inside.collect())?)
     }
 }
 

@@ -3,10 +3,11 @@
 use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
-use super::camera::CameraFile;
+use super::camera::{self, CameraFile};
 use super::{abs, depth, pcd, ply, ptx};
 use crate::error;
-use crate::value::{RangeImage, SizeError};
+use crate::reading::{FileReader, Reading};
+use crate::value::{RangeImage, Registration, SizeError};
 
 /// How the coordinates of a range file lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,10 +143,42 @@ fn upside_down(range: &RangeImage) -> Result<RangeImage, SizeError> {
     })
 }
 
+/// Reads a range image in mm; `camera.json` beside it says which camera took it, and where it is in the picture of the same capture.
+pub(in crate::format) struct RangeFiles;
+
+impl FileReader for RangeFiles {
+    type Value = RangeImage;
+    const ENDINGS: &'static [&'static str] = &["pcd", "ply", "ptx", "abs", "png", "tiff", "tif"];
+
+    fn read(file: &Reading<'_>) -> Result<RangeImage, error::Error> {
+        let camera = file.companion("camera.json").ok();
+        let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
+        let range = read(file.bytes(), &file.ending(), camera.as_ref())?;
+        let range = range.normalize(1.0, Axes::Camera)?;
+        let is_its_own = |camera: &CameraFile| {
+            camera.range.size.is_none_or(|size| size == [range.width(), range.height()])
+        };
+        Ok(match camera.filter(is_its_own) {
+            Some(camera) => registered(range, &camera),
+            None => range,
+        })
+    }
+}
+
+/// The grid with its camera, the pose of the camera file or else of its own, and its place in the picture that was taken with it.
+fn registered(range: RangeImage, camera: &CameraFile) -> RangeImage {
+    let pose = camera.world_from_camera.or(range.world_from_camera().copied());
+    let [own, color] = [camera.range.pinhole, camera.color.pinhole];
+    let range = range.with_camera(Some(own)).with_world_from_camera(pose);
+    match camera.color.size {
+        Some(picture) => range.with_registration(Registration::pinholes(&own, &color, picture)),
+        None => range,
+    }
+}
+
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::format::camera;
     use crate::value::Rgb;
 
     const GRID: &str = include_str!("../../tests/data/formats/grid.json");

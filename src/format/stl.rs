@@ -11,6 +11,7 @@ use super::upright::upright;
 use super::{TooFar, check_single, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
+use crate::reading::{FileReader, Reading};
 use crate::value::{Mesh, MeshError};
 
 /// Why bytes are not a mesh in an STL file, or a mesh cannot be written as one.
@@ -208,6 +209,15 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
         }
     }
     Ok(bytes)
+}
+
+impl FileReader for MeshStl {
+    type Value = Mesh;
+    const ENDINGS: &'static [&'static str] = &["stl"];
+
+    fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
+        Ok(read(file.bytes())?)
+    }
 }
 
 #[cfg(test)]

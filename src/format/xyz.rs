@@ -6,6 +6,7 @@ use thiserror::Error;
 use super::{check_single, excerpt, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
+use crate::reading::{FileReader, Reading};
 use crate::value::{Attribute, Points, PointsError, RangeImage, Rgb};
 
 /// Why bytes are not points in an XYZ file.
@@ -149,6 +150,15 @@ fn encode(lines: impl Iterator<Item = (Point3<f64>, Option<Rgb>, Option<[f64; 3]
         text.push('\n');
     }
     text.into_bytes()
+}
+
+impl FileReader for PointsXyz {
+    type Value = Points;
+    const ENDINGS: &'static [&'static str] = &["xyz"];
+
+    fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
+        Ok(read(file.bytes())?)
+    }
 }
 
 #[cfg(test)]

@@ -93,18 +93,10 @@ fn no_region(name: &str) -> (String, Vec<Point3<f64>>) {
     (format!("is not judged: `{name}` is no region"), Vec::new())
 }
 
-/// The node and output that a name of an expectation means.
-pub(crate) fn target(graph: &Graph, name: &str) -> Option<(usize, usize)> {
-    if let Some(output) = graph.outputs.iter().find(|output| output.name == name) {
-        return Some((output.node, output.output));
-    }
-    graph.target(name)
-}
-
 /// The nodes whose values these expectations speak of.
 pub(crate) fn nodes_of(graph: &Graph, expectations: &[(Expectation, Place)]) -> Vec<usize> {
     let values = expectations.iter().flat_map(|(expectation, _)| expectation.values());
-    values.filter_map(|value| target(graph, value).map(|(node, _)| node)).collect()
+    values.filter_map(|value| graph.value_named(value).map(|(node, _)| node)).collect()
 }
 
 impl Graph {
@@ -124,7 +116,7 @@ pub(crate) fn violations(
     let mut violations = Vec::new();
     for (expectation, place) in expectations {
         let names = expectation.values();
-        let targets: Vec<_> = names.iter().map(|name| target(graph, name)).collect();
+        let targets: Vec<_> = names.iter().map(|name| graph.value_named(name)).collect();
         let problem = |message: String| Problem {
             severity: Severity::Error,
             code: code::EXPECTED,

@@ -21,11 +21,10 @@ use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
 use crate::error::{MOST_TOLD, Source, Span, Use, code};
 use crate::paths::project_root;
-use crate::plain;
 use crate::text::{Finding, Sheet};
 
 pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
-    match plain::read_text(path) {
+    match options.text(path) {
         Ok(text) => load_text(path, text, catalog, options),
         Err(error) => {
             let source = Arc::new(Source { name: path.to_owned(), text: String::new() });
@@ -116,7 +115,7 @@ pub(super) fn definition<'a>(
     name: PathBuf,
     uses: Vec<Use>,
 ) -> Option<Arc<Definition<'a>>> {
-    let (text, error) = match plain::read_text(path) {
+    let (text, error) = match world.options.text(path) {
         Ok(text) => (text, None),
         Err(error) => (String::new(), Some(unread("the graph", &error))),
     };

@@ -44,6 +44,8 @@ pub(super) struct Port {
     /// The draft and output that it gives; none if its link is wrong.
     pub(super) target: Option<(usize, usize)>,
     pub(super) kind: Option<&'static ValueType>,
+    /// Its name in the file.
+    pub(super) span: Span,
 }
 
 /// What all files of a graph share while they are checked.
@@ -177,7 +179,13 @@ impl<'a> Check<'_, 'a> {
     pub(super) fn enter(&mut self, given: &str, span: Span) -> Option<FoundGraph> {
         let path = self.sheet.folder_of(span).join(given);
         self.world.subgraphs.push(path.clone());
-        if let Err(problem) = may_read(given, &path, &self.world.roots) {
+        let is_there = |problem: &PathProblem| {
+            matches!(problem, PathProblem::Missing { .. }) && self.world.options.has_text(&path)
+        };
+        let readable = may_read(given, &path, &self.world.roots);
+        if let Err(problem) =
+            readable.or_else(|problem| if is_there(&problem) { Ok(()) } else { Err(problem) })
+        {
             let (code, message, help) = match problem {
                 PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
                 PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),

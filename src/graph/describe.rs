@@ -55,7 +55,7 @@ impl Graph {
         catalog: &Catalog,
         options: &Options,
     ) -> (Vec<Subgraph>, Vec<Problem>) {
-        match crate::plain::read_text(path) {
+        match options.text(path) {
             Ok(text) => Self::subgraphs_of(path, text, catalog, options),
             Err(_) => (Vec::new(), check::load(path, catalog, options).problems),
         }

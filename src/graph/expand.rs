@@ -12,7 +12,7 @@ use super::each::Branches;
 use super::input::input_node;
 use super::node::Built;
 use super::parameters::{Parameters, handed_over};
-use super::{Graph, GraphNode, GraphOutput, GraphUse, Link, Shape};
+use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Link, Shape};
 use crate::error::{Problem, Severity, Use, code};
 use crate::text::Finding;
 
@@ -47,6 +47,17 @@ pub(super) fn expand<'a>(
         Some(GraphOutput { node, output: index, ..output })
     };
     let outputs = outputs.into_iter().map(output).collect::<Option<_>>()?;
+    let port = |port: &super::definition::Port| {
+        let (draft, index) = port.target?;
+        let &(node, output) = values.get(draft)?.get(index)?;
+        Some(GraphPort { name: port.name.clone(), kind: port.kind, node, output, span: port.span })
+    };
+    let ports = definition.ports.iter().filter_map(port).collect();
+    let input = |(draft, &(node, _)): (&Draft<'_>, &Target)| {
+        let kind = draft.types.first().copied().flatten()?;
+        Some(GraphInput::new(&draft.name.text, kind, &draft.tree, node))
+    };
+    let inputs = definition.drafts.iter().zip(&scope.inputs).filter_map(input).collect();
     let shape = Arc::new(Shape::new(&nodes));
     let source = definition.sheet.source.clone();
     let Definition { sheet, doc, schema, .. } = definition;
@@ -65,9 +76,12 @@ pub(super) fn expand<'a>(
         nodes: nodes.into(),
         shape,
         outputs,
+        readers: world.catalog.readers().clone(),
+        inputs,
+        ports,
         expect,
         schema,
-        uses,
+        uses: uses.into(),
         unused,
     })
 }

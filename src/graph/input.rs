@@ -1,31 +1,178 @@
-//! What stands for an input of a graph that is looked at by itself.
+//! The inputs of a graph: values that come from a graph that uses it, or from whoever calls it as a function.
 
+use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::json;
 
 use super::node::Built;
 use super::recipe::Recipe;
-use crate::error::Error;
+use super::{Graph, GraphOutput, Shape};
+use crate::catalog::Catalog;
+use crate::error::{Error, Problem, Severity, Span, code};
 use crate::node::{AnyNode, Context, FilePath};
-use crate::text::Tree;
-use crate::value::AnyValue;
+use crate::text::{Tree, nearest_or_all, with_article};
+use crate::value::{AnyValue, ValueType};
 
-/// A node that has no value: only a graph that uses this one gives it one.
-struct Input(String);
+/// An input that a graph declares.
+#[derive(Clone, Debug)]
+pub struct GraphInput {
+    /// Its name.
+    pub name: String,
+    /// The type of values that it takes.
+    pub kind: &'static ValueType,
+    /// What it is, in its author's words.
+    pub doc: String,
+    /// The node that stands for it.
+    pub(super) node: usize,
+}
 
-/// A graph was evaluated that only makes sense in another one.
+/// An output of a graph with inputs: a value for who uses or calls it.
+#[derive(Clone, Debug)]
+pub struct GraphPort {
+    /// Its name.
+    pub name: String,
+    /// The type of its values; none if it has the type that comes in somewhere.
+    pub kind: Option<&'static ValueType>,
+    pub(super) node: usize,
+    pub(super) output: usize,
+    pub(super) span: Span,
+}
+
+impl GraphInput {
+    /// The input that a declaration, such as `Mesh(doc: "..")`, makes.
+    pub(super) fn new(name: &str, kind: &'static ValueType, tree: &Tree, node: usize) -> Self {
+        let mut fields = tree.fields().unwrap_or_default().iter();
+        let doc =
+            fields.find(|field| field.name.text == "doc").and_then(|field| field.value.text());
+        Self { name: name.to_owned(), kind, doc: doc.unwrap_or_default().to_owned(), node }
+    }
+}
+
+impl Graph {
+    /// The values that it wants, in the file's order.
+    pub fn inputs(&self) -> &[GraphInput] {
+        &self.inputs
+    }
+
+    /// The values that it gives, if it has inputs, in the file's order.
+    pub fn ports(&self) -> &[GraphPort] {
+        &self.ports
+    }
+
+    /// The same graph with these values at its inputs, to be evaluated by itself. Results have the same keys as where another
+    /// graph uses it with equal values. Its outputs become files in the preferred format of their types.
+    ///
+    /// Inputs without a value are no error: what hangs on them fails when it is evaluated.
+    ///
+    /// # Errors
+    /// For each value of a wrong type, and each name that is no input's.
+    pub fn with_inputs(
+        &self,
+        values: &BTreeMap<String, AnyValue>,
+        catalog: &Catalog,
+    ) -> Result<Self, Vec<Problem>> {
+        let mut problems = Vec::new();
+        let mut nodes = self.nodes.to_vec();
+        for (name, value) in values {
+            match self.input(name) {
+                Err(problem) => problems.push(problem),
+                Ok(input) if input.kind != value.kind() => {
+                    problems.push(self.wrong_input(input, value, catalog));
+                }
+                Ok(input) => {
+                    let parameters = json!({ "value": value.hash().to_string() });
+                    let node = &mut nodes[input.node];
+                    node.recipe = Arc::new(Recipe::new("Input", parameters, &[]));
+                    node.node = Arc::new(Input { name: name.clone(), value: Some(value.clone()) });
+                }
+            }
+        }
+        if !problems.is_empty() {
+            return Err(problems);
+        }
+        let shape = Arc::new(Shape::new(&nodes));
+        let outputs = self.ports.iter().filter_map(|port| self.file_of(port, catalog)).collect();
+        Ok(Self { nodes: nodes.into(), shape, outputs, ..self.clone() })
+    }
+
+    /// The file that an output becomes where nobody names one.
+    fn file_of(&self, port: &GraphPort, catalog: &Catalog) -> Option<GraphOutput> {
+        let format = *catalog.preferred_format(port.kind?)?;
+        let (node, output, span) = (port.node, port.output, port.span);
+        let name = Path::new(&port.name).with_extension(format.ending).display().to_string();
+        Some(GraphOutput { name, node, output, format, source: self.source.clone(), span })
+    }
+
+    /// The input of this name.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub(crate) fn input(&self, name: &str) -> Result<&GraphInput, Problem> {
+        let found = self.inputs.iter().find(|input| input.name == name);
+        found.ok_or_else(|| self.no_input(name))
+    }
+
+    /// A problem at the place where an input is declared.
+    pub(crate) fn problem_of_input(
+        &self,
+        input: &GraphInput,
+        severity: Severity,
+        code: &'static str,
+        message: String,
+    ) -> Problem {
+        self.nodes[input.node].problem(severity, code, message, "")
+    }
+
+    fn no_input(&self, name: &str) -> Problem {
+        let known = Vec::from_iter(self.inputs.iter().map(|input| &input.name[..]));
+        let help = match known.is_empty() {
+            true => "it has no inputs at all; --set changes parameters".to_owned(),
+            false => nearest_or_all(name, "its inputs", &known),
+        };
+        let message = format!("the graph has no input `{name}`");
+        Problem { help, ..self.problem(code::UNKNOWN_FIELD, message) }
+    }
+
+    fn wrong_input(&self, input: &GraphInput, value: &AnyValue, catalog: &Catalog) -> Problem {
+        let (wanted, given) = (input.kind.name, value.kind().name);
+        let message = format!(
+            "input `{}` wants {}, but it is given {}",
+            input.name,
+            with_article(wanted),
+            with_article(given)
+        );
+        let maker = catalog
+            .converters(given, wanted)
+            .first()
+            .map(|maker| format!("{} makes {} of it", with_article(maker), with_article(wanted)));
+        let node = &self.nodes[input.node];
+        node.problem(Severity::Error, code::WRONG_TYPE, message, &maker.unwrap_or_default())
+    }
+}
+
+/// The node that stands for an input, and its value if it has one.
+struct Input {
+    name: String,
+    value: Option<AnyValue>,
+}
+
+/// A graph with inputs was evaluated without a value for one.
 #[derive(Debug, thiserror::Error)]
-#[error("`{0}` is an input: only a graph that uses this one gives it a value")]
+#[error(
+    "it is an input without a value: `maquette run --input {0}=FILE` gives it one, as does a graph that uses this one"
+)]
 struct NoValue(String);
 
 impl AnyNode for Input {
     fn eval(&self, _: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
-        Err(NoValue(self.0.clone()).into())
+        let value = self.value.clone().ok_or_else(|| NoValue(self.name.clone()))?;
+        Ok(vec![value])
     }
 
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
-        Ok(json!({ "name": self.0 }))
+        Ok(json!({ "name": self.name }))
     }
 
     fn files(&self) -> Vec<FilePath> {
@@ -33,8 +180,9 @@ impl AnyNode for Input {
     }
 }
 
+/// What stands for an input until it has a value.
 pub(super) fn input_node(name: &str, tree: &Tree) -> Built {
     let recipe = Arc::new(Recipe::new("Input", json!({ "name": name }), &[]));
-    let (node, files) = (Arc::new(Input(name.to_owned())), Vec::new());
-    Built { node, recipe, files, tree: Arc::new(tree.clone()) }
+    let node = Arc::new(Input { name: name.to_owned(), value: None });
+    Built { node, recipe, files: Vec::new(), tree: Arc::new(tree.clone()) }
 }

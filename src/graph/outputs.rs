@@ -130,7 +130,7 @@ impl Check<'_, '_> {
             let target = targets.and_then(|targets| self.only(name, value, &targets));
             let kind = target.and_then(|(node, output)| drafts[node].types.get(output));
             let (name, kind) = (name.to_owned(), kind.copied().flatten());
-            ports.push(Port { name, target, kind });
+            ports.push(Port { name, target, kind, span: key.span });
         }
         ports
     }

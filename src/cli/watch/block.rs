@@ -4,10 +4,11 @@ use std::path::Path;
 
 use super::worker::Report;
 use crate::cli::terminal::wrapped;
-use crate::cli::words::harmless;
-use crate::cli::{counted, in_bytes, in_full};
+use crate::cli::{counted, in_bytes};
 use crate::error::{Problem, Severity};
 use crate::eval::State;
+use crate::telling::harmless;
+use crate::telling::in_full;
 
 /// A list of names in the status takes at most so many rows; the problems need the room.
 const MOST_ROWS: usize = 3;
@@ -250,9 +251,9 @@ mod tests {
     use expect_test::{Expect, expect};
 
     use super::*;
-    use crate::cli::outputs::Written;
     use crate::error::{Source, Span, code};
     use crate::eval::{NodeTrace, Trace};
+    use crate::session::Written;
     use crate::value::Hash;
 
     fn node(name: &str, state: State, reason: &str) -> NodeTrace {

@@ -6,13 +6,12 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
-use crate::cli::outputs::{Outputs, Written};
-use crate::cli::run::wanted;
-use crate::error::{Problem, Severity, Span, code};
-use crate::eval::{Disk, Evaluator, Observer, Trace, in_words};
-use crate::golden;
+use crate::cli::inputs::InputOptions;
+use crate::error::{Problem, Severity, code};
+use crate::eval::{Observer, Trace, in_words};
 use crate::graph::Graph;
 use crate::node::CancelToken;
+use crate::session::{OutputFolder, Session, Written};
 
 /// Results of several runs are kept, so that a change that is taken back costs nothing; but no more than this many times what
 /// one run needs, so that a day of changes does not fill the memory.
@@ -45,6 +44,14 @@ pub(super) struct Report {
     pub(super) seconds: f64,
 }
 
+/// What every run of the watch is to make.
+pub(super) struct Wishes {
+    pub(super) folder: OutputFolder,
+    /// The names of outputs; all if there are none.
+    pub(super) only: Vec<String>,
+    pub(super) inputs: InputOptions,
+}
+
 /// Makes what follows the evaluation that a token stops.
 pub(super) type Observe = Box<dyn Fn(&CancelToken) -> Box<dyn Observer> + Send>;
 
@@ -55,32 +62,30 @@ pub(super) struct Worker {
 
 impl Worker {
     pub(super) fn new(
-        mut evaluator: Evaluator,
-        memory: usize,
-        outputs: Outputs,
-        only: Vec<String>,
+        mut session: Session,
+        wishes: Wishes,
         observe: Observe,
         sink: impl Fn(Report) + Send + 'static,
     ) -> Self {
-        outputs.recall(&evaluator);
+        session.recall(&wishes.folder);
         let (jobs, receiver) = channel::<Job>();
         std::thread::spawn(move || {
             for job in receiver {
                 if job.recompute {
-                    evaluator.forget();
+                    session.forget();
                 }
                 let report = catch_unwind(AssertUnwindSafe(|| {
                     let observer = observe(&job.cancel);
-                    evaluate(&job, &mut evaluator, memory, &outputs, &only, &*observer)
+                    evaluate(&job, &mut session, &wishes, &*observer)
                 }));
                 sink(report.unwrap_or_else(|panic| {
                     // What it was about to remember may be half of something.
-                    evaluator.forget();
+                    session.forget();
                     panicked(&job, &in_words(&*panic))
                 }));
             }
             // The process ends here; giving the memory back piece by piece would only take time.
-            std::mem::forget(evaluator);
+            std::mem::forget(session);
         });
         Self { jobs }
     }
@@ -91,45 +96,36 @@ impl Worker {
     }
 }
 
-fn evaluate(
-    job: &Job,
-    evaluator: &mut Evaluator,
-    memory: usize,
-    outputs: &Outputs,
-    only: &[String],
-    observer: &dyn Observer,
-) -> Report {
+fn evaluate(job: &Job, session: &mut Session, wishes: &Wishes, observer: &dyn Observer) -> Report {
     let start = Instant::now();
-    let graph = &*job.graph;
+    let folder = &wishes.folder;
     let mut problems = job.problems.clone();
-    let wanted = wanted(graph, only).unwrap_or_else(|why| {
-        problems.push(about_graph(graph, Severity::Error, code::UNKNOWN_LINK, why));
-        Vec::new()
+    session.use_memory(session.memory());
+    let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, doubts)| {
+        problems.extend(doubts);
+        let produced = session.produce(&graph, &wishes.only, folder, observer, &job.cancel);
+        produced.map_err(|why| vec![graph.problem(code::UNKNOWN_LINK, why)])
     });
-    let mut nodes: Vec<usize> = wanted.iter().map(|output| output.node).collect();
-    let expectations = graph.expectations();
-    let judged = golden::nodes_of(graph, &expectations);
-    nodes.extend(&judged);
-    evaluator.set_memory(memory);
-    let mut values = outputs.nodes_to_write(&wanted, graph, evaluator);
-    values.extend(judged);
-    let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, &job.cancel);
-    let (written, unwritten) = outputs.write(&wanted, &evaluation, graph, evaluator, &job.cancel);
-    outputs.keep(evaluator);
-    problems.extend(evaluation.problems());
-    let violations = golden::violations(graph, &evaluation, &expectations);
-    problems.extend(violations.into_iter().map(|violation| violation.problem));
-    let trace = evaluation.trace();
-    let not_writable = (!unwritten.is_empty()).then(|| outputs.folder().to_owned());
-    problems.extend(unwritten);
-    if let Some(trouble) = evaluator.disk().and_then(Disk::trouble) {
+    let (trace, written, complete) = match produced {
+        Ok(produced) => {
+            let trace = produced.trace();
+            problems.extend(produced.problems);
+            (trace, produced.written, produced.complete)
+        }
+        Err(wrong) => {
+            problems.extend(wrong);
+            (Trace::default(), Vec::new(), true)
+        }
+    };
+    if let Some(trouble) = session.write_trouble() {
         let message = format!("results are not kept for the next run: {trouble}");
-        problems.push(about_graph(graph, Severity::Warning, code::WARNING, message));
+        let problem = job.graph.problem(code::WARNING, message);
+        problems.push(Problem { severity: Severity::Warning, ..problem });
     }
     let cancelled = job.cancel.is_cancelled();
     if !cancelled {
         let bytes: usize = trace.0.iter().map(|node| node.bytes).sum();
-        evaluator.set_memory(bytes.saturating_mul(RUNS_KEPT).max(KEPT).min(memory));
+        session.use_memory(bytes.saturating_mul(RUNS_KEPT).max(KEPT).min(session.memory()));
     }
     Report {
         run: job.run,
@@ -137,7 +133,7 @@ fn evaluate(
         trace,
         problems,
         written,
-        unwritten: not_writable,
+        unwritten: (!complete).then(|| folder.path().to_owned()),
         seconds: start.elapsed().as_secs_f64(),
     }
 }
@@ -145,7 +141,7 @@ fn evaluate(
 /// The report of a run that a fault of the engine ended.
 fn panicked(job: &Job, words: &str) -> Report {
     let message = format!("the evaluation panicked: {words}");
-    let mut problem = about_graph(&job.graph, Severity::Error, code::PANIC, message);
+    let mut problem = job.graph.problem(code::PANIC, message);
     problem.help =
         "this is a bug; please report it with the graph. The next run starts anew".into();
     Report {
@@ -159,18 +155,12 @@ fn panicked(job: &Job, words: &str) -> Report {
     }
 }
 
-/// A problem that has no place in the graph's text.
-fn about_graph(graph: &Graph, severity: Severity, code: &'static str, message: String) -> Problem {
-    let (source, span) = (graph.source.clone(), Span::default());
-    let (help, note, uses) = (String::new(), None, Vec::new());
-    Problem { severity, code, source, span, message, help, note, uses }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::catalog::Catalog;
     use crate::graph::Options;
+    use crate::session::Settings;
 
     #[test]
     fn a_panic_in_a_run_ends_it_with_a_message_and_the_next_run_works() {
@@ -185,10 +175,15 @@ mod tests {
             Box::new(())
         });
         let (sender, reports) = channel();
-        let evaluator = Evaluator::new(1, 0).unwrap();
-        let outputs = Outputs::new(Some(&folder.path().join("out")), &path);
+        let settings = Settings { threads: 1, memory: 0, ..Settings::in_memory() };
+        let session = Session::new(&[], &settings).unwrap();
+        let wishes = Wishes {
+            folder: OutputFolder::new(Some(&folder.path().join("out")), &path),
+            only: Vec::new(),
+            inputs: InputOptions::default(),
+        };
         let sink = move |report| drop(sender.send(report));
-        let worker = Worker::new(evaluator, 0, outputs, Vec::new(), observe, sink);
+        let worker = Worker::new(session, wishes, observe, sink);
         let messages = [1, 2].map(|run| {
             let (graph, problems, cancel) = (graph.clone(), Vec::new(), CancelToken::default());
             worker.start(Job { run, graph, problems, cancel, recompute: false });

@@ -178,8 +178,7 @@ fn fault_of_memo(folder: &Path, memo: &Path) -> Option<&'static str> {
     let remembered = plain::read_own(memo).ok().and_then(|bytes| program::remembered(memo, bytes));
     let Some(remembered) = remembered else { return Some(DAMAGED) };
     // Of the other programs nobody knows where they are.
-    let is_this = program::memo(folder).is_ok_and(|(path, _)| path == memo);
-    (is_this && program::computed().is_ok_and(|now| now != remembered)).then_some(OTHER_PROGRAM)
+    program::is_wrong(folder, memo, &remembered).then_some(OTHER_PROGRAM)
 }
 
 fn name_of(path: &Path) -> Option<Hash> {

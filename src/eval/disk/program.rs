@@ -1,24 +1,49 @@
 //! Which program this is: results of another build are never believed.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io;
+#[cfg(target_os = "linux")]
+use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::folder::{PROGRAMS, is_fingerprint};
 use super::seal::{seal, unsealed};
+use crate::catalog::Catalog;
 use crate::plain;
 use crate::stamp::Stamp;
 use crate::value::Hash;
 use crate::writing::write_parts;
 
-/// The hash of the running program's file, remembered in the cache by what the system says of the file, because hashing it takes
-/// longer than most graphs.
-pub(super) fn fingerprint(folder: &Path) -> io::Result<String> {
-    let (memo, is_settled) = memo(folder)?;
+/// Whether this process is a program of its own, and no host that has loaded a library.
+static IS_OWN: AtomicBool = AtomicBool::new(false);
+
+/// Says that this process is a program of its own.
+pub(crate) fn this_is_a_program() {
+    IS_OWN.store(true, Ordering::Relaxed);
+}
+
+/// The fingerprint of all code that makes results: of the files that it was loaded from, the program or a library in a host, and of those
+/// of packs that were loaded apart.
+pub(super) fn fingerprint(folder: &Path, catalog: &Catalog) -> io::Result<String> {
+    let files = files_of(&Vec::from_iter(catalog.code().chain([own_code()])))?;
+    let known = files.iter().map(|file| fingerprint_of(folder, file));
+    let known = known.collect::<io::Result<Vec<_>>>()?;
+    Ok(match &known[..] {
+        [one] => one.clone(),
+        many => Hash::of(many.concat().as_bytes()).to_string()[..32].to_owned(),
+    })
+}
+
+/// The hash of a file of code, remembered in the cache by what the system says of the file, because hashing it takes longer than most
+/// graphs.
+fn fingerprint_of(folder: &Path, file: &Path) -> io::Result<String> {
+    let (memo, is_settled) = memo(folder, file)?;
     if let Some(known) = plain::read_own(&memo).ok().and_then(|bytes| remembered(&memo, bytes)) {
         return Ok(known);
     }
-    let fingerprint = computed()?;
+    let fingerprint = computed(file)?;
     if is_settled {
         // Only time is lost if it cannot be remembered.
         let text = fingerprint.as_bytes();
@@ -27,23 +52,86 @@ pub(super) fn fingerprint(folder: &Path) -> io::Result<String> {
     Ok(fingerprint)
 }
 
-/// Where the running program is remembered, and whether a later build would be remembered elsewhere.
-pub(super) fn memo(folder: &Path) -> io::Result<(PathBuf, bool)> {
-    let program = std::env::current_exe()?;
-    let stamp = Stamp::of(&program).ok_or_else(|| io::Error::other("no such program"))?;
-    let name = Hash::of(format!("{} {stamp:?}", program.display()).as_bytes()).to_string();
+/// Where a file of code is remembered, and whether a later build would be remembered elsewhere.
+fn memo(folder: &Path, file: &Path) -> io::Result<(PathBuf, bool)> {
+    let stamp = Stamp::of(file).ok_or_else(|| io::Error::other("no such program"))?;
+    let name = Hash::of(format!("{} {stamp:?}", file.display()).as_bytes()).to_string();
     Ok((folder.join(PROGRAMS).join(name), stamp.is_settled()))
 }
 
-/// The hash of the running program's file.
-pub(super) fn computed() -> io::Result<String> {
+/// Whether this file remembers another fingerprint of the engine's own code than it has now.
+pub(super) fn is_wrong(folder: &Path, path: &Path, remembered: &str) -> bool {
+    let Ok(files) = files_of(&[own_code()]) else { return false };
+    files.iter().any(|file| {
+        let is_its = memo(folder, file).is_ok_and(|(memo, _)| memo == path);
+        is_its && computed(file).is_ok_and(|now| now != remembered)
+    })
+}
+
+fn computed(file: &Path) -> io::Result<String> {
     let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(File::open(std::env::current_exe()?)?)?;
+    hasher.update_reader(File::open(file)?)?;
     Ok(hasher.finalize().to_hex()[..32].to_owned())
+}
+
+/// Where the engine's own code is.
+fn own_code() -> usize {
+    computed as fn(&Path) -> io::Result<String> as usize
+}
+
+/// The files that the code at these addresses was loaded from.
+#[cfg(target_os = "linux")]
+fn files_of(addresses: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
+    let maps = std::fs::read_to_string("/proc/self/maps")?;
+    let parts = Vec::from_iter(maps.lines().filter_map(mapped));
+    let file = |address: &usize| {
+        let part = parts.iter().find(|(range, _)| range.contains(address));
+        let unknown = || io::Error::other("which file the code of a pack is from cannot be told");
+        part.map(|(_, file)| PathBuf::from(file)).ok_or_else(unknown)
+    };
+    addresses.iter().map(file).collect()
+}
+
+/// The addresses and the file of a line such as `55d0a000-55d0b000 r-xp 00001000 08:01 1234    /usr/bin/maquette`.
+#[cfg(target_os = "linux")]
+fn mapped(line: &str) -> Option<(Range<usize>, &str)> {
+    let file = &line[line.find('/')?..];
+    let (start, rest) = line.split_once('-')?;
+    let end = rest.split_once(' ')?.0;
+    let number = |text: &str| usize::from_str_radix(text, 16).ok();
+    Some((number(start)?..number(end)?, file))
+}
+
+/// Here only a program of its own is known to be one file: that of a host is not its libraries'.
+#[cfg(not(target_os = "linux"))]
+fn files_of(_: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
+    if !IS_OWN.load(Ordering::Relaxed) {
+        return Err(io::Error::other("which library this is cannot be told on this system"));
+    }
+    std::env::current_exe().map(|program| [program].into())
 }
 
 /// The fingerprint in a file that remembers one.
 pub(super) fn remembered(memo: &Path, bytes: Vec<u8>) -> Option<String> {
     let text = String::from_utf8(unsealed(memo, bytes)?).ok()?;
     Some(text).filter(|text| is_fingerprint(text))
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_code_of_the_tests_is_in_the_file_of_the_tests() {
+        let files = files_of(&[own_code()]).unwrap();
+        assert_eq!(Vec::from_iter(files), [std::env::current_exe().unwrap()]);
+        assert!(files_of(&[8]).is_err());
+    }
+
+    #[test]
+    fn code_of_a_library_is_in_the_file_of_the_library() {
+        let library = files_of(&[libc::mallopt as unsafe extern "C" fn(_, _) -> _ as usize]);
+        let library = library.unwrap().pop_first().unwrap();
+        assert!(library.to_string_lossy().contains("libc"), "{}", library.display());
+    }
 }

@@ -125,4 +125,5 @@ pub(super) const PACK: Pack = Pack {
     nodes: &[node::<Add>(), node::<Split>(), node::<Read>(), node::<Fragile>()],
     values: &[value_type::<Amount>()],
     formats: &[],
+    readers: &[],
 };

@@ -48,13 +48,13 @@ pub(super) fn evaluate(graph: &Graph, roots: &[usize]) -> Vec<Truth> {
     }
     let mut truths: Vec<Truth> = Vec::new();
     for (index, node) in graph.nodes.iter().enumerate() {
-        let truth = if wanted[index] { of(node, &truths) } else { Truth::Unwanted };
+        let truth = if wanted[index] { of(graph, node, &truths) } else { Truth::Unwanted };
         truths.push(truth);
     }
     truths
 }
 
-fn of(node: &GraphNode, before: &[Truth]) -> Truth {
+fn of(graph: &Graph, node: &GraphNode, before: &[Truth]) -> Truth {
     let input = |link: &crate::graph::Link| match &before[link.node] {
         Truth::Given { values, .. } => Some(values[link.output].clone()),
         _ => None,
@@ -87,6 +87,7 @@ fn of(node: &GraphNode, before: &[Truth]) -> Truth {
         files: &files,
         progress: Progress::none(),
         memos: None,
+        readers: &graph.readers,
         warnings: Mutex::default(),
     };
     match catch_unwind(AssertUnwindSafe(|| node.node.eval(&cx))) {

@@ -7,6 +7,7 @@ use nalgebra::Point3;
 use crate::error::Error;
 use crate::format::upright::upright_surface;
 use crate::pack::{FileFormat, NewFile};
+use crate::reading::{FileReader, Reading};
 use crate::value::{Curve, KnotVector, Surface};
 
 /// Writes a polyline as a line, a B-spline as a free-form curve.
@@ -86,6 +87,15 @@ fn statement(start: &str, numbers: impl IntoIterator<Item = impl std::fmt::Displ
     }
     text.push('\n');
     text
+}
+
+impl FileReader for CurveObj {
+    type Value = Curve;
+    const ENDINGS: &'static [&'static str] = &["obj"];
+
+    fn read(file: &Reading<'_>) -> Result<Curve, Error> {
+        Ok(super::read_curve(file.bytes())?)
+    }
 }
 
 #[cfg(test)]

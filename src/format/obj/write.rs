@@ -12,6 +12,7 @@ use crate::format::upright::upright;
 use crate::format::{check_single, png};
 use crate::memory::huge_vec;
 use crate::pack::{FileFormat, NewFile};
+use crate::reading::{FileReader, Reading};
 use crate::value::{Column, Mesh, Rgb};
 
 /// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
@@ -167,6 +168,18 @@ fn push_float(text: &mut Vec<u8>, number: f64) {
 fn push_index(text: &mut Vec<u8>, index: u32) {
     serde_json::to_writer(text, &(u64::from(index) + 1))
         .expect("numbers are JSON, and a vector takes all bytes");
+}
+
+impl FileReader for MeshObj {
+    type Value = Mesh;
+    const ENDINGS: &'static [&'static str] = &["obj"];
+
+    fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
+        let mut find = |name: &str| file.companion(name);
+        let (mesh, doubts) = super::read_textured(file.bytes(), &mut find)?;
+        doubts.into_iter().for_each(|doubt| file.doubt(doubt));
+        Ok(mesh)
+    }
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use crate::format::check_single;
 use crate::format::rows::{floats, indices};
 use crate::format::upright::upright_points;
 use crate::pack::{FileFormat, NewFile};
+use crate::reading::{FileReader, Reading};
 use crate::value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
 
 /// Writes the points of a region.
@@ -107,6 +108,15 @@ impl FileFormat for CurvePly {
             bytes.extend_from_slice(indices(ends).as_flattened());
         }
         Ok(NewFile::only(name, bytes))
+    }
+}
+
+impl FileReader for PointsPly {
+    type Value = Points;
+    const ENDINGS: &'static [&'static str] = &["ply"];
+
+    fn read(file: &Reading<'_>) -> Result<Points, Error> {
+        Ok(super::read_points(file.bytes())?)
     }
 }
 

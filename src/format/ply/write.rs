@@ -11,6 +11,7 @@ use crate::format::rows::{fill_blocks, fill_column, floats, indices};
 use crate::format::upright::{upright, upright_points};
 use crate::format::{TooFar, check_single};
 use crate::pack::{FileFormat, NewFile};
+use crate::reading::{FileReader, Reading};
 use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, Rgb};
 
 /// Writes a mesh with all attributes of its vertices, and the colors of its texture, if it has no others.
@@ -264,6 +265,15 @@ impl<'a> FaceRows<'a> {
     fn push_length(&self, bytes: &mut Vec<u8>, length: usize) {
         let length = (length as u32).to_le_bytes();
         bytes.extend_from_slice(if self.long { &length } else { &length[..1] });
+    }
+}
+
+impl FileReader for MeshPly {
+    type Value = Mesh;
+    const ENDINGS: &'static [&'static str] = &["ply"];
+
+    fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
+        Ok(super::read(file.bytes())?)
     }
 }
 

@@ -11,7 +11,7 @@ use crate::error::{Problem, Severity, Span, code};
 use crate::eval::{Disk, Evaluation, Evaluator, Trace};
 use crate::golden::case::{Allowed, TestFile};
 use crate::golden::compare::{Comparison, Measure, Tolerance, Verdict, limit_of, six};
-use crate::golden::expect::{Place, nodes_of as expected_nodes, target, violations};
+use crate::golden::expect::{Place, nodes_of as expected_nodes, violations};
 use crate::golden::parts::Parts;
 use crate::golden::store::{self, Golden, NoGolden, Written};
 use crate::graph::Expectation;
@@ -136,7 +136,7 @@ impl Job<'_> {
         // A test of many graphs expects of each what it has.
         let many = self.test.graphs.len() > 1;
         let has = |expectation: &Expectation| {
-            !many || expectation.values().iter().all(|value| target(graph, value).is_some())
+            !many || expectation.values().iter().all(|value| graph.value_named(value).is_some())
         };
         let of_test = of_test.filter(|(expectation, _)| has(expectation));
         of_graph.chain(of_test.map(|(e, span)| (e.clone(), self.test.place(*span)))).collect()

@@ -16,4 +16,5 @@ pub const PACK: Pack = Pack {
     nodes: &[node::<ExtractPalette>(), node::<ApplyPalette>()],
     values: &[value_type::<Palette>()],
     formats: &[format::<GimpPalette>()],
+    readers: &[],
 };

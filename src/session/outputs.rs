@@ -22,20 +22,25 @@ use crate::writing::{Place, Refused, Sources};
 
 /// A file of an output that is on disk now.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Written {
-    pub(super) output: String,
-    pub(super) path: PathBuf,
-    pub(super) bytes: usize,
-    pub(super) hash: Hash,
+pub struct Written {
+    /// The name of the output.
+    pub output: String,
+    /// Where the file is.
+    pub path: PathBuf,
+    /// How many bytes it has.
+    pub bytes: usize,
+    /// The hash of its content.
+    pub hash: Hash,
     /// It was there already, with these bytes.
-    pub(super) unchanged: bool,
+    pub unchanged: bool,
     /// How long this run took to make and to write it.
     #[serde(skip)]
-    pub(super) seconds: f64,
+    pub seconds: f64,
 }
 
 impl Written {
-    pub(super) fn to_json(&self) -> serde_json::Value {
+    /// The file as `--json` prints it.
+    pub fn to_json(&self) -> serde_json::Value {
         json!({
             "name": self.output,
             "path": self.path.display().to_string(),
@@ -48,10 +53,12 @@ impl Written {
 /// The folder of a graph's outputs, and what is known of the files in it.
 ///
 /// A file that holds the right bytes already is left alone, so that neither a viewer nor a build tool takes it for a new one.
-pub(super) struct Outputs {
+pub struct OutputFolder {
     folder: PathBuf,
     /// The user named the folder, so that it may be anywhere.
     named: bool,
+    /// Files that are not replaced, beside those of the graph.
+    kept: Sources,
     /// By output: the value that its files were made of, and they, each as it was left.
     known: Mutex<HashMap<String, Known>>,
 }
@@ -97,20 +104,28 @@ fn default_folder(graph: &Path) -> PathBuf {
     Path::new("out").join(graph.file_stem().unwrap_or_default())
 }
 
-impl Outputs {
-    /// The folder that the user named, else that of the graph.
-    pub(super) fn new(folder: Option<&Path>, graph: &Path) -> Self {
+impl OutputFolder {
+    /// The folder that the user named, else `out/GRAPH` in the current one.
+    pub fn new(folder: Option<&Path>, graph: &Path) -> Self {
         let named = folder.is_some();
         let folder = folder.map_or_else(|| default_folder(graph), Path::to_owned);
-        Self { folder, named, known: Mutex::default() }
+        Self { folder, named, kept: Sources::default(), known: Mutex::default() }
     }
 
-    pub(super) fn folder(&self) -> &Path {
+    /// The same, which never replaces these files.
+    #[must_use]
+    pub fn keeping<'a>(mut self, files: impl Iterator<Item = &'a Path>) -> Self {
+        files.for_each(|file| self.kept.add(file, "it is an input"));
+        self
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
         &self.folder
     }
 
     /// Where they may be written: in their folder, which must not lead elsewhere if nobody named it.
-    pub(super) fn place<'a>(&self, sources: &'a Sources) -> Place<'a> {
+    pub(crate) fn place<'a>(&self, sources: &'a Sources) -> Place<'a> {
         match self.named {
             true => Place::folder(&self.folder, sources),
             false => Place::inside(Path::new("."), &self.folder, sources),
@@ -160,7 +175,8 @@ impl Outputs {
     ) -> (Vec<Written>, Vec<Problem>) {
         let folders: BTreeSet<PathBuf> =
             outputs.iter().map(|output| self.folder_of(output)).collect();
-        let sources = Sources::of(graph);
+        let mut sources = Sources::of(graph);
+        sources.extend(&self.kept);
         let place = self.place(&sources);
         folders.iter().for_each(|folder| place.sweep(folder));
         let write = |output: &&GraphOutput| match cancel.is_cancelled() {
@@ -306,7 +322,7 @@ mod tests {
     use super::*;
 
     /// What `write` does, and whether the file was there already.
-    fn write(outputs: &Outputs, path: &Path) -> bool {
+    fn write(outputs: &OutputFolder, path: &Path) -> bool {
         let file = NewFile { name: "a.ply".into(), bytes: b"ply".to_vec() };
         let sources = Sources::default();
         let place = Place::anywhere(&sources);
@@ -321,7 +337,7 @@ mod tests {
     fn a_file_that_holds_the_bytes_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
-        let outputs = Outputs::new(Some(folder.path()), Path::new("a.ron"));
+        let outputs = OutputFolder::new(Some(folder.path()), Path::new("a.ron"));
         assert!(!write(&outputs, &path));
         assert!(write(&outputs, &path));
         fs::write(&path, "plx").unwrap();
@@ -332,7 +348,7 @@ mod tests {
     fn a_file_that_was_just_written_is_read_before_it_is_believed() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
-        let outputs = Outputs::new(Some(folder.path()), Path::new("a.ron"));
+        let outputs = OutputFolder::new(Some(folder.path()), Path::new("a.ron"));
         let is_right = || outputs.still_there("a", Hash::of(b"value")).is_some();
         write(&outputs, &path);
         assert!(is_right());

@@ -1,0 +1,40 @@
+//! `--input NAME=FILE`: values for a graph that is a function of them.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::error::Problem;
+use crate::graph::Graph;
+use crate::session::Session;
+
+/// What comes into a graph with inputs.
+#[derive(Args, Clone, Default)]
+pub(super) struct InputOptions {
+    /// Give an input of the graph the value in a file, which is read by its ending as a node of the input's type would read it. The
+    /// outputs of such a graph are written in the preferred formats of their types.
+    #[arg(long = "input", value_name = "NAME=FILE", value_parser = input)]
+    files: Vec<(String, PathBuf)>,
+}
+
+fn input(text: &str) -> Result<(String, PathBuf), String> {
+    let (name, file) = text.split_once('=').ok_or("write NAME=FILE")?;
+    Ok((name.trim().to_owned(), PathBuf::from(file.trim())))
+}
+
+impl InputOptions {
+    /// The graph with the values in the files at its inputs, and what is to be doubted of them.
+    pub(super) fn fed(
+        &self,
+        session: &Session,
+        graph: &Graph,
+    ) -> Result<(Graph, Vec<Problem>), Vec<Problem>> {
+        let (values, doubts) = session.read_inputs(graph, &self.files)?;
+        Ok((session.fed(graph, &values)?, doubts))
+    }
+
+    /// The files.
+    pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(|(_, path)| &**path)
+    }
+}

@@ -1,0 +1,232 @@
+//! Files that become values: what reads which, by the type that is wanted and the ending of the file's name.
+
+use std::cell::RefCell;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::error::Error;
+use crate::paths::{PathProblem, may_read, project_root};
+use crate::plain::{self, ending};
+use crate::value::{AnyValue, Mesh, Value, ValueType, value_type};
+
+/// A way to read one type of values from one kind of files.
+pub trait FileReader {
+    /// What it reads.
+    type Value: Value;
+
+    /// The endings of such files' names, in lower case, without the dot.
+    const ENDINGS: &'static [&'static str];
+
+    /// The value in the file. It never panics, and reserves no more memory than a small multiple of the bytes that are there,
+    /// whatever the file says of itself.
+    ///
+    /// # Errors
+    /// If the bytes are no such file; the message says where and what.
+    fn read(file: &Reading<'_>) -> Result<Self::Value, Error>;
+}
+
+/// A file that is being read.
+pub struct Reading<'a> {
+    name: &'a str,
+    bytes: &'a [u8],
+    beside: &'a dyn Fn(&str) -> Result<Arc<[u8]>, String>,
+    doubts: RefCell<Vec<String>>,
+}
+
+impl<'a> Reading<'a> {
+    /// A file of this name and content; `beside` finds the files that it names, or says why not.
+    pub fn new(
+        name: &'a str,
+        bytes: &'a [u8],
+        beside: &'a dyn Fn(&str) -> Result<Arc<[u8]>, String>,
+    ) -> Self {
+        Self { name, bytes, beside, doubts: RefCell::default() }
+    }
+
+    /// A file by itself: whatever it names is not there.
+    pub fn alone(name: &'a str, bytes: &'a [u8]) -> Self {
+        Self::new(name, bytes, &|name| Err(format!("{name} is not there")))
+    }
+
+    /// Its content.
+    pub fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// What stands behind the last dot of its name, in lower case; empty if nothing does.
+    pub fn ending(&self) -> String {
+        ending(self.name.as_ref())
+    }
+
+    /// The content of a file in the same folder that this one names, or that is always beside such files.
+    ///
+    /// # Errors
+    /// If there is no such file, or it may not be read; the text says which.
+    pub fn companion(&self, name: &str) -> Result<Arc<[u8]>, String> {
+        (self.beside)(name)
+    }
+
+    /// Tells the user of a doubt about the file.
+    pub fn doubt(&self, message: impl Into<String>) {
+        self.doubts.borrow_mut().push(message.into());
+    }
+
+    /// All doubts so far.
+    pub fn doubts(&self) -> Vec<String> {
+        self.doubts.borrow().clone()
+    }
+}
+
+/// What the engine knows of a reader of files. Made by [`reader()`].
+#[derive(Clone, Copy)]
+pub struct AnyReader {
+    /// The endings of the files' names.
+    pub endings: &'static [&'static str],
+    kind: fn() -> &'static ValueType,
+    read: fn(&Reading<'_>) -> Result<AnyValue, Error>,
+}
+
+/// The description of the reader `R` for the engine.
+pub const fn reader<R: FileReader>() -> AnyReader {
+    AnyReader {
+        endings: R::ENDINGS,
+        kind: value_type::<R::Value>,
+        read: |file| R::read(file).map(AnyValue::new),
+    }
+}
+
+/// Nothing reads such a value from such a file.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no {what} can be read from {}; known are {}", if ending.is_empty() { "a file without an ending".into() } else { format!("`.{ending}`") }, known.join(", "))]
+pub struct NoReader {
+    /// The type of values, or `value`.
+    pub what: &'static str,
+    /// The ending of the file's name.
+    pub ending: String,
+    /// The endings that are read.
+    pub known: Vec<&'static str>,
+}
+
+/// The readers of some packs.
+#[derive(Clone, Default)]
+pub(crate) struct Readers(Vec<AnyReader>);
+
+impl Readers {
+    pub(crate) fn new(readers: impl IntoIterator<Item = AnyReader>) -> Self {
+        Self(readers.into_iter().collect())
+    }
+
+    /// The endings of files that hold a value of this type, or any; in the packs' order.
+    pub(crate) fn endings(&self, kind: Option<&str>) -> Vec<&'static str> {
+        let fits = |reader: &&AnyReader| kind.is_none_or(|kind| (reader.kind)().name == kind);
+        let mut endings: Vec<&str> = Vec::new();
+        for &ending in self.0.iter().filter(fits).flat_map(|reader| reader.endings) {
+            if !endings.contains(&ending) {
+                endings.push(ending);
+            }
+        }
+        endings
+    }
+
+    /// The value of this type in a file.
+    pub(crate) fn read(&self, kind: &ValueType, file: &Reading<'_>) -> Result<AnyValue, Error> {
+        let ending = file.ending();
+        let fits =
+            |reader: &&AnyReader| (reader.kind)() == kind && reader.endings.contains(&&ending[..]);
+        match self.0.iter().find(fits) {
+            Some(reader) => (reader.read)(file),
+            None => {
+                let known = self.endings(Some(kind.name));
+                Err(NoReader { what: kind.name, ending, known }.into())
+            }
+        }
+    }
+
+    /// The value in a file, of whatever type: of the first reader of its ending that finds something in it.
+    pub(crate) fn read_any(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
+        let ending = file.ending();
+        let fits = |reader: &&AnyReader| reader.endings.contains(&&ending[..]);
+        let mut first = None;
+        for reader in self.0.iter().filter(fits) {
+            match (reader.read)(file) {
+                // A mesh without faces is a cloud, or a line.
+                Ok(value) if value.get::<Mesh>().is_none_or(|mesh| !mesh.faces().is_empty()) => {
+                    return Ok(value);
+                }
+                other => first = first.or(Some(other)),
+            }
+        }
+        let known = self.endings(None);
+        first.unwrap_or_else(|| Err(NoReader { what: "value", ending, known }.into()))
+    }
+
+    /// The value of this type, or of any, in the file at a path, and what is to be doubted of it. Files that it names are read, too, if
+    /// they lie in its project.
+    ///
+    /// # Errors
+    /// If it cannot be read: which file, and why.
+    pub(crate) fn open(
+        &self,
+        path: &Path,
+        kind: Option<&ValueType>,
+    ) -> Result<(AnyValue, Vec<String>), String> {
+        let wrong = |error: &dyn fmt::Display| format!("cannot read {}: {error}", path.display());
+        let bytes = plain::read(path).map_err(|error| wrong(&error))?;
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = std::fs::canonicalize(folder.unwrap_or(Path::new(".")));
+        let folder = folder.map_err(|error| wrong(&error))?;
+        let roots = [project_root(&folder)];
+        let beside = |name: &str| read_companion(name, &folder.join(name), &roots);
+        let name = path.to_string_lossy();
+        let reading = Reading::new(&name, &bytes, &beside);
+        let value = match kind {
+            Some(kind) => self.read(kind, &reading),
+            None => self.read_any(&reading),
+        };
+        Ok((value.map_err(|error| wrong(&error))?, reading.doubts()))
+    }
+}
+
+/// The content of a file that another one names, if it may be read.
+pub(crate) fn read_companion(
+    name: &str,
+    path: &Path,
+    roots: &[PathBuf],
+) -> Result<Arc<[u8]>, String> {
+    may_read(name, path, roots).map_err(|problem| match problem {
+        PathProblem::Outside { message, .. } | PathProblem::Missing { message, .. } => message,
+    })?;
+    let bytes = plain::read(path).map_err(|error| format!("cannot read {name}: {error}"))?;
+    Ok(bytes.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::READERS;
+    use crate::value::Points;
+
+    #[test]
+    fn the_type_and_the_ending_choose_the_reader() {
+        let readers = Readers::new(READERS.iter().copied());
+        let triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        let file = Reading::alone("a.obj", triangle);
+        let mesh = readers.read(value_type::<Mesh>(), &file).unwrap();
+        assert_eq!(mesh.get::<Mesh>().unwrap().faces().len(), 1);
+        let error = readers.read(value_type::<Points>(), &file).unwrap_err().to_string();
+        assert_eq!(error, "no Points can be read from `.obj`; known are ply, xyz");
+        let error = readers.read_any(&Reading::alone("a", triangle)).unwrap_err().to_string();
+        assert!(
+            error.starts_with("no value can be read from a file without an ending; known are ")
+        );
+    }
+
+    #[test]
+    fn a_file_of_any_type_is_what_has_something_in_it() {
+        let readers = Readers::new(READERS.iter().copied());
+        let cloud = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n";
+        let value = readers.read_any(&Reading::alone("a.ply", cloud)).unwrap();
+        assert_eq!(value.kind().name, "Points");
+    }
+}

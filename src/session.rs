@@ -1,0 +1,385 @@
+//! The one way to run a graph: every host, and the command line with them, asks a session.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::catalog::Catalog;
+use crate::error::{Problem, Severity, code};
+use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, Trace};
+use crate::golden::{self, Violation};
+use crate::graph::{Checked, Graph, GraphOutput, Options};
+use crate::node::CancelToken;
+use crate::pack::Pack;
+use crate::text::{unknown, with_article};
+use crate::value::{AnyValue, Value};
+
+mod outputs;
+mod settings;
+
+pub use outputs::{OutputFolder, Written};
+pub use settings::{CacheFolder, SessionError, Settings};
+pub(crate) use settings::{default_folder, disk_size, size};
+
+/// What a program knows from one run of a graph to the next: its packs, its threads, and results in memory and on disk.
+///
+/// ```
+/// use maquette::{Options, Run, Session, Settings};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let mut session = Session::new(&[], &Settings::in_memory())?;
+/// let text = r#"Graph(format: 1, nodes: {}, outputs: {})"#;
+/// let checked = session.load("empty.ron".as_ref(), &Options::default().with_text("empty.ron", text));
+/// let graph = checked.graph.ok_or("the graph has problems")?;
+/// let done = session.run(&graph, &Run::default()).map_err(|problems| problems[0].message.clone())?;
+/// assert!(done.problems().is_empty());
+/// # Ok(())
+/// # }
+/// ```
+pub struct Session {
+    catalog: Arc<Catalog>,
+    evaluator: Evaluator,
+    /// How many bytes results may hold.
+    memory: usize,
+    /// Why nothing is kept on disk, though it should be.
+    doubt: Option<String>,
+}
+
+/// What is to be evaluated of a graph, and with what.
+pub struct Run<'a> {
+    /// Which values are wanted.
+    pub wanted: Wanted,
+    /// The values of the graph's inputs, if it has some, by name.
+    pub inputs: BTreeMap<String, AnyValue>,
+    /// Is told what happens, as it happens.
+    pub observer: &'a dyn Observer,
+    /// Stops the evaluation.
+    pub cancel: CancelToken,
+}
+
+impl Default for Run<'_> {
+    fn default() -> Self {
+        let (wanted, inputs, cancel) = Default::default();
+        Self { wanted, inputs, observer: &(), cancel }
+    }
+}
+
+/// Which values of a graph are wanted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Wanted {
+    /// Those of all outputs, and all of which the graph expects something.
+    #[default]
+    Outputs,
+    /// Those of these outputs, nodes (`node`) or outputs of nodes (`node.output`).
+    Named(Vec<String>),
+    /// Those of every node.
+    Everything,
+}
+
+impl Session {
+    /// A session with these packs. Results are the same for any settings.
+    ///
+    /// # Errors
+    /// If the threads cannot be started, or the folder that was named for results cannot be used.
+    pub fn new(packs: &[Pack], settings: &Settings) -> Result<Self, SessionError> {
+        Self::with_catalog(Arc::new(Catalog::new(packs)), settings)
+    }
+
+    /// The same with a catalog that others use, too.
+    ///
+    /// # Errors
+    /// Those of [`new`](Self::new).
+    pub fn with_catalog(catalog: Arc<Catalog>, settings: &Settings) -> Result<Self, SessionError> {
+        let (evaluator, doubt) = settings.evaluator(&catalog)?;
+        Ok(Self { catalog, evaluator, memory: settings.memory, doubt })
+    }
+
+    /// What its packs offer.
+    pub fn catalog(&self) -> &Catalog {
+        &self.catalog
+    }
+
+    /// Reads and checks the graph at this path, or in [`Options::texts`], and those that it uses. Runs no node.
+    pub fn load(&self, path: &Path, options: &Options) -> Checked {
+        Graph::load(path, &self.catalog, options)
+    }
+
+    /// The values in some files for inputs of a graph, by the inputs' types and the files' endings; warnings of what is to be doubted
+    /// of them come with them.
+    ///
+    /// # Errors
+    /// For each name that is no input's, and each file that cannot be read.
+    pub fn read_inputs(
+        &self,
+        graph: &Graph,
+        files: &[(String, PathBuf)],
+    ) -> Result<(BTreeMap<String, AnyValue>, Vec<Problem>), Vec<Problem>> {
+        let (mut values, mut warnings, mut errors) = (BTreeMap::new(), Vec::new(), Vec::new());
+        for (name, path) in files {
+            let input = match graph.input(name) {
+                Ok(input) => input,
+                Err(problem) => {
+                    errors.push(problem);
+                    continue;
+                }
+            };
+            let problem = |severity, code, text: &str| {
+                graph.problem_of_input(input, severity, code, format!("input `{name}`: {text}"))
+            };
+            match self.catalog.readers().open(path, Some(input.kind)) {
+                Ok((value, doubts)) => {
+                    let doubts = doubts.iter();
+                    let warning = |doubt: &String| problem(Severity::Warning, code::WARNING, doubt);
+                    warnings.extend(doubts.map(warning));
+                    values.insert(name.clone(), value);
+                }
+                Err(why) => errors.push(problem(Severity::Error, code::FAILED, &why)),
+            }
+        }
+        if errors.is_empty() { Ok((values, warnings)) } else { Err(errors) }
+    }
+
+    /// Evaluates a graph. What fails takes only what hangs on it with it: see [`Finished::problems`].
+    ///
+    /// # Errors
+    /// If an input gets a value of another type, or something is named that the graph does not have; nothing has been run then.
+    pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<Finished, Vec<Problem>> {
+        let graph = self.fed(graph, &run.inputs)?;
+        let expectations = match &run.wanted {
+            Wanted::Named(_) => Vec::new(),
+            Wanted::Outputs | Wanted::Everything => graph.expectations(),
+        };
+        let mut nodes = match &run.wanted {
+            Wanted::Outputs => graph.outputs.iter().map(|output| output.node).collect(),
+            Wanted::Everything => (0..graph.nodes.len()).collect(),
+            Wanted::Named(names) => named(&graph, names)?,
+        };
+        nodes.extend(golden::nodes_of(&graph, &expectations));
+        let evaluation = self.evaluator.evaluate(&graph, &nodes, &nodes, run.observer, &run.cancel);
+        let violations = golden::violations(&graph, &evaluation, &expectations);
+        Ok(Finished { graph, evaluation, violations })
+    }
+
+    /// Evaluates outputs of a graph, all if none is named, and writes them to a folder. Only values that must be written are made: a
+    /// file that holds the right bytes already is left alone.
+    ///
+    /// # Errors
+    /// In words, if the graph has no output of such a name.
+    pub fn produce(
+        &mut self,
+        graph: &Graph,
+        only: &[String],
+        folder: &OutputFolder,
+        observer: &dyn Observer,
+        cancel: &CancelToken,
+    ) -> Result<Produced, String> {
+        let outputs = outputs_of(graph, only)?;
+        let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+        let expectations = graph.expectations();
+        let judged = golden::nodes_of(graph, &expectations);
+        nodes.extend(&judged);
+        let evaluator = &mut self.evaluator;
+        let mut values = folder.nodes_to_write(&outputs, graph, evaluator);
+        values.extend(judged);
+        let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, cancel);
+        let (written, unwritten) = folder.write(&outputs, &evaluation, graph, evaluator, cancel);
+        folder.keep(evaluator);
+        let mut problems = evaluation.problems();
+        let violations = golden::violations(graph, &evaluation, &expectations);
+        problems.extend(violations.into_iter().map(|violation| violation.problem));
+        let complete = unwritten.is_empty();
+        problems.extend(unwritten);
+        Ok(Produced { evaluation, written, complete, problems })
+    }
+
+    /// Writes the outputs of a run to a folder: each file whole or not at all. Gives the files, and what could not be written.
+    pub fn write(
+        &self,
+        finished: &Finished,
+        folder: &OutputFolder,
+    ) -> (Vec<Written>, Vec<Problem>) {
+        let outputs = Vec::from_iter(&finished.graph.outputs);
+        let cancel = CancelToken::default();
+        folder.write(&outputs, &finished.evaluation, &finished.graph, &self.evaluator, &cancel)
+    }
+
+    /// Finds out what the last process knew of the files in a folder of outputs.
+    pub fn recall(&self, folder: &OutputFolder) {
+        folder.recall(&self.evaluator);
+    }
+
+    /// What each node would do if these outputs, all if none is named, were made now, and why.
+    pub(crate) fn dry_run(
+        &mut self,
+        graph: &Graph,
+        only: &[String],
+    ) -> Result<Vec<Forecast>, String> {
+        let outputs = outputs_of(graph, only)?;
+        let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+        nodes.extend(golden::nodes_of(graph, &graph.expectations()));
+        Ok(self.forecast(graph, &nodes))
+    }
+
+    /// What each node that these need would do now, and why.
+    pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
+        self.evaluator.forecast(graph, nodes)
+    }
+
+    /// The graph with values at its inputs.
+    pub(crate) fn fed(
+        &self,
+        graph: &Graph,
+        inputs: &BTreeMap<String, AnyValue>,
+    ) -> Result<Graph, Vec<Problem>> {
+        if inputs.is_empty() && graph.inputs().is_empty() {
+            return Ok(graph.clone());
+        }
+        graph.with_inputs(inputs, &self.catalog)
+    }
+
+    /// The evaluator, for what is more than a run.
+    pub(crate) fn evaluator(&mut self) -> &mut Evaluator {
+        &mut self.evaluator
+    }
+
+    /// The evaluator alone.
+    pub(crate) fn into_evaluator(self) -> Evaluator {
+        self.evaluator
+    }
+
+    /// How many bytes results may hold.
+    pub fn memory(&self) -> usize {
+        self.memory
+    }
+
+    /// From now on results may hold this many bytes; those used longest ago are dropped at once if they hold more.
+    pub(crate) fn use_memory(&mut self, bytes: usize) {
+        self.evaluator.set_memory(bytes);
+    }
+
+    /// Drops every result in memory; what is on disk stays, but the next run does not use it.
+    pub fn forget(&mut self) {
+        self.evaluator.forget();
+    }
+
+    /// Why results are not kept on disk, though they should be.
+    pub fn trouble(&self) -> Option<&str> {
+        self.doubt.as_deref().or_else(|| self.write_trouble())
+    }
+
+    /// Why results that were made could not be kept on disk.
+    pub(crate) fn write_trouble(&self) -> Option<&str> {
+        self.evaluator.disk().and_then(Disk::trouble)
+    }
+
+    /// Waits until all results that are worth it are on disk, and drops old ones if there are too many.
+    pub fn finish(&self) {
+        if let Some(disk) = self.evaluator.disk() {
+            disk.finish();
+        }
+    }
+}
+
+/// The outputs of these names; all if there are none.
+pub(crate) fn outputs_of<'g>(
+    graph: &'g Graph,
+    only: &[String],
+) -> Result<Vec<&'g GraphOutput>, String> {
+    if only.is_empty() {
+        return Ok(graph.outputs.iter().collect());
+    }
+    let find = |name: &String| {
+        let is_meant = |output: &&GraphOutput| {
+            let is_port = graph.ports().iter().any(|port| port.name == *name);
+            output.name == *name || is_port && Path::new(&output.name).with_extension("") == **name
+        };
+        graph.outputs.iter().find(is_meant).ok_or_else(|| {
+            let known = Vec::from_iter(graph.output_names());
+            unknown(format!("the graph has no output `{name}`"), name, "its outputs", &known)
+        })
+    };
+    only.iter().map(find).collect()
+}
+
+/// The nodes that give what these names mean.
+fn named(graph: &Graph, names: &[String]) -> Result<Vec<usize>, Vec<Problem>> {
+    let (mut nodes, mut problems) = (Vec::new(), Vec::new());
+    for name in names {
+        let found = match graph.value_named(name) {
+            Some((node, _)) => vec![node],
+            None => graph.nodes_of(name),
+        };
+        if found.is_empty() {
+            let known = Vec::from_iter(graph.output_names().chain(graph.node_names()));
+            let message = format!("the graph has no output or node `{name}`");
+            let message = unknown(message, name, "it has", &known);
+            problems.push(graph.problem(code::UNKNOWN_LINK, message));
+        }
+        nodes.extend(found);
+    }
+    if problems.is_empty() { Ok(nodes) } else { Err(problems) }
+}
+
+/// What a run gave.
+pub struct Finished {
+    graph: Graph,
+    evaluation: Evaluation,
+    violations: Vec<Violation>,
+}
+
+impl Finished {
+    /// The value of an output, a node (its first output) or an output of a node, `node.output`, if it was wanted and did not fail.
+    pub fn value(&self, name: &str) -> Option<&AnyValue> {
+        let (node, output) = self.graph.value_named(name)?;
+        self.evaluation.value(node, output)
+    }
+
+    /// The same as a value of the type `T`.
+    ///
+    /// # Errors
+    /// In words: there is no such value, or it is of another type.
+    pub fn get<T: Value>(&self, name: &str) -> Result<&T, String> {
+        let value = self.value(name).ok_or_else(|| format!("there is no value `{name}`"))?;
+        let kind = with_article(value.kind().name);
+        value.get().ok_or_else(|| format!("`{name}` is {kind}, not {}", with_article(T::NAME)))
+    }
+
+    /// What happened to each node, each after those that it hangs on.
+    pub fn trace(&self) -> Trace {
+        self.evaluation.trace()
+    }
+
+    /// What failed, what nodes have doubts about, and what the graph expects that does not hold.
+    pub fn problems(&self) -> Vec<Problem> {
+        let violations = self.violations.iter().map(|violation| violation.problem.clone());
+        self.evaluation.problems().into_iter().chain(violations).collect()
+    }
+
+    /// The graph that was run, with its inputs.
+    pub fn graph(&self) -> &Graph {
+        &self.graph
+    }
+}
+
+/// What became of outputs that were to be written.
+pub struct Produced {
+    evaluation: Evaluation,
+    /// The files of the outputs that are right now, those that were before included.
+    pub written: Vec<Written>,
+    /// Whether every file could be written whose value is there.
+    pub complete: bool,
+    /// What failed, what nodes have doubts about, what does not hold, and what could not be written.
+    pub problems: Vec<Problem>,
+}
+
+impl Produced {
+    /// What happened to each node, each after those that it hangs on.
+    pub fn trace(&self) -> Trace {
+        self.evaluation.trace()
+    }
+
+    /// How long reading the files of nodes took, in seconds, on all threads together.
+    pub fn seconds_of_files(&self) -> f64 {
+        self.evaluation.seconds_of_files()
+    }
+}

@@ -1,0 +1,82 @@
+//! Problems as people read them: with the lines of the graph, and marks under what is wrong.
+
+use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
+
+use crate::error::{Place, Problem, Severity, Span};
+
+mod words;
+
+use words::harmless_in_place;
+pub(crate) use words::{escaped, harmless};
+
+impl Problem {
+    /// The problem as the command line prints it: over several lines, with the place in the graph's text, and with colors of a terminal if
+    /// they are wanted. Whatever a terminal would act on is shown instead.
+    pub fn to_text(&self, color: bool) -> String {
+        in_full(self, color, None)
+    }
+}
+
+/// A problem with its lines of the graph, over several lines; long lines are cut around the place if there is a width.
+pub(crate) fn in_full(problem: &Problem, color: bool, width: Option<usize>) -> String {
+    let renderer = if color { Renderer::styled() } else { Renderer::plain() };
+    let renderer = width.map_or(renderer.clone(), |width| renderer.term_width(width));
+    renderer.render(&[snippet(problem)])
+}
+
+/// All words in it are made harmless: names and lines of others stand in a problem.
+fn snippet(problem: &Problem) -> Group<'_> {
+    let level = match problem.severity {
+        Severity::Error => Level::ERROR,
+        Severity::Warning => Level::WARNING,
+    };
+    let group = level.primary_title(harmless(&problem.message)).id(problem.code);
+    let text = &problem.source.text;
+    let path = harmless(&problem.source.name.to_string_lossy()).into_owned();
+    let group = if problem.span == Span::default() || text.is_empty() {
+        group.element(Origin::path(path))
+    } else if let Some(shown) = shown_lines(problem) {
+        let inside =
+            |span: Span| span.start - shown.start..first_line_end(span, text) - shown.start;
+        let mut snippet = Snippet::source(harmless_in_place(&text[shown.start..shown.end]))
+            .line_start(Place::of(text, shown.start).line)
+            .path(path)
+            .annotation(AnnotationKind::Primary.span(inside(problem.span)));
+        if let Some((span, words)) = &problem.note {
+            snippet = snippet
+                .annotation(AnnotationKind::Context.span(inside(*span)).label(harmless(words)));
+        }
+        group.element(snippet)
+    } else {
+        let Place { line, column } = Place::of(text, problem.span.start);
+        group.element(Origin::path(path).line(line).char_column(column))
+    };
+    let group = match &problem.help[..] {
+        "" => group,
+        help => group.element(Level::HELP.message(harmless(help))),
+    };
+    let uses = problem.uses.iter().rev();
+    let uses = uses.map(|at| format!("used by `{}` at {}", at.name, at.place()));
+    group.elements(uses.map(|text| Level::NOTE.message(harmless(&text).into_owned())))
+}
+
+/// A text longer than this is not shown around a problem: nobody would read it, and drawing marks under it takes long.
+const MOST_SHOWN: usize = 4096;
+
+/// The lines that hold a problem and its note; none if they are too long to show.
+fn shown_lines(problem: &Problem) -> Option<Span> {
+    let text = &problem.source.text;
+    let spans = [Some(problem.span), problem.note.as_ref().map(|(span, _)| *span)];
+    let spans = || spans.into_iter().flatten();
+    let start = spans().map(|span| span.start).min()?;
+    let end = spans().map(|span| first_line_end(span, text)).max()?;
+    let start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
+    let end = text[end..].find('\n').map_or(text.len(), |newline| end + newline);
+    (end - start <= MOST_SHOWN).then_some(Span { start, end })
+}
+
+/// Where the part of a span that lies in its first line ends: a long call is shown by its first line.
+fn first_line_end(span: Span, text: &str) -> usize {
+    let newline = text[span.start..].find('\n');
+    newline.map_or(span.end, |newline| span.end.min(span.start + newline))
+}

@@ -1,0 +1,154 @@
+//! What every host asks of a session: unsaved texts, inputs from memory and from files, problems as data.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use maquette::value::{Image, Mesh, RangeImage};
+use maquette::{
+    AnyValue, Graph, Options, OutputFolder, Run, Session, Settings, State, Trace, Wanted, code,
+};
+use maquette_nodes::PACKS;
+
+fn session() -> Session {
+    Session::new(PACKS, &Settings { threads: 2, ..Settings::in_memory() }).unwrap()
+}
+
+fn graphs() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs")
+}
+
+fn loaded(session: &Session, path: &Path, options: &Options) -> Graph {
+    let checked = session.load(path, options);
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+}
+
+/// `Feature` in a graph of its own, on the doll's front.
+const USE: &str = r#"Graph(
+    format: 1,
+    use: { "Feature": "lib/feature.ron" },
+    nodes: {
+        "scan": ReadCapture(color: "doll/color.png", range: "doll/range.pcd"),
+        "nose": Feature(color: "scan.color", range: "scan.range"),
+    },
+    outputs: { "nose.pcd": "nose.range", "nose.ply": "nose.region" },
+)"#;
+
+fn inputs(run: &maquette::Finished) -> BTreeMap<String, AnyValue> {
+    let input = |name: &str| (name.to_owned(), run.value(&format!("scan.{name}")).unwrap().clone());
+    ["color", "range"].map(input).into()
+}
+
+fn computed(trace: &Trace) -> Vec<String> {
+    let computed = trace.0.iter().filter(|node| node.state == State::Computed);
+    computed.map(|node| node.name.clone()).collect()
+}
+
+#[test]
+fn a_graph_that_is_called_gives_what_its_use_gives_from_the_same_cache() {
+    let mut session = session();
+    let path = graphs().join("unsaved.ron");
+    let used = loaded(&session, &path, &Options::default().with_text(&path, USE));
+    let used = session.run(&used, &Run { wanted: Wanted::Everything, ..Run::default() }).unwrap();
+    assert!(used.problems().is_empty(), "{:?}", used.problems());
+
+    let feature = loaded(&session, &graphs().join("lib/feature.ron"), &Options::default());
+    let wants = Vec::from_iter(feature.inputs().iter().map(|it| (&it.name[..], it.kind.name)));
+    assert_eq!(wants, [("color", "Image"), ("range", "RangeImage")]);
+    let called = session.run(&feature, &Run { inputs: inputs(&used), ..Run::default() }).unwrap();
+    assert!(called.problems().is_empty(), "{:?}", called.problems());
+    for output in ["range", "region"] {
+        let [a, b] = [used.value(&format!("nose.{output}")), called.value(output)];
+        assert_eq!(a.unwrap().hash(), b.unwrap().hash(), "{output}");
+    }
+    // Nothing but the inputs themselves is computed a second time.
+    assert_eq!(computed(&called.trace()), ["color", "range"]);
+}
+
+#[test]
+fn files_become_inputs_and_outputs_become_files() {
+    let mut session = session();
+    let feature = loaded(&session, &graphs().join("lib/feature.ron"), &Options::default());
+    let doll = graphs().join("doll");
+    let files = [("color", "color.png"), ("range", "range.pcd")]
+        .map(|(name, file)| (name.to_owned(), doll.join(file)));
+    let (inputs, doubts) = session.read_inputs(&feature, &files).unwrap();
+    assert!(doubts.is_empty());
+    // They are what a capture is read as.
+    let path = graphs().join("unsaved.ron");
+    let used = loaded(&session, &path, &Options::default().with_text(&path, USE));
+    let wanted = Wanted::Named(vec!["scan".into()]);
+    let scan = session.run(&used, &Run { wanted, ..Run::default() }).unwrap();
+    let hashes =
+        |inputs: &BTreeMap<String, AnyValue>| Vec::from_iter(inputs.values().map(AnyValue::hash));
+    assert_eq!(hashes(&inputs), hashes(&self::inputs(&scan)));
+    let folder = tempfile::tempdir().unwrap();
+    let run = session.run(&feature, &Run { inputs, ..Run::default() }).unwrap();
+    assert!(run.problems().is_empty(), "{:?}", run.problems());
+    let into = OutputFolder::new(Some(folder.path()), Path::new("feature.ron"));
+    let (written, problems) = session.write(&run, &into);
+    assert!(problems.is_empty());
+    let names = written.iter().map(|file| file.path.file_name().unwrap().to_str().unwrap());
+    assert_eq!(Vec::from_iter(names), ["range.pcd", "region.ply"]);
+
+    let bad =
+        [("colour".to_owned(), doll.join("color.png")), ("range".into(), doll.join("no.pcd"))];
+    let problems = session.read_inputs(&feature, &bad).unwrap_err();
+    let told = problems.iter().map(|it| (it.code, &it.message[..], &it.help[..]));
+    let told = Vec::from_iter(told);
+    assert_eq!(
+        told[0],
+        (code::UNKNOWN_FIELD, "the graph has no input `colour`", "did you mean `color`?")
+    );
+    assert!(told[1].1.starts_with("input `range`: cannot read "), "{}", told[1].1);
+    assert!(problems[1].to_text(false).contains("\"range\": RangeImage("));
+}
+
+#[test]
+fn a_value_of_a_wrong_type_is_refused_with_its_place_and_one_that_is_missing_fails_alone() {
+    let mut session = session();
+    let feature = loaded(&session, &graphs().join("lib/feature.ron"), &Options::default());
+    let image = AnyValue::new(Image::new(1, 1, vec![[0xc3, 0x39, 0x23]]).unwrap());
+    let wrong = BTreeMap::from([("range".to_owned(), image.clone())]);
+    let problems = session.run(&feature, &Run { inputs: wrong, ..Run::default() }).err().unwrap();
+    assert_eq!((problems.len(), problems[0].code), (1, code::WRONG_TYPE));
+    let told = "input `range` wants a RangeImage, but it is given an Image";
+    assert_eq!(problems[0].message, told);
+    assert!(feature.source_text()[problems[0].span.start..].starts_with("RangeImage("));
+
+    let some = BTreeMap::from([("color".to_owned(), image)]);
+    let run = session.run(&feature, &Run { inputs: some, ..Run::default() }).unwrap();
+    let told = Vec::from_iter(run.problems().into_iter().map(|problem| problem.message));
+    let expected = "`range` cannot be computed: it is an input without a value: `maquette run --input range=FILE` gives it one, \
+        as does a graph that uses this one";
+    assert_eq!(told, [expected]);
+    assert!(run.value("mask").is_none() || run.get::<RangeImage>("range").is_err());
+}
+
+#[test]
+fn texts_that_nobody_saved_stand_in_place_of_files() {
+    let mut session = session();
+    let folder = tempfile::tempdir().unwrap();
+    let [outer, inner] = ["outer.ron", "lib/inner.ron"].map(|name| folder.path().join(name));
+    let text = |scale: f64| {
+        Options::default()
+            .with_text(&outer, r#"Graph(format: 1, use: { "Inner": "lib/inner.ron" }, nodes: { "big": Inner() }, outputs: { "big.ply": "big" })"#)
+            .with_text(&inner, format!(r#"Graph(format: 1, inputs: {{}}, nodes: {{
+                "cloud": ReadMesh(path: "a.obj"),
+                "big": Transform(mesh: "cloud", scale: ({scale:?}, {scale:?}, {scale:?})),
+            }}, outputs: {{ "mesh": "big" }})"#))
+    };
+    std::fs::create_dir(folder.path().join("lib")).unwrap();
+    std::fs::write(folder.path().join("lib/a.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+        .unwrap();
+    for scale in [2.0, 3.0] {
+        let graph = loaded(&session, &outer, &text(scale));
+        let run = session.run(&graph, &Run::default()).unwrap();
+        let mesh = run.get::<Mesh>("big.ply").unwrap();
+        assert_eq!(mesh.positions()[1].x, scale);
+        let same = run.get::<Mesh>("big").unwrap();
+        // What a host reads is what the graph holds: no copy was made.
+        assert!(std::ptr::eq(mesh.positions().as_ptr(), same.positions().as_ptr()));
+        assert!(run.get::<Image>("big").unwrap_err().contains("`big` is a Mesh, not an Image"));
+    }
+    assert!(!outer.exists() && !inner.exists());
+}
