@@ -8,14 +8,17 @@ mod drag;
 mod ffd;
 mod ffd_error;
 mod field;
+mod free_form;
 mod gaussian_surface;
 mod gaussians;
 mod handles;
 mod lattice;
 mod layout;
 mod lu;
+mod mode;
 mod object;
 mod read_handles;
+mod report;
 mod system;
 mod tube;
 
@@ -23,13 +26,16 @@ mod tube;
 mod tests;
 
 pub use drag::Drag;
-pub use ffd::{Deforming, Ffd, Mode, Report, Target, ffd};
+pub use ffd::{Ffd, Target};
 pub use ffd_error::FfdError;
+pub use free_form::{Deforming, ffd};
 pub use gaussian_surface::{GaussianSurface, GaussianSurfaceError, SurfacePoint, gaussian_surface};
 pub use handles::{Handles, On, PlaceHandlesError, Within, place_handles};
 pub use lattice::{Lattice, LatticeError, lattice};
 pub use layout::Bounds;
+pub use mode::Mode;
 pub use read_handles::{ReadHandles, ReadHandlesError, read_handles};
+pub use report::Report;
 pub use tube::{Tube, TubeError, tube};
 
 /// Nodes that deform by handles.

@@ -14,6 +14,7 @@ mod density;
 mod exemplar;
 mod facets;
 mod fairing;
+mod fill_error;
 mod fill_holes;
 mod filling;
 mod holes;
@@ -32,9 +33,11 @@ mod shapes;
 #[cfg(test)]
 mod tests;
 mod triangulation;
+mod wanted;
 
 pub use exemplar::{ExemplarOptions, Falloff, Shown, Start, Update};
-pub use fill_holes::{FillError, FillHoles, FillOptions, Filled, fill_holes};
+pub use fill_error::FillError;
+pub use fill_holes::{FillHoles, FillOptions, Filled, fill_holes};
 pub use holes::HoleChoice;
 pub use method::FillMethod;
 pub use regions::{HoleRegion, NoMarks};

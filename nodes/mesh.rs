@@ -2,7 +2,14 @@
 
 use maquette::{Pack, node};
 
+mod common_frame;
 mod merge;
+mod merge_error;
+mod motion;
+mod movable;
+mod moved_mesh;
+mod painted_colors;
+mod poses;
 mod read_curve;
 mod read_mesh;
 mod read_points;
@@ -10,7 +17,11 @@ mod reconstruct;
 mod texture;
 mod transform;
 
-pub use merge::{Merge, MergeError, Poses, merge};
+pub use merge::{Merge, merge};
+pub use merge_error::MergeError;
+pub use motion::{Motion, TransformError};
+pub use movable::Movable;
+pub use poses::Poses;
 pub use read_curve::{ReadCurve, ReadCurveError, read_curve};
 pub use read_mesh::{ReadMesh, ReadMeshError, read_mesh};
 pub use read_points::{ReadPoints, ReadPointsError, read_points};
@@ -18,7 +29,7 @@ pub use reconstruct::{
     FaceKind, Normals, Options, Reconstruct, ReconstructError, SkinKind, reconstruct,
 };
 pub use texture::{Mapping, Texture, TextureError, Window, texture};
-pub use transform::{Motion, Movable, Transform, TransformError, transform};
+pub use transform::{Transform, transform};
 
 /// Nodes on meshes, points and curves.
 pub const PACK: Pack = Pack {

@@ -3,6 +3,7 @@
 use maquette::{Pack, node};
 
 mod blocks;
+mod boundary;
 mod carry;
 mod catmull_clark;
 mod closed_rows;
@@ -10,8 +11,11 @@ mod columns;
 mod composed;
 mod connectivity;
 mod control_curve;
+mod corners;
 mod crease;
+mod creases;
 mod curvature;
+mod curve_basis;
 mod doo_sabin;
 mod downhill;
 mod dual_halves;
@@ -35,6 +39,7 @@ mod live;
 mod loop_masks;
 mod manifold;
 mod masks;
+mod options;
 mod patches;
 mod piece;
 mod place;
@@ -43,8 +48,11 @@ mod primal;
 mod quadric;
 mod read_creases;
 mod regular_rules;
+mod scattered;
+mod scheme;
 #[cfg(test)]
 mod shapes;
+mod sharp_edges;
 mod sharpness;
 mod simplify;
 mod smooth_corners;
@@ -55,38 +63,44 @@ mod stencils;
 mod step;
 mod subdivide;
 mod subdivide_curve;
+mod subdivide_error;
 mod topology;
 mod transpose;
 mod turns;
 mod walk;
 mod without_border;
 
-pub use crease::{Crease, crease};
+pub use boundary::Boundary;
+pub use corners::Corners;
+pub use crease::Crease;
+pub use creases::Creases;
 pub use curvature::{
     AngleBending, Bending, BentMesh, Curvature, CurvatureError, CurvatureMethod, CurvatureRamp,
     angle_bending, curvature,
 };
+pub use curve_basis::CurveBasis;
 pub use fit_subdivision::{
-    FitSubdivision, FitSubdivisionError, FittedSubdivision, Moves, Prices, Scattered, fit_by_moves,
+    FitSubdivision, FitSubdivisionError, FittedSubdivision, Moves, Prices, fit_by_moves,
     fit_subdivision,
 };
 pub use interpolate::{Interpolate, InterpolateError, InterpolateOptions, OnSingular, interpolate};
-pub use interpolate_curve::{
-    CurveBasis, InterpolateCurve, InterpolateCurveError, interpolate_curve,
-};
+pub use interpolate_curve::{InterpolateCurve, InterpolateCurveError, interpolate_curve};
 pub use interpolate_surface::{InterpolateSurface, InterpolateSurfaceError, interpolate_surface};
 pub use interpolation::{
     Direction, Foot, Interpolated, Interpolation, Norm, NotLinear, RanAway, Solver,
 };
 pub use limit_surface::{LimitPoint, LimitSurface};
 pub use live::Live;
+pub use options::Subdivision;
 pub use plan::Plan;
 pub use read_creases::{ReadCreases, ReadCreasesError, read_creases};
+pub use scattered::Scattered;
+pub use scheme::Scheme;
+pub use sharp_edges::crease;
 pub use simplify::{Simplify, SimplifyError, simplify};
-pub use subdivide::{
-    Boundary, Corners, Creases, Scheme, Subdivide, SubdivideError, Subdivision, subdivide,
-};
+pub use subdivide::{Subdivide, subdivide};
 pub use subdivide_curve::{CurveScheme, SubdivideCurve, SubdivideCurveError, subdivide_curve};
+pub use subdivide_error::SubdivideError;
 
 /// Nodes on subdivision surfaces and curves.
 pub const PACK: Pack = Pack {

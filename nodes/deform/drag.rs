@@ -9,10 +9,11 @@ use nalgebra::{Matrix3, Point3};
 
 use super::FfdError;
 use super::deformation::{Base, Deformation};
-use super::ffd::{Deforming, Report, column, deformation, deformed_field, prepared, report};
 use super::field::{CHUNK, Wanted, field};
+use super::free_form::{Deforming, column, deformation, deformed_field, prepared, report};
 use super::layout::{Layout, Prepared};
 use super::object::{bounds, points, rebuilt, wanted};
+use super::report::Report;
 use super::system::System;
 use crate::mesh::Movable;
 

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::boxes::Triangle;
 use super::density::Stop;
-use super::fill_holes::{FillError, Wanted};
+use super::fill_error::FillError;
 use super::filling::Filling;
 use super::holes::Parts;
 use super::intersections::Crossings;
@@ -13,6 +13,7 @@ use super::mend::{Around, mend};
 use super::patch::NONE;
 use super::plain::{self, Doubt, Plain, Plug};
 use super::rim::{Rim, Surroundings};
+use super::wanted::Wanted;
 
 /// What fills some holes, and where it runs through something.
 pub(super) struct Fillings<'a> {

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use maquette::value::{Attribute, Faces, Mesh, MeshError, Trace, TraceError};
-use maquette::{Cancelled, Context, Error, In, Node, Progress, TooMuch};
+use maquette::value::{Attribute, Faces, Mesh, MeshError, Trace};
+use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,16 +14,18 @@ use super::carry::Carry;
 use super::clashes::check_rims;
 use super::colors::colors;
 use super::density::{Stop, TRIANGLES};
-use super::exemplar::{Copies, Given, Start, Update, complete, complete_as_published};
+use super::exemplar::{Copies, Given, Update, complete, complete_as_published};
+use super::fill_error::FillError;
 use super::filling::Filling;
 use super::holes::{HoleChoice, Parts, choose, without_crumbs};
 use super::intersections::Crossings;
 use super::method::FillMethod;
-use super::plain::{self, Doubt, Plain, Plug};
-use super::regions::{NoMarks, cut, marks, within};
+use super::plain::{self, Doubt, Plug};
+use super::regions::{cut, marks, within};
 use super::remesh::Remesh;
 use super::rim::{Rim, Surroundings};
 use super::settle::settle;
+use super::wanted::Wanted;
 
 /// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
 ///
@@ -69,59 +71,6 @@ pub struct Filled {
     pub trace: Trace,
     /// What the user should know, in sentences.
     pub doubts: Vec<String>,
-}
-
-/// Why holes were not filled.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum FillError {
-    /// The mesh is no surface.
-    #[error(
-        "the mesh is no surface at {}: edges have at most two faces, which agree about their side, and faces around a vertex hang together",
-        places(edges, vertices)
-    )]
-    NonManifold {
-        /// Edges with more than two faces, or two that disagree about their side; the first ones, by vertices.
-        edges: Vec<[u32; 2]>,
-        /// Vertices where parts of the mesh touch; the first ones.
-        vertices: Vec<u32>,
-    },
-    /// The filled mesh would be no surface.
-    #[error("filled, the mesh would be no surface at {}", places(edges, vertices))]
-    Clash {
-        /// Edges that would have more than two faces; the first ones, by vertices.
-        edges: Vec<[u32; 2]>,
-        /// Vertices where parts of the mesh would touch; the first ones.
-        vertices: Vec<u32>,
-    },
-    /// A rim that does not exist.
-    #[error("there is no rim {number}: the mesh has {count}, numbered from 0")]
-    NoRim {
-        /// Its number.
-        number: usize,
-        /// How many there are.
-        count: usize,
-    },
-    /// An attribute that marks nothing.
-    #[error(transparent)]
-    NoMarks(#[from] NoMarks),
-    /// A hole that would take too many triangles.
-    #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Too many vertices or faces.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// Distances that are none.
-    #[error(transparent)]
-    Trace(#[from] TraceError),
-    /// The evaluation was told to stop.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
-}
-
-fn places(edges: &[[u32; 2]], vertices: &[u32]) -> String {
-    let edges = edges.iter().map(|[a, b]| format!("edge {a}-{b}"));
-    let vertices = vertices.iter().map(|vertex| format!("vertex {vertex}"));
-    edges.chain(vertices).collect::<Vec<_>>().join(", ")
 }
 
 impl Node for FillHoles {
@@ -258,37 +207,6 @@ pub fn fill_holes(
     doubts.extend(describe_crossing(&chosen.holes, &fillings, &parts));
     let trace = Trace::new(steps)?;
     Ok(Filled { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, doubts })
-}
-
-/// What the plain fill shall be, which may be the start of another.
-#[derive(Clone, Copy)]
-pub(super) struct Wanted {
-    pub(super) plain: Plain,
-    /// How long its edges are, if not as the data's.
-    pub(super) edge: Option<f64>,
-}
-
-impl Wanted {
-    fn of(method: &FillMethod) -> Self {
-        let plain = match method {
-            FillMethod::ThinPlate => Plain::ThinPlate,
-            FillMethod::Membrane => Plain::Membrane,
-            FillMethod::Flat => Plain::Flat,
-            FillMethod::CreaseAware => Plain::CreaseAware,
-            FillMethod::Exemplar(options) => match options.start {
-                Start::ThinPlate if options.update == Update::Exact => Plain::PlateOrCreases,
-                Start::ThinPlate => Plain::ThinPlate,
-                Start::Centroid => Plain::Centroid,
-                Start::Membrane => Plain::Membrane,
-                Start::Flat => Plain::Flat,
-            },
-        };
-        let edge = match method {
-            FillMethod::Exemplar(options) => options.edges.last().copied(),
-            _ => None,
-        };
-        Self { plain, edge: edge.filter(|&edge| edge > 0.0) }
-    }
 }
 
 /// The share of the time that plain fills take, and that which they take as the start of an exemplar fill; about.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
 use super::boxes::{Bounds, Boxed, Boxes, Triangle};
-use super::fill_holes::FillError;
+use super::fill_error::FillError;
 use super::filling::Filling;
 use super::patch::area_vector;
 

@@ -3,7 +3,7 @@
 use maquette::Progress;
 use nalgebra::Point3;
 
-use super::fill_holes::FillError;
+use super::fill_error::FillError;
 use super::filling::Filling;
 use super::intersections::Crossings;
 

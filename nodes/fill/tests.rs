@@ -6,7 +6,8 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::exemplar::{ExemplarOptions, Start};
-use super::fill_holes::{FillError, FillOptions, Filled, fill_holes};
+use super::fill_error::FillError;
+use super::fill_holes::{FillOptions, Filled, fill_holes};
 use super::holes::HoleChoice;
 use super::method::FillMethod;
 use super::regions::HoleRegion;

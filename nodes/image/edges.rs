@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::gaussian::blur;
 use super::gradient::{Levels, write_gradient};
 use super::hysteresis::{Bits, WORD, pack, reconstruct};
+use super::operator::Operator;
 use super::percentile::percentile;
 
 /// Marks the edges of a picture or a mask: where its levels change steeply.
@@ -45,18 +46,6 @@ fn two_fifths() -> f64 {
 maquette::union! {
     /// What has edges.
     pub enum Picture { Image(Image), Mask(Mask) }
-}
-
-/// How the levels' change is taken, along columns and rows. At the picture's border it is one-sided.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Operator {
-    /// Half the difference of the two neighbors.
-    #[default]
-    Central,
-    /// The difference of the next pixel and this one: finer, but half a pixel off.
-    Forward,
-    /// As `Central`, averaged over three rows or columns with weights 1, 2, 1: less sensitive to noise.
-    Sobel,
 }
 
 /// How steep an edge must be at its steepest. A pixel where nothing changes is never on an edge.

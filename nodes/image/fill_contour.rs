@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::label::{Connectivity, label};
+use super::components::label;
+use super::connectivity::Connectivity;
 use super::morphology::close;
 
 /// Fills the contours of a mask: adds all that they enclose, which is what cannot be reached from the picture's border by

@@ -5,7 +5,7 @@
 
 use maquette::value::{Image, Mask, Rgb};
 
-use super::edges::Operator;
+use super::operator::Operator;
 
 /// A picture as one number a pixel.
 #[derive(Clone, Copy)]

@@ -2,13 +2,18 @@
 
 use std::collections::BTreeSet;
 
-use maquette::value::{Attribute, Attributes, CaptureFrame, Column, Faces, Image, Mesh, MeshError};
-use maquette::{Context, Error, In, Limit, Node, TooMuch, Value};
+use maquette::value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
+use maquette::{Context, Error, In, Limit, Node, Value};
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::transform::{Motion, moved_mesh};
+use super::common_frame::common_frame;
+use super::merge_error::MergeError;
+use super::motion::Motion;
+use super::moved_mesh::moved_mesh;
+use super::painted_colors::painted_colors;
+use super::poses::Poses;
 
 /// Makes one mesh of several: their vertices and faces stand one after the other, and nothing is joined.
 ///
@@ -23,40 +28,6 @@ pub struct Merge {
     /// Whether each mesh is moved from its camera's place to the world's.
     #[serde(default)]
     pub poses: Poses,
-}
-
-/// Whether meshes of captures are moved from their cameras' places to the world's.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Poses {
-    /// They are if the pose of every mesh is known.
-    #[default]
-    Auto,
-    /// They are; a mesh without a pose is an error.
-    Apply,
-    /// They stay as they lie.
-    Ignore,
-}
-
-/// Why meshes do not make one.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum MergeError {
-    /// No mesh at all.
-    #[error("there are no meshes to merge")]
-    Nothing,
-    /// A mesh without a pose.
-    #[error(
-        "mesh {mesh} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved"
-    )]
-    NoPose {
-        /// Its place among the meshes, from 1.
-        mesh: usize,
-    },
-    /// More than memory should hold.
-    #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Too many vertices, or places out of the numbers.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
 }
 
 impl Node for Merge {
@@ -145,38 +116,6 @@ fn painted(mesh: &Mesh) -> Result<Mesh, MeshError> {
         Some(colors) => plain.with_vertex("color", Attribute::Color(colors)),
         None => Ok(plain),
     }
-}
-
-/// The color of each vertex in the mesh's picture, if it has one.
-pub(super) fn painted_colors(mesh: &Mesh) -> Option<Column<[u8; 3]>> {
-    mesh.texture().and_then(|picture| vertex_colors(mesh, picture))
-}
-
-/// The picture's color at each vertex; a vertex on a seam takes that of one side. None without texture coordinates.
-fn vertex_colors(mesh: &Mesh, picture: &Image) -> Option<Column<[u8; 3]>> {
-    if picture.pixels().is_empty() {
-        return None;
-    }
-    let color = |&uv: &[f64; 2]| picture.sample(uv).map(|channel| channel.round() as u8);
-    if let Some(uv) = mesh.vertex().pairs("uv") {
-        return Some(uv.iter().map(color).collect());
-    }
-    let uv = mesh.corner().pairs("uv")?;
-    let mut colors = vec![[0; 3]; mesh.positions().len()];
-    for (&vertex, uv) in mesh.faces().corners().iter().zip(&**uv) {
-        colors[vertex as usize] = color(uv);
-    }
-    Some(colors.into())
-}
-
-/// What is true of all these frames.
-pub(super) fn common_frame(frames: &[Option<CaptureFrame>]) -> Option<CaptureFrame> {
-    let first = (*frames.first()?)?;
-    if frames.iter().all(|frame| *frame == Some(first)) {
-        return Some(first);
-    }
-    let all = frames.iter().all(Option::is_some);
-    all.then_some(CaptureFrame { camera: None, world_from_camera: None, ..first })
 }
 
 fn positions(parts: &[Mesh]) -> Result<Vec<nalgebra::Point3<f64>>, MeshError> {
@@ -281,6 +220,7 @@ fn join(columns: &[(Option<&Attribute>, usize)]) -> Option<Attribute> {
 
 #[cfg(test)]
 mod tests {
+    use maquette::value::Image;
     use nalgebra::Point3;
 
     use super::*;

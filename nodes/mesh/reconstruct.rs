@@ -8,7 +8,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Poses;
-use super::merge::{MergeError, common_frame};
+use super::common_frame::common_frame;
+use super::merge_error::MergeError;
 use crate::subdivision::Scattered;
 use cells::Cube;
 use cloud::Cloud;

@@ -1,14 +1,13 @@
 //! Moves, turns and scales.
 
-use maquette::value::{
-    Attribute, CaptureFrame, ControlNet, ControlNetError, Curve, CurveError, Faces, Mesh,
-    MeshError, Points, PointsError, RangeImage, SizeError,
-};
+use maquette::value::{Attribute, ControlNet, ControlNetError, Points, PointsError};
 use maquette::{Context, Error, In, Node};
-use nalgebra::{Matrix3, Point3, Vector3};
-use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use super::motion::{Motion, TransformError};
+use super::movable::Movable;
+use super::moved_mesh::moved_mesh;
 
 /// Moves, turns and scales a mesh, a range image, points, a curve or a control net.
 ///
@@ -41,112 +40,6 @@ pub struct Transform {
 
 fn ones() -> [f64; 3] {
     [1.0; 3]
-}
-
-maquette::union! {
-    /// What can be moved.
-    pub enum Movable {
-        Mesh(Mesh),
-        RangeImage(RangeImage),
-        Points(Points),
-        Curve(Curve),
-        ControlNet(ControlNet),
-    }
-}
-
-/// Why something cannot be moved.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum TransformError {
-    /// A scale that makes everything flat.
-    #[error("the scale along {axis} is {scale}, but it must be a number other than 0")]
-    Flat {
-        /// The axis: x, y or z.
-        axis: char,
-        /// Its scale.
-        scale: f64,
-    },
-    /// A mesh that has moved out of the numbers.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// A range image that changed its size; never happens.
-    #[error(transparent)]
-    RangeImage(#[from] SizeError),
-    /// Points that have moved out of the numbers.
-    #[error(transparent)]
-    Points(#[from] PointsError),
-    /// A curve that has moved out of the numbers.
-    #[error(transparent)]
-    Curve(#[from] CurveError),
-    /// A net that has moved out of the numbers.
-    #[error(transparent)]
-    ControlNet(#[from] ControlNetError),
-}
-
-/// A linear map and a shift: `moved = linear * point + shift`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
-    /// Turns and scales.
-    pub linear: Matrix3<f64>,
-    /// Moves, in mm.
-    pub shift: Vector3<f64>,
-}
-
-impl Motion {
-    /// Scales, then turns about x, y and z by degrees, then moves. Multiples of 90 degrees are exact.
-    ///
-    /// # Errors
-    /// If a scale is 0 or not finite.
-    pub fn new(
-        translate: [f64; 3],
-        rotate: [f64; 3],
-        scale: [f64; 3],
-    ) -> Result<Self, TransformError> {
-        let flat =
-            ['x', 'y', 'z'].into_iter().zip(scale).find(|(_, s)| *s == 0.0 || !s.is_finite());
-        if let Some((axis, scale)) = flat {
-            return Err(TransformError::Flat { axis, scale });
-        }
-        let [[cx, sx], [cy, sy], [cz, sz]] = rotate.map(cosine_and_sine);
-        let x = Matrix3::new(1.0, 0.0, 0.0, 0.0, cx, -sx, 0.0, sx, cx);
-        let y = Matrix3::new(cy, 0.0, sy, 0.0, 1.0, 0.0, -sy, 0.0, cy);
-        let z = Matrix3::new(cz, -sz, 0.0, sz, cz, 0.0, 0.0, 0.0, 1.0);
-        let linear = z * y * x * Matrix3::from_diagonal(&scale.into());
-        Ok(Self { linear, shift: translate.into() })
-    }
-
-    /// Where a point goes.
-    pub fn apply(&self, point: Point3<f64>) -> Point3<f64> {
-        Point3::from(self.linear * point.coords + self.shift)
-    }
-
-    fn apply_all(&self, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
-        points.par_iter().with_min_len(4096).map(|&point| self.apply(point)).collect()
-    }
-
-    /// What turns unit normals along. They stand on the surface, not along it: they move by the inverse transpose. None if a
-    /// scale is too small to be inverted.
-    fn normals(&self) -> Option<impl Fn(&[f64; 3]) -> [f64; 3]> {
-        let inverse = self.linear.try_inverse()?;
-        Some(move |normal: &[f64; 3]| {
-            let turned = inverse.tr_mul(&Vector3::from(*normal));
-            turned.try_normalize(0.0).unwrap_or_default().into()
-        })
-    }
-
-    fn is_identity(&self) -> bool {
-        self.linear == Matrix3::identity() && self.shift == Vector3::zeros()
-    }
-}
-
-fn cosine_and_sine(degrees: f64) -> [f64; 2] {
-    let turned = degrees.rem_euclid(360.0);
-    match [0.0, 90.0, 180.0, 270.0].iter().position(|&quarter| quarter == turned) {
-        Some(quarters) => [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]][quarters],
-        None => {
-            let (sine, cosine) = libm::sincos(turned.to_radians());
-            [cosine, sine]
-        }
-    }
 }
 
 impl Node for Transform {
@@ -215,61 +108,11 @@ fn moved_net(net: &ControlNet, motion: &Motion) -> Result<ControlNet, ControlNet
     })
 }
 
-pub(super) fn moved_mesh(mesh: &Mesh, motion: &Motion) -> Result<Mesh, MeshError> {
-    let mut moved = mesh.with_positions(motion.apply_all(mesh.positions()))?;
-    if let Some(frame) = mesh.frame() {
-        moved = moved.with_frame(Some(CaptureFrame {
-            camera: None,
-            world_from_camera: None,
-            ..*frame
-        }));
-    }
-    if let Some(turn) = motion.normals() {
-        if let Some(normals) = mesh.vertex().vectors("normal") {
-            let normals = normals.iter().map(&turn).collect();
-            moved = moved.with_vertex("normal", Attribute::Vector(normals))?;
-        }
-        if let Some(normals) = mesh.corner().vectors("normal") {
-            let normals = normals.iter().map(&turn).collect();
-            moved = moved.with_corner("normal", Attribute::Vector(normals))?;
-        }
-    }
-    if motion.linear.determinant() < 0.0 { turned_round(&moved) } else { Ok(moved) }
-}
-
-/// The same mesh with the corners of each face in the opposite order, behind the first.
-fn turned_round(mesh: &Mesh) -> Result<Mesh, MeshError> {
-    let faces = mesh.faces();
-    let mut places: Vec<u32> = Vec::with_capacity(faces.corners().len());
-    for face in faces.iter() {
-        let first = places.len() as u32;
-        places.push(first);
-        places.extend((first + 1..first + face.len() as u32).rev());
-    }
-    let corners: Vec<u32> = places.iter().map(|&place| faces.corners()[place as usize]).collect();
-    let turned = match faces.sides() {
-        Some(sides) => Faces::uniform(sides, corners)?,
-        None => Faces::polygons(&faces.iter().map(<[u32]>::len).collect::<Vec<_>>(), corners)?,
-    };
-    let mut round = Mesh::new(mesh.positions().clone(), turned)?
-        .with_creases(mesh.creases())?
-        .with_texture(mesh.texture().cloned())
-        .with_frame(mesh.frame().copied());
-    for (name, attribute) in mesh.vertex().iter() {
-        round = round.with_vertex(name, attribute.clone())?;
-    }
-    for (name, attribute) in mesh.corner().iter() {
-        round = round.with_corner(name, attribute.select(&places))?;
-    }
-    for (name, attribute) in mesh.face().iter() {
-        round = round.with_face(name, attribute.clone())?;
-    }
-    Ok(round)
-}
-
 #[cfg(test)]
 mod tests {
     use maquette::value::Pinhole;
+    use maquette::value::{Curve, Faces, Mesh, RangeImage};
+    use nalgebra::{Point3, Vector3};
 
     use super::*;
 

@@ -1,14 +1,14 @@
 //! Writes a surface back to the range grid that it came from.
 
-use maquette::value::{
-    ControlNetError, Mask, RangeImage, Region, SizeError, Surface, SurfaceError,
-};
-use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress, TooMuch};
+use maquette::value::{Mask, RangeImage, Region, Surface};
+use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::blend_error::BlendError;
+use super::blend_mode::BlendMode;
 use super::canvas::{Canvas, Target};
 use super::fold::folded_cells;
 use super::refine::{refine, refined_range};
@@ -43,78 +43,8 @@ fn same_grid() -> [usize; 2] {
     [1, 1]
 }
 
-/// What a blend writes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub enum BlendMode {
-    /// The scan, moved as the surface was moved by the offset of its net: keeps all detail and leaves no seam.
-    #[default]
-    Displacement,
-    /// The surface itself: smooth inside, with a small step at the border where the scan is rough.
-    Replace,
-    /// The surface, fading into the scan towards the border.
-    Feather {
-        /// Width of the band in which it fades.
-        #[schemars(range(min = 0.0, max = 1000.0), extend("unit" = "px"))]
-        #[serde(default = "four")]
-        band: f64,
-    },
-}
-
-fn four() -> f64 {
-    4.0
-}
-
 /// Cells of a finer grid: some 5 GB while it is made.
 const CELLS: Limit = Limit { most: 1 << 26, of: "cells", help: "choose a smaller `resample`" };
-
-/// Why a surface cannot be written to a range image.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum BlendError {
-    /// Grids of different sizes.
-    #[error("{what} is for a grid of {size:?} cells, the range image has {range:?}")]
-    Grid {
-        /// `the region` or `the surface`.
-        what: &'static str,
-        /// Size of its grid.
-        size: [usize; 2],
-        /// Size of the range image.
-        range: [usize; 2],
-    },
-    /// A surface without a place on the grid.
-    #[error("the surface was not made from a region: nothing tells where cells lie on it")]
-    NoChart,
-    /// A cell without a place on the surface.
-    #[error(
-        "cell ({column}, {row}) of the region has no place on the surface, which was made from another region"
-    )]
-    NotOnSurface {
-        /// Its column.
-        column: usize,
-        /// Its row.
-        row: usize,
-    },
-    /// Factors that make no grid.
-    #[error("cells cannot be divided by {factors:?}: the factors are 1 or more")]
-    Resample {
-        /// The factors.
-        factors: [usize; 2],
-    },
-    /// Too fine a grid.
-    #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// The net moved out of all bounds.
-    #[error(transparent)]
-    Net(#[from] ControlNetError),
-    /// The difference between the surface and its base is no surface.
-    #[error(transparent)]
-    Surface(#[from] SurfaceError),
-    /// Columns of different sizes.
-    #[error(transparent)]
-    Size(#[from] SizeError),
-    /// The evaluation was told to stop.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
-}
 
 impl Node for Blend {
     type Outputs = (RangeImage,);

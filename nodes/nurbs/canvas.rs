@@ -3,7 +3,8 @@
 use maquette::value::{Chart, RangeImage, Region, Surface};
 use nalgebra::Point3;
 
-use super::blend::{BlendError, BlendMode};
+use super::blend_error::BlendError;
+use super::blend_mode::BlendMode;
 use super::distance::from_border;
 
 /// The cells that a surface is written to, and what lies under them.

@@ -1,14 +1,14 @@
 //! Makes a rectangular net of control points of a region of a range grid.
 
-use maquette::value::{self, Chart, ControlNetError, RangeImage, Region};
-use maquette::{Context, Error, In, Node, Progress, TooMuch};
-use nalgebra::Point3;
+use maquette::value::{self, RangeImage, Region};
+use maquette::{Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::charted::charted;
+use super::net_error::NetError;
 use super::patch::{Patch, placed};
 use super::{harmonic, polar, rows};
-use crate::laplace::Unsolved;
 use crate::limits::POINTS;
 
 /// Makes a rectangular net of control points of a region of a range grid. Points on the region's border are fixed: an offset
@@ -65,100 +65,6 @@ pub enum NetMethod {
 
 fn three() -> usize {
     3
-}
-
-/// Why a region does not make a net.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum NetError {
-    /// A region of another range image.
-    #[error("the region is part of a grid of {region:?} cells, the range image has {range:?}")]
-    Size {
-        /// Size of the region's grid.
-        region: [usize; 2],
-        /// Size of the range image.
-        range: [usize; 2],
-    },
-    /// A region that is a point.
-    #[error("the region has {rows} rows and {columns} columns of cells, too few for a surface")]
-    DegenerateRegion {
-        /// Rows that the region touches.
-        rows: usize,
-        /// Columns that it touches.
-        columns: usize,
-    },
-    /// A number of rows or columns that this method does not take.
-    #[error("`rows` and `columns` are for the methods `Rows`, `Polar` and `Harmonic`")]
-    FixedSize,
-    /// An order that no surface has.
-    #[error("order {order} is not from 2 to 10")]
-    Order {
-        /// The order.
-        order: usize,
-    },
-    /// Too few columns to go around.
-    #[error("{columns} columns do not go around with this order: at least {least} are needed")]
-    FewColumns {
-        /// Columns asked for.
-        columns: usize,
-        /// How many are needed.
-        least: usize,
-    },
-    /// A region with a bay that cannot be seen from its middle.
-    #[error(
-        "the region is not seen whole from its middle: {cells:.1} cells of the way to cell ({column}, {row}) lie outside; use the method `Harmonic`"
-    )]
-    NotStarShaped {
-        /// Column of the cell.
-        column: usize,
-        /// Row of the cell.
-        row: usize,
-        /// Cells outside on the way there, where they are most.
-        cells: f64,
-    },
-    /// A region around its middle, or without an inside.
-    #[error(
-        "the region's middle, cell ({column}, {row}), is not inside of its contour: use the method `Harmonic`"
-    )]
-    NoMiddle {
-        /// Column of the cell.
-        column: usize,
-        /// Row of the cell.
-        row: usize,
-    },
-    /// A corner off the contour.
-    #[error(
-        "corner ({}, {}) is not on the region's contour: the nearest cell there is ({}, {})", corner[0], corner[1], nearest[0], nearest[1]
-    )]
-    CornerOff {
-        /// Column and row of the corner.
-        corner: [usize; 2],
-        /// Column and row of the contour's cell next to it.
-        nearest: [usize; 2],
-    },
-    /// Corners that do not go around.
-    #[error("the corners do not follow each other counter-clockwise along the region's contour")]
-    CornerOrder,
-    /// Cells that do not hang together.
-    #[error("the region is in several parts: a net covers one")]
-    Parts,
-    /// The map to the square was not found.
-    #[error("the region could not be mapped to a square: residual {residual:e}")]
-    Harmonic {
-        /// What is left of the equations, as a share of the square's side.
-        residual: f64,
-    },
-    /// A size that memory would not hold.
-    #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// A net of one line.
-    #[error("a net has at least 2 rows and 2 columns")]
-    OneLine,
-    /// Invalid cells could not be filled.
-    #[error(transparent)]
-    Fill(#[from] Unsolved),
-    /// Points that make no net.
-    #[error(transparent)]
-    Net(#[from] ControlNetError),
 }
 
 impl Node for ControlNet {
@@ -240,30 +146,10 @@ fn grid(
     charted(range, [rows, columns], patch.points, fixed, cells, coordinates)
 }
 
-/// The net of so many rows and columns of points, with the flag `fixed` by row and column, and a net coordinate for each of
-/// `cells` of the range.
-pub(super) fn charted(
-    range: &RangeImage,
-    [rows, columns]: [usize; 2],
-    points: Vec<Point3<f64>>,
-    fixed: impl Fn(usize, usize) -> bool,
-    cells: Vec<u32>,
-    coordinates: Vec<[f64; 2]>,
-) -> Result<value::ControlNet, NetError> {
-    let grid = [range.width(), range.height()];
-    let chart = Chart { grid, cells: cells.into(), coordinates: coordinates.into() };
-    let fixed = (0..rows * columns).map(|at| u8::from(fixed(at / columns, at % columns))).collect();
-    Ok(value::ControlNet::new(rows, columns, points)?.with_fixed(fixed)?.with_chart(chart))
-}
-
-/// Whether a point lies on the border of a net of so many rows and columns.
-pub(super) fn on_border([rows, columns]: [usize; 2]) -> impl Fn(usize, usize) -> bool {
-    move |row, column| row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use nalgebra::Point3;
 
     /// A range image of points (column, row, depth), invalid where the depth is NaN.
     pub(crate) fn range(

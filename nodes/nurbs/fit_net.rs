@@ -5,9 +5,12 @@ use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use super::fit_error::FitError;
 use super::fit_line::{FittedLine, LineFit, Missed};
-use super::fit_surface::{FitError, FitMethod, FitParameters};
-use super::knots::{even, parameters};
+use super::fit_method::FitMethod;
+use super::fit_parameters::FitParameters;
+use super::knot_vector::even;
+use super::parameters::parameters;
 
 /// The fit along one direction.
 pub(super) struct Direction {

@@ -1,13 +1,14 @@
 //! Fits a B-spline surface to a net of points.
 
-use maquette::value::{
-    self, Along, Chart, ControlNetError, KnotVectorError, Surface, SurfaceError, Trace, TraceError,
-};
-use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use maquette::value::{self, Along, Chart, Surface, Trace};
+use maquette::{Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::fit_error::FitError;
+use super::fit_method::FitMethod;
 use super::fit_net::{Direction, fit_points, trace};
+use super::fit_parameters::FitParameters;
 
 /// Fits a B-spline surface to the points of a net: unlike the one of `Nurbs`, which only follows its control points, it goes
 /// through them or near them.
@@ -31,105 +32,6 @@ pub struct FitSurface {
 
 fn threes() -> [usize; 2] {
     [3, 3]
-}
-
-/// How the points of a fitted surface are met.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub enum FitMethod {
-    /// The surface goes through all of them.
-    #[default]
-    Interpolate,
-    /// It has fewer control points and is as near as possible, by squares, first along u, then along v. It meets the corners.
-    LeastSquares {
-        /// Rows of control points; 0 takes as many as the points have, which interpolates along u.
-        #[schemars(range(max = 4096))]
-        #[serde(default)]
-        rows: usize,
-        /// Columns of control points; 0 takes as many as the points have, which interpolates along v.
-        #[schemars(range(max = 4096))]
-        #[serde(default)]
-        columns: usize,
-    },
-    /// The same by progressive iteration: rounds that move each control point by what the surface misses near it. Stopped early it
-    /// is smoother.
-    Lspia {
-        /// Rows of control points; 0 takes as many as the points have.
-        #[schemars(range(max = 4096))]
-        #[serde(default)]
-        rows: usize,
-        /// Columns of control points; 0 takes as many as the points have.
-        #[schemars(range(max = 4096))]
-        #[serde(default)]
-        columns: usize,
-        /// Most rounds in each direction.
-        #[schemars(range(max = 100_000))]
-        #[serde(default = "rounds")]
-        iterations: usize,
-        /// A round that moves no control point farther than this is the last one.
-        #[schemars(range(min = 0.0), extend("unit" = "mm"))]
-        #[serde(default = "micrometer")]
-        tolerance: f64,
-    },
-}
-
-fn rounds() -> usize {
-    100
-}
-
-fn micrometer() -> f64 {
-    1e-3
-}
-
-/// Where on a fitted surface the points lie.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum FitParameters {
-    /// Evenly spaced.
-    Uniform,
-    /// As far apart as the points are, in the mean over all lines.
-    Chord,
-    /// As far apart as the square roots of the points' distances, which keeps sharp turns calm.
-    #[default]
-    Centripetal,
-}
-
-/// Why no surface fits.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum FitError {
-    /// A number of control points that does not go with the order and the points.
-    #[error(
-        "{control} control points along {along:?} do not fit: there are {points} points, and order {order} needs {order} of both"
-    )]
-    Count {
-        /// The direction.
-        along: Along,
-        /// Control points.
-        control: usize,
-        /// Points to meet.
-        points: usize,
-        /// The order.
-        order: usize,
-    },
-    /// Equations without one solution.
-    #[error("the points along {along:?} do not determine the surface: some lie in one place")]
-    Singular {
-        /// The direction.
-        along: Along,
-    },
-    /// Parameters that make no knots.
-    #[error(transparent)]
-    Knots(#[from] KnotVectorError),
-    /// A surface out of all bounds.
-    #[error(transparent)]
-    Net(#[from] ControlNetError),
-    /// No surface.
-    #[error(transparent)]
-    Surface(#[from] SurfaceError),
-    /// Distances that are no numbers.
-    #[error(transparent)]
-    Trace(#[from] TraceError),
-    /// The evaluation was told to stop.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
 }
 
 /// A surface near some points.
@@ -216,13 +118,16 @@ pub fn fit_surface(
 
 #[cfg(test)]
 mod tests {
+    use maquette::value::KnotVectorError;
     use nalgebra::Point3;
 
-    use super::super::blend::{BlendMode, blend};
+    use super::super::blend::blend;
     use super::super::control_net::tests::{range, region};
     use super::super::control_net::{NetMethod, control_net};
-    use super::super::knots::{even, parameters};
     use super::*;
+    use crate::nurbs::blend_mode::BlendMode;
+    use crate::nurbs::knot_vector::even;
+    use crate::nurbs::parameters::parameters;
 
     const ALL_PARAMETERS: [FitParameters; 3] =
         [FitParameters::Uniform, FitParameters::Chord, FitParameters::Centripetal];

@@ -10,9 +10,10 @@ use maquette::Progress;
 use maquette::value::{self, RangeImage, Region};
 use nalgebra::Point3;
 
-use super::control_net::{NetError, charted, on_border};
+use super::charted::{charted, on_border};
 use super::disk::Disk;
 use super::mean_value::relax;
+use super::net_error::NetError;
 use super::patch::Patch;
 use super::rows::resampled;
 

@@ -6,10 +6,9 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::limits::POINTS;
-
-use super::knots::is_even;
+use super::knot_vector::is_even;
 use super::rows::{resampled, shares};
+use crate::limits::POINTS;
 
 /// Makes a control net of sections that follow each other, such as the ribs of a hull. Each becomes a row of the net.
 ///

@@ -5,7 +5,9 @@ use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::knots::{KnotsError, KnotsKind, knots};
+use super::knot_vector::knots;
+use super::knots_error::KnotsError;
+use super::knots_kind::KnotsKind;
 
 /// Makes a rational B-spline surface (NURBS) of a control net.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

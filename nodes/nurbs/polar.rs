@@ -12,7 +12,8 @@ use maquette::Progress;
 use maquette::value::{self, RangeImage, Region};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::control_net::{NetError, charted};
+use super::charted::charted;
+use super::net_error::NetError;
 use super::patch::Patch;
 use super::rays::{NotAStar, Rays, turn};
 use crate::range::contours;
@@ -178,9 +179,10 @@ mod tests {
 
     use super::super::control_net::tests::{range, region};
     use super::super::control_net::{NetMethod, control_net};
-    use super::super::knots::{KnotsKind, knots};
     use super::super::nurbs::nurbs;
     use super::*;
+    use crate::nurbs::knot_vector::knots;
+    use crate::nurbs::knots_kind::KnotsKind;
 
     const POLAR: NetMethod = NetMethod::Polar { order: 3 };
 

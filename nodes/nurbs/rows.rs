@@ -7,7 +7,8 @@
 use maquette::value::{self, RangeImage, Region};
 use nalgebra::Point3;
 
-use super::control_net::{NetError, charted, on_border};
+use super::charted::{charted, on_border};
+use super::net_error::NetError;
 
 /// Fewest lines, and points of a line, that are chosen: enough for a cubic. Fewer would be an error for many orders, more would
 /// invent points.

@@ -3,7 +3,7 @@
 use maquette::value::{Curve, CurveError, KnotVector, KnotVectorError};
 use nalgebra::Point3;
 
-use super::interpolate_curve::CurveBasis;
+use super::curve_basis::CurveBasis;
 use super::stencils::Stencils;
 
 /// The curves of some number of control points.

@@ -1,17 +1,23 @@
 //! How a surface bends, at each vertex.
 
-use maquette::value::{Attribute, Mesh, MeshError};
+use maquette::value::Mesh;
 use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Boundary, Scheme, SubdivideError};
+use super::{Boundary, Scheme};
 
 mod at_limit;
 mod bending;
+mod bent_mesh;
+mod curvature_error;
+mod curvature_ramp;
 mod discrete;
 
 pub use bending::Bending;
+pub use bent_mesh::BentMesh;
+pub use curvature_error::CurvatureError;
+pub use curvature_ramp::CurvatureRamp;
 pub use discrete::{AngleBending, angle_bending};
 
 /// How a surface bends, at each vertex: attributes `gaussian`, `mean`, `k1` and `k2` (the larger and the smaller principal
@@ -59,49 +65,6 @@ pub enum CurvatureMethod {
     Fit,
 }
 
-/// What vertex colors show.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum CurvatureRamp {
-    /// The mean of the principal curvatures.
-    #[default]
-    Mean,
-    /// Their product.
-    Gaussian,
-    /// The larger one.
-    K1,
-    /// The smaller one.
-    K2,
-    /// Nothing: colors and picture stay as they are.
-    None,
-}
-
-/// Why there is no curvature.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum CurvatureError {
-    /// A mesh that the scheme cannot refine.
-    #[error(transparent)]
-    Subdivide(#[from] SubdivideError),
-    /// Faces at the border that the surface does not have.
-    #[error(
-        "with `boundary: None` the surface ends before the border, so that vertices there have no curvature"
-    )]
-    NoBorder,
-    /// Places out of all bounds.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
-
-/// A mesh whose bending is known.
-#[derive(Clone, Debug)]
-pub struct BentMesh {
-    /// The mesh; for [`CurvatureMethod::Limit`] with its vertices on the surface.
-    pub mesh: Mesh,
-    /// How it bends at each vertex; none where nothing can be told.
-    pub bending: Vec<Option<Bending>>,
-    /// Where a limit surface has no curvature of its own.
-    pub extraordinary: Vec<bool>,
-}
-
 impl Node for Curvature {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -143,59 +106,6 @@ pub fn curvature(
     }
     let extraordinary = vec![false; vertices.len()];
     Ok(BentMesh { mesh: mesh.clone(), bending, extraordinary })
-}
-
-impl BentMesh {
-    /// The mesh with its bending as vertex attributes, and colors of one of them.
-    ///
-    /// # Errors
-    /// Never: the attributes are as many as the vertices.
-    pub fn into_mesh(self, ramp: CurvatureRamp, strongest: f64) -> Result<Mesh, MeshError> {
-        type Number = fn(&Bending) -> f64;
-        let number = |of: Number| -> Vec<f64> {
-            self.bending.iter().map(|bending| bending.as_ref().map_or(0.0, of)).collect()
-        };
-        let direction = |k: usize| -> Attribute {
-            let of = |bending: &Option<Bending>| {
-                bending.map_or([0.0; 3], |bending| bending.directions[k].into())
-            };
-            Attribute::Vector(self.bending.iter().map(of).collect())
-        };
-        let flag = |flags: &mut dyn Iterator<Item = bool>| -> Attribute {
-            Attribute::Flag(flags.map(u8::from).collect())
-        };
-        let columns: [(&str, Number, CurvatureRamp); 4] = [
-            ("gaussian", |bending| bending.gaussian, CurvatureRamp::Gaussian),
-            ("mean", |bending| bending.mean, CurvatureRamp::Mean),
-            ("k1", |bending| bending.principal[0], CurvatureRamp::K1),
-            ("k2", |bending| bending.principal[1], CurvatureRamp::K2),
-        ];
-        let mut mesh = self
-            .mesh
-            .clone()
-            .with_vertex("direction1", direction(0))?
-            .with_vertex("direction2", direction(1))?
-            .with_vertex("extraordinary", flag(&mut self.extraordinary.iter().copied()))?
-            .with_vertex("unknown", flag(&mut self.bending.iter().map(Option::is_none)))?;
-        for (name, of, shown) in columns {
-            let numbers = number(of);
-            if shown == ramp {
-                let strongest = if strongest > 0.0 { strongest } else { exceeded(&numbers) };
-                let color = |&number: &f64| bending::ramp(number / strongest);
-                let colors = numbers.iter().map(color).collect();
-                mesh = mesh.with_texture(None).with_vertex("color", Attribute::Color(colors))?;
-            }
-            mesh = mesh.with_vertex(name, Attribute::Number(numbers.into()))?;
-        }
-        Ok(mesh)
-    }
-}
-
-/// The size that 5 % of some numbers exceed; not 0.
-fn exceeded(numbers: &[f64]) -> f64 {
-    let mut sizes = Vec::from_iter(numbers.iter().map(|number| number.abs()));
-    sizes.sort_by(f64::total_cmp);
-    sizes.get(sizes.len() * 95 / 100).copied().unwrap_or(0.0).max(f64::MIN_POSITIVE)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::control_curve::ControlCurve;
+use super::curve_basis::CurveBasis;
 use super::geometric::{FootPoint, Look, Perpendicular};
 use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear, RanAway};
 use super::limit_matrix::LimitMatrix;
@@ -27,27 +28,6 @@ pub struct InterpolateCurve {
     /// How control points are found.
     #[serde(flatten)]
     pub how: Interpolation,
-}
-
-/// The kind of a curve through points.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum CurveBasis {
-    /// The limit of Chaikin's subdivision: quadratic.
-    Chaikin,
-    /// The limit of the cubic subdivision.
-    Cubic,
-    /// A B-spline of this degree: uniform if it is closed, else with knots after the points' distances.
-    BSpline(#[schemars(range(min = 1, max = 9))] usize),
-}
-
-impl CurveBasis {
-    pub(super) fn degree(self) -> usize {
-        match self {
-            Self::Chaikin => 2,
-            Self::Cubic => 3,
-            Self::BSpline(degree) => degree,
-        }
-    }
 }
 
 /// Why there is no curve through some points.
@@ -133,7 +113,7 @@ fn matrix(family: &ControlCurve, basis: CurveBasis, count: usize, closed: bool) 
 /// The feet of points on the curves of an iteration.
 struct Feet<'a> {
     family: &'a ControlCurve,
-    points: &'a [Point3<f64>],
+    pub(super) points: &'a [Point3<f64>],
     foot: Foot,
     /// The parameters of the last feet.
     parameters: Vec<f64>,

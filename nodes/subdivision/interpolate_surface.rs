@@ -161,7 +161,7 @@ impl<'a> Sheet<'a> {
 /// The feet of points on the surfaces of an iteration.
 struct Feet<'a> {
     sheet: &'a Sheet<'a>,
-    points: &'a [Point3<f64>],
+    pub(super) points: &'a [Point3<f64>],
     foot: Foot,
     /// The parameters of the last feet.
     parameters: Vec<[f64; 2]>,

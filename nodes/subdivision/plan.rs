@@ -3,11 +3,15 @@
 use maquette::value::{Attribute, Mesh};
 use maquette::{Limit as Most, Progress};
 
+use super::boundary::Boundary;
+use super::corners::Corners;
 use super::limit::Limit;
 use super::live::Live;
+use super::options::Subdivision;
+use super::scheme::Scheme;
 use super::smooth_corners::smooth_corners;
 use super::step::{LastLimit, Step};
-use super::subdivide::{Boundary, Corners, Scheme, SubdivideError, Subdivision};
+use super::subdivide_error::SubdivideError;
 use super::topology::Topology;
 use super::without_border::without_border;
 

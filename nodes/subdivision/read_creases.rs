@@ -7,7 +7,7 @@ use maquette::{Context, Error, FilePath, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::crease::merged;
+use super::sharp_edges::merged;
 
 /// Makes edges of a mesh sharp as a JSON file says: `{"edges": [{"v": [0, 1], "sharpness": 2.5}, ..]}`.
 ///

@@ -3,10 +3,12 @@
 use maquette::value::{Attribute, Faces, Mesh};
 use nalgebra::Point3;
 
+use super::boundary::Boundary;
 use super::connectivity::Connectivity;
 use super::manifold::cut;
+use super::options::Subdivision;
 use super::step::Step;
-use super::subdivide::{Boundary, SubdivideError, Subdivision};
+use super::subdivide_error::SubdivideError;
 use super::topology::{Rules, Topology};
 
 /// `refined`, which has been made of `mesh`, with its corner data by the rules of `how`.

@@ -3,16 +3,21 @@
 //! The part of the work that depends on topology alone is in `step.rs` and memoized: a mesh whose vertices have only moved is
 //! refined by products.
 
-use maquette::value::{Mesh, MeshError};
-use maquette::{Cancelled, Context, Error, In, Node, TooMuch};
+use maquette::value::Mesh;
+use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::boundary::Boundary;
+use super::corners::Corners;
+use super::creases::Creases;
 use super::limit::Limit;
 use super::manifold::manifold;
+use super::options::Subdivision;
 use super::plan::{Before, EndLimit, Plan};
+use super::scheme::Scheme;
 use super::step::{LastLimit, Step};
-use super::topology::Rules;
+use super::subdivide_error::SubdivideError;
 
 /// Refines a mesh towards a smooth surface.
 ///
@@ -51,137 +56,6 @@ pub struct Subdivide {
 
 fn two() -> u32 {
     2
-}
-
-/// The rules of a subdivision.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Scheme {
-    /// Loop (1987): triangles, which become box splines.
-    Loop,
-    /// Catmull and Clark (1978): polygons, which become bicubic B-splines.
-    CatmullClark,
-    /// Doo and Sabin (1978): polygons, which become biquadratic B-splines. It knows no creases, and drops them.
-    DooSabin,
-}
-
-/// What happens at the border of an open mesh. The words are those of USD and OpenSubdiv.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Boundary {
-    /// The border becomes a smooth curve, which passes through the vertices that have only one face; not through these with
-    /// `DooSabin`, for which this is as `EdgeOnly`.
-    #[default]
-    EdgeAndCorner,
-    /// The whole border becomes a smooth curve.
-    EdgeOnly,
-    /// Faces that touch the border only support their neighbors and are left out of the result; with `DooSabin` the border gets no
-    /// faces of its own, and shrinks.
-    None,
-}
-
-/// How creases are treated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Creases {
-    /// A crease is a cubic B-spline whatever is beside it, and each step takes 1 off its sharpness.
-    #[default]
-    OpenSubdiv,
-    /// The same, but the sharpness of neighboring edges of a crease that softens flows together.
-    Chaikin,
-    /// The rules of Hoppe et al. (1994) for triangles, which differ at irregular vertices of a crease.
-    Hoppe94,
-}
-
-/// How data at the corners of faces run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Corners {
-    /// Straight within each old face, so that a picture stays where it is.
-    #[default]
-    Linear,
-    /// Numbers, pairs and vectors by the rules of the scheme, as if the mesh were cut at the seams, where they jump: a picture is
-    /// less distorted, but moves. Other data, and all with `DooSabin`, run straight.
-    Smooth,
-}
-
-/// How a mesh is to be refined; the fields are those of [`Subdivide`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Subdivision {
-    /// The rules.
-    pub scheme: Scheme,
-    /// Number of steps.
-    pub levels: u32,
-    /// Whether the vertices go on to the limit surface.
-    pub limit: bool,
-    /// What happens at the border.
-    pub boundary: Boundary,
-    /// How creases are treated.
-    pub creases: Creases,
-    /// How data at corners run.
-    pub corners: Corners,
-}
-
-impl Subdivision {
-    pub(super) fn rules(self) -> Rules {
-        Rules { scheme: self.scheme, boundary: self.boundary, creases: self.creases }
-    }
-}
-
-/// Why a mesh cannot be refined.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum SubdivideError {
-    /// A face that the scheme has no rule for.
-    #[error("face {face} has {corners} corners, but Loop's scheme needs triangles")]
-    NotTriangles {
-        /// The first such face.
-        face: usize,
-        /// Its corners.
-        corners: usize,
-    },
-    /// Edges with more than two faces or with faces of opposite orientation, or vertices at which several fans of faces meet.
-    #[error("the mesh is not a surface: {}", list(edges, vertices))]
-    NonManifold {
-        /// The ends of the bad edges.
-        edges: Vec<[u32; 2]>,
-        /// The bad vertices; not looked for if there are bad edges.
-        vertices: Vec<u32>,
-    },
-    /// A result that memory could not hold.
-    #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// A scheme whose limit surface is not made of patches over faces.
-    #[error("the surface of Doo and Sabin has patches over vertices, not over faces")]
-    NoPatches,
-    /// A mesh with other faces, creases or numbers of vertices than those that a plan was made for.
-    #[error("the plan was made for a mesh of another topology")]
-    OtherTopology,
-    /// The evaluation was told to stop.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
-    /// A place became infinite.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-}
-
-/// How many bad edges or vertices a message lists.
-const LISTED: usize = 5;
-
-fn list(edges: &[[u32; 2]], vertices: &[u32]) -> String {
-    let (count, what, mut first) = match edges {
-        [] => {
-            let first: Vec<String> = vertices.iter().take(LISTED).map(u32::to_string).collect();
-            (vertices.len(), "vertices join fans of faces", first)
-        }
-        edges => {
-            let first = edges.iter().take(LISTED).map(|[a, b]| format!("({a}, {b})")).collect();
-            (
-                edges.len(),
-                "edges have more than two faces or faces that disagree about their side",
-                first,
-            )
-        }
-    };
-    if count > LISTED {
-        first.push("...".to_owned());
-    }
-    format!("{count} {what}: {}", first.join(", "))
 }
 
 impl Node for Subdivide {

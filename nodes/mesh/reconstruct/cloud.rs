@@ -3,7 +3,7 @@
 use maquette::value::{Attributes, Column, Mesh, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
 
-use crate::mesh::merge::painted_colors;
+use crate::mesh::painted_colors::painted_colors;
 use crate::subdivision::Scattered;
 
 /// Places of several sources in one frame.

@@ -1,7 +1,7 @@
-use super::super::crease::crease;
 use super::super::shapes::torus;
 use super::super::{Corners, Subdivision, subdivide};
 use super::*;
+use crate::subdivision::sharp_edges::crease;
 
 /// The sharp edges of a refined mesh follow no order of their own: each must be found again in the next step.
 #[test]

@@ -15,8 +15,9 @@ use super::super::topology::Topology;
 use super::super::without_border::select_faces;
 use super::super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
 use super::bending::Bending;
+use super::bent_mesh::BentMesh;
+use super::curvature_error::CurvatureError;
 use super::discrete::Neighbors;
-use super::{BentMesh, CurvatureError};
 
 /// Steps after which the surface around an extraordinary vertex is looked at.
 const LEVELS: u32 = 3;

@@ -3,9 +3,11 @@
 use maquette::value::{Faces, Mesh, TriangleTree};
 use nalgebra::{DMatrix, Point3};
 
-use super::moves::Surroundings;
+use super::feet::Nearest;
+use super::folds::folds;
 use super::net::{Change, Net, set, with_sharp};
-use super::{Nearest, Scan, folds};
+use super::scan::Scan;
+use super::surroundings::Surroundings;
 use crate::subdivision::composed::{Composed, laplacian};
 use crate::subdivision::manifold::manifold;
 

@@ -9,10 +9,14 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::feet::Nearest;
+use super::fit::{Fit, FittedSubdivision};
+use super::fit_subdivision_error::FitSubdivisionError;
 use super::local::Local;
-use super::net::{Change, Move, Net};
-use super::{Fit, FitSubdivisionError, FittedSubdivision, Nearest, Scan};
-use crate::subdivision::crease::crease;
+use super::net::{Change, Move, Net, SHARP};
+use super::scan::Scan;
+use super::surroundings::Surroundings;
+use crate::subdivision::sharp_edges::crease;
 
 /// What vertices and creases must be worth.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -63,7 +67,7 @@ impl Default for Prices {
     }
 }
 
-/// As [`fit_subdivision`](super::fit_subdivision), with better faces: between iterations, moves of edges that lower an energy.
+/// As [`fit_subdivision`](super::fit::fit_subdivision), with better faces: between iterations, moves of edges that lower an energy.
 ///
 /// The third phase of Hoppe, DeRose, Duchamp, Halstead, Jin, McDonald, Schweitzer and Stuetzle, "Piecewise smooth surface reconstruction"
 /// (1994), section 4: an edge is collapsed, split, swapped, made sharp or made smooth where that lowers the sum of the squared
@@ -72,7 +76,7 @@ impl Default for Prices {
 /// it would stick out where it ends in no points, along sharp edges above all. `points` of the publication are unorganized and have none.
 ///
 /// # Errors
-/// Those of [`fit_subdivision`](super::fit_subdivision), and if the scan has no faces.
+/// Those of [`fit_subdivision`](super::fit::fit_subdivision), and if the scan has no faces.
 pub fn fit_by_moves(
     mesh: &Mesh,
     scan: &Mesh,
@@ -98,9 +102,6 @@ pub fn fit_by_moves(
     Ok(fit.end(mesh, &nearest))
 }
 
-/// The sharpness of an edge that stays sharp however often it is subdivided.
-pub(super) const SHARP: f64 = 10.0;
-
 /// Edges that are judged side by side.
 const BATCH: usize = 32;
 
@@ -120,16 +121,6 @@ struct Moving<'a> {
     smoothing: f64,
     /// The weight of smoothness beside the nearness of a point.
     weight: f64,
-}
-
-/// What a move needs to look at: it changes faces in the middle of `measured`, whose surface it moves.
-pub(super) struct Surroundings {
-    /// The control points that it may move.
-    pub(super) free: Vec<u32>,
-    /// The faces whose surface hangs on these.
-    pub(super) measured: Vec<u32>,
-    /// Those around, on which that surface hangs, too.
-    pub(super) margin: Vec<u32>,
 }
 
 /// A move that pays.

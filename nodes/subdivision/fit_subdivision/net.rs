@@ -5,8 +5,6 @@ use std::collections::BTreeMap;
 use maquette::value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, center};
 
-use super::moves::SHARP;
-
 /// In place of the corners of a face that is gone.
 const GONE: [u32; 3] = [u32::MAX; 3];
 
@@ -308,3 +306,6 @@ pub(super) fn with_sharp(
             .filter_map(|ends| Some((ends, sharpness(ends.map(|end| vertices[end as usize]))?))),
     )
 }
+
+/// The sharpness of an edge that stays sharp however often it is subdivided.
+pub(super) const SHARP: f64 = 10.0;

@@ -1,12 +1,14 @@
-use maquette::value::Faces;
-use nalgebra::Vector3;
+use maquette::Progress;
+use maquette::value::{Faces, TriangleTree};
+use nalgebra::{Point3, Vector3};
 
 use super::super::connectivity::{Connectivity, NONE};
-use super::super::crease::crease;
 use super::super::shapes::{sphere, torus};
 use super::super::simplify::simplify;
 use super::net::{Move, Net};
 use super::*;
+use crate::subdivision::composed::Composed;
+use crate::subdivision::sharp_edges::crease;
 
 fn fitted(mesh: &Mesh, points: &[Point3<f64>]) -> FittedSubdivision {
     fit_subdivision(mesh, points, 1e-3, 12, &Progress::none()).unwrap()

@@ -1,0 +1,100 @@
+//! A move, a turn and a scaling in one.
+
+use maquette::value::{ControlNetError, CurveError, MeshError, PointsError, SizeError};
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+
+/// Why something cannot be moved.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TransformError {
+    /// A scale that makes everything flat.
+    #[error("the scale along {axis} is {scale}, but it must be a number other than 0")]
+    Flat {
+        /// The axis: x, y or z.
+        axis: char,
+        /// Its scale.
+        scale: f64,
+    },
+    /// A mesh that has moved out of the numbers.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// A range image that changed its size; never happens.
+    #[error(transparent)]
+    RangeImage(#[from] SizeError),
+    /// Points that have moved out of the numbers.
+    #[error(transparent)]
+    Points(#[from] PointsError),
+    /// A curve that has moved out of the numbers.
+    #[error(transparent)]
+    Curve(#[from] CurveError),
+    /// A net that has moved out of the numbers.
+    #[error(transparent)]
+    ControlNet(#[from] ControlNetError),
+}
+
+/// A linear map and a shift: `moved = linear * point + shift`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Turns and scales.
+    pub linear: Matrix3<f64>,
+    /// Moves, in mm.
+    pub shift: Vector3<f64>,
+}
+
+impl Motion {
+    /// Scales, then turns about x, y and z by degrees, then moves. Multiples of 90 degrees are exact.
+    ///
+    /// # Errors
+    /// If a scale is 0 or not finite.
+    pub fn new(
+        translate: [f64; 3],
+        rotate: [f64; 3],
+        scale: [f64; 3],
+    ) -> Result<Self, TransformError> {
+        let flat =
+            ['x', 'y', 'z'].into_iter().zip(scale).find(|(_, s)| *s == 0.0 || !s.is_finite());
+        if let Some((axis, scale)) = flat {
+            return Err(TransformError::Flat { axis, scale });
+        }
+        let [[cx, sx], [cy, sy], [cz, sz]] = rotate.map(cosine_and_sine);
+        let x = Matrix3::new(1.0, 0.0, 0.0, 0.0, cx, -sx, 0.0, sx, cx);
+        let y = Matrix3::new(cy, 0.0, sy, 0.0, 1.0, 0.0, -sy, 0.0, cy);
+        let z = Matrix3::new(cz, -sz, 0.0, sz, cz, 0.0, 0.0, 0.0, 1.0);
+        let linear = z * y * x * Matrix3::from_diagonal(&scale.into());
+        Ok(Self { linear, shift: translate.into() })
+    }
+
+    /// Where a point goes.
+    pub fn apply(&self, point: Point3<f64>) -> Point3<f64> {
+        Point3::from(self.linear * point.coords + self.shift)
+    }
+
+    pub(super) fn apply_all(&self, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+        points.par_iter().with_min_len(4096).map(|&point| self.apply(point)).collect()
+    }
+
+    /// What turns unit normals along. They stand on the surface, not along it: they move by the inverse transpose. None if a
+    /// scale is too small to be inverted.
+    pub(super) fn normals(&self) -> Option<impl Fn(&[f64; 3]) -> [f64; 3]> {
+        let inverse = self.linear.try_inverse()?;
+        Some(move |normal: &[f64; 3]| {
+            let turned = inverse.tr_mul(&Vector3::from(*normal));
+            turned.try_normalize(0.0).unwrap_or_default().into()
+        })
+    }
+
+    pub(super) fn is_identity(&self) -> bool {
+        self.linear == Matrix3::identity() && self.shift == Vector3::zeros()
+    }
+}
+
+fn cosine_and_sine(degrees: f64) -> [f64; 2] {
+    let turned = degrees.rem_euclid(360.0);
+    match [0.0, 90.0, 180.0, 270.0].iter().position(|&quarter| quarter == turned) {
+        Some(quarters) => [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]][quarters],
+        None => {
+            let (sine, cosine) = libm::sincos(turned.to_radians());
+            [cosine, sine]
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! A mesh with the curvature at its vertices.
+
+use maquette::value::{Attribute, Mesh, MeshError};
+
+use super::bending::{self, Bending};
+use super::curvature_ramp::CurvatureRamp;
+
+/// A mesh whose bending is known.
+#[derive(Clone, Debug)]
+pub struct BentMesh {
+    /// The mesh; for [`CurvatureMethod::Limit`](crate::subdivision::CurvatureMethod::Limit) with its vertices on the surface.
+    pub mesh: Mesh,
+    /// How it bends at each vertex; none where nothing can be told.
+    pub bending: Vec<Option<Bending>>,
+    /// Where a limit surface has no curvature of its own.
+    pub extraordinary: Vec<bool>,
+}
+
+impl BentMesh {
+    /// The mesh with its bending as vertex attributes, and colors of one of them.
+    ///
+    /// # Errors
+    /// Never: the attributes are as many as the vertices.
+    pub fn into_mesh(self, ramp: CurvatureRamp, strongest: f64) -> Result<Mesh, MeshError> {
+        type Number = fn(&Bending) -> f64;
+        let number = |of: Number| -> Vec<f64> {
+            self.bending.iter().map(|bending| bending.as_ref().map_or(0.0, of)).collect()
+        };
+        let direction = |k: usize| -> Attribute {
+            let of = |bending: &Option<Bending>| {
+                bending.map_or([0.0; 3], |bending| bending.directions[k].into())
+            };
+            Attribute::Vector(self.bending.iter().map(of).collect())
+        };
+        let flag = |flags: &mut dyn Iterator<Item = bool>| -> Attribute {
+            Attribute::Flag(flags.map(u8::from).collect())
+        };
+        let columns: [(&str, Number, CurvatureRamp); 4] = [
+            ("gaussian", |bending| bending.gaussian, CurvatureRamp::Gaussian),
+            ("mean", |bending| bending.mean, CurvatureRamp::Mean),
+            ("k1", |bending| bending.principal[0], CurvatureRamp::K1),
+            ("k2", |bending| bending.principal[1], CurvatureRamp::K2),
+        ];
+        let mut mesh = self
+            .mesh
+            .clone()
+            .with_vertex("direction1", direction(0))?
+            .with_vertex("direction2", direction(1))?
+            .with_vertex("extraordinary", flag(&mut self.extraordinary.iter().copied()))?
+            .with_vertex("unknown", flag(&mut self.bending.iter().map(Option::is_none)))?;
+        for (name, of, shown) in columns {
+            let numbers = number(of);
+            if shown == ramp {
+                let strongest = if strongest > 0.0 { strongest } else { exceeded(&numbers) };
+                let color = |&number: &f64| bending::ramp(number / strongest);
+                let colors = numbers.iter().map(color).collect();
+                mesh = mesh.with_texture(None).with_vertex("color", Attribute::Color(colors))?;
+            }
+            mesh = mesh.with_vertex(name, Attribute::Number(numbers.into()))?;
+        }
+        Ok(mesh)
+    }
+}
+
+/// The size that 5 % of some numbers exceed; not 0.
+fn exceeded(numbers: &[f64]) -> f64 {
+    let mut sizes = Vec::from_iter(numbers.iter().map(|number| number.abs()));
+    sizes.sort_by(f64::total_cmp);
+    sizes.get(sizes.len() * 95 / 100).copied().unwrap_or(0.0).max(f64::MIN_POSITIVE)
+}

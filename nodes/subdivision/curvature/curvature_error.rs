@@ -1,0 +1,21 @@
+//! Why a mesh has no curvature.
+
+use maquette::value::MeshError;
+
+use crate::subdivision::SubdivideError;
+
+/// Why there is no curvature.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CurvatureError {
+    /// A mesh that the scheme cannot refine.
+    #[error(transparent)]
+    Subdivide(#[from] SubdivideError),
+    /// Faces at the border that the surface does not have.
+    #[error(
+        "with `boundary: None` the surface ends before the border, so that vertices there have no curvature"
+    )]
+    NoBorder,
+    /// Places out of all bounds.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}

@@ -1,0 +1,28 @@
+//! Where a refined surface folds.
+
+use maquette::value::Mesh;
+
+/// The least cosine between the normals of two neighboring faces of a refined surface that does not fold.
+const LEAST_COSINE: f64 = -0.2;
+
+/// The control faces at which a surface after so many steps of subdivision folds, sorted.
+pub(super) fn folds(fine: &Mesh, levels: u32) -> Vec<u32> {
+    let edges = fine.edges();
+    let mut sides = vec![None; edges.vertices.len()];
+    let mut folds = Vec::new();
+    for ((face, corners), of_corner) in
+        (0_u32..).zip(fine.faces().iter()).zip(edges.of_corner.chunks(3))
+    {
+        let normal = fine.area_vector(corners).try_normalize(0.0).unwrap_or_default();
+        for edge in of_corner {
+            if let Some((other, there)) = sides[*edge as usize].replace((normal, face))
+                && normal.dot(&other) < LEAST_COSINE
+            {
+                folds.extend([face, there].map(|face| face >> (2 * levels)));
+            }
+        }
+    }
+    folds.sort_unstable();
+    folds.dedup();
+    folds
+}

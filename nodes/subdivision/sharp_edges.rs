@@ -1,0 +1,51 @@
+//! Which edges of a mesh are creases.
+
+use maquette::value::Mesh;
+use nalgebra::Vector3;
+
+/// Makes the edges of `mesh` sharp whose two faces have normals more than `angle` degrees apart. Edges with another number of
+/// faces, or with a face without area, stay as they are.
+pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
+    let edges = mesh.edges();
+    let normals: Vec<Vector3<f64>> =
+        mesh.faces().iter().map(|face| mesh.area_vector(face)).collect();
+    let mut sums = vec![[Vector3::zeros(); 2]; edges.vertices.len()];
+    let mut seen = vec![0u8; edges.vertices.len()];
+    for (face, normal) in normals.iter().enumerate() {
+        for corner in mesh.faces().first_corner(face)..mesh.faces().first_corner(face + 1) {
+            let edge = edges.of_corner[corner] as usize;
+            if let Some(side) = sums[edge].get_mut(usize::from(seen[edge])) {
+                *side = *normal;
+                seen[edge] += 1;
+            }
+        }
+    }
+    let limit = angle.to_radians();
+    let bends = |edge: &usize| {
+        let [a, b] = sums[*edge];
+        // Normals of enormous or tiny faces have no cross product; their directions have.
+        let unit = |v: Vector3<f64>| v.try_normalize(0.0).unwrap_or_default();
+        let (a, b) = (unit(a), unit(b));
+        edges.faces[*edge] == 2 && libm::atan2(a.cross(&b).norm(), a.dot(&b)) > limit
+    };
+    let bent = (0..sums.len()).filter(bends).map(|edge| (edges.vertices[edge], sharpness));
+    merged(mesh, bent, f64::max)
+}
+
+/// The mesh with more creases; where an edge has one already, `choose` says how sharp it is, from the old and the new sharpness.
+pub(super) fn merged(
+    mesh: &Mesh,
+    more: impl Iterator<Item = ([u32; 2], f64)>,
+    choose: fn(f64, f64) -> f64,
+) -> Mesh {
+    let more = more.map(|([a, b], sharpness)| ([a.min(b), a.max(b)], sharpness));
+    let mut creases: Vec<([u32; 2], f64)> = mesh.creases().chain(more).collect();
+    creases.sort_by_key(|(ends, _)| *ends);
+    let same = creases.chunk_by(|a, b| a.0 == b.0);
+    let chosen = same.map(|same| {
+        let sharpness = same.iter().map(|crease| crease.1).reduce(choose).unwrap_or_default();
+        (same[0].0, sharpness)
+    });
+    let sharp: Vec<_> = chosen.filter(|(_, sharpness)| *sharpness > 0.0).collect();
+    mesh.clone().with_creases(sharp).expect("edges end at vertices of the mesh")
+}
