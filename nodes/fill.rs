@@ -6,6 +6,7 @@ mod border;
 mod boxes;
 mod calm;
 mod carry;
+mod chart;
 mod charts;
 mod clashes;
 mod colors;
@@ -20,16 +21,19 @@ mod filling;
 mod holes;
 mod intersections;
 mod large_hole;
+mod least_bent;
 mod mend;
 mod method;
 mod patch;
 mod plain;
+mod plug;
 mod regions;
 mod remesh;
 mod rim;
 mod settle;
 #[cfg(test)]
 mod shapes;
+mod sizes;
 #[cfg(test)]
 mod tests;
 mod triangulation;

@@ -11,6 +11,7 @@ mod charted;
 mod control_net;
 mod disk;
 mod distance;
+mod even_knots;
 mod fit_error;
 mod fit_line;
 mod fit_method;

@@ -11,7 +11,8 @@ use super::holes::Parts;
 use super::intersections::Crossings;
 use super::mend::{Around, mend};
 use super::patch::NONE;
-use super::plain::{self, Doubt, Plain, Plug};
+use super::plain::{self, Plain};
+use super::plug::{Doubt, Plug};
 use super::rim::{Rim, Surroundings};
 use super::wanted::Wanted;
 

@@ -10,8 +10,8 @@ use nalgebra::{Point3, Vector3};
 use super::charts::{Charts, Edge};
 use super::filling::Filling;
 use super::patch::{NONE, Patch, area_vector, next, previous};
-use super::plain::Sizes;
 use super::rim::Rim;
+use super::sizes::Sizes;
 
 /// How often vertices slide and go back to their surfaces before creases are cut into them. Where faces are folded in the end, another
 /// number is tried: then other edges cross the creases.

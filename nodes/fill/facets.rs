@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Point3, Vector3};
 
-use super::charts::Chart;
+use super::chart::Chart;
 use super::patch::NONE;
 
 /// Cosine of the largest angle between a face and the flat piece that it joins: 12 degrees.

@@ -4,7 +4,7 @@ use maquette::value::Mesh;
 use nalgebra::Point3;
 
 use super::patch::Patch;
-use super::plain::Plug;
+use super::plug::Plug;
 
 /// A mesh of triangles whose holes are being filled.
 #[derive(Clone, Debug)]

@@ -9,8 +9,8 @@ use std::collections::BinaryHeap;
 
 use nalgebra::{Point3, Vector3};
 
+use super::least_bent::least_bent;
 use super::patch::{NONE, Patch, area_vector, previous};
-use super::triangulation::least_bent;
 
 /// How many vertices are tried in all ways: with fewer the whole shape is a worse one, and cost grows with the cube.
 const FEW: usize = 100;

@@ -6,8 +6,9 @@ use nalgebra::Point3;
 use super::density::{Stop, refine};
 use super::fairing::{Energy, fair};
 use super::filling::Filling;
-use super::plain::{Plug, Sizes};
+use super::plug::Plug;
 use super::rim::{Rim, Surroundings};
+use super::sizes::Sizes;
 
 /// What fills some holes, as triangles that can be split and collapsed.
 pub(super) struct Remesh<'a> {

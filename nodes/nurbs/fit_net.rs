@@ -5,11 +5,11 @@ use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use super::even_knots::even;
 use super::fit_error::FitError;
 use super::fit_line::{FittedLine, LineFit, Missed};
 use super::fit_method::FitMethod;
 use super::fit_parameters::FitParameters;
-use super::knot_vector::even;
 use super::parameters::parameters;
 
 /// The fit along one direction.

@@ -126,7 +126,7 @@ mod tests {
     use super::super::control_net::{NetMethod, control_net};
     use super::*;
     use crate::nurbs::blend_mode::BlendMode;
-    use crate::nurbs::knot_vector::even;
+    use crate::nurbs::even_knots::even;
     use crate::nurbs::parameters::parameters;
 
     const ALL_PARAMETERS: [FitParameters; 3] =

@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::knot_vector::is_even;
+use super::even_knots::is_even;
 use super::rows::{resampled, shares};
 use crate::limits::POINTS;
 

@@ -2,7 +2,7 @@
 
 use maquette::value::{self, Along};
 
-use super::knot_vector::even;
+use super::even_knots::even;
 
 /// A parameter from 0 to 1 per control point: the mean, over all lines of the net, of the share of the line's length up to the
 /// point, where a step between neighbors counts as `measure` of their distance. Lines without length are left out; if all are,

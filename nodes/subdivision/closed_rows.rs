@@ -151,10 +151,10 @@ mod tests {
 
     use super::super::limit::Limit;
     use super::super::shapes::{cube, octahedron, prism, sphere, tetrahedron, torus};
-    use super::super::topology::Rules;
     use super::super::without_border::select_faces;
     use super::super::{Boundary, Creases};
     use super::*;
+    use crate::subdivision::rules::Rules;
 
     fn topology(mesh: &Mesh, scheme: Scheme) -> Topology {
         let (boundary, creases) = (Boundary::EdgeAndCorner, Creases::OpenSubdiv);

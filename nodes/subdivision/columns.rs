@@ -4,7 +4,7 @@
 
 use rayon::prelude::*;
 
-use super::geometric::Missed;
+use super::missed::Missed;
 
 /// A right side, an unknown or a residual: three coordinates, solved side by side.
 pub(super) type Column = [f64; 3];

@@ -8,10 +8,11 @@ use super::level::{check_triangles, creases};
 use super::limit::LimitPlaces;
 use super::loop_masks::LoopMasks;
 use super::masks::{Scratch, Stars};
+use super::rules::Rules;
 use super::sharpness::Sharpness;
 use super::stencils::Stencils;
 use super::step::Step;
-use super::topology::{Rules, Topology};
+use super::topology::Topology;
 use super::{Boundary, Creases, Scheme, SubdivideError};
 
 /// Some steps of Loop's scheme, and then the limit, for any control points of one mesh.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Boundary, Scheme};
 
+mod angle_bending;
 mod at_limit;
 mod bending;
 mod bent_mesh;
@@ -14,11 +15,11 @@ mod curvature_error;
 mod curvature_ramp;
 mod discrete;
 
+pub use angle_bending::{AngleBending, angle_bending};
 pub use bending::Bending;
 pub use bent_mesh::BentMesh;
 pub use curvature_error::CurvatureError;
 pub use curvature_ramp::CurvatureRamp;
-pub use discrete::{AngleBending, angle_bending};
 
 /// How a surface bends, at each vertex: attributes `gaussian`, `mean`, `k1` and `k2` (the larger and the smaller principal
 /// curvature), `direction1` and `direction2` (unit tangents in which it bends so).

@@ -6,7 +6,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::connectivity::{Connectivity, NONE};
-use super::limit_surface::LimitPoint;
+use super::limit_point::LimitPoint;
 
 /// A surface over the faces of a mesh that are all triangles or all quads.
 pub(super) trait Parts {

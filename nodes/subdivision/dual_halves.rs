@@ -117,10 +117,11 @@ fn starts(faces: &Faces, halves: &[[u32; 2]], inner: usize, vertices: usize) -> 
 mod tests {
     use super::super::doo_sabin::Dual;
     use super::super::shapes::{cube, prism, sphere, torus};
-    use super::super::topology::{Rules, Topology};
+    use super::super::topology::Topology;
     use super::super::without_border::select_faces;
     use super::super::{Boundary, Creases, Scheme};
     use super::*;
+    use crate::subdivision::rules::Rules;
 
     #[test]
     fn the_half_edges_are_those_of_a_search() {

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::Scheme;
 use super::connectivity::{Connectivity, NONE};
 use super::doo_sabin::Inside;
-use super::limit_surface::LimitPoint;
+use super::limit_point::LimitPoint;
 use super::patches::Jet;
 use super::place::Place;
 use super::turns::turn;

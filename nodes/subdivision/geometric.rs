@@ -8,11 +8,14 @@
 //! Computer-Aided Design 39 (2007); with the vertex's own limit point as foot it is the progressive interpolation of Cheng et al.,
 //! "Loop subdivision surface based progressive interpolation", Journal of Computer Science and Technology 24 (2009).
 
-use maquette::value::{Trace, TraceStep};
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
-use super::interpolation::{Direction, End, Found, Interpolation, Norm, RanAway, Solution};
+use super::extent::{diagonal, is_far};
+use super::interpolation::{Direction, Interpolation};
+use super::missed::Missed;
+use super::record::{Record, STALL};
+use super::solution::{End, Found, RanAway, Solution};
 
 /// A point of a curve or surface, and which way is perpendicular there.
 #[derive(Clone, Copy, Debug)]
@@ -54,113 +57,6 @@ impl FootPoint {
         normal.map_or(missed, |normal| normal * missed.norm())
     }
 }
-
-/// What some points are missed by.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Missed {
-    max_sq: f64,
-    sum_sq: f64,
-    count: usize,
-}
-
-impl Missed {
-    /// No points.
-    pub(super) fn none() -> Self {
-        Self { max_sq: 0.0, sum_sq: 0.0, count: 0 }
-    }
-
-    /// These points and one more, by the square of its distance.
-    pub(super) fn and_by(self, distance_sq: f64) -> Self {
-        self.and(Self { max_sq: distance_sq, sum_sq: distance_sq, count: 1 })
-    }
-
-    /// These points and others.
-    pub(super) fn and(self, other: Self) -> Self {
-        Self {
-            max_sq: self.max_sq.max(other.max_sq),
-            sum_sq: self.sum_sq + other.sum_sq,
-            count: self.count + other.count,
-        }
-    }
-
-    /// The largest distance and the root of the mean of the squares.
-    pub(super) fn distances(self) -> [f64; 2] {
-        [self.max_sq.sqrt(), (self.sum_sq / self.count.max(1) as f64).sqrt()]
-    }
-}
-
-/// The distances of an iteration, and whether they are small enough.
-pub(super) struct Record {
-    norm: Norm,
-    tolerance: f64,
-    steps: Vec<TraceStep>,
-}
-
-impl Record {
-    /// Nothing yet; `tolerance` in mm.
-    pub(super) fn new(norm: Norm, tolerance: f64) -> Self {
-        Self { norm, tolerance, steps: Vec::new() }
-    }
-
-    /// The distance that is small enough, in mm.
-    pub(super) fn tolerance(&self) -> f64 {
-        self.tolerance
-    }
-
-    /// The one of these distances that counts.
-    fn distance(&self, [max, rms]: [f64; 2]) -> f64 {
-        match self.norm {
-            Norm::Max => max,
-            Norm::Mean => rms,
-        }
-    }
-
-    /// The distance at the beginning.
-    fn first(&self) -> f64 {
-        self.steps.first().map_or(0.0, |step| self.distance([step.max, step.rms]))
-    }
-
-    /// Without what was noted after an iteration.
-    fn until(mut self, iteration: u32) -> Self {
-        self.steps.truncate(iteration as usize + 1);
-        self
-    }
-
-    /// Whether these distances are small enough.
-    pub(super) fn allows(&self, distances: [f64; 2]) -> bool {
-        self.distance(distances) <= self.tolerance
-    }
-
-    /// Notes the distances after the next iteration, the first time before all; whether they are small enough.
-    pub(super) fn note(&mut self, [max, rms]: [f64; 2]) -> bool {
-        self.steps.push(TraceStep { iteration: self.steps.len() as u64, max, rms });
-        self.allows([max, rms])
-    }
-
-    /// Puts these distances in place of the last ones; whether they are small enough.
-    pub(super) fn correct(&mut self, distances: [f64; 2]) -> bool {
-        self.steps.pop();
-        self.note(distances)
-    }
-
-    /// Whether the last ten iterations took next to nothing away: the rest is what no control points reach.
-    pub(super) fn stalls(&self) -> bool {
-        let Some(last) = self.steps.len().checked_sub(1).filter(|&last| last >= STALL) else {
-            return false;
-        };
-        let [before, now] = [last - STALL, last].map(|step| self.steps[step]);
-        now.rms > 0.999 * before.rms
-    }
-
-    pub(super) fn into_trace(self) -> Trace {
-        // Distances that overflowed are no numbers; the trace ends before them.
-        let sound = self.steps.into_iter().take_while(|step| step.max >= 0.0 && step.rms >= 0.0);
-        Trace::new(sound.collect()).expect("iterations are counted up and distances not negative")
-    }
-}
-
-/// So many iterations tell whether next to nothing is taken away any more.
-const STALL: usize = 10;
 
 /// Every so many iterations feet are looked for everywhere, not only near the last ones.
 const WHOLE: u32 = 5;
@@ -301,18 +197,4 @@ pub(super) fn iterate(
     };
     let found = Found { control, trace: record.until(iteration).into_trace(), end };
     Ok(Solution { found, unreachable: false })
-}
-
-/// Whether a control point is farther from its point than the points are from each other.
-pub(super) fn is_far(control: &[Point3<f64>], points: &[Point3<f64>]) -> bool {
-    let size = diagonal(points);
-    control.iter().zip(points).any(|(control, point)| (control - point).norm() > size)
-}
-
-/// The diagonal of the box around some points.
-pub(super) fn diagonal(points: &[Point3<f64>]) -> f64 {
-    let Some(first) = points.first() else { return 0.0 };
-    let (low, high) =
-        points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p)));
-    (high - low).norm()
 }

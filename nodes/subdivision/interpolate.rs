@@ -7,14 +7,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::blocks::limit_matrix;
-use super::geometric::{Look, is_far};
-use super::interpolation::{
-    Direction, End, Foot, Interpolated, Interpolation, NotLinear, RanAway, Solution, Solver,
-};
+use super::control_points::control_points;
+use super::extent::is_far;
+use super::geometric::Look;
+use super::interpolation::{Direction, Foot, Interpolation, NotLinear, Solver};
 use super::least_squares::least_squares;
 use super::limit::{Limit, LimitPlaces};
 use super::limit_feet::{ClosestFeet, vertex_feet};
 use super::limit_matrix::PRODUCTS;
+use super::solution::{End, Interpolated, RanAway, Solution};
 use super::topology::Topology;
 use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivision};
 
@@ -204,7 +205,7 @@ fn interpolate_with<E: From<InterpolateError>>(
             let feet = ClosestFeet::new(mesh, subdivision, &limits.positions);
             let mut feet = feet.map_err(InterpolateError::from)?;
             let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, look.own);
-            how.solve(points, options.fixed, progress, feet, matrix)
+            control_points(points, how, options.fixed, progress, feet, matrix)
         }
         Foot::Vertex => {
             let normals = how.direction == Direction::Normal;
@@ -214,7 +215,7 @@ fn interpolate_with<E: From<InterpolateError>>(
             let feet = |control: &[Point3<f64>], look: Look<'_>| {
                 vertex_feet(rows, facing.as_ref(), control, look.own)
             };
-            how.solve(points, options.fixed, progress, feet, matrix)
+            control_points(points, how, options.fixed, progress, feet, matrix)
         }
     };
     let solved = solved.map_err(InterpolateError::from)?;

@@ -7,10 +7,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::control_curve::ControlCurve;
+use super::control_points::control_points;
 use super::curve_basis::CurveBasis;
 use super::geometric::{FootPoint, Look, Perpendicular};
-use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear, RanAway};
+use super::interpolation::{Foot, Interpolation, NotLinear};
 use super::limit_matrix::LimitMatrix;
+use super::solution::{Interpolated, RanAway};
 
 /// Finds the control points of a smooth curve through given points.
 ///
@@ -90,7 +92,7 @@ pub fn interpolate_curve(
     let mut feet = Feet::new(&family, points, how.foot);
     let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, &look);
     let matrix = || matrix(&family, basis, points.len(), curve.is_closed());
-    let solution = how.solve(points, &[], progress, feet, matrix)?;
+    let solution = control_points(points, how, &[], progress, feet, matrix)?;
     let found = solution.ok_or(InterpolateCurveError::Singular)?.found;
     found.shaped(|control| match basis {
         CurveBasis::BSpline(_) => Ok(family.curve(&control)?),

@@ -9,9 +9,11 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::control_points::control_points;
 use super::geometric::{FootPoint, Look, Perpendicular};
-use super::interpolation::{Foot, Interpolated, Interpolation, NotLinear, RanAway};
+use super::interpolation::{Foot, Interpolation, NotLinear};
 use super::limit_matrix::LimitMatrix;
+use super::solution::{Interpolated, RanAway};
 use super::stencils::Stencils;
 use crate::nurbs::parameters;
 
@@ -104,7 +106,7 @@ pub fn interpolate_surface(
         let blocks = vec![(0..net.points().len() as u32).collect()];
         LimitMatrix { rows: sheet.collocation(), blocks, scale: None }
     };
-    let solution = how.solve(net.points(), &[], progress, feet, matrix)?;
+    let solution = control_points(net.points(), how, &[], progress, feet, matrix)?;
     solution
         .ok_or(InterpolateSurfaceError::Singular)?
         .found
@@ -258,7 +260,7 @@ mod tests {
                 };
                 let found = found(&net, [4, 4], &how);
                 assert!(found.settled, "{norm:?} {direction:?}");
-                let allowed = 1e-5 * super::super::geometric::diagonal(net.points());
+                let allowed = 1e-5 * crate::subdivision::extent::diagonal(net.points());
                 let distances: Vec<f64> =
                     net.points().iter().map(|&point| found.shape.closest(point).distance).collect();
                 let max = distances.iter().copied().fold(0.0, f64::max);

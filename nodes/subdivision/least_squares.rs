@@ -8,8 +8,10 @@ use maquette::{Cancelled, Progress};
 use nalgebra::Point3;
 
 use super::columns::{self, Column};
-use super::geometric::{Record, diagonal};
-use super::interpolation::{End, Found, Interpolation, Solution};
+use super::extent::diagonal;
+use super::interpolation::Interpolation;
+use super::record::Record;
+use super::solution::{End, Found, Solution};
 use super::stencils::Stencils;
 
 /// A slope that is so much smaller than the residual is rounding: what is left is beyond the reach of the matrix.

@@ -12,9 +12,10 @@ use maquette::value::Faces;
 use rayon::prelude::*;
 
 use super::connectivity::{Connectivity, NONE, Ring};
+use super::rules::Rules;
 use super::sharpness::Sharpness;
 use super::split::{Corners, Split, Triangles, split_halves};
-use super::topology::{Rules, Topology};
+use super::topology::Topology;
 use super::{Scheme, SubdivideError};
 
 /// Vertices that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.

@@ -14,9 +14,10 @@ use super::dual_limit::DualLimit;
 use super::level::{check_triangles, creases};
 use super::loop_masks::LoopMasks;
 use super::masks::{Masks, Scratch, Stars};
+use super::rules::Rules;
 use super::sharpness::Sharpness;
 use super::stencils::Stencils;
-use super::topology::{Rules, Topology};
+use super::topology::Topology;
 use super::{Scheme, SubdivideError};
 
 /// Vertices that one task looks at.

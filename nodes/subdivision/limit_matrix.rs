@@ -14,9 +14,12 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::columns::{self, Column};
-use super::geometric::{Missed, Record, diagonal};
-use super::interpolation::{End, Found, Interpolation, Solution, Solver};
+use super::extent::diagonal;
+use super::interpolation::{Interpolation, Solver};
 use super::least_squares::least_squares;
+use super::missed::Missed;
+use super::record::Record;
+use super::solution::{End, Found, Solution};
 use super::stencils::Stencils;
 use super::walk::Walk;
 use crate::cholesky::Cholesky;

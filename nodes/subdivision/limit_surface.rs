@@ -9,17 +9,19 @@
 use std::sync::Arc;
 
 use maquette::value::{Faces, Mesh};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::connectivity::Connectivity;
 use super::level::Level;
+use super::limit_point::LimitPoint;
 use super::patches::Jet;
 use super::piece::Piece;
 use super::place::Place;
 use super::primal::Primal;
+use super::rules::Rules;
 use super::smooth_quad::SmoothQuad;
 use super::smooth_triangle::{MOST, SmoothTriangle, scaled};
-use super::topology::{Rules, Topology};
+use super::topology::Topology;
 use super::{Scheme, SubdivideError, Subdivision};
 
 /// So many steps bring a place as near to a corner as its coordinates can tell.
@@ -44,17 +46,6 @@ struct SurfaceFrame {
     mesh: Level,
     /// Number of neighbors of its vertices; 0 at borders and creases, and where it is too large to be counted.
     smooth: Vec<u8>,
-}
-
-/// A point of a limit surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LimitPoint {
-    /// The place.
-    pub point: Point3<f64>,
-    /// The derivatives by `u` and `v`. At an irregular corner, where there are none, two tangents that turn in the same way.
-    pub first: [Vector3<f64>; 2],
-    /// The derivatives by `u` twice, by `u` and `v`, and by `v` twice; none at an irregular corner.
-    pub second: Option<[Vector3<f64>; 3]>,
 }
 
 impl LimitSurface {

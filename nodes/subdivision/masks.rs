@@ -11,9 +11,9 @@
 
 use super::Creases;
 use super::connectivity::{Connectivity, Ring};
+use super::rules::Rules;
 use super::sharpness::{Class, Edges, Sharpness};
 use super::stencils::Rows;
-use super::topology::Rules;
 
 /// What is particular to a scheme.
 pub(super) trait Masks: Sync {

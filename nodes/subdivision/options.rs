@@ -3,8 +3,8 @@
 use super::boundary::Boundary;
 use super::corners::Corners;
 use super::creases::Creases;
+use super::rules::Rules;
 use super::scheme::Scheme;
-use super::topology::Rules;
 
 /// How a mesh is to be refined; the fields are those of [`Subdivide`](super::Subdivide).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,14 +10,14 @@ use super::Scheme;
 use super::catmull_clark::CatmullClarkMasks;
 use super::connectivity::{Connectivity, Ring};
 use super::level::Level;
-use super::limit_surface::LimitPoint;
+use super::limit_point::LimitPoint;
 use super::loop_masks::LoopMasks;
 use super::masks::{Masks, Scratch, Stars};
 use super::patches::{Jet, bicubic, quartic};
 use super::primal::Primal;
+use super::rules::Rules;
 use super::sharpness::{Class, Edges, Sharpness};
 use super::stencils::Stencils;
-use super::topology::Rules;
 
 /// A face with the faces around it.
 pub(super) struct Piece {

@@ -1,7 +1,7 @@
 //! Places in the parts of faces.
 
 use super::Scheme;
-use super::limit_surface::LimitPoint;
+use super::limit_point::LimitPoint;
 use super::patches::Jet;
 
 /// A place in a part of a face, and how the part lies in the face.

@@ -4,7 +4,7 @@
 //! surfaces in character animation" (1998): each step takes 1 off an edge's sharpness; a boundary edge is sharp forever.
 
 use super::connectivity::{Connectivity, Ring};
-use super::topology::Rules;
+use super::rules::Rules;
 use super::{Boundary, Creases};
 
 /// Edges at least this sharp stay so.

@@ -7,9 +7,10 @@ use super::boundary::Boundary;
 use super::connectivity::Connectivity;
 use super::manifold::cut;
 use super::options::Subdivision;
+use super::rules::Rules;
 use super::step::Step;
 use super::subdivide_error::SubdivideError;
-use super::topology::{Rules, Topology};
+use super::topology::Topology;
 
 /// `refined`, which has been made of `mesh`, with its corner data by the rules of `how`.
 ///

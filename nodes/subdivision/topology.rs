@@ -3,15 +3,8 @@
 use maquette::Value;
 use maquette::value::{Encoder, Faces, Mesh, Summary};
 
-use super::{Boundary, Creases, Scheme, Subdivision};
-
-/// The rules of a subdivision.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Rules {
-    pub(super) scheme: Scheme,
-    pub(super) boundary: Boundary,
-    pub(super) creases: Creases,
-}
+use super::Subdivision;
+use super::rules::Rules;
 
 /// A mesh without places, and the rules.
 #[derive(Clone, Debug)]

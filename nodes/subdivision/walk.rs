@@ -6,7 +6,7 @@ use maquette::simd::{Kernel, widest};
 use rayon::prelude::*;
 
 use super::columns::{CHUNK, Column};
-use super::geometric::Missed;
+use super::missed::Missed;
 use super::stencils::Stencils;
 
 /// Three coordinates and a zero.

@@ -7,9 +7,9 @@ use super::exemplars::Exemplars;
 use super::heights::sample;
 use super::level::Outcome;
 use super::roughness::Roughness;
-use super::search::Turns;
 use super::spread::Plate;
 use super::surface::{NONE, Surface};
+use super::turns::Turns;
 
 /// How strongly the shape holds against the detail. With a twentieth of it, detail bends the whole: on eight holes each of five surfaces, fills
 /// were up to a quarter farther from the truth.

@@ -5,12 +5,13 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::descriptor::{Basis, Descriptor, Polar, Rings};
+use super::found_match::Match;
 use super::frame::{Frame, Turn};
 use super::heights::{Lattice, NODES, round_out};
 use super::kd_tree::KdTree;
-use super::search::{Match, Turns};
 use super::surface::{Marks, NONE, Surface};
 use super::tints::{Color, PART, Tint};
+use super::turns::Turns;
 
 /// Exemplars of one level at most: some 60 MB of heights. Beyond, those of a denser scan lie nearer to each other than they differ.
 const MOST: usize = 50_000;

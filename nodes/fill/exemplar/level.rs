@@ -6,14 +6,16 @@ use rayon::prelude::*;
 
 use super::compare::Patch;
 use super::exemplars::{Exemplars, REACH};
+use super::found_match::Match;
 use super::frame::Frame;
 use super::hole::Hole;
 use super::patches::{Patches, Scale};
-use super::search::{Hint, Match, Scene, Scratch, Search, Turns};
+use super::search::{Hint, Scene, Scratch, Search};
 use super::smoothness::HOLE;
 use super::spread::Spread;
 use super::surface::{NONE, Surface};
 use super::tints::Color;
+use super::turns::Turns;
 use super::{ExemplarOptions, Update};
 
 /// What all levels share.

@@ -3,12 +3,12 @@
 use maquette::Progress;
 use maquette::value::TraceStep;
 
+use super::cells;
+use super::completion::{Completed, Completion, Copies, FEWEST, Given, areas, distances};
 use super::hole::{Hole, SAMPLES};
-use super::search::Turns;
+use super::options::ExemplarOptions;
 use super::surface::Surface;
-use super::{
-    Completed, Completion, Copies, ExemplarOptions, FEWEST, Given, areas, cells, distances,
-};
+use super::turns::Turns;
 use crate::fill::density::Stop;
 use crate::fill::filling::Filling;
 

@@ -9,29 +9,13 @@ use rayon::prelude::*;
 
 use super::compare::Patch;
 use super::exemplars::Exemplars;
-use super::frame::{Frame, Turn};
+use super::found_match::Match;
+use super::frame::Frame;
 use super::heights::{NODES, Sample, sample};
 use super::patches::Patches;
 use super::surface::{NONE, Surface};
 use super::tints::{Color, PART, Tint};
-
-/// The exemplar of a patch.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Match {
-    /// [`NONE`] if nothing can be compared.
-    pub(super) exemplar: u32,
-    /// How it is turned.
-    pub(super) turn: u8,
-    /// The mean of the squared distances.
-    pub(super) ssd: f64,
-    /// What is added to it where matches are chosen: the same of the colors.
-    pub(super) tint: f64,
-}
-
-impl Match {
-    pub(super) const NOTHING: Self =
-        Self { exemplar: NONE, turn: 0, ssd: f64::INFINITY, tint: 0.0 };
-}
+use super::turns::Turns;
 
 /// A place to look at: a data vertex near it, and a turn.
 #[derive(Clone, Copy, Debug)]
@@ -62,33 +46,6 @@ pub(super) struct Search<'a> {
     pub(super) radius: f64,
     /// Sets random places of levels apart.
     pub(super) seed: u64,
-}
-
-/// The ways in which exemplars may lie.
-pub(super) struct Turns {
-    all: Vec<Turn>,
-    usual: usize,
-}
-
-/// Rotations that are tried where frames have no direction.
-const FREE: u32 = 8;
-
-impl Turns {
-    pub(super) fn new(rotations: u32, mirror: bool) -> Self {
-        let mut all = Turn::all(rotations, mirror);
-        let usual = all.len();
-        all.extend(Turn::all(FREE, mirror));
-        Self { all, usual }
-    }
-
-    pub(super) fn of(&self, turn: u8) -> &Turn {
-        &self.all[usize::from(turn)]
-    }
-
-    /// Those that are tried for a frame.
-    pub(super) fn tried(&self, frame: &Frame) -> std::ops::Range<usize> {
-        if frame.free { self.usual..self.all.len() } else { 0..self.usual }
-    }
 }
 
 /// Candidates from the tree, over all turns.

@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::exemplars::Exemplars;
 use super::level::Outcome;
-use super::search::Turns;
 use super::surface::{NONE, Surface};
+use super::turns::Turns;
 
 /// For each filled face the one of the data that it copies, and where its corners are there: how much each corner of that one weighs, less
 /// than nothing where they lie beside it. None for a face that copies nothing.

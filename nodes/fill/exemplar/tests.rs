@@ -1,8 +1,16 @@
+use maquette::Progress;
+use nalgebra::{Point3, Vector3};
 use rayon::ThreadPoolBuilder;
 
 use super::compare::Patch;
-use super::search::{Match, Scene, Search};
+use super::completion::{Completed, Completion, distances};
+use super::found_match::Match;
+use super::hole::Hole;
+use super::search::{Scene, Search};
+use super::surface::{NONE, Surface};
+use super::turns::Turns;
 use super::*;
+use crate::fill::filling::Filling;
 
 mod shapes;
 

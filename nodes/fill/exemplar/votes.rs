@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::exemplars::Exemplars;
 use super::level::Outcome;
-use super::search::Turns;
 use super::surface::{NONE, Surface};
+use super::turns::Turns;
 
 /// For each filled vertex the data vertices that the patches around it have in its place, and how much each counts.
 #[derive(Debug)]

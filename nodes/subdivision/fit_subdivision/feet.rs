@@ -5,7 +5,7 @@ use nalgebra::Point3;
 
 use super::scan::Foot;
 use crate::subdivision::columns::Column;
-use crate::subdivision::geometric::Missed;
+use crate::subdivision::missed::Missed;
 use crate::subdivision::stencils::Stencils;
 
 /// Steps of subdivision after which the surface is measured; its limit is met at the vertices of that mesh.

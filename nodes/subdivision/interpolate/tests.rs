@@ -252,7 +252,7 @@ fn the_published_iteration_comes_nearer_and_begins_at_the_vertices() {
             found(&mesh, Scheme::Loop, &InterpolateOptions { how, ..InterpolateOptions::default() })
         };
         assert_eq!(closest(0, Norm::Max).shape.positions(), mesh.positions());
-        let allowed = 1e-5 * super::super::geometric::diagonal(mesh.positions());
+        let allowed = 1e-5 * crate::subdivision::extent::diagonal(mesh.positions());
         for norm in [Norm::Max, Norm::Mean] {
             let found = closest(60, norm);
             let steps = Vec::from_iter(found.trace.steps().iter().map(|step| match norm {

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use maquette::value::{Faces, TriangleTree};
 
-use super::super::super::geometric::diagonal;
 use super::*;
+use crate::subdivision::extent::diagonal;
 
 /// The meshes of the shared data; none where it is not beside the project.
 fn shared() -> Vec<(String, Mesh)> {
