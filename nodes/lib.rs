@@ -10,9 +10,8 @@ pub mod nurbs;
 pub mod range;
 pub mod subdivision;
 
-mod cholesky;
-mod laplace;
 mod limits;
+mod linear;
 
 /// All built-in packs, in pipeline order.
 pub const PACKS: &[Pack] = &[

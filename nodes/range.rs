@@ -3,36 +3,31 @@
 use maquette::{Pack, node};
 
 mod average_normal;
-mod border;
-mod contour;
 mod denoise;
 mod extract_region;
 mod fill_range;
-mod footprint;
 mod foreground;
-mod grid_triangles;
-mod joins;
+mod grid;
+mod holes;
 mod range_file;
-mod range_holes;
 mod read_capture;
 mod read_range;
-mod shadows;
 mod triangulate;
 
 pub use average_normal::{
     AverageNormal, AverageNormalError, Weight, average_normal, principal_normal,
 };
-pub(crate) use contour::contours;
 pub use denoise::{Denoise, Denoising, denoise};
 pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, Taken, extract_region};
 pub use fill_range::{FillRange, FillRangeError, fill_range};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
-pub(crate) use grid_triangles::grid_triangles;
-pub(crate) use joins::{GRAZING, JUMP, Joins, longest_edge};
+pub(crate) use grid::contour::contours;
+pub(crate) use grid::grid_triangles::grid_triangles;
+pub(crate) use grid::joins::{GRAZING, JUMP, Joins, longest_edge};
+pub(crate) use holes::shadows::{LARGEST_SHADOW, around, fill_shadows};
 pub use range_file::{Axes, CameraFileError, Unit};
 pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
 pub use read_range::{ReadRange, read_range};
-pub(crate) use shadows::{LARGEST_SHADOW, around, fill_shadows};
 pub use triangulate::{Triangulate, TriangulateError, triangulate};
 
 /// Nodes on range images.

@@ -6,13 +6,13 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::drag::{self, Drag};
 use super::ffd_error::FfdError;
-use super::free_form::{Deforming, deform, prepared};
-use super::layout::Bounds;
+use super::free_form::drag::{self, Drag};
+use super::free_form::object::bounds;
+use super::free_form::pull::{Deforming, deform, prepared};
+use super::gaussian::layout::Bounds;
+use super::gaussian::system::System;
 use super::mode::Mode;
-use super::object::bounds;
-use super::system::System;
 use crate::mesh::Movable;
 
 /// Pulls an object by handles: each goes to its target, and takes along what is around it.

@@ -7,12 +7,11 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::limits::VERTICES;
-
-use super::deformation::{Base, Deformation};
-use super::layout::{Bounds, chosen, prepare};
-use super::system::System;
+use super::gaussian::deformation::{Base, Deformation};
+use super::gaussian::layout::{Bounds, chosen, prepare};
+use super::gaussian::system::System;
 use super::{FfdError, Mode};
+use crate::limits::VERTICES;
 
 /// Makes a surface of control points with rational Gaussian functions.
 ///

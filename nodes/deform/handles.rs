@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::layout::{Bounds, MOST_HANDLES};
-use super::object::{bounds, points};
+use super::free_form::object::{bounds, points};
+use super::gaussian::layout::{Bounds, MOST_HANDLES};
 use crate::mesh::Movable;
 
 /// Places handles on an object by a rule, all at rest. `Ffd` takes them as its `layout`, and drags some of them by its

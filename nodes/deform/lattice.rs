@@ -6,10 +6,9 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::free_form::object::bounds;
+use super::gaussian::layout::Bounds;
 use crate::limits::POINTS;
-
-use super::layout::Bounds;
-use super::object::bounds;
 use crate::mesh::Movable;
 
 /// Draws the lines of a lattice in an object's box as one polyline, to be deformed beside the object and seen: `Ffd` with

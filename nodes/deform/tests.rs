@@ -4,10 +4,11 @@ use maquette::Progress;
 use maquette::value::{Handle, HandleSpace, Handles, Points};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
-use super::gaussians::Gaussians;
-use super::layout::{Layout, prepare};
-use super::system::System;
-use super::{Deforming, FfdError, Mode, Report, ffd, free_form};
+use super::free_form::pull;
+use super::gaussian::gaussians::Gaussians;
+use super::gaussian::layout::{Layout, prepare};
+use super::gaussian::system::System;
+use super::{Deforming, FfdError, Mode, Report, ffd};
 use crate::mesh::Movable;
 
 mod forms;
@@ -122,7 +123,7 @@ fn solve(handles: &[Handle], mode: Mode) -> System {
 /// Where one point goes, and the derivatives there.
 fn deformed(handles: &[Handle], mode: Mode, point: Point3<f64>) -> (Point3<f64>, Matrix3<f64>) {
     let prepared = prepare(&in_world(handles), UNIT, mode, 0.0, 0.0).unwrap();
-    let deformation = free_form::deformation(&prepared, &solve(handles, mode));
+    let deformation = pull::deformation(&prepared, &solve(handles, mode));
     let (mut there, mut jacobian) = ([point], [Matrix3::zeros()]);
     deformation.apply(&deformation.terms, &[point], &mut there, Some(&mut jacobian));
     (there[0], jacobian[0])

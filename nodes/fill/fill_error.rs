@@ -3,7 +3,7 @@
 use maquette::value::{MeshError, TraceError};
 use maquette::{Cancelled, TooMuch};
 
-use super::regions::NoMarks;
+use super::border::regions::NoMarks;
 
 /// Why holes were not filled.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -8,25 +8,25 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::border::{NotManifold, rims};
-use super::calm::Fillings;
-use super::carry::Carry;
-use super::clashes::check_rims;
-use super::colors::colors;
-use super::density::{Stop, TRIANGLES};
+use super::attributes::carry::Carry;
+use super::attributes::colors::colors;
+use super::border::clashes::check_rims;
+use super::border::holes::{HoleChoice, Parts, choose, without_crumbs};
+use super::border::regions::{cut, marks, within};
+use super::border::rim::{Rim, Surroundings};
+use super::border::rims::{NotManifold, rims};
+use super::crossings::calm::Fillings;
+use super::crossings::intersections::Crossings;
+use super::crossings::settle::settle;
 use super::exemplar::{Copies, Given, Update, complete, complete_as_published};
 use super::fill_error::FillError;
-use super::filling::Filling;
-use super::holes::{HoleChoice, Parts, choose, without_crumbs};
-use super::intersections::Crossings;
 use super::method::FillMethod;
-use super::plain;
-use super::plug::{Doubt, Plug};
-use super::regions::{cut, marks, within};
-use super::remesh::Remesh;
-use super::rim::{Rim, Surroundings};
-use super::settle::settle;
-use super::wanted::Wanted;
+use super::plain::fill_plainly;
+use super::plain::plug::{Doubt, Plug};
+use super::plain::remesh::Remesh;
+use super::plain::wanted::Wanted;
+use super::triangles::density::{Stop, TRIANGLES};
+use super::triangles::filling::Filling;
 
 /// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
 ///
@@ -230,8 +230,9 @@ fn plug(
         // One hole tells how far it is; of several, how many edges of their rims are done.
         let before = share(done.load(Ordering::Relaxed));
         let own = if holes.len() == 1 { 0.0..1.0 } else { before..before };
-        let filled = progress
-            .part(own, |progress| plain::fill(filling, &rim, wanted.plain, wanted.edge, progress));
+        let filled = progress.part(own, |progress| {
+            fill_plainly::fill(filling, &rim, wanted.plain, wanted.edge, progress)
+        });
         let plug = filled.map_err(|stop| match stop {
             Stop::Cancelled => FillError::Cancelled(Cancelled),
             Stop::TooMany(need) => {

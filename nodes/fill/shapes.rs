@@ -15,7 +15,7 @@ pub(super) fn of(points: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Mesh {
 /// The mesh without the vertices that `is_lost` takes and their faces; the others keep their order.
 pub(super) fn without(mesh: &Mesh, is_lost: impl Fn(&Point3<f64>) -> bool) -> Mesh {
     let lost: Vec<bool> = mesh.positions().iter().map(is_lost).collect();
-    super::regions::cut(mesh, &lost).unwrap().0
+    super::border::regions::cut(mesh, &lost).unwrap().0
 }
 
 /// The unit sphere: an octahedron, each face of which is cut into four, so many times.

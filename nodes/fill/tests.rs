@@ -5,12 +5,12 @@ use maquette::value::{Attribute, Faces, Mesh};
 use nalgebra::Point3;
 use proptest::prelude::*;
 
+use super::border::holes::HoleChoice;
+use super::border::regions::HoleRegion;
 use super::exemplar::{ExemplarOptions, Start};
 use super::fill_error::FillError;
 use super::fill_holes::{FillOptions, Filled, fill_holes};
-use super::holes::HoleChoice;
 use super::method::FillMethod;
-use super::regions::HoleRegion;
 use super::shapes::{grid, of, random, sphere, without};
 
 mod creases;
@@ -272,7 +272,8 @@ fn a_crumb_that_a_cut_leaves_in_the_hole_goes_too() {
     // As data it is a part of its own, which stays open and is told of.
     let lost = mesh.vertex().get("bad").cloned();
     let Some(Attribute::Flag(lost)) = lost else { panic!("no flags") };
-    let loose = super::regions::cut(&mesh, &lost.iter().map(|&bad| bad == 1).collect::<Vec<_>>());
+    let loose =
+        super::border::regions::cut(&mesh, &lost.iter().map(|&bad| bad == 1).collect::<Vec<_>>());
     let loose = loose.unwrap().0;
     let filled = fill(&loose, HoleChoice::All, FillMethod::Flat).unwrap();
     assert_eq!(check_kept(&loose, &filled.mesh), 3);

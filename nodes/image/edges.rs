@@ -7,11 +7,11 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::gaussian::blur;
-use super::gradient::{Levels, write_gradient};
-use super::hysteresis::{Bits, WORD, pack, reconstruct};
+use super::filter::gaussian::blur;
+use super::filter::gradient::{Levels, write_gradient};
+use super::filter::hysteresis::{Bits, WORD, pack, reconstruct};
+use super::filter::percentile::percentile;
 use super::operator::Operator;
-use super::percentile::percentile;
 
 /// Marks the edges of a picture or a mask: where its levels change steeply.
 ///

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::components::label;
 use super::connectivity::Connectivity;
-use super::morphology::close;
+use super::filter::morphology::close;
+use super::segment::components::label;
 
 /// Fills the contours of a mask: adds all that they enclose, which is what cannot be reached from the picture's border by
 /// steps up, down, left and right.

@@ -5,8 +5,8 @@ use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::components::label;
 use super::connectivity::Connectivity;
+use super::segment::components::label;
 
 /// Numbers the connected parts of a mask: 1, 2, ... in the order in which their first pixels are met, row by row from the top.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

@@ -5,10 +5,10 @@ use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::mark_pixels::threshold;
-use super::morphology::{close, open};
+use super::filter::morphology::{close, open};
 use super::picture_error::PictureError;
-use super::select::{Measure, Select, measure};
+use super::segment::mark_pixels::threshold;
+use super::segment::select::{Measure, Select, measure};
 
 /// Marks the pixels that belong together by their color.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -77,8 +77,8 @@ fn explain_empty(
 mod tests {
     use expect_test::{Expect, expect};
 
-    use super::super::select::{Channel, Space};
     use super::*;
+    use crate::image::segment::select::{Channel, Space};
 
     /// A picture drawn with letters: r, g, b, w (white), k (black), p (pink).
     fn picture(rows: &[&str]) -> Image {

@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 
 use super::blend_error::BlendError;
 use super::blend_mode::BlendMode;
-use super::canvas::{Canvas, Target};
-use super::fold::folded_cells;
-use super::refine::{refine, refined_range};
-use super::seam::{Seam, seam};
+use super::grid::canvas::{Canvas, Target};
+use super::grid::fold::folded_cells;
+use super::grid::refine::{refine, refined_range};
+use super::grid::seam::{Seam, seam};
 use crate::image::dilate;
 use crate::range::{
     GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles, longest_edge,

@@ -5,10 +5,10 @@ use maquette::{Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::charted::charted;
+use super::grid::patch::{Patch, placed};
+use super::net::charted::charted;
+use super::net::{harmonic, polar, rows};
 use super::net_error::NetError;
-use super::patch::{Patch, placed};
-use super::{harmonic, polar, rows};
 use crate::limits::POINTS;
 
 /// Makes a rectangular net of control points of a region of a range grid. Points on the region's border are fixed: an offset

@@ -5,9 +5,9 @@ use maquette::{Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::fit::fit_net::{Direction, fit_points, trace};
 use super::fit_error::FitError;
 use super::fit_method::FitMethod;
-use super::fit_net::{Direction, fit_points, trace};
 use super::fit_parameters::FitParameters;
 
 /// Fits a B-spline surface to the points of a net: unlike the one of `Nurbs`, which only follows its control points, it goes
@@ -126,8 +126,8 @@ mod tests {
     use super::super::control_net::{NetMethod, control_net};
     use super::*;
     use crate::nurbs::blend_mode::BlendMode;
-    use crate::nurbs::even_knots::even;
-    use crate::nurbs::parameters::parameters;
+    use crate::nurbs::knot_vectors::even_knots::even;
+    use crate::nurbs::knot_vectors::parameters::parameters;
 
     const ALL_PARAMETERS: [FitParameters; 3] =
         [FitParameters::Uniform, FitParameters::Chord, FitParameters::Centripetal];

@@ -6,8 +6,8 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::even_knots::is_even;
-use super::rows::{resampled, shares};
+use super::knot_vectors::even_knots::is_even;
+use super::net::rows::{resampled, shares};
 use crate::limits::POINTS;
 
 /// Makes a control net of sections that follow each other, such as the ribs of a hull. Each becomes a row of the net.

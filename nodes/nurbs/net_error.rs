@@ -3,7 +3,7 @@
 use maquette::TooMuch;
 use maquette::value::ControlNetError;
 
-use crate::laplace::Unsolved;
+use crate::linear::laplace::Unsolved;
 
 /// Why a region does not make a net.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

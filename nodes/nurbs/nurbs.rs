@@ -5,7 +5,7 @@ use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::knot_vector::knots;
+use super::knot_vectors::knot_vector::knots;
 use super::knots_error::KnotsError;
 use super::knots_kind::KnotsKind;
 

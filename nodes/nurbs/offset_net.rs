@@ -6,8 +6,8 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::profile::{Profile, ProfileError};
-use super::within::{WithinError, within};
+use super::grid::within::{WithinError, within};
+use super::net::profile::{Profile, ProfileError};
 
 /// Moves the free points of a control net in one or several steps, each in the direction of the one before it, turned by an
 /// angle. Fixed points stay.

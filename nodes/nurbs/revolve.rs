@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::even_knots::is_even;
+use super::knot_vectors::even_knots::is_even;
 
 /// Makes a control net of a profile that turns around the y axis. With knots of the kind `Cylinder` along v its surface is exactly
 /// round.

@@ -5,7 +5,7 @@ use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::within::{WithinError, within};
+use super::grid::within::{WithinError, within};
 
 /// Changes how strongly control points attract their surface.
 ///

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid_triangles::{Rays, double_area, grid_triangles};
+use super::grid::grid_triangles::{Rays, double_area, grid_triangles};
 
 /// The mean of the normals of a region's triangles, towards the sensor.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid_triangles::Rays;
+use super::grid::grid_triangles::Rays;
 
 /// Takes the noise out of a range image and keeps its edges.
 ///

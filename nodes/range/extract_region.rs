@@ -6,11 +6,11 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::contour::contours;
-use super::footprint::covered_cells;
-use super::range_holes::{fill_points, usable_cells, with_enclosed};
+use super::grid::contour::contours;
+use super::grid::footprint::covered_cells;
+use super::holes::range_holes::{fill_points, usable_cells, with_enclosed};
 use crate::image::{Connectivity, close, label};
-use crate::laplace::Unsolved;
+use crate::linear::laplace::Unsolved;
 
 /// Takes one labelled part of a picture as a region of the range grid, ready to be redesigned.
 ///

@@ -5,8 +5,8 @@ use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::joins::{JUMP, longest_edge};
-use super::shadows::{LARGEST_SHADOW, fill_shadows, join_around};
+use super::grid::joins::{JUMP, longest_edge};
+use super::holes::shadows::{LARGEST_SHADOW, fill_shadows, join_around};
 
 /// Fills shadows and pits of a range image: cells without a point that the scan surrounds.
 ///

@@ -7,9 +7,9 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::border::Border;
-use super::grid_triangles::{GridTriangle, double_area, grid_triangles};
-use super::joins::{GRAZING, JUMP, Joins};
+use super::grid::border::Border;
+use super::grid::grid_triangles::{GridTriangle, double_area, grid_triangles};
+use super::grid::joins::{GRAZING, JUMP, Joins};
 
 /// Joins neighboring cells of a range image to a mesh of triangles that look towards the sensor, also if the grid is mirrored.
 ///

@@ -82,7 +82,7 @@ impl Node for Curvature {
 
 /// How a mesh bends, or for [`CurvatureMethod::Limit`] the subdivision surface of which it is the control mesh.
 ///
-/// Cost grows with the number of vertices. Sources: for `Mesh` [`angle_bending`]; for `Fit` Petitjean, "A survey of methods for
+/// Cost grows with the number of vertices. Sources: for `Mesh` [`angle_bending()`]; for `Fit` Petitjean, "A survey of methods for
 /// recovering quadrics in triangle meshes" (2002); for `Limit` the derivatives of the uniform B-splines and box splines that the
 /// surface consists of, by differences of control points.
 ///

@@ -6,17 +6,17 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::blocks::limit_matrix;
-use super::control_points::control_points;
-use super::extent::is_far;
-use super::geometric::Look;
-use super::interpolation::{Direction, Foot, Interpolation, NotLinear, Solver};
-use super::least_squares::least_squares;
-use super::limit::{Limit, LimitPlaces};
-use super::limit_feet::{ClosestFeet, vertex_feet};
-use super::limit_matrix::PRODUCTS;
-use super::solution::{End, Interpolated, RanAway, Solution};
-use super::topology::Topology;
+use super::limit::limit_rows::{Limit, LimitPlaces};
+use super::refine::topology::Topology;
+use super::solve::blocks::limit_matrix;
+use super::solve::control_points::control_points;
+use super::solve::extent::is_far;
+use super::solve::geometric::Look;
+use super::solve::interpolation::{Direction, Foot, Interpolation, NotLinear, Solver};
+use super::solve::least_squares::least_squares;
+use super::solve::limit_matrix::PRODUCTS;
+use super::solve::solution::{End, Interpolated, RanAway, Solution};
+use super::surface::limit_feet::{ClosestFeet, vertex_feet};
 use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivision};
 
 /// Finds the control mesh whose subdivision surface passes through the vertices of a mesh.

@@ -6,13 +6,13 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::control_curve::ControlCurve;
-use super::control_points::control_points;
 use super::curve_basis::CurveBasis;
-use super::geometric::{FootPoint, Look, Perpendicular};
-use super::interpolation::{Foot, Interpolation, NotLinear};
-use super::limit_matrix::LimitMatrix;
-use super::solution::{Interpolated, RanAway};
+use super::solve::control_curve::ControlCurve;
+use super::solve::control_points::control_points;
+use super::solve::geometric::{FootPoint, Look, Perpendicular};
+use super::solve::interpolation::{Foot, Interpolation, NotLinear};
+use super::solve::limit_matrix::LimitMatrix;
+use super::solve::solution::{Interpolated, RanAway};
 
 /// Finds the control points of a smooth curve through given points.
 ///

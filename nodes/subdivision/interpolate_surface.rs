@@ -9,12 +9,12 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::control_points::control_points;
-use super::geometric::{FootPoint, Look, Perpendicular};
-use super::interpolation::{Foot, Interpolation, NotLinear};
-use super::limit_matrix::LimitMatrix;
-use super::solution::{Interpolated, RanAway};
-use super::stencils::Stencils;
+use super::solve::control_points::control_points;
+use super::solve::geometric::{FootPoint, Look, Perpendicular};
+use super::solve::interpolation::{Foot, Interpolation, NotLinear};
+use super::solve::limit_matrix::LimitMatrix;
+use super::solve::solution::{Interpolated, RanAway};
+use crate::linear::stencils::Stencils;
 use crate::nurbs::parameters;
 
 /// Finds the control net of a B-spline surface through a grid of points.
@@ -208,8 +208,8 @@ impl<'a> Feet<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::interpolation::{Direction, Norm, Solver};
     use super::*;
+    use crate::subdivision::solve::interpolation::{Direction, Norm, Solver};
 
     fn waves(rows: usize, columns: usize) -> ControlNet {
         let point = |k: usize| {
@@ -260,7 +260,7 @@ mod tests {
                 };
                 let found = found(&net, [4, 4], &how);
                 assert!(found.settled, "{norm:?} {direction:?}");
-                let allowed = 1e-5 * crate::subdivision::extent::diagonal(net.points());
+                let allowed = 1e-5 * crate::subdivision::solve::extent::diagonal(net.points());
                 let distances: Vec<f64> =
                     net.points().iter().map(|&point| found.shape.closest(point).distance).collect();
                 let max = distances.iter().copied().fold(0.0, f64::max);

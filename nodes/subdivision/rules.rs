@@ -4,7 +4,7 @@ use super::{Boundary, Creases, Scheme};
 
 /// The rules of a subdivision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Rules {
+pub(crate) struct Rules {
     pub(super) scheme: Scheme,
     pub(super) boundary: Boundary,
     pub(super) creases: Creases,

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use net::Net;
 
 mod net;
+mod quadric;
 
 /// Takes vertices out of a mesh where they matter least, until it has so many faces.
 ///

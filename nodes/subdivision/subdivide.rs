@@ -11,12 +11,12 @@ use serde::{Deserialize, Serialize};
 use super::boundary::Boundary;
 use super::corners::Corners;
 use super::creases::Creases;
-use super::limit::Limit;
-use super::manifold::manifold;
+use super::limit::limit_rows::Limit;
 use super::options::Subdivision;
-use super::plan::{Before, EndLimit, Plan};
+use super::refine::manifold::manifold;
+use super::refine::plan::{Before, EndLimit, Plan};
+use super::refine::step::{LastLimit, Step};
 use super::scheme::Scheme;
-use super::step::{LastLimit, Step};
 use super::subdivide_error::SubdivideError;
 
 /// Refines a mesh towards a smooth surface.

@@ -220,7 +220,7 @@ fn points_stay_in_the_hull_of_the_coefficients() {
     let mut random = Random(12);
     let handles = scattered(&mut random, 3, 0.6);
     let prepared = prepare(&in_world(&handles), UNIT, Mode::Absolute, 0.0, 0.0).unwrap();
-    let deformation = free_form::deformation(&prepared, &solve(&handles, Mode::Absolute));
+    let deformation = pull::deformation(&prepared, &solve(&handles, Mode::Absolute));
     let points: Vec<_> = random.points(2000).into_iter().map(|point| point * 3.0).collect();
     let there = moved(&points, &handles, how(Mode::Absolute));
     for _ in 0..100 {

@@ -58,7 +58,7 @@ fn a_handle_near_another_has_the_condition_of_the_table() {
         let handles = twin(distance);
         let prepared = prepare(&in_world(&handles), UNIT, Mode::Displacement, 0.0, 0.0).unwrap();
         let system = solve(&handles, Mode::Displacement);
-        let deformation = free_form::deformation(&prepared, &system);
+        let deformation = pull::deformation(&prepared, &system);
         let value = |k: usize| Vector3::from(deformation.terms[k].value).norm();
         let greatest = (0..9).map(value).fold(0.0, f64::max);
         let (_, report) = try_move(&[Point3::origin()], &handles, how(Mode::Displacement)).unwrap();

@@ -10,7 +10,7 @@ use super::options::ExemplarOptions;
 use super::surface::Surface;
 use super::tints::Color;
 use super::turns::Turns;
-use crate::fill::filling::Filling;
+use crate::fill::triangles::filling::Filling;
 
 /// Moves the filled vertices of `filling`, which is triangulated as finely as its data and has the positions of the start, to where
 /// exemplars say.

@@ -9,8 +9,8 @@ use super::hole::{Hole, SAMPLES};
 use super::options::ExemplarOptions;
 use super::surface::Surface;
 use super::turns::Turns;
-use crate::fill::density::Stop;
-use crate::fill::filling::Filling;
+use crate::fill::triangles::density::Stop;
+use crate::fill::triangles::filling::Filling;
 
 /// Gives what is filled edges of at least this length, or those of the data where these are longer.
 pub(in crate::fill) type Density<'a> =

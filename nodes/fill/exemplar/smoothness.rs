@@ -2,7 +2,7 @@
 
 use super::exemplars::Exemplars;
 use super::heights::{NODES, SIDE};
-use crate::cholesky::{Cholesky, Symmetric};
+use crate::linear::cholesky::{Cholesky, Symmetric};
 
 /// Exemplars that are tried.
 const MOST: usize = 512;

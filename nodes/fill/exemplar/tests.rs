@@ -10,7 +10,7 @@ use super::search::{Scene, Search};
 use super::surface::{NONE, Surface};
 use super::turns::Turns;
 use super::*;
-use crate::fill::filling::Filling;
+use crate::fill::triangles::filling::Filling;
 
 mod shapes;
 

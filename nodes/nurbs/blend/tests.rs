@@ -6,11 +6,11 @@ use nalgebra::Unit;
 
 use super::super::control_net::tests::{range, region};
 use super::super::control_net::{NetMethod, control_net};
-use super::super::distance::from_border;
 use super::super::nurbs::nurbs;
 use super::super::offset_net::{OffsetStep, offset_net};
-use super::super::profile::Profile;
 use super::*;
+use crate::nurbs::grid::distance::from_border;
+use crate::nurbs::net::profile::Profile;
 use crate::range::triangulate;
 
 const ALL_MODES: [BlendMode; 3] =

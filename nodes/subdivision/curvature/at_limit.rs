@@ -8,16 +8,16 @@ use maquette::value::{Mesh, NearestPlace, TriangleTree};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::super::connectivity::{Connectivity, NONE, Ring};
-use super::super::limit::Limit;
-use super::super::manifold::manifold;
-use super::super::topology::Topology;
-use super::super::without_border::select_faces;
 use super::super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
 use super::bending::Bending;
 use super::bent_mesh::BentMesh;
 use super::curvature_error::CurvatureError;
 use super::discrete::Neighbors;
+use crate::subdivision::limit::limit_rows::Limit;
+use crate::subdivision::refine::connectivity::{Connectivity, NONE, Ring};
+use crate::subdivision::refine::manifold::manifold;
+use crate::subdivision::refine::topology::Topology;
+use crate::subdivision::refine::without_border::select_faces;
 
 /// Steps after which the surface around an extraordinary vertex is looked at.
 const LEVELS: u32 = 3;

@@ -2,12 +2,12 @@ use maquette::Progress;
 use maquette::value::{Faces, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
-use super::super::connectivity::{Connectivity, NONE};
 use super::super::shapes::{sphere, torus};
 use super::super::simplify::simplify;
 use super::net::{Move, Net};
 use super::*;
-use crate::subdivision::composed::Composed;
+use crate::subdivision::limit::composed::Composed;
+use crate::subdivision::refine::connectivity::{Connectivity, NONE};
 use crate::subdivision::sharp_edges::crease;
 
 fn fitted(mesh: &Mesh, points: &[Point3<f64>]) -> FittedSubdivision {

@@ -5,8 +5,9 @@ use std::cmp::Ordering;
 use maquette::value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3, center};
 
-use super::super::carry::{Carry, Mix};
-use super::super::quadric::Quadric;
+use super::quadric::Quadric;
+use crate::linear::mix::Mix;
+use crate::subdivision::refine::carry::Carry;
 
 /// Weight of the planes that hold borders and creases, beside those of faces.
 const HOLD: f64 = 1000.0;

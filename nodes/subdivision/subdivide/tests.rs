@@ -1,9 +1,9 @@
 use maquette::value::{Attribute, Column, Faces};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::super::plan::apply;
-use super::super::topology::Topology;
 use super::*;
+use crate::subdivision::refine::plan::apply;
+use crate::subdivision::refine::topology::Topology;
 
 mod creases;
 mod limit_surface;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use maquette::value::{Faces, TriangleTree};
 
 use super::*;
-use crate::subdivision::extent::diagonal;
+use crate::subdivision::solve::extent::diagonal;
 
 /// The meshes of the shared data; none where it is not beside the project.
 fn shared() -> Vec<(String, Mesh)> {

@@ -3,10 +3,10 @@
 use maquette::value::Attribute;
 use nalgebra::Point3;
 
-use super::super::super::manifold::manifold;
 use super::super::*;
 use super::shapes::*;
 use super::with;
+use crate::subdivision::refine::manifold::manifold;
 
 fn triangulated(faces: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
     let cut = |face: Vec<u32>| (2..face.len()).map(move |k| vec![face[0], face[k - 1], face[k]]);

@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
-use super::super::super::limit_surface::LimitSurface;
-use super::super::super::place::Place;
 use super::super::*;
 use super::shapes::*;
 use super::with;
-use crate::subdivision::limit_point::LimitPoint;
+use crate::subdivision::surface::limit_point::LimitPoint;
+use crate::subdivision::surface::limit_surface::LimitSurface;
+use crate::subdivision::surface::place::Place;
 
 fn surface(mesh: &Mesh, scheme: Scheme) -> LimitSurface {
     LimitSurface::new(mesh, with(scheme, 0, true, Boundary::EdgeAndCorner)).unwrap()

@@ -4,11 +4,11 @@ use maquette::Progress;
 use maquette::value::Faces;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::super::super::plan::apply;
-use super::super::super::topology::Topology;
 use super::super::*;
 use super::shapes::*;
 use super::{farthest, with};
+use crate::subdivision::refine::plan::apply;
+use crate::subdivision::refine::topology::Topology;
 
 const BOTH: [Scheme; 2] = [Scheme::CatmullClark, Scheme::DooSabin];
 const BOUNDARIES: [Boundary; 2] = [Boundary::EdgeAndCorner, Boundary::EdgeOnly];

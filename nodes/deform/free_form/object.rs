@@ -1,0 +1,144 @@
+//! What can be deformed, as points and back.
+
+use maquette::simd::{Kernel, widest};
+use maquette::value::{Attribute, Mesh, Points};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::deform::FfdError;
+use crate::deform::gaussian::field::{Field, Wanted, turned};
+use crate::deform::gaussian::layout::Bounds;
+use crate::mesh::Movable;
+
+/// All points of an object.
+pub(crate) fn points(what: &Movable) -> &[Point3<f64>] {
+    match what {
+        Movable::Mesh(mesh) => mesh.positions(),
+        Movable::RangeImage(range) => range.points(),
+        Movable::Points(points) => points.positions(),
+        Movable::Curve(curve) => curve.points(),
+        Movable::ControlNet(net) => net.points(),
+    }
+}
+
+/// The box around an object; none without points.
+pub(crate) fn bounds(what: &Movable) -> Option<Bounds> {
+    bounds_of(points(what))
+}
+
+/// Points that one task looks at.
+const CHUNK: usize = 32768;
+
+/// The box around the points that are there.
+pub(crate) fn bounds_of(points: &[Point3<f64>]) -> Option<Bounds> {
+    let of_chunk = |points: &[Point3<f64>]| {
+        let mut found = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        widest(Span { points, found: &mut found });
+        found.map(Vector3::from)
+    };
+    let chunks: Vec<[Vector3<f64>; 2]> = points.par_chunks(CHUNK).map(of_chunk).collect();
+    let [low, high] = chunks.into_iter().reduce(|a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])])?;
+    (low.x <= high.x).then(|| (low.into(), high.into()))
+}
+
+/// The lowest and the highest coordinates of some points; those that are no numbers are passed over.
+struct Span<'a> {
+    points: &'a [Point3<f64>],
+    found: &'a mut [[f64; 3]; 2],
+}
+
+impl Kernel for Span<'_> {
+    #[inline(always)]
+    fn run(self) {
+        const LANES: usize = 8;
+        let [mut low, mut high] = self.found.map(|found| [found; LANES]);
+        for points in self.points.chunks(LANES) {
+            for ((low, high), point) in low.iter_mut().zip(&mut high).zip(points) {
+                for axis in 0..3 {
+                    let x = point[axis];
+                    low[axis] = if x < low[axis] { x } else { low[axis] };
+                    high[axis] = if high[axis] < x { x } else { high[axis] };
+                }
+            }
+        }
+        for axis in 0..3 {
+            self.found[0][axis] = low.iter().map(|low| low[axis]).fold(f64::INFINITY, f64::min);
+            self.found[1][axis] =
+                high.iter().map(|high| high[axis]).fold(f64::NEG_INFINITY, f64::max);
+        }
+    }
+}
+
+/// What an object needs of its deformation beside the positions. Points without normals have no inside that could be turned
+/// out.
+pub(crate) fn wanted(what: &Movable) -> Wanted<'_> {
+    let wanted = Wanted { folds: true, ..Wanted::default() };
+    match what {
+        Movable::Mesh(mesh) => Wanted {
+            normals: mesh.vertex().vectors("normal").map(|normals| &normals[..]),
+            jacobians: mesh.corner().vectors("normal").is_some(),
+            ..wanted
+        },
+        Movable::Points(points) => match points.attributes().vectors("normal") {
+            Some(normals) => Wanted { normals: Some(normals), ..wanted },
+            None => Wanted::default(),
+        },
+        Movable::RangeImage(_) | Movable::Curve(_) | Movable::ControlNet(_) => wanted,
+    }
+}
+
+/// The object with its points moved.
+pub(crate) fn rebuilt(what: &Movable, field: Field) -> Result<Movable, FfdError> {
+    Ok(match what {
+        Movable::Mesh(mesh) => Movable::Mesh(mesh_of(mesh, field)?),
+        Movable::Points(points) => Movable::Points(points_of(points, field)?),
+        Movable::Curve(curve) => Movable::Curve(curve.with_points(field.positions)?),
+        Movable::RangeImage(range) => {
+            let places = range.points().iter().zip(&field.positions);
+            let lost = |(old, new): (&Point3<f64>, &Point3<f64>)| {
+                !old.x.is_nan() && !new.coords.iter().all(|x| x.is_finite())
+            };
+            if let Some(cell) = places.into_iter().position(lost) {
+                return Err(FfdError::NotFinite { cell });
+            }
+            Movable::RangeImage(range.with_points(field.positions)?)
+        }
+        Movable::ControlNet(net) => {
+            let mut positions = field.positions;
+            for ((new, old), fixed) in positions.iter_mut().zip(net.points()).zip(net.fixed()) {
+                if *fixed == 1 {
+                    *new = *old;
+                }
+            }
+            Movable::ControlNet(net.clone().with_points(positions)?)
+        }
+    })
+}
+
+fn mesh_of(mesh: &Mesh, field: Field) -> Result<Mesh, FfdError> {
+    let mut moved = mesh.with_positions(field.positions)?.without("folded");
+    if !field.normals.is_empty() {
+        moved = moved.with_vertex("normal", Attribute::Vector(field.normals.into()))?;
+    }
+    if let Some(normals) = mesh.corner().vectors("normal") {
+        let corners = mesh.faces().corners().iter().zip(normals.iter());
+        let turned =
+            corners.map(|(&vertex, normal)| turned(&field.jacobians[vertex as usize], normal));
+        moved = moved.with_corner("normal", Attribute::Vector(turned.collect()))?;
+    }
+    if field.folded.contains(&1) {
+        moved = moved.with_vertex("folded", Attribute::Flag(field.folded.into()))?;
+    }
+    Ok(moved)
+}
+
+fn points_of(points: &Points, field: Field) -> Result<Points, FfdError> {
+    let mut moved = points.with_positions(field.positions)?;
+    if !field.normals.is_empty() {
+        moved = moved.with_attribute("normal", Attribute::Vector(field.normals.into()))?;
+    }
+    if field.folded.contains(&1) {
+        moved = moved.with_attribute("folded", Attribute::Flag(field.folded.into()))?;
+    }
+    Ok(moved)
+}

@@ -1,0 +1,200 @@
+//! Free-form deformation by handles, with rational Gaussian functions.
+
+use maquette::value::{Column, Handles};
+use maquette::{Cancelled, Progress};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::object::{bounds, points, rebuilt, wanted};
+use super::report::Report;
+use crate::deform::ffd_error::FfdError;
+use crate::deform::gaussian::cells::Cells;
+use crate::deform::gaussian::deformation::{Base, Deformation};
+use crate::deform::gaussian::field::{CHUNK, Field, Wanted, field};
+use crate::deform::gaussian::layout::{Bounds, Prepared, prepare};
+use crate::deform::gaussian::system::System;
+use crate::deform::mode::Mode;
+use crate::mesh::Movable;
+
+/// How an object is deformed, beside its handles.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Deforming {
+    /// What handles share out.
+    pub mode: Mode,
+    /// How much stays where it is; see [`Ffd::background`](crate::deform::Ffd::background).
+    pub background: f64,
+    /// How much handles may miss; see [`Ffd::regularize`](crate::deform::Ffd::regularize).
+    pub regularize: f64,
+    /// How far a point may land from where it should, in diagonals of the box.
+    pub accuracy: f64,
+    /// The box that the handles' space is of, in mm; the object's own if none.
+    pub frame: Option<Bounds>,
+}
+
+/// Moves each handle to its target, and `what` along; see [`Ffd`](crate::deform::Ffd).
+///
+/// Handles are in mm or in the box `how.frame`. Yoshida, Kanou and Kitajima, free-form deformation by rational Gaussian
+/// functions (equations 4 to 7); the other forms than the absolute one are as for radial basis functions. Positions have the
+/// unit of the object, mm. With `how.accuracy` above 0, a point is off by less than that many diagonals of the box.
+///
+/// # Errors
+/// If handles conflict, are too close together to be solved for, or too many; if a number is not one; if a place becomes
+/// infinite; if `progress` says so.
+pub fn ffd(
+    what: &Movable,
+    handles: &Handles,
+    how: Deforming,
+    progress: &Progress<'_>,
+) -> Result<(Movable, Report), FfdError> {
+    let Some(frame) = how.frame.or_else(|| bounds(what)) else {
+        return Ok((what.clone(), Report::NOTHING));
+    };
+    let prepared = prepared(handles, frame, how)?;
+    deform(what, &prepared, how, System::new, progress)
+}
+
+/// The handles made ready, and the numbers checked.
+pub(crate) fn prepared(
+    handles: &Handles,
+    frame: Bounds,
+    how: Deforming,
+) -> Result<Prepared, FfdError> {
+    if !(0.0..1.0).contains(&how.accuracy) {
+        return Err(FfdError::Accuracy { accuracy: how.accuracy });
+    }
+    prepare(handles, frame, how.mode, how.background, how.regularize)
+}
+
+/// Deforms with a system from `system`.
+pub(crate) fn deform<E: From<FfdError>>(
+    what: &Movable,
+    prepared: &Prepared,
+    how: Deforming,
+    system: impl FnOnce(&crate::deform::gaussian::layout::Layout) -> Result<System, E>,
+    progress: &Progress<'_>,
+) -> Result<(Movable, Report), E> {
+    if prepared.rests() {
+        let merged = prepared.merged.clone();
+        return Ok((what.clone(), Report { merged, ..Report::NOTHING }));
+    }
+    let system = system(&prepared.layout)?;
+    let deformation = deformation(prepared, &system);
+    let field = deformed_field(
+        &deformation,
+        points(what),
+        wanted(what),
+        how.accuracy * prepared.diagonal,
+        progress,
+    )
+    .map_err(FfdError::from)?;
+    let report = report(prepared, &system, &deformation, &field);
+    Ok((rebuilt(what, field)?, report))
+}
+
+pub(crate) fn report(
+    prepared: &Prepared,
+    system: &System,
+    deformation: &Deformation,
+    field: &Field,
+) -> Report {
+    Report {
+        condition: system.condition(),
+        residual: residual(prepared, deformation),
+        merged: prepared.merged.clone(),
+        folded: field.folded.iter().filter(|flag| **flag == 1).count(),
+        least: field.least,
+    }
+}
+
+impl Prepared {
+    /// Whether everything stays where it is.
+    pub(crate) fn rests(&self) -> bool {
+        let moves = self.layout.mode == Mode::Absolute || self.layout.at != self.to;
+        self.to.is_empty() || !moves
+    }
+}
+
+/// What takes each handle to its target.
+pub(crate) fn deformation(prepared: &Prepared, system: &System) -> Deformation {
+    let Prepared { layout, to, .. } = prepared;
+    let gaussians = layout.gaussians();
+    let start = |index: usize, axis: usize| match layout.mode {
+        Mode::Absolute => layout.at[index][axis],
+        Mode::Displacement | Mode::Affine => 0.0,
+    };
+    // What the coefficients do from which the solution starts: the handles' places in the absolute form, else nothing.
+    let shares = (layout.mode == Mode::Absolute)
+        .then(|| Vec::from_iter(layout.at.iter().map(|&at| gaussians.shares(at))));
+    let missing = |axis: usize| {
+        let shares = &shares;
+        to.iter().enumerate().map(move |(row, to)| match shares {
+            None => to[axis] - layout.at[row][axis],
+            Some(shares) => {
+                let there = shares[row].iter().enumerate().map(|(k, share)| share * start(k, axis));
+                to[axis] - there.sum::<f64>()
+            }
+        })
+    };
+    let solutions = [0, 1, 2].map(|axis| system.solve(missing(axis)));
+    let value = |index: usize| {
+        [0, 1, 2].map(|axis| start(index, axis) + solutions[axis].coefficients[index])
+    };
+    let mut base = Base::keep(if layout.mode == Mode::Absolute { 0.0 } else { 1.0 });
+    base.affine = system.polynomial.combine([0, 1, 2].map(|axis| &solutions[axis].polynomial[..]));
+    Deformation::new(gaussians, (0..to.len()).map(value).collect(), base)
+}
+
+/// The farthest that a handle is from its target.
+pub(crate) fn residual(prepared: &Prepared, deformation: &Deformation) -> f64 {
+    let mut there = vec![Point3::origin(); prepared.to.len()];
+    deformation.apply(&deformation.terms, &prepared.layout.at, &mut there, None);
+    there.iter().zip(&prepared.to).map(|(there, to)| (there - to).norm()).fold(0.0, f64::max)
+}
+
+/// A deformation on points, off by less than `error` mm.
+pub(crate) fn deformed_field(
+    deformation: &Deformation,
+    points: &[Point3<f64>],
+    wanted: Wanted<'_>,
+    error: f64,
+    progress: &Progress<'_>,
+) -> Result<Field, Cancelled> {
+    let cells = relevant_cells(deformation, points, error);
+    let evaluate = |_: usize,
+                    points: &[Point3<f64>],
+                    moved: &mut [Point3<f64>],
+                    jacobians: Option<&mut [Matrix3<f64>]>| match &cells {
+        Some(cells) => cells.apply(deformation, points, moved, jacobians),
+        None => deformation.apply(&deformation.terms, points, moved, jacobians),
+    };
+    let chunk = cells.as_ref().map_or(CHUNK, |cells| cells.chunk().max(CHUNK));
+    field(points, chunk, wanted, &evaluate, progress)
+}
+
+/// Cells that leave out what changes places by less than `error`; none where all terms are to count.
+fn relevant_cells(deformation: &Deformation, points: &[Point3<f64>], error: f64) -> Option<Cells> {
+    if error <= 0.0 {
+        return None;
+    }
+    let bounds = super::object::bounds_of(points)?;
+    let values = || deformation.terms.iter().map(|term| Vector3::from(term.value));
+    // Without a background a common part of all coefficients is the same whatever is left out.
+    let common = if deformation.background > 0.0 {
+        Vector3::zeros()
+    } else {
+        values().sum::<Vector3<f64>>() / deformation.terms.len() as f64
+    };
+    let greatest = values().map(|value| (value - common).norm()).fold(0.0, f64::max);
+    let share = error / (2.0 * greatest);
+    (share > 0.0).then(|| Cells::new(deformation, bounds, points.len(), share.min(0.5)))
+}
+
+/// The points of an object as a column that can be part of a key.
+pub(crate) fn column(what: &Movable) -> Column<Point3<f64>> {
+    match what {
+        Movable::Mesh(mesh) => mesh.positions().clone(),
+        Movable::Points(points) => points.positions().clone(),
+        Movable::Curve(curve) => curve.points().clone(),
+        Movable::RangeImage(range) => range.points().to_vec().into(),
+        Movable::ControlNet(net) => net.points().to_vec().into(),
+    }
+}

@@ -1,0 +1,127 @@
+//! Rational Gaussian functions: what shares out a point among handles.
+//!
+//! ```text
+//! G_i(x) = exp(-(x - x_i)^2 / (2 sx_i^2) - (y - y_i)^2 / (2 sy_i^2) - (z - z_i)^2 / (2 sz_i^2))
+//! g_i(x) = w_i G_i(x) / (b + sum_j w_j G_j(x))
+//! ```
+//!
+//! Goshtasby, "Geometric modelling using rational Gaussian curves and surfaces" (1995). With the background b = 0 the shares of
+//! a point sum up to 1. All exponents are of 2, since that is what a processor can raise.
+
+use std::f64::consts::LOG2_E;
+
+use maquette::simd::exp2;
+use nalgebra::Point3;
+
+/// One Gaussian: `2^(level + sum over the axes of factor * (x - center)^2)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bump {
+    pub(crate) center: [f64; 3],
+    /// `-log2(e) / (2 sigma^2)`.
+    pub(crate) factor: [f64; 3],
+    /// The weight's logarithm; the greatest is 0, so that no power is above 1.
+    pub(crate) level: f64,
+}
+
+impl Bump {
+    /// The exponent at a point.
+    #[inline(always)]
+    pub(crate) fn exponent(&self, [x, y, z]: [f64; 3]) -> f64 {
+        let [dx, dy, dz] = [x - self.center[0], y - self.center[1], z - self.center[2]];
+        self.level
+            + dx * (dx * self.factor[0])
+            + dy * (dy * self.factor[1])
+            + dz * (dz * self.factor[2])
+    }
+}
+
+/// Gaussians that share out space.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Gaussians {
+    pub(crate) bumps: Vec<Bump>,
+    /// In the unit of the greatest weight.
+    pub(crate) background: f64,
+}
+
+/// The steepest factor: a point next to the center of a narrower Gaussian is already beyond it, and squares stay numbers.
+const STEEPEST: f64 = -1e300;
+
+impl Gaussians {
+    /// Gaussians with these centers, deviations and weights, one of each per Gaussian.
+    pub(crate) fn new(
+        centers: &[Point3<f64>],
+        sigma: &[[f64; 3]],
+        weights: &[f64],
+        background: f64,
+    ) -> Self {
+        let greatest = weights.iter().copied().fold(0.0, f64::max);
+        let bump = |index: usize| Bump {
+            center: centers[index].into(),
+            factor: sigma[index].map(|s| f64::max(-LOG2_E / (2.0 * s * s), STEEPEST)),
+            level: libm::log2(weights[index]) - libm::log2(greatest),
+        };
+        Self { bumps: (0..centers.len()).map(bump).collect(), background: background / greatest }
+    }
+
+    /// The share of each at a point. Powers are taken from the greatest exponent, so that none of the sums vanishes however
+    /// far away the point is.
+    pub(crate) fn shares(&self, point: Point3<f64>) -> Vec<f64> {
+        let mut shares: Vec<f64> =
+            self.bumps.iter().map(|bump| bump.exponent(point.into())).collect();
+        let background = libm::log2(self.background);
+        let greatest = shares.iter().copied().fold(background, f64::max);
+        shares.iter_mut().for_each(|share| *share = exp2(*share - greatest));
+        let rest = if self.background > 0.0 { exp2(background - greatest) } else { 0.0 };
+        let total = rest + shares.iter().sum::<f64>();
+        shares.iter_mut().for_each(|share| *share /= total);
+        shares
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn three(background: f64) -> Gaussians {
+        let centers = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]].map(Point3::from);
+        let sigma = [[0.3, 0.2, 0.5], [0.5; 3], [0.1, 1.0, 0.4]];
+        Gaussians::new(&centers, &sigma, &[1.0, 4.0, 0.5], background)
+    }
+
+    // T-FFD-04.
+    #[test]
+    fn shares_sum_up_to_one_however_far_the_point_is() {
+        for far in [0.0, 0.5, 60.0, 1e6] {
+            for direction in [[1.0, 0.0, 0.0], [-1.0, 2.0, 0.3], [0.0, 0.0, -1.0]] {
+                let shares = three(0.0).shares(Point3::from(direction.map(|x| x * far)));
+                assert!((shares.iter().sum::<f64>() - 1.0).abs() <= 1e-14, "{far}: {shares:?}");
+                assert!(shares.iter().all(|share| *share >= 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn shares_are_those_of_the_definition() {
+        let point = Point3::new(0.2, -0.1, 0.4);
+        let gaussian = |d: [f64; 3], s: [f64; 3], w: f64| {
+            w * libm::exp(-(0..3).map(|k| d[k] * d[k] / (2.0 * s[k] * s[k])).sum::<f64>())
+        };
+        let values = [
+            gaussian([0.2, -0.1, 0.4], [0.3, 0.2, 0.5], 1.0),
+            gaussian([-0.8, -0.1, 0.4], [0.5; 3], 4.0),
+            gaussian([0.2, -1.1, -0.1], [0.1, 1.0, 0.4], 0.5),
+        ];
+        for background in [0.0, 0.3] {
+            let total = background + values.iter().sum::<f64>();
+            for (share, value) in three(background).shares(point).iter().zip(values) {
+                assert!((share - value / total).abs() <= 1e-15);
+            }
+        }
+    }
+
+    #[test]
+    fn a_background_takes_everything_far_away() {
+        let shares = three(1e-3).shares(Point3::new(1e6, 0.0, 0.0));
+        assert!(shares.iter().all(|share| *share < 1e-300));
+    }
+}

@@ -1,0 +1,4 @@
+//! What attributes and colors become over holes.
+
+pub(super) mod carry;
+pub(super) mod colors;

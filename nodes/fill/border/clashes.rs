@@ -1,0 +1,52 @@
+//! Checks that a filled mesh is a surface at the rims of its holes. Elsewhere it is one if the mesh was.
+
+use std::collections::BTreeMap;
+
+use super::rim::Surroundings;
+use super::rims::{NotManifold, is_torn};
+use crate::fill::triangles::filling::Filling;
+
+/// Looks at the edges and the fans of faces at the vertices of `holes`.
+///
+/// # Errors
+/// Edges with more than two faces, or two that disagree about their side; vertices with several fans of faces one of which goes all around.
+pub(crate) fn check_rims(
+    filling: &Filling,
+    surroundings: &Surroundings,
+    holes: &[Vec<u32>],
+) -> Result<(), NotManifold> {
+    let mut spokes: BTreeMap<u32, Vec<[u32; 2]>> = BTreeMap::new();
+    let spoke = |face: [u32; 3], vertex: u32| {
+        let k = (0..3).find(|&k| face[k] == vertex).unwrap_or(0);
+        [face[(k + 1) % 3], face[(k + 2) % 3]]
+    };
+    for &vertex in holes.iter().flatten() {
+        let around = surroundings.around(vertex).iter();
+        spokes.insert(vertex, around.map(|&face| spoke(face, vertex)).collect());
+    }
+    for &face in &filling.faces[filling.kept..] {
+        // Nearly all corners are filled vertices, which are on no rim.
+        for vertex in face.into_iter().filter(|&vertex| (vertex as usize) < filling.data) {
+            if let Some(spokes) = spokes.get_mut(&vertex) {
+                spokes.push(spoke(face, vertex));
+            }
+        }
+    }
+    let mut found = NotManifold { edges: Vec::new(), vertices: Vec::new() };
+    for (&vertex, spokes) in &mut spokes {
+        spokes.sort_unstable();
+        let twice = spokes.windows(2).filter(|pair| pair[0][0] == pair[1][0]);
+        found.edges.extend(twice.map(|pair| [vertex.min(pair[0][0]), vertex.max(pair[0][0])]));
+        if is_torn(spokes) {
+            found.vertices.push(vertex);
+        }
+    }
+    if found.edges.is_empty() && found.vertices.is_empty() {
+        return Ok(());
+    }
+    found.edges.sort_unstable();
+    found.edges.dedup();
+    found.edges.truncate(8);
+    found.vertices.truncate(8);
+    Err(found)
+}

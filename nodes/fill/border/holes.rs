@@ -1,0 +1,219 @@
+//! Which rims of a mesh are holes, and which of these are chosen.
+
+use maquette::value::{Mesh, MeshError};
+use nalgebra::Vector3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::regions::{HoleRegion, cut};
+use super::rims::enclosed;
+use crate::fill::triangles::patch::area_vector;
+
+/// Which holes are filled.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+pub enum HoleChoice {
+    /// All of them; the outer border of an open scan is none.
+    #[default]
+    All,
+    /// The one with the longest rim.
+    Largest,
+    /// Small ones.
+    Edges {
+        /// The most edges around a hole.
+        #[schemars(range(min = 3))]
+        max: usize,
+    },
+    /// These rims, even if they are outer borders; they are numbered from 0 by their lowest vertices.
+    Loops(Vec<usize>),
+    /// Damaged data, which is cut out first; what is left of it is the hole.
+    Region(HoleRegion),
+}
+
+/// The rims to fill, by number, and those left as outer borders although they would be filled if they were holes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Chosen {
+    pub(crate) holes: Vec<usize>,
+    pub(crate) outer: Vec<usize>,
+}
+
+/// A part of a mesh whose faces look to one side by more than this share of their area is an open scan: of a sphere that lacks a cap
+/// this is the share of the cap, so that nearly half of it may be missing. A relief has one above 0.5 unless it is more rugged than any
+/// landscape.
+const OPEN: f64 = 0.4;
+
+/// Chooses among the rims of `mesh`; `is_cut` says of a vertex whether data was cut out next to it.
+///
+/// # Errors
+/// The number of a rim that does not exist.
+pub(crate) fn choose(
+    mesh: &Mesh,
+    parts: &Parts,
+    rims: &[Vec<u32>],
+    choice: &HoleChoice,
+    is_cut: &[bool],
+) -> Result<Chosen, usize> {
+    if let HoleChoice::Loops(numbers) = choice {
+        if let Some(&number) = numbers.iter().find(|&&number| rims.len() <= number) {
+            return Err(number);
+        }
+        let mut holes = numbers.clone();
+        holes.sort_unstable();
+        holes.dedup();
+        return Ok(Chosen { holes, outer: Vec::new() });
+    }
+    let is_outer = outer_borders(mesh, parts, rims);
+    let (outer, holes): (Vec<usize>, Vec<usize>) = (0..rims.len()).partition(|&rim| is_outer[rim]);
+    let length = |rim: &usize| length(mesh, &rims[*rim]);
+    let longest = |rims: &[usize]| {
+        rims.iter().copied().max_by(|a, b| length(a).total_cmp(&length(b)).then(b.cmp(a)))
+    };
+    let kept = |rims: Vec<usize>, keep: &dyn Fn(usize) -> bool| -> Vec<usize> {
+        rims.into_iter().filter(|&rim| keep(rim)).collect()
+    };
+    Ok(match choice {
+        HoleChoice::All | HoleChoice::Loops(_) => Chosen { holes, outer },
+        HoleChoice::Largest => {
+            let holes: Vec<usize> = longest(&holes).into_iter().collect();
+            let outer = if holes.is_empty() { outer } else { Vec::new() };
+            Chosen { holes, outer }
+        }
+        HoleChoice::Edges { max } => {
+            let small = |rim: usize| rims[rim].len() <= *max;
+            Chosen { holes: kept(holes, &small), outer: kept(outer, &small) }
+        }
+        HoleChoice::Region(_) => {
+            let cut = |rim: usize| rims[rim].iter().any(|&vertex| is_cut[vertex as usize]);
+            Chosen { holes: kept(holes, &cut), outer: kept(outer, &cut) }
+        }
+    })
+}
+
+fn length(mesh: &Mesh, rim: &[u32]) -> f64 {
+    let ends = rim.iter().zip(rim[1..].iter().chain(&rim[..1]));
+    ends.map(|(&a, &b)| (mesh.positions()[b as usize] - mesh.positions()[a as usize]).norm()).sum()
+}
+
+/// The connected parts of a mesh.
+pub(crate) struct Parts {
+    /// The number of the part of each vertex.
+    of_vertices: Vec<u32>,
+    /// The area of each part, and the sum of its faces' normals by their areas.
+    areas: Vec<(f64, Vector3<f64>)>,
+}
+
+impl Parts {
+    pub(crate) fn new(mesh: &Mesh) -> Self {
+        let of_vertices = connected_parts(mesh);
+        let count = of_vertices.iter().max().map_or(0, |&last| last as usize + 1);
+        let mut areas = vec![(0.0, Vector3::zeros()); count];
+        let mut add = |vertex: u32, area: Vector3<f64>| {
+            let (sum, side) = &mut areas[of_vertices[vertex as usize] as usize];
+            *sum += area.norm();
+            *side += area;
+        };
+        let place = |vertex: u32| mesh.positions()[vertex as usize];
+        match mesh.faces().as_triangles() {
+            Some(faces) => {
+                faces.iter().for_each(|face| add(face[0], area_vector(face.map(place)) / 2.0));
+            }
+            None => mesh.faces().iter().for_each(|face| add(face[0], mesh.area_vector(face))),
+        }
+        Self { of_vertices, areas }
+    }
+
+    /// The number of the part that a vertex is in.
+    pub(crate) fn of(&self, vertex: u32) -> u32 {
+        self.of_vertices[vertex as usize]
+    }
+
+    /// How many there are that have faces.
+    pub(crate) fn count(&self) -> usize {
+        self.areas.iter().filter(|(area, _)| *area > 0.0).count()
+    }
+}
+
+/// Whether each rim is the outer border of an open part: the one that runs around the side to which the part's faces look together.
+/// A part that comes from a capture is open; of others those count whose faces mostly look to one side.
+fn outer_borders(mesh: &Mesh, parts: &Parts, rims: &[Vec<u32>]) -> Vec<bool> {
+    let mut is_outer = vec![false; rims.len()];
+    // The rim of each part that has the faces most on its outer side, and how much.
+    let mut outermost = vec![(0.0, usize::MAX); parts.areas.len()];
+    for (rim, vertices) in rims.iter().enumerate() {
+        let part = parts.of_vertices[vertices[0] as usize] as usize;
+        let (area, side) = parts.areas[part];
+        if mesh.frame().is_some() || side.norm() > OPEN * area {
+            let towards = enclosed(mesh, vertices).dot(&side);
+            if towards < outermost[part].0 {
+                outermost[part] = (towards, rim);
+            }
+        }
+    }
+    let found = outermost.iter().filter(|(_, rim)| *rim != usize::MAX);
+    found.for_each(|&(_, rim)| is_outer[rim] = true);
+    is_outer
+}
+
+/// `mesh`, of which `is_cut` says next to which vertices data was cut out, without the crumbs of that: loose parts that have no vertex
+/// away from the cut. Nothing could close them, and no rim around them is that of a hole.
+///
+/// # Errors
+/// None that a mesh can cause.
+pub(crate) fn without_crumbs(
+    mesh: Mesh,
+    is_cut: Vec<bool>,
+) -> Result<(Mesh, Vec<bool>), MeshError> {
+    let parts = connected_parts(&mesh);
+    let mut is_crumb = vec![true; parts.len()];
+    for (&part, _) in parts.iter().zip(&is_cut).filter(|(_, is_cut)| !**is_cut) {
+        is_crumb[part as usize] = false;
+    }
+    let crumbs: Vec<bool> = parts.iter().map(|&part| is_crumb[part as usize]).collect();
+    // Of a mesh that would be gone altogether, crumbs are all that there is.
+    if crumbs.iter().all(|&crumb| crumb) || !crumbs.contains(&true) {
+        return Ok((mesh, is_cut));
+    }
+    let kept = is_cut.iter().zip(&crumbs).filter(|(_, crumb)| !**crumb);
+    Ok((cut(&mesh, &crumbs)?.0, kept.map(|(&is_cut, _)| is_cut).collect()))
+}
+
+/// The number of the connected part of each vertex, in the order of their lowest vertices.
+fn connected_parts(mesh: &Mesh) -> Vec<u32> {
+    let mut parents: Vec<u32> = (0..mesh.positions().len() as u32).collect();
+    fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
+        while parents[vertex as usize] != vertex {
+            let next = parents[parents[vertex as usize] as usize];
+            parents[vertex as usize] = next;
+            vertex = next;
+        }
+        vertex
+    }
+    let mut join = |a: u32, b: u32| {
+        // Nearly always both are known to hang together.
+        if parents[a as usize] != parents[b as usize] {
+            let [a, b] = [a, b].map(|vertex| root(&mut parents, vertex));
+            parents[a.max(b) as usize] = a.min(b);
+        }
+    };
+    match mesh.faces().as_triangles() {
+        Some(faces) => faces.iter().for_each(|&[a, b, c]| {
+            join(a, b);
+            join(b, c);
+        }),
+        None => {
+            let pairs = mesh.faces().iter().flat_map(|face| face.windows(2));
+            pairs.for_each(|pair| join(pair[0], pair[1]));
+        }
+    }
+    let mut numbers = vec![0; parents.len()];
+    let mut count = 0;
+    for vertex in 0..parents.len() as u32 {
+        let root = root(&mut parents, vertex);
+        numbers[vertex as usize] = if root == vertex {
+            count += 1;
+            count - 1
+        } else {
+            numbers[root as usize]
+        };
+    }
+    numbers
+}

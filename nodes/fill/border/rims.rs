@@ -1,0 +1,353 @@
+//! Where a mesh ends: its border, cut into rims that meet no vertex twice.
+
+use maquette::value::{Faces, Mesh};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::fill::triangles::patch::{NONE, next, previous};
+
+/// Places where a mesh is no surface, some of them.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct NotManifold {
+    pub(crate) edges: Vec<[u32; 2]>,
+    pub(crate) vertices: Vec<u32>,
+}
+
+/// As many places are listed as a message can hold.
+const LISTED: usize = 8;
+
+/// The rims of a mesh: closed ways along its border, none of which meets a vertex twice, each beginning at its lowest vertex, in the
+/// order of these. A rim runs as the faces do that would fill it: against the faces that are there.
+///
+/// # Errors
+/// If an edge has more than two faces, or two that disagree about their side; or a vertex has separate fans of faces one of which is
+/// closed.
+pub(crate) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
+    let count = mesh.positions().len();
+    let around = Around::new(mesh.faces(), count);
+    // The rim's edges leave each vertex in a list: those of one vertex hang together.
+    let mut newest = vec![NONE; count];
+    let mut ways: Vec<Way> = Vec::new();
+    for corner in around.border()? {
+        let [to, from] =
+            [corner, around.next(corner)].map(|corner| around.corners[corner as usize]);
+        ways.push(Way { to, older: newest[from as usize], used: false });
+        newest[from as usize] = ways.len() as u32 - 1;
+    }
+    let mut walk = Walk { mesh, newest, ways, places: vec![NONE; count] };
+    let mut rims = Vec::new();
+    for vertex in 0..count as u32 {
+        while let Some(way) = walk.any(vertex) {
+            walk.follow(vertex, way, &mut rims);
+        }
+    }
+    rims.iter_mut().for_each(|rim: &mut Vec<u32>| {
+        let lowest = (0..rim.len()).min_by_key(|&k| rim[k]).unwrap_or(0);
+        rim.rotate_left(lowest);
+    });
+    rims.sort();
+    Ok(rims)
+}
+
+/// The faces around each vertex, by the corners that they have there.
+struct Around<'a> {
+    corners: &'a [u32],
+    /// The corner after each and the one before, where faces are no triangles.
+    beside: Option<Vec<[u32; 2]>>,
+    /// Where the corners at each vertex begin in `by_vertex`, with the end behind the last.
+    starts: Vec<u32>,
+    by_vertex: Vec<u32>,
+}
+
+/// A face at a vertex, by the vertices after and before that one.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Spoke {
+    after: u32,
+    before: u32,
+    corner: u32,
+}
+
+/// Vertices that one task looks at.
+const BLOCK: usize = 2048;
+
+/// Around a vertex with more faces, neighbors are not looked for one by one.
+const FEW: usize = 16;
+
+impl<'a> Around<'a> {
+    fn new(faces: &'a Faces, count: usize) -> Self {
+        let corners: &[u32] = faces.corners();
+        let beside = (faces.sides() != Some(3)).then(|| {
+            let mut beside = Vec::with_capacity(corners.len());
+            let mut first = 0;
+            for sides in faces.iter().map(|face| face.len() as u32) {
+                let place = |k: u32| first + k % sides;
+                beside.extend((0..sides).map(|k| [place(k + 1), place(k + sides - 1)]));
+                first += sides;
+            }
+            beside
+        });
+        let mut starts = vec![0u32; count + 1];
+        corners.iter().for_each(|&vertex| starts[vertex as usize + 1] += 1);
+        for vertex in 0..count {
+            starts[vertex + 1] += starts[vertex];
+        }
+        let mut ends = starts.clone();
+        let mut by_vertex = vec![0u32; corners.len()];
+        for (corner, &vertex) in (0u32..).zip(corners) {
+            let end = &mut ends[vertex as usize];
+            by_vertex[*end as usize] = corner;
+            *end += 1;
+        }
+        Self { corners, beside, starts, by_vertex }
+    }
+
+    fn next(&self, corner: u32) -> u32 {
+        match &self.beside {
+            Some(beside) => beside[corner as usize][0],
+            None => next(corner),
+        }
+    }
+
+    fn previous(&self, corner: u32) -> u32 {
+        match &self.beside {
+            Some(beside) => beside[corner as usize][1],
+            None => previous(corner),
+        }
+    }
+
+    /// The corners, ascending, from which edges of one face run to the next corner.
+    fn border(&self) -> Result<Vec<u32>, NotManifold> {
+        let vertices = 0..self.starts.len() as u32 - 1;
+        let blocks = vertices.into_par_iter().with_min_len(BLOCK);
+        let found = blocks.fold(Found::default, |mut found, vertex| {
+            self.look(vertex, &mut found);
+            found
+        });
+        let all = found.reduce(Found::default, |mut all, found| {
+            all.edges.extend(found.edges);
+            all.vertices.extend(found.vertices);
+            all.border.extend(found.border);
+            all
+        });
+        let Found { mut edges, mut vertices, mut border, .. } = all;
+        if edges.is_empty() && vertices.is_empty() {
+            border.sort_unstable();
+            return Ok(border);
+        }
+        edges.sort_unstable();
+        edges.dedup();
+        edges.truncate(LISTED);
+        // Where edges have too many faces, there are no fans.
+        vertices.truncate(if edges.is_empty() { LISTED } else { 0 });
+        Err(NotManifold { edges, vertices })
+    }
+
+    fn look(&self, vertex: u32, found: &mut Found) {
+        let [start, end] = [vertex, vertex + 1].map(|k| self.starts[k as usize] as usize);
+        let spoke = |&corner: &u32| {
+            let beside = [self.next(corner), self.previous(corner)];
+            let [after, before] = beside.map(|corner| self.corners[corner as usize]);
+            Spoke { after, before, corner }
+        };
+        let Found { edges, vertices, border, spokes } = found;
+        spokes.clear();
+        spokes.extend(self.by_vertex[start..end].iter().map(spoke));
+        if spokes.len() <= FEW && is_closed(spokes) {
+            return;
+        }
+        spokes.sort_unstable();
+        let twice = spokes.windows(2).filter(|pair| pair[0].after == pair[1].after);
+        edges.extend(twice.map(|pair| [vertex.min(pair[0].after), vertex.max(pair[0].after)]));
+        let mut ends: Vec<u32> = spokes.iter().map(|spoke| spoke.before).collect();
+        ends.sort_unstable();
+        let open = spokes.iter().filter(|spoke| ends.binary_search(&spoke.after).is_err());
+        border.extend(open.map(|spoke| spoke.corner));
+        let fans: Vec<[u32; 2]> = spokes.iter().map(|spoke| [spoke.after, spoke.before]).collect();
+        if is_torn(&fans) {
+            vertices.push(vertex);
+        }
+    }
+}
+
+/// What some vertices are like.
+#[derive(Default)]
+struct Found {
+    edges: Vec<[u32; 2]>,
+    vertices: Vec<u32>,
+    border: Vec<u32>,
+    /// Those of the vertex looked at.
+    spokes: Vec<Spoke>,
+}
+
+/// Whether faces make one fan that goes all around.
+fn is_closed(spokes: &[Spoke]) -> bool {
+    let mut at = 0;
+    for met in 1..=spokes.len() {
+        match spokes.iter().position(|spoke| spoke.after == spokes[at].before) {
+            Some(0) => return met == spokes.len(),
+            Some(next) => at = next,
+            None => return false,
+        }
+    }
+    false
+}
+
+/// Whether faces make several fans, one of which goes all around. Each face is given by the vertices after and before the one in the middle,
+/// sorted.
+pub(crate) fn is_torn(spokes: &[[u32; 2]]) -> bool {
+    let mut met = vec![false; spokes.len()];
+    let mut walk = |start: usize| {
+        let mut at = start;
+        loop {
+            met[at] = true;
+            // The face beyond the edge to the vertex before.
+            match spokes.binary_search_by_key(&spokes[at][1], |spoke| spoke[0]) {
+                Ok(next) if met[next] => return,
+                Ok(next) => at = next,
+                Err(_) => return,
+            }
+        }
+    };
+    let mut ends: Vec<u32> = spokes.iter().map(|spoke| spoke[1]).collect();
+    ends.sort_unstable();
+    let begins = |spoke: &[u32; 2]| ends.binary_search(&spoke[0]).is_err();
+    let open: Vec<usize> = (0..spokes.len()).filter(|&k| begins(&spokes[k])).collect();
+    open.iter().for_each(|&start| walk(start));
+    let mut fans = open.len();
+    let mut closed = 0;
+    while let Some(start) = met.iter().position(|met| !met) {
+        fans += 1;
+        closed += 1;
+        let mut at = start;
+        while !std::mem::replace(&mut met[at], true) {
+            match spokes.binary_search_by_key(&spokes[at][1], |spoke| spoke[0]) {
+                Ok(next) => at = next,
+                Err(_) => break,
+            }
+        }
+    }
+    closed > 0 && fans > 1
+}
+
+/// A border edge, from the vertex in whose list it is.
+struct Way {
+    to: u32,
+    /// The next in the list of the same vertex.
+    older: u32,
+    used: bool,
+}
+
+struct Walk<'a> {
+    mesh: &'a Mesh,
+    newest: Vec<u32>,
+    ways: Vec<Way>,
+    /// The place of each vertex on the path walked so far.
+    places: Vec<u32>,
+}
+
+impl Walk<'_> {
+    fn unused(&self, vertex: u32) -> impl Iterator<Item = u32> {
+        let mut way = self.newest[vertex as usize];
+        std::iter::from_fn(move || {
+            while way != NONE {
+                let this = way;
+                way = self.ways[way as usize].older;
+                if !self.ways[this as usize].used {
+                    return Some(this);
+                }
+            }
+            None
+        })
+    }
+
+    fn any(&self, vertex: u32) -> Option<u32> {
+        self.unused(vertex).last()
+    }
+
+    /// Walks along the border from a vertex until it is back; whenever it meets a vertex again, the way since then is a rim.
+    fn follow(&mut self, start: u32, first: u32, rims: &mut Vec<Vec<u32>>) {
+        let mut path = vec![start];
+        self.places[start as usize] = 0;
+        let mut way = first;
+        loop {
+            self.ways[way as usize].used = true;
+            let (from, at) = (path[path.len() - 1], self.ways[way as usize].to);
+            let place = self.places[at as usize];
+            if place != NONE {
+                let rim = path.split_off(place as usize);
+                rim.iter().for_each(|&vertex| self.places[vertex as usize] = NONE);
+                rims.push(rim);
+                if place == 0 {
+                    return;
+                }
+            }
+            self.places[at as usize] = path.len() as u32;
+            path.push(at);
+            let Some(next) = self.onwards(from, at) else { return };
+            way = next;
+        }
+    }
+
+    /// The way on at a vertex. Where several parts of the mesh touch, each gap between them is a hole of its own: the way on is the
+    /// one that lies nearest.
+    fn onwards(&self, from: u32, at: u32) -> Option<u32> {
+        let mut ways = self.unused(at);
+        let first = ways.next()?;
+        let Some(second) = ways.next() else { return Some(first) };
+        let place = |vertex: u32| self.mesh.positions()[vertex as usize];
+        let back = (place(from) - place(at)).normalize();
+        let fits = |way: u32| {
+            let ahead = (place(self.ways[way as usize].to) - place(at)).normalize();
+            let same_part = self.is_same_part(from, at, self.ways[way as usize].to);
+            (u8::from(!same_part), ahead.dot(&back))
+        };
+        let mut best = (fits(first), first);
+        for way in std::iter::once(second).chain(ways) {
+            let fit = fits(way);
+            if fit.0 > best.0.0 || (fit.0 == best.0.0 && fit.1 > best.0.1) {
+                best = (fit, way);
+            }
+        }
+        Some(best.1)
+    }
+
+    /// Whether the border edges from `from` to `at` and on to `to` are the two sides of one fan of faces around `at`.
+    fn is_same_part(&self, from: u32, at: u32, to: u32) -> bool {
+        // The edge of the fan that the walk came along, turned from face to face until there is none.
+        let faces: Vec<[u32; 2]> = spokes(self.mesh.faces(), at);
+        let mut end = from;
+        while let Some(&[_, next]) = faces.iter().find(|[first, _]| *first == end) {
+            end = next;
+            if end == from {
+                return false;
+            }
+        }
+        let mut begin = from;
+        while let Some(&[next, _]) = faces.iter().find(|[_, last]| *last == begin) {
+            begin = next;
+            if begin == from {
+                return false;
+            }
+        }
+        end == to || begin == to
+    }
+}
+
+/// Of each face around a vertex the corner after it and the one before.
+fn spokes(faces: &Faces, vertex: u32) -> Vec<[u32; 2]> {
+    let around = faces.iter().filter_map(|face| {
+        let place = face.iter().position(|&corner| corner == vertex)?;
+        Some([face[(place + 1) % face.len()], face[(place + face.len() - 1) % face.len()]])
+    });
+    around.collect()
+}
+
+/// Half the sum of the cross products along a closed way: the area that it encloses, seen from where it is most.
+pub(crate) fn enclosed(mesh: &Mesh, rim: &[u32]) -> Vector3<f64> {
+    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    let Some(&first) = rim.first() else { return Vector3::zeros() };
+    let origin = place(first);
+    rim.windows(2)
+        .map(|pair| (place(pair[0]) - origin).cross(&(place(pair[1]) - origin)) / 2.0)
+        .sum()
+}

@@ -1,0 +1,111 @@
+//! Takes a completed hole back towards its start where it runs through itself or through the data.
+
+use maquette::Progress;
+use nalgebra::Point3;
+
+use super::intersections::Crossings;
+use crate::fill::fill_error::FillError;
+use crate::fill::triangles::filling::Filling;
+
+/// Rounds in which vertices go half of their way back, and after them those in which they go all of it.
+const HALVES: usize = 4;
+const WHOLES: usize = 4;
+
+/// Moves filled vertices of crossing faces, and those around them, towards `start`, until no faces cross any more, or never more than at
+/// first. Each round takes in one more ring of vertices, and the last one all that hang together: where the start runs through nothing,
+/// nothing is left that does.
+///
+/// # Errors
+/// If there would be too much to look at, or the evaluation is told to stop.
+pub(crate) fn settle(
+    filling: &mut Filling,
+    start: &[Point3<f64>],
+    crossings: &mut Crossings,
+    progress: &Progress<'_>,
+) -> Result<(), FillError> {
+    let data = filling.data;
+    let completed = filling.points[data..].to_vec();
+    let mut shares = vec![1.0; completed.len()];
+    let first = crossings.faces(filling).len();
+    for round in 0..=HALVES + WHOLES {
+        if crossings.is_empty() {
+            return Ok(());
+        }
+        let mut near = vec![false; filling.points.len()];
+        for &face in &crossings.faces(filling) {
+            filling.faces[face as usize].iter().for_each(|&vertex| near[vertex as usize] = true);
+        }
+        let rings = if round < HALVES + WHOLES { round + 1 } else { usize::MAX };
+        grow(&mut near, &filling.faces[filling.kept..], rings);
+        let factor = if round < HALVES { 0.5 } else { 0.0 };
+        for vertex in (0..completed.len()).filter(|vertex| near[data + vertex]) {
+            shares[vertex] *= factor;
+            let way = completed[vertex] - start[vertex];
+            filling.points[data + vertex] = start[vertex] + way * shares[vertex];
+        }
+        near[..data].fill(false);
+        let moved = |face: u32| filling.faces[face as usize].iter().any(|&v| near[v as usize]);
+        crossings.look_again(filling, moved, progress)?;
+    }
+    if crossings.faces(filling).len() < first {
+        return Ok(());
+    }
+    filling.points.truncate(data);
+    filling.points.extend(completed);
+    crossings.look_again(filling, |_| true, progress)
+}
+
+/// Takes in so many rings of vertices, or as many as there are.
+fn grow(near: &mut [bool], faces: &[[u32; 3]], rings: usize) {
+    for _ in 0..rings {
+        let at_edge = |face: &&[u32; 3]| {
+            let count = face.iter().filter(|&&vertex| near[vertex as usize]).count();
+            0 < count && count < 3
+        };
+        let ring: Vec<[u32; 3]> = faces.iter().filter(at_edge).copied().collect();
+        if ring.is_empty() {
+            return;
+        }
+        ring.as_flattened().iter().for_each(|&vertex| near[vertex as usize] = true);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fill::shapes::{grid, of};
+
+    #[test]
+    fn only_what_crosses_goes_back_and_no_farther_than_it_must() {
+        // A sheet above another one; all of the upper one is filled, and bulges, in one place through the lower one.
+        let (lower, upper) = (grid(13, 13, |_, _| 0.0), grid(13, 13, |_, _| 1.0));
+        let data = lower.positions().len();
+        let points: Vec<_> =
+            lower.positions().iter().chain(upper.positions().iter()).copied().collect();
+        let faces = |at: u32| move |face: &[u32; 3]| face.map(|vertex| vertex + at);
+        let of_lower = lower.faces().as_triangles().unwrap();
+        let of_upper = upper.faces().as_triangles().unwrap();
+        let all = of_lower.iter().map(faces(0)).chain(of_upper.iter().map(faces(data as u32)));
+        let mut filling = Filling::new(&of(points, all.collect()));
+        (filling.data, filling.kept) = (data, of_lower.len());
+        let start = filling.points[data..].to_vec();
+        let bulge = |p: &Point3<f64>| {
+            let off = libm::hypot(p.x - 3.0, p.y - 3.0);
+            p + nalgebra::Vector3::z() * if off < 0.5 { -1.6 } else { 0.3 }
+        };
+        let completed: Vec<_> = start.iter().map(bulge).collect();
+        filling.points.truncate(data);
+        filling.points.extend(&completed);
+        let progress = Progress::none();
+        let mut crossings = Crossings::new(&filling, &progress).unwrap();
+        assert!(!crossings.is_empty());
+        settle(&mut filling, &start, &mut crossings, &progress).unwrap();
+        assert!(crossings.is_empty());
+        assert!(Crossings::new(&filling, &progress).unwrap().is_empty());
+        for ((now, completed), start) in filling.points[data..].iter().zip(&completed).zip(&start) {
+            let off = libm::hypot(start.x - 3.0, start.y - 3.0);
+            assert!(off < 4.0 || now == completed, "{now}");
+            assert!(0.0 < now.z && now.z <= 1.3, "{now}");
+        }
+    }
+}

@@ -1,0 +1,299 @@
+//! Membranes and thin plates through a rim: the surfaces that a soap film and a bent sheet would take.
+//!
+//! Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes" (1998), with the cotangent weights
+//! of Pinkall and Polthier, "Computing discrete minimal surfaces and their conjugates" (1993). What turns a thin plate into a surface whose
+//! curvature goes on evenly is from Schneider and Kobbelt, "Geometric fairing of irregular meshes for free-form surface design" (2001).
+
+use maquette::{Cancelled, Progress};
+use nalgebra::{Point3, Vector3};
+
+use crate::fill::border::rim::Rim;
+use crate::fill::triangles::patch::{NONE, Patch, area_vector};
+use crate::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
+
+/// What is least.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Energy {
+    /// The area: the surface meets the rim at an angle.
+    Membrane,
+    /// The bending, at the rim included: the surface goes on as the data ends. Curvature fades where normals fan out.
+    ThinPlate,
+    /// The bending beyond that of the surface as it is, whose curvature goes on as evenly as it can: a ball stays a ball.
+    EvenPlate,
+}
+
+/// Largest cotangent in a weight. Below 2 the weights of angles that are still common, 27 degrees, would be changed; far above, one
+/// sliver outweighs all other triangles.
+const MOST_COTANGENT: f64 = 5.0;
+
+/// The least share of the mean area that a vertex counts for.
+const LEAST_AREA: f64 = 0.05;
+
+/// Moves the inner vertices of `patch` to where the energy is least, the shape of its triangles as it is now; false if the equations
+/// have no solution, and then nothing moves.
+///
+/// # Errors
+/// If the evaluation is told to stop.
+pub(crate) fn fair(
+    patch: &mut Patch,
+    rim: &Rim,
+    energy: Energy,
+    progress: &Progress<'_>,
+) -> Result<bool, Cancelled> {
+    let solved = solve(patch, rim, energy, progress)?;
+    let is_finite =
+        |points: &Vec<Point3<f64>>| points.iter().flat_map(|p| p.iter()).all(|x| x.is_finite());
+    match solved.filter(is_finite) {
+        Some(points) => {
+            patch.points = points;
+            Ok(true)
+        }
+        None => Ok(false),
+    }
+}
+
+/// The Laplacian of the surface around a hole: a row for each vertex of the patch.
+struct Laplacian {
+    starts: Vec<u32>,
+    columns: Vec<u32>,
+    weights: Vec<f64>,
+    /// The area of each vertex; infinite for one whose faces do not go all around, so that its row counts nothing.
+    areas: Vec<f64>,
+    /// The unit normal at each vertex.
+    normals: Vec<Vector3<f64>>,
+}
+
+impl Laplacian {
+    fn new(patch: &Patch, rim: &Rim) -> Self {
+        let count = patch.points.len();
+        let place = |vertex: u32| {
+            let vertex = vertex as usize;
+            if vertex < count { patch.points[vertex] } else { rim.ring[vertex - count] }
+        };
+        let fixed = patch.fixed as u32;
+        let outside = rim.triangles.iter().map(|face| {
+            // Those of the ring stand behind all vertices of the patch.
+            face.map(|vertex| if vertex < fixed { vertex } else { vertex - fixed + count as u32 })
+        });
+        let inside =
+            patch.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE).copied();
+        let mut areas = vec![0.0; count];
+        let mut normals = vec![Vector3::zeros(); count];
+        let mut links: Vec<(u32, u32, f64)> = Vec::with_capacity(12 * count);
+        let mut starts = vec![0u32; count + 1];
+        for face in inside.chain(outside) {
+            let points = face.map(place);
+            let area = area_vector(points);
+            let double = area.norm();
+            for k in 0..3 {
+                let (a, b) = (face[(k + 1) % 3], face[(k + 2) % 3]);
+                let (u, v) = (points[(k + 1) % 3] - points[k], points[(k + 2) % 3] - points[k]);
+                let cotangent = u.dot(&v) / double.max(f64::MIN_POSITIVE);
+                let weight = cotangent.clamp(-MOST_COTANGENT, MOST_COTANGENT) / 2.0;
+                for (from, to) in [(a, b), (b, a)] {
+                    if (from as usize) < count {
+                        links.push((from, to, weight));
+                        starts[from as usize + 1] += 1;
+                    }
+                }
+                if (face[k] as usize) < count {
+                    areas[face[k] as usize] += double / 6.0;
+                    normals[face[k] as usize] += area;
+                }
+            }
+        }
+        normals.iter_mut().for_each(|sum| *sum = sum.try_normalize(0.0).unwrap_or_default());
+        let mut laplacian =
+            Self { starts: Vec::new(), columns: Vec::new(), weights: Vec::new(), areas, normals };
+        laplacian.gather(starts, &links);
+        laplacian.limit_areas();
+        laplacian
+    }
+
+    /// Makes rows of links, of which two faces give each one half.
+    fn gather(&mut self, mut starts: Vec<u32>, links: &[(u32, u32, f64)]) {
+        let count = starts.len() - 1;
+        for row in 0..count {
+            starts[row + 1] += starts[row];
+        }
+        let mut ends = starts.clone();
+        let mut sorted = vec![(0u32, 0.0); links.len()];
+        for &(from, to, weight) in links {
+            let end = &mut ends[from as usize];
+            sorted[*end as usize] = (to, weight);
+            *end += 1;
+        }
+        self.starts.push(0);
+        for row in 0..count {
+            let first = self.columns.len();
+            let mut halves = 0usize;
+            for &(column, weight) in &sorted[starts[row] as usize..starts[row + 1] as usize] {
+                match self.columns[first..].iter().position(|&known| known == column) {
+                    Some(place) => {
+                        self.weights[first + place] += weight;
+                        halves += 1;
+                    }
+                    None => {
+                        self.columns.push(column);
+                        self.weights.push(weight);
+                    }
+                }
+            }
+            if halves < self.columns.len() - first {
+                self.areas[row] = f64::INFINITY;
+            }
+            let sum: f64 = self.weights[first..].iter().sum();
+            self.columns.push(row as u32);
+            self.weights.push(-sum);
+            self.starts.push(self.columns.len() as u32);
+        }
+    }
+
+    fn limit_areas(&mut self) {
+        let known = || self.areas.iter().copied().filter(|area| area.is_finite());
+        let least = LEAST_AREA * known().sum::<f64>() / known().count().max(1) as f64;
+        self.areas.iter_mut().for_each(|area| *area = area.max(least).max(f64::MIN_POSITIVE));
+    }
+
+    /// The order in which to eliminate the unknowns of `vertices`, each of which `unknowns` numbers, so that an energy is least.
+    fn dissection(&self, vertices: &[usize], unknowns: &[u32], energy: Energy) -> Dissection {
+        let (mut starts, mut neighbors) = (vec![0], Vec::with_capacity(8 * vertices.len()));
+        for &vertex in vertices {
+            let around = self.row(vertex).map(|(column, _)| unknowns[column]);
+            neighbors.extend(around.filter(|&unknown| unknown != NONE));
+            starts.push(neighbors.len() as u32);
+        }
+        let reach = match energy {
+            Energy::Membrane => 1,
+            Energy::ThinPlate | Energy::EvenPlate => 2,
+        };
+        Dissection::new(Links { starts: &starts, neighbors: &neighbors }, reach)
+    }
+
+    fn row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
+        let entries = self.starts[row] as usize..self.starts[row + 1] as usize;
+        let columns = self.columns[entries.clone()].iter().map(|&column| column as usize);
+        columns.zip(self.weights[entries].iter().copied())
+    }
+
+    /// Of each vertex twice the mean curvature of the surface as it is.
+    fn curvatures(&self, place: impl Fn(usize) -> Vector3<f64>) -> Vec<f64> {
+        let curvature = |row: usize| {
+            let sum: Vector3<f64> = self.row(row).map(|(column, w)| place(column) * w).sum();
+            sum.dot(&self.normals[row]) / self.areas[row]
+        };
+        (0..self.areas.len()).map(curvature).collect()
+    }
+
+    /// What the Laplacian of the curvature vectors at a vertex is if that of their lengths is nothing: the turn of the normals around.
+    fn turn(&self, vertex: usize, curvatures: &[f64]) -> Vector3<f64> {
+        let own = self.normals[vertex];
+        let around = self.row(vertex);
+        around.map(|(other, w)| (self.normals[other] - own) * (w * curvatures[other])).sum()
+    }
+}
+
+fn solve(
+    patch: &Patch,
+    rim: &Rim,
+    energy: Energy,
+    progress: &Progress<'_>,
+) -> Result<Option<Vec<Point3<f64>>>, Cancelled> {
+    progress.check()?;
+    let laplacian = Laplacian::new(patch, rim);
+    progress.check()?;
+    let count = patch.points.len();
+    let mut unknowns = vec![NONE; count + rim.ring.len()];
+    let mut vertices = Vec::new();
+    let alive = |&vertex: &usize| patch.leaving[vertex] != NONE;
+    for vertex in (patch.fixed..count).filter(alive) {
+        unknowns[vertex] = vertices.len() as u32;
+        vertices.push(vertex);
+    }
+    if vertices.is_empty() {
+        return Ok(None);
+    }
+    // About the middle of the rim, so that no digits are lost to the place of the hole.
+    let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
+    let origin = Point3::from(sum / rim.len() as f64);
+    let place = |vertex: usize| {
+        if vertex < count {
+            patch.points[vertex] - origin
+        } else {
+            rim.ring[vertex - count] - origin
+        }
+    };
+    let ((matrix, mut right), dissection) = rayon::join(
+        || equations(&laplacian, &vertices, &unknowns, place, energy),
+        || laplacian.dissection(&vertices, &unknowns, energy),
+    );
+    let Some(factors) = Cholesky::ordered(&matrix, &dissection, progress)? else { return Ok(None) };
+    factors.solve(&mut right);
+    let mut points = patch.points.clone();
+    for (&vertex, solution) in vertices.iter().zip(right) {
+        points[vertex] = origin + Vector3::from(solution);
+    }
+    Ok(Some(points))
+}
+
+/// What has to hold for the unknowns of `vertices`, each of which `unknowns` numbers, so that an energy is least: the matrix and the right
+/// sides, other vertices being where `place` says.
+fn equations(
+    laplacian: &Laplacian,
+    vertices: &[usize],
+    unknowns: &[u32],
+    place: impl Fn(usize) -> Vector3<f64>,
+    energy: Energy,
+) -> (Symmetric, Vec<[f64; 3]>) {
+    let count = laplacian.areas.len();
+    let curvatures = match energy {
+        Energy::EvenPlate => Some(laplacian.curvatures(&place)),
+        Energy::Membrane | Energy::ThinPlate => None,
+    };
+    let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
+    let mut right = Vec::with_capacity(vertices.len());
+    let mut places = vec![NONE; vertices.len()];
+    for &vertex in vertices {
+        let first = matrix.indices.len();
+        let mut known = Vector3::zeros();
+        let mut add = |matrix: &mut Symmetric, column: usize, entry: f64| {
+            let unknown = unknowns[column];
+            if unknown == NONE {
+                known -= place(column) * entry;
+                return;
+            }
+            let at = places[unknown as usize];
+            if at != NONE && at as usize >= first {
+                matrix.entries[at as usize] += entry;
+            } else {
+                places[unknown as usize] = matrix.indices.len() as u32;
+                matrix.indices.push(unknown);
+                matrix.entries.push(entry);
+            }
+        };
+        match energy {
+            Energy::Membrane => {
+                laplacian
+                    .row(vertex)
+                    .for_each(|(column, weight)| add(&mut matrix, column, -weight));
+            }
+            Energy::ThinPlate | Energy::EvenPlate => {
+                // The weights are symmetric: what the row of a neighbor has here is what this row has there.
+                for (row, weight) in laplacian.row(vertex).filter(|(row, _)| *row < count) {
+                    let share = weight / laplacian.areas[row];
+                    if share != 0.0 {
+                        laplacian
+                            .row(row)
+                            .for_each(|(column, other)| add(&mut matrix, column, share * other));
+                    }
+                }
+            }
+        }
+        if let Some(curvatures) = &curvatures {
+            known += laplacian.turn(vertex, curvatures);
+        }
+        matrix.starts.push(matrix.indices.len() as u32);
+        right.push([known.x, known.y, known.z]);
+    }
+    (matrix, right)
+}

@@ -1,0 +1,89 @@
+//! How long the edges of a filling should be.
+
+use nalgebra::Point3;
+
+use crate::fill::border::rim::Rim;
+use crate::fill::triangles::density::{Stop, TRIANGLES, estimate};
+use crate::fill::triangles::patch::Patch;
+
+/// How long edges should be: as those of the data at the rim, the nearer the more.
+pub(crate) struct Sizes {
+    /// Places on the rim, by coordinate; behind them infinite ones up to a multiple of [`LANES`], which weigh nothing.
+    places: [Vec<f64>; 3],
+    /// How long edges are there.
+    lengths: Vec<f64>,
+}
+
+/// So many times triangles are looked at closer to estimate their number: some milliseconds.
+const LOOKS: usize = 50_000;
+
+/// So many parts of the rim are told apart at most: a multiple of [`LANES`].
+const MOST_SAMPLES: usize = 128;
+
+/// Sums that run side by side.
+const LANES: usize = 4;
+
+impl Sizes {
+    pub(crate) fn new(rim: &Rim, edge: Option<f64>) -> Self {
+        if let Some(edge) = edge {
+            return Self::of(&[Point3::origin()], vec![edge]);
+        }
+        let chunk = rim.len().div_ceil(MOST_SAMPLES).max(1);
+        let middles = rim.points.chunks(chunk).map(|points| points[points.len() / 2]);
+        let middles: Vec<Point3<f64>> = middles.collect();
+        let mean = |lengths: &[f64]| lengths.iter().sum::<f64>() / lengths.len() as f64;
+        Self::of(&middles, rim.lengths.chunks(chunk).map(mean).collect())
+    }
+
+    fn of(places: &[Point3<f64>], mut lengths: Vec<f64>) -> Self {
+        let count = places.len().next_multiple_of(LANES);
+        lengths.resize(count, 0.0);
+        let places = [0, 1, 2].map(|axis| {
+            let mut places: Vec<f64> = places.iter().map(|place| place[axis]).collect();
+            places.resize(count, f64::INFINITY);
+            places
+        });
+        Self { places, lengths }
+    }
+
+    /// # Errors
+    /// If there would be too many triangles.
+    pub(crate) fn check(&self, patch: &Patch) -> Result<(), Stop> {
+        // Nowhere are edges shorter than where they are shortest at the rim: nearly always that says enough.
+        let lengths = self.lengths.iter().copied().filter(|length| *length > 0.0);
+        let shortest = lengths.fold(f64::INFINITY, f64::min);
+        if estimate(patch, |_| shortest, 0) <= TRIANGLES.most as f64 {
+            return Ok(());
+        }
+        let need = estimate(patch, |point| self.at(point), LOOKS);
+        if need <= TRIANGLES.most as f64 { Ok(()) } else { Err(Stop::TooMany(need)) }
+    }
+
+    /// The length of edges at a point.
+    pub(crate) fn at(&self, point: Point3<f64>) -> f64 {
+        let count = self.lengths.len();
+        let [x, y, z] = [0, 1, 2].map(|axis| &self.places[axis][..count]);
+        let mut buffer = [0.0; MOST_SAMPLES];
+        let weights = &mut buffer[..count];
+        for k in 0..count {
+            let [dx, dy, dz] = [point.x - x[k], point.y - y[k], point.z - z[k]];
+            let distance_sq = dx * dx + dy * dy + dz * dz;
+            weights[k] = 1.0 / (distance_sq * distance_sq);
+        }
+        let (mut sums, mut totals) = ([0.0; LANES], [0.0; LANES]);
+        let of_lanes =
+            weights.as_chunks::<LANES>().0.iter().zip(self.lengths.as_chunks::<LANES>().0);
+        for (weights, lengths) in of_lanes {
+            for k in 0..LANES {
+                sums[k] += weights[k] * lengths[k];
+                totals[k] += weights[k];
+            }
+        }
+        let total: f64 = totals.iter().sum();
+        if total.is_finite() {
+            return sums.iter().sum::<f64>() / total;
+        }
+        let here = weights.iter().position(|weight| weight.is_infinite());
+        self.lengths[here.unwrap_or(0)]
+    }
+}

@@ -1,0 +1,58 @@
+//! A mesh of triangles whose holes are being filled: data that never changes, and behind it what is filled.
+
+use maquette::value::Mesh;
+use nalgebra::Point3;
+
+use super::patch::Patch;
+use crate::fill::plain::plug::Plug;
+
+/// A mesh of triangles whose holes are being filled.
+#[derive(Clone, Debug)]
+pub(crate) struct Filling {
+    /// The data's vertices in their order, which never move, then the filled ones.
+    pub(crate) points: Vec<Point3<f64>>,
+    /// The data's triangles (polygons as fans), which never change, then the filled ones.
+    pub(crate) faces: Vec<[u32; 3]>,
+    /// How many vertices are data.
+    pub(crate) data: usize,
+    /// How many triangles are data.
+    pub(crate) kept: usize,
+}
+
+impl Filling {
+    /// A mesh without anything filled.
+    pub(crate) fn new(mesh: &Mesh) -> Self {
+        let faces = match mesh.faces().as_triangles() {
+            Some(triangles) => triangles.to_vec(),
+            None => {
+                let fan = |face: &[u32]| -> Vec<[u32; 3]> {
+                    (1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]).collect()
+                };
+                mesh.faces().iter().flat_map(fan).collect()
+            }
+        };
+        let (data, kept) = (mesh.positions().len(), faces.len());
+        Self { points: mesh.positions().to_vec(), faces, data, kept }
+    }
+
+    /// Lets these be what fills these holes, instead of whatever there is.
+    pub(crate) fn add_all(&mut self, holes: &[Vec<u32>], plugs: &[Plug]) {
+        self.points.truncate(self.data);
+        self.faces.truncate(self.kept);
+        for (hole, plug) in holes.iter().zip(plugs) {
+            self.add(hole, &plug.patch);
+        }
+    }
+
+    /// Adds what fills a hole, whose rim has these vertices.
+    fn add(&mut self, rim: &[u32], patch: &Patch) {
+        let (faces, kept) = patch.compact();
+        let first = self.points.len();
+        self.points.extend(kept[rim.len()..].iter().map(|&vertex| patch.points[vertex as usize]));
+        let number = |vertex: u32| match rim.get(vertex as usize) {
+            Some(&data) => data,
+            None => (first - rim.len()) as u32 + vertex,
+        };
+        self.faces.extend(faces.iter().map(|face| face.map(number)));
+    }
+}

@@ -1,0 +1,105 @@
+//! Blurs levels with a Gaussian.
+
+use rayon::prelude::*;
+
+use super::gradient::Levels;
+
+/// How many deviations from its center the Gaussian is cut off: 1/3000 of its height is left there.
+const REACH: f64 = 4.0;
+
+/// The levels blurred along rows, then along columns, by a Gaussian of deviation `sigma` (pixels). At the picture's border
+/// its weights inside are scaled to sum to 1.
+///
+/// Each level is changed by the weighed differences of its neighbors from it, so that what is flat stays exactly as it is.
+pub(crate) fn blur(levels: Levels<'_>, sigma: f64) -> Vec<f32> {
+    let [width, height] = levels.size();
+    let weights = weights(sigma, width.max(height));
+    let mut along_rows = vec![0.0; width * height];
+    along_rows.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, to)| {
+        let mut here = vec![0.0; width];
+        levels.write_row(row, &mut here);
+        blur_row(&here, &weights, to);
+    });
+    let mut blurred = vec![0.0; width * height];
+    let rows = blurred.par_chunks_mut(width.max(1)).enumerate();
+    rows.for_each(|(row, to)| blur_across(&along_rows, row, &weights, to));
+    blurred
+}
+
+/// The Gaussian's height at the distances 0, 1, ... up to its reach, or to the picture's size.
+fn weights(sigma: f64, size: usize) -> Vec<f32> {
+    let count = (REACH * sigma).ceil() as usize;
+    let weight = |k: usize| libm::exp(-0.5 * (k * k) as f64 / (sigma * sigma)) as f32;
+    (0..=count.min(size)).map(weight).collect()
+}
+
+fn blur_row(row: &[f32], weights: &[f32], to: &mut [f32]) {
+    let count = row.len();
+    let mut sums = vec![weights[0]; count];
+    to.fill(0.0);
+    for (k, weight) in weights.iter().enumerate().skip(1).take_while(|(k, _)| *k < count) {
+        for (here, there) in [(k, 0), (0, k)] {
+            let span = count - k;
+            let places = to[here..][..span].iter_mut().zip(&mut sums[here..][..span]);
+            let levels = row[here..][..span].iter().zip(&row[there..][..span]);
+            for ((to, sum), (here, there)) in places.zip(levels) {
+                *to += weight * (there - here);
+                *sum += weight;
+            }
+        }
+    }
+    let changes = to.iter_mut().zip(row.iter().zip(&sums));
+    changes.for_each(|(to, (level, sum))| *to = level + *to / sum);
+}
+
+/// Row `row` of `rows`, blurred along the columns.
+fn blur_across(rows: &[f32], row: usize, weights: &[f32], to: &mut [f32]) {
+    let width = to.len();
+    let height = rows.len() / width;
+    let here = &rows[row * width..][..width];
+    let mut sum = weights[0];
+    to.fill(0.0);
+    for (k, &weight) in weights.iter().enumerate().skip(1) {
+        let others = [row.checked_sub(k), Some(row + k).filter(|other| *other < height)];
+        for other in others.into_iter().flatten() {
+            let there = &rows[other * width..][..width];
+            let levels = to.iter_mut().zip(here.iter().zip(there));
+            levels.for_each(|(to, (here, there))| *to += weight * (there - here));
+            sum += weight;
+        }
+    }
+    to.iter_mut().zip(here).for_each(|(to, level)| *to = level + *to / sum);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_flat_stays_exactly_flat() {
+        let levels = vec![0.1; 13 * 5];
+        assert_eq!(blur(Levels::Plane(&levels, 13), 2.5), levels);
+    }
+
+    #[test]
+    fn a_point_becomes_the_gaussian_and_keeps_its_sum() {
+        let (width, sigma) = (41, 1.5);
+        let mut levels = vec![0.0; width * width];
+        levels[20 * width + 20] = 1.0;
+        let blurred = blur(Levels::Plane(&levels, width), sigma);
+        let sum: f64 = blurred.iter().map(|&x| f64::from(x)).sum();
+        assert!((sum - 1.0).abs() < 1e-5, "{sum}");
+        let ratio = f64::from(blurred[22 * width + 21] / blurred[20 * width + 20]);
+        let expected = libm::exp(-0.5 * 5.0 / (sigma * sigma));
+        assert!((ratio - expected).abs() < 1e-5, "{ratio} {expected}");
+    }
+
+    #[test]
+    fn at_the_border_the_weights_inside_sum_to_one() {
+        let weight = libm::exp(-0.5) as f32;
+        let blurred = blur(Levels::Plane(&[0.0, 8.0], 2), 1.0);
+        let expected = 8.0 * weight / (1.0 + weight);
+        assert!((blurred[0] - expected).abs() < 1e-6, "{blurred:?}");
+        assert!((blurred[0] + blurred[1] - 8.0).abs() < 1e-6, "{blurred:?}");
+    }
+}

@@ -1,0 +1,6 @@
+//! Which pixels belong together.
+
+pub(super) mod components;
+pub(super) mod mark_pixels;
+pub(super) mod otsu;
+pub(super) mod select;

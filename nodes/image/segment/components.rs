@@ -1,0 +1,270 @@
+//! The connected parts of a mask.
+//!
+//! Two passes over runs of pixels: He, Chao and Suzuki, "A run-based two-scan labeling algorithm", IEEE Transactions on Image
+//! Processing 17 (2008). Strips of rows are worked on in parallel, each with as many provisional labels as it has runs; the
+//! numbering does not depend on the strips.
+
+use std::ops::Range;
+
+use maquette::value::{LabelRun, Labels, Mask};
+use rayon::prelude::*;
+
+use crate::image::connectivity::Connectivity;
+
+/// Rows in a strip: enough work to be worth waking a thread.
+const STRIP_ROWS: usize = 64;
+
+/// Numbers the connected parts of `mask`. The same as flooding them one by one, row by row from the top.
+pub fn label(mask: &Mask, connectivity: Connectivity) -> Labels {
+    let (width, height) = (mask.width(), mask.height());
+    let reach = match connectivity {
+        Connectivity::Eight => 1,
+        Connectivity::Four => 0,
+    };
+    let strips: Vec<Strip> = mask
+        .pixels()
+        .par_chunks(STRIP_ROWS * width.max(1))
+        .enumerate()
+        .map(|(strip, pixels)| Strip::new(pixels, width, STRIP_ROWS * strip, reach))
+        .collect();
+    let count = strips.iter().map(|strip| strip.runs.len()).sum();
+    let mut whole = Strip::with_capacity(count);
+    strips.into_iter().for_each(|strip| whole.append(strip, reach));
+    Labels::from_runs(width, height, &whole.labelled())
+        .expect("runs are found row by row, and a part is numbered at its first run")
+}
+
+/// Some rows of a mask as runs, and which of the runs hang together.
+#[derive(Default)]
+pub(crate) struct Strip {
+    /// Row by row from the top; their labels are not yet known.
+    runs: Vec<LabelRun>,
+    /// A run that this one hangs together with and that does not come after it; itself for the first run of a part.
+    parents: Vec<u32>,
+    /// Number of runs in the first row.
+    first: usize,
+    /// Number of runs in the last row.
+    last: usize,
+}
+
+impl Strip {
+    fn with_capacity(runs: usize) -> Self {
+        Self {
+            runs: Vec::with_capacity(runs),
+            parents: Vec::with_capacity(runs),
+            ..Self::default()
+        }
+    }
+
+    fn new(pixels: &[u8], width: usize, first_row: usize, reach: u32) -> Self {
+        let mut strip = Self::default();
+        for (row, pixels) in pixels.chunks(width).enumerate() {
+            let start = strip.runs.len();
+            push_runs(pixels, (first_row + row) as u32, &mut strip.runs);
+            let end = strip.runs.len();
+            strip.parents.extend(start as u32..end as u32);
+            strip.join_rows(start - strip.last..start, start..end, reach);
+            strip.last = end - start;
+            if row == 0 {
+                strip.first = strip.last;
+            }
+        }
+        strip
+    }
+
+    /// Puts another strip below this one.
+    fn append(&mut self, below: Self, reach: u32) {
+        let start = self.runs.len();
+        self.runs.extend(below.runs);
+        self.parents.extend(below.parents.iter().map(|parent| parent + start as u32));
+        self.join_rows(start - self.last..start, start..start + below.first, reach);
+        self.last = below.last;
+    }
+
+    /// Joins the runs of two rows that overlap, or come within `reach` of it.
+    fn join_rows(&mut self, above: Range<usize>, below: Range<usize>, reach: u32) {
+        let mut upper = above.start;
+        for lower in below {
+            let LabelRun { start, end, .. } = self.runs[lower];
+            // A run that ends before this one meets no later run of this row either.
+            while upper < above.end && self.runs[upper].end + reach <= start {
+                upper += 1;
+            }
+            let mut next = upper;
+            while next < above.end && self.runs[next].start < end + reach {
+                self.join(next as u32, lower as u32);
+                next += 1;
+            }
+        }
+    }
+
+    /// Joins two parts; the earlier first run is the first run of both.
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.parents[a.max(b) as usize] = a.min(b);
+    }
+
+    /// The first run of a part, with path halving: Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms" (1984).
+    fn find(&mut self, mut run: u32) -> u32 {
+        while self.parents[run as usize] != run {
+            let parent = self.parents[run as usize];
+            self.parents[run as usize] = self.parents[parent as usize];
+            run = self.parents[run as usize];
+        }
+        run
+    }
+
+    /// The runs with their labels.
+    fn labelled(mut self) -> Vec<LabelRun> {
+        let mut count = 0;
+        for run in 0..self.runs.len() {
+            let parent = self.parents[run] as usize;
+            self.runs[run].label = if parent == run {
+                count += 1;
+                count
+            } else {
+                self.runs[parent].label
+            };
+        }
+        self.runs
+    }
+}
+
+/// Adds the runs of one row.
+fn push_runs(pixels: &[u8], row: u32, runs: &mut Vec<LabelRun>) {
+    let mut start = 0;
+    while start < pixels.len() {
+        let end = start + alike(&pixels[start..]);
+        if pixels[start] == 1 {
+            runs.push(LabelRun { row, start: start as u32, end: end as u32, label: 0 });
+        }
+        start = end;
+    }
+}
+
+/// How many of the first pixels are like the very first one.
+fn alike(pixels: &[u8]) -> usize {
+    // Sixteen at a time is one comparison for the processor.
+    let sixteen = [pixels[0]; 16];
+    let whole = 16 * pixels.chunks_exact(16).take_while(|chunk| **chunk == sixteen).count();
+    let rest = &pixels[whole..];
+    whole + rest.iter().position(|&pixel| pixel != pixels[0]).unwrap_or(rest.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOTH: [Connectivity; 2] = [Connectivity::Eight, Connectivity::Four];
+
+    /// The definition: floods from each pixel that has no label yet, row by row from the top.
+    fn flood(mask: &Mask, connectivity: Connectivity) -> Vec<u32> {
+        let (width, height) = (mask.width() as isize, mask.height() as isize);
+        let mut labels = vec![0; mask.pixels().len()];
+        let mut count = 0;
+        for start in 0..labels.len() {
+            if mask.pixels()[start] == 0 || labels[start] != 0 {
+                continue;
+            }
+            count += 1;
+            labels[start] = count;
+            let mut stack = vec![start];
+            while let Some(pixel) = stack.pop() {
+                let (column, row) = (pixel as isize % width, pixel as isize / width);
+                for (x, y) in (-1..=1).flat_map(|y| (-1..=1).map(move |x| (x, y))) {
+                    let next = (column + x, row + y);
+                    let near = connectivity == Connectivity::Eight || x == 0 || y == 0;
+                    if !near || !(0..width).contains(&next.0) || !(0..height).contains(&next.1) {
+                        continue;
+                    }
+                    let next = (next.1 * width + next.0) as usize;
+                    if mask.pixels()[next] == 1 && labels[next] == 0 {
+                        labels[next] = count;
+                        stack.push(next);
+                    }
+                }
+            }
+        }
+        labels
+    }
+
+    /// A mask in which some `density` hundredths of the pixels are inside: Marsaglia's xorshift, seeded by its size.
+    fn noise(width: usize, height: usize, density: u64) -> Mask {
+        let mut state = ((1 + width * 1000 + height) as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let pixels = (0..width * height).map(|_| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            u8::from((state >> 11) % 100 < density)
+        });
+        Mask::new(width, height, pixels.collect()).unwrap()
+    }
+
+    // T-IMG-05.
+    #[test]
+    fn labels_are_those_of_flooding_at_every_size() {
+        let densities = [5, 25, 40, 50, 60, 75, 95];
+        for (width, height) in (1..=65).flat_map(|width| (1..=65).map(move |h| (width, h))) {
+            let mask = noise(width, height, densities[(width * 3 + height) % densities.len()]);
+            for connectivity in BOTH {
+                let labels = label(&mask, connectivity);
+                assert_eq!(labels.pixels(), flood(&mask, connectivity), "{width} x {height}");
+            }
+        }
+    }
+
+    // T-IMG-05.
+    #[test]
+    fn labels_are_those_of_flooding_at_every_density_and_for_any_number_of_threads() {
+        for density in (5..=95).step_by(5) {
+            let mask = noise(150, 200, density);
+            for connectivity in BOTH {
+                let expected = flood(&mask, connectivity);
+                for threads in [1, 2, 8] {
+                    let pool =
+                        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                    let labels = pool.install(|| label(&mask, connectivity));
+                    assert_eq!(labels.pixels(), expected, "{density} {threads}");
+                }
+            }
+        }
+    }
+
+    // T-IMG-05.
+    #[test]
+    fn a_checkerboard_is_one_part_by_corners_and_as_many_as_pixels_by_sides() {
+        let pixels = (0..70 * 130).map(|index| u8::from((index % 70 + index / 70) % 2 == 0));
+        let mask = Mask::new(70, 130, pixels.collect()).unwrap();
+        assert_eq!(label(&mask, Connectivity::Eight).statistics().len(), 1);
+        assert_eq!(label(&mask, Connectivity::Four).statistics().len(), mask.count());
+    }
+
+    // T-IMG-05.
+    #[test]
+    fn a_full_mask_is_one_part_and_an_empty_one_has_none() {
+        for connectivity in BOTH {
+            let full = label(&Mask::new(5, 4, vec![1; 20]).unwrap(), connectivity);
+            assert_eq!((full.statistics().len(), full.statistics()[0].area), (1, 20));
+            for (width, height) in [(5, 4), (0, 4), (5, 0)] {
+                let empty = Mask::new(width, height, vec![0; width * height]).unwrap();
+                assert_eq!(label(&empty, connectivity).statistics(), []);
+            }
+        }
+    }
+
+    // T-IMG-05.
+    #[test]
+    fn each_dot_of_a_dotted_row_is_a_part() {
+        let labels = label(&Mask::drawn(&["#.#.#"]), Connectivity::Eight);
+        assert_eq!(labels.pixels(), [1, 0, 2, 0, 3]);
+    }
+
+    #[test]
+    fn parts_that_meet_late_have_one_number() {
+        let mask = Mask::drawn(&["#.#.#", "#.###", "###.."]);
+        assert_eq!(label(&mask, Connectivity::Four).statistics().len(), 1);
+        let mask = Mask::drawn(&["#...#", ".#.#.", "..#..", "#...."]);
+        assert_eq!(label(&mask, Connectivity::Eight).statistics().len(), 2);
+        assert_eq!(label(&mask, Connectivity::Four).statistics().len(), 6);
+    }
+}

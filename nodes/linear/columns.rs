@@ -1,0 +1,56 @@
+//! Long lists of three numbers, as iterative solvers add and multiply them.
+//!
+//! Sums are taken of fixed chunks and added in their order, so that they are the same for any number of threads.
+
+use rayon::prelude::*;
+
+use super::missed::Missed;
+
+/// A right side, an unknown or a residual: three coordinates, solved side by side.
+pub(crate) type Column = [f64; 3];
+
+/// Entries of a chunk.
+pub(crate) const CHUNK: usize = 1024;
+
+/// `to + way * step`, coordinate by coordinate.
+pub(crate) fn add(to: &mut [Column], way: &[Column], step: Column) {
+    to.par_chunks_mut(CHUNK).zip(way.par_chunks(CHUNK)).for_each(|(to, way)| {
+        for (to, way) in to.iter_mut().zip(way) {
+            (0..3).for_each(|k| to[k] += way[k] * step[k]);
+        }
+    });
+}
+
+/// `way * ratio + residual`, coordinate by coordinate: the next direction of conjugate gradients.
+pub(crate) fn follow(way: &mut [Column], residual: &[Column], ratio: Column) {
+    way.par_chunks_mut(CHUNK).zip(residual.par_chunks(CHUNK)).for_each(|(way, residual)| {
+        for (way, residual) in way.iter_mut().zip(residual) {
+            (0..3).for_each(|k| way[k] = way[k] * ratio[k] + residual[k]);
+        }
+    });
+}
+
+/// The sums of `scale a b`, coordinate by coordinate; without `scale` it is 1.
+pub(crate) fn dot(a: &[Column], b: &[Column], scale: &[f64]) -> Column {
+    let parts = a.par_chunks(CHUNK).zip(b.par_chunks(CHUNK)).zip(scale.par_chunks(CHUNK)).map(
+        |((a, b), scale)| {
+            let mut sum = [0.0; 3];
+            for ((a, b), scale) in a.iter().zip(b).zip(scale) {
+                (0..3).for_each(|k| sum[k] += scale * a[k] * b[k]);
+            }
+            sum
+        },
+    );
+    let parts: Vec<Column> = parts.collect();
+    parts.into_iter().fold([0.0; 3], |sum, part| [0, 1, 2].map(|k| sum[k] + part[k]))
+}
+
+/// How long the entries are as vectors.
+pub(crate) fn missed(residual: &[Column]) -> Missed {
+    let parts = residual.par_chunks(CHUNK).map(|chunk| {
+        let lengths_sq = chunk.iter().map(|[x, y, z]| x * x + y * y + z * z);
+        lengths_sq.fold(Missed::none(), Missed::and_by)
+    });
+    let parts: Vec<Missed> = parts.collect();
+    parts.into_iter().fold(Missed::none(), Missed::and)
+}

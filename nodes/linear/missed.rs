@@ -1,0 +1,35 @@
+//! What points are missed by.
+
+/// What some points are missed by.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Missed {
+    pub(crate) max_sq: f64,
+    pub(crate) sum_sq: f64,
+    pub(crate) count: usize,
+}
+
+impl Missed {
+    /// No points.
+    pub(crate) fn none() -> Self {
+        Self { max_sq: 0.0, sum_sq: 0.0, count: 0 }
+    }
+
+    /// These points and one more, by the square of its distance.
+    pub(crate) fn and_by(self, distance_sq: f64) -> Self {
+        self.and(Self { max_sq: distance_sq, sum_sq: distance_sq, count: 1 })
+    }
+
+    /// These points and others.
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self {
+            max_sq: self.max_sq.max(other.max_sq),
+            sum_sq: self.sum_sq + other.sum_sq,
+            count: self.count + other.count,
+        }
+    }
+
+    /// The largest distance and the root of the mean of the squares.
+    pub(crate) fn distances(self) -> [f64; 2] {
+        [self.max_sq.sqrt(), (self.sum_sq / self.count.max(1) as f64).sqrt()]
+    }
+}

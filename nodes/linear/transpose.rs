@@ -1,0 +1,123 @@
+//! The transposed of a sparse matrix, and the symmetric matrices that are made of one.
+
+use super::cholesky::Symmetric;
+use super::stencils::{Stencils, push_merged};
+
+impl Stencils {
+    /// The same matrix with rows and columns exchanged; it has this many columns.
+    pub(crate) fn transposed(&self, columns: usize) -> Self {
+        let mut starts = vec![0usize; columns + 1];
+        let all = || (0..self.len()).map(|row| (row, self.row(row)));
+        for &column in all().flat_map(|(_, (indices, _))| indices) {
+            starts[column as usize + 1] += 1;
+        }
+        for column in 0..columns {
+            starts[column + 1] += starts[column];
+        }
+        let mut next = starts.clone();
+        let mut entries = vec![(0u32, 0.0); starts[columns]];
+        for (row, (indices, weights)) in all() {
+            for (&column, &weight) in indices.iter().zip(weights) {
+                entries[next[column as usize]] = (row as u32, weight);
+                next[column as usize] += 1;
+            }
+        }
+        let (transposed, _) = Self::build(columns, |_: &mut (), column, rows| {
+            let own = &entries[starts[column]..starts[column + 1]];
+            own.iter().for_each(|&(row, weight)| rows.push(row, weight));
+            rows.end();
+        });
+        transposed
+    }
+
+    /// The first rows.
+    pub(crate) fn head(&self, count: usize) -> Self {
+        let (head, _) = Self::build(count, |_: &mut (), row, rows| {
+            let (indices, weights) = self.row(row);
+            indices.iter().zip(weights).for_each(|(&index, &weight)| rows.push(index, weight));
+            rows.end();
+        });
+        head
+    }
+
+    /// These rows, and below them others, so many times.
+    pub(crate) fn above(&self, others: &Self, factor: f64) -> Self {
+        let (rows, _) = Self::build(self.len() + others.len(), |_: &mut (), row, rows| {
+            let ((indices, weights), factor) = match row.checked_sub(self.len()) {
+                None => (self.row(row), 1.0),
+                Some(row) => (others.row(row), factor),
+            };
+            indices
+                .iter()
+                .zip(weights)
+                .for_each(|(&index, &weight)| rows.push(index, factor * weight));
+            rows.end();
+        });
+        rows
+    }
+
+    /// The rows times these factors, which make them a symmetric matrix.
+    pub(crate) fn scaled(&self, scale: &[f64]) -> Symmetric {
+        let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
+        for (row, scale) in scale.iter().enumerate() {
+            let (indices, weights) = self.row(row);
+            matrix.indices.extend(indices);
+            matrix.entries.extend(weights.iter().map(|weight| weight * scale));
+            matrix.starts.push(matrix.indices.len() as u32);
+        }
+        matrix
+    }
+
+    /// These rows of rows: the product with a matrix that is applied before.
+    pub(crate) fn times(&self, before: &Self) -> Self {
+        let (rows, _) = Self::build(self.len(), |terms: &mut Vec<(u32, f64)>, row, rows| {
+            terms.clear();
+            let (indices, weights) = self.row(row);
+            for (&index, weight) in indices.iter().zip(weights) {
+                let (inner, others) = before.row(index as usize);
+                terms.extend(inner.iter().zip(others).map(|(&k, other)| (k, weight * other)));
+            }
+            push_merged(rows, terms);
+            rows.end();
+        });
+        rows
+    }
+
+    /// `A^T A` of this matrix `A` with so many columns.
+    pub(crate) fn squared(&self, columns: usize) -> Symmetric {
+        self.squared_with(&self.transposed(columns))
+    }
+
+    /// The same, where the transposed matrix is known. Terms are added in the order of the rows, so that both halves are equal sums.
+    pub(crate) fn squared_with(&self, transposed: &Self) -> Symmetric {
+        let columns = transposed.len();
+        let (rows, _) = Self::build(columns, |sums: &mut Sums, column, rows| {
+            sums.entries.resize(columns, 0.0);
+            let (own, weights) = transposed.row(column);
+            for (&row, &weight) in own.iter().zip(weights) {
+                let (indices, others) = self.row(row as usize);
+                for (&k, other) in indices.iter().zip(others) {
+                    let entry = &mut sums.entries[k as usize];
+                    if *entry == 0.0 {
+                        sums.met.push(k);
+                    }
+                    *entry += weight * other;
+                }
+            }
+            sums.met.sort_unstable();
+            sums.met.dedup();
+            for k in sums.met.drain(..) {
+                rows.push(k, std::mem::take(&mut sums.entries[k as usize]));
+            }
+            rows.end();
+        });
+        rows.scaled(&vec![1.0; columns])
+    }
+}
+
+/// Sums while they are made: one for each column, and which of them have terms.
+#[derive(Default)]
+struct Sums {
+    entries: Vec<f64>,
+    met: Vec<u32>,
+}

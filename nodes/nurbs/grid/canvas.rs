@@ -1,0 +1,73 @@
+//! The cells that a surface is written to.
+
+use maquette::value::{Chart, RangeImage, Region, Surface};
+use nalgebra::Point3;
+
+use super::distance::from_border;
+use crate::nurbs::blend_error::BlendError;
+use crate::nurbs::blend_mode::BlendMode;
+
+/// The cells that a surface is written to, and what lies under them.
+pub(crate) struct Canvas {
+    /// Cells in a row.
+    pub(crate) width: usize,
+    /// Rows.
+    pub(crate) height: usize,
+    /// The point of every cell before the change; NaN where there is none.
+    pub(crate) points: Vec<Point3<f64>>,
+    /// The cells inside the region, in raster order.
+    pub(crate) targets: Vec<Target>,
+}
+
+/// A cell inside the region.
+#[derive(Clone, Copy)]
+pub(crate) struct Target {
+    /// Its index in the grid.
+    pub(crate) cell: usize,
+    /// Its net coordinate.
+    pub(crate) coordinate: [f64; 2],
+    /// How far it is from the border, in cells of the range; known for the mode `Feather` only.
+    pub(crate) depth: f64,
+}
+
+impl Canvas {
+    /// The range's own grid, with the region's points where it has none, and the places of the region's cells on the surface.
+    pub(crate) fn new(
+        range: &RangeImage,
+        region: &Region,
+        surface: &Surface,
+        mode: BlendMode,
+    ) -> Result<Self, BlendError> {
+        let (width, height) = (range.width(), range.height());
+        let chart = surface.net().chart().ok_or(BlendError::NoChart)?;
+        let grids =
+            [("the region", [region.width(), region.height()]), ("the surface", chart.grid)];
+        if let Some(&(what, size)) = grids.iter().find(|(_, size)| *size != [width, height]) {
+            return Err(BlendError::Grid { what, size, range: [width, height] });
+        }
+        let mut points = range.points().to_vec();
+        for (&cell, &point) in region.cells().iter().zip(region.points()) {
+            if range.point(cell as usize).is_none() {
+                points[cell as usize] = point;
+            }
+        }
+        let depths = match mode {
+            BlendMode::Feather { band } => from_border(region, band),
+            BlendMode::Displacement | BlendMode::Replace => vec![0.0; region.cells().len()],
+        };
+        let target = |(&cell, depth): (&u32, f64)| match place(chart, cell) {
+            Some(coordinate) => Ok(Target { cell: cell as usize, coordinate, depth }),
+            None => Err(BlendError::NotOnSurface {
+                column: cell as usize % width,
+                row: cell as usize / width,
+            }),
+        };
+        let targets = region.cells().iter().zip(depths).map(target).collect::<Result<_, _>>()?;
+        Ok(Self { width, height, points, targets })
+    }
+}
+
+fn place(chart: &Chart, cell: u32) -> Option<[f64; 2]> {
+    let index = chart.cells.binary_search(&cell).ok()?;
+    chart.coordinates.get(index).copied()
+}

@@ -1,0 +1,264 @@
+//! A region as triangles that hang together like a disk.
+//!
+//! Four cells around a corner of the grid make two triangles, three make one. Holes of the region are closed first. What hangs on
+//! the rest by single cells, or by nothing, is left out: of parts that share no edge the largest stays. Such a part is a disk: a
+//! vertex at which its triangles fell apart would lie on a closed chain of cells, and what that surrounds is closed.
+//!
+//! An edge inside of the disk whose ends both lie on the border gets a vertex in its middle. Without that, no map to a square is
+//! one-to-one that lays all of a bay's border on one side of it: Floater, "One-to-one piecewise linear mappings over
+//! triangulations", Mathematics of Computation 72 (2003), theorem 6.1.
+
+use std::collections::BTreeMap;
+
+/// In place of the triangle on the other side of an edge that has none.
+const NONE: u32 = u32::MAX;
+
+/// Triangles that hang together like a disk.
+pub(crate) struct Disk {
+    /// (column, row) of each vertex: first all cells of the patch, then vertices between two cells.
+    pub(crate) places: Vec<[f64; 2]>,
+    /// The two cells that each vertex after the cells lies between.
+    pub(crate) between: Vec<[u32; 2]>,
+    /// Counter-clockwise as one sees the picture.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// The border, counter-clockwise, from its first cell on.
+    pub(crate) border: Vec<u32>,
+}
+
+impl Disk {
+    /// The disk of the cells with entry 1 in a grid of so many columns; none if no three cells make a triangle.
+    pub(crate) fn new(rows: usize, columns: usize, inside: &[u8]) -> Option<Self> {
+        let mut inside = inside.to_vec();
+        close_holes(rows, columns, &mut inside);
+        let triangles = largest_part(&triangles(rows, columns, &inside));
+        let sides = Sides::new(&triangles);
+        let border = sides.border()?;
+        let mut on_border = vec![false; inside.len()];
+        border.iter().for_each(|&vertex| on_border[vertex as usize] = true);
+        let places = (0..inside.len()).map(|at| [(at % columns) as f64, (at / columns) as f64]);
+        let mut disk =
+            Self { places: places.collect(), between: Vec::new(), triangles: Vec::new(), border };
+        let mut middles = BTreeMap::new();
+        for &[a, b] in &sides.inner {
+            if on_border[a as usize] && on_border[b as usize] {
+                middles.insert([a, b], disk.places.len() as u32);
+                let [from, to] = [a, b].map(|vertex| disk.places[vertex as usize]);
+                disk.places.push([(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0]);
+                disk.between.push([a, b]);
+            }
+        }
+        triangles.iter().for_each(|&triangle| disk.push(triangle, &middles));
+        Some(disk)
+    }
+
+    /// Adds a triangle, divided at the middles of its edges.
+    fn push(&mut self, [a, b, c]: [u32; 3], middles: &BTreeMap<[u32; 2], u32>) {
+        for [a, b, c] in [[a, b, c], [b, c, a], [c, a, b]] {
+            if let Some(&middle) = middles.get(&[a.min(b), a.max(b)]) {
+                self.push([a, middle, c], middles);
+                self.push([middle, b, c], middles);
+                return;
+            }
+        }
+        self.triangles.push([a, b, c]);
+    }
+}
+
+/// Marks as inside what no path over the sides of cells outside joins with the rim of the grid.
+fn close_holes(rows: usize, columns: usize, inside: &mut [u8]) {
+    let rim = |at: &usize| {
+        let (row, column) = (at / columns, at % columns);
+        row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
+    };
+    let mut stack: Vec<usize> =
+        (0..inside.len()).filter(rim).filter(|&at| inside[at] == 0).collect();
+    let mut outside = vec![false; inside.len()];
+    stack.iter().for_each(|&at| outside[at] = true);
+    while let Some(at) = stack.pop() {
+        let column = at % columns;
+        let near = [
+            at.checked_sub(columns),
+            (column > 0).then(|| at - 1),
+            (column + 1 < columns).then_some(at + 1),
+            Some(at + columns).filter(|&below| below < inside.len()),
+        ];
+        for next in near.into_iter().flatten() {
+            if inside[next] == 0 && !outside[next] {
+                outside[next] = true;
+                stack.push(next);
+            }
+        }
+    }
+    inside.iter_mut().zip(outside).for_each(|(inside, outside)| *inside = u8::from(!outside));
+}
+
+/// The triangles between cells that are inside, in raster order.
+fn triangles(rows: usize, columns: usize, inside: &[u8]) -> Vec<[u32; 3]> {
+    let mut triangles = Vec::new();
+    for row in 1..rows {
+        for column in 1..columns {
+            let right_below = row * columns + column;
+            let corners =
+                [right_below - columns - 1, right_below - 1, right_below, right_below - columns];
+            let [a, d, c, b] = corners.map(|at| at as u32);
+            match corners.map(|at| inside[at] == 1) {
+                [true, true, true, true] => triangles.extend([[a, d, c], [a, c, b]]),
+                [false, true, true, true] => triangles.push([d, c, b]),
+                [true, false, true, true] => triangles.push([a, c, b]),
+                [true, true, false, true] => triangles.push([a, d, b]),
+                [true, true, true, false] => triangles.push([a, d, c]),
+                _ => {}
+            }
+        }
+    }
+    triangles
+}
+
+/// The triangles of the part with the most of them that hangs together by edges; of equals the first.
+fn largest_part(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
+    let neighbors = Sides::new(triangles).neighbors;
+    let mut part = vec![NONE; triangles.len()];
+    let mut sizes: Vec<usize> = Vec::new();
+    for start in 0..triangles.len() {
+        if part[start] != NONE {
+            continue;
+        }
+        let name = sizes.len() as u32;
+        let mut size = 0;
+        let mut stack = vec![start];
+        part[start] = name;
+        while let Some(triangle) = stack.pop() {
+            size += 1;
+            for &next in neighbors[triangle].iter().filter(|&&next| next != NONE) {
+                if part[next as usize] == NONE {
+                    part[next as usize] = name;
+                    stack.push(next as usize);
+                }
+            }
+        }
+        sizes.push(size);
+    }
+    let most = sizes.iter().max();
+    let largest = sizes.iter().position(|size| Some(size) == most);
+    let kept = |name: &u32| largest == Some(*name as usize);
+    triangles
+        .iter()
+        .zip(&part)
+        .filter(|(_, name)| kept(name))
+        .map(|(triangle, _)| *triangle)
+        .collect()
+}
+
+/// The edges of triangles.
+struct Sides {
+    /// For each triangle the one on the other side of its edges 0-1, 1-2 and 2-0.
+    neighbors: Vec<[u32; 3]>,
+    /// Edges between two triangles (a < b), sorted.
+    inner: Vec<[u32; 2]>,
+    /// Edges of one triangle, as it has them, sorted.
+    outer: Vec<[u32; 2]>,
+}
+
+impl Sides {
+    fn new(triangles: &[[u32; 3]]) -> Self {
+        let mut halves: Vec<([u32; 2], usize, usize)> = Vec::with_capacity(3 * triangles.len());
+        for (index, triangle) in triangles.iter().enumerate() {
+            for side in 0..3 {
+                let (a, b) = (triangle[side], triangle[(side + 1) % 3]);
+                halves.push(([a.min(b), a.max(b)], index, side));
+            }
+        }
+        halves.sort_unstable();
+        let mut sides = Self {
+            neighbors: vec![[NONE; 3]; triangles.len()],
+            inner: Vec::new(),
+            outer: Vec::new(),
+        };
+        for same in halves.chunk_by(|a, b| a.0 == b.0) {
+            match *same {
+                [(edge, first, side), (_, second, other), ..] => {
+                    sides.neighbors[first][side] = second as u32;
+                    sides.neighbors[second][other] = first as u32;
+                    sides.inner.push(edge);
+                }
+                [(_, index, side)] => {
+                    sides.outer.push([triangles[index][side], triangles[index][(side + 1) % 3]]);
+                }
+                [] => {}
+            }
+        }
+        sides.outer.sort_unstable();
+        sides
+    }
+
+    /// The border as one closed chain of vertices; none if there is no border, or more than one chain.
+    fn border(&self) -> Option<Vec<u32>> {
+        let start = self.outer.first()?[0];
+        let mut chain = vec![start];
+        loop {
+            let from = *chain.last()?;
+            let edge = self.outer.partition_point(|edge| edge[0] < from);
+            let to = self.outer.get(edge).filter(|edge| edge[0] == from)?[1];
+            if to == start {
+                return (chain.len() == self.outer.len()).then_some(chain);
+            }
+            if chain.len() == self.outer.len() {
+                return None;
+            }
+            chain.push(to);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::Mask;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn disk(rows: &[&str]) -> Option<Disk> {
+        let mask = Mask::drawn(rows);
+        Disk::new(mask.height(), mask.width(), mask.pixels())
+    }
+
+    #[test]
+    fn a_hole_is_closed_and_a_spike_is_left_out() {
+        let disk = disk(&["###..", "#.###", "###.."]).unwrap();
+        // The spike's last cell makes no triangle; its first one does, with the corners above and below.
+        assert_eq!(disk.border, [0, 5, 10, 11, 12, 8, 2, 1]);
+    }
+
+    #[test]
+    fn cells_in_a_line_make_no_disk() {
+        assert!(disk(&["####"]).is_none());
+        assert!(disk(&["#..", ".#.", "..#"]).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn every_disk_is_one(
+            (width, pixels) in (3usize..14, 3usize..14).prop_flat_map(|(width, height)| {
+                (Just(width), prop::collection::vec(prop::bool::weighted(0.75), width * height))
+            }),
+        ) {
+            let inside: Vec<u8> = pixels.iter().map(|&inside| u8::from(inside)).collect();
+            let rows = inside.len() / width;
+            let any = !triangles(rows, width, &inside).is_empty();
+            let disk = Disk::new(rows, width, &inside);
+            prop_assert_eq!(disk.is_some(), any);
+            let Some(disk) = disk else { return Ok(()) };
+            // Euler: vertices - edges + triangles = 1 on a disk.
+            let sides = Sides::new(&disk.triangles);
+            let mut used: Vec<u32> = disk.triangles.concat();
+            used.sort_unstable();
+            used.dedup();
+            let edges = sides.inner.len() + sides.outer.len();
+            prop_assert_eq!(used.len() + disk.triangles.len(), edges + 1);
+            prop_assert_eq!(sides.outer.len(), disk.border.len());
+            // No edge inside joins two vertices of the border.
+            let on = |vertex: &u32| disk.border.contains(vertex);
+            prop_assert!(sides.inner.iter().all(|[a, b]| !(on(a) && on(b))));
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Finds where a range grid stops being seen from the sensor: a cell in front of its neighbors' sight line.
+
+use maquette::value::Pinhole;
+use nalgebra::Point3;
+
+/// How many of the cells `changed` touch a square of four cells whose picture on the sensor was on its front before and is turned
+/// over, or nothing, after. Without a camera the sensor is taken to be far away: x and y are the picture.
+pub(crate) fn folded_cells(
+    width: usize,
+    before: &[Point3<f64>],
+    after: &[Point3<f64>],
+    changed: &[usize],
+    camera: Option<&Pinhole>,
+) -> usize {
+    let height = before.len() / width;
+    let folds = |&&cell: &&usize| {
+        let (row, column) = (cell / width, cell % width);
+        let squares = [(0, 0), (0, 1), (1, 0), (1, 1)].into_iter();
+        squares.filter(|&(up, left)| up <= row && left <= column).any(|(up, left)| {
+            let (row, column) = (row - up, column - left);
+            if row + 1 == height || column + 1 == width {
+                return false;
+            }
+            let corner = row * width + column;
+            let corners = [corner, corner + 1, corner + width + 1, corner + width];
+            let area = |points: &[Point3<f64>]| area(corners.map(|at| points[at]), camera);
+            // An invalid corner makes the area NaN, which is neither.
+            area(before) > 0.0 && area(after) <= 0.0
+        })
+    };
+    changed.iter().filter(folds).count()
+}
+
+/// Twice the signed area of a square of cells on the picture: positive seen from the front, with columns to the right and rows
+/// down.
+fn area(corners: [Point3<f64>; 4], camera: Option<&Pinhole>) -> f64 {
+    let on_picture = |point: Point3<f64>| match camera {
+        Some(camera) => camera.project(point),
+        None => [point.x, point.y],
+    };
+    let [a, b, c, d] = corners.map(on_picture);
+    let falling = [c[0] - a[0], c[1] - a[1]];
+    let rising = [d[0] - b[0], d[1] - b[1]];
+    falling[0] * rising[1] - falling[1] * rising[0]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid() -> Vec<Point3<f64>> {
+        (0..16).map(|k| Point3::new((k % 4) as f64, (k / 4) as f64, 100.0)).collect()
+    }
+
+    #[test]
+    fn a_cell_pulled_over_its_neighbors_folds() {
+        let mut after = grid();
+        after[5].z -= 50.0;
+        assert_eq!(folded_cells(4, &grid(), &after, &[5], None), 0);
+        after[5].x += 3.0;
+        assert_eq!(folded_cells(4, &grid(), &after, &[5, 15], None), 1);
+        after[5].x = f64::NAN;
+        assert_eq!(folded_cells(4, &grid(), &after, &[5], None), 0);
+    }
+
+    #[test]
+    fn a_camera_sees_a_near_cell_further_out() {
+        let camera = Pinhole { focal: [100.0; 2], center: [0.0; 2] };
+        let mut after = grid();
+        after[5].z = 20.0;
+        assert_eq!(folded_cells(4, &grid(), &after, &[5], None), 0);
+        assert_eq!(folded_cells(4, &grid(), &after, &[5], Some(&camera)), 1);
+    }
+}

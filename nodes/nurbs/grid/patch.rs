@@ -1,0 +1,156 @@
+//! The part of a range grid around a region, without gaps.
+
+use std::borrow::Cow;
+
+use maquette::Progress;
+use maquette::value::{RangeImage, Region};
+use nalgebra::Point3;
+
+use crate::linear::laplace::{self, Unsolved};
+
+/// The cells of a range grid in the rectangle around a region, padded, with a point each.
+pub(crate) struct Patch {
+    /// Column of the grid that is the first one here.
+    pub(crate) left: usize,
+    /// Row of the grid that is the first one here.
+    pub(crate) top: usize,
+    /// Cells in a row of the whole grid.
+    width: usize,
+    /// Rows.
+    pub(crate) rows: usize,
+    /// Columns.
+    pub(crate) columns: usize,
+    /// A point for each cell, row by row: the region's, the range's, or smooth between those.
+    pub(crate) points: Vec<Point3<f64>>,
+    /// 1 for each cell of the region, row by row.
+    pub(crate) inside: Vec<u8>,
+}
+
+impl Patch {
+    /// The rectangle around a region with so many cells more on each side, if the grid goes on.
+    pub(crate) fn new(
+        region: &Region,
+        range: &RangeImage,
+        padding: usize,
+        progress: &Progress<'_>,
+    ) -> Result<Self, Unsolved> {
+        let width = range.width();
+        let (low, high) = region.bounds();
+        let [left, top] = low.map(|low| low.saturating_sub(padding));
+        let right = (high[0] + padding).min(width - 1);
+        let bottom = (high[1] + padding).min(range.height() - 1);
+        let (rows, columns) = (bottom - top + 1, right - left + 1);
+        let points = (top..=bottom)
+            .flat_map(|row| &range.points()[row * width + left..=row * width + right])
+            .copied()
+            .collect();
+        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region, progress)
+    }
+
+    /// The rectangle around a region, its other cells continued from the region: where it ends at a step in depth, what is
+    /// behind it has no part in what lies between the cells.
+    pub(crate) fn alone(region: &Region, progress: &Progress<'_>) -> Result<Self, Unsolved> {
+        let (low, high) = region.bounds();
+        let ([left, top], width) = (low, region.width());
+        let (rows, columns) = (high[1] - top + 1, high[0] - left + 1);
+        let points = vec![Point3::new(f64::NAN, f64::NAN, f64::NAN); rows * columns];
+        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region, progress)
+    }
+
+    /// The patch with the region's points, and none missing.
+    fn with(self, region: &Region, progress: &Progress<'_>) -> Result<Self, Unsolved> {
+        let (rows, columns) = (self.rows, self.columns);
+        let mut patch = Self { inside: vec![0; rows * columns], ..self };
+        for (&cell, &point) in region.cells().iter().zip(region.points()) {
+            let [row, column] = patch.place(cell);
+            patch.points[row * columns + column] = point;
+            patch.inside[row * columns + column] = 1;
+        }
+        fill(&mut patch.points, rows, columns, progress)?;
+        Ok(patch)
+    }
+
+    /// Row and column of a cell of the grid.
+    pub(crate) fn place(&self, cell: u32) -> [usize; 2] {
+        [cell as usize / self.width - self.top, cell as usize % self.width - self.left]
+    }
+
+    /// The point between the cells at (column, row), bilinear; beyond the border that at the border.
+    pub(crate) fn at(&self, [x, y]: [f64; 2]) -> Point3<f64> {
+        let [x, y] = [x.min((self.columns - 1) as f64), y.min((self.rows - 1) as f64)];
+        let [x, y] = [x.max(0.0), y.max(0.0)];
+        let before = |at: f64, count: usize| (at as usize).min(count.saturating_sub(2));
+        let (column, row) = (before(x, self.columns), before(y, self.rows));
+        let (s, t) = (x - column as f64, y - row as f64);
+        let point = |row: usize, column: usize| {
+            let (row, column) = (row.min(self.rows - 1), column.min(self.columns - 1));
+            self.points[row * self.columns + column]
+        };
+        let along = |row: usize| {
+            let (a, b) = (point(row, column), point(row, column + 1));
+            a + (b - a) * s
+        };
+        let (above, below) = (along(row), along(row + 1));
+        above + (below - above) * t
+    }
+}
+
+/// The region with the points that `range` has now. Where `range` has none, the region's own stays, moved by as much as those around
+/// it, the smoothest way.
+pub(crate) fn placed<'a>(
+    region: &'a Region,
+    range: &RangeImage,
+    progress: &Progress<'_>,
+) -> Result<Cow<'a, Region>, Unsolved> {
+    let now = |cell: u32| range.point(cell as usize);
+    let mut cells = region.cells().iter().zip(region.points());
+    if cells.all(|(&cell, point)| now(cell).is_none_or(|now| now == *point)) {
+        return Ok(Cow::Borrowed(region));
+    }
+    let (low, high) = region.bounds();
+    let (columns, rows) = (high[0] - low[0] + 1, high[1] - low[1] + 1);
+    let place = |cell: u32| {
+        let (column, row) = (cell as usize % region.width(), cell as usize / region.width());
+        (row - low[1]) * columns + column - low[0]
+    };
+    let mut motions = vec![Point3::new(f64::NAN, f64::NAN, f64::NAN); rows * columns];
+    for (&cell, point) in region.cells().iter().zip(region.points()) {
+        if let Some(now) = now(cell) {
+            motions[place(cell)] = (now - point).into();
+        }
+    }
+    if region.cells().iter().any(|&cell| now(cell).is_none()) {
+        fill(&mut motions, rows, columns, progress)?;
+    }
+    let cells = region.cells().iter().zip(region.points());
+    let points =
+        cells.map(|(&cell, point)| now(cell).unwrap_or(point + motions[place(cell)].coords));
+    let moved = Region::new(
+        region.width(),
+        region.height(),
+        region.cells().to_vec(),
+        points.collect(),
+        region.filled().to_vec(),
+        region.contours().to_vec(),
+    );
+    Ok(Cow::Owned(moved.expect("the cells are those of a region, and their points finite")))
+}
+
+/// Gives the invalid points of a grid the smoothest values that fit the valid ones.
+fn fill(
+    points: &mut [Point3<f64>],
+    rows: usize,
+    columns: usize,
+    progress: &Progress<'_>,
+) -> Result<(), Unsolved> {
+    let free: Vec<u8> = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
+    if !free.contains(&1) {
+        return Ok(());
+    }
+    for axis in 0..3 {
+        let mut values: Vec<f64> = points.iter().map(|point| point[axis]).collect();
+        laplace::solve(columns, rows, &free, 0.0, &mut values, progress)?;
+        points.iter_mut().zip(values).for_each(|(point, value)| point[axis] = value);
+    }
+    Ok(())
+}

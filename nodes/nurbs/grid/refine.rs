@@ -1,0 +1,245 @@
+//! A finer range grid over the same view, and the places of its cells on a net.
+//!
+//! Each cell becomes `rows x columns` smaller ones that cover the same area. Everything on the old grid is interpolated
+//! bilinearly between the centers of its cells, and continued in a straight line beyond the outermost ones.
+
+use maquette::value::{Pinhole, RangeImage, Registration, SizeError};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::canvas::{Canvas, Target};
+
+/// The old cells around a place, each with its share; those without a share are left out.
+type Corners = [Option<(usize, f64)>; 4];
+
+/// The canvas with each cell divided into `factors` = (rows, columns), at least 1 each.
+pub(crate) fn refine(canvas: &Canvas, [down, right]: [usize; 2]) -> Canvas {
+    let old = Old::new(canvas);
+    let (width, height) = (canvas.width * right, canvas.height * down);
+    let row = |row: usize| {
+        let place = |column: usize| {
+            let at = [position(row, down), position(column, right)];
+            (row / down * canvas.width + column / right, old.corners(at))
+        };
+        let places = || (0..width).map(place).enumerate();
+        let points: Vec<_> = places().map(|(_, (_, corners))| old.point(&corners)).collect();
+        let target = |(column, (owner, corners)): (usize, (usize, Corners))| {
+            let (coordinate, depth) = old.target(owner, &corners)?;
+            Some(Target { cell: row * width + column, coordinate, depth })
+        };
+        (points, places().filter_map(target).collect::<Vec<_>>())
+    };
+    let rows: Vec<_> = (0..height).into_par_iter().map(row).collect();
+    let (mut points, mut targets) = (Vec::with_capacity(width * height), Vec::new());
+    for (row, inside) in rows {
+        points.extend(row);
+        targets.extend(inside);
+    }
+    Canvas { width, height, points, targets }
+}
+
+/// Where the center of a new line lies among the old ones.
+fn position(line: usize, factor: usize) -> f64 {
+    (line as f64 + 0.5) / factor as f64 - 0.5
+}
+
+/// The old grid, ready to be looked up.
+struct Old<'a> {
+    canvas: &'a Canvas,
+    /// For each cell its index among the targets.
+    index: Vec<Option<u32>>,
+}
+
+impl<'a> Old<'a> {
+    fn new(canvas: &'a Canvas) -> Self {
+        let mut index = vec![None; canvas.points.len()];
+        (0..).zip(&canvas.targets).for_each(|(k, target)| index[target.cell] = Some(k));
+        Self { canvas, index }
+    }
+
+    fn inside(&self, cell: usize) -> Option<&Target> {
+        self.index[cell].map(|k| &self.canvas.targets[k as usize])
+    }
+
+    fn corners(&self, at: [f64; 2]) -> Corners {
+        let sizes = [self.canvas.height, self.canvas.width];
+        let [(row, t), (column, s)] = [0, 1].map(|axis| {
+            let first = (at[axis] as usize).min(sizes[axis].saturating_sub(2));
+            let share = if sizes[axis] == 1 { 0.0 } else { at[axis] - first as f64 };
+            (first, share)
+        });
+        let corner = |down: usize, right: usize, share: f64| {
+            let cell = (row + down) * self.canvas.width + column + right;
+            (share != 0.0).then_some((cell, share))
+        };
+        [
+            corner(0, 0, (1.0 - t) * (1.0 - s)),
+            corner(0, 1, (1.0 - t) * s),
+            corner(1, 0, t * (1.0 - s)),
+            corner(1, 1, t * s),
+        ]
+    }
+
+    /// NaN if a corner is invalid.
+    fn point(&self, corners: &Corners) -> Point3<f64> {
+        let part = |&(cell, share): &(usize, f64)| self.canvas.points[cell].coords * share;
+        Point3::from(corners.iter().flatten().map(part).sum::<Vector3<f64>>())
+    }
+
+    /// The net coordinate and depth of a part of the cell `owner`, if that is inside.
+    fn target(&self, owner: usize, corners: &Corners) -> Option<([f64; 2], f64)> {
+        self.inside(owner)?;
+        let mut coordinate = [0.0; 2];
+        let mut depth = 0.0;
+        for &(cell, share) in corners.iter().flatten() {
+            let at = match self.inside(cell) {
+                Some(target) => target.coordinate,
+                None => self.continued(owner, cell),
+            };
+            (0..2).for_each(|k| coordinate[k] += at[k] * share);
+            // Infinite times a share that is not positive would be no distance.
+            let deep = self.inside(cell).map_or(0.0, |target| target.depth.min(f64::MAX / 16.0));
+            depth += deep * share;
+        }
+        Some((coordinate, depth.max(0.0)))
+    }
+
+    /// The net coordinate that a cell outside would have, if the chart went on as it does at `owner`.
+    fn continued(&self, owner: usize, cell: usize) -> [f64; 2] {
+        let width = self.canvas.width;
+        let here = self.inside(owner).expect("the owner is inside").coordinate;
+        let slope = |before: Option<usize>, after: Option<usize>| {
+            let [before, after] =
+                [before, after].map(|cell| cell.and_then(|cell| self.inside(cell)));
+            [0, 1].map(|k| match (before, after) {
+                (Some(before), Some(after)) => (after.coordinate[k] - before.coordinate[k]) / 2.0,
+                (Some(before), None) => here[k] - before.coordinate[k],
+                (None, Some(after)) => after.coordinate[k] - here[k],
+                (None, None) => 0.0,
+            })
+        };
+        let (row, column) = (owner / width, owner % width);
+        let down = slope(
+            owner.checked_sub(width),
+            Some(owner + width).filter(|_| row + 1 < self.canvas.height),
+        );
+        let right = slope(
+            Some(owner).filter(|_| column > 0).map(|owner| owner - 1),
+            Some(owner + 1).filter(|_| column + 1 < width),
+        );
+        let rows = (cell / width) as f64 - row as f64;
+        let columns = (cell % width) as f64 - column as f64;
+        [0, 1].map(|k| here[k] + down[k] * rows + right[k] * columns)
+    }
+}
+
+/// The range image of the finer grid: what travels with `range`, on smaller cells.
+pub(crate) fn refined_range(
+    range: &RangeImage,
+    [down, right]: [usize; 2],
+    points: Vec<Point3<f64>>,
+    filled: Vec<u8>,
+) -> Result<RangeImage, SizeError> {
+    let (width, height) = (range.width() * right, range.height() * down);
+    let factors = [right, down].map(|factor| factor as f64);
+    let map = range.registration();
+    let registration = Registration {
+        scale: [0, 1].map(|axis| map.scale[axis] / factors[axis]),
+        offset: [0, 1].map(|axis| map.offset[axis] + map.scale[axis] * (0.5 / factors[axis] - 0.5)),
+        picture: map.picture,
+    };
+    let camera = range.camera().map(|camera| Pinhole {
+        focal: [0, 1].map(|axis| camera.focal[axis] * factors[axis]),
+        center: [0, 1].map(|axis| (camera.center[axis] + 0.5) * factors[axis] - 0.5),
+    });
+    let fine = RangeImage::new(width, height, points)?
+        .with_filled(filled)?
+        .with_registration(registration)
+        .with_camera(camera)
+        .with_world_from_camera(range.world_from_camera().copied());
+    match range.colors() {
+        None => Ok(fine),
+        Some(colors) => {
+            let owner = |cell: usize| cell / width / down * range.width() + cell % width / right;
+            fine.with_colors((0..width * height).map(|cell| colors[owner(cell)]).collect())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plane(x: f64, y: f64) -> Point3<f64> {
+        Point3::new(x, y, 5.0 + 0.5 * x - 0.25 * y)
+    }
+
+    /// A canvas of 7 x 5 cells on a plane, with a region in its middle whose chart is bent.
+    fn canvas() -> Canvas {
+        let inside = |cell: &usize| (2..6).contains(&(cell % 7)) && (1..4).contains(&(cell / 7));
+        let target = |cell: usize| Target {
+            cell,
+            coordinate: [(cell / 7) as f64 * 2.0, (cell % 7) as f64 - (cell / 7) as f64],
+            depth: 1.0,
+        };
+        Canvas {
+            width: 7,
+            height: 5,
+            points: (0..35).map(|cell| plane((cell % 7) as f64, (cell / 7) as f64)).collect(),
+            targets: (0..35).filter(inside).map(target).collect(),
+        }
+    }
+
+    #[test]
+    fn a_finer_plane_is_the_same_plane() {
+        let fine = refine(&canvas(), [3, 2]);
+        assert_eq!((fine.width, fine.height), (14, 15));
+        for (cell, point) in fine.points.iter().enumerate() {
+            let expected = plane(position(cell % 14, 2), position(cell / 14, 3));
+            assert!((point - expected).norm() <= 1e-12, "{cell}");
+        }
+    }
+
+    #[test]
+    fn a_straight_chart_is_continued_to_the_border_of_the_region() {
+        let fine = refine(&canvas(), [3, 2]);
+        assert_eq!(fine.targets.len(), 12 * 6);
+        for target in &fine.targets {
+            let (x, y) = (position(target.cell % 14, 2), position(target.cell / 14, 3));
+            let [a, b] = target.coordinate;
+            assert!((a - 2.0 * y).abs() <= 1e-12 && (b - (x - y)).abs() <= 1e-12);
+            assert!((0.0..=1.0).contains(&target.depth));
+        }
+    }
+
+    #[test]
+    fn a_new_cell_needs_all_its_old_neighbors() {
+        let mut canvas = canvas();
+        canvas.points[0] = Point3::new(f64::NAN, f64::NAN, f64::NAN);
+        let fine = refine(&canvas, [2, 1]);
+        let invalid = |cell: &usize| fine.points[*cell].x.is_nan();
+        assert_eq!((0..fine.points.len()).filter(invalid).collect::<Vec<_>>(), [0, 7, 14]);
+    }
+
+    #[test]
+    fn the_finer_grid_sees_the_same_picture() {
+        let camera = Pinhole { focal: [100.0, 90.0], center: [3.0, 2.0] };
+        let old = canvas();
+        let range = RangeImage::new(7, 5, old.points.clone())
+            .and_then(|range| range.with_colors((0..35).map(|k| [k, 0, 0]).collect()))
+            .unwrap()
+            .with_camera(Some(camera))
+            .with_registration(Registration::corners([7, 5], [14, 20]));
+        let points = refine(&old, [3, 2]).points;
+        let fine = refined_range(&range, [3, 2], points, vec![0; 210]).unwrap();
+        let (from, to) = ([position(9, 2), position(4, 3)], [9.0, 4.0]);
+        let [a, b] = [
+            range.registration().picture_from_range(from),
+            fine.registration().picture_from_range(to),
+        ];
+        assert!((a[0] - b[0]).abs() <= 1e-12 && (a[1] - b[1]).abs() <= 1e-12);
+        let [a, b] = [camera.unproject(from, 3.0), fine.camera().unwrap().unproject(to, 3.0)];
+        assert!((a - b).norm() <= 1e-12);
+        assert_eq!(fine.colors().unwrap()[4 * 14 + 9], [7 + 4, 0, 0]);
+    }
+}

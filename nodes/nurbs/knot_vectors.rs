@@ -1,0 +1,5 @@
+//! Knot vectors, and the parameters that they follow.
+
+pub(super) mod even_knots;
+pub(super) mod knot_vector;
+pub(super) mod parameters;

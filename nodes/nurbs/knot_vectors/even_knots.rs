@@ -1,0 +1,16 @@
+//! Knots at the same distances.
+
+use maquette::value::KnotVector;
+
+pub(crate) fn even(points: usize) -> Vec<f64> {
+    (0..points).map(|k| k as f64 / (points - 1).max(1) as f64).collect()
+}
+
+/// Whether knots are those of the kind [`KnotsKind::Uniform`](crate::nurbs::KnotsKind::Uniform), on whatever domain.
+pub(crate) fn is_even(knots: &KnotVector) -> bool {
+    let Ok(even) = KnotVector::uniform(knots.n_control(), knots.degree() + 1) else { return false };
+    let ((start, end), (even_start, even_end)) = (knots.domain(), even.domain());
+    let scale = (even_end - even_start) / (end - start);
+    let place = |knot: &f64| (knot - start) * scale + even_start;
+    knots.knots().iter().map(place).zip(even.knots()).all(|(a, b)| (a - b).abs() <= 1e-9 * even_end)
+}

@@ -1,0 +1,105 @@
+//! Knot vectors by the rule that is asked for.
+
+use maquette::value::{self, Along, KnotVector};
+
+use super::even_knots::even;
+use super::parameters::parameters;
+use crate::nurbs::knots_error::KnotsError;
+use crate::nurbs::knots_kind::KnotsKind;
+
+/// The knots of a surface with this net, along one direction. The domain of the averaged kinds is 0 to 1.
+///
+/// # Errors
+/// If the order is not from 2 to 10, the net has too few control points for it, or the kind does not fit them.
+pub fn knots(
+    net: &value::ControlNet,
+    along: Along,
+    order: usize,
+    kind: &KnotsKind,
+) -> Result<KnotVector, KnotsError> {
+    let points = match along {
+        Along::U => net.rows(),
+        Along::V => net.columns(),
+    };
+    if (2..=10).contains(&order) && points < order {
+        return Err(KnotsError::TooFew { order, along, points });
+    }
+    let degree = order.saturating_sub(1);
+    let averaged = |parameters: Vec<f64>| KnotVector::averaged(&parameters, degree);
+    Ok(match kind {
+        KnotsKind::Uniform => KnotVector::uniform(points, order)?,
+        KnotsKind::Averaging => averaged(even(points))?,
+        KnotsKind::Chord => averaged(parameters(net, along, |distance| distance))?,
+        KnotsKind::Centripetal => averaged(parameters(net, along, f64::sqrt))?,
+        KnotsKind::Periodic => KnotVector::periodic(points, order)?,
+        KnotsKind::Cylinder if (points, order) == (9, 3) => KnotVector::cylinder(),
+        KnotsKind::Cylinder => return Err(KnotsError::NotCylinder { order, along, points }),
+        KnotsKind::Values(values) if points.checked_add(order) != Some(values.len()) => {
+            return Err(KnotsError::Count { order, points, count: values.len() });
+        }
+        KnotsKind::Values(values) => KnotVector::new(degree, values.clone())?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use maquette::value::KnotVectorError;
+
+    /// A net of two rows whose columns lie at these places.
+    fn net(columns: &[f64]) -> value::ControlNet {
+        let row = |y| columns.iter().map(move |&x| Point3::new(x, y, 0.0));
+        let points = row(0.0).chain(row(1.0)).collect::<Vec<_>>();
+        value::ControlNet::new(2, columns.len(), points).unwrap()
+    }
+
+    fn placed(kind: KnotsKind, columns: &[f64]) -> Vec<f64> {
+        knots(&net(columns), Along::V, 3, &kind).unwrap().knots().to_vec()
+    }
+
+    #[test]
+    fn knots_follow_the_distances_between_control_points() {
+        let columns = [0.0, 1.0, 5.0, 21.0];
+        assert_eq!(placed(KnotsKind::Uniform, &columns), [0., 0., 0., 1., 2., 2., 2.]);
+        assert_eq!(placed(KnotsKind::Averaging, &columns)[3], 0.5);
+        assert_eq!(placed(KnotsKind::Chord, &columns)[3], 3.0 / 21.0);
+        assert_eq!(placed(KnotsKind::Centripetal, &columns)[3], 2.0 / 7.0);
+        assert_eq!(placed(KnotsKind::Chord, &[2.0; 4]), placed(KnotsKind::Averaging, &[2.0; 4]));
+    }
+
+    #[test]
+    fn knots_along_u_are_for_the_rows() {
+        let knots = knots(&net(&[0.0; 5]), Along::U, 2, &KnotsKind::Chord).unwrap();
+        assert_eq!(knots.knots(), [0.0, 0.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn a_net_too_small_for_its_order_is_told_what_is_needed() {
+        let error = knots(&net(&[0.0; 5]), Along::U, 3, &KnotsKind::Uniform).unwrap_err();
+        let expected = "order 3 along U needs at least 3 control points, the net has 2";
+        assert_eq!(error.to_string(), expected);
+    }
+
+    #[test]
+    fn a_cylinder_needs_nine_columns() {
+        let cylinder =
+            |count, order| knots(&net(&vec![0.0; count]), Along::V, order, &KnotsKind::Cylinder);
+        assert_eq!(cylinder(9, 3), Ok(KnotVector::cylinder()));
+        assert!(matches!(cylinder(8, 3), Err(KnotsError::NotCylinder { .. })));
+        assert!(matches!(cylinder(9, 4), Err(KnotsError::NotCylinder { .. })));
+    }
+
+    #[test]
+    fn given_knots_are_counted_and_checked() {
+        let given = |values: &[f64]| {
+            knots(&net(&[0.0; 3]), Along::V, 2, &KnotsKind::Values(values.to_vec()))
+        };
+        assert_eq!(given(&[0., 0., 3., 4., 4.]).unwrap().knots(), [0., 0., 3., 4., 4.]);
+        assert_eq!(given(&[0., 1.]), Err(KnotsError::Count { order: 2, points: 3, count: 2 }));
+        assert!(matches!(given(&[0., 0., 3., 2., 4.]), Err(KnotsError::Knots(_))));
+        let high = knots(&net(&[0.0; 3]), Along::V, usize::MAX, &KnotsKind::Uniform);
+        assert!(matches!(high, Err(KnotsError::Knots(KnotVectorError::Degree { .. }))));
+    }
+}

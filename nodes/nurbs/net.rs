@@ -1,0 +1,10 @@
+//! Nets of control points over a region.
+
+pub(super) mod charted;
+pub(super) mod harmonic;
+pub(super) mod mean_value;
+pub(super) mod polar;
+pub(super) mod profile;
+pub(super) mod rays;
+pub(super) mod round;
+pub(super) mod rows;

@@ -1,0 +1,343 @@
+//! A net of a region of any shape without holes, mapped to a square.
+//!
+//! The contour goes to the border of the square, each side evenly by its length in the range grid; the cells inside go to means
+//! of their neighbors, so that no two of them overlap ([`super::mean_value`]). The points of the net are what lies at an even
+//! grid of the square. Its border is the contour, and is fixed.
+
+use std::collections::VecDeque;
+
+use maquette::Progress;
+use maquette::value::{self, RangeImage, Region};
+use nalgebra::Point3;
+
+use super::charted::{charted, on_border};
+use super::mean_value::relax;
+use super::rows::resampled;
+use crate::nurbs::grid::disk::Disk;
+use crate::nurbs::grid::patch::Patch;
+use crate::nurbs::net_error::NetError;
+
+/// Fewest rows and columns that are chosen: enough for a cubic.
+const LEAST: usize = 4;
+
+/// Most rows and columns that are chosen: those that the node takes.
+const MOST: usize = 4096;
+
+/// How far a given corner may lie from the contour, in cells: as far as people miss a cell in a picture.
+const SNAP: f64 = 3.0;
+
+/// The net, with the corners (column, row) and `rows` and `columns` where they are not 0.
+pub(crate) fn net(
+    region: &Region,
+    range: &RangeImage,
+    corners: Option<[[usize; 2]; 4]>,
+    [rows, columns]: [usize; 2],
+    progress: &Progress<'_>,
+) -> Result<value::ControlNet, NetError> {
+    let patch = Patch::new(region, range, 0, progress)?;
+    let (low, high) = region.bounds();
+    let degenerate =
+        NetError::DegenerateRegion { rows: high[1] - low[1] + 1, columns: high[0] - low[0] + 1 };
+    // Three cells have no four corners.
+    let disk = Disk::new(patch.rows, patch.columns, &patch.inside)
+        .filter(|disk| disk.border.len() >= 4)
+        .ok_or(degenerate)?;
+    let corners = match corners {
+        None => chosen_corners(&disk),
+        Some(corners) => given_corners(&disk, &patch, corners)?,
+    };
+    let sides = Sides::new(&disk, corners);
+    let square = map_to_square(&disk, &sides)?;
+    let lengths: Vec<f64> = sides.0.iter().map(|side| length(&disk, side)).collect();
+    let chosen = |given: usize, a: usize, b: usize| match given {
+        0 => (((lengths[a] + lengths[b]) / 2.0).round() as usize + 1).clamp(LEAST, MOST),
+        given => given,
+    };
+    let (rows, columns) = (chosen(rows, 0, 2), chosen(columns, 1, 3));
+
+    let mut points = interior(&disk, &patch, &square, rows, columns)?;
+    for (k, side) in sides.0.iter().enumerate() {
+        let on_border: Vec<Point3<f64>> =
+            side.iter().map(|&vertex| patch.points[vertex as usize]).collect();
+        let count = if k % 2 == 0 { rows } else { columns };
+        for (step, point) in
+            resampled(&on_border, &shares(&disk, side), count).into_iter().enumerate()
+        {
+            let (row, column) = match k {
+                0 => (step, 0),
+                1 => (rows - 1, step),
+                2 => (rows - 1 - step, columns - 1),
+                _ => (0, columns - 1 - step),
+            };
+            points[row * columns + column] = point;
+        }
+    }
+    let scale = [(rows - 1) as f64, (columns - 1) as f64];
+    let coordinates = coordinates(region, &patch, &disk, &square)?
+        .into_iter()
+        .map(|[u, v]| [u * scale[0], v * scale[1]])
+        .collect();
+    let size = [rows, columns];
+    charted(range, size, points, on_border(size), region.cells().to_vec(), coordinates)
+}
+
+/// The border of a disk from corner to corner of the square: down the left side, to the right, up, and back to the left. Each
+/// side has both of its corners.
+struct Sides([Vec<u32>; 4]);
+
+impl Sides {
+    /// The sides between corners, given by their places in the border.
+    fn new(disk: &Disk, corners: [usize; 4]) -> Self {
+        let n = disk.border.len();
+        let steps = corners.map(|corner| (corner + n - corners[0]) % n);
+        let ends = [0, steps[1], steps[2], steps[3], n];
+        let side = |k: usize| {
+            (ends[k]..=ends[k + 1]).map(|step| disk.border[(corners[0] + step) % n]).collect()
+        };
+        Self([side(0), side(1), side(2), side(3)])
+    }
+}
+
+/// Whether four places of a closed chain of `n` follow each other along it.
+fn in_order(corners: [usize; 4], n: usize) -> bool {
+    let [_, a, b, c] = corners.map(|corner| (corner + n - corners[0]) % n);
+    0 < a && a < b && b < c
+}
+
+/// The vertices of the border that lie farthest along the diagonals of the disk's principal frame; of equals the one nearest to the
+/// diagonal. The frame is turned so that its rows run down and its columns to the right.
+fn chosen_corners(disk: &Disk) -> [usize; 4] {
+    let n = disk.border.len();
+    let frame = Frame::new(disk);
+    let local: Vec<[f64; 2]> =
+        disk.border.iter().map(|&vertex| frame.local(disk.places[vertex as usize])).collect();
+    let farthest = |across: f64, down: f64| {
+        let rank = |k: &usize| {
+            let [x, y] = local[*k];
+            (across * x + down * y, -(across * x - down * y).abs())
+        };
+        // Differences of rounding are none: corners must not depend on them.
+        let best = (0..n).map(|k| rank(&k).0).fold(f64::NEG_INFINITY, f64::max);
+        let equals = (0..n).filter(|k| rank(k).0 >= best - 1e-9);
+        equals.max_by(|a, b| rank(a).1.total_cmp(&rank(b).1).then(b.cmp(a))).unwrap_or(0)
+    };
+    let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)]
+        .map(|(across, down)| farthest(across, down));
+    match in_order(corners, n) {
+        true => corners,
+        // A region with a corner on two diagonals: quarters of the border, which has four vertices at least.
+        false => [0, 1, 2, 3].map(|k| (corners[0] + k * n / 4) % n),
+    }
+}
+
+/// The places in the border that are nearest to cells (column, row) of the grid.
+fn given_corners(
+    disk: &Disk,
+    patch: &Patch,
+    cells: [[usize; 2]; 4],
+) -> Result<[usize; 4], NetError> {
+    let mut corners = [0; 4];
+    for (corner, cell) in corners.iter_mut().zip(cells) {
+        let (x, y) = (cell[0] as f64 - patch.left as f64, cell[1] as f64 - patch.top as f64);
+        let place = |k: &usize| disk.places[disk.border[*k] as usize];
+        let distance = |k: &usize| libm::hypot(place(k)[0] - x, place(k)[1] - y);
+        let nearest = (0..disk.border.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        *corner = nearest.unwrap_or(0);
+        if distance(corner) > SNAP {
+            let [column, row] = place(corner).map(|at| at as usize);
+            let nearest = [patch.left + column, patch.top + row];
+            return Err(NetError::CornerOff { corner: cell, nearest });
+        }
+    }
+    if in_order(corners, disk.border.len()) { Ok(corners) } else { Err(NetError::CornerOrder) }
+}
+
+/// The principal frame of a disk's cells, turned by at most 45 degrees.
+struct Frame {
+    center: [f64; 2],
+    cos: f64,
+    sin: f64,
+}
+
+impl Frame {
+    fn new(disk: &Disk) -> Self {
+        let mut used = vec![false; disk.places.len()];
+        disk.triangles.iter().flatten().for_each(|&vertex| used[vertex as usize] = true);
+        // Vertices between cells would pull it towards where they are.
+        let cells = disk.places.len() - disk.between.len();
+        let places = || (0..cells).filter(|&cell| used[cell]).map(|cell| disk.places[cell]);
+        let n = places().count() as f64;
+        let center = [0, 1].map(|axis| places().map(|place| place[axis]).sum::<f64>() / n);
+        let mut moments = [0.0; 3];
+        for place in places() {
+            let [x, y] = [0, 1].map(|axis| place[axis] - center[axis]);
+            moments = [moments[0] + x * x, moments[1] + x * y, moments[2] + y * y];
+        }
+        let [xx, xy, yy] = moments;
+        // A round region has no axes, and rounding must not choose any.
+        let round = xy.abs().max((xx - yy).abs()) <= 1e-9 * (xx + yy);
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let angle = if round { 0.0 } else { libm::atan2(2.0 * xy, xx - yy) / 2.0 };
+        let angle = angle - quarter * (angle / quarter).round();
+        Self { center, cos: libm::cos(angle), sin: libm::sin(angle) }
+    }
+
+    fn local(&self, place: [f64; 2]) -> [f64; 2] {
+        let [x, y] = [0, 1].map(|axis| place[axis] - self.center[axis]);
+        [self.cos * x + self.sin * y, self.cos * y - self.sin * x]
+    }
+}
+
+fn lengths(disk: &Disk, side: &[u32]) -> Vec<f64> {
+    let mut along = 0.0;
+    let mut lengths = vec![0.0];
+    for pair in side.windows(2) {
+        let [a, b] = [pair[0], pair[1]].map(|vertex| disk.places[vertex as usize]);
+        along += libm::hypot(b[0] - a[0], b[1] - a[1]);
+        lengths.push(along);
+    }
+    lengths
+}
+
+fn length(disk: &Disk, side: &[u32]) -> f64 {
+    lengths(disk, side).last().copied().unwrap_or(0.0)
+}
+
+/// For each vertex of a side the share of the side's length up to it; a side of one vertex has none.
+fn shares(disk: &Disk, side: &[u32]) -> Vec<f64> {
+    let lengths = lengths(disk, side);
+    let whole = lengths.last().copied().filter(|&whole| whole > 0.0).unwrap_or(1.0);
+    lengths.into_iter().map(|along| along / whole).collect()
+}
+
+/// The place of each vertex on the square: (0, 0) is the upper left corner, the first number grows down, the second to the right.
+fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, NetError> {
+    // A first guess that is exact for rectangles: the place in the rectangle around the disk.
+    let on_border = || disk.border.iter().map(|&vertex| disk.places[vertex as usize]);
+    let bound = |axis: usize, better: fn(f64, f64) -> f64| {
+        on_border().map(|place| place[axis]).reduce(better).unwrap_or(0.0)
+    };
+    let (left, top) = (bound(0, f64::min), bound(1, f64::min));
+    let (width, height) = (bound(0, f64::max) - left, bound(1, f64::max) - top);
+    let guess = |[x, y]: &[f64; 2]| [(y - top) / height, (x - left) / width];
+    let mut square: Vec<[f64; 2]> = disk.places.iter().map(guess).collect();
+    for (k, side) in sides.0.iter().enumerate() {
+        for (&vertex, share) in side.iter().zip(shares(disk, side)) {
+            square[vertex as usize] = match k {
+                0 => [share, 0.0],
+                1 => [1.0, share],
+                2 => [1.0 - share, 1.0],
+                _ => [0.0, 1.0 - share],
+            };
+        }
+    }
+    relax(disk, &mut square).map_err(|residual| NetError::Harmonic { residual })?;
+    Ok(square)
+}
+
+/// The points at an even grid of the square, from the triangles that they lie in; those of the border are left at the origin.
+fn interior(
+    disk: &Disk,
+    patch: &Patch,
+    square: &[[f64; 2]],
+    rows: usize,
+    columns: usize,
+) -> Result<Vec<Point3<f64>>, NetError> {
+    let cells = patch.points.len();
+    let point = |vertex: u32| match (vertex as usize).checked_sub(cells) {
+        None => patch.points[vertex as usize],
+        Some(middle) => {
+            let [a, b] = disk.between[middle].map(|cell| patch.points[cell as usize]);
+            a + (b - a) * 0.5
+        }
+    };
+    // How deep in its triangle each point lies: on an edge rounding may put it outside of both.
+    let mut depths = vec![f64::NEG_INFINITY; rows * columns];
+    let mut points = vec![Point3::origin(); rows * columns];
+    for triangle in &disk.triangles {
+        let corners = triangle.map(|vertex| {
+            let [u, v] = square[vertex as usize];
+            [u * (rows - 1) as f64, v * (columns - 1) as f64]
+        });
+        let [a, b, c] = corners;
+        let area = cross(a, b, c);
+        if area == 0.0 {
+            continue;
+        }
+        let reach = |axis: usize, count: usize| {
+            let at = corners.map(|corner| corner[axis]);
+            let low = at[0].min(at[1]).min(at[2]) - REACH;
+            let high = at[0].max(at[1]).max(at[2]) + REACH;
+            (low.ceil().max(1.0) as usize)..=(high.floor().min((count - 2) as f64) as usize)
+        };
+        for row in reach(0, rows) {
+            for column in reach(1, columns) {
+                let at = [row as f64, column as f64];
+                let shares = [cross(at, b, c), cross(a, at, c), cross(a, b, at)].map(|x| x / area);
+                let depth = shares[0].min(shares[1]).min(shares[2]);
+                let index = row * columns + column;
+                if depth > depths[index] {
+                    depths[index] = depth;
+                    let [p, q, r] = triangle.map(|vertex| point(vertex).coords);
+                    points[index] = (p * shares[0] + q * shares[1] + r * shares[2]).into();
+                }
+            }
+        }
+    }
+    let inner = |at: &usize| {
+        let (row, column) = (at / columns, at % columns);
+        0 < row && row + 1 < rows && 0 < column && column + 1 < columns
+    };
+    match (0..depths.len()).filter(inner).find(|&at| depths[at] == f64::NEG_INFINITY) {
+        None => Ok(points),
+        Some(_) => Err(NetError::Harmonic { residual: f64::INFINITY }),
+    }
+}
+
+/// How far beyond its triangle a point is still looked for, in steps of the net: far above rounding.
+const REACH: f64 = 1e-6;
+
+/// Twice the area of a triangle.
+fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+/// The place on the square of each cell of the region. A cell that is not on the disk takes that of the nearest one, in steps
+/// from cell to cell.
+fn coordinates(
+    region: &Region,
+    patch: &Patch,
+    disk: &Disk,
+    square: &[[f64; 2]],
+) -> Result<Vec<[f64; 2]>, NetError> {
+    let mut places: Vec<Option<[f64; 2]>> = vec![None; patch.points.len()];
+    let mut on_disk: Vec<usize> = disk.triangles.iter().flatten().map(|&v| v as usize).collect();
+    on_disk.sort_unstable();
+    on_disk.dedup();
+    let mut queue = VecDeque::new();
+    let cells = places.len();
+    for vertex in on_disk.into_iter().filter(|&vertex| vertex < cells) {
+        places[vertex] = Some(square[vertex]);
+        queue.push_back(vertex);
+    }
+    while let Some(at) = queue.pop_front() {
+        let (row, column) = (at / patch.columns, at % patch.columns);
+        for next_row in row.saturating_sub(1)..=(row + 1).min(patch.rows - 1) {
+            for next_column in column.saturating_sub(1)..=(column + 1).min(patch.columns - 1) {
+                let next = next_row * patch.columns + next_column;
+                if patch.inside[next] == 1 && places[next].is_none() {
+                    places[next] = places[at];
+                    queue.push_back(next);
+                }
+            }
+        }
+    }
+    let of_cell = |&cell: &u32| {
+        let [row, column] = patch.place(cell);
+        places[row * patch.columns + column].ok_or(NetError::Parts)
+    };
+    region.cells().iter().map(of_cell).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,136 @@
+//! Tests of `harmonic`.
+
+use super::*;
+use crate::nurbs::control_net::tests::{range, region};
+use crate::nurbs::control_net::{NetMethod, control_net};
+
+const HARMONIC: NetMethod = NetMethod::Harmonic { corners: None };
+
+fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {
+    control_net(region, range, HARMONIC, rows, columns, &Progress::none()).unwrap()
+}
+
+// T-RNG-03, the method Harmonic.
+#[test]
+fn a_planar_rectangle_is_its_own_net() {
+    let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
+    for (width, height) in [(7, 5), (5, 7), (6, 6), (4, 11)] {
+        let inside = |x, y| (5..5 + width).contains(&x) && (3..3 + height).contains(&y);
+        let rectangle = region(&range, inside);
+        let net = net(&rectangle, &range, 0, 0);
+        assert_eq!((net.rows(), net.columns()), (height, width));
+        let coordinates = &net.chart().unwrap().coordinates;
+        for (index, point) in net.points().iter().enumerate() {
+            let (row, column) = (index / width, index % width);
+            let border = row % (height - 1) == 0 || column % (width - 1) == 0;
+            assert_eq!(net.fixed()[index] == 1, border);
+            if border {
+                assert_eq!(*point, rectangle.points()[index], "bitwise");
+            }
+            assert!((point - rectangle.points()[index]).norm() <= 1e-10);
+            let [a, b] = coordinates[index];
+            assert!((a - row as f64).abs() <= 1e-10 && (b - column as f64).abs() <= 1e-10);
+        }
+    }
+}
+
+/// Numbers from 0 to 1 without any order.
+fn noise(k: u32) -> f64 {
+    f64::from((k.wrapping_mul(2_654_435_761) ^ (k << 7)).wrapping_mul(40_503) >> 8)
+        / f64::from(1 << 24)
+}
+
+/// A blob with three to six bays of random depth, some deep enough to be concave, or a horseshoe.
+fn blob(kind: u32) -> impl Fn(usize, usize) -> bool {
+    let bays = f64::from(3 + kind % 4);
+    let (depth, turn) = (0.15 + 0.35 * noise(kind), 6.0 * noise(kind + 1000));
+    move |x, y| {
+        let (x, y) = (x as f64 - 24.0, y as f64 - 24.0);
+        let (radius, angle) = (libm::hypot(x, y), libm::atan2(y, x));
+        if kind % 5 == 4 {
+            return (9.0..20.0).contains(&radius) && (angle + turn - 3.0).abs() > 0.5;
+        }
+        radius < 14.0 * (1.0 + depth * libm::sin(bays * angle + turn))
+    }
+}
+
+// T-RNG-04.
+#[test]
+fn no_triangle_turns_over() {
+    let range = range(48, 48, |_, _| 1.0);
+    for kind in 0..40 {
+        let blob = region(&range, blob(kind));
+        let patch = Patch::new(&blob, &range, 0, &Progress::none()).unwrap();
+        let disk = Disk::new(patch.rows, patch.columns, &patch.inside).unwrap();
+        let square = map_to_square(&disk, &Sides::new(&disk, chosen_corners(&disk))).unwrap();
+        for triangle in &disk.triangles {
+            let [a, b, c] = triangle.map(|vertex| square[vertex as usize]);
+            assert!(cross(a, b, c) > 0.0, "blob {kind}: {}", cross(a, b, c));
+        }
+    }
+}
+
+#[test]
+fn bays_and_holes_make_a_net_that_looks_at_the_sensor() {
+    let range = range(48, 48, |x, y| 700.0 - 0.01 * (x * x + y * y));
+    for kind in 0..20 {
+        let shape = blob(kind);
+        let holed = region(&range, |x, y| shape(x, y) && !(22..25).contains(&x));
+        let whole = region(&range, shape);
+        let net = net(&whole, &range, 0, 0);
+        let at = |row: usize, column: usize| net.points()[row * net.columns() + column];
+        let (row, column) = (net.rows() / 2, net.columns() / 2);
+        let (down, right) =
+            (at(row + 1, column) - at(row, column), at(row, column + 1) - at(row, column));
+        assert!(down.cross(&right).z < 0.0);
+        let chart = net.chart().unwrap();
+        assert_eq!(&*chart.cells, whole.cells());
+        // Two parts are refused, or one of them has no triangle.
+        let _ = control_net(&holed, &range, HARMONIC, 0, 0, &Progress::none());
+    }
+}
+
+#[test]
+fn given_corners_are_the_corners_of_the_net() {
+    let range = range(30, 24, |x, y| 700.0 + 0.3 * x - 0.2 * y);
+    let rectangle = region(&range, |x, y| (5..21).contains(&x) && (3..15).contains(&y));
+    let made = |corners| {
+        let method = NetMethod::Harmonic { corners: Some(corners) };
+        control_net(&rectangle, &range, method, 7, 5, &Progress::none())
+    };
+    // A quarter turn, and the third corner in the middle of a side, given a little outside.
+    let net = made([[5, 14], [20, 14], [22, 8], [5, 3]]).unwrap();
+    let at = |row: usize, column: usize| {
+        let point = net.points()[row * 5 + column];
+        [point.x, point.y]
+    };
+    assert_eq!([at(0, 0), at(6, 0)], [[5.0, 14.0], [20.0, 14.0]]);
+    assert_eq!([at(6, 4), at(0, 4)], [[20.0, 8.0], [5.0, 3.0]]);
+    let chart = net.chart().unwrap();
+    assert_eq!(chart.coordinates[rectangle.find(8 * 30 + 20).unwrap()], [6.0, 4.0]);
+    // As they are chosen.
+    let given = made([[5, 3], [5, 14], [20, 14], [20, 3]]).unwrap();
+    assert_eq!(given, control_net(&rectangle, &range, HARMONIC, 7, 5, &Progress::none()).unwrap());
+
+    let off = NetError::CornerOff { corner: [12, 8], nearest: [12, 3] };
+    assert_eq!(made([[5, 3], [5, 14], [20, 14], [12, 8]]), Err(off));
+    assert!(matches!(made([[usize::MAX; 2]; 4]), Err(NetError::CornerOff { .. })));
+    assert_eq!(made([[5, 3], [20, 3], [20, 14], [5, 14]]), Err(NetError::CornerOrder));
+    assert_eq!(made([[5, 3], [5, 3], [20, 14], [20, 3]]), Err(NetError::CornerOrder));
+}
+
+#[test]
+fn spikes_go_with_the_cell_they_hang_on_and_parts_are_refused() {
+    let range = range(16, 12, |_, _| 1.0);
+    let spiked = region(&range, |x, y| (x < 6 && y < 5) || (y == 2 && x < 10));
+    let net = net(&spiked, &range, 5, 9);
+    let chart = net.chart().unwrap();
+    let at = |x: usize| chart.coordinates[spiked.find(2 * 16 + x).unwrap()];
+    assert_eq!(at(9), at(7));
+    let refused = |region: &Region| {
+        control_net(region, &range, HARMONIC, 0, 0, &Progress::none()).unwrap_err()
+    };
+    assert_eq!(refused(&region(&range, |x, _| !(4..=9).contains(&x))), NetError::Parts);
+    let line = NetError::DegenerateRegion { rows: 1, columns: 9 };
+    assert_eq!(refused(&region(&range, |x, y| y == 4 && x < 9)), line);
+}

@@ -1,0 +1,333 @@
+//! A net of rings around the middle of a region.
+//!
+//! Row 0 of the net is the pole, the mean of the region's cells; the last row follows the contour and is fixed; the rows between
+//! divide the spokes evenly in the range grid. Columns go around counter-clockwise as one sees the picture, and the last
+//! `order - 1` of them repeat the first ones, so that knots of the kind `Periodic` close the surface smoothly. Around the pole
+//! a surface has one tangent plane if the first ring lies in a plane with it, and so it is made to.
+//!
+//! The contour of a region that was found in a picture has steps and teeth, which a spoke may cross more than once. So the last
+//! row is a calm line around all of it ([`super::rays`]), on the region's points continued a little beyond its cells.
+
+use maquette::Progress;
+use maquette::value::{self, RangeImage, Region};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::charted::charted;
+use super::rays::{NotAStar, Rays, turn};
+use crate::nurbs::grid::patch::Patch;
+use crate::nurbs::net_error::NetError;
+use crate::range::contours;
+
+/// Most spokes that are chosen; a contour has some hundred cells, half of which would only follow its steps.
+const MOST_SPOKES: usize = 64;
+
+/// Fewest spokes, and fewest rings, that are chosen or allowed: three spokes are the least around a point.
+const LEAST_SPOKES: usize = 3;
+const LEAST_RINGS: usize = 3;
+
+/// The net for surfaces of this order along the columns, with `rows` and `columns` where they are not 0.
+pub(crate) fn net(
+    region: &Region,
+    range: &RangeImage,
+    order: usize,
+    [rows, columns]: [usize; 2],
+    progress: &Progress<'_>,
+) -> Result<value::ControlNet, NetError> {
+    if !(2..=10).contains(&order) {
+        return Err(NetError::Order { order });
+    }
+    let repeated = order - 1;
+    let least = LEAST_SPOKES.max(repeated) + repeated;
+    if columns != 0 && columns < least {
+        return Err(NetError::FewColumns { columns, least });
+    }
+    let patch = Patch::alone(region, progress)?;
+    let center = middle(region, &patch);
+    let contour = outline(&patch, center)?;
+    let cell = |[x, y]: [f64; 2]| {
+        let at = |middle: f64, step: f64| (middle + step).round() as usize;
+        (patch.left + at(center[0], x), patch.top + at(center[1], y))
+    };
+    let rays = Rays::new(&contour).map_err(|why| match why {
+        NotAStar::NotInside => {
+            let (column, row) = cell([0.0; 2]);
+            NetError::NoMiddle { column, row }
+        }
+        NotAStar::Bay { at, depth } => {
+            let (column, row) = cell(at);
+            NetError::NotStarShaped { column, row, cells: depth }
+        }
+    })?;
+    let count = match columns {
+        0 => ((rays.length() / 2.0) as usize).min(MOST_SPOKES).max(LEAST_SPOKES.max(repeated)),
+        columns => columns - repeated,
+    };
+    let wheel = Wheel { center, spokes: rays.spokes(count) };
+    let rings =
+        if rows == 0 { (wheel.radius().ceil() as usize).max(LEAST_RINGS) } else { rows - 1 };
+    let points = wheel.points(&patch, rings);
+    let place = |cell: &u32| {
+        let [row, column] = patch.place(*cell);
+        wheel.coordinate([column as f64, row as f64], rings, order)
+    };
+    let coordinates = region.cells().iter().map(place).collect();
+    let columns = count + repeated;
+    let points: Vec<Point3<f64>> = (0..(rings + 1) * columns)
+        .map(|at| points[at / columns * count + at % columns % count])
+        .collect();
+    let size = [rings + 1, columns];
+    charted(range, size, points, |row, _| row == rings, region.cells().to_vec(), coordinates)
+}
+
+/// (column, row) of the mean of the region's cells.
+fn middle(region: &Region, patch: &Patch) -> [f64; 2] {
+    let n = region.cells().len() as f64;
+    region.cells().iter().fold([0.0; 2], |[x, y], &cell| {
+        let [row, column] = patch.place(cell);
+        [x + column as f64 / n, y + row as f64 / n]
+    })
+}
+
+/// The contour of the region as a closed line through the centers of its cells: (column, row) of each, from the middle.
+fn outline(patch: &Patch, center: [f64; 2]) -> Result<Vec<[f64; 2]>, NetError> {
+    let all = contours(patch.columns, patch.rows, &patch.inside);
+    if all.iter().filter(|contour| !contour.hole).count() != 1 {
+        return Err(NetError::Parts);
+    }
+    let place = |&cell: &u32| {
+        let (column, row) = (cell as usize % patch.columns, cell as usize / patch.columns);
+        [column as f64 - center[0], row as f64 - center[1]]
+    };
+    Ok(all[0].cells.iter().map(place).collect())
+}
+
+/// The middle of a region and spokes to its contour.
+struct Wheel {
+    /// (column, row) of the middle.
+    center: [f64; 2],
+    /// From the middle to the ends of the spokes, counter-clockwise with rows growing down.
+    spokes: Vec<[f64; 2]>,
+}
+
+impl Wheel {
+    /// Mean length of the spokes, in cells.
+    fn radius(&self) -> f64 {
+        let lengths = self.spokes.iter().map(|[x, y]| libm::hypot(*x, *y));
+        lengths.sum::<f64>() / self.spokes.len() as f64
+    }
+
+    /// The points of the net, ring by ring from the pole to the contour, no column twice.
+    fn points(&self, patch: &Patch, rings: usize) -> Vec<Point3<f64>> {
+        let count = self.spokes.len();
+        let pole = patch.at(self.center);
+        let mut points = vec![pole; count];
+        for ring in 1..=rings {
+            let share = ring as f64 / rings as f64;
+            let on = |[x, y]: &[f64; 2]| {
+                patch.at([self.center[0] + share * x, self.center[1] + share * y])
+            };
+            points.extend(self.spokes.iter().map(on));
+        }
+        if rings > 1 {
+            flatten(pole, &mut points[count..2 * count]);
+        }
+        points
+    }
+
+    /// The net coordinate of a place: between which two spokes it lies, and how far along them.
+    ///
+    /// Places beyond the line through the ends of the spokes are put on it.
+    fn coordinate(&self, [x, y]: [f64; 2], rings: usize, order: usize) -> [f64; 2] {
+        let count = self.spokes.len();
+        let place = [x - self.center[0], y - self.center[1]];
+        let between = |k: &usize| {
+            turn(self.spokes[*k], place) >= 0.0 && turn(place, self.spokes[(k + 1) % count]) > 0.0
+        };
+        let Some(k) = (0..count).find(between) else { return [0.0, order as f64 / 2.0] };
+        let next = self.spokes[(k + 1) % count];
+        let (before, after) = (turn(self.spokes[k], place), turn(place, next));
+        let ring = (before + after) / turn(self.spokes[k], next) * rings as f64;
+        let around = k as f64 + before / (before + after);
+        // The domain of periodic knots begins here.
+        let start = (order - 2) as f64 / 2.0;
+        let around = if around < start { around + count as f64 } else { around };
+        [ring.min(rings as f64), around]
+    }
+}
+
+/// Moves the points of a ring into the plane through the pole that fits them best.
+fn flatten(pole: Point3<f64>, ring: &mut [Point3<f64>]) {
+    let spread = |sum: Matrix3<f64>, point: &Point3<f64>| {
+        let spoke = point - pole;
+        sum + spoke * spoke.transpose()
+    };
+    let covariance = ring.iter().fold(Matrix3::zeros(), spread);
+    if !covariance.iter().all(|x| x.is_finite()) {
+        return;
+    }
+    let Some(eigen) = covariance.try_symmetric_eigen(f64::EPSILON, 1000) else { return };
+    let least = (0..3).min_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+    let normal: Vector3<f64> = eigen.eigenvectors.column(least.unwrap_or(0)).into_owned();
+    for point in ring {
+        *point -= normal * normal.dot(&(*point - pole));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::Surface;
+
+    use super::*;
+    use crate::nurbs::control_net::tests::{range, region};
+    use crate::nurbs::control_net::{NetMethod, control_net};
+    use crate::nurbs::knot_vectors::knot_vector::knots;
+    use crate::nurbs::knots_kind::KnotsKind;
+    use crate::nurbs::nurbs::nurbs;
+
+    const POLAR: NetMethod = NetMethod::Polar { order: 3 };
+
+    fn hill() -> RangeImage {
+        range(44, 40, |x, y| {
+            700.0 - 0.02 * (400.0 - (x - 21.0) * (x - 21.0) - (y - 19.0) * (y - 19.0))
+        })
+    }
+
+    fn egg(range: &RangeImage) -> Region {
+        region(range, |x, y| {
+            let (x, y) = (x as f64 - 20.0, y as f64 - 19.0);
+            x * x / 196.0 + y * y / (100.0 + 3.0 * x) < 1.0
+        })
+    }
+
+    fn surface(net: &value::ControlNet, order: usize) -> Surface {
+        let around = knots(net, value::Along::V, order, &KnotsKind::Periodic).unwrap();
+        nurbs(net, None, Some(&around), None).unwrap()
+    }
+
+    #[test]
+    fn rings_go_from_the_pole_to_the_contour() {
+        let range = hill();
+        let egg = egg(&range);
+        let net = control_net(&egg, &range, POLAR, 9, 34, &Progress::none()).unwrap();
+        assert_eq!((net.rows(), net.columns()), (9, 34));
+        let points = net.points();
+        assert!(points[..34].iter().all(|point| *point == points[0]));
+        for row in 0..9 {
+            assert_eq!(points[row * 34..row * 34 + 2], points[row * 34 + 32..][..2]);
+            assert!(net.fixed()[row * 34..][..34].iter().all(|&f| f == u8::from(row == 8)));
+        }
+        // The first ring and the pole lie in one plane.
+        let normal = (points[34] - points[0]).cross(&(points[34 + 9] - points[0])).normalize();
+        for point in &points[34..68] {
+            assert!(normal.dot(&(point - points[0])).abs() <= 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_surface_of_the_net_closes_and_looks_at_the_sensor() {
+        let range = hill();
+        for order in [2, 3, 4] {
+            let net = control_net(
+                &egg(&range),
+                &range,
+                NetMethod::Polar { order },
+                0,
+                0,
+                &Progress::none(),
+            )
+            .unwrap();
+            let surface = surface(&net, order);
+            let (start, end) = surface.v().domain();
+            for k in 0..20 {
+                let u = surface.u().domain().1 * f64::from(k) / 20.0;
+                assert!((surface.point(u, start) - surface.point(u, end)).norm() <= 1e-9);
+                let normal = surface.normal(u, start + 1.3).unwrap();
+                assert!(normal.z < -0.5, "order {order}, {u}: {normal:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn cells_lie_where_the_chart_says() {
+        let range = hill();
+        let egg = egg(&range);
+        let net = control_net(&egg, &range, POLAR, 0, 0, &Progress::none()).unwrap();
+        let surface = surface(&net, 3);
+        let chart = net.chart().unwrap();
+        assert_eq!(&*chart.cells, egg.cells());
+        let mut worst = 0.0f64;
+        for (coordinate, point) in chart.coordinates.iter().zip(egg.points()) {
+            let [u, v] = surface.parameters(*coordinate);
+            worst = worst.max((surface.point(u, v) - point).norm());
+        }
+        // Cells at the contour lie up to half a cell beyond the line through the ends of the spokes.
+        assert!(worst <= 1.0, "{worst}");
+    }
+
+    /// A disk whose contour goes in and out by up to so many cells, without any order, with a spur and a speck beside it.
+    fn jagged(range: &RangeImage, teeth: f64) -> Region {
+        let noise = |x: usize, y: usize| {
+            let mixed = (x * 7919 + y * 104_729 + 13).wrapping_mul(2_654_435_761) >> 7;
+            (mixed % 1000) as f64 / 500.0 - 1.0
+        };
+        region(range, |x, y| {
+            let radius = libm::hypot(x as f64 - 21.3, y as f64 - 19.6);
+            radius < 13.0 + teeth / 2.0 * noise(x, y) && radius < 13.0 + teeth / 2.0
+                || y == 17 && (21..36).contains(&x)
+        })
+    }
+
+    #[test]
+    fn a_jagged_disk_makes_a_calm_net() {
+        let range = hill();
+        for teeth in [0.0, 1.0, 2.0, 3.0] {
+            let disk = jagged(&range, teeth);
+            // Teeth may leave cells behind that hang on by nothing.
+            let net = match control_net(&disk, &range, POLAR, 0, 0, &Progress::none()) {
+                Err(NetError::Parts) => continue,
+                net => net.unwrap(),
+            };
+            let surface = surface(&net, 3);
+            let (start, end) = surface.v().domain();
+            let last = net.rows() - 1;
+            for column in 0..net.columns() {
+                let end = net.points()[last * net.columns() + column];
+                let radius = libm::hypot(end.x - 21.3, end.y - 19.6);
+                assert!((11.0..15.5).contains(&radius), "teeth {teeth}, column {column}: {radius}");
+            }
+            for k in 0..200 {
+                let v = start + (end - start) * f64::from(k) / 200.0;
+                for u in 1..20 {
+                    let u = surface.u().domain().1 * f64::from(u) / 20.0;
+                    assert!(surface.normal(u, v).unwrap().z < -0.5, "teeth {teeth}, ({u}, {v})");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn regions_that_are_no_stars_are_refused() {
+        let range = hill();
+        let moon = region(&range, |x, y| {
+            let far = |cx: usize| x.abs_diff(cx).pow(2) + y.abs_diff(18).pow(2);
+            far(18) < 225 && far(27) > 150
+        });
+        let refused = |region: &Region, method, rows, columns| {
+            control_net(region, &range, method, rows, columns, &Progress::none()).unwrap_err()
+        };
+        assert!(matches!(refused(&moon, POLAR, 0, 0), NetError::NotStarShaped { .. }));
+        let line = region(&range, |x, y| y == 4 && x < 9);
+        assert_eq!(refused(&line, POLAR, 0, 0), NetError::NoMiddle { column: 4, row: 4 });
+        let ring = region(&range, |x, y| {
+            let (x, y) = (x as f64 - 20.0, y as f64 - 19.0);
+            (100.0..250.0).contains(&(x * x + y * y)) && (x < 0.0 || y.abs() > 2.0)
+        });
+        assert!(matches!(refused(&ring, POLAR, 0, 0), NetError::NoMiddle { .. }));
+        let two = region(&range, |x, _| !(4..=9).contains(&x));
+        assert_eq!(refused(&two, POLAR, 0, 0), NetError::Parts);
+        let egg = egg(&range);
+        assert_eq!(refused(&egg, POLAR, 0, 4), NetError::FewColumns { columns: 4, least: 5 });
+        let order = NetError::Order { order: 11 };
+        assert_eq!(refused(&egg, NetMethod::Polar { order: 11 }, 0, 0), order);
+    }
+}

@@ -1,0 +1,277 @@
+//! How an offset fades from the middle of a net's free points to its fixed ones.
+
+use maquette::Progress;
+use maquette::value::{self, Field};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::round::Round;
+use crate::linear::laplace::{self, Unsolved};
+
+/// How an offset fades towards the points that stay. `d` is 0 at those and 1 at the innermost point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub enum Profile {
+    /// A dome while it is low, a finger when it is high: its tip is as round and its wall as steep as the distance and the width of the
+    /// free points ask for, and it leaves the border smoothly.
+    #[default]
+    Round,
+    /// A smooth hill: `(1 - cos(pi d)) / 2`. The higher, the more pointed.
+    Cosine,
+    /// All free points move the whole way, which makes a cliff at the border.
+    Plateau,
+    /// `d` to the power of this number: 1 is about a cone, below 1 blunt, above 1 pointed.
+    Power(#[schemars(range(min = 0.0, max = 100.0))] f64),
+    /// A bell of this width: `exp(-(1 - d)^2 / (2 width^2))`.
+    Gaussian(#[schemars(range(min = 0.001, max = 100.0))] f64),
+    /// The gray levels of the port `picture`, laid over the net; its least is 0 and its greatest 1.
+    Picture,
+}
+
+/// Why there is no profile.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ProfileError {
+    /// No gray levels.
+    #[error("the profile `Picture` needs a field at the port `picture`")]
+    NoPicture,
+    /// Gray levels that are all unknown.
+    #[error("the field at the port `picture` has no finite number")]
+    EmptyPicture,
+    /// A power or width out of range.
+    #[error("the profile's number is {number}; it must be {least}")]
+    Number {
+        /// The number.
+        number: f64,
+        /// What is allowed.
+        least: &'static str,
+    },
+    /// The distance from the border could not be computed.
+    #[error(transparent)]
+    Distance(#[from] Unsolved),
+}
+
+impl Profile {
+    /// The factor of the offset, which is `distance` long, for each point of a net, row by row. `free` is 1 for each point that moves.
+    pub(crate) fn factors(
+        self,
+        net: &value::ControlNet,
+        free: &[u8],
+        distance: f64,
+        picture: Option<&Field>,
+        progress: &Progress<'_>,
+    ) -> Result<Vec<f64>, ProfileError> {
+        let falloff: Box<dyn Fn(f64) -> f64> = match self {
+            Self::Plateau => return Ok(vec![1.0; free.len()]),
+            Self::Picture => {
+                let picture = picture.ok_or(ProfileError::NoPicture)?;
+                return gray(picture, net.rows(), net.columns()).ok_or(ProfileError::EmptyPicture);
+            }
+            Self::Round => {
+                let round = Round::new(distance / radius(net, free));
+                Box::new(move |d| round.at(1.0 - d))
+            }
+            Self::Cosine => Box::new(|d| (1.0 - libm::cos(std::f64::consts::PI * d)) / 2.0),
+            Self::Power(power) if power >= 0.0 => Box::new(move |d| libm::pow(d, power)),
+            Self::Gaussian(width) if width > 0.0 => {
+                Box::new(move |d| libm::exp(-(1.0 - d) * (1.0 - d) / (2.0 * width * width)))
+            }
+            Self::Power(number) => {
+                return Err(ProfileError::Number { number, least: "0 or more" });
+            }
+            Self::Gaussian(number) => {
+                return Err(ProfileError::Number { number, least: "more than 0" });
+            }
+        };
+        let inwardness = inwardness(net.rows(), net.columns(), free, progress)?;
+        let mut factors: Vec<f64> = inwardness.into_iter().map(falloff).collect();
+        if matches!(self, Self::Round | Self::Cosine | Self::Gaussian(_)) {
+            blunt(net, free, &mut factors);
+        }
+        Ok(factors)
+    }
+}
+
+/// Moves the ring around a pole of a net as far as the pole: otherwise a smooth hill would have a tip there. The pole is a first row
+/// whose points, before any offset, lie in one place.
+fn blunt(net: &value::ControlNet, free: &[u8], factors: &mut [f64]) {
+    let columns = net.columns();
+    let pole = &net.base()[..columns];
+    let lies_in_one_place = columns > 1 && pole.iter().all(|point| *point == pole[0]);
+    let moves = net.rows() > 2 && free[..2 * columns].iter().all(|&free| free == 1);
+    if lies_in_one_place && moves && free.contains(&0) {
+        factors.copy_within(..columns, columns);
+    }
+}
+
+/// The radius of the disk that is as large as the free part of the net before any offset: of all quads, one with some of its points
+/// free counts by their share.
+fn radius(net: &value::ControlNet, free: &[u8]) -> f64 {
+    let (columns, base) = (net.columns(), net.base());
+    let quad = |at: usize| {
+        let corners = [at, at + 1, at + columns + 1, at + columns];
+        let [a, b, c, d] = corners.map(|corner| base[corner]);
+        let share = corners.iter().map(|&corner| f64::from(free[corner])).sum::<f64>() / 4.0;
+        share * (c - a).cross(&(d - b)).norm() / 2.0
+    };
+    let quads = (0..net.rows().saturating_sub(1) * columns).filter(|at| at % columns + 1 < columns);
+    (quads.map(quad).sum::<f64>() / std::f64::consts::PI).sqrt()
+}
+
+/// From 0 at the points that stay to 1 at the innermost free one; if none stays, the net's border counts as staying.
+///
+/// `d = 1 - sqrt(1 - h / max h)` with `Laplace h = -1` on the free points of the index grid, 0 on the others: on a disk exactly
+/// the distance from the rim, on any other shape without the ridges that the distance itself has.
+fn inwardness(
+    rows: usize,
+    columns: usize,
+    free: &[u8],
+    progress: &Progress<'_>,
+) -> Result<Vec<f64>, Unsolved> {
+    let border = |at: usize| {
+        let (row, column) = (at / columns, at % columns);
+        row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
+    };
+    let mut free = free.to_vec();
+    if !free.contains(&0) {
+        (0..free.len()).filter(|&at| border(at)).for_each(|at| free[at] = 0);
+    }
+    let mut heights = vec![0.0; free.len()];
+    laplace::solve(columns, rows, &free, 1.0, &mut heights, progress)?;
+    let highest = heights.iter().copied().fold(0.0, f64::max);
+    if highest == 0.0 {
+        return Ok(heights);
+    }
+    // Rounding may leave a height a little below 0 or above the highest.
+    let inward = |height: f64| 1.0 - (1.0 - (height / highest).clamp(0.0, 1.0)).sqrt();
+    Ok(heights.into_iter().map(inward).collect())
+}
+
+/// A field laid over a net, corners on corners, bilinear between its pixels, scaled so that its least number is 0 and its greatest
+/// 1. Unknown numbers count as the least; a field of one level counts as 1. None if no number is finite.
+fn gray(field: &Field, rows: usize, columns: usize) -> Option<Vec<f64>> {
+    let (least, greatest) = field.range()?;
+    let (least, span) = (f64::from(least), f64::from(greatest) - f64::from(least));
+    let level = |row: usize, column: usize| {
+        let number = f64::from(field.pixels()[row * field.width() + column]);
+        match (number.is_finite(), span > 0.0) {
+            (false, _) => 0.0,
+            (true, false) => 1.0,
+            (true, true) => (number - least) / span,
+        }
+    };
+    // The pixel before a net's line, the one after it, and the share of the latter.
+    let place = |k: usize, count: usize, size: usize| {
+        let at = (size - 1) as f64 * (k as f64 / (count - 1).max(1) as f64);
+        let before = (at as usize).min(size - 1);
+        (before, (before + 1).min(size - 1), at - before as f64)
+    };
+    let mut levels = Vec::with_capacity(rows * columns);
+    for row in 0..rows {
+        let (top, bottom, t) = place(row, rows, field.height());
+        for column in 0..columns {
+            let (left, right, s) = place(column, columns, field.width());
+            let [above, below] =
+                [top, bottom].map(|y| level(y, left) * (1.0 - s) + level(y, right) * s);
+            levels.push(above * (1.0 - t) + below * t);
+        }
+    }
+    Some(levels)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    fn net(rows: usize, columns: usize) -> value::ControlNet {
+        value::ControlNet::new(rows, columns, vec![Point3::origin(); rows * columns]).unwrap()
+    }
+
+    #[test]
+    fn on_a_disk_the_profile_is_the_distance_from_the_rim() {
+        let radius = 20.0;
+        let from_center = |at: usize| {
+            let (x, y) = ((at % 43) as f64 - 21.0, (at / 43) as f64 - 21.0);
+            (x * x + y * y).sqrt()
+        };
+        let free: Vec<u8> = (0..43 * 43).map(|at| u8::from(from_center(at) < radius)).collect();
+        let cone =
+            Profile::Power(1.0).factors(&net(43, 43), &free, 1.0, None, &Progress::none()).unwrap();
+        for (at, d) in cone.iter().enumerate() {
+            let exact = (1.0 - from_center(at) / radius).max(0.0);
+            assert!((d - exact).abs() <= 0.03, "{at}: {d} {exact}");
+        }
+    }
+
+    #[test]
+    fn profiles_rise_from_the_border_to_one() {
+        let mut free = vec![0; 25];
+        [6, 7, 8, 11, 12, 13, 16, 17, 18].into_iter().for_each(|at| free[at] = 1);
+        let factors = |profile: Profile| {
+            profile.factors(&net(5, 5), &free, 1.0, None, &Progress::none()).unwrap()
+        };
+        for profile in [Profile::Cosine, Profile::Power(2.0)] {
+            let factors = factors(profile);
+            assert_eq!(factors[0], 0.0);
+            assert!((factors[12] - 1.0).abs() <= 1e-6);
+            assert!(0.0 < factors[6] && factors[6] < factors[7] && factors[7] < factors[12]);
+        }
+        assert!((factors(Profile::Gaussian(0.5))[0] - libm::exp(-2.0)).abs() <= 1e-15);
+        assert_eq!(factors(Profile::Plateau), [1.0; 25]);
+        // Without a point that stays, the border of the net is the border of the profile.
+        assert_eq!(
+            Profile::Cosine.factors(&net(5, 5), &[1; 25], 1.0, None, &Progress::none()).unwrap(),
+            factors(Profile::Cosine)
+        );
+        assert_eq!(
+            Profile::Cosine.factors(&net(2, 2), &[1; 4], 1.0, None, &Progress::none()),
+            Ok(vec![0.0; 4])
+        );
+    }
+
+    #[test]
+    fn a_smooth_hill_has_no_tip_at_a_pole() {
+        let ring = |at: usize| Point3::new((at / 6) as f64, ((at / 6) * (at % 6)) as f64, 0.0);
+        let net = value::ControlNet::new(5, 6, (0..30).map(ring).collect::<Vec<_>>()).unwrap();
+        let free: Vec<u8> = (0..30).map(|at| u8::from(at < 24)).collect();
+        let factors =
+            |profile: Profile| profile.factors(&net, &free, 1.0, None, &Progress::none()).unwrap();
+        for profile in [Profile::Cosine, Profile::Gaussian(0.5)] {
+            let factors = factors(profile);
+            assert_eq!(factors[..6], factors[6..12]);
+            assert!(factors[12] < factors[6] && factors[24] < factors[18]);
+        }
+        assert!(factors(Profile::Power(1.0))[6] < 0.8);
+    }
+
+    #[test]
+    fn a_picture_is_laid_over_the_net() {
+        let over = |pixels: Vec<f32>, width, rows, columns| {
+            let picture = Field::new(width, pixels.len() / width, pixels).unwrap();
+            Profile::Picture.factors(
+                &net(rows, columns),
+                &vec![1; rows * columns],
+                1.0,
+                Some(&picture),
+                &Progress::none(),
+            )
+        };
+        let levels = over(vec![10.0, 30.0, 10.0, 50.0], 2, 3, 3).unwrap();
+        assert_eq!(levels, [0.0, 0.25, 0.5, 0.0, 0.375, 0.75, 0.0, 0.5, 1.0]);
+        assert_eq!(over(vec![7.0; 4], 2, 1, 2).unwrap(), [1.0, 1.0]);
+        assert_eq!(over(vec![f32::NAN, 1.0, 2.0], 3, 1, 3).unwrap(), [0.0, 0.0, 1.0]);
+        assert_eq!(over(vec![f32::NAN], 1, 1, 1), Err(ProfileError::EmptyPicture));
+        assert_eq!(
+            Profile::Picture.factors(&net(1, 1), &[1], 1.0, None, &Progress::none()),
+            Err(ProfileError::NoPicture)
+        );
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        for profile in [Profile::Power(-1.0), Profile::Power(f64::NAN), Profile::Gaussian(0.0)] {
+            let refused = profile.factors(&net(3, 3), &[1; 9], 1.0, None, &Progress::none());
+            assert!(matches!(refused, Err(ProfileError::Number { .. })), "{profile:?}");
+        }
+    }
+}

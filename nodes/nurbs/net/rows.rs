@@ -1,0 +1,295 @@
+//! A net of the rows of a region, each divided evenly by its length in space.
+//!
+//! The lines run along the rows or along the columns of the range grid, whichever have fewer gaps; the net's rows lie along the
+//! range's rows either way. A line goes from its first to its last cell of the region; what lies between belongs to the net. The
+//! outermost points of the net are fixed.
+
+use maquette::value::{self, RangeImage, Region};
+use nalgebra::Point3;
+
+use super::charted::{charted, on_border};
+use crate::nurbs::net_error::NetError;
+
+/// Fewest lines, and points of a line, that are chosen: enough for a cubic. Fewer would be an error for many orders, more would
+/// invent points.
+const LEAST: usize = 4;
+
+/// Nearer than this to a point, as a share of its line's length, a sample is the point itself, to the bit: some rounding steps.
+const SAME: f64 = 1e-12;
+
+/// The net, with `rows` and `columns` where they are not 0. A region of fewer than [`LEAST`] lines is divided into as many.
+pub(crate) fn net(
+    region: &Region,
+    range: &RangeImage,
+    rows: usize,
+    columns: usize,
+) -> Result<value::ControlNet, NetError> {
+    let horizontal = Lines::new(region, range, false);
+    let vertical = Lines::new(region, range, true);
+    let (lines, [along, across]) = if vertical.gaps < horizontal.gaps {
+        (vertical, [rows, columns])
+    } else {
+        (horizontal, [columns, rows])
+    };
+    let transposed = lines.transposed;
+    let LineNet { points, across, along, mut chart } = lines.net(along, across);
+    let turn = |pair: [usize; 2]| if transposed { [pair[1], pair[0]] } else { pair };
+    let [rows, columns] = turn([across, along]);
+    let points: Vec<Point3<f64>> = (0..rows * columns)
+        .map(|at| turn([at / columns, at % columns]))
+        .map(|[line, k]| points[line * along + k])
+        .collect();
+    if transposed {
+        chart.iter_mut().for_each(|(_, coordinate)| coordinate.reverse());
+        chart.sort_by_key(|(cell, _)| *cell);
+    }
+    let size = [rows, columns];
+    let (cells, coordinates) = chart.into_iter().unzip();
+    charted(range, size, points, on_border(size), cells, coordinates)
+}
+
+/// The lines of a region in one direction.
+struct Lines {
+    lines: Vec<Line>,
+    /// Cells between the ends of lines that are not in the region.
+    gaps: usize,
+    /// Whether the lines run along the grid's columns.
+    transposed: bool,
+}
+
+struct Line {
+    /// The cells of the region on it: their index in the grid and in `points`.
+    cells: Vec<(u32, usize)>,
+    /// The points from its first to its last cell, none missing.
+    points: Vec<Point3<f64>>,
+    /// For each point its share of the line's length, from 0 to 1.
+    shares: Vec<f64>,
+}
+
+/// A net, line by line.
+struct LineNet {
+    points: Vec<Point3<f64>>,
+    /// Number of lines.
+    across: usize,
+    /// Points of each line.
+    along: usize,
+    /// The cells of the region with their net coordinates (across, along).
+    chart: Vec<(u32, [f64; 2])>,
+}
+
+impl Lines {
+    fn new(region: &Region, range: &RangeImage, transposed: bool) -> Self {
+        let width = range.width();
+        let mut cells: Vec<[usize; 3]> = (region.cells().iter().enumerate())
+            .map(|(index, &cell)| (index, [cell as usize / width, cell as usize % width]))
+            .map(|(index, [row, column])| match transposed {
+                false => [row, column, index],
+                true => [column, row, index],
+            })
+            .collect();
+        cells.sort_unstable();
+        let cell_at = |line: usize, k: usize| match transposed {
+            false => line * width + k,
+            true => k * width + line,
+        };
+        let mut gaps = 0;
+        let lines = cells.chunk_by(|a, b| a[0] == b[0]).map(|cells| {
+            let (line, first, last) = (cells[0][0], cells[0][1], cells[cells.len() - 1][1]);
+            gaps += last - first + 1 - cells.len();
+            let mut points: Vec<Option<Point3<f64>>> =
+                (first..=last).map(|k| range.point(cell_at(line, k))).collect();
+            for &[_, k, index] in cells {
+                points[k - first] = Some(region.points()[index]);
+            }
+            let points = bridged(&points);
+            let own = cells.iter().map(|&[_, k, index]| (region.cells()[index], k - first));
+            Line { cells: own.collect(), shares: shares(&points), points }
+        });
+        Self { lines: lines.collect(), gaps, transposed }
+    }
+
+    /// The net, with lines of `along` points and `across` lines where they are not 0.
+    fn net(self, along: usize, across: usize) -> LineNet {
+        let along = if along == 0 { self.median_length().max(LEAST) } else { along };
+        let lines: Vec<_> =
+            self.lines.iter().map(|line| resampled(&line.points, &line.shares, along)).collect();
+        let wanted = if across == 0 { lines.len().max(LEAST) } else { across };
+        // Lines whose number fits stay as they are: even steps across would move them.
+        let even = (wanted == lines.len()).then(|| vec![counted(wanted); along]);
+        let column = |k: usize| lines.iter().map(|line| line[k]).collect::<Vec<_>>();
+        let columns: Vec<_> = (0..along).map(column).collect();
+        let across = even.unwrap_or_else(|| columns.iter().map(|points| shares(points)).collect());
+        let columns: Vec<_> = (columns.iter().zip(&across))
+            .map(|(points, shares)| resampled(points, shares, wanted))
+            .collect();
+        let points = (0..wanted).flat_map(|line| columns.iter().map(move |column| column[line]));
+
+        let mut chart = Vec::new();
+        for (index, line) in self.lines.iter().enumerate() {
+            for &(cell, k) in &line.cells {
+                let b = line.shares[k] * (along - 1) as f64;
+                let before = (b as usize).min(along - 2);
+                let t = b - before as f64;
+                let share = across[before][index] * (1.0 - t) + across[before + 1][index] * t;
+                chart.push((cell, [share * (wanted - 1) as f64, b]));
+            }
+        }
+        LineNet { points: points.collect(), across: wanted, along, chart }
+    }
+
+    /// Of the numbers of points of the lines; of an even number of lines the upper of the middle two.
+    fn median_length(&self) -> usize {
+        let mut lengths: Vec<usize> = self.lines.iter().map(|line| line.points.len()).collect();
+        let middle = lengths.len() / 2;
+        *lengths.select_nth_unstable(middle).1
+    }
+}
+
+/// Interpolates what is missing linearly between its neighbors on the line, whose ends are there.
+fn bridged(points: &[Option<Point3<f64>>]) -> Vec<Point3<f64>> {
+    let mut bridged: Vec<Point3<f64>> = Vec::with_capacity(points.len());
+    for (k, point) in points.iter().enumerate() {
+        let Some(point) = *point else { continue };
+        if let Some(&before) = bridged.last() {
+            let steps = k + 1 - bridged.len();
+            bridged.extend(
+                (1..steps).map(|step| before + (point - before) * (step as f64 / steps as f64)),
+            );
+        }
+        bridged.push(point);
+    }
+    bridged
+}
+
+/// For each point its share of the length of the line up to it, from 0 to 1; a line without length is divided evenly.
+pub(crate) fn shares(points: &[Point3<f64>]) -> Vec<f64> {
+    let mut length = 0.0;
+    let mut lengths = vec![0.0];
+    for pair in points.windows(2) {
+        length += (pair[1] - pair[0]).norm();
+        lengths.push(length);
+    }
+    if length == 0.0 {
+        return counted(points.len());
+    }
+    lengths.iter().map(|along| along / length).collect()
+}
+
+/// Evenly spaced shares from 0 to 1; of one point the middle.
+fn counted(count: usize) -> Vec<f64> {
+    match count {
+        1 => vec![0.5],
+        _ => (0..count).map(|k| k as f64 / (count - 1) as f64).collect(),
+    }
+}
+
+/// `count` (at least 2) evenly spaced points of the line through `points` at `shares`, its ends exact.
+pub(crate) fn resampled(points: &[Point3<f64>], shares: &[f64], count: usize) -> Vec<Point3<f64>> {
+    let last = points.len() - 1;
+    if last == 0 {
+        return vec![points[0]; count];
+    }
+    let sample = |share: f64| {
+        let after = shares.partition_point(|&at| at <= share).clamp(1, last);
+        let [low, high] = [shares[after - 1], shares[after]];
+        if share - low <= SAME {
+            points[after - 1]
+        } else if high - share <= SAME {
+            points[after]
+        } else {
+            points[after - 1] + (points[after] - points[after - 1]) * ((share - low) / (high - low))
+        }
+    };
+    counted(count).into_iter().map(sample).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nurbs::control_net::tests::{range, region};
+    use crate::nurbs::control_net::{NetMethod, control_net};
+    use maquette::Progress;
+
+    fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {
+        control_net(region, range, NetMethod::Rows, rows, columns, &Progress::none()).unwrap()
+    }
+
+    // T-RNG-03, the method Rows.
+    #[test]
+    fn a_planar_rectangle_is_its_own_net() {
+        let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
+        for (width, height) in [(7, 5), (5, 7), (4, 11)] {
+            let inside = |x, y| (5..5 + width).contains(&x) && (3..3 + height).contains(&y);
+            let rectangle = region(&range, inside);
+            let net = net(&rectangle, &range, 0, 0);
+            assert_eq!((net.rows(), net.columns()), (height, width));
+            let coordinates = &net.chart().unwrap().coordinates;
+            for (index, point) in net.points().iter().enumerate() {
+                let (row, column) = (index / width, index % width);
+                let border = row % (height - 1) == 0 || column % (width - 1) == 0;
+                assert_eq!(net.fixed()[index] == 1, border);
+                assert_eq!(*point, rectangle.points()[index], "bitwise");
+                let [a, b] = coordinates[index];
+                assert!((a - row as f64).abs() <= 1e-10 && (b - column as f64).abs() <= 1e-10);
+            }
+        }
+    }
+
+    #[test]
+    fn a_net_of_another_size_keeps_the_corners_and_the_plane() {
+        let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
+        let rectangle = region(&range, |x, y| (2..12).contains(&x) && (3..10).contains(&y));
+        let net = net(&rectangle, &range, 4, 9);
+        assert_eq!((net.rows(), net.columns()), (4, 9));
+        assert_eq!(net.points()[0], rectangle.points()[0]);
+        assert_eq!(net.points()[35], *rectangle.points().last().unwrap());
+        let middle = net.points()[9 + 4];
+        assert!((middle.x - 6.5).abs() <= 1e-12 && (middle.y - 5.0).abs() <= 1e-12);
+        let [a, b] = net.chart().unwrap().coordinates[2 * 10 + 5];
+        assert!((a - 1.0).abs() <= 1e-12 && (b - 5.0 * 8.0 / 9.0).abs() <= 1e-12);
+    }
+
+    #[test]
+    fn lines_run_where_there_are_fewer_gaps() {
+        // Two legs below a bar: rows have a gap, columns have none.
+        let range = range(11, 9, |_, _| 1.0);
+        let legs = region(&range, |x, y| x < 9 && y < 7 && (y < 2 || !(3..6).contains(&x)));
+        let net = net(&legs, &range, 0, 0);
+        assert_eq!((net.rows(), net.columns()), (7, 9));
+        let chart = net.chart().unwrap();
+        assert_eq!(&*chart.cells, legs.cells());
+        let at = |cell: usize| chart.coordinates[legs.find(cell).unwrap()];
+        assert_eq!(at(0), [0.0, 0.0]);
+        // The bar between the legs is two cells high, and its lower one is the end of its line.
+        assert_eq!(at(11 + 4), [6.0, 4.0]);
+        assert_eq!(at(6 * 11 + 8), [6.0, 8.0]);
+    }
+
+    #[test]
+    fn missing_points_of_a_line_are_interpolated() {
+        let line = [Some(0.0), None, None, Some(3.0), Some(5.0)];
+        let points = line.map(|x| x.map(|x| Point3::new(x, 0.0, 0.0)));
+        let x: Vec<f64> = bridged(&points).iter().map(|point| point.x).collect();
+        assert_eq!(x, [0.0, 1.0, 2.0, 3.0, 5.0]);
+    }
+
+    #[test]
+    fn thin_regions_and_rows_of_one_cell_still_make_a_net() {
+        let range = range(12, 9, |x, y| x * y);
+        let strip = region(&range, |x, y| (1..11).contains(&x) && y == 4);
+        assert_eq!(net(&strip, &range, 0, 0).rows(), LEAST);
+        let two = net(&region(&range, |x, y| y < 2 && x < 6), &range, 0, 0);
+        assert_eq!((two.rows(), two.columns()), (LEAST, 6));
+        let triangle = region(&range, |x, y| x <= y);
+        let tip = net(&triangle, &range, 0, 0);
+        assert!(tip.points()[..tip.columns()].iter().all(|point| *point == range.points()[0]));
+        assert_eq!(tip.chart().unwrap().coordinates[0][0], 0.0);
+    }
+
+    #[test]
+    fn points_too_far_away_to_measure_are_an_error() {
+        let range = range(6, 6, |x, _| if x > 3.0 { 1e300 } else { -1e300 });
+        let all = region(&range, |_, _| true);
+        assert!(control_net(&all, &range, NetMethod::Rows, 0, 7, &Progress::none()).is_err());
+    }
+}

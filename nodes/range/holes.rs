@@ -1,0 +1,4 @@
+//! Cells without a point.
+
+pub(super) mod range_holes;
+pub(super) mod shadows;

@@ -1,0 +1,112 @@
+//! The limit of a mesh that the scheme of Doo and Sabin has refined: inside it is the middle of the face that the next step would put
+//! around a vertex, and rows are made for the vertices on the border alone.
+
+use maquette::memory::huge_vec;
+use maquette::value::{Attribute, Column, Mesh, MeshError};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::dual_limit::DualLimit;
+use super::limit_rows::side_normals;
+use crate::linear::stencils::Stencils;
+use crate::subdivision::SubdivideError;
+use crate::subdivision::masks::turns::turn;
+use crate::subdivision::refine::connectivity::Ring;
+use crate::subdivision::refine::doo_sabin::{Dual, Inside};
+
+/// Vertices that one task looks at.
+const BLOCK: usize = 4096;
+
+/// Where the vertices of a refined mesh go, and which way the surface faces there.
+#[derive(Debug)]
+pub(crate) struct FinerDualLimit {
+    limit: DualLimit,
+    /// The vertices whose faces do not close to a ring, their limits, and their tangents with the first row of each.
+    border: Vec<u32>,
+    positions: Stencils,
+    tangents: Stencils,
+    sides: Column<u32>,
+}
+
+impl FinerDualLimit {
+    /// That of the vertices which a step makes.
+    ///
+    /// # Errors
+    /// If the refined mesh is not manifold.
+    pub(crate) fn new(dual: &Dual) -> Result<Self, SubdivideError> {
+        let (mesh, starts) = dual.finer_halves()?;
+        let limit = DualLimit::new(mesh, starts, dual.boundary());
+        let mut ring = Ring::default();
+        let edges = (0..limit.mesh.halves.len() as u32).into_par_iter().with_min_len(BLOCK);
+        let on_border = edges.filter(|&edge| limit.mesh.is_boundary(edge));
+        let mut border: Vec<u32> = on_border.flat_map_iter(|edge| limit.mesh.ends(edge)).collect();
+        border.sort_unstable();
+        border.dedup();
+        border.retain(|&vertex| {
+            limit.mesh.ring(limit.starts[vertex as usize], &mut ring);
+            !ring.closed
+        });
+        let (positions, (tangents, sides)) = (limit.positions(&border), limit.tangents(&border));
+        Ok(Self { limit, border, positions, tangents, sides })
+    }
+
+    /// The same mesh with its vertices on the limit surface, and the attribute `normal`.
+    ///
+    /// # Errors
+    /// If a place becomes infinite.
+    pub(crate) fn apply(&self, mesh: &Mesh) -> Result<Mesh, MeshError> {
+        let control = &mesh.positions()[..];
+        let inside = Inside::new(&self.limit.mesh, control);
+        let mut positions: Vec<Point3<f64>> = huge_vec(control.len());
+        let mut normals: Vec<[f64; 3]> = huge_vec(control.len());
+        let both = positions.par_iter_mut().zip(&mut normals).enumerate().with_min_len(BLOCK);
+        both.for_each_init(Ring::default, |ring, (vertex, (place, normal))| {
+            self.limit.mesh.ring(self.limit.starts[vertex], ring);
+            let n = ring.halves.len();
+            let [mut sum, mut first, mut second] = [Vector3::zeros(); 3];
+            for (j, &half) in ring.halves.iter().enumerate() {
+                let (point, [cosine, sine]) = (inside.at(half), turn(j, n));
+                sum += point;
+                first += point * cosine;
+                second += point * sine;
+            }
+            *place = (sum / n as f64).into();
+            // The sines of half turns vanish but for rounding.
+            let is_plane = n > 2;
+            let across = first.cross(&second).try_normalize(0.0).filter(|_| is_plane);
+            *normal = across.unwrap_or_default().into();
+        });
+        for (&vertex, place) in self.border.iter().zip(self.positions.apply(control)) {
+            positions[vertex as usize] = place;
+            normals[vertex as usize] = [0.0; 3];
+        }
+        let limit = mesh.with_positions(positions)?;
+        self.complete_normals(&limit, control, &mut normals);
+        limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
+    }
+
+    /// The normals on the border, and where tangents do not span a plane.
+    fn complete_normals(&self, limit: &Mesh, control: &[Point3<f64>], normals: &mut [[f64; 3]]) {
+        let is_missing = |normal: &[f64; 3]| *normal == [0.0; 3];
+        if !normals.par_iter().with_min_len(BLOCK).any(is_missing) {
+            return;
+        }
+        let fallback = limit.vertex_normals();
+        for (normal, fallback) in normals.iter_mut().zip(&fallback) {
+            if is_missing(normal) {
+                *normal = (*fallback).into();
+            }
+        }
+        for (item, &vertex) in self.border.iter().enumerate() {
+            let rows = self.sides[item] as usize..self.sides[item + 1] as usize;
+            let fallback = fallback[vertex as usize];
+            normals[vertex as usize] = side_normals(&self.tangents, rows, control, fallback).into();
+        }
+    }
+
+    /// How many bytes it holds.
+    pub(crate) fn size(&self) -> usize {
+        let rows = self.positions.size() + self.tangents.size() + self.sides.size();
+        self.limit.mesh.size() + 4 * (self.limit.starts.len() + self.border.len()) + rows
+    }
+}

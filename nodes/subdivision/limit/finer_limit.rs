@@ -1,0 +1,167 @@
+//! The limit of a mesh that a primal scheme has refined: rows for its few odd vertices, fixed masks for the others.
+
+use std::sync::Arc;
+
+use maquette::memory::huge_vec;
+use maquette::value::{Attribute, Column, Mesh, MeshError};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::limit_rows::side_normals;
+use crate::linear::stencils::Stencils;
+use crate::subdivision::Scheme;
+use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
+use crate::subdivision::masks::loop_masks::LoopMasks;
+use crate::subdivision::masks::sharpness::Sharpness;
+use crate::subdivision::masks::stars::{Masks, Scratch, Stars};
+use crate::subdivision::refine::level::Level;
+use crate::subdivision::refine::split::{Corners, Split, Triangles};
+
+/// Where the vertices of a level go, and which way the surface faces there.
+#[derive(Debug)]
+pub(crate) struct FinerLimit {
+    level: Arc<Level>,
+    /// The limits of the odd vertices.
+    positions: Stencils,
+    /// Their tangents in pairs, one for each side of a crease, and the first row of each odd vertex.
+    tangents: Stencils,
+    sides: Column<u32>,
+}
+
+/// A regular vertex on the limit surface: its place and two tangents.
+type Regular = [Vector3<f64>; 3];
+
+impl FinerLimit {
+    pub(crate) fn new(level: Arc<Level>) -> Self {
+        match level.rules.scheme {
+            Scheme::Loop => Self::of(level, LoopMasks),
+            _ => Self::of(level, CatmullClarkMasks),
+        }
+    }
+
+    fn of(level: Arc<Level>, masks: impl Masks) -> Self {
+        let Level { rules, mesh, creases, odd, .. } = &*level;
+        let sharpness = Sharpness::new(mesh, *rules, creases);
+        let stars = Stars { mesh, sharpness: &sharpness, rules: *rules, masks };
+        let (positions, _) = Stencils::build(odd.len(), |scratch: &mut Scratch, item, rows| {
+            stars.limit(scratch, odd[item][0], odd[item][1], rows);
+            rows.end();
+        });
+        let (tangents, sides) = Stencils::build(odd.len(), |scratch: &mut Scratch, item, rows| {
+            stars.tangents(scratch, odd[item][0], odd[item][1], rows);
+        });
+        Self { level, positions, tangents, sides }
+    }
+
+    /// The same mesh with its vertices on the limit surface, and the attribute `normal`.
+    ///
+    /// # Errors
+    /// If a place becomes infinite.
+    pub(crate) fn apply(&self, mesh: &Mesh) -> Result<Mesh, MeshError> {
+        let control = &mesh.positions()[..];
+        let mut regular: Vec<[[f64; 3]; 2]> = huge_vec(control.len());
+        match self.level.rules.scheme {
+            Scheme::Loop => self.at_regular(control, &mut regular, Triangles, box_spline),
+            _ => self.at_regular(control, &mut regular, Corners, b_spline),
+        }
+        let mut positions: Vec<Point3<f64>> = huge_vec(control.len());
+        let mut normals: Vec<[f64; 3]> = huge_vec(control.len());
+        let both = positions
+            .par_iter_mut()
+            .zip(&mut normals)
+            .with_min_len(crate::subdivision::refine::level::BLOCK);
+        both.zip(&regular).for_each(|((position, normal), &[place, across])| {
+            (*position, *normal) = (place.into(), across);
+        });
+        drop(regular);
+        let odd = self.positions.apply(control);
+        for (&[vertex, _], point) in self.level.odd.iter().zip(odd) {
+            positions[vertex as usize] = point;
+        }
+        let limit = mesh.with_positions(positions)?;
+        self.complete_normals(&limit, control, &mut normals);
+        limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
+    }
+
+    /// How many bytes it holds.
+    pub(crate) fn size(&self) -> usize {
+        self.level.size() + self.positions.size() + self.tangents.size() + self.sides.size()
+    }
+
+    /// Writes the places and unit normals of the regular vertices; the normal is zero where the tangents do not span a plane.
+    fn at_regular<K: Split>(
+        &self,
+        control: &[Point3<f64>],
+        to: &mut [[[f64; 3]; 2]],
+        split: K,
+        masks: impl Fn(&Level, &[Point3<f64>], usize, &[u32]) -> Regular + Sync,
+    ) {
+        self.level.at_regular(to, split, |vertex, halves| {
+            let [place, first, second] = masks(&self.level, control, vertex, halves);
+            let normal = first.cross(&second).try_normalize(0.0).unwrap_or_default();
+            [place.into(), normal.into()]
+        });
+    }
+
+    /// The normals of the odd vertices, and of those whose tangents do not span a plane.
+    fn complete_normals(&self, limit: &Mesh, control: &[Point3<f64>], normals: &mut [[f64; 3]]) {
+        let odd = &self.level.odd;
+        let is_missing = |normal: &[f64; 3]| *normal == [0.0; 3];
+        if !normals
+            .par_iter()
+            .with_min_len(crate::subdivision::refine::level::BLOCK)
+            .any(is_missing)
+        {
+            return;
+        }
+        let fallback = limit.vertex_normals();
+        for (normal, fallback) in normals.iter_mut().zip(&fallback) {
+            if is_missing(normal) {
+                *normal = (*fallback).into();
+            }
+        }
+        let made: Vec<[f64; 3]> = (0..odd.len())
+            .into_par_iter()
+            .with_min_len(crate::subdivision::refine::level::BLOCK)
+            .map(|item| {
+                let rows = self.sides[item] as usize..self.sides[item + 1] as usize;
+                side_normals(&self.tangents, rows, control, fallback[odd[item][0] as usize]).into()
+            })
+            .collect();
+        odd.iter().zip(made).for_each(|([vertex, _], normal)| normals[*vertex as usize] = normal);
+    }
+}
+
+/// The bicubic B-spline: `(16 v + 4 sum e_j + sum d_j) / 36` and its derivatives.
+#[inline]
+fn b_spline(level: &Level, control: &[Point3<f64>], vertex: usize, halves: &[u32]) -> Regular {
+    let (mesh, corners) = (&level.mesh, level.mesh.corners());
+    let at = |half: u32| control[corners[half as usize] as usize].coords;
+    let around: [[Vector3<f64>; 2]; 4] = std::array::from_fn(|j| {
+        let next = mesh.next(halves[j]);
+        [at(next), at(mesh.next(next))]
+    });
+    let [[e0, d0], [e1, d1], [e2, d2], [e3, d3]] = around;
+    let (edges, corners) = ((e0 + e1) + (e2 + e3), (d0 + d1) + (d2 + d3));
+    let place = (control[vertex].coords * 16.0 + edges * 4.0 + corners) / 36.0;
+    let first = (e0 - e2) * 4.0 + ((d0 - d1) + (d3 - d2));
+    let second = (e1 - e3) * 4.0 + ((d0 - d3) + (d1 - d2));
+    [place, first, second]
+}
+
+/// The quartic box spline: `(6 v + sum e_j) / 12` and its derivatives.
+#[inline]
+fn box_spline(level: &Level, control: &[Point3<f64>], vertex: usize, halves: &[u32]) -> Regular {
+    let (mesh, corners) = (&level.mesh, level.mesh.corners());
+    let around: [Vector3<f64>; 6] =
+        std::array::from_fn(|j| control[corners[mesh.next(halves[j]) as usize] as usize].coords);
+    let [e0, e1, e2, e3, e4, e5] = around;
+    let sum = ((e0 + e1) + (e2 + e3)) + (e4 + e5);
+    let place = (control[vertex].coords * 6.0 + sum) / 12.0;
+    let first = (e0 - e3) + ((e1 - e4) + (e5 - e2)) * 0.5;
+    let second = ((e1 - e4) + (e2 - e5)) * SQRT_3_HALF;
+    [place, first, second]
+}
+
+/// The sine of 60 degrees.
+const SQRT_3_HALF: f64 = 0.866_025_403_784_438_6;

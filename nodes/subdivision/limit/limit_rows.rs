@@ -1,0 +1,252 @@
+//! Where the vertices of a mesh go if it is subdivided forever, and which way the surface faces there.
+
+use std::ops::Range;
+
+use maquette::value::{Attribute, Column, Encoder, Mesh, MeshError, Summary};
+use maquette::{Error, Limit as Most, Value};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::dual_limit::DualLimit;
+use crate::linear::stencils::Stencils;
+use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
+use crate::subdivision::masks::closed_rows::closed_rows;
+use crate::subdivision::masks::loop_masks::LoopMasks;
+use crate::subdivision::masks::sharpness::Sharpness;
+use crate::subdivision::masks::stars::{Masks, Scratch, Stars};
+use crate::subdivision::refine::connectivity::Connectivity;
+use crate::subdivision::refine::level::{check_triangles, creases};
+use crate::subdivision::refine::topology::Topology;
+use crate::subdivision::rules::Rules;
+use crate::subdivision::{Scheme, SubdivideError};
+
+/// Vertices that one task looks at.
+const BLOCK: usize = 4096;
+
+/// Entries of the limit's rows, places and tangents together some 5 GB: a face of `m` corners has some `m` in the row of each of its
+/// corners.
+const ENTRIES: Most =
+    Most { most: 1 << 27, of: "numbers", help: "divide its faces with many corners" };
+
+/// The limit of each vertex of a mesh without tangents: all that it takes to pass through points.
+#[derive(Clone, Debug)]
+pub(crate) struct LimitPlaces {
+    /// What it was made from.
+    pub(crate) topology: Topology,
+    /// The places, as for [`Limit`].
+    pub(crate) positions: Stencils,
+}
+
+/// A function of its topology, which therefore stands for it in the hash.
+impl Value for LimitPlaces {
+    const NAME: &'static str = "SubdivisionLimitPlaces";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.value(&self.topology);
+    }
+
+    fn size(&self) -> usize {
+        self.topology.size() + self.positions.size()
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default().with("vertices", self.positions.len())
+    }
+}
+
+impl LimitPlaces {
+    /// The limit of the scheme that `topology` names.
+    ///
+    /// # Errors
+    /// Those of [`Limit::new`].
+    pub(crate) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
+        let positions = match closed_rows(topology) {
+            Some(rows) => rows,
+            None => Around::new(topology)?.positions(),
+        };
+        Ok(Self { topology: topology.clone(), positions })
+    }
+
+    /// The same, as [`maquette::Context::memo`] wants it.
+    pub(crate) fn memo(topology: &Topology) -> Result<Self, Error> {
+        Ok(Self::new(topology)?)
+    }
+}
+
+/// The limit of each vertex of a mesh, as sparse rows in terms of the mesh's own vertices.
+#[derive(Clone, Debug)]
+pub(crate) struct Limit {
+    /// What it was made from.
+    pub(crate) topology: Topology,
+    /// The places.
+    pub(crate) positions: Stencils,
+    /// Rows in pairs: two tangents, the first turning counter-clockwise to the second; a pair for each side of a crease.
+    pub(crate) tangents: Stencils,
+    /// The first row of each vertex in `tangents`, and behind the last vertex the number of rows.
+    pub(crate) sides: Column<u32>,
+}
+
+/// A function of its topology, which therefore stands for it in the hash.
+impl Value for Limit {
+    const NAME: &'static str = "SubdivisionLimit";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.value(&self.topology);
+    }
+
+    fn size(&self) -> usize {
+        let tangents = self.tangents.size() + self.sides.size();
+        self.topology.size() + self.positions.size() + tangents
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default().with("vertices", self.positions.len())
+    }
+}
+
+impl Limit {
+    /// The limit of the scheme that `topology` names.
+    ///
+    /// # Errors
+    /// Faces that the scheme has no rule for, or that are too large, or a mesh that is not manifold.
+    pub(crate) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
+        let around = Around::new(topology)?;
+        let (positions, (tangents, sides)) = (around.positions(), around.tangents());
+        Ok(Self { topology: topology.clone(), positions, tangents, sides })
+    }
+
+    /// The same, as [`maquette::Context::memo`] wants it.
+    pub(crate) fn memo(topology: &Topology) -> Result<Self, Error> {
+        Ok(Self::new(topology)?)
+    }
+
+    /// The same mesh with its vertices on the limit surface, and the attribute `normal`.
+    ///
+    /// # Errors
+    /// If a place becomes infinite.
+    pub(crate) fn apply(&self, mesh: &Mesh) -> Result<Mesh, MeshError> {
+        let limit = mesh.with_positions(self.positions.apply(mesh.positions()))?;
+        let fallback = limit.vertex_normals();
+        let normals: Vec<[f64; 3]> = (0..self.positions.len())
+            .into_par_iter()
+            .with_min_len(BLOCK)
+            .map(|vertex| self.normal(vertex, mesh.positions(), fallback[vertex]).into())
+            .collect();
+        limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
+    }
+
+    /// The unit normal at a vertex: on a crease the mean of its sides. `fallback` is taken where the tangents do not span a
+    /// plane, and tells which way a side of a corner faces, whose tangents may be more than a half turn apart.
+    pub(crate) fn normal(
+        &self,
+        vertex: usize,
+        control: &[Point3<f64>],
+        fallback: Vector3<f64>,
+    ) -> Vector3<f64> {
+        let rows = self.sides[vertex] as usize..self.sides[vertex + 1] as usize;
+        side_normals(&self.tangents, rows, control, fallback)
+    }
+}
+
+/// The mean of the unit normals of the pairs of tangents in `rows`; as for [`Limit::normal`].
+pub(crate) fn side_normals(
+    tangents: &Stencils,
+    rows: Range<usize>,
+    control: &[Point3<f64>],
+    fallback: Vector3<f64>,
+) -> Vector3<f64> {
+    let several = rows.len() > 2;
+    let sides = rows.step_by(2).map(|row| {
+        let [along, across] = [row, row + 1].map(|row| tangents.apply_row(row, control).coords);
+        let normal = along.cross(&across).try_normalize(0.0).unwrap_or_default();
+        if several && normal.dot(&fallback) < 0.0 { -normal } else { normal }
+    });
+    sides.sum::<Vector3<f64>>().try_normalize(1e-6).unwrap_or(fallback)
+}
+
+/// What lies around the vertices of a mesh, by the rules of its scheme.
+enum Around {
+    Dual(DualLimit),
+    Loop(MaskedMesh<LoopMasks>),
+    CatmullClark(MaskedMesh<CatmullClarkMasks>),
+}
+
+impl Around {
+    fn new(topology: &Topology) -> Result<Self, SubdivideError> {
+        let rules = topology.rules;
+        if rules.scheme == Scheme::Loop {
+            check_triangles(&topology.faces)?;
+        }
+        check_faces(topology)?;
+        let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
+        let creases = creases(topology, &mesh);
+        Ok(match rules.scheme {
+            Scheme::DooSabin => Self::Dual(DualLimit::new(mesh, starts, rules.boundary)),
+            Scheme::Loop => {
+                Self::Loop(MaskedMesh { mesh, starts, creases, rules, masks: LoopMasks })
+            }
+            Scheme::CatmullClark => {
+                let masks = CatmullClarkMasks;
+                Self::CatmullClark(MaskedMesh { mesh, starts, creases, rules, masks })
+            }
+        })
+    }
+
+    fn positions(&self) -> Stencils {
+        match self {
+            Self::Dual(limit) => limit.positions(&limit.all()),
+            Self::Loop(stars) => stars.positions(),
+            Self::CatmullClark(stars) => stars.positions(),
+        }
+    }
+
+    fn tangents(&self) -> (Stencils, Column<u32>) {
+        match self {
+            Self::Dual(limit) => limit.tangents(&limit.all()),
+            Self::Loop(stars) => stars.tangents(),
+            Self::CatmullClark(stars) => stars.tangents(),
+        }
+    }
+}
+
+/// A mesh with the masks of a primal scheme.
+struct MaskedMesh<M> {
+    mesh: Connectivity,
+    starts: Vec<u32>,
+    creases: Vec<(u32, f64)>,
+    rules: Rules,
+    masks: M,
+}
+
+impl<M: Masks + Copy> MaskedMesh<M> {
+    fn positions(&self) -> Stencils {
+        let Self { mesh, starts, creases, rules, masks } = self;
+        let (rules, masks) = (*rules, *masks);
+        let sharpness = &Sharpness::new(mesh, rules, creases);
+        let stars = Stars { mesh, sharpness, rules, masks };
+        let (rows, _) = Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
+            stars.limit(scratch, vertex as u32, starts[vertex], rows);
+            rows.end();
+        });
+        rows
+    }
+
+    /// Two rows for each side of each vertex, and the first row of each.
+    fn tangents(&self) -> (Stencils, Column<u32>) {
+        let Self { mesh, starts, creases, rules, masks } = self;
+        let (rules, masks) = (*rules, *masks);
+        let sharpness = &Sharpness::new(mesh, rules, creases);
+        let stars = Stars { mesh, sharpness, rules, masks };
+        Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
+            stars.tangents(scratch, vertex as u32, starts[vertex], rows);
+        })
+    }
+}
+
+fn check_faces(topology: &Topology) -> Result<(), SubdivideError> {
+    if topology.rules.scheme == Scheme::Loop {
+        return Ok(());
+    }
+    let sides = topology.faces.iter().map(|face| face.len() as f64);
+    Ok(ENTRIES.check("the limit of the mesh", sides.map(|sides| sides * sides).sum())?)
+}

@@ -1,0 +1,79 @@
+//! The masks of Catmull's and Clark's scheme on polygons.
+//!
+//! Catmull and Clark, "Recursively generated B-spline surfaces on arbitrary topological meshes" (1978); limit points and
+//! tangents by the eigenvectors of these masks: Halstead, Kass and DeRose, "Efficient, fair interpolation using Catmull-Clark
+//! surfaces" (1993), tangents on creases as in Biermann, Levin and Zorin, "Piecewise smooth subdivision surfaces with normal
+//! control" (2000). Notation as in `masks.rs`.
+
+use std::f64::consts::PI;
+
+use super::stars::{Masks, Weights};
+use super::turns::turn;
+use crate::subdivision::refine::connectivity::Connectivity;
+
+/// The rules of Catmull and Clark.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct CatmullClarkMasks;
+
+impl Masks for CatmullClarkMasks {
+    /// `(n - 2)/n v + 1/n^2 sum e_j + 1/n^2 sum F_j`.
+    fn vertex(&self, n: usize) -> [f64; 3] {
+        let n = n as f64;
+        [(n - 2.0) / n, 1.0 / (n * n), 1.0 / (n * n)]
+    }
+
+    /// `(n (n - 1) v + 2 sum e_j + 4 sum F_j) / (n (n + 5))`.
+    fn limit(&self, n: usize) -> [f64; 3] {
+        let n = n as f64;
+        [(n - 1.0) / (n + 5.0), 2.0 / (n * (n + 5.0)), 4.0 / (n * (n + 5.0))]
+    }
+
+    /// A quarter of both ends and both centroids.
+    const EDGE: [f64; 2] = [0.25; 2];
+
+    fn opposite(&self, mesh: &Connectivity, half: u32) -> u32 {
+        mesh.vertices as u32 + mesh.face_of(half)
+    }
+
+    /// With two neighbors, for which the eigenvalue is not that of a tangent plane, the directions of both edges.
+    fn tangents(&self, [first, second]: [&mut Weights; 2]) {
+        let n = first.neighbors.len();
+        if n < 3 {
+            for (j, weights) in [first, second].into_iter().enumerate() {
+                weights.neighbors[j % n] = 1.0;
+                weights.own = -1.0;
+            }
+            return;
+        }
+        let [cosine, _] = turn(1, n);
+        let half = libm::cos(PI / n as f64);
+        let eigenvalue = 0.3125 + (cosine + half * (2.0 * (9.0 + cosine)).sqrt()) / 16.0;
+        for (j, part) in (0..n).flat_map(|j| [(j, 0), (j, 1)]) {
+            let weights = if part == 0 { &mut *first } else { &mut *second };
+            let (here, next) = (turn(j, n)[part], turn((j + 1) % n, n)[part]);
+            weights.neighbors[j] = 4.0 * here;
+            weights.faces[j] = (here + next) / (4.0 * eigenvalue - 1.0);
+        }
+    }
+
+    fn across(&self, to: &mut Weights) {
+        let q = to.neighbors.len() - 1;
+        if q == 1 {
+            to.neighbors.fill(1.0);
+            to.own = -2.0;
+            return;
+        }
+        let angle = PI / q as f64;
+        let sine = |j: usize| libm::sin(j as f64 * angle);
+        let cosine = libm::cos(angle);
+        let ratio = (cosine + 1.0) / sine(1);
+        to.own = 4.0 * ratio * (cosine - 1.0);
+        for (j, weight) in to.neighbors.iter_mut().enumerate() {
+            let is_end = j == 0 || j == q;
+            *weight = if is_end { -ratio * (1.0 + 2.0 * cosine) } else { 4.0 * sine(j) };
+        }
+        for (j, weight) in to.faces.iter_mut().enumerate() {
+            *weight = sine(j) + sine(j + 1);
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! The limit masks of closed meshes of triangles or quads without creases, from the corners at each vertex alone.
+//!
+//! Most meshes are such ones. Each vertex looks at its own faces: if they close to one ring, and this is so at all vertices, the mesh is
+//! manifold; no edge is ever looked for. Whatever is different is left to the general rules, which also say what is wrong.
+
+use rayon::prelude::*;
+
+use super::catmull_clark::CatmullClarkMasks;
+use super::loop_masks::LoopMasks;
+use super::stars::Masks;
+use crate::linear::stencils::Stencils;
+use crate::subdivision::Scheme;
+use crate::subdivision::limit::dual_limit::alpha;
+use crate::subdivision::refine::topology::Topology;
+
+/// Most corners at a vertex; the search for the next one in a ring looks at all of them.
+const MOST: usize = 64;
+
+/// Vertices that one task looks at.
+const BLOCK: usize = 1024;
+
+/// The masks of all vertices in terms of the vertices; none where the mesh is not as simple.
+pub(crate) fn closed_rows(topology: &Topology) -> Option<Stencils> {
+    let sides = topology.faces.sides().filter(|sides| (3..=4).contains(sides))?;
+    let scheme = topology.rules.scheme;
+    let dropped = scheme == Scheme::DooSabin;
+    let wanted = if scheme == Scheme::Loop { 3 } else { 4 };
+    if sides != wanted || !(topology.creases.is_empty() || dropped) {
+        return None;
+    }
+    let corners = &topology.faces.corners()[..];
+    let fans = Fans::new(corners, topology.vertices)?;
+    let per_corner = sides - 2;
+    let row = |vertex: usize| vertex + per_corner * fans.starts[vertex] as usize;
+    let entries = row(topology.vertices);
+    let masks = Vec::from_iter((0..=fans.most).map(|n| mask(scheme, n)));
+    let (mut indices, mut weights) = (vec![0u32; entries], vec![0.0; entries]);
+    let mut jobs = Vec::with_capacity(topology.vertices.div_ceil(BLOCK));
+    let (mut rest, mut rest_of_weights) = (&mut indices[..], &mut weights[..]);
+    for first in (0..topology.vertices).step_by(BLOCK) {
+        let end = topology.vertices.min(first + BLOCK);
+        let count = row(end) - row(first);
+        let parts = (rest.split_off_mut(..count)?, rest_of_weights.split_off_mut(..count)?);
+        jobs.push((first..end, parts));
+    }
+    let is_closed = jobs.into_par_iter().all(|(vertices, (indices, weights))| {
+        let first = row(vertices.start);
+        vertices.into_iter().all(|vertex| {
+            let (own, to) = (fans.corners(vertex), row(vertex) - first..row(vertex + 1) - first);
+            let (to, weights) = (&mut indices[to.clone()], &mut weights[to]);
+            let (beside, across) = weights[1..].split_at_mut(own.len());
+            let mask = masks[own.len()];
+            beside.fill(mask[1]);
+            across.fill(mask[2]);
+            (to[0], weights[0]) = (vertex as u32, mask[0]);
+            match sides {
+                3 => ring::<3>(corners, own, &mut to[1..]),
+                _ => ring::<4>(corners, own, &mut to[1..]),
+            }
+        })
+    });
+    let starts = (0..=topology.vertices).map(|vertex| row(vertex) as u32).collect();
+    is_closed.then(|| Stencils::from_parts(starts, indices, weights))
+}
+
+/// Writes the neighbors of a vertex counter-clockwise, and behind them the corners across in its quads; whether its faces are one ring.
+fn ring<const SIDES: usize>(corners: &[u32], own: &[u32], to: &mut [u32]) -> bool {
+    let n = own.len();
+    let mut ends = [[0u32; 3]; MOST];
+    for (ends, &corner) in ends.iter_mut().zip(own) {
+        let (face, place) = (corner as usize / SIDES * SIDES, corner as usize % SIDES);
+        *ends = [1, 2, SIDES - 1].map(|step| corners[face + (place + step) % SIDES]);
+    }
+    let ends = &ends[..n];
+    let mut at = 0;
+    for place in 0..n {
+        let [next, across, previous] = ends[at];
+        to[place] = next;
+        if SIDES == 4 {
+            to[n + place] = across;
+        }
+        let Some(after) = ends.iter().position(|ends| ends[0] == previous) else { return false };
+        at = after;
+        // Back at the first corner, but only after all others.
+        if (at == 0) != (place + 1 == n) {
+            return false;
+        }
+    }
+    true
+}
+
+/// The weights of a vertex with `n` neighbors, of a neighbor, and of a corner across in a quad.
+fn mask(scheme: Scheme, n: usize) -> [f64; 3] {
+    let n = n.max(1);
+    match scheme {
+        Scheme::Loop => LoopMasks.limit(n),
+        Scheme::CatmullClark => {
+            let [own, neighbor, face] = CatmullClarkMasks.limit(n);
+            let corner = face / 4.0;
+            [(0..n).fold(own, |own, _| own + corner), neighbor + corner + corner, corner]
+        }
+        Scheme::DooSabin => {
+            let share = 1.0 / n as f64;
+            let [own, beside, across] = [0, 1, 2].map(|k| share * alpha(k, 4));
+            [(1..n).fold(own, |sum, _| sum + own), beside + beside, across]
+        }
+    }
+}
+
+/// The corners at each vertex.
+struct Fans {
+    starts: Vec<u32>,
+    corners: Vec<u32>,
+    /// Most corners at a vertex.
+    most: usize,
+}
+
+impl Fans {
+    /// None if a vertex has fewer than three corners, or too many.
+    fn new(corners: &[u32], vertices: usize) -> Option<Self> {
+        let mut starts = vec![0u32; vertices + 1];
+        corners.iter().for_each(|&vertex| starts[vertex as usize] += 1);
+        let most = starts.iter().copied().max().unwrap_or(0) as usize;
+        if MOST < most || starts[..vertices].iter().any(|&count| count < 3) {
+            return None;
+        }
+        // Each start is where the last corner before it is put, backwards; so the corners of a vertex ascend.
+        let mut sum = 0;
+        for start in &mut starts {
+            sum += *start;
+            *start = sum;
+        }
+        let mut sorted = vec![0u32; corners.len()];
+        for (corner, &vertex) in (0..corners.len() as u32).zip(corners).rev() {
+            let start = &mut starts[vertex as usize];
+            *start -= 1;
+            sorted[*start as usize] = corner;
+        }
+        Some(Self { starts, corners: sorted, most })
+    }
+
+    fn corners(&self, vertex: usize) -> &[u32] {
+        &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::value::{Faces, Mesh};
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::subdivision::limit::limit_rows::Limit;
+    use crate::subdivision::refine::without_border::select_faces;
+    use crate::subdivision::rules::Rules;
+    use crate::subdivision::shapes::{cube, octahedron, prism, sphere, tetrahedron, torus};
+    use crate::subdivision::{Boundary, Creases};
+
+    fn topology(mesh: &Mesh, scheme: Scheme) -> Topology {
+        let (boundary, creases) = (Boundary::EdgeAndCorner, Creases::OpenSubdiv);
+        Topology {
+            rules: Rules { scheme, boundary, creases },
+            vertices: mesh.positions().len(),
+            faces: mesh.faces().clone(),
+            creases: mesh.creases().collect(),
+        }
+    }
+
+    #[test]
+    fn the_rows_are_those_of_the_general_rules() {
+        let triangles = [tetrahedron(), octahedron(), sphere(2), torus(7, 5, true)];
+        let quads = [cube(), torus(7, 5, false)];
+        let of_quads = [Scheme::CatmullClark, Scheme::DooSabin]
+            .into_iter()
+            .flat_map(|scheme| quads.iter().map(move |mesh| (scheme, mesh)));
+        for (scheme, mesh) in triangles.iter().map(|mesh| (Scheme::Loop, mesh)).chain(of_quads) {
+            let topology = topology(mesh, scheme);
+            let rows = closed_rows(&topology).unwrap();
+            let general = Limit::new(&topology).unwrap().positions;
+            for vertex in 0..topology.vertices {
+                let dense = |rows: &Stencils| {
+                    let mut dense = vec![0.0; topology.vertices];
+                    let (indices, weights) = rows.row(vertex);
+                    let entries = indices.iter().zip(weights);
+                    entries.for_each(|(&k, weight)| dense[k as usize] += weight);
+                    dense
+                };
+                for (a, b) in dense(&rows).into_iter().zip(dense(&general)) {
+                    assert!((a - b).abs() < 1e-15, "{scheme:?} {vertex} {a} {b}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_closed_or_smooth_or_manifold_is_left_alone() {
+        let left = |mesh: &Mesh, scheme| closed_rows(&topology(mesh, scheme)).is_none();
+        let open = select_faces(&sphere(1), &Vec::from_iter(1..80)).unwrap();
+        assert!(left(&open, Scheme::Loop));
+        assert!(left(&sphere(1).with_creases([([0, 12], 2.0)]).unwrap(), Scheme::Loop));
+        assert!(left(&prism(5), Scheme::CatmullClark));
+        assert!(left(&sphere(1), Scheme::CatmullClark));
+        let shape = |triangles: Vec<[u32; 3]>| {
+            Mesh::new(vec![Point3::origin(); 7], Faces::triangles(triangles)).unwrap()
+        };
+        let whole = tetrahedron().faces().as_triangles().unwrap().to_vec();
+        let other = whole.iter().map(|face| face.map(|k| if k == 0 { 0 } else { k + 3 }));
+        let joined = shape(whole.iter().copied().chain(other).collect());
+        assert!(left(&joined, Scheme::Loop), "two that share a vertex");
+        let mut turned = whole.clone();
+        turned[0].reverse();
+        turned.extend([[4, 5, 6], [4, 6, 5]]);
+        assert!(left(&shape(turned), Scheme::Loop));
+    }
+}

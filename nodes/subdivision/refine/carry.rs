@@ -1,0 +1,23 @@
+//! How data on the elements of a mesh become data on the elements of a refined mesh.
+
+use maquette::value::Attribute;
+
+use crate::linear::mix::Mix;
+
+/// A way from old elements to new ones, the same for every type of data.
+pub(crate) trait Carry {
+    /// The data of the new elements.
+    fn column<T: Mix>(&self, old: &[T]) -> Vec<T>;
+
+    /// The same for an attribute of any type.
+    fn attribute(&self, old: &Attribute) -> Attribute {
+        match old {
+            Attribute::Number(old) => Attribute::Number(self.column(old).into()),
+            Attribute::Index(old) => Attribute::Index(self.column(old).into()),
+            Attribute::Flag(old) => Attribute::Flag(self.column(old).into()),
+            Attribute::Pair(old) => Attribute::Pair(self.column(old).into()),
+            Attribute::Vector(old) => Attribute::Vector(self.column(old).into()),
+            Attribute::Color(old) => Attribute::Color(self.column(old).into()),
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! How the faces hang together that a step of Doo and Sabin makes: by arithmetic from the mesh before, nothing is searched.
+//!
+//! New faces come in three runs: inside the old ones, with a half-edge for each old one; across the old edges, with four; around the
+//! old vertices. In the face across an edge, half-edge 0 runs along the owner's new one and half-edge 2 along the twin's, or along
+//! the border; 1 and 3 run along the faces around the ends. The first of two half-edges in this order is the owner of their edge.
+
+use maquette::memory::huge_vec;
+use maquette::value::Faces;
+use rayon::prelude::*;
+
+use super::connectivity::{Connectivity, NONE};
+
+/// What is known of the new faces.
+pub(crate) struct DualFaces<'a> {
+    pub(crate) mesh: &'a Connectivity,
+    pub(crate) faces: &'a Faces,
+    /// The old edges across which there are faces, ascending.
+    pub(crate) edges: &'a [u32],
+    /// Number of new vertices.
+    pub(crate) vertices: usize,
+}
+
+/// Half-edges that one task looks at.
+const BLOCK: usize = 1 << 14;
+
+impl DualFaces<'_> {
+    /// The half-edges of the new faces, and one from each new vertex as [`Connectivity::ring`] wants it.
+    pub(crate) fn connectivity(&self) -> (Connectivity, Vec<u32>) {
+        let Self { mesh, faces, edges, vertices } = *self;
+        let inner = mesh.corners().len();
+        let around = inner + 4 * edges.len();
+        let total = faces.corners().len();
+        // The place of the face across each old edge.
+        let mut place = vec![NONE; mesh.halves.len()];
+        (0..).zip(edges).for_each(|(own, &edge)| place[edge as usize] = own);
+        let across = |edge: u32, k: u32| match place[edge as usize] {
+            NONE => NONE,
+            own => inner as u32 + 4 * own + k,
+        };
+        let mut edge_of: Vec<u32> = huge_vec(total);
+        let mut halves: Vec<[u32; 2]> = huge_vec(inner + 3 * edges.len() + (total - around));
+        // Inside: each half-edge owns its edge.
+        let own = edge_of[..inner].par_iter_mut().zip(&mut halves[..inner]).enumerate();
+        own.with_min_len(BLOCK).for_each(|(half, (edge, halves))| {
+            let old = mesh.edge_of[half];
+            let is_owner = mesh.halves[old as usize][0] == half as u32;
+            *edge = half as u32;
+            *halves = [half as u32, across(old, if is_owner { 0 } else { 2 })];
+        });
+        // Across: two of them are owners, three at the border; their twins are found by the faces around.
+        let mut next = inner;
+        for (face, &edge) in edges.iter().enumerate() {
+            let [owner, twin] = mesh.halves[edge as usize];
+            let first = inner + 4 * face;
+            edge_of[first] = owner;
+            for k in 1..4 {
+                if k == 2 && twin != NONE {
+                    edge_of[first + 2] = twin;
+                } else {
+                    edge_of[first + k] = next as u32;
+                    halves[next] = [(first + k) as u32, NONE];
+                    next += 1;
+                }
+            }
+        }
+        // Around: those beside faces across have their owners there.
+        let mut half = around;
+        for face in mesh.faces.len() + edges.len()..faces.len() {
+            let corners = faces.face(face);
+            for (&from, &to) in corners.iter().zip(corners[1..].iter().chain(&corners[..1])) {
+                let owner = match [from, to].map(|vertex| (vertex as usize) < inner) {
+                    [true, _] => {
+                        let before = mesh.previous(from);
+                        let edge = mesh.edge_of[before as usize];
+                        let is_owner = mesh.halves[edge as usize][0] == before;
+                        across(edge, if is_owner { 3 } else { 1 })
+                    }
+                    [false, true] => across(mesh.edge_of[to as usize], 1),
+                    [false, false] => NONE,
+                };
+                if owner == NONE {
+                    edge_of[half] = next as u32;
+                    halves[next] = [half as u32, NONE];
+                    next += 1;
+                } else {
+                    edge_of[half] = edge_of[owner as usize];
+                    halves[edge_of[half] as usize][1] = half as u32;
+                }
+                half += 1;
+            }
+        }
+        halves.truncate(next);
+        let starts = starts(faces, &halves, inner, vertices);
+        (Connectivity::from_parts(faces.clone(), vertices, edge_of, halves), starts)
+    }
+}
+
+/// A half-edge from each new vertex: at the border the one along it.
+fn starts(faces: &Faces, halves: &[[u32; 2]], inner: usize, vertices: usize) -> Vec<u32> {
+    let mut starts = Vec::from_iter(0..inner as u32);
+    starts.resize(vertices, NONE);
+    if halves.par_iter().with_min_len(BLOCK).all(|[_, twin]| *twin != NONE) {
+        return starts;
+    }
+    let corners = faces.corners();
+    for (half, &vertex) in (0u32..).zip(&corners[..]).skip(inner) {
+        let start = &mut starts[vertex as usize];
+        *start = (*start).min(half);
+    }
+    for &[half, _] in halves.iter().filter(|[_, twin]| *twin == NONE) {
+        starts[corners[half as usize] as usize] = half;
+    }
+    starts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::subdivision::refine::doo_sabin::Dual;
+    use crate::subdivision::refine::topology::Topology;
+    use crate::subdivision::refine::without_border::select_faces;
+    use crate::subdivision::rules::Rules;
+    use crate::subdivision::shapes::{cube, prism, sphere, torus};
+    use crate::subdivision::{Boundary, Creases, Scheme};
+
+    #[test]
+    fn the_half_edges_are_those_of_a_search() {
+        let open = select_faces(&torus(6, 5, false), &Vec::from_iter(0..17)).unwrap();
+        let one = select_faces(&cube(), &[3]).unwrap();
+        for mesh in [cube(), prism(5), sphere(0), torus(5, 4, false), open, one] {
+            for boundary in [Boundary::EdgeAndCorner, Boundary::None] {
+                let rules =
+                    Rules { scheme: Scheme::DooSabin, boundary, creases: Creases::OpenSubdiv };
+                let (vertices, faces) = (mesh.positions().len(), mesh.faces().clone());
+                let topology = Topology { rules, vertices, faces, creases: Vec::new() };
+                let mut dual = Dual::first(&topology).unwrap();
+                for _ in 0..2 {
+                    let searched = Connectivity::new(&dual.finer, dual.n_finer()).unwrap();
+                    let (made, starts) = dual.finer_halves().unwrap();
+                    assert_eq!(made.edge_of, searched.0.edge_of, "{boundary:?} {:?}", mesh.faces());
+                    assert_eq!(made.halves, searched.0.halves);
+                    assert_eq!(starts, searched.1);
+                    dual = dual.next().unwrap();
+                }
+            }
+        }
+    }
+}

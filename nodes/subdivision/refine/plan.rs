@@ -1,0 +1,192 @@
+//! What of a subdivision depends on topology alone, and its products.
+
+use maquette::value::{Attribute, Mesh};
+use maquette::{Limit as Most, Progress};
+
+use super::live::Live;
+use super::smooth_corners::smooth_corners;
+use super::step::{LastLimit, Step};
+use super::topology::Topology;
+use super::without_border::without_border;
+use crate::subdivision::boundary::Boundary;
+use crate::subdivision::corners::Corners;
+use crate::subdivision::limit::limit_rows::Limit;
+use crate::subdivision::options::Subdivision;
+use crate::subdivision::scheme::Scheme;
+use crate::subdivision::subdivide_error::SubdivideError;
+
+/// Corners of a result: some 90 million triangles, which with their plan take about 6 GB.
+const CORNERS: Most = Most { most: 1 << 28, of: "corners", help: "choose fewer `levels`" };
+
+/// What a step comes after.
+pub(crate) enum Before<'a> {
+    Nothing(&'a Topology),
+    Step(&'a Step),
+}
+
+/// What of a subdivision depends on the topology of a mesh alone: made once, applied to every mesh of this topology.
+pub struct Plan {
+    how: Subdivision,
+    topology: Topology,
+    steps: Vec<Step>,
+    limit: Option<EndLimit>,
+}
+
+/// The limit of the last vertices.
+pub(crate) enum EndLimit {
+    Control(Limit),
+    Refined(LastLimit),
+}
+
+impl Plan {
+    /// The plan for the faces, creases and number of vertices of `mesh`.
+    ///
+    /// # Errors
+    /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
+    pub fn new(mesh: &Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
+        let step = |before: Before<'_>| match before {
+            Before::Nothing(topology) => Step::first(topology),
+            Before::Step(step) => step.next(),
+        };
+        Self::with(mesh, how, step, |before| match before {
+            Before::Nothing(topology) => Ok(EndLimit::Control(Limit::new(topology)?)),
+            Before::Step(step) => Ok(EndLimit::Refined(LastLimit::new(step)?)),
+        })
+    }
+
+    /// [`Self::new`] with parts from `step` and `limit`.
+    pub(crate) fn with<E: From<SubdivideError>>(
+        mesh: &Mesh,
+        how: Subdivision,
+        mut step: impl FnMut(Before<'_>) -> Result<Step, E>,
+        limit: impl FnOnce(Before<'_>) -> Result<EndLimit, E>,
+    ) -> Result<Self, E> {
+        check_size(mesh, how.levels)?;
+        let topology = Topology::of(mesh, how);
+        let mut steps: Vec<Step> = Vec::with_capacity(how.levels as usize);
+        for _ in 0..how.levels {
+            steps.push(step(steps.last().map_or(Before::Nothing(&topology), Before::Step))?);
+        }
+        let end = steps.last().map_or(Before::Nothing(&topology), Before::Step);
+        let limit = how.limit.then(|| limit(end)).transpose()?;
+        Ok(Self { how, topology, steps, limit })
+    }
+
+    /// Refines `mesh` as [`subdivide`](crate::subdivision::subdivide()) does.
+    ///
+    /// # Errors
+    /// If its topology is not that of the plan, or a place becomes infinite.
+    pub fn apply(&self, mesh: &Mesh) -> Result<Mesh, SubdivideError> {
+        self.apply_within(mesh, &Progress::none())
+    }
+
+    /// As [`apply`](Self::apply).
+    ///
+    /// # Errors
+    /// If its topology is not that of the plan, a place becomes infinite, or the evaluation is told to stop.
+    pub(crate) fn apply_within(
+        &self,
+        mesh: &Mesh,
+        progress: &Progress<'_>,
+    ) -> Result<Mesh, SubdivideError> {
+        let Self { how, steps, limit, .. } = self;
+        self.check(mesh)?;
+        let mut refined = apply(mesh, steps, progress)?;
+        progress.tick(0.9)?;
+        if how.corners == Corners::Smooth && how.scheme != Scheme::DooSabin && !steps.is_empty() {
+            refined = smooth_corners(mesh, *how, refined)?;
+        }
+        progress.check()?;
+        refined = match limit {
+            Some(EndLimit::Control(limit)) => limit.apply(&refined)?,
+            Some(EndLimit::Refined(limit)) => limit.apply(&refined)?,
+            None => refined,
+        };
+        progress.check()?;
+        if how.boundary == Boundary::None && how.scheme != Scheme::DooSabin {
+            refined = without_border(mesh, &ancestors(mesh, steps), &refined)?;
+        }
+        Ok(refined)
+    }
+
+    /// The vertices after the last step, which follow those of `mesh` one by one; before they go on to the limit, and before what
+    /// touches the border is left out.
+    ///
+    /// # Errors
+    /// If the topology of `mesh` is not that of the plan.
+    pub fn live(&self, mesh: &Mesh) -> Result<Live<'_>, SubdivideError> {
+        self.check(mesh)?;
+        Ok(Live::new(&self.steps, mesh.positions()))
+    }
+
+    fn check(&self, mesh: &Mesh) -> Result<(), SubdivideError> {
+        let topology = &self.topology;
+        if mesh.positions().len() == topology.vertices
+            && *mesh.faces() == topology.faces
+            && mesh.creases().eq(topology.creases.iter().copied())
+        {
+            return Ok(());
+        }
+        Err(SubdivideError::OtherTopology)
+    }
+}
+
+/// Refines the positions and attributes of a mesh step by step.
+///
+/// # Errors
+/// If a place becomes infinite, or the evaluation is told to stop.
+pub(crate) fn apply(
+    mesh: &Mesh,
+    steps: &[Step],
+    progress: &Progress<'_>,
+) -> Result<Mesh, SubdivideError> {
+    let Some((first, later)) = steps.split_first() else {
+        return Ok(mesh.clone());
+    };
+    let last = later.last().unwrap_or(first);
+    let mut positions = first.positions(mesh.positions());
+    for step in later {
+        progress.check()?;
+        positions = step.positions(&positions);
+    }
+    progress.check()?;
+    let refined = Mesh::new(positions, last.finer().clone())?;
+    progress.check()?;
+    let mut refined = refined
+        .with_creases(last.finer_creases())?
+        .with_texture(mesh.texture().cloned())
+        .with_frame(mesh.frame().copied());
+    let all = |attribute: &Attribute, carry: fn(&Step, &Attribute) -> Attribute| {
+        later.iter().try_fold(carry(first, attribute), |carried, step| {
+            progress.check()?;
+            Ok::<_, SubdivideError>(carry(step, &carried))
+        })
+    };
+    for (name, attribute) in mesh.vertex().iter().filter(|(name, _)| *name != "normal") {
+        refined = refined.with_vertex(name, all(attribute, Step::vertex_attribute)?)?;
+    }
+    for (name, attribute) in mesh.corner().iter().filter(|(name, _)| *name != "normal") {
+        refined = refined.with_corner(name, all(attribute, Step::corner_attribute)?)?;
+    }
+    if mesh.face().iter().next().is_some() {
+        let ancestors = ancestors(mesh, steps);
+        for (name, attribute) in mesh.face().iter() {
+            progress.check()?;
+            refined = refined.with_face(name, attribute.select(&ancestors))?;
+        }
+    }
+    Ok(refined)
+}
+
+/// The face of `mesh` from which each face comes that the last step makes.
+fn ancestors(mesh: &Mesh, steps: &[Step]) -> Vec<u32> {
+    let first = (0..mesh.faces().len() as u32).collect();
+    steps.iter().fold(first, |ancestors: Vec<u32>, step| {
+        step.parents().iter().map(|&parent| ancestors[parent as usize]).collect()
+    })
+}
+
+fn check_size(mesh: &Mesh, levels: u32) -> Result<(), SubdivideError> {
+    let need = mesh.faces().corners().len() as f64 * libm::exp2(2.0 * f64::from(levels));
+    Ok(CORNERS.check(format_args!("a mesh of {levels} levels more"), need)?)
+}

@@ -1,0 +1,303 @@
+//! One step of a primal scheme, Loop's or Catmull's and Clark's: what of it depends on topology alone, and its products.
+
+use std::sync::Arc;
+
+use maquette::memory::huge_vec;
+use maquette::value::Faces;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::level::{BLOCK, Level};
+use super::split::{Corners, Split, Triangles, split_faces};
+use crate::linear::mix::Mix;
+use crate::linear::stencils::Stencils;
+use crate::subdivision::Scheme;
+use crate::subdivision::masks::regular_rules::{Quads, RegularRules, ThreeSided, Walk};
+use crate::subdivision::masks::sharpness::Sharpness;
+use crate::subdivision::masks::stars::{Scratch, Stars};
+
+/// How to refine a mesh once.
+#[derive(Debug)]
+pub(crate) struct Primal {
+    /// The mesh.
+    pub(crate) level: Arc<Level>,
+    /// The new vertices at the odd ones and on the sharp edges.
+    odd_rows: Vec<u32>,
+    /// Their stencils: columns are the old vertices, then the new ones in the faces.
+    stencils: Stencils,
+    /// The refined faces.
+    pub(crate) finer: Faces,
+}
+
+impl Primal {
+    /// How to refine `level`.
+    pub(crate) fn new(level: Arc<Level>) -> Self {
+        match level.rules.scheme {
+            Scheme::Loop => Self::of(level, Triangles),
+            _ => Self::of(level, Corners),
+        }
+    }
+
+    fn of<K: RegularRules>(level: Arc<Level>, kind: K) -> Self {
+        let Level { rules, mesh, creases, odd, .. } = &*level;
+        let sharpness = Sharpness::new(mesh, *rules, creases);
+        let stars =
+            Stars { mesh, sharpness: &sharpness, rules: *rules, masks: K::Masks::default() };
+        let items = odd.len() + creases.len();
+        let (stencils, _) = Stencils::build(items, |scratch: &mut Scratch, item, rows| {
+            match odd.get(item) {
+                Some(&[vertex, start]) => stars.vertex(scratch, vertex, start, rows),
+                None => stars.edge(creases[item - odd.len()].0, rows),
+            }
+            rows.end();
+        });
+        let kept = mesh.vertices as u32;
+        let on_edges = creases.iter().map(|(edge, _)| kept + edge);
+        let odd_rows = odd.iter().map(|[vertex, _]| *vertex).chain(on_edges).collect();
+        let finer = split_faces(mesh, kind);
+        Self { level, odd_rows, stencils, finer }
+    }
+
+    /// The refined mesh.
+    pub(crate) fn next(&self) -> Level {
+        Level::after(&self.level, &self.finer)
+    }
+
+    /// Number of vertices of the refined mesh.
+    pub(crate) fn n_finer(&self) -> usize {
+        match self.level.rules.scheme {
+            Scheme::Loop => Triangles.vertices(&self.level.mesh),
+            _ => Corners.vertices(&self.level.mesh),
+        }
+    }
+
+    /// The refined creases, sorted by vertices.
+    pub(crate) fn finer_creases(&self) -> Vec<([u32; 2], f64)> {
+        let sharpness = Sharpness::new(&self.level.mesh, self.level.rules, &self.level.creases);
+        // Two new edges on each old one, told apart by a bit.
+        let refined = sharpness.refined(|edge| [2 * edge, 2 * edge + 1]);
+        let lasting = refined.into_iter().filter(|(_, sharpness)| sharpness.is_finite());
+        let by_vertices = lasting.map(|(half, sharpness)| {
+            let end = self.level.mesh.ends(half / 2)[half as usize % 2];
+            ([end, self.level.mesh.vertices as u32 + half / 2], sharpness)
+        });
+        let mut creases = Vec::from_iter(by_vertices);
+        creases.sort_unstable_by_key(|(ends, _)| *ends);
+        creases
+    }
+
+    /// The refined vertices' places.
+    pub(crate) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
+        match self.level.rules.scheme {
+            Scheme::Loop => self.refine(old, Triangles),
+            _ => self.refine(old, Corners),
+        }
+    }
+
+    fn refine(&self, old: &[Point3<f64>], kind: impl RegularRules) -> Vec<Point3<f64>> {
+        match self.level.mesh.faces.sides() {
+            Some(3) => self.refine_along(old, kind, &ThreeSided),
+            Some(4) => self.refine_along(old, kind, &Quads),
+            _ => self.refine_along(old, kind, &self.level.mesh),
+        }
+    }
+
+    fn refine_along(
+        &self,
+        old: &[Point3<f64>],
+        kind: impl RegularRules,
+        walk: &impl Walk,
+    ) -> Vec<Point3<f64>> {
+        let corners = self.level.mesh.corners();
+        let mut new: Vec<Point3<f64>> = huge_vec(self.n_finer());
+        let (kept, rest) = new.split_at_mut(old.len());
+        let (on_edges, in_faces) = rest.split_at_mut(self.level.mesh.halves.len());
+        self.centroids(old, in_faces);
+        let in_faces = &in_faces[..];
+        let blocks = on_edges.par_chunks_mut(BLOCK).zip(self.level.mesh.halves.par_chunks(BLOCK));
+        blocks.for_each(|(new, halves)| {
+            for (new, &halves) in new.iter_mut().zip(halves) {
+                *new = kind.on_edge(walk, corners, halves, old, in_faces);
+            }
+        });
+        self.level.at_regular(kept, kind, |vertex, halves| {
+            let neighbors = halves.iter().map(|&h| old[corners[walk.next(h) as usize] as usize]);
+            let faces = halves.iter().map(|&half| in_faces[walk.face(half) as usize]);
+            kind.regular(old[vertex], neighbors, faces)
+        });
+        let column = |column: u32| match old.get(column as usize) {
+            Some(point) => *point,
+            None => in_faces[column as usize - old.len()],
+        };
+        let rows = (0..self.stencils.len()).into_par_iter().with_min_len(BLOCK);
+        let odd: Vec<Point3<f64>> = rows.map(|row| self.stencils.point(row, column)).collect();
+        self.odd_rows.iter().zip(odd).for_each(|(&row, point)| new[row as usize] = point);
+        new
+    }
+
+    /// The new vertex where a half-edge starts, and a new half-edge from it.
+    pub(crate) fn at_start(&self, half: u32) -> [u32; 2] {
+        let vertex = self.level.mesh.corners()[half as usize];
+        match self.level.rules.scheme {
+            Scheme::Loop => [vertex, Triangles.first(half)],
+            _ => [vertex, Corners.first(half)],
+        }
+    }
+
+    /// The new vertex on a half-edge, and a new half-edge from it.
+    pub(crate) fn on_edge(&self, half: u32) -> [u32; 2] {
+        let mesh = &self.level.mesh;
+        let vertex = mesh.vertices as u32 + mesh.edge_of[half as usize];
+        match self.level.rules.scheme {
+            Scheme::Loop => [vertex, Triangles.second(mesh, half)],
+            _ => [vertex, Corners.second(mesh, half)],
+        }
+    }
+
+    /// The new vertex in a face, if there is one, and a new half-edge from it.
+    pub(crate) fn middle(&self, face: u32) -> Option<[u32; 2]> {
+        let mesh = &self.level.mesh;
+        let vertex = (mesh.vertices + mesh.halves.len()) as u32 + face;
+        let half = 4 * mesh.faces.first_corner(face as usize) as u32 + 2;
+        (self.level.rules.scheme == Scheme::CatmullClark).then_some([vertex, half])
+    }
+
+    /// The place of one new vertex, with the same bits as [`Self::positions`] gives it; of the new ones those in the faces around must be
+    /// there.
+    pub(crate) fn place(
+        &self,
+        vertex: u32,
+        old: &[Point3<f64>],
+        new: &[Point3<f64>],
+    ) -> Point3<f64> {
+        match self.level.rules.scheme {
+            Scheme::Loop => self.place_by(vertex, old, new, Triangles),
+            _ => self.place_by(vertex, old, new, Corners),
+        }
+    }
+
+    fn place_by<K: RegularRules>(
+        &self,
+        vertex: u32,
+        old: &[Point3<f64>],
+        new: &[Point3<f64>],
+        kind: K,
+    ) -> Point3<f64> {
+        let Level { mesh, creases, odd, .. } = &*self.level;
+        let in_faces = &new[old.len() + mesh.halves.len()..];
+        let column = |column: u32| match old.get(column as usize) {
+            Some(point) => *point,
+            None => in_faces[column as usize - old.len()],
+        };
+        let Some(born) = (vertex as usize).checked_sub(old.len()) else {
+            if let Ok(row) = odd.binary_search_by_key(&vertex, |odd| odd[0]) {
+                return self.stencils.point(row, column);
+            }
+            let halves = self.level.ring_of(vertex as usize, kind);
+            let halves = &halves[..K::VALENCE];
+            let neighbors =
+                halves.iter().map(|&h| old[mesh.corners()[mesh.next(h) as usize] as usize]);
+            let faces = halves.iter().map(|&half| in_faces[mesh.face_of(half) as usize]);
+            return kind.regular(old[vertex as usize], neighbors, faces);
+        };
+        let Some(&halves) = mesh.halves.get(born) else {
+            return centroid(&mesh.faces, born - mesh.halves.len(), old);
+        };
+        match creases.binary_search_by_key(&(born as u32), |crease| crease.0) {
+            Ok(crease) => self.stencils.point(odd.len() + crease, column),
+            Err(_) => kind.on_edge(mesh, mesh.corners(), halves, old, in_faces),
+        }
+    }
+
+    /// The centroids of the faces, as far as there is place for them.
+    fn centroids(&self, old: &[Point3<f64>], to: &mut [Point3<f64>]) {
+        let faces = &self.level.mesh.faces;
+        let at = |&corner: &u32| old[corner as usize].coords;
+        to.par_chunks_mut(BLOCK).enumerate().for_each(|(block, to)| {
+            if faces.sides() == Some(4) {
+                let quads = faces.corners()[4 * BLOCK * block..].as_chunks::<4>().0;
+                for (to, quad) in to.iter_mut().zip(quads) {
+                    let [a, b, c, d] = quad.each_ref().map(at);
+                    *to = (((a + b) + (c + d)) * 0.25).into();
+                }
+            } else {
+                (BLOCK * block..).zip(to).for_each(|(face, to)| *to = centroid(faces, face, old));
+            }
+        });
+    }
+
+    /// A column of vertex data, straight along old edges and within old faces.
+    pub(crate) fn carry_vertices<T: Mix>(&self, old: &[T]) -> Vec<T> {
+        let mut new = Vec::with_capacity(self.n_finer());
+        new.extend_from_slice(old);
+        let halves = self.level.mesh.halves.par_iter().with_min_len(BLOCK);
+        new.par_extend(halves.map(|[owner, _]| {
+            let mut ends = [*owner, self.level.mesh.next(*owner)]
+                .map(|half| self.level.mesh.corners()[half as usize]);
+            ends.sort_unstable();
+            T::mix(ends.into_iter().map(|end| (0.5, old[end as usize])))
+        }));
+        if self.level.rules.scheme == Scheme::CatmullClark {
+            let faces = (0..self.level.mesh.faces.len()).into_par_iter().with_min_len(BLOCK);
+            new.par_extend(faces.map(|face| {
+                let face = self.level.mesh.faces.face(face);
+                let weight = 1.0 / face.len() as f64;
+                T::mix(face.iter().map(|&corner| (weight, old[corner as usize])))
+            }));
+        }
+        new
+    }
+
+    /// A column of corner data, straight within old faces.
+    pub(crate) fn carry_corners<T: Mix>(&self, old: &[T]) -> Vec<T> {
+        let mean = |a: T, b: T| T::mix([(0.5, a), (0.5, b)].into_iter());
+        if self.level.rules.scheme == Scheme::Loop {
+            let triangles = old.par_chunks_exact(3).with_min_len(BLOCK);
+            return triangles
+                .flat_map_iter(|old| {
+                    let [a, b, c] = [old[0], old[1], old[2]];
+                    let [ab, bc, ca] = [mean(a, b), mean(b, c), mean(c, a)];
+                    [a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca]
+                })
+                .collect();
+        }
+        let faces = (0..self.level.mesh.faces.len()).into_par_iter().with_min_len(BLOCK);
+        faces
+            .flat_map_iter(|face| {
+                let first = self.level.mesh.faces.first_corner(face);
+                let old = &old[first..self.level.mesh.faces.first_corner(face + 1)];
+                let weight = 1.0 / old.len() as f64;
+                let middle = T::mix(old.iter().map(|&corner| (weight, corner)));
+                (0..old.len()).flat_map(move |k| {
+                    let [last, next] = [k + old.len() - 1, k + 1].map(|k| old[k % old.len()]);
+                    [old[k], mean(old[k], next), middle, mean(last, old[k])]
+                })
+            })
+            .collect()
+    }
+
+    /// The old face of each new one.
+    pub(crate) fn parents(&self) -> Vec<u32> {
+        match self.level.rules.scheme {
+            Scheme::Loop => (0..self.finer.len() as u32).map(|face| face / 4).collect(),
+            _ => (0..self.finer.len() as u32).map(|half| self.level.mesh.face_of(half)).collect(),
+        }
+    }
+
+    /// How many bytes it holds.
+    pub(crate) fn size(&self) -> usize {
+        self.level.size() + self.finer.corners().size() + self.stencils.size()
+    }
+}
+
+/// The mean of the corners of a face.
+fn centroid(faces: &Faces, face: usize, places: &[Point3<f64>]) -> Point3<f64> {
+    let face = faces.face(face);
+    let at = |&corner: &u32| places[corner as usize].coords;
+    if let [a, b, c, d] = face
+        && faces.sides() == Some(4)
+    {
+        return (((at(a) + at(b)) + (at(c) + at(d))) * 0.25).into();
+    }
+    (face.iter().map(at).sum::<Vector3<f64>>() / face.len() as f64).into()
+}

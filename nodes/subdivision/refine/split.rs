@@ -1,0 +1,313 @@
+//! The refined mesh of a primal scheme, made from its parent by arithmetic alone: nothing is searched, sorted or hashed.
+//!
+//! New vertices: the old ones in their order, then those on the edges in their order, then, with Catmull and Clark, those in the
+//! faces. Loop makes four triangles of each in its order, those at its corners 0, 1, 2 first, each beginning with its corner,
+//! then the one in the middle; Catmull and Clark make a quad at each corner in its order, which begins there. In both, the
+//! half-edge `h` is halved into two, `first(h)` and `second(h)`, at fixed places.
+//!
+//! New edges are numbered by their owners as the old ones are. Those that a face of `m` corners owns are `m` inside of it and two
+//! for each old edge that it owns; and since old edges are numbered by their owners, too, those that the faces before a face own
+//! are as many as the first edge of that face says. So each face knows where its edges are written.
+
+use maquette::memory::huge_vec;
+use maquette::value::Faces;
+use rayon::prelude::*;
+
+use super::connectivity::{Connectivity, NONE};
+
+/// Faces that one task splits: some 50 us of work.
+const BLOCK: usize = 2048;
+
+/// How a scheme cuts a face into parts.
+pub(crate) trait Split: Copy + Sync {
+    /// Half-edges from a vertex with regular surroundings.
+    const VALENCE: usize;
+
+    /// The half of `half` at its start, in the refined mesh.
+    fn first(self, half: u32) -> u32;
+
+    /// The half of `half` at its end, in the refined mesh.
+    fn second(self, mesh: &Connectivity, half: u32) -> u32;
+
+    /// The edges inside the face with these half-edges that its part at corner `k` owns: their half-edges, the owner first.
+    fn inside(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize);
+
+    /// The half-edges from the new vertex on an edge, counter-clockwise, on the side of `half`.
+    fn around_edge(self, mesh: &Connectivity, half: u32, to: &mut [u32]);
+
+    /// The corners of the refined faces, and how many each has.
+    fn faces(self, mesh: &Connectivity) -> (Vec<u32>, usize);
+
+    /// Number of vertices of the refined mesh.
+    fn vertices(self, mesh: &Connectivity) -> usize;
+}
+
+/// One triangle into four.
+#[derive(Clone, Copy)]
+pub(crate) struct Triangles;
+
+impl Split for Triangles {
+    const VALENCE: usize = 6;
+
+    #[inline]
+    fn first(self, half: u32) -> u32 {
+        3 * half + half / 3 * 3
+    }
+
+    #[inline]
+    fn second(self, _: &Connectivity, half: u32) -> u32 {
+        let (face, k) = (half / 3, half % 3);
+        12 * face + if k == 2 { 2 } else { 3 * k + 5 }
+    }
+
+    #[inline]
+    fn inside(self, first: u32, _: u32, k: u32) -> ([[u32; 2]; 2], usize) {
+        let edge = [4 * first + 3 * k + 1, 4 * first + 9 + (k + 2) % 3];
+        ([edge, edge], 1)
+    }
+
+    #[inline]
+    fn around_edge(self, mesh: &Connectivity, half: u32, to: &mut [u32]) {
+        let middle = 12 * (half / 3) + 9 + half % 3;
+        to.copy_from_slice(&[self.second(mesh, half), middle, self.first(half) + 1]);
+    }
+
+    fn faces(self, mesh: &Connectivity) -> (Vec<u32>, usize) {
+        let kept = mesh.vertices as u32;
+        let (old, edges) = (mesh.corners(), &mesh.edge_of[..]);
+        let mut new: Vec<u32> = huge_vec(4 * old.len());
+        let blocks = new.par_chunks_mut(12 * BLOCK);
+        blocks.zip(old.par_chunks(3 * BLOCK).zip(edges.par_chunks(3 * BLOCK))).for_each(
+            |(new, (old, edges))| {
+                let old = old.as_chunks::<3>().0.iter().zip(edges.as_chunks::<3>().0);
+                for (new, (&[a, b, c], edges)) in new.as_chunks_mut::<12>().0.iter_mut().zip(old) {
+                    let [ab, bc, ca] = edges.map(|edge| kept + edge);
+                    *new = [a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca];
+                }
+            },
+        );
+        (new, 3)
+    }
+
+    fn vertices(self, mesh: &Connectivity) -> usize {
+        mesh.vertices + mesh.halves.len()
+    }
+}
+
+/// A polygon into a quad at each corner.
+#[derive(Clone, Copy)]
+pub(crate) struct Corners;
+
+impl Split for Corners {
+    const VALENCE: usize = 4;
+
+    #[inline]
+    fn first(self, half: u32) -> u32 {
+        4 * half
+    }
+
+    #[inline]
+    fn second(self, mesh: &Connectivity, half: u32) -> u32 {
+        4 * mesh.next(half) + 3
+    }
+
+    #[inline]
+    fn inside(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize) {
+        let quad = |k: u32| 4 * (first + k);
+        let last = [quad(0) + 2, quad(sides - 1) + 1];
+        match sides - k {
+            1 => ([last, last], 0),
+            _ => ([[quad(k) + 1, quad(k + 1) + 2], last], if k == 0 { 2 } else { 1 }),
+        }
+    }
+
+    #[inline]
+    fn around_edge(self, mesh: &Connectivity, half: u32, to: &mut [u32]) {
+        to.copy_from_slice(&[self.second(mesh, half), 4 * half + 1]);
+    }
+
+    fn faces(self, mesh: &Connectivity) -> (Vec<u32>, usize) {
+        let (kept, middle) = (mesh.vertices as u32, (mesh.vertices + mesh.halves.len()) as u32);
+        let (old, edges) = (mesh.corners(), &mesh.edge_of[..]);
+        let mut new: Vec<u32> = huge_vec(4 * old.len());
+        let blocks = new.par_chunks_mut(16 * BLOCK).enumerate();
+        blocks.for_each(|(block, new)| {
+            let quads = new.as_chunks_mut::<4>().0.iter_mut();
+            if mesh.faces.sides() == Some(4) {
+                quads.enumerate().for_each(|(k, quad)| {
+                    let half = 4 * BLOCK * block + k;
+                    let previous = half & !3 | half.wrapping_sub(1) & 3;
+                    let face = middle + (half / 4) as u32;
+                    *quad = [old[half], kept + edges[half], face, kept + edges[previous]];
+                });
+            } else {
+                quads.enumerate().for_each(|(k, quad)| {
+                    let half = 4 * BLOCK * block + k;
+                    let previous = mesh.previous(half as u32) as usize;
+                    let face = middle + mesh.face_of(half as u32);
+                    *quad = [old[half], kept + edges[half], face, kept + edges[previous]];
+                });
+            }
+        });
+        (new, 4)
+    }
+
+    fn vertices(self, mesh: &Connectivity) -> usize {
+        mesh.vertices + mesh.halves.len() + mesh.faces.len()
+    }
+}
+
+/// The refined faces.
+pub(crate) fn split_faces(mesh: &Connectivity, split: impl Split) -> Faces {
+    let (corners, sides) = split.faces(mesh);
+    Faces::uniform(sides, corners).expect("as many corners as their faces have")
+}
+
+/// What one task makes: the parts of some neighboring faces.
+struct Part<'a, 'b> {
+    /// The first face, and the one behind the last.
+    faces: [usize; 2],
+    /// The first edge that they own.
+    first_edge: u32,
+    /// The first half-edge and the first edge of their parts.
+    first_half: u32,
+    first_new: u32,
+    /// How many new edges have their numbers.
+    numbered: u32,
+    /// The new edge of each new half-edge.
+    edge_of: &'a mut [u32],
+    /// The half-edges of each new edge.
+    halves: &'a mut [[u32; 2]],
+    /// The two new edges on each old one.
+    children: &'b mut [[u32; 2]],
+}
+
+/// The half-edges of the refined `faces`, and the two new edges on each old one, the one at its owner's start first.
+pub(crate) fn split_halves(
+    mesh: &Connectivity,
+    faces: Faces,
+    split: impl Split,
+) -> (Connectivity, Vec<[u32; 2]>) {
+    let (n_halves, n_edges) = (mesh.corners().len(), mesh.halves.len());
+    let mut edge_of: Vec<u32> = huge_vec(4 * n_halves);
+    let mut halves: Vec<[u32; 2]> = huge_vec(n_halves + 2 * n_edges);
+    let mut children: Vec<[u32; 2]> = huge_vec(n_edges);
+    let starts = block_starts(mesh);
+    let mut parts = Vec::with_capacity(starts.len());
+    let (mut rest, mut rest_of_halves, mut rest_of_children) =
+        (&mut edge_of[..], &mut halves[..], &mut children[..]);
+    for pair in starts.windows(2) {
+        let [from, to] = [pair[0], pair[1]];
+        let (corners, edges) = (to.corner - from.corner, to.edge - from.edge);
+        let part = Part {
+            faces: [from.face, to.face],
+            first_edge: from.edge as u32,
+            first_half: 4 * from.corner as u32,
+            first_new: (from.corner + 2 * from.edge) as u32,
+            numbered: 0,
+            edge_of: rest.split_off_mut(..4 * corners).expect("four for each corner"),
+            halves: rest_of_halves.split_off_mut(..corners + 2 * edges).expect("as counted"),
+            children: rest_of_children.split_off_mut(..edges).expect("as counted"),
+        };
+        parts.push(part);
+    }
+    parts.par_iter_mut().for_each(|part| part.number(mesh, split));
+    let edges_of_parts: Vec<_> =
+        parts.into_iter().map(|part| (part.faces, part.first_edge, part.edge_of)).collect();
+    edges_of_parts.into_par_iter().for_each(|(faces, first_edge, edge_of)| {
+        adopt(mesh, split, faces, first_edge, edge_of, &children);
+    });
+    (Connectivity::from_parts(faces, split.vertices(mesh), edge_of, halves), children)
+}
+
+/// Where a block of faces starts.
+#[derive(Clone, Copy)]
+struct Start {
+    face: usize,
+    corner: usize,
+    /// The number of edges that the faces before own.
+    edge: usize,
+}
+
+fn block_starts(mesh: &Connectivity) -> Vec<Start> {
+    let n_faces = mesh.faces.len();
+    let faces = (0..n_faces).step_by(BLOCK).chain([n_faces]);
+    faces
+        .map(|face| {
+            let corner = mesh.faces.first_corner(face);
+            let edge = mesh.halves.partition_point(|[owner, _]| (*owner as usize) < corner);
+            Start { face, corner, edge }
+        })
+        .collect()
+}
+
+impl Part<'_, '_> {
+    /// Numbers the edges that these faces own.
+    fn number(&mut self, mesh: &Connectivity, split: impl Split) {
+        let mut owned = self.first_edge;
+        for face in self.faces[0]..self.faces[1] {
+            let first = mesh.faces.first_corner(face) as u32;
+            let sides = mesh.faces.first_corner(face + 1) as u32 - first;
+            let owned_before = owned;
+            for k in 0..sides {
+                let half = first + k;
+                let previous = if k == 0 { first + sides - 1 } else { half - 1 };
+                let old = mesh.edge_of[half as usize];
+                if old >= owned_before {
+                    let twin = mesh.halves[old as usize][1];
+                    let twin = if twin == NONE { NONE } else { split.second(mesh, twin) };
+                    let new = self.add(split.first(half), twin);
+                    self.children[(old - self.first_edge) as usize][0] = new;
+                    owned += 1;
+                }
+                let (inside, count) = split.inside(first, sides, k);
+                for &[owner, twin] in &inside[..count] {
+                    let new = self.add(owner, twin);
+                    self.edge_of[(twin - self.first_half) as usize] = new;
+                }
+                let old = mesh.edge_of[previous as usize];
+                if old >= owned_before {
+                    let twin = mesh.halves[old as usize][1];
+                    let twin = if twin == NONE { NONE } else { split.first(twin) };
+                    let new = self.add(split.second(mesh, previous), twin);
+                    self.children[(old - self.first_edge) as usize][1] = new;
+                }
+            }
+        }
+    }
+
+    /// Gives the next number to the edge with these half-edges.
+    fn add(&mut self, owner: u32, twin: u32) -> u32 {
+        self.edge_of[(owner - self.first_half) as usize] = self.first_new + self.numbered;
+        self.halves[self.numbered as usize] = [owner, twin];
+        self.numbered += 1;
+        self.first_new + self.numbered - 1
+    }
+}
+
+/// Completes the new edges of some faces by those on the old edges that other faces own.
+fn adopt(
+    mesh: &Connectivity,
+    split: impl Split,
+    faces: [usize; 2],
+    first_edge: u32,
+    edge_of: &mut [u32],
+    children: &[[u32; 2]],
+) {
+    let first_half = 4 * mesh.faces.first_corner(faces[0]) as u32;
+    let mut owned = first_edge;
+    for face in faces[0]..faces[1] {
+        let owned_before = owned;
+        for half in mesh.faces.first_corner(face)..mesh.faces.first_corner(face + 1) {
+            let old = mesh.edge_of[half];
+            if old >= owned_before {
+                owned += 1;
+                continue;
+            }
+            let [at_start, at_end] = children[old as usize];
+            let [first, second] = [split.first(half as u32), split.second(mesh, half as u32)];
+            edge_of[(first - first_half) as usize] = at_end;
+            edge_of[(second - first_half) as usize] = at_start;
+        }
+    }
+}

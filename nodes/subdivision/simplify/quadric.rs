@@ -1,0 +1,82 @@
+//! The squared distance from a set of weighted planes, as a function of a place.
+//!
+//! Garland and Heckbert, "Surface simplification using quadric error metrics" (1997).
+
+use std::ops::{Add, AddAssign};
+
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+
+/// `E(x) = x^T A x - 2 b . x + c`, the sum of `weight (n . x - d)^2` over some planes.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Quadric {
+    a: Matrix3<f64>,
+    b: Vector3<f64>,
+    c: f64,
+}
+
+/// Above this condition of its matrix a quadric has no lowest place that means anything: all planes nearly share a line.
+const MOST_CONDITION: f64 = 1e8;
+
+impl Quadric {
+    /// The plane through `point` with the unit normal `normal`.
+    pub(crate) fn plane(normal: Vector3<f64>, point: Vector3<f64>, weight: f64) -> Self {
+        let distance = normal.dot(&point);
+        Self {
+            a: normal * normal.transpose() * weight,
+            b: normal * (distance * weight),
+            c: distance * distance * weight,
+        }
+    }
+
+    /// The error at a place; not below 0.
+    pub(crate) fn at(&self, x: Vector3<f64>) -> f64 {
+        (x.dot(&(self.a * x)) - 2.0 * self.b.dot(&x) + self.c).max(0.0)
+    }
+
+    /// The place of the least error, if the planes determine one.
+    pub(crate) fn lowest(&self) -> Option<Point3<f64>> {
+        let sizes = SymmetricEigen::new(self.a).eigenvalues;
+        let determined = sizes.max() < MOST_CONDITION * sizes.min();
+        let place = self.a.try_inverse().filter(|_| determined)? * self.b;
+        place.iter().all(|x| x.is_finite()).then(|| place.into())
+    }
+}
+
+impl Add for Quadric {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { a: self.a + other.a, b: self.b + other.b, c: self.c + other.c }
+    }
+}
+
+impl AddAssign for Quadric {
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_planes_meet_where_the_error_is_zero() {
+        let at = Vector3::new(1.0, -2.0, 3.0);
+        let planes = [Vector3::x(), Vector3::y(), Vector3::new(0.6, 0.0, 0.8)];
+        let quadric =
+            planes.map(|normal| Quadric::plane(normal, at, 2.0)).into_iter().reduce(Add::add);
+        let quadric = quadric.unwrap();
+        assert!((quadric.lowest().unwrap().coords - at).norm() < 1e-12);
+        assert!(quadric.at(at) < 1e-12);
+        assert!((quadric.at(at + Vector3::y() * 0.5) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn planes_that_share_a_line_have_no_lowest_place() {
+        let quadric = Quadric::plane(Vector3::x(), Vector3::zeros(), 1.0)
+            + Quadric::plane(Vector3::y(), Vector3::zeros(), 1.0);
+        assert!(quadric.lowest().is_none());
+        assert_eq!(quadric.at(Vector3::z() * 7.0), 0.0);
+    }
+}

@@ -1,0 +1,265 @@
+//! A face with the faces around it, near borders and creases, too: as a small mesh, which is refined as any other.
+//!
+//! A piece all of whose corners are regular, or lie on a straight run of border or crease, is a B-spline or box spline patch, whose
+//! control points beyond a border are mirrored ones.
+
+use maquette::value::Faces;
+use nalgebra::{Point3, Vector3};
+
+use super::limit_point::LimitPoint;
+use super::patches::{Jet, bicubic, quartic};
+use crate::linear::stencils::Stencils;
+use crate::subdivision::Scheme;
+use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
+use crate::subdivision::masks::loop_masks::LoopMasks;
+use crate::subdivision::masks::sharpness::{Class, Edges, Sharpness};
+use crate::subdivision::masks::stars::{Masks, Scratch, Stars};
+use crate::subdivision::refine::connectivity::{Connectivity, Ring};
+use crate::subdivision::refine::level::Level;
+use crate::subdivision::refine::primal::Primal;
+use crate::subdivision::rules::Rules;
+
+/// A face with the faces around it.
+pub(crate) struct Piece {
+    mesh: Connectivity,
+    creases: Vec<(u32, f64)>,
+    points: Vec<Point3<f64>>,
+    face: u32,
+}
+
+impl Piece {
+    /// That of a face of a larger mesh.
+    pub(crate) fn around(
+        whole: &Connectivity,
+        creases: &[(u32, f64)],
+        points: &[Point3<f64>],
+        face: u32,
+    ) -> Self {
+        let mut ring = Ring::default();
+        let mut faces: Vec<u32> = Vec::new();
+        for half in whole.halves_around(face) {
+            whole.ring(whole.first(half), &mut ring);
+            faces.extend(ring.halves.iter().map(|&half| whole.face_of(half)));
+        }
+        faces.sort_unstable();
+        faces.dedup();
+        let halves: Vec<u32> = faces.iter().flat_map(|&face| whole.halves_around(face)).collect();
+        let mut vertices: Vec<u32> =
+            halves.iter().map(|&half| whole.corners()[half as usize]).collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        let local = |half: &u32| {
+            let vertex = whole.corners()[*half as usize];
+            vertices.partition_point(|&other| other < vertex) as u32
+        };
+        let sides = whole.faces.sides().expect("one step makes all faces alike");
+        let faces_here = Faces::uniform(sides, halves.iter().map(local).collect::<Vec<_>>());
+        let mesh = Connectivity::unchecked(
+            &faces_here.expect("as many corners as counted"),
+            vertices.len(),
+        );
+        let mut creases_here: Vec<(u32, f64)> = Vec::new();
+        for (half, &edge) in halves.iter().zip(&mesh.edge_of) {
+            let old = whole.edge_of[*half as usize];
+            if let Ok(place) = creases.binary_search_by_key(&old, |crease| crease.0) {
+                creases_here.push((edge, creases[place].1));
+            }
+        }
+        creases_here.sort_unstable_by_key(|crease| crease.0);
+        creases_here.dedup_by_key(|crease| crease.0);
+        let points = vertices.iter().map(|&vertex| points[vertex as usize]).collect();
+        let face = faces.partition_point(|&other| other < face) as u32;
+        Self { mesh, creases: creases_here, points, face }
+    }
+
+    /// What lies around a part of the face after one step.
+    pub(crate) fn refined(self, rules: Rules, part: usize) -> Self {
+        let level = Level::piece(rules, self.mesh, self.creases);
+        let first = level.mesh.faces.first_corner(self.face as usize);
+        let face = match rules.scheme {
+            Scheme::Loop => 4 * self.face as usize + part,
+            _ => first + part,
+        };
+        let step = Primal::new(level.into());
+        let points = step.positions(&self.points);
+        let finer = step.next();
+        Self::around(&finer.mesh, &finer.creases, &points, face as u32)
+    }
+
+    /// The surface at a place of the face, if this is regular.
+    pub(crate) fn regular(&self, rules: Rules, [u, v]: [f64; 2]) -> Option<Jet> {
+        let sharpness = Sharpness::new(&self.mesh, rules, &self.creases);
+        match rules.scheme {
+            Scheme::Loop => {
+                let [h, i, j] = std::array::from_fn(|k| 3 * self.face + k as u32);
+                let rings = [
+                    self.triangles_around(&sharpness, h)?,
+                    self.triangles_around(&sharpness, i)?,
+                    self.triangles_around(&sharpness, j)?,
+                ];
+                Some(quartic(&[h, i, j].map(|half| self.at(half)), &rings, u, v))
+            }
+            _ => {
+                let halves: [u32; 4] = std::array::from_fn(|k| 4 * self.face + k as u32);
+                let is_regular = |&half: &u32| self.is_regular_corner(&sharpness, half);
+                halves.iter().all(is_regular).then(|| bicubic(&self.net(&sharpness, halves), u, v))
+            }
+        }
+    }
+
+    fn at(&self, half: u32) -> Vector3<f64> {
+        self.points[self.mesh.corners()[half as usize] as usize].coords
+    }
+
+    /// The ring around the vertex from which a half-edge of the face runs, how sharp its edges are, the class of the vertex, and
+    /// the place of the half-edge.
+    fn star(&self, sharpness: &Sharpness<'_>, half: u32) -> (Ring, Edges, Class, usize) {
+        let (mut ring, mut edges) = (Ring::default(), Edges::default());
+        self.mesh.ring(self.mesh.first(half), &mut ring);
+        sharpness.around(self.mesh.corners()[half as usize], &ring, &mut edges);
+        let class = sharpness.class(&ring, &edges.before);
+        let place = ring.halves.iter().position(|&other| other == half).unwrap_or_default();
+        (ring, edges, class, place)
+    }
+
+    /// Whether the quad's corner at a half-edge is smooth amid four quads; or on a crease that lasts, with two quads on this
+    /// side; or a corner with both edges of the quad sharp.
+    fn is_regular_corner(&self, sharpness: &Sharpness<'_>, half: u32) -> bool {
+        let (ring, edges, class, place) = self.star(sharpness, half);
+        let n = ring.edges.len();
+        let softens = edges.before.iter().any(|&s| s > 0.0 && s < FOREVER);
+        let is_sharp = |place: usize| edges.before[place % n] > 0.0;
+        match class {
+            Class::Smooth => n == 4 && !edges.before.iter().any(|&s| s > 0.0),
+            Class::Crease(first, second) => {
+                let inside = (first..second).contains(&place);
+                let q = if inside { second - first } else { n - (second - first) };
+                q == 2 && !softens
+            }
+            Class::Corner => is_sharp(place) && is_sharp(place + 1) && !softens,
+        }
+    }
+
+    /// The control points of the quad's patch.
+    fn net(&self, sharpness: &Sharpness<'_>, halves: [u32; 4]) -> [[Vector3<f64>; 4]; 4] {
+        let mesh = &self.mesh;
+        let mut net = [[Vector3::zeros(); 4]; 4];
+        // Corner k of the quad, and the steps along the side after it and out of the quad across this side.
+        let sides: [([i32; 2], [i32; 2], [i32; 2]); 4] = [
+            ([1, 1], [1, 0], [0, -1]),
+            ([2, 1], [0, 1], [1, 0]),
+            ([2, 2], [-1, 0], [0, 1]),
+            ([1, 2], [0, -1], [-1, 0]),
+        ];
+        let is_sharp = halves.map(|half| sharpness.of(mesh.edge_of[half as usize]) > 0.0);
+        for (&half, (corner, _, _)) in halves.iter().zip(sides) {
+            *get(&mut net, corner) = self.at(half);
+        }
+        for (k, (corner, along, out)) in sides.into_iter().enumerate() {
+            let ends = [corner, add(corner, along)];
+            if is_sharp[k] {
+                for end in ends {
+                    let inner = add(end, [-out[0], -out[1]]);
+                    *get(&mut net, add(end, out)) =
+                        *get(&mut net, end) * 2.0 - *get(&mut net, inner);
+                }
+            } else {
+                let next = mesh.next(mesh.twin(halves[k]));
+                *get(&mut net, add(ends[0], out)) = self.at(mesh.next(next));
+                *get(&mut net, add(ends[1], out)) = self.at(mesh.next(mesh.next(next)));
+            }
+        }
+        for (k, (corner, along, out)) in sides.into_iter().enumerate() {
+            let far = add(add(corner, out), [-along[0], -along[1]]);
+            let before = (k + 3) % 4;
+            *get(&mut net, far) = if is_sharp[k] {
+                let [on, inner] = [0, 1].map(|s| add(far, [-out[0] * (1 + s), -out[1] * (1 + s)]));
+                *get(&mut net, on) * 2.0 - *get(&mut net, inner)
+            } else if is_sharp[before] {
+                let [on, inner] =
+                    [0, 1].map(|s| add(far, [along[0] * (1 + s), along[1] * (1 + s)]));
+                *get(&mut net, on) * 2.0 - *get(&mut net, inner)
+            } else {
+                let beyond = mesh.twin(mesh.next(mesh.twin(halves[k])));
+                self.at(mesh.previous(beyond))
+            };
+        }
+        net
+    }
+
+    /// The six points around the triangle's corner at a half-edge, from its other end on; mirrored ones beyond a crease. None if
+    /// the corner is not regular.
+    fn triangles_around(&self, sharpness: &Sharpness<'_>, half: u32) -> Option<[Vector3<f64>; 6]> {
+        let (ring, edges, class, place) = self.star(sharpness, half);
+        let n = ring.edges.len();
+        let at = |place: usize| self.points[ring.neighbors[place % n] as usize].coords;
+        if edges.before.iter().any(|&s| s > 0.0 && s < FOREVER) {
+            return None;
+        }
+        match class {
+            Class::Smooth if n == 6 && edges.before.iter().all(|&s| s == 0.0) => {
+                Some(std::array::from_fn(|k| at(place + k)))
+            }
+            Class::Crease(first, second) => {
+                let inside = (first..second).contains(&place);
+                let (start, q) =
+                    if inside { (first, second - first) } else { (second, n - (second - first)) };
+                if q != 3 {
+                    return None;
+                }
+                let own = self.at(half);
+                let side: [Vector3<f64>; 4] = std::array::from_fn(|k| at(start + k));
+                let mirrored = [own + side[3] - side[2], own + side[0] - side[1]];
+                let around: [Vector3<f64>; 6] =
+                    std::array::from_fn(|k| if k < 4 { side[k] } else { mirrored[k - 4] });
+                let turn = (place + n - start) % n;
+                Some(std::array::from_fn(|k| around[(turn + k) % 6]))
+            }
+            _ => None,
+        }
+    }
+
+    /// The limit of a corner of the face, and its tangents on this side.
+    pub(crate) fn corner(&self, rules: Rules, corner: usize) -> LimitPoint {
+        match rules.scheme {
+            Scheme::Loop => self.masked(rules, corner, LoopMasks),
+            _ => self.masked(rules, corner, CatmullClarkMasks),
+        }
+    }
+
+    fn masked(&self, rules: Rules, corner: usize, masks: impl Masks) -> LimitPoint {
+        let sharpness = Sharpness::new(&self.mesh, rules, &self.creases);
+        let half = self.mesh.faces.first_corner(self.face as usize) as u32 + corner as u32;
+        let (_, edges, _, place) = self.star(&sharpness, half);
+        let (vertex, start) = (self.mesh.corners()[half as usize], self.mesh.first(half));
+        let stars = Stars { mesh: &self.mesh, sharpness: &sharpness, rules, masks };
+        let (rows, _) = Stencils::build(1, |scratch: &mut Scratch, _, rows| {
+            stars.limit(scratch, vertex, start, rows);
+            rows.end();
+            stars.tangents(scratch, vertex, start, rows);
+        });
+        let at = |row: usize| {
+            rows.point(row.min(rows.len() - 1), |column| self.points[column as usize]).coords
+        };
+        // The sides begin at the sharp edges; what comes before the first one belongs to the last.
+        let sides = (rows.len() - 1) / 2;
+        let before = edges.before[..=place].iter().filter(|&&s| s > 0.0).count();
+        let side = (before + sides).saturating_sub(1) % sides.max(1);
+        LimitPoint {
+            point: at(0).into(),
+            first: [at(1 + 2 * side), at(2 + 2 * side)],
+            second: None,
+        }
+    }
+}
+
+/// Edges at least this sharp stay so.
+const FOREVER: f64 = 10.0;
+
+fn add(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
+fn get(net: &mut [[Vector3<f64>; 4]; 4], at: [i32; 2]) -> &mut Vector3<f64> {
+    &mut net[at[0] as usize][at[1] as usize]
+}

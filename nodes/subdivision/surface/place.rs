@@ -1,0 +1,96 @@
+//! Places in the parts of faces.
+
+use super::limit_point::LimitPoint;
+use super::patches::Jet;
+use crate::subdivision::Scheme;
+
+/// A place in a part of a face, and how the part lies in the face.
+pub(crate) struct Place {
+    pub(crate) at: [f64; 2],
+    /// The derivatives of both coordinates by `u` and `v`.
+    turn: [[f64; 2]; 2],
+}
+
+impl Place {
+    pub(crate) fn new(u: f64, v: f64) -> Self {
+        Self { at: [u, v], turn: [[1.0, 0.0], [0.0, 1.0]] }
+    }
+
+    /// Goes to the quarter of a quad that it lies in.
+    pub(crate) fn halve_quad(&mut self) -> usize {
+        let [u, v] = self.at.map(|x| x.clamp(0.0, 1.0));
+        let (corner, at, turn) = match (u > 0.5, v > 0.5) {
+            (false, false) => (0, [u, v], [[1.0, 0.0], [0.0, 1.0]]),
+            (true, false) => (1, [v, 1.0 - u], [[0.0, 1.0], [-1.0, 0.0]]),
+            (true, true) => (2, [1.0 - u, 1.0 - v], [[-1.0, 0.0], [0.0, -1.0]]),
+            (false, true) => (3, [1.0 - v, u], [[0.0, -1.0], [1.0, 0.0]]),
+        };
+        self.go(at.map(|x| 2.0 * x), turn);
+        corner
+    }
+
+    /// Goes to the quarter of a triangle that it lies in.
+    pub(crate) fn halve_triangle(&mut self) -> usize {
+        let [u, v] = self.at.map(|x| x.max(0.0));
+        let over = f64::max(u + v, 1.0);
+        let [u, v] = [u / over, v / over];
+        let rest = 1.0 - u - v;
+        let (part, at, turn) = if rest >= 0.5 {
+            (0, [2.0 * u, 2.0 * v], [[1.0, 0.0], [0.0, 1.0]])
+        } else if u >= 0.5 {
+            (1, [2.0 * v, 2.0 * rest], [[0.0, 1.0], [-1.0, -1.0]])
+        } else if v >= 0.5 {
+            (2, [2.0 * rest, 2.0 * u], [[-1.0, -1.0], [1.0, 0.0]])
+        } else {
+            (3, [1.0 - 2.0 * rest, 1.0 - 2.0 * u], [[1.0, 1.0], [-1.0, 0.0]])
+        };
+        self.go(at.map(|x| x.max(0.0)), turn);
+        part
+    }
+
+    fn go(&mut self, at: [f64; 2], turn: [[f64; 2]; 2]) {
+        let old = self.turn;
+        self.at = at;
+        self.turn = turn.map(|[a, b]| [0, 1].map(|k| 2.0 * (a * old[0][k] + b * old[1][k])));
+    }
+
+    /// Goes to the quad at a corner of a polygon.
+    pub(crate) fn corner(&mut self, sides: usize) -> usize {
+        let [u, v] = self.at;
+        let corner = u.floor().clamp(0.0, (sides - 1) as f64);
+        self.at = [(u - corner).clamp(0.0, 1.0), v.clamp(0.0, 1.0)];
+        corner as usize
+    }
+
+    fn corners(scheme: Scheme) -> &'static [[f64; 2]] {
+        match scheme {
+            Scheme::Loop => &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+            _ => &[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
+        }
+    }
+
+    pub(crate) fn is_corner(&self, scheme: Scheme) -> Option<usize> {
+        Self::corners(scheme).iter().position(|corner| *corner == self.at)
+    }
+
+    pub(crate) fn nearest_corner(&self, scheme: Scheme) -> usize {
+        let distance = |[x, y]: [f64; 2]| (x - self.at[0]).abs() + (y - self.at[1]).abs();
+        let corners = Self::corners(scheme).iter().enumerate();
+        let nearest = corners.min_by(|a, b| distance(*a.1).total_cmp(&distance(*b.1)));
+        nearest.map_or(0, |(corner, _)| corner)
+    }
+
+    /// The jet by the coordinates of the face.
+    pub(crate) fn point(&self, jet: Jet) -> LimitPoint {
+        let [s, s_a, s_b, s_aa, s_ab, s_bb] = jet;
+        let [a, b] = self.turn;
+        let second = |k: usize, l: usize| {
+            s_aa * (a[k] * a[l]) + s_ab * (a[k] * b[l] + a[l] * b[k]) + s_bb * (b[k] * b[l])
+        };
+        LimitPoint {
+            point: s.into(),
+            first: [0, 1].map(|k| s_a * a[k] + s_b * b[k]),
+            second: Some([second(0, 0), second(0, 1), second(1, 1)]),
+        }
+    }
+}

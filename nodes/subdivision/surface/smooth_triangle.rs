@@ -1,0 +1,187 @@
+//! A triangle without creases around it, whose first corner may have any number of neighbors: the limit of Loop's scheme anywhere on it.
+//!
+//! Refinement makes four triangles of it, three of them regular and the one at the first corner like the whole. What lies around
+//! it is so little, and so much the same in every step, that plain arithmetic on lists of fixed places does it: no mesh is made.
+//!
+//! ```text
+//!       beyond[3] -- beyond[2]         ring: around the first corner, counter-clockwise from the second corner on
+//!        /    \     /     \            beyond: around the second and third corner, counter-clockwise, what is not in the ring
+//! beyond[4] -- ring[1] -- beyond[1]
+//!    \        /   \        /   \
+//!     ring[2] --  own -- ring[0] -- beyond[0]
+//!          \     /   \     /
+//!          ...      ring[n - 1]
+//! ```
+
+use nalgebra::{Point3, Vector3};
+
+use super::patches::{Jet, quartic};
+use crate::subdivision::masks::loop_masks::LoopMasks;
+use crate::subdivision::masks::stars::Masks;
+use crate::subdivision::refine::connectivity::Connectivity;
+
+/// Most neighbors of the first corner.
+pub(crate) const MOST: usize = 16;
+
+/// Steps that bring a place as near to a corner as its coordinates can tell.
+const DEEPEST: usize = 40;
+
+/// A triangle and what lies around it.
+#[derive(Clone)]
+pub(crate) struct SmoothTriangle {
+    own: Vector3<f64>,
+    ring: [Vector3<f64>; MOST],
+    beyond: [Vector3<f64>; 5],
+    n: usize,
+}
+
+/// Three corners and what lies around each, from the next corner on.
+type Regular = ([Vector3<f64>; 3], [[Vector3<f64>; 6]; 3]);
+
+impl SmoothTriangle {
+    /// The triangle in which `half` runs from the first corner, which has `n` neighbors, 3 at least; the others have six.
+    pub(crate) fn around(mesh: &Connectivity, points: &[Point3<f64>], half: u32, n: usize) -> Self {
+        let corners = mesh.corners();
+        let at = |half: u32| points[corners[half as usize] as usize].coords;
+        let turned = |half: u32| mesh.twin(mesh.previous(half));
+        let end = |half: u32| at(mesh.next(half));
+        let zero = Vector3::zeros();
+        let (mut ring, mut beyond) = ([zero; MOST], [zero; 5]);
+        let mut spoke = half;
+        for place in &mut ring[..n] {
+            *place = end(spoke);
+            spoke = turned(spoke);
+        }
+        // From the second corner: to the third, the first, the last of the ring, and then beyond it.
+        let mut spoke = turned(turned(turned(mesh.next(half))));
+        for place in &mut beyond[..3] {
+            *place = end(spoke);
+            spoke = turned(spoke);
+        }
+        // From the third one: to the first, the second, and what lies across.
+        let mut spoke = turned(turned(turned(mesh.previous(half))));
+        for place in &mut beyond[3..] {
+            *place = end(spoke);
+            spoke = turned(spoke);
+        }
+        Self { own: at(half), ring, beyond, n }
+    }
+
+    /// The surface at `(u, v)`, where the corners are `(0, 0)`, `(1, 0)`, `(0, 1)`; none too near to an irregular corner.
+    pub(crate) fn jet(&self, u: f64, v: f64) -> Option<Jet> {
+        if self.n == 6 {
+            let (corners, rings) = self.regular();
+            return Some(quartic(&corners, &rings, u, v));
+        }
+        let (mut u, mut v, mut scale) = (2.0 * u, 2.0 * v, 2.0);
+        let mut piece = self.clone();
+        for _ in 0..DEEPEST {
+            if u + v > 1.0 {
+                let (part, [u, v], turn) = match (u >= 1.0, v >= 1.0) {
+                    (true, _) => (Part::Second, [u - 1.0, v], 1.0),
+                    (_, true) => (Part::Third, [u, v - 1.0], 1.0),
+                    _ => (Part::Middle, [1.0 - u, 1.0 - v], -1.0),
+                };
+                let (corners, rings) = piece.part(part);
+                return Some(scaled(quartic(&corners, &rings, u, v), turn * scale));
+            }
+            piece = piece.at_first();
+            (u, v, scale) = (2.0 * u, 2.0 * v, 2.0 * scale);
+        }
+        None
+    }
+
+    fn regular(&self) -> Regular {
+        let Self { own: a, ring, beyond, .. } = self;
+        let [b, c, ca, a_c, a_b, ab] = [0, 1, 2, 3, 4, 5].map(|k| ring[k]);
+        let [b_a, b_c, bc, c_b, c_a] = *beyond;
+        (
+            [*a, b, c],
+            [[b, c, ca, a_c, a_b, ab], [c, *a, ab, b_a, b_c, bc], [*a, b, bc, c_b, c_a, ca]],
+        )
+    }
+
+    /// The new vertex on the edge from the first corner to place `j` of the ring.
+    fn on_spoke(&self, j: usize) -> Vector3<f64> {
+        let (n, ring) = (self.n, &self.ring);
+        let beside =
+            ring[if j == 0 { n - 1 } else { j - 1 }] + ring[if j + 1 == n { 0 } else { j + 1 }];
+        on_edge(self.own + ring[j], beside)
+    }
+
+    /// The new triangle at the first corner.
+    fn at_first(&self) -> Self {
+        let Self { own, ring, beyond, n } = self;
+        let [weight, beside, _] = LoopMasks.vertex(*n);
+        let sum: Vector3<f64> = ring[..*n].iter().sum();
+        let mut new = [Vector3::zeros(); MOST];
+        (0..*n).for_each(|j| new[j] = self.on_spoke(j));
+        let [b, c, ab, ca] = [ring[0], ring[1], ring[n - 1], ring[2 % n]];
+        let [b_a, b_c, bc, c_b, c_a] = *beyond;
+        let beyond = [
+            on_edge(b + ab, own + b_a),
+            at_vertex(b, own + c + ab + bc + b_a + b_c),
+            on_edge(b + c, own + bc),
+            at_vertex(c, own + b + ca + bc + c_a + c_b),
+            on_edge(c + ca, own + c_a),
+        ];
+        Self { own: own * weight + sum * beside, ring: new, beyond, n: *n }
+    }
+
+    /// One of the other new triangles; each lies as the whole does, but for the middle one, which is turned by half a turn.
+    fn part(&self, part: Part) -> Regular {
+        let Self { ring, beyond, n, .. } = self;
+        let [old_b, old_c, old_ab, old_ca] = [ring[0], ring[1], ring[n - 1], ring[2 % n]];
+        let [b_a, b_c, bc, c_b, c_a] = *beyond;
+        let first = self.at_first();
+        let [b_ab, b, middle, c, c_ca] = first.beyond;
+        let (a, ab, ac) = (first.own, first.ring[0], first.ring[1]);
+        let (before, after) = (first.ring[n - 1], first.ring[2 % n]);
+        let b_bc = on_edge(old_b + bc, old_c + b_c);
+        let c_bc = on_edge(old_c + bc, old_b + c_b);
+        match part {
+            Part::Second => {
+                let b_b_a = on_edge(old_b + b_a, old_ab + b_c);
+                let b_b_c = on_edge(old_b + b_c, b_a + bc);
+                let around_b = [middle, ab, b_ab, b_b_a, b_b_c, b_bc];
+                let around_ab = [b, middle, ac, a, before, b_ab];
+                ([ab, b, middle], [around_ab, around_b, [ab, b, b_bc, c_bc, c, ac]])
+            }
+            Part::Third => {
+                let c_c_b = on_edge(old_c + c_b, bc + c_a);
+                let c_c_a = on_edge(old_c + c_a, c_b + old_ca);
+                let around_c = [ac, middle, c_bc, c_c_b, c_c_a, c_ca];
+                let around_middle = [c, ac, ab, b, b_bc, c_bc];
+                ([ac, middle, c], [[middle, c, c_ca, after, a, ab], around_middle, around_c])
+            }
+            Part::Middle => {
+                let around_middle = [ac, ab, b, b_bc, c_bc, c];
+                let around_ac = [ab, middle, c, c_ca, after, a];
+                let around_ab = [middle, ac, a, before, b_ab, b];
+                ([middle, ac, ab], [around_middle, around_ac, around_ab])
+            }
+        }
+    }
+}
+
+/// A new triangle that is regular: at the second or third corner, or in the middle.
+enum Part {
+    Second,
+    Third,
+    Middle,
+}
+
+fn on_edge(ends: Vector3<f64>, across: Vector3<f64>) -> Vector3<f64> {
+    ends * 0.375 + across * 0.125
+}
+
+/// A new vertex at one with six neighbors, of which this is the sum.
+fn at_vertex(own: Vector3<f64>, neighbors: Vector3<f64>) -> Vector3<f64> {
+    own * 0.625 + neighbors * 0.0625
+}
+
+/// A jet by coordinates that run so many times as slowly.
+pub(crate) fn scaled([s, s_u, s_v, s_uu, s_uv, s_vv]: Jet, scale: f64) -> Jet {
+    let twice = scale * scale;
+    [s, s_u * scale, s_v * scale, s_uu * twice, s_uv * twice, s_vv * twice]
+}
