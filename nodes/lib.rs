@@ -12,6 +12,7 @@ pub mod subdivision;
 
 mod limits;
 mod linear;
+mod topology;
 
 /// All built-in packs, in pipeline order.
 pub const PACKS: &[Pack] = &[

@@ -26,7 +26,6 @@ mod heights;
 mod hole;
 mod kd_tree;
 mod level;
-mod lists;
 mod options;
 mod patches;
 mod published;

@@ -2,28 +2,21 @@
 
 use super::cholesky::Symmetric;
 use super::stencils::{Stencils, push_merged};
+use crate::topology::lists::Lists;
 
 impl Stencils {
     /// The same matrix with rows and columns exchanged; it has this many columns.
     pub(crate) fn transposed(&self, columns: usize) -> Self {
-        let mut starts = vec![0usize; columns + 1];
-        let all = || (0..self.len()).map(|row| (row, self.row(row)));
-        for &column in all().flat_map(|(_, (indices, _))| indices) {
-            starts[column as usize + 1] += 1;
-        }
-        for column in 0..columns {
-            starts[column + 1] += starts[column];
-        }
-        let mut next = starts.clone();
-        let mut entries = vec![(0u32, 0.0); starts[columns]];
-        for (row, (indices, weights)) in all() {
-            for (&column, &weight) in indices.iter().zip(weights) {
-                entries[next[column as usize]] = (row as u32, weight);
-                next[column as usize] += 1;
-            }
-        }
+        let all = || {
+            (0..self.len()).flat_map(|row| {
+                let (indices, weights) = self.row(row);
+                let entries = indices.iter().zip(weights);
+                entries.map(move |(&column, &weight)| (column, (row as u32, weight)))
+            })
+        };
+        let entries = Lists::group(columns, all);
         let (transposed, _) = Self::build(columns, |_: &mut (), column, rows| {
-            let own = &entries[starts[column]..starts[column + 1]];
+            let own = entries.of(column);
             own.iter().for_each(|&(row, weight)| rows.push(row, weight));
             rows.end();
         });

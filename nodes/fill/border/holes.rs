@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::regions::{HoleRegion, cut};
 use super::rims::enclosed;
 use crate::fill::triangles::patch::area_vector;
+use crate::topology::union_find::UnionFind;
 
 /// Which holes are filled.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
@@ -178,42 +179,16 @@ pub(crate) fn without_crumbs(
 
 /// The number of the connected part of each vertex, in the order of their lowest vertices.
 fn connected_parts(mesh: &Mesh) -> Vec<u32> {
-    let mut parents: Vec<u32> = (0..mesh.positions().len() as u32).collect();
-    fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
-        while parents[vertex as usize] != vertex {
-            let next = parents[parents[vertex as usize] as usize];
-            parents[vertex as usize] = next;
-            vertex = next;
-        }
-        vertex
-    }
-    let mut join = |a: u32, b: u32| {
-        // Nearly always both are known to hang together.
-        if parents[a as usize] != parents[b as usize] {
-            let [a, b] = [a, b].map(|vertex| root(&mut parents, vertex));
-            parents[a.max(b) as usize] = a.min(b);
-        }
-    };
+    let mut sets = UnionFind::new(mesh.positions().len());
     match mesh.faces().as_triangles() {
         Some(faces) => faces.iter().for_each(|&[a, b, c]| {
-            join(a, b);
-            join(b, c);
+            sets.join(a, b);
+            sets.join(b, c);
         }),
         None => {
             let pairs = mesh.faces().iter().flat_map(|face| face.windows(2));
-            pairs.for_each(|pair| join(pair[0], pair[1]));
+            pairs.for_each(|pair| sets.join(pair[0], pair[1]));
         }
     }
-    let mut numbers = vec![0; parents.len()];
-    let mut count = 0;
-    for vertex in 0..parents.len() as u32 {
-        let root = root(&mut parents, vertex);
-        numbers[vertex as usize] = if root == vertex {
-            count += 1;
-            count - 1
-        } else {
-            numbers[root as usize]
-        };
-    }
-    numbers
+    sets.numbered().0
 }

@@ -4,13 +4,13 @@ use nalgebra::{Point3, Vector3};
 
 use crate::fill::triangles::filling::Filling;
 use crate::fill::triangles::patch::{NONE, area_vector};
+use crate::topology::lists::Lists;
 
 /// The data's triangles around each vertex of some rims.
 pub(crate) struct Surroundings {
     /// The place of each vertex among those of the rims; [`NONE`] for all others.
     places: Vec<u32>,
-    starts: Vec<u32>,
-    triangles: Vec<[u32; 3]>,
+    triangles: Lists<[u32; 3]>,
     /// Of each vertex of the rims on how many of them it is.
     shared: Vec<u8>,
 }
@@ -32,31 +32,18 @@ impl Surroundings {
             .filter(|face| face.iter().any(|&vertex| places[vertex as usize] != NONE))
             .copied()
             .collect();
-        let at = |vertex: &u32| places[*vertex as usize] as usize;
-        let on_rim = |vertex: &&u32| places[**vertex as usize] != NONE;
-        let mut starts = vec![0u32; shared.len() + 1];
-        for vertex in near.iter().flatten().filter(on_rim) {
-            starts[at(vertex) + 1] += 1;
-        }
-        for place in 0..shared.len() {
-            starts[place + 1] += starts[place];
-        }
-        let mut ends = starts.clone();
-        let mut triangles = vec![[0; 3]; starts[shared.len()] as usize];
-        for face in &near {
-            for vertex in face.iter().filter(on_rim) {
-                let end = &mut ends[at(vertex)];
-                triangles[*end as usize] = *face;
-                *end += 1;
-            }
-        }
-        Self { places, starts, triangles, shared }
+        let on_rims = |face: &[u32; 3]| {
+            let face = *face;
+            let places = face.map(|vertex| places[vertex as usize]).into_iter();
+            places.filter(|&place| place != NONE).map(move |place| (place, face))
+        };
+        let triangles = Lists::group(shared.len(), || near.iter().flat_map(on_rims));
+        Self { places, triangles, shared }
     }
 
     /// The triangles around a vertex of a rim.
     pub(crate) fn around(&self, vertex: u32) -> &[[u32; 3]] {
-        let place = self.places[vertex as usize] as usize;
-        &self.triangles[self.starts[place] as usize..self.starts[place + 1] as usize]
+        self.triangles.of(self.places[vertex as usize] as usize)
     }
 
     /// Whether a vertex is on several rims.

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::fill::triangles::patch::{NONE, next, previous};
+use crate::topology::lists::Lists;
 
 /// Places where a mesh is no surface, some of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,9 +55,8 @@ struct Around<'a> {
     corners: &'a [u32],
     /// The corner after each and the one before, where faces are no triangles.
     beside: Option<Vec<[u32; 2]>>,
-    /// Where the corners at each vertex begin in `by_vertex`, with the end behind the last.
-    starts: Vec<u32>,
-    by_vertex: Vec<u32>,
+    /// The corners at each vertex.
+    by_vertex: Lists,
 }
 
 /// A face at a vertex, by the vertices after and before that one.
@@ -86,19 +86,8 @@ impl<'a> Around<'a> {
             }
             beside
         });
-        let mut starts = vec![0u32; count + 1];
-        corners.iter().for_each(|&vertex| starts[vertex as usize + 1] += 1);
-        for vertex in 0..count {
-            starts[vertex + 1] += starts[vertex];
-        }
-        let mut ends = starts.clone();
-        let mut by_vertex = vec![0u32; corners.len()];
-        for (corner, &vertex) in (0u32..).zip(corners) {
-            let end = &mut ends[vertex as usize];
-            by_vertex[*end as usize] = corner;
-            *end += 1;
-        }
-        Self { corners, beside, starts, by_vertex }
+        let by_vertex = Lists::group(count, || corners.iter().copied().zip(0u32..));
+        Self { corners, beside, by_vertex }
     }
 
     fn next(&self, corner: u32) -> u32 {
@@ -117,7 +106,7 @@ impl<'a> Around<'a> {
 
     /// The corners, ascending, from which edges of one face run to the next corner.
     fn border(&self) -> Result<Vec<u32>, NotManifold> {
-        let vertices = 0..self.starts.len() as u32 - 1;
+        let vertices = 0..self.by_vertex.len() as u32;
         let blocks = vertices.into_par_iter().with_min_len(BLOCK);
         let found = blocks.fold(Found::default, |mut found, vertex| {
             self.look(vertex, &mut found);
@@ -143,7 +132,6 @@ impl<'a> Around<'a> {
     }
 
     fn look(&self, vertex: u32, found: &mut Found) {
-        let [start, end] = [vertex, vertex + 1].map(|k| self.starts[k as usize] as usize);
         let spoke = |&corner: &u32| {
             let beside = [self.next(corner), self.previous(corner)];
             let [after, before] = beside.map(|corner| self.corners[corner as usize]);
@@ -151,7 +139,7 @@ impl<'a> Around<'a> {
         };
         let Found { edges, vertices, border, spokes } = found;
         spokes.clear();
-        spokes.extend(self.by_vertex[start..end].iter().map(spoke));
+        spokes.extend(self.by_vertex.of(vertex as usize).iter().map(spoke));
         if spokes.len() <= FEW && is_closed(spokes) {
             return;
         }

@@ -7,6 +7,7 @@ use super::facets::{Band, facets};
 use crate::fill::border::rim::Rim;
 use crate::fill::triangles::filling::Filling;
 use crate::fill::triangles::patch::{NONE, area_vector};
+use crate::topology::union_find::UnionFind;
 
 /// Rows of faces around the rim that are looked at: with fewer a crease or a plane is found by chance, with more a part that bends farther
 /// out is no plane any more.
@@ -233,21 +234,13 @@ fn smoothed(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3<f64>>
 
 /// The number of the smooth part that each face belongs to.
 fn smooth_parts(normals: &[Vector3<f64>], neighbors: &[[u32; 2]], sharp: f64) -> Vec<u32> {
-    let mut parts: Vec<u32> = (0..normals.len() as u32).collect();
-    fn root(parts: &mut [u32], mut part: u32) -> u32 {
-        while parts[part as usize] != part {
-            parts[part as usize] = parts[parts[part as usize] as usize];
-            part = parts[part as usize];
-        }
-        part
-    }
+    let mut parts = UnionFind::new(normals.len());
     for &[a, b] in neighbors {
         if normals[a as usize].dot(&normals[b as usize]) > sharp {
-            let [a, b] = [root(&mut parts, a), root(&mut parts, b)];
-            parts[a.max(b) as usize] = a.min(b);
+            parts.join(a, b);
         }
     }
-    (0..normals.len() as u32).map(|face| root(&mut parts, face)).collect()
+    (0..normals.len() as u32).map(|face| parts.first(face)).collect()
 }
 
 /// Whether a surface bends where its parts meet, and much less within them: the bumps of a relief fit paraboloids, too, but are round.

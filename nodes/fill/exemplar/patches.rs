@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::lists::Lists;
 use super::surface::{Marks, NONE, Surface};
+use crate::topology::lists::Lists;
 
 /// What the patches of a level are made for.
 #[derive(Clone, Copy)]

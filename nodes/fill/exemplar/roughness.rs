@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::lists::Lists;
 use super::surface::{NONE, Surface};
+use crate::topology::lists::Lists;
 
 /// Measures how rough a part of a surface is.
 pub(super) struct Roughness<'a> {

@@ -10,6 +10,7 @@ use nalgebra::{Point3, Vector3};
 use crate::fill::border::rim::Rim;
 use crate::fill::triangles::patch::{NONE, Patch, area_vector};
 use crate::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
+use crate::topology::lists::Lists;
 
 /// What is least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,7 +81,6 @@ impl Laplacian {
         let mut areas = vec![0.0; count];
         let mut normals = vec![Vector3::zeros(); count];
         let mut links: Vec<(u32, u32, f64)> = Vec::with_capacity(12 * count);
-        let mut starts = vec![0u32; count + 1];
         for face in inside.chain(outside) {
             let points = face.map(place);
             let area = area_vector(points);
@@ -93,7 +93,6 @@ impl Laplacian {
                 for (from, to) in [(a, b), (b, a)] {
                     if (from as usize) < count {
                         links.push((from, to, weight));
-                        starts[from as usize + 1] += 1;
                     }
                 }
                 if (face[k] as usize) < count {
@@ -105,29 +104,20 @@ impl Laplacian {
         normals.iter_mut().for_each(|sum| *sum = sum.try_normalize(0.0).unwrap_or_default());
         let mut laplacian =
             Self { starts: Vec::new(), columns: Vec::new(), weights: Vec::new(), areas, normals };
-        laplacian.gather(starts, &links);
+        laplacian.gather(count, &links);
         laplacian.limit_areas();
         laplacian
     }
 
     /// Makes rows of links, of which two faces give each one half.
-    fn gather(&mut self, mut starts: Vec<u32>, links: &[(u32, u32, f64)]) {
-        let count = starts.len() - 1;
-        for row in 0..count {
-            starts[row + 1] += starts[row];
-        }
-        let mut ends = starts.clone();
-        let mut sorted = vec![(0u32, 0.0); links.len()];
-        for &(from, to, weight) in links {
-            let end = &mut ends[from as usize];
-            sorted[*end as usize] = (to, weight);
-            *end += 1;
-        }
+    fn gather(&mut self, count: usize, links: &[(u32, u32, f64)]) {
+        let links = || links.iter().map(|&(from, to, weight)| (from, (to, weight)));
+        let links = Lists::group(count, links);
         self.starts.push(0);
         for row in 0..count {
             let first = self.columns.len();
             let mut halves = 0usize;
-            for &(column, weight) in &sorted[starts[row] as usize..starts[row + 1] as usize] {
+            for &(column, weight) in links.of(row) {
                 match self.columns[first..].iter().position(|&known| known == column) {
                     Some(place) => {
                         self.weights[first + place] += weight;

@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use super::cells::{Cube, Place, Places, bell, corner_weights};
 use super::surfels::{Pyramid, Surfel};
+use crate::topology::lists::Lists;
 
 /// The value at the surface.
 pub(super) const SURFACE: f64 = 0.5;
@@ -218,9 +219,8 @@ struct Level {
     right: Vec<f64>,
     /// Cells that are held to the surface at one place: corners, and their weights times the root of the cell's weight.
     held: Vec<([u32; 8], [f64; 8])>,
-    /// The held cells at each node, and its corner there: where those of each node begin.
-    held_starts: Vec<u32>,
-    held_at: Vec<(u32, u8)>,
+    /// The held cells at each node, and its corner there.
+    held_at: Lists<(u32, u8)>,
 }
 
 /// Nodes that one task looks at.
@@ -257,8 +257,8 @@ impl Level {
         let right = vec![0.0; free.len()];
         let edge = cube.edge_at(depth);
         let held = Vec::new();
-        let (held_starts, held_at) = (vec![0; nodes.len() + 1], Vec::new());
-        Self { depth, edge, nodes, values, free, around, right, held, held_starts, held_at }
+        let held_at = Lists::group(nodes.len(), std::iter::empty);
+        Self { depth, edge, nodes, values, free, around, right, held, held_at }
     }
 
     /// Right sides: the integrals of the field of normals times the gradients of `B_i`. The field is trilinear; a surfel is spread
@@ -313,22 +313,12 @@ impl Level {
             Some((corners.map(|node| node as u32), corner_weights(within).map(|w| w * root)))
         };
         self.held = sums.par_iter().filter_map(hold).collect();
-        let mut starts = vec![0_u32; self.nodes.len() + 1];
-        for (corners, _) in &self.held {
-            corners.iter().for_each(|&node| starts[node as usize + 1] += 1);
-        }
-        for node in 0..self.nodes.len() {
-            starts[node + 1] += starts[node];
-        }
-        let mut next = starts.clone();
-        self.held_at = vec![(0, 0); 8 * self.held.len()];
-        for (cell, (corners, _)) in self.held.iter().enumerate() {
-            for (corner, &node) in corners.iter().enumerate() {
-                self.held_at[next[node as usize] as usize] = (cell as u32, corner as u8);
-                next[node as usize] += 1;
-            }
-        }
-        self.held_starts = starts;
+        let held = &self.held;
+        let nodes_of = |cell: usize| {
+            let numbered = held[cell].0.into_iter().zip(0u8..);
+            numbered.map(move |(node, corner)| (node, (cell as u32, corner)))
+        };
+        self.held_at = Lists::group(self.nodes.len(), || (0..held.len()).flat_map(nodes_of));
         let root = (screening / self.edge).sqrt();
         let target: Vec<f64> = sums
             .iter()
@@ -340,8 +330,7 @@ impl Level {
     }
 
     fn held_by(&self, node: u32) -> &[(u32, u8)] {
-        let starts = &self.held_starts[node as usize..][..2];
-        &self.held_at[starts[0] as usize..starts[1] as usize]
+        self.held_at.of(node as usize)
     }
 
     /// The sum of what its held cells have, by the weights of this node in them.

@@ -7,6 +7,8 @@ use rayon::prelude::*;
 use super::contour::Skin;
 use super::poisson::{Field, SURFACE};
 use super::surfels::{Pyramid, Surfel, place};
+use crate::topology::lists::Lists;
+use crate::topology::union_find::UnionFind;
 
 /// Rounds of moving each vertex towards the middle of its neighbors. After 4, edges are still as the grid cut them; after 12 nothing
 /// is gained.
@@ -57,10 +59,7 @@ fn onto(field: &Field, goal: &Point3<f64>, before: &Point3<f64>) -> Point3<f64> 
 }
 
 /// The vertices that share an edge with each.
-pub(super) struct Neighbors {
-    starts: Vec<u32>,
-    all: Vec<u32>,
-}
+pub(super) struct Neighbors(Lists);
 
 impl Neighbors {
     pub(super) fn new(skin: &Skin) -> Self {
@@ -74,16 +73,11 @@ impl Neighbors {
         let mut edges: Vec<(u32, u32)> = skin.quads.par_iter().flat_map_iter(ends).collect();
         edges.par_sort_unstable();
         edges.dedup();
-        let mut starts = vec![0; skin.positions.len() + 1];
-        edges.iter().for_each(|edge| starts[edge.0 as usize + 1] += 1);
-        for vertex in 0..skin.positions.len() {
-            starts[vertex + 1] += starts[vertex];
-        }
-        Self { starts, all: edges.into_iter().map(|edge| edge.1).collect() }
+        Self(Lists::group(skin.positions.len(), || edges.iter().copied()))
     }
 
     pub(super) fn of(&self, vertex: usize) -> &[u32] {
-        &self.all[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+        self.0.of(vertex)
     }
 }
 
@@ -153,32 +147,11 @@ const SUPPORTED: f64 = 0.05;
 
 /// The part of each vertex; parts are numbered by their first vertices.
 fn parts(skin: &Skin) -> Vec<u32> {
-    let mut root: Vec<u32> = (0..skin.positions.len() as u32).collect();
-    fn find(root: &mut [u32], mut at: u32) -> u32 {
-        while root[at as usize] != at {
-            root[at as usize] = root[root[at as usize] as usize];
-            at = root[at as usize];
-        }
-        at
-    }
+    let mut parts = UnionFind::new(skin.positions.len());
     for quad in &skin.quads {
-        for k in 1..4 {
-            let (a, b) = (find(&mut root, quad[0]), find(&mut root, quad[k]));
-            root[a.max(b) as usize] = a.min(b);
-        }
+        quad[1..].iter().for_each(|&vertex| parts.join(quad[0], vertex));
     }
-    let mut numbers = vec![u32::MAX; root.len()];
-    let mut next = 0;
-    (0..root.len() as u32)
-        .map(|vertex| {
-            let first = find(&mut root, vertex) as usize;
-            if numbers[first] == u32::MAX {
-                numbers[first] = next;
-                next += 1;
-            }
-            numbers[first]
-        })
-        .collect()
+    parts.numbered().0
 }
 
 /// Leaves out vertices that no quad has.

@@ -5,34 +5,19 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::bending::Bending;
+use crate::topology::lists::Lists;
 
 /// Who is whose neighbor in a mesh.
-pub(super) struct Neighbors {
-    starts: Vec<u32>,
-    others: Vec<u32>,
-}
+pub(super) struct Neighbors(Lists);
 
 impl Neighbors {
     pub(super) fn new(edges: &Edges, vertices: usize) -> Self {
-        let mut starts = vec![0u32; vertices + 1];
-        edges.vertices.iter().flatten().for_each(|&end| starts[end as usize + 1] += 1);
-        for vertex in 0..vertices {
-            starts[vertex + 1] += starts[vertex];
-        }
-        let mut next = starts.clone();
-        let mut others = vec![0; 2 * edges.vertices.len()];
-        for &[a, b] in &edges.vertices {
-            for (from, to) in [(a, b), (b, a)] {
-                others[next[from as usize] as usize] = to;
-                next[from as usize] += 1;
-            }
-        }
-        Self { starts, others }
+        let both = || edges.vertices.iter().flat_map(|&[a, b]| [(a, b), (b, a)]);
+        Self(Lists::group(vertices, both))
     }
 
     pub(super) fn of(&self, vertex: u32) -> &[u32] {
-        let [start, end] = [0, 1].map(|k| self.starts[vertex as usize + k] as usize);
-        &self.others[start..end]
+        self.0.of(vertex as usize)
     }
 
     /// The vertices that are two edges away or less, or as many more rings as make `least`; without the vertex.

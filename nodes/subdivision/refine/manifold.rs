@@ -3,47 +3,7 @@
 use maquette::value::{Faces, Mesh, MeshError};
 
 use super::connectivity::{Connectivity, NONE};
-
-/// Joins corners that are the same vertex.
-struct Fans(Vec<u32>);
-
-impl Fans {
-    fn new(corners: usize) -> Self {
-        Self((0..corners as u32).collect())
-    }
-
-    /// The first corner of those joined with this one.
-    fn first(&mut self, corner: u32) -> u32 {
-        let mut first = corner;
-        while self.0[first as usize] != first {
-            let parent = self.0[first as usize];
-            self.0[first as usize] = self.0[parent as usize];
-            first = parent;
-        }
-        first
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let [a, b] = [self.first(a), self.first(b)];
-        self.0[a.max(b) as usize] = a.min(b);
-    }
-
-    /// A number for each set of joined corners, in the order of their first corners, and those.
-    fn numbered(mut self) -> (Vec<u32>, Vec<u32>) {
-        let mut firsts = Vec::new();
-        let mut numbers = vec![0; self.0.len()];
-        for corner in 0..self.0.len() as u32 {
-            let first = self.first(corner);
-            if first == corner {
-                numbers[corner as usize] = firsts.len() as u32;
-                firsts.push(corner);
-            } else {
-                numbers[corner as usize] = numbers[first as usize];
-            }
-        }
-        (numbers, firsts)
-    }
-}
+use crate::topology::union_find::UnionFind;
 
 /// The same mesh as a surface: each vertex once for each fan of faces around it, and so each edge with more than two faces once
 /// for each pair of faces that fans join, else once for each face. Nothing moves; the first fan keeps the vertex, the others get
@@ -60,7 +20,7 @@ pub(crate) fn manifold(mesh: &Mesh) -> Result<Mesh, MeshError> {
         *if *first == NONE { first } else { second } = half;
     }
     let corners = faces.corners();
-    let mut fans = Fans::new(corners.len());
+    let mut fans = UnionFind::new(corners.len());
     for ([a, b], &count) in halves.into_iter().zip(&edges.faces) {
         if count == 2 && corners[a as usize] != corners[b as usize] {
             fans.join(a, next[b as usize]);
@@ -123,7 +83,7 @@ fn next_corners(faces: &Faces) -> Vec<u32> {
 /// The mesh cut along the seams of a corner attribute, which are the edges whose two faces disagree about it: the vertices at its
 /// corners, and a corner of each of these vertices.
 pub(crate) fn cut<T: PartialEq>(mesh: &Connectivity, attribute: &[T]) -> (Vec<u32>, Vec<u32>) {
-    let mut fans = Fans::new(mesh.corners().len());
+    let mut fans = UnionFind::new(mesh.corners().len());
     let same = |a: u32, b: u32| attribute[a as usize] == attribute[b as usize];
     for &[owner, twin] in &mesh.halves {
         if twin == NONE {

@@ -1,15 +1,16 @@
 //! Many short lists in one.
 
-/// Lists of numbers, one after the other in one piece of memory.
+/// Lists, one after the other in one piece of memory.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Lists {
+pub(crate) struct Lists<T = u32> {
+    /// Where each list begins in `items`, with the end behind the last.
     starts: Vec<u32>,
-    items: Vec<u32>,
+    items: Vec<T>,
 }
 
 impl Lists {
     /// One list after the other.
-    pub(super) fn collect(lists: impl Iterator<Item = impl AsRef<[u32]>>) -> Self {
+    pub(crate) fn collect(lists: impl Iterator<Item = impl AsRef<[u32]>>) -> Self {
         let mut all = Self { starts: vec![0], items: Vec::new() };
         for list in lists {
             all.items.extend(list.as_ref());
@@ -17,19 +18,18 @@ impl Lists {
         }
         all
     }
+}
 
+impl<T: Copy + Default> Lists<T> {
     /// For each number below `count` the items that come with it, in their order.
-    pub(super) fn group<I: Iterator<Item = (u32, u32)>>(
-        count: usize,
-        pairs: impl Fn() -> I,
-    ) -> Self {
+    pub(crate) fn group<I: Iterator<Item = (u32, T)>>(count: usize, pairs: impl Fn() -> I) -> Self {
         let mut starts = vec![0u32; count + 1];
         pairs().for_each(|(list, _)| starts[list as usize + 1] += 1);
         for list in 0..count {
             starts[list + 1] += starts[list];
         }
         let mut ends = starts.clone();
-        let mut items = vec![0; starts[count] as usize];
+        let mut items = vec![T::default(); starts[count] as usize];
         for (list, item) in pairs() {
             let end = &mut ends[list as usize];
             items[*end as usize] = item;
@@ -37,24 +37,26 @@ impl Lists {
         }
         Self { starts, items }
     }
+}
 
+impl<T> Lists<T> {
     /// The number of lists.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// Where the items of a list are among all.
-    pub(super) fn range(&self, list: usize) -> std::ops::Range<usize> {
+    pub(crate) fn range(&self, list: usize) -> std::ops::Range<usize> {
         self.starts[list] as usize..self.starts[list + 1] as usize
     }
 
     /// The items of a list.
-    pub(super) fn of(&self, list: usize) -> &[u32] {
+    pub(crate) fn of(&self, list: usize) -> &[T] {
         &self.items[self.range(list)]
     }
 
     /// The items of all lists.
-    pub(super) fn all(&self) -> &[u32] {
+    pub(crate) fn all(&self) -> &[T] {
         &self.items
     }
 }
