@@ -221,7 +221,7 @@ fn interpolate_with<E: From<InterpolateError>>(
     let solved = solved.map_err(InterpolateError::from)?;
     let mut solution = match solved.filter(|solution| !solution.unreachable) {
         Some(solution) => solution,
-        None if options.on_singular == OnSingular::RefineOnce && scheme != Scheme::DooSabin => {
+        None if options.on_singular == OnSingular::RefineOnce && !scheme.is_dual() => {
             return refined_once(mesh, subdivision, how, progress, limit);
         }
         None => {

@@ -1,6 +1,6 @@
 //! Refines a mesh towards a smooth surface.
 //!
-//! The part of the work that depends on topology alone is in `step.rs` and memoized: a mesh whose vertices have only moved is
+//! The part of the work that depends on topology alone is in `refine/step.rs` and memoized: a mesh whose vertices have only moved is
 //! refined by products.
 
 use maquette::value::Mesh;
@@ -66,7 +66,7 @@ impl Node for Subdivide {
         let split = self.split.then(|| manifold(cx.get(&self.mesh))).transpose()?;
         let mesh = split.as_ref().unwrap_or(cx.get(&self.mesh));
         let Self { scheme, levels, limit, boundary, creases, corners, .. } = *self;
-        if scheme == Scheme::DooSabin && mesh.creases().len() > 0 {
+        if scheme.is_dual() && mesh.creases().len() > 0 {
             cx.warn("the scheme of Doo and Sabin knows no creases; they are dropped");
         }
         let softens = |(_, sharpness)| f64::from(levels) < sharpness && sharpness < 10.0;
@@ -110,7 +110,7 @@ const PLANNING: f64 = 0.7;
 ///   1/4 and 3/4 of it. The faces inside the old ones, those across the edges, those around the vertices.
 ///
 /// Positions have the mesh's unit. With `limit` the vertex attribute `normal` holds unit normals, the mean of both sides on
-/// a crease. The masks and their sources are in `loop_masks.rs`, `catmull_clark.rs`, `doo_sabin.rs` and `masks.rs`.
+/// a crease. The masks and their sources are in `masks/` and `refine/doo_sabin.rs`.
 ///
 /// # Errors
 /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.

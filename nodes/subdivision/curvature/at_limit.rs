@@ -39,7 +39,7 @@ pub(super) fn at_limit(
     sharp.flat_map(|(ends, _)| ends).for_each(|end| creased[end as usize] = true);
     let stars = Stars { connectivity: &connectivity, control: mesh.positions(), scheme };
     let of = |ring: &mut Ring, vertex: usize| {
-        if starts[vertex] == NONE || creased[vertex] && scheme != Scheme::DooSabin {
+        if starts[vertex] == NONE || creased[vertex] && !scheme.is_dual() {
             return None;
         }
         connectivity.ring(starts[vertex], ring);
@@ -73,10 +73,16 @@ impl Stars<'_> {
     fn derivatives(&self, vertex: usize, ring: &Ring) -> Option<Derivatives> {
         let control = |vertex: u32| self.control[vertex as usize].coords;
         let own = self.control[vertex].coords;
-        if self.scheme == Scheme::Loop {
-            let around: [u32; 6] = ring.neighbors[..].try_into().ok().filter(|_| ring.closed)?;
-            return Some(box_spline(own, around.map(control)));
-        }
+        // The mask of the value in the direction that is not derived: cubic or quadratic.
+        let [middle, side] = match self.scheme {
+            Scheme::Loop => {
+                let around: [u32; 6] =
+                    ring.neighbors[..].try_into().ok().filter(|_| ring.closed)?;
+                return Some(box_spline(own, around.map(control)));
+            }
+            Scheme::CatmullClark => [4.0 / 6.0, 1.0 / 6.0],
+            Scheme::DooSabin => [6.0 / 8.0, 1.0 / 8.0],
+        };
         let beside: [u32; 4] = ring.neighbors[..].try_into().ok().filter(|_| ring.closed)?;
         let across = |&half: &u32| {
             let is_quad =
@@ -86,11 +92,6 @@ impl Stars<'_> {
         };
         let across: Option<Vec<u32>> = ring.halves.iter().map(across).collect();
         let across: [u32; 4] = across?.try_into().ok()?;
-        // The mask of the value in the direction that is not derived: cubic or quadratic.
-        let [middle, side] = match self.scheme {
-            Scheme::DooSabin => [6.0 / 8.0, 1.0 / 8.0],
-            _ => [4.0 / 6.0, 1.0 / 6.0],
-        };
         Some(tensor(own, beside.map(control), across.map(control), [middle, side]))
     }
 }
@@ -145,7 +146,7 @@ fn close_by(
     let neighbors = Neighbors::new(&fine.edges(), fine.positions().len());
     let places = Vec::from_iter(vertices.iter().map(|&vertex| limit.positions()[vertex as usize]));
     // The other schemes keep the numbers of vertices when they refine.
-    let own = if how.scheme == Scheme::DooSabin { nearest_vertices(&fine, &places) } else { own };
+    let own = if how.scheme.is_dual() { nearest_vertices(&fine, &places) } else { own };
     let normals = fine.vertex_normals();
     let of = |(&place, own): (&Point3<f64>, &Option<u32>)| {
         let own = (*own)?;

@@ -108,7 +108,7 @@ fn every_solver_meets_the_vertices_of_closed_and_open_and_creased_meshes() {
         for mesh in [noisy(&torus(12, 8, false), 0.05), open.clone(), creased.clone()] {
             let mesh = match scheme {
                 Scheme::Loop => triangulated(&mesh),
-                _ => mesh,
+                Scheme::CatmullClark | Scheme::DooSabin => mesh,
             };
             for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
                 let found = found(&mesh, scheme, &options(solver, 1e-11));

@@ -1,4 +1,4 @@
-//! Where the vertices of a mesh go by the scheme of Doo and Sabin, as rows; notation as in `doo_sabin.rs`.
+//! Where the vertices of a mesh go by the scheme of Doo and Sabin, as rows; notation as in `refine/doo_sabin.rs`.
 
 use maquette::value::Column;
 

@@ -35,7 +35,7 @@ impl FinerLimit {
     pub(crate) fn new(level: Arc<Level>) -> Self {
         match level.rules.scheme {
             Scheme::Loop => Self::of(level, LoopMasks),
-            _ => Self::of(level, CatmullClarkMasks),
+            Scheme::CatmullClark | Scheme::DooSabin => Self::of(level, CatmullClarkMasks),
         }
     }
 
@@ -62,7 +62,9 @@ impl FinerLimit {
         let mut regular: Vec<[[f64; 3]; 2]> = huge_vec(control.len());
         match self.level.rules.scheme {
             Scheme::Loop => self.at_regular(control, &mut regular, Triangles, box_spline),
-            _ => self.at_regular(control, &mut regular, Corners, b_spline),
+            Scheme::CatmullClark | Scheme::DooSabin => {
+                self.at_regular(control, &mut regular, Corners, b_spline)
+            }
         }
         let mut positions: Vec<Point3<f64>> = huge_vec(control.len());
         let mut normals: Vec<[f64; 3]> = huge_vec(control.len());

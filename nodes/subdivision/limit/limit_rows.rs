@@ -174,7 +174,7 @@ enum Around {
 impl Around {
     fn new(topology: &Topology) -> Result<Self, SubdivideError> {
         let rules = topology.rules;
-        if rules.scheme == Scheme::Loop {
+        if rules.scheme.needs_triangles() {
             check_triangles(&topology.faces)?;
         }
         check_faces(topology)?;
@@ -244,7 +244,7 @@ impl<M: Masks + Copy> MaskedMesh<M> {
 }
 
 fn check_faces(topology: &Topology) -> Result<(), SubdivideError> {
-    if topology.rules.scheme == Scheme::Loop {
+    if topology.rules.scheme.needs_triangles() {
         return Ok(());
     }
     let sides = topology.faces.iter().map(|face| face.len() as f64);

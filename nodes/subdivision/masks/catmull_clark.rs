@@ -3,7 +3,7 @@
 //! Catmull and Clark, "Recursively generated B-spline surfaces on arbitrary topological meshes" (1978); limit points and
 //! tangents by the eigenvectors of these masks: Halstead, Kass and DeRose, "Efficient, fair interpolation using Catmull-Clark
 //! surfaces" (1993), tangents on creases as in Biermann, Levin and Zorin, "Piecewise smooth subdivision surfaces with normal
-//! control" (2000). Notation as in `masks.rs`.
+//! control" (2000). Notation as in `stars.rs`.
 
 use std::f64::consts::PI;
 

@@ -23,8 +23,8 @@ const BLOCK: usize = 1024;
 pub(crate) fn closed_rows(topology: &Topology) -> Option<Stencils> {
     let sides = topology.faces.sides().filter(|sides| (3..=4).contains(sides))?;
     let scheme = topology.rules.scheme;
-    let dropped = scheme == Scheme::DooSabin;
-    let wanted = if scheme == Scheme::Loop { 3 } else { 4 };
+    let dropped = scheme.is_dual();
+    let wanted = if scheme.needs_triangles() { 3 } else { 4 };
     if sides != wanted || !(topology.creases.is_empty() || dropped) {
         return None;
     }

@@ -1,7 +1,7 @@
 //! The masks of Loop's scheme on triangles.
 //!
 //! Loop, "Smooth subdivision surfaces based on triangles" (1987), with his own weights beta; limit points and tangents by the
-//! eigenvectors of these masks. Notation as in `masks.rs`.
+//! eigenvectors of these masks. Notation as in `stars.rs`.
 
 use std::f64::consts::PI;
 

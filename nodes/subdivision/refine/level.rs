@@ -43,14 +43,14 @@ impl Level {
     /// If a face is no triangle though the scheme wants them, or the mesh is not manifold.
     pub(crate) fn first(topology: &Topology) -> Result<Self, SubdivideError> {
         let rules = topology.rules;
-        if rules.scheme == Scheme::Loop {
+        if rules.scheme.needs_triangles() {
             check_triangles(&topology.faces)?;
         }
         let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
         let creases = creases(topology, &mesh);
         let (rings, odd) = match rules.scheme {
             Scheme::Loop => rings(&mesh, &starts, &creases, Triangles),
-            _ => rings(&mesh, &starts, &creases, Corners),
+            Scheme::CatmullClark | Scheme::DooSabin => rings(&mesh, &starts, &creases, Corners),
         };
         Ok(Self { rules, coarser: None, mesh, creases, odd, rings })
     }
@@ -64,7 +64,7 @@ impl Level {
             }
         }
         let odd = (0..).zip(&starts).map(|(vertex, &start)| [vertex, start]).collect();
-        let valence = if rules.scheme == Scheme::Loop { 6 } else { 4 };
+        let valence = if rules.scheme.needs_triangles() { 6 } else { 4 };
         let rings = vec![NONE; valence * mesh.vertices];
         Self { rules, coarser: None, mesh, creases, odd, rings }
     }
@@ -73,7 +73,7 @@ impl Level {
     pub(crate) fn after(coarser: &Arc<Self>, faces: &Faces) -> Self {
         match coarser.rules.scheme {
             Scheme::Loop => Self::split(coarser, faces, Triangles),
-            _ => Self::split(coarser, faces, Corners),
+            Scheme::CatmullClark | Scheme::DooSabin => Self::split(coarser, faces, Corners),
         }
     }
 
@@ -99,7 +99,7 @@ impl Level {
         });
         let in_faces = (mesh.vertices + mesh.halves.len()) as u32;
         let is_odd = |face: &u32| mesh.faces.face(*face as usize).len() != 4;
-        let has_odd = self.rules.scheme == Scheme::CatmullClark && mesh.faces.sides() != Some(4);
+        let has_odd = self.rules.scheme.has_middles() && mesh.faces.sides() != Some(4);
         let faces = 0..if has_odd { mesh.faces.len() as u32 } else { 0 };
         let in_faces = faces
             .filter(is_odd)

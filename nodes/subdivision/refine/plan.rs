@@ -12,7 +12,6 @@ use crate::subdivision::boundary::Boundary;
 use crate::subdivision::corners::Corners;
 use crate::subdivision::limit::limit_rows::Limit;
 use crate::subdivision::options::Subdivision;
-use crate::subdivision::scheme::Scheme;
 use crate::subdivision::subdivide_error::SubdivideError;
 
 /// Corners of a result: some 90 million triangles, which with their plan take about 6 GB.
@@ -93,7 +92,7 @@ impl Plan {
         self.check(mesh)?;
         let mut refined = apply(mesh, steps, progress)?;
         progress.tick(0.9)?;
-        if how.corners == Corners::Smooth && how.scheme != Scheme::DooSabin && !steps.is_empty() {
+        if how.corners == Corners::Smooth && !how.scheme.is_dual() && !steps.is_empty() {
             refined = smooth_corners(mesh, *how, refined)?;
         }
         progress.check()?;
@@ -103,7 +102,7 @@ impl Plan {
             None => refined,
         };
         progress.check()?;
-        if how.boundary == Boundary::None && how.scheme != Scheme::DooSabin {
+        if how.boundary == Boundary::None && !how.scheme.is_dual() {
             refined = without_border(mesh, &ancestors(mesh, steps), &refined)?;
         }
         Ok(refined)

@@ -34,7 +34,7 @@ impl Primal {
     pub(crate) fn new(level: Arc<Level>) -> Self {
         match level.rules.scheme {
             Scheme::Loop => Self::of(level, Triangles),
-            _ => Self::of(level, Corners),
+            Scheme::CatmullClark | Scheme::DooSabin => Self::of(level, Corners),
         }
     }
 
@@ -67,7 +67,7 @@ impl Primal {
     pub(crate) fn n_finer(&self) -> usize {
         match self.level.rules.scheme {
             Scheme::Loop => Triangles.vertices(&self.level.mesh),
-            _ => Corners.vertices(&self.level.mesh),
+            Scheme::CatmullClark | Scheme::DooSabin => Corners.vertices(&self.level.mesh),
         }
     }
 
@@ -90,7 +90,7 @@ impl Primal {
     pub(crate) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
         match self.level.rules.scheme {
             Scheme::Loop => self.refine(old, Triangles),
-            _ => self.refine(old, Corners),
+            Scheme::CatmullClark | Scheme::DooSabin => self.refine(old, Corners),
         }
     }
 
@@ -140,7 +140,7 @@ impl Primal {
         let vertex = self.level.mesh.corners()[half as usize];
         match self.level.rules.scheme {
             Scheme::Loop => [vertex, Triangles.first(half)],
-            _ => [vertex, Corners.first(half)],
+            Scheme::CatmullClark | Scheme::DooSabin => [vertex, Corners.first(half)],
         }
     }
 
@@ -150,7 +150,7 @@ impl Primal {
         let vertex = mesh.vertices as u32 + mesh.edge_of[half as usize];
         match self.level.rules.scheme {
             Scheme::Loop => [vertex, Triangles.second(mesh, half)],
-            _ => [vertex, Corners.second(mesh, half)],
+            Scheme::CatmullClark | Scheme::DooSabin => [vertex, Corners.second(mesh, half)],
         }
     }
 
@@ -159,7 +159,7 @@ impl Primal {
         let mesh = &self.level.mesh;
         let vertex = (mesh.vertices + mesh.halves.len()) as u32 + face;
         let half = 4 * mesh.faces.first_corner(face as usize) as u32 + 2;
-        (self.level.rules.scheme == Scheme::CatmullClark).then_some([vertex, half])
+        self.level.rules.scheme.has_middles().then_some([vertex, half])
     }
 
     /// The place of one new vertex, with the same bits as [`Self::positions`] gives it; of the new ones those in the faces around must be
@@ -172,7 +172,7 @@ impl Primal {
     ) -> Point3<f64> {
         match self.level.rules.scheme {
             Scheme::Loop => self.place_by(vertex, old, new, Triangles),
-            _ => self.place_by(vertex, old, new, Corners),
+            Scheme::CatmullClark | Scheme::DooSabin => self.place_by(vertex, old, new, Corners),
         }
     }
 
@@ -237,7 +237,7 @@ impl Primal {
             ends.sort_unstable();
             T::mix(ends.into_iter().map(|end| (0.5, old[end as usize])))
         }));
-        if self.level.rules.scheme == Scheme::CatmullClark {
+        if self.level.rules.scheme.has_middles() {
             let faces = (0..self.level.mesh.faces.len()).into_par_iter().with_min_len(BLOCK);
             new.par_extend(faces.map(|face| {
                 let face = self.level.mesh.faces.face(face);
@@ -251,7 +251,7 @@ impl Primal {
     /// A column of corner data, straight within old faces.
     pub(crate) fn carry_corners<T: Mix>(&self, old: &[T]) -> Vec<T> {
         let mean = |a: T, b: T| T::mix([(0.5, a), (0.5, b)].into_iter());
-        if self.level.rules.scheme == Scheme::Loop {
+        if self.level.rules.scheme.needs_triangles() {
             let triangles = old.par_chunks_exact(3).with_min_len(BLOCK);
             return triangles
                 .flat_map_iter(|old| {
@@ -280,7 +280,9 @@ impl Primal {
     pub(crate) fn parents(&self) -> Vec<u32> {
         match self.level.rules.scheme {
             Scheme::Loop => (0..self.finer.len() as u32).map(|face| face / 4).collect(),
-            _ => (0..self.finer.len() as u32).map(|half| self.level.mesh.face_of(half)).collect(),
+            Scheme::CatmullClark | Scheme::DooSabin => {
+                (0..self.finer.len() as u32).map(|half| self.level.mesh.face_of(half)).collect()
+            }
         }
     }
 

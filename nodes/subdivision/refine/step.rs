@@ -63,7 +63,9 @@ impl Step {
     pub(crate) fn first(topology: &Topology) -> Result<Self, SubdivideError> {
         let rules = match topology.rules.scheme {
             Scheme::DooSabin => Kind::Dual(Dual::first(topology)?.into()),
-            _ => Kind::Primal(Primal::new(Level::first(topology)?.into()).into()),
+            Scheme::Loop | Scheme::CatmullClark => {
+                Kind::Primal(Primal::new(Level::first(topology)?.into()).into())
+            }
         };
         Ok(Self { root: topology.clone().into(), depth: 0, rules })
     }

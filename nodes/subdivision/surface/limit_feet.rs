@@ -68,7 +68,7 @@ impl<'a> ClosestFeet<'a> {
         let (halves, starts) = Connectivity::new(faces, points.len())?;
         let surface = match how.scheme {
             Scheme::DooSabin => Shape::dual(mesh, how, &starts)?,
-            _ => Shape::Primal(LimitSurface::new(mesh, how)?),
+            Scheme::Loop | Scheme::CatmullClark => Shape::Primal(LimitSurface::new(mesh, how)?),
         };
         let mut ring = Ring::default();
         let around = |&start: &u32| {
@@ -161,7 +161,7 @@ impl Shape {
     /// The part at a corner.
     fn part(&self, half: u32) -> u32 {
         match self {
-            Self::Primal(surface) if surface.scheme() == Scheme::Loop => half / 3 * 4 + half % 3,
+            Self::Primal(surface) if surface.scheme().needs_triangles() => half / 3 * 4 + half % 3,
             Self::Primal(surface) if surface.n_steps() > 1 => 4 * half,
             _ => half,
         }

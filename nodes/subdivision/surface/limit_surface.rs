@@ -54,11 +54,11 @@ impl LimitSurface {
     /// # Errors
     /// If the scheme cannot refine a face, or is [`Scheme::DooSabin`], or the mesh is not manifold.
     pub fn new(mesh: &Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
-        if how.scheme == Scheme::DooSabin {
+        if how.scheme.is_dual() {
             return Err(SubdivideError::NoPatches);
         }
         let mut steps = vec![Primal::new(Level::first(&Topology::of(mesh, how))?.into())];
-        if how.scheme == Scheme::CatmullClark && mesh.faces().sides() != Some(4) {
+        if how.scheme.has_middles() && mesh.faces().sides() != Some(4) {
             steps.push(Primal::new(steps[0].next().into()));
         }
         let parts = steps[steps.len() - 1].next();
@@ -94,8 +94,8 @@ impl LimitSurface {
         let mut place = Place::new(u, v);
         let part = match self.frame.rules.scheme {
             Scheme::Loop => 4 * face + place.halve_triangle(),
-            _ if sides == 4 => first + place.halve_quad(),
-            _ => first + place.corner(sides),
+            Scheme::CatmullClark | Scheme::DooSabin if sides == 4 => first + place.halve_quad(),
+            Scheme::CatmullClark | Scheme::DooSabin => first + place.corner(sides),
         };
         let later = 1..self.n_steps();
         let part = later.fold(part, |part, _| 4 * part + place.halve_quad());
@@ -117,7 +117,9 @@ impl LimitSurface {
         let control = &self.frame.steps[0].level.mesh;
         match self.frame.rules.scheme {
             Scheme::Loop => part / 4,
-            _ => control.face_of(part >> (2 * (self.n_steps() - 1))),
+            Scheme::CatmullClark | Scheme::DooSabin => {
+                control.face_of(part >> (2 * (self.n_steps() - 1)))
+            }
         }
     }
 
@@ -138,21 +140,26 @@ impl LimitSurface {
         let SurfaceFrame { rules, mesh: Level { mesh, .. }, smooth, .. } = &*self.frame;
         let valence = |half: u32| smooth[mesh.corners()[half as usize] as usize];
         let is_known = |n: u8| (3..=MOST).contains(&usize::from(n));
-        if rules.scheme == Scheme::Loop {
-            let half = 3 * part;
-            let [n, second, third] = [half, half + 1, half + 2].map(valence);
-            let is_one = second == 6 && third == 6 && is_known(n);
-            is_one.then(|| SmoothTriangle::around(mesh, &self.points, half, n.into()).jet(u, v))?
-        } else {
-            let half = 4 * part;
-            let quad = |half: u32, n: u8| SmoothQuad::around(mesh, &self.points, half, n.into());
-            // One step puts the irregular corner first, or across from it where it is the middle of a polygon.
-            match [half, half + 1, half + 2, half + 3].map(valence) {
-                [n, 4, 4, 4] if is_known(n) => quad(half, n).jet(u, v),
-                [4, 4, n, 4] if is_known(n) => {
-                    quad(half + 2, n).jet(1.0 - u, 1.0 - v).map(|jet| scaled(jet, -1.0))
+        match rules.scheme {
+            Scheme::Loop => {
+                let half = 3 * part;
+                let [n, second, third] = [half, half + 1, half + 2].map(valence);
+                let is_one = second == 6 && third == 6 && is_known(n);
+                is_one
+                    .then(|| SmoothTriangle::around(mesh, &self.points, half, n.into()).jet(u, v))?
+            }
+            Scheme::CatmullClark | Scheme::DooSabin => {
+                let half = 4 * part;
+                let quad =
+                    |half: u32, n: u8| SmoothQuad::around(mesh, &self.points, half, n.into());
+                // One step puts the irregular corner first, or across from it where it is the middle of a polygon.
+                match [half, half + 1, half + 2, half + 3].map(valence) {
+                    [n, 4, 4, 4] if is_known(n) => quad(half, n).jet(u, v),
+                    [4, 4, n, 4] if is_known(n) => {
+                        quad(half + 2, n).jet(1.0 - u, 1.0 - v).map(|jet| scaled(jet, -1.0))
+                    }
+                    _ => None,
                 }
-                _ => None,
             }
         }
     }
@@ -171,7 +178,7 @@ impl LimitSurface {
             }
             let part = match rules.scheme {
                 Scheme::Loop => place.halve_triangle(),
-                _ => place.halve_quad(),
+                Scheme::CatmullClark | Scheme::DooSabin => place.halve_quad(),
             };
             piece = piece.refined(rules, part);
         }

@@ -78,7 +78,7 @@ impl Piece {
         let first = level.mesh.faces.first_corner(self.face as usize);
         let face = match rules.scheme {
             Scheme::Loop => 4 * self.face as usize + part,
-            _ => first + part,
+            Scheme::CatmullClark | Scheme::DooSabin => first + part,
         };
         let step = Primal::new(level.into());
         let points = step.positions(&self.points);
@@ -99,7 +99,7 @@ impl Piece {
                 ];
                 Some(quartic(&[h, i, j].map(|half| self.at(half)), &rings, u, v))
             }
-            _ => {
+            Scheme::CatmullClark | Scheme::DooSabin => {
                 let halves: [u32; 4] = std::array::from_fn(|k| 4 * self.face + k as u32);
                 let is_regular = |&half: &u32| self.is_regular_corner(&sharpness, half);
                 halves.iter().all(is_regular).then(|| bicubic(&self.net(&sharpness, halves), u, v))
@@ -223,7 +223,9 @@ impl Piece {
     pub(crate) fn corner(&self, rules: Rules, corner: usize) -> LimitPoint {
         match rules.scheme {
             Scheme::Loop => self.masked(rules, corner, LoopMasks),
-            _ => self.masked(rules, corner, CatmullClarkMasks),
+            Scheme::CatmullClark | Scheme::DooSabin => {
+                self.masked(rules, corner, CatmullClarkMasks)
+            }
         }
     }
 

@@ -65,7 +65,9 @@ impl Place {
     fn corners(scheme: Scheme) -> &'static [[f64; 2]] {
         match scheme {
             Scheme::Loop => &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
-            _ => &[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
+            Scheme::CatmullClark | Scheme::DooSabin => {
+                &[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+            }
         }
     }
 

@@ -140,7 +140,7 @@ fn smooth_corner_data_are_as_smooth_as_places() {
                 let places = Attribute::Vector(places.collect());
                 scattered(faces.clone()).with_corner("place", places).unwrap()
             }
-            _ => mesh.clone(),
+            Scheme::CatmullClark | Scheme::DooSabin => mesh.clone(),
         };
         let how =
             Subdivision { corners: Corners::Smooth, ..with(scheme, 2, false, Boundary::EdgeOnly) };
