@@ -14,7 +14,7 @@ use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
 use crate::subdivision::masks::loop_masks::LoopMasks;
 use crate::subdivision::masks::sharpness::Sharpness;
 use crate::subdivision::masks::stars::{Masks, Scratch, Stars};
-use crate::subdivision::refine::level::Level;
+use crate::subdivision::refine::level::{BLOCK, Level};
 use crate::subdivision::refine::split::{Corners, Split, Triangles};
 
 /// Where the vertices of a level go, and which way the surface faces there.
@@ -63,15 +63,12 @@ impl FinerLimit {
         match self.level.rules.scheme {
             Scheme::Loop => self.at_regular(control, &mut regular, Triangles, box_spline),
             Scheme::CatmullClark | Scheme::DooSabin => {
-                self.at_regular(control, &mut regular, Corners, b_spline)
+                self.at_regular(control, &mut regular, Corners, b_spline);
             }
         }
         let mut positions: Vec<Point3<f64>> = huge_vec(control.len());
         let mut normals: Vec<[f64; 3]> = huge_vec(control.len());
-        let both = positions
-            .par_iter_mut()
-            .zip(&mut normals)
-            .with_min_len(crate::subdivision::refine::level::BLOCK);
+        let both = positions.par_iter_mut().zip(&mut normals).with_min_len(BLOCK);
         both.zip(&regular).for_each(|((position, normal), &[place, across])| {
             (*position, *normal) = (place.into(), across);
         });
@@ -109,11 +106,7 @@ impl FinerLimit {
     fn complete_normals(&self, limit: &Mesh, control: &[Point3<f64>], normals: &mut [[f64; 3]]) {
         let odd = &self.level.odd;
         let is_missing = |normal: &[f64; 3]| *normal == [0.0; 3];
-        if !normals
-            .par_iter()
-            .with_min_len(crate::subdivision::refine::level::BLOCK)
-            .any(is_missing)
-        {
+        if !normals.par_iter().with_min_len(BLOCK).any(is_missing) {
             return;
         }
         let fallback = limit.vertex_normals();
@@ -124,7 +117,7 @@ impl FinerLimit {
         }
         let made: Vec<[f64; 3]> = (0..odd.len())
             .into_par_iter()
-            .with_min_len(crate::subdivision::refine::level::BLOCK)
+            .with_min_len(BLOCK)
             .map(|item| {
                 let rows = self.sides[item] as usize..self.sides[item + 1] as usize;
                 side_normals(&self.tangents, rows, control, fallback[odd[item][0] as usize]).into()
