@@ -14,7 +14,7 @@ use crate::plain::ending;
 use crate::reading::Readers;
 use crate::text::ron;
 use crate::text::{inside_option, resolve, variants};
-use crate::value::{AnyValue, ValueType};
+use crate::value::{AnyValue, TYPES, ValueType};
 
 /// What the packs of a program offer, by name.
 ///
@@ -246,10 +246,11 @@ impl Catalog {
         self.entries.keys().map(String::as_str).collect()
     }
 
-    /// Every type of values that a node gives or a pack brings, by name.
+    /// Every type of values that the engine has, a node gives or a pack brings, by name.
     pub(crate) fn value_types(&self) -> HashMap<&'static str, &'static ValueType> {
         let outputs = self.entries().flat_map(Entry::outputs).flat_map(|output| &output.types);
-        outputs.chain(&self.values).map(|kind| (kind.name, *kind)).collect()
+        let types = TYPES.iter().chain(outputs).chain(&self.values);
+        types.map(|kind| (kind.name, *kind)).collect()
     }
 
     /// The format that writes a value of this type to a file with this ending.

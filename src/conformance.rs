@@ -1,6 +1,6 @@
 //! The laws that every pack keeps, as a function to call from a pack's own tests.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Mutex;
@@ -15,10 +15,10 @@ use crate::node::{CancelToken, Context, Progress};
 use crate::pack::Pack;
 use crate::reading::Readers;
 use crate::text::{check_default, inside_option, resolve, variants};
-use crate::value::AnyValue;
+use crate::value::{AnyValue, ValueType};
 
 mod extremes;
-mod hostile;
+mod values;
 
 /// How much memory the evaluators of a check may hold.
 const MEMORY: usize = 1 << 30;
@@ -44,6 +44,7 @@ pub fn check(pack: &Pack, others: &[Pack], examples: &Path) -> Result<(), Vec<St
     names(pack, others, &mut broken);
     let packs: Vec<Pack> = std::iter::once(*pack).chain(others.iter().copied()).collect();
     let catalog = Catalog::new(&packs);
+    pack.values.iter().for_each(|kind| values::check(kind, &mut broken));
     for node in pack.nodes {
         let name = (node.name)();
         let Some(entry) = catalog.find(&name) else { continue };
@@ -199,10 +200,11 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
         }
     }
     let Ok(values) = run_all(&graph) else { return };
-    hostile_inputs(entry, &graph, index, &values, broken);
+    let hostile = Hostile(catalog.value_types());
+    hostile_inputs(entry, &graph, index, &values, &hostile, broken);
     let load = |set| load(set).graph;
     extremes::check(
-        &extremes::Case { entry, graph: &graph, index, values: &values },
+        &extremes::Case { entry, graph: &graph, index, values: &values, hostile: &hostile },
         &load,
         broken,
     );
@@ -287,6 +289,7 @@ fn hostile_inputs(
     graph: &Graph,
     index: usize,
     values: &Values,
+    hostile: &Hostile,
     broken: &mut Vec<String>,
 ) {
     let outputs = values.iter().filter(|((node, _), _)| *node == index);
@@ -298,10 +301,10 @@ fn hostile_inputs(
     let ports = entry.ports();
     for (slot, link) in node.links.iter().enumerate() {
         let Some(port) = ports.iter().find(|port| port.name == link.port) else { continue };
-        for hostile in port.types.iter().flat_map(|kind| hostile::values(kind)) {
+        for value in port.types.iter().flat_map(|kind| hostile.values(kind)) {
             let mut inputs = good.clone();
-            let what = format!("{hostile:?}");
-            inputs[slot] = hostile;
+            let what = format!("{value:?}");
+            inputs[slot] = value;
             if let Err(panic) = call(node, &inputs, Progress::none()) {
                 broken.push(format!(
                     "{} panics on a hostile {what} at `{}`: {panic}",
@@ -309,6 +312,16 @@ fn hostile_inputs(
                 ));
             }
         }
+    }
+}
+
+/// The types of values that are known, by name.
+struct Hostile(HashMap<&'static str, &'static ValueType>);
+
+impl Hostile {
+    /// Values of the type of this name that are hard to treat.
+    fn values(&self, kind: &str) -> Vec<AnyValue> {
+        self.0.get(kind).map_or_else(Vec::new, |kind| kind.hostile())
     }
 }
 

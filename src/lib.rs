@@ -126,5 +126,6 @@ pub use session::{
 };
 pub use text::Reader;
 pub use value::{
-    AnyValue, DecodeError, Decoder, Encoder, Hash, Summary, Value, ValueType, hash_of, value_type,
+    AnyValue, DecodeError, Decoder, Encoder, Hash, Memo, Summary, Value, ValueType, hash_of,
+    value_type,
 };

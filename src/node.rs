@@ -17,7 +17,7 @@ use serde_json::json;
 use crate::error::{Cancelled, Error};
 use crate::reading::{Readers, Reading};
 use crate::text::{FILE, LINK, Reader};
-use crate::value::{AnyValue, Hash, Value, ValueType, hash_of, value_type};
+use crate::value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
 
 /// One step of a graph, and its whole description.
 ///
@@ -497,8 +497,8 @@ impl Context<'_> {
     /// Those of `make`.
     pub fn memo<P, T, F>(&self, part: &P, make: F) -> Result<T, Error>
     where
-        P: Value,
-        T: Value,
+        P: Memo,
+        T: Memo,
         F: Fn(&P) -> Result<T, Error>,
     {
         const { assert!(size_of::<F>() == 0, "the function of a memo must not capture anything") };
@@ -507,14 +507,14 @@ impl Context<'_> {
             !function.contains("{{closure}}"),
             "the function of a memo must have a name: closures in one function cannot be told apart"
         );
-        let key = Hash::of(format!("memo {function} {}", hash_of(part)).as_bytes());
+        let key = Hash::of(format!("memo {function} {}", hash_of_memo(part)).as_bytes());
         let found = self.memos.and_then(|memos| memos.find(key));
-        if let Some(value) = found.as_ref().and_then(AnyValue::get::<T>) {
+        if let Some(value) = found.as_ref().and_then(AnyValue::memo::<T>) {
             return Ok(value.clone());
         }
         let value = make(part)?;
         if let Some(memos) = self.memos {
-            memos.keep(key, &AnyValue::new(value.clone()));
+            memos.keep(key, &AnyValue::of_memo(value.clone()));
         }
         Ok(value)
     }

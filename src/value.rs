@@ -17,11 +17,15 @@ mod encoding;
 mod field;
 mod frame;
 mod handles;
+mod hostile;
 mod image;
 mod knots;
 mod labels;
+mod layer;
 mod mask;
+mod memo;
 mod mesh;
+mod parts;
 mod points;
 mod range;
 mod region;
@@ -42,15 +46,39 @@ pub use image::{Color, ColorError, Image, Lab, Rgb, SizeError};
 pub(crate) use image::{linear_from_srgb, srgb_from_linear};
 pub use knots::{KnotChange, KnotVector, KnotVectorError};
 pub use labels::{LabelRun, LabelStatistics, Labels, LabelsError};
+pub use layer::{Arrows, Axes, Cloud, Layer, Lines, Picture, Series};
 pub use mask::Mask;
+pub use memo::Memo;
+pub(crate) use memo::hash_of_memo;
 pub use mesh::{Edges, Faces, Mesh, MeshError, NearestPlace, TriangleTree};
+pub(crate) use parts::ranges;
+pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};
 pub use points::{Points, PointsError};
 pub use range::{RangeError, RangeImage};
 pub use region::{Contour, Region, RegionError};
 pub use surface::{Along, Derivatives, Foot, IsoCurve, Surface, SurfaceError};
 pub use trace::{Trace, TraceError, TraceStep};
 
-/// A noun of the graph: what a port takes and an output gives.
+/// The engine's own types.
+pub(crate) const TYPES: [&ValueType; 15] = [
+    value_type::<Mesh>(),
+    value_type::<Surface>(),
+    value_type::<RangeImage>(),
+    value_type::<ControlNet>(),
+    value_type::<Curve>(),
+    value_type::<Points>(),
+    value_type::<Region>(),
+    value_type::<Image>(),
+    value_type::<Mask>(),
+    value_type::<Labels>(),
+    value_type::<Field>(),
+    value_type::<Trace>(),
+    value_type::<KnotVector>(),
+    value_type::<Direction>(),
+    value_type::<Handles>(),
+];
+
+/// A noun of the graph: what a port takes and an output gives. It says everything about itself: its file is all there is to a type.
 pub trait Value: Clone + Send + Sync + 'static {
     /// The word in graph files and messages, in CamelCase: `RangeImage`.
     const NAME: &'static str;
@@ -79,6 +107,31 @@ pub trait Value: Clone + Send + Sync + 'static {
     fn probe(&self, at: [usize; 2]) -> Summary {
         let _ = at;
         Summary::default()
+    }
+
+    /// Everything that it is made of, as named columns of numbers and facts, without copies where it holds numbers side by side. Tests
+    /// compare these; a value without any is compared by what [`describe`](Value::describe) says.
+    fn parts(&self) -> Parts<'_>;
+
+    /// The value that is made of these parts, as [`parts`](Value::parts) names them; columns that a value need not have may be left out,
+    /// and numbers may be of any width.
+    ///
+    /// # Errors
+    /// If a part is missing, of the wrong shape, or holds what its type does not allow; in any case if the type leaves this out.
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        let _ = parts;
+        Err(PartsError::Never { kind: Self::NAME })
+    }
+
+    /// How it can be looked at; nothing if facts alone tell of it.
+    fn show(&self) -> Vec<Layer> {
+        Vec::new()
+    }
+
+    /// Values that the type allows and that are hard to treat: empty, tiny, degenerate, enormous. They are what
+    /// [`conformance`](crate::conformance) tries nodes on, and tell which tolerances a test may give.
+    fn hostile() -> Vec<Self> {
+        Vec::new()
     }
 }
 
@@ -183,6 +236,10 @@ pub struct ValueType {
     size: fn(&(dyn Any + Send + Sync)) -> usize,
     keep: fn(&(dyn Any + Send + Sync)) -> Kept,
     decode: fn(&[u8], &dyn Columns, Hash) -> Result<AnyValue, DecodeError>,
+    parts: fn(&(dyn Any + Send + Sync)) -> Parts<'_>,
+    from_parts: fn(&Parts<'_>) -> Result<AnyValue, PartsError>,
+    show: fn(&(dyn Any + Send + Sync)) -> Vec<Layer>,
+    hostile: fn() -> Vec<AnyValue>,
 }
 
 impl fmt::Debug for ValueType {
@@ -200,6 +257,19 @@ impl ValueType {
         hash: Hash,
     ) -> Result<AnyValue, DecodeError> {
         (self.decode)(bytes, columns, hash)
+    }
+
+    /// The value of this type that is made of these parts: see [`Value::from_parts`].
+    ///
+    /// # Errors
+    /// If they make none.
+    pub fn from_parts(&self, parts: &Parts<'_>) -> Result<AnyValue, PartsError> {
+        (self.from_parts)(parts)
+    }
+
+    /// Values of this type that are hard to treat: see [`Value::hostile`].
+    pub fn hostile(&self) -> Vec<AnyValue> {
+        (self.hostile)()
     }
 }
 
@@ -222,6 +292,10 @@ impl<T: Value> TypeOf<T> {
             let value: T = encoding::decode(bytes, columns, hash)?;
             Ok(AnyValue { kind: value_type::<T>(), hash, value: Arc::new(value) })
         },
+        parts: |value| downcast::<T>(value).parts(),
+        from_parts: |parts| T::from_parts(parts).map(AnyValue::new),
+        show: |value| downcast::<T>(value).show(),
+        hostile: || T::hostile().into_iter().map(AnyValue::new).collect(),
     };
 }
 
@@ -289,6 +363,16 @@ impl AnyValue {
     /// What is at the picture's pixel `at` (column, row).
     pub fn probe(&self, at: [usize; 2]) -> Summary {
         (self.kind.probe)(&*self.value, at)
+    }
+
+    /// What it is made of.
+    pub fn parts(&self) -> Parts<'_> {
+        (self.kind.parts)(&*self.value)
+    }
+
+    /// How it can be looked at.
+    pub fn show(&self) -> Vec<Layer> {
+        (self.kind.show)(&*self.value)
     }
 }
 

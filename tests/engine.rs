@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use expect_test::expect;
+use maquette::value::{Memo, Parts};
 use maquette::{
     CancelToken, Catalog, Context, Encoder, Error, Evaluation, Evaluator, Graph, In, Node,
     Observer, Options, Pack, State, Summary, Value, node, value_type,
@@ -32,6 +33,22 @@ impl Value for Number {
 
     fn describe(&self) -> Summary {
         Summary::default().with("number", self.0)
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts::default()
+    }
+}
+
+impl Memo for Number {
+    const NAME: &'static str = "Number";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.plain(&self.0);
+    }
+
+    fn size(&self) -> usize {
+        size_of::<Self>()
     }
 }
 

@@ -1,5 +1,6 @@
 //! A pack of one node that does next to nothing: what is timed with it is the engine.
 
+use maquette::value::Parts;
 use maquette::{
     Context, DecodeError, Decoder, Encoder, Error, In, Node, Pack, Summary, Value, node, value_type,
 };
@@ -27,6 +28,10 @@ impl Value for Number {
 
     fn describe(&self) -> Summary {
         Summary::default().with("number", self.0)
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts::default()
     }
 }
 

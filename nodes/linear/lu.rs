@@ -4,9 +4,9 @@
 //! "FORTRAN codes for estimating the one-norm of a real or complex matrix" (1988), algorithm 2.1 after Hager (1984). All sums
 //! run in index order, so that the result is the same on every machine.
 
-use maquette::Value;
+use maquette::Memo;
 use maquette::simd::{Kernel, widest};
-use maquette::value::{Column, Encoder, Summary};
+use maquette::value::{Column, Encoder};
 
 /// A matrix and its factors: `rows` of `matrix` in order = `L U`.
 #[derive(Clone, Debug)]
@@ -176,7 +176,7 @@ impl Kernel for Eliminate<'_> {
 }
 
 /// Kept in memory for the next targets of the same handles.
-impl Value for Lu {
+impl Memo for Lu {
     const NAME: &'static str = "FactoredMatrix";
 
     fn encode(&self, to: &mut Encoder) {
@@ -185,10 +185,6 @@ impl Value for Lu {
 
     fn size(&self) -> usize {
         self.matrix.size() + self.factors.size() + self.rows.size()
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("size", self.size).with("condition", self.condition)
     }
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::Value as Json;
 
-use super::{Values, call, hostile, inputs};
+use super::{Hostile, Values, call, inputs};
 use crate::catalog::Entry;
 use crate::graph::Graph;
 use crate::node::{CancelToken, Progress};
@@ -18,6 +18,7 @@ pub(super) struct Case<'a> {
     pub(super) graph: &'a Graph,
     pub(super) index: usize,
     pub(super) values: &'a Values,
+    pub(super) hostile: &'a Hostile,
 }
 
 /// How long a node may work before it is told to stop,
@@ -65,7 +66,7 @@ pub(super) fn check(
         for (input, link) in inputs.iter_mut().zip(&node.links) {
             let port = ports.iter().find(|port| port.name == link.port);
             let kinds = port.iter().flat_map(|port| &port.types);
-            let mut hostile = Vec::from_iter(kinds.flat_map(|kind| hostile::values(kind)));
+            let mut hostile = Vec::from_iter(kinds.flat_map(|kind| case.hostile.values(kind)));
             let chosen = dice.below(2 * hostile.len() + 1);
             if chosen < hostile.len() {
                 *input = hostile.swap_remove(chosen);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::{Column, DecodeError, Decoder, Encoder, Rgb};
+use super::{Column, DecodeError, Decoder, Encoder, Items, Meaning, On, Part, PartsError, Rgb};
 
 /// Why an attribute does not fit.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -109,6 +109,39 @@ impl Attribute {
         }
     }
 
+    /// It as a column of this name.
+    fn part<'a>(&'a self, name: String, on: On, is_normal: bool) -> Part<'a> {
+        let vector = if is_normal { Meaning::Direction } else { Meaning::Number };
+        let (meaning, width, items): (_, _, Items<'a>) = match self {
+            Self::Number(column) => (Meaning::Number, 1, column[..].into()),
+            Self::Index(column) => (Meaning::Exact, 1, column[..].into()),
+            Self::Flag(column) => (Meaning::Exact, 1, column[..].into()),
+            Self::Pair(column) => (Meaning::Number, 2, column[..].into()),
+            Self::Vector(column) => (vector, 3, column[..].into()),
+            Self::Color(column) => (Meaning::Level, 3, column[..].into()),
+        };
+        Part { name: name.into(), on, meaning, width, items, aside: false }
+    }
+
+    /// The attribute that a column is: by what its numbers mean, how many an element has, and, where they are equal or not, whether
+    /// they are small.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub(super) fn of(part: &Part<'_>) -> Result<Self, PartsError> {
+        let is_exact = matches!(part.meaning, Meaning::Exact | Meaning::Index);
+        Ok(match (part.meaning, part.width) {
+            (Meaning::Level, _) => Self::Color(part.colors()?.into()),
+            (_, 1) if is_exact && matches!(part.items, Items::U8(_)) => {
+                Self::Flag(part.small(1)?.into())
+            }
+            (_, 1) if is_exact => Self::Index(part.whole()?.into()),
+            (_, 1) => Self::Number(part.items.numbers().into_owned().into()),
+            (_, 2) => Self::Pair(part.elements()?.into()),
+            _ => Self::Vector(part.elements()?.into()),
+        })
+    }
+
     fn encode(&self, to: &mut Encoder) {
         match self {
             Self::Number(column) => to.plain(&0u8).column(column),
@@ -173,6 +206,14 @@ impl Attributes {
     /// All of them, by name.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Attribute)> {
         self.0.iter().map(|(name, attribute)| (name.as_str(), attribute))
+    }
+
+    /// All of them as columns, whose names begin with `of`.
+    pub(crate) fn parts<'a>(&'a self, of: &'a str, on: On) -> impl Iterator<Item = Part<'a>> {
+        let part = move |(name, attribute): (&'a String, &'a Attribute)| {
+            attribute.part(format!("{of}{name}"), on, name == "normal")
+        };
+        self.0.iter().map(part)
     }
 
     pub(super) fn insert(

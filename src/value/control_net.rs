@@ -3,7 +3,11 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{CaptureFrame, Column, DecodeError, Decoder, Encoder, Summary, Value};
+use super::{
+    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Summary, Value,
+};
+
+mod parts;
 
 /// Why points do not make a control net.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -282,6 +286,22 @@ impl Value for ControlNet {
             .with("moved", moved.count())
             .with("farthest move", farthest);
         super::mesh::describe_bounds(summary, self.points.iter())
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        parts::parts(self)
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        parts::made_of(parts)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        parts::show(self)
+    }
+
+    fn hostile() -> Vec<Self> {
+        parts::hostile()
     }
 }
 

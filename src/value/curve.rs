@@ -3,7 +3,11 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{Column, DecodeError, Decoder, Encoder, KnotVector, Summary, Value};
+use super::hostile::clouds;
+use super::{
+    Axes, Column, DecodeError, Decoder, Encoder, FactValue, KnotVector, Layer, Lines, Meaning, On,
+    Parts, PartsError, Summary, Value,
+};
 
 mod closest;
 mod evaluate;
@@ -219,6 +223,70 @@ impl Value for Curve {
             summary = summary.with("order", spline.knots.degree() + 1);
         }
         super::mesh::describe_bounds(summary, self.points.iter())
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let mut parts = Parts::default();
+        parts.fact("points", self.points.len());
+        parts.fact("closed", self.closed);
+        parts.push("point", On::Point, Meaning::Position, 3, &self.points[..]);
+        if let Some(spline) = &self.spline {
+            spline.knots.push("knots", &mut parts);
+            parts.push("weight", On::Point, Meaning::Number, 1, &spline.weights[..]);
+        }
+        parts
+    }
+
+    /// A B-spline if there are knots, with all weights 1 if there are none; else a polyline, open if the fact `closed` is not there.
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        let points = parts.need("point", 3)?.places()?;
+        let weight = parts.column_of("weight", 1)?;
+        if parts.column("knots").is_none() {
+            if weight.is_some() {
+                return Err(PartsError::Missing { part: "knots".into() });
+            }
+            let closed = parts.fact_of("closed") == Some(&FactValue::Flag(true));
+            return Self::polyline(points, closed).map_err(PartsError::refused);
+        }
+        let knots = KnotVector::of(parts, "knots")?;
+        let ones = || vec![1.0; points.len()];
+        let weights = weight.map_or_else(ones, |part| part.items.numbers().into_owned());
+        Self::rational(points, weights, knots).map_err(PartsError::refused)
+    }
+
+    /// As a chain of straight lines; a B-spline with that of its control points.
+    fn show(&self) -> Vec<Layer> {
+        /// Straight pieces for each control point of a B-spline.
+        const PIECES: usize = 16;
+        let count = self.points.len() as u32;
+        let ends = (self.spline.is_none() && self.closed).then_some(0);
+        let chain = Vec::from_iter((0..count).chain(ends));
+        let layer = |points: Column<Point3<f64>>, chain| {
+            Layer::Lines(Lines { points, chains: vec![chain], axes: Axes::Upright })
+        };
+        let control = layer(self.points.clone(), chain);
+        if self.spline.is_none() {
+            return vec![control];
+        }
+        let ((start, end), pieces) = (self.domain(), PIECES * self.points.len());
+        let at = |k: usize| {
+            let t = k as f64 / pieces as f64;
+            self.point(start * (1.0 - t) + end * t)
+        };
+        let curve = layer((0..=pieces).map(at).collect(), (0..=pieces as u32).collect());
+        vec![curve, control]
+    }
+
+    fn hostile() -> Vec<Self> {
+        let polylines = [2, 3, 7].into_iter().flat_map(clouds).flat_map(|points| {
+            [Self::polyline(points.clone(), false), Self::polyline(points, true)]
+        });
+        let knots = || KnotVector::new(2, vec![0.0, 0.0, 0.0, 1e-300, 1.0, 1.0, 1.0]);
+        let splines = clouds(4).into_iter().flat_map(|points| {
+            [vec![1.0; 4], vec![1e-300, 1.0, 1e300, 1.0]]
+                .map(|weights| Self::rational(points.clone(), weights, knots().ok()?).ok())
+        });
+        polylines.map(Result::ok).chain(splines).flatten().collect()
     }
 }
 

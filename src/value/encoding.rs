@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use bytemuck::{AnyBitPattern, NoUninit};
 
+use super::memo::{Memo, hash_of_memo};
 use super::{Column, Hash, Value};
 
 /// Takes the content of a value, part by part.
@@ -24,6 +25,13 @@ const APART: usize = 32 << 10;
 impl Encoder {
     fn new(columns: Option<Vec<Arc<dyn Bytes>>>) -> Self {
         Self { bytes: Vec::with_capacity(128), columns }
+    }
+
+    /// The hash of what `encode` writes behind a name.
+    pub(super) fn hash(name: &str, encode: impl FnOnce(&mut Self)) -> Hash {
+        let mut encoder = Self::new(None);
+        encode(encoder.text(name));
+        Hash::of(&encoder.bytes)
     }
 
     /// Writes a few bytes of plain data: numbers, points, small arrays of them.
@@ -66,6 +74,11 @@ impl Encoder {
         self
     }
 
+    /// Writes a memo that is part of another one.
+    pub fn memo<T: Memo>(&mut self, part: &T) -> &mut Self {
+        self.part(&hash_of_memo(part).0)
+    }
+
     /// Writes a part that may be absent.
     pub fn option<T>(&mut self, part: Option<&T>, write: impl FnOnce(&mut Self, &T)) -> &mut Self {
         self.plain(&u8::from(part.is_some()));
@@ -84,10 +97,7 @@ impl Encoder {
 
 /// The hash of a value's type and content.
 pub fn hash_of<T: Value>(value: &T) -> Hash {
-    let mut encoder = Encoder::new(None);
-    encoder.text(T::NAME);
-    value.encode(&mut encoder);
-    Hash::of(&encoder.bytes)
+    Encoder::hash(T::NAME, |to| value.encode(to))
 }
 
 /// A column, of whatever items.

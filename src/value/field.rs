@@ -1,7 +1,11 @@
 //! A number per pixel.
 
+use super::hostile::SIZES;
 use super::image::{SizeError, check_size};
-use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
+use super::{
+    Column, DecodeError, Decoder, Encoder, Image, Items, Layer, Meaning, On, Parts, PartsError,
+    Picture, Rgb, Summary, Value,
+};
 
 /// A number per pixel, such as a gradient's length; row 0 on top. Numbers may be NaN, which means: not known there.
 ///
@@ -81,5 +85,40 @@ impl Value for Field {
             return Summary::default();
         }
         Summary::default().with("value", self.pixels[row * self.width + column])
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let mut parts = Parts::default();
+        parts.grid(self.width, self.height);
+        parts.push("number", On::Pixel, Meaning::Number, 1, &self.pixels[..]);
+        parts
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        let [width, height] = parts.size()?;
+        let pixels: Vec<f32> = match &parts.need("number", 1)?.items {
+            Items::F32(items) => items.to_vec(),
+            items => items.numbers().iter().map(|&x| x as f32).collect(),
+        };
+        Self::new(width, height, pixels).map_err(PartsError::refused)
+    }
+
+    /// From black, the least number, to white, the greatest; black where nothing is known.
+    fn show(&self) -> Vec<Layer> {
+        let (least, greatest) = self.range().unwrap_or_default();
+        let (least, greatest) = (f64::from(least), f64::from(greatest));
+        let scale = if least < greatest { 255.0 / (greatest - least) } else { 0.0 };
+        let gray = |&x: &f32| [((f64::from(x) - least) * scale).round() as u8; 3];
+        let pixels: Vec<Rgb> = self.pixels.iter().map(gray).collect();
+        Picture::own(Image::new(self.width, self.height, pixels))
+    }
+
+    fn hostile() -> Vec<Self> {
+        let field =
+            |[width, height]: [usize; 2], x| Self::new(width, height, vec![x; width * height]);
+        let fields = SIZES
+            .into_iter()
+            .flat_map(|size| [f32::NAN, f32::INFINITY, 0.0, 1e38].map(|x| field(size, x)));
+        fields.flatten().collect()
     }
 }

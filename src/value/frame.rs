@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix4, Point3};
 
-use super::{DecodeError, Decoder, Encoder};
+use super::{DecodeError, Decoder, Encoder, Meaning, On, Part, Parts, PartsError};
 
 /// A pinhole camera: column = `focal[0] * x / z + center[0]`, row = `focal[1] * y / z + center[1]`, in pixels, with pixel
 /// centers at integers. Camera axes: x right, y down, z away from the camera.
@@ -38,6 +38,20 @@ impl Pinhole {
             (row - self.center[1]) / self.focal[1] * z,
             z,
         )
+    }
+
+    /// Its four numbers: focal lengths, then the principal point.
+    pub(super) fn numbers(&self) -> Vec<f64> {
+        [self.focal, self.center].concat()
+    }
+
+    /// The pinhole whose numbers a part has; none if there is no such part.
+    ///
+    /// # Errors
+    /// If there are not four numbers.
+    pub(super) fn of(parts: &Parts<'_>, name: &str) -> Result<Option<Self>, PartsError> {
+        let numbers = parts.on(On::Whole, name).map(Part::only::<4>).transpose()?;
+        Ok(numbers.map(|[fx, fy, cx, cy]| Self { focal: [fx, fy], center: [cx, cy] }))
     }
 
     pub(super) fn encode(&self, to: &mut Encoder) {
@@ -125,6 +139,35 @@ pub struct CaptureFrame {
 }
 
 impl CaptureFrame {
+    /// Adds it to the parts of what is in this frame: the camera (unknown numbers if there is none), the picture's size, the depth; the
+    /// pose aside.
+    pub(super) fn push(&self, to: &mut Parts<'_>) {
+        let camera = self.camera.map_or(vec![f64::NAN; 4], |camera| camera.numbers());
+        let picture = self.picture.map(|size| size as f64);
+        let numbers = [&camera[..], &picture, &[self.depth]].concat();
+        to.push("frame", On::Whole, Meaning::Number, 7, numbers);
+        if let Some(pose) = self.world_from_camera {
+            to.push_aside(POSE, On::Whole, Meaning::Number, 16, pose.as_slice().to_vec());
+        }
+    }
+
+    /// The frame among the parts of a value, if it has one.
+    ///
+    /// # Errors
+    /// If its numbers are too many or too few, or the picture's size is none.
+    pub(super) fn of(parts: &Parts<'_>) -> Result<Option<Self>, PartsError> {
+        let Some(part) = parts.on(On::Whole, "frame") else { return Ok(None) };
+        let [fx, fy, cx, cy, width, height, depth] = part.only()?;
+        let camera = Pinhole { focal: [fx, fy], center: [cx, cy] };
+        let is_known = ![fx, fy, cx, cy].iter().all(|x| x.is_nan());
+        Ok(Some(Self {
+            camera: is_known.then_some(camera),
+            picture: counts(part, 4, [width, height])?,
+            depth,
+            world_from_camera: pose_of(parts, POSE)?,
+        }))
+    }
+
     pub(super) fn encode(&self, to: &mut Encoder) {
         to.option(self.camera.as_ref(), |to, camera| camera.encode(to))
             .counts(&self.picture)
@@ -140,6 +183,37 @@ impl CaptureFrame {
             world_from_camera: from.option(decode_pose)?,
         })
     }
+}
+
+/// The part that says where a frame lies in the world.
+const POSE: &str = "frame pose";
+
+/// Some numbers of a part, from number `first` on, as counts.
+///
+/// # Errors
+/// If one is no whole number from 0 to 4294967295.
+pub(super) fn counts<const N: usize>(
+    part: &Part<'_>,
+    first: usize,
+    numbers: [f64; N],
+) -> Result<[usize; N], PartsError> {
+    let mut counts = [0; N];
+    for (k, (count, x)) in counts.iter_mut().zip(numbers).enumerate() {
+        if !(0.0..=f64::from(u32::MAX)).contains(&x) || x.fract() != 0.0 {
+            return Err(part.wrong(first + k, x, "a count"));
+        }
+        *count = x as usize;
+    }
+    Ok(counts)
+}
+
+/// The motion whose numbers a part has, column by column; none if there is no such part.
+///
+/// # Errors
+/// If there are not sixteen numbers.
+pub(super) fn pose_of(parts: &Parts<'_>, name: &str) -> Result<Option<Matrix4<f64>>, PartsError> {
+    let numbers = parts.on(On::Whole, name).map(Part::only::<16>).transpose()?;
+    Ok(numbers.map(|numbers| Matrix4::from_column_slice(&numbers)))
 }
 
 /// Writes a motion from one frame to another.

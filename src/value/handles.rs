@@ -5,7 +5,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
+use super::hostile::clouds;
+use super::{
+    Arrows, Axes, Column, DecodeError, Decoder, Encoder, FactValue, Layer, Meaning, On, Part,
+    Parts, PartsError, Summary, Value,
+};
 
 /// One handle of a deformation: a place, where it goes, and how far around it reaches.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -234,6 +238,73 @@ impl Value for Handles {
             .with("moved", moved.count())
             .with("farthest move", farthest);
         super::mesh::describe_bounds(summary, self.at.iter())
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let mut parts = Parts::default();
+        parts.fact("handles", self.len());
+        parts.fact("space", format!("{:?}", self.space));
+        parts.push("at", On::Point, Meaning::Position, 3, &self.at[..]);
+        parts.push("to", On::Point, Meaning::Position, 3, &self.to[..]);
+        parts.push("sigma", On::Point, Meaning::Number, 3, &self.sigma[..]);
+        parts.push("weight", On::Point, Meaning::Number, 1, &self.weight[..]);
+        parts
+    }
+
+    /// Without `to` the handles stay, without `sigma` it is to be chosen, without `weight` all are 1.
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        let space = match parts.fact_of("space") {
+            None => HandleSpace::default(),
+            Some(FactValue::Text(word)) if word == "Box" => HandleSpace::Box,
+            Some(FactValue::Text(word)) if word == "Cube" => HandleSpace::Cube,
+            Some(FactValue::Text(word)) if word == "World" => HandleSpace::World,
+            Some(_) => {
+                let expected = "Box, Cube or World";
+                return Err(PartsError::Fact { fact: "space".into(), expected });
+            }
+        };
+        let at = parts.need("at", 3)?.elements::<3>()?;
+        let vectors = |name: &str| {
+            let part = parts.column_of(name, 3)?;
+            part.map(|part| part.with_count(at.len())?.elements::<3>()).transpose()
+        };
+        let weight = parts.column_of("weight", 1)?;
+        let weight = weight.map(|part| part.with_count(at.len())).transpose()?;
+        let weight = weight.map(|part: &Part<'_>| part.items.numbers());
+        let (to, sigma) = (vectors("to")?, vectors("sigma")?);
+        let handle = |(k, &at): (usize, &[f64; 3])| Handle {
+            at,
+            to: to.as_ref().map(|to| to[k]),
+            sigma: sigma.as_ref().map(|sigma| sigma[k]).filter(|sigma| *sigma != [0.0; 3]),
+            weight: weight.as_ref().map_or(1.0, |weight| weight[k]),
+        };
+        let handles = Vec::from_iter(at.iter().enumerate().map(handle));
+        Self::new(space, &handles).map_err(PartsError::refused)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        let (from, to) = (self.at.clone(), self.to.clone());
+        vec![Layer::Arrows(Arrows { from, to, axes: Axes::Upright })]
+    }
+
+    /// None, at one place, far away, of enormous and of vanishing reach and weight, and many at almost one place.
+    fn hostile() -> Vec<Self> {
+        let lists = [0, 1, 2, 9].into_iter().flat_map(clouds).flat_map(|points| {
+            [(1.0, 1.0), (1e-300, 1e300), (1e300, 1e-300), (1e-5, 1.0)].map(|(sigma, weight)| {
+                let handle = |(k, point): (usize, &Point3<f64>)| {
+                    let to = point + Vector3::new(0.0, k as f64, 0.0);
+                    Handle {
+                        at: (*point).into(),
+                        to: (k % 2 == 0).then(|| to.into()),
+                        sigma: (k % 3 != 0).then_some([sigma, 1.0, 2.0 * sigma]),
+                        weight,
+                    }
+                };
+                Vec::from_iter(points.iter().enumerate().map(handle))
+            })
+        });
+        let spaces = [HandleSpace::Box, HandleSpace::Cube, HandleSpace::World];
+        lists.flat_map(|list| spaces.map(|space| Self::new(space, &list))).flatten().collect()
     }
 }
 

@@ -8,7 +8,11 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use thiserror::Error;
 
-use super::{Column, DecodeError, Decoder, Encoder, Pinhole, Summary, Value};
+use super::{
+    Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Pinhole, Summary, Value,
+};
+
+mod parts;
 
 /// Why numbers do not make a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -151,6 +155,22 @@ impl Value for Image {
         let lab = color.lab();
         let rounded = [lab.l, lab.a, lab.b].map(|x| (f64::from(x) * 10.0).round() / 10.0);
         Summary::default().with("sRGB", color.to_string()).with("Lab", rounded.to_vec())
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        parts::parts(self)
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        parts::made_of(parts)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        parts::show(self)
+    }
+
+    fn hostile() -> Vec<Self> {
+        parts::hostile()
     }
 }
 

@@ -2,7 +2,10 @@
 
 use thiserror::Error;
 
-use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
+use super::{
+    Column, DecodeError, Decoder, Encoder, Layer, Meaning, On, Parts, PartsError, Series, Summary,
+    Value,
+};
 
 mod basis;
 mod change;
@@ -135,6 +138,24 @@ impl KnotVector {
     }
 }
 
+impl KnotVector {
+    /// Adds it to the parts of what has it, under this name.
+    pub(super) fn push<'a>(&'a self, name: &'static str, to: &mut Parts<'a>) {
+        to.fact(format!("degree of {name}"), self.degree);
+        to.push(name, On::Entry, Meaning::Number, 1, &self.knots[..]);
+    }
+
+    /// The knots that stand among some parts under this name.
+    ///
+    /// # Errors
+    /// If there are none, or they make no knot vector.
+    pub(super) fn of(parts: &Parts<'_>, name: &str) -> Result<Self, PartsError> {
+        let knots = parts.need(name, 1)?.items.numbers().into_owned();
+        let degree = parts.count_of(&format!("degree of {name}"))?;
+        Self::new(degree, knots).map_err(PartsError::refused)
+    }
+}
+
 impl Value for KnotVector {
     const NAME: &'static str = "KnotVector";
 
@@ -156,6 +177,32 @@ impl Value for KnotVector {
             .with("order", self.degree + 1)
             .with("control points", self.n_control())
             .with("knots", self.knots.to_vec())
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let mut parts = Parts::default();
+        self.push("knots", &mut parts);
+        parts
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        Self::of(parts, "knots")
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        let at = (0..self.knots.len()).map(|k| k as f64).collect();
+        let numbers = self.knots.to_vec();
+        vec![Layer::Plot(vec![Series { name: "knots".into(), at, numbers }])]
+    }
+
+    fn hostile() -> Vec<Self> {
+        let knots = [
+            Self::new(1, vec![0.0, 0.0, 1.0, 1.0]),
+            Self::new(2, vec![-1e300, -1e300, 0.0, 1e300, 1e300, 1e300]),
+            Self::new(1, vec![0.0, 0.0, 1e-300, 1e-300]),
+            Self::new(9, (0..20).map(f64::from).collect()),
+        ];
+        knots.into_iter().flatten().collect()
     }
 }
 

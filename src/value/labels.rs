@@ -6,8 +6,10 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::image::{SizeError, check_size};
-use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
+use super::{Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Summary, Value};
 use crate::memory::huge_vec;
+
+mod parts;
 
 /// Which component each pixel of a picture belongs to: 0 is background, components count from 1 in the order in which
 /// their first pixels are met, row by row from the top.
@@ -268,6 +270,22 @@ impl Value for Labels {
 
     fn probe(&self, at: [usize; 2]) -> Summary {
         Summary::default().with("label", self.at(at))
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        parts::parts(self)
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        parts::made_of(parts)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        parts::show(self)
+    }
+
+    fn hostile() -> Vec<Self> {
+        parts::hostile()
     }
 }
 

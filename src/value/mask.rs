@@ -2,8 +2,12 @@
 
 use rayon::prelude::*;
 
+use super::hostile::SIZES;
 use super::image::{SizeError, check_size};
-use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
+use super::{
+    Column, DecodeError, Decoder, Encoder, Image, Layer, Meaning, On, Parts, PartsError, Picture,
+    Rgb, Summary, Value,
+};
 
 /// Which pixels of a picture belong to something; row 0 on top.
 ///
@@ -116,6 +120,32 @@ impl Value for Mask {
 
     fn probe(&self, at: [usize; 2]) -> Summary {
         Summary::default().with("inside", self.contains(at))
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let mut parts = Parts::default();
+        parts.grid(self.width, self.height);
+        parts.push("inside", On::Pixel, Meaning::Exact, 1, &self.pixels[..]);
+        parts
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        let [width, height] = parts.size()?;
+        let inside = parts.need("inside", 1)?.small(1)?;
+        Self::new(width, height, inside).map_err(PartsError::refused)
+    }
+
+    /// White inside, black outside.
+    fn show(&self) -> Vec<Layer> {
+        let pixels: Vec<Rgb> = self.pixels.iter().map(|&inside| [255 * inside; 3]).collect();
+        Picture::own(Image::new(self.width, self.height, pixels))
+    }
+
+    fn hostile() -> Vec<Self> {
+        let mask = |[width, height]: [usize; 2], inside| {
+            Self::new(width, height, vec![inside; width * height])
+        };
+        SIZES.into_iter().flat_map(|size| [mask(size, 0), mask(size, 1)]).flatten().collect()
     }
 }
 

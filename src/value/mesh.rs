@@ -9,6 +9,7 @@ mod describe;
 mod faces;
 mod nearest;
 mod normals;
+mod parts;
 
 pub use faces::{Edges, Faces};
 pub use nearest::{NearestPlace, TriangleTree};

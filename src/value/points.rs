@@ -4,8 +4,10 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use thiserror::Error;
 
+use super::hostile::clouds;
 use super::{
-    Attribute, AttributeError, Attributes, Column, DecodeError, Decoder, Encoder, Summary, Value,
+    Attribute, AttributeError, Attributes, Axes, Cloud, Column, DecodeError, Decoder, Encoder,
+    Layer, Meaning, On, Parts, PartsError, Summary, Value,
 };
 
 /// Why places do not make points.
@@ -107,6 +109,36 @@ impl Value for Points {
             .with("points", self.positions.len())
             .with("attributes", names.join(", "));
         super::mesh::describe_bounds(summary, self.positions.iter())
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let mut parts = Parts::default();
+        parts.fact("points", self.positions.len());
+        parts.push("position", On::Point, Meaning::Position, 3, &self.positions[..]);
+        parts.columns.extend(self.attributes.parts("", On::Point));
+        parts
+    }
+
+    /// Whatever lies on points beside `position` is an attribute.
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        let position = parts.need("position", 3)?;
+        let mut points = Self::new(position.places()?).map_err(PartsError::refused)?;
+        for part in &parts.columns {
+            if part.on == On::Point && !std::ptr::eq(part, position) {
+                let attribute = Attribute::of(part)?;
+                points =
+                    points.with_attribute(&part.name, attribute).map_err(PartsError::refused)?;
+            }
+        }
+        Ok(points)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        vec![Layer::Points(Cloud { points: self.clone(), axes: Axes::Upright })]
+    }
+
+    fn hostile() -> Vec<Self> {
+        [0, 1, 2, 9].into_iter().flat_map(clouds).flat_map(Self::new).collect()
     }
 }
 

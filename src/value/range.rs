@@ -7,8 +7,11 @@ use thiserror::Error;
 use super::frame::{decode_pose, encode_pose};
 use super::image::{SizeError, check_size};
 use super::{
-    CaptureFrame, Column, DecodeError, Decoder, Encoder, Pinhole, Registration, Rgb, Summary, Value,
+    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Pinhole,
+    Registration, Rgb, Summary, Value,
 };
+
+mod parts;
 
 /// Why a range image is not what was asked for.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -274,6 +277,22 @@ impl Value for RangeImage {
             Some(point) => summary.with("point (mm)", point.coords.as_slice().to_vec()),
             None => summary.with("point (mm)", "no range here"),
         }
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        parts::parts(self)
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        parts::made_of(parts)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        parts::show(self)
+    }
+
+    fn hostile() -> Vec<Self> {
+        parts::hostile()
     }
 }
 

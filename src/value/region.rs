@@ -3,7 +3,9 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{Column, DecodeError, Decoder, Encoder, Summary, Value};
+use super::{Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Summary, Value};
+
+mod parts;
 
 /// Why cells do not make a region.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -83,7 +85,9 @@ impl Region {
         if let Some(pair) = cells.windows(2).find(in_order) {
             return Err(RegionError::Cell { cell: pair[1] });
         }
-        if let Some(&cell) = cells.last().filter(|&&cell| width * height <= cell as usize) {
+        if let Some(&cell) =
+            cells.last().filter(|&&cell| width.saturating_mul(height) <= cell as usize)
+        {
             return Err(RegionError::Cell { cell });
         }
         let not_finite = |point: &Point3<f64>| !point.coords.iter().all(|x| x.is_finite());
@@ -192,6 +196,22 @@ impl Value for Region {
             .with("box", format!("({left}, {top})-({right}, {bottom})"))
             .with("holes", holes);
         super::mesh::describe_bounds(summary, self.points.iter())
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        parts::parts(self)
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        parts::made_of(parts)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        parts::show(self)
+    }
+
+    fn hostile() -> Vec<Self> {
+        parts::hostile()
     }
 }
 

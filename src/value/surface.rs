@@ -4,7 +4,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{ControlNet, DecodeError, Decoder, Encoder, KnotVector, Summary, Value};
+use super::hostile::clouds;
+use super::{
+    ControlNet, DecodeError, Decoder, Encoder, KnotVector, Layer, Parts, PartsError, Summary, Value,
+};
 
 mod adaptive;
 mod change;
@@ -131,5 +134,33 @@ impl Value for Surface {
             .with("domain v", domain(&self.v));
         summary.0.extend(self.net.describe().0);
         summary
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let mut parts = self.net.parts();
+        self.u.push("knots u", &mut parts);
+        self.v.push("knots v", &mut parts);
+        parts
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        let net = ControlNet::from_parts(parts)?;
+        let (u, v) = (KnotVector::of(parts, "knots u")?, KnotVector::of(parts, "knots v")?);
+        Self::new(net, u, v).map_err(PartsError::refused)
+    }
+
+    /// As triangles, with the lines of its net.
+    fn show(&self) -> Vec<Layer> {
+        let faces = self.tessellate(0, 0).ok().map(Layer::Triangles);
+        faces.into_iter().chain(self.net.show()).collect()
+    }
+
+    fn hostile() -> Vec<Self> {
+        let knots = || KnotVector::new(2, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
+        let surfaces = clouds(9).into_iter().map(|points| {
+            let net = ControlNet::new(3, 3, points).ok()?;
+            Self::new(net, knots().ok()?, knots().ok()?).ok()
+        });
+        surfaces.flatten().collect()
     }
 }

@@ -2,7 +2,9 @@
 
 use thiserror::Error;
 
-use super::{DecodeError, Decoder, Encoder, Summary, Value};
+use super::{
+    DecodeError, Decoder, Encoder, Layer, Meaning, On, Parts, PartsError, Series, Summary, Value,
+};
 
 /// Why steps make no trace.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -100,6 +102,55 @@ impl Value for Trace {
             .with("iterations", last.iteration)
             .with("first", distances(first))
             .with("last", distances(last))
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let column = |of: fn(&TraceStep) -> f64| Vec::from_iter(self.steps.iter().map(of));
+        let mut parts = Parts::default();
+        parts.fact("steps", self.steps.len());
+        parts.push("iteration", On::Step, Meaning::Exact, 1, column(|step| step.iteration as f64));
+        parts.push("max", On::Step, Meaning::Number, 1, column(|step| step.max));
+        parts.push("rms", On::Step, Meaning::Number, 1, column(|step| step.rms));
+        parts
+    }
+
+    /// Iterations are exact up to 2^53.
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        let iterations = parts.need("iteration", 1)?;
+        let column = |name: &str| {
+            let column = parts.need(name, 1)?.with_count(iterations.count())?;
+            Ok(column.items.numbers().into_owned())
+        };
+        let (max, rms) = (column("max")?, column("rms")?);
+        let step = |(k, &x): (usize, &f64)| {
+            if !(0.0..=u64::MAX as f64).contains(&x) || x.fract() != 0.0 {
+                return Err(iterations.wrong(k, x, "a count"));
+            }
+            Ok(TraceStep { iteration: x as u64, max: max[k], rms: rms[k] })
+        };
+        let numbers = iterations.items.numbers();
+        let steps = numbers.iter().enumerate().map(step);
+        Self::new(steps.collect::<Result<_, _>>()?).map_err(PartsError::refused)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        let at = Vec::from_iter(self.steps.iter().map(|step| step.iteration as f64));
+        let series = |name: &str, of: fn(&TraceStep) -> f64| Series {
+            name: name.to_owned(),
+            at: at.clone(),
+            numbers: self.steps.iter().map(of).collect(),
+        };
+        vec![Layer::Plot(vec![series("max", |step| step.max), series("rms", |step| step.rms)])]
+    }
+
+    fn hostile() -> Vec<Self> {
+        let step = |iteration, max| TraceStep { iteration, max, rms: 0.0 };
+        let steps = [
+            vec![],
+            vec![step(u64::MAX, f64::INFINITY)],
+            vec![step(0, 0.0), step(1, 1e300), step(1 << 60, 1e-300)],
+        ];
+        steps.into_iter().flat_map(Self::new).collect()
     }
 }
 

@@ -3,8 +3,8 @@
 //! A deformation is linear in its targets. What a unit step of one handle does to each point is a field of numbers that depends
 //! on the layout alone; a drag adds multiples of such fields to what the handles do at rest, without a single power.
 
-use maquette::value::{Column, Encoder, Handles, Summary};
-use maquette::{Error, Progress, Value};
+use maquette::value::{Column, Encoder, Handles};
+use maquette::{Error, Memo, Progress};
 use nalgebra::{Matrix3, Point3};
 
 use super::object::{bounds, points, rebuilt, wanted};
@@ -212,11 +212,11 @@ fn unit_steps(layout: &Layout, system: &System, group: &[Option<usize>; GROUP]) 
 }
 
 /// The key of what is remembered.
-impl Value for Part {
+impl Memo for Part {
     const NAME: &'static str = "DragPart";
 
     fn encode(&self, to: &mut Encoder) {
-        to.column(&self.points).value(&self.prepared.layout);
+        to.column(&self.points).memo(&self.prepared.layout);
         to.plain(&self.error).plain(&u8::from(self.derivatives));
         match &self.group {
             Some(group) => {
@@ -237,14 +237,10 @@ impl Value for Part {
     fn size(&self) -> usize {
         self.points.size() + self.prepared.layout.size()
     }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("points", self.points.len())
-    }
 }
 
 /// Remembered for the next drag of the same handles.
-impl Value for Kept {
+impl Memo for Kept {
     const NAME: &'static str = "DragFields";
 
     fn encode(&self, to: &mut Encoder) {
@@ -253,9 +249,5 @@ impl Value for Kept {
 
     fn size(&self) -> usize {
         self.values.size() + self.derivatives.size()
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("points", self.values.len())
     }
 }

@@ -1,7 +1,7 @@
 //! Handles made ready: in mm, with their deviations chosen, and no two of them at one place.
 
-use maquette::Value;
-use maquette::value::{Encoder, Handle, HandleSpace, Handles, Summary};
+use maquette::Memo;
+use maquette::value::{Encoder, Handle, HandleSpace, Handles};
 use nalgebra::{Point3, Vector3};
 
 use super::gaussians::Gaussians;
@@ -160,7 +160,7 @@ pub(crate) fn chosen(
 }
 
 /// The key of what is remembered.
-impl Value for Layout {
+impl Memo for Layout {
     const NAME: &'static str = "HandleLayout";
 
     fn encode(&self, to: &mut Encoder) {
@@ -174,9 +174,5 @@ impl Value for Layout {
 
     fn size(&self) -> usize {
         self.at.len() * size_of::<[f64; 7]>()
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("handles", self.at.len())
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! With `M_ji` the share that handle i has of the place of handle j, the coefficients solve `M V = T`, one column per axis.
 
-use maquette::value::{Encoder, Summary};
-use maquette::{Error, Value};
+use maquette::value::Encoder;
+use maquette::{Error, Memo};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::deformation::Affine;
@@ -176,19 +176,15 @@ impl Polynomial {
 }
 
 /// Remembered for the next targets of the same handles.
-impl Value for System {
+impl Memo for System {
     const NAME: &'static str = "HandleSystem";
 
     fn encode(&self, to: &mut Encoder) {
-        to.value(&self.lu).counts(&[self.handles, self.polynomial.terms]);
+        to.memo(&self.lu).counts(&[self.handles, self.polynomial.terms]);
         to.plain(&u8::from(self.regularized));
     }
 
     fn size(&self) -> usize {
         self.lu.size()
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("handles", self.handles).with("condition", self.condition())
     }
 }

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use maquette::value::{Attribute, Column, Encoder, Mesh, MeshError, Summary};
-use maquette::{Error, Limit as Most, Value};
+use maquette::value::{Attribute, Column, Encoder, Mesh, MeshError};
+use maquette::{Error, Limit as Most, Memo};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -38,19 +38,15 @@ pub(crate) struct LimitPlaces {
 }
 
 /// A function of its topology, which therefore stands for it in the hash.
-impl Value for LimitPlaces {
+impl Memo for LimitPlaces {
     const NAME: &'static str = "SubdivisionLimitPlaces";
 
     fn encode(&self, to: &mut Encoder) {
-        to.value(&self.topology);
+        to.memo(&self.topology);
     }
 
     fn size(&self) -> usize {
         self.topology.size() + self.positions.size()
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("vertices", self.positions.len())
     }
 }
 
@@ -87,20 +83,16 @@ pub(crate) struct Limit {
 }
 
 /// A function of its topology, which therefore stands for it in the hash.
-impl Value for Limit {
+impl Memo for Limit {
     const NAME: &'static str = "SubdivisionLimit";
 
     fn encode(&self, to: &mut Encoder) {
-        to.value(&self.topology);
+        to.memo(&self.topology);
     }
 
     fn size(&self) -> usize {
         let tangents = self.tangents.size() + self.sides.size();
         self.topology.size() + self.positions.size() + tangents
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("vertices", self.positions.len())
     }
 }
 

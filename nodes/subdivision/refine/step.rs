@@ -4,8 +4,8 @@
 
 use std::sync::Arc;
 
-use maquette::value::{Attribute, Encoder, Faces, Mesh, MeshError, Summary};
-use maquette::{Error, Value};
+use maquette::value::{Attribute, Encoder, Faces, Mesh, MeshError};
+use maquette::{Error, Memo};
 use nalgebra::Point3;
 
 use super::carry::Carry;
@@ -35,11 +35,11 @@ enum Kind {
 }
 
 /// A function of the first topology and the depth, which therefore stand for it in the hash.
-impl Value for Step {
+impl Memo for Step {
     const NAME: &'static str = "SubdivisionStep";
 
     fn encode(&self, to: &mut Encoder) {
-        to.value(&*self.root).counts(&[self.depth]);
+        to.memo(&*self.root).counts(&[self.depth]);
     }
 
     fn size(&self) -> usize {
@@ -48,10 +48,6 @@ impl Value for Step {
             Kind::Dual(step) => step.size(),
         };
         rules + self.root.size()
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("vertices", self.n_finer()).with("faces", self.finer().len())
     }
 }
 
@@ -105,14 +101,6 @@ impl Step {
         match &self.rules {
             Kind::Primal(step) => &step.finer,
             Kind::Dual(step) => &step.finer,
-        }
-    }
-
-    /// Number of vertices of the refined mesh.
-    fn n_finer(&self) -> usize {
-        match &self.rules {
-            Kind::Primal(step) => step.n_finer(),
-            Kind::Dual(step) => step.n_finer(),
         }
     }
 
@@ -188,11 +176,11 @@ enum KindOfLimit {
 }
 
 /// A function of the first topology and the depth, which therefore stand for it in the hash.
-impl Value for LastLimit {
+impl Memo for LastLimit {
     const NAME: &'static str = "SubdivisionLastLimit";
 
     fn encode(&self, to: &mut Encoder) {
-        to.value(&*self.root).counts(&[self.depth]);
+        to.memo(&*self.root).counts(&[self.depth]);
     }
 
     fn size(&self) -> usize {
@@ -201,10 +189,6 @@ impl Value for LastLimit {
             KindOfLimit::Dual(limit) => limit.size(),
         };
         limit + self.root.size()
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("levels", self.depth + 1)
     }
 }
 

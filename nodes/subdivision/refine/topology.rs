@@ -1,7 +1,7 @@
 //! A mesh without places, and the rules: all that a plan depends on.
 
-use maquette::Value;
-use maquette::value::{Encoder, Faces, Mesh, Summary};
+use maquette::Memo;
+use maquette::value::{Encoder, Faces, Mesh};
 
 use crate::subdivision::Subdivision;
 use crate::subdivision::rules::Rules;
@@ -29,7 +29,7 @@ impl Topology {
     }
 }
 
-impl Value for Topology {
+impl Memo for Topology {
     const NAME: &'static str = "SubdivisionTopology";
 
     fn encode(&self, to: &mut Encoder) {
@@ -43,9 +43,5 @@ impl Value for Topology {
 
     fn size(&self) -> usize {
         self.faces.corners().size() + size_of_val(&self.creases[..])
-    }
-
-    fn describe(&self) -> Summary {
-        Summary::default().with("vertices", self.vertices).with("faces", self.faces.len())
     }
 }

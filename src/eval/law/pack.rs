@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::node::{Context, FilePath, In, Node, node};
 use crate::pack::Pack;
-use crate::value::{DecodeError, Decoder, Encoder, Summary, Value, value_type};
+use crate::value::{DecodeError, Decoder, Encoder, Parts, Summary, Value, value_type};
 
 /// A whole number that claims to need a kilobyte, so that a few of them fill a small memory.
 #[derive(Clone, Debug)]
@@ -29,6 +29,10 @@ impl Value for Amount {
 
     fn describe(&self) -> Summary {
         Summary::default().with("amount", self.0)
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts::default()
     }
 }
 

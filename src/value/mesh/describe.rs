@@ -1,7 +1,10 @@
 //! What a mesh tells of itself: its hash, its size, its facts.
 
-use super::super::{Attributes, CaptureFrame, DecodeError, Decoder, Encoder, Summary, Value};
-use super::{Faces, Mesh, describe_bounds};
+use super::super::{
+    Attributes, CaptureFrame, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Summary,
+    Value,
+};
+use super::{Faces, Mesh, describe_bounds, parts};
 
 impl Value for Mesh {
     const NAME: &'static str = "Mesh";
@@ -76,5 +79,21 @@ impl Value for Mesh {
             None => summary,
         };
         describe_bounds(summary, self.positions.iter())
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        parts::parts(self)
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        parts::made_of(parts)
+    }
+
+    fn show(&self) -> Vec<Layer> {
+        parts::show(self)
+    }
+
+    fn hostile() -> Vec<Self> {
+        parts::hostile()
     }
 }

@@ -1,6 +1,6 @@
 //! A few colors.
 
-use maquette::value::{Color, Column, Rgb};
+use maquette::value::{Color, Column, Image, Layer, Meaning, On, Parts, PartsError, Picture, Rgb};
 use maquette::{DecodeError, Decoder, Encoder, Error, FileFormat, NewFile, Summary, Value};
 
 /// A few colors, the most frequent first.
@@ -25,6 +25,30 @@ impl Value for Palette {
     fn describe(&self) -> Summary {
         let colors: Vec<String> = self.0.iter().map(|&color| Color(color).to_string()).collect();
         Summary::default().with("colors", colors)
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let mut parts = Parts::default();
+        parts.fact("colors", self.0.len());
+        parts.push("color", On::Entry, Meaning::Level, 3, &self.0[..]);
+        parts
+    }
+
+    fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
+        Ok(Self(parts.need("color", 3)?.colors()?.into()))
+    }
+
+    /// A square of each color, side by side.
+    fn show(&self) -> Vec<Layer> {
+        const SIDE: usize = 16;
+        let row: Vec<Rgb> = self.0.iter().flat_map(|&color| [color; SIDE]).collect();
+        let image = Image::new(row.len(), SIDE, row.repeat(SIDE));
+        let layer = |image| Layer::Picture(Picture { image, registration: None, drawn: true });
+        image.into_iter().map(layer).collect()
+    }
+
+    fn hostile() -> Vec<Self> {
+        [vec![], vec![[0; 3]], vec![[255; 3]; 3]].map(|colors| Self(colors.into())).into()
     }
 }
 

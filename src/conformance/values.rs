@@ -1,0 +1,310 @@
+//! The laws of types of values: what a value says of itself makes it again, and whatever else is said makes an error at the worst.
+
+use std::borrow::Cow;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use crate::value::{
+    AnyValue, FactValue, Hash, Items, Meaning, Part, Parts, PartsError, ValueType, ranges,
+};
+
+/// Checks the hostile values of a type.
+pub(super) fn check(kind: &ValueType, broken: &mut Vec<String>) {
+    let Some(values) = quietly(|| kind.hostile()) else {
+        broken.push(format!("making the hostile values of {} panics", kind.name));
+        return;
+    };
+    for value in values {
+        check_value(&value, broken);
+    }
+}
+
+/// Checks one value.
+pub(super) fn check_value(value: &AnyValue, broken: &mut Vec<String>) {
+    let law = |law: &str| format!("{}: {law}, with {value:?}", value.kind().name);
+    if quietly(|| (value.describe(), value.probe([0, 0]), value.show())).is_none() {
+        broken.push(law("`describe`, `probe` or `show` panics"));
+    }
+    let Some(parts) = quietly(|| value.parts()) else {
+        broken.push(law("`parts` panics"));
+        return;
+    };
+    let odd = |part: &&Part<'_>| part.width == 0 || !part.items.len().is_multiple_of(part.width);
+    if let Some(part) = parts.columns.iter().find(odd) {
+        broken.push(law(&format!("the elements of its part `{}` are not whole", part.name)));
+        return;
+    }
+    match made(value, &parts) {
+        Made::Nothing(PartsError::Never { .. }) => {}
+        Made::Nothing(error) => {
+            broken.push(law(&format!("its own parts make no value, because {error}")));
+        }
+        Made::Value(hash) if hash == value.hash() => check_damage(value, &parts, broken),
+        Made::Value(_) => broken.push(law("its own parts make another value")),
+        Made::Panic => broken.push(law("`from_parts` panics on its own parts")),
+    }
+}
+
+/// What some parts make.
+enum Made {
+    Value(Hash),
+    Nothing(PartsError),
+    Panic,
+}
+
+fn made(value: &AnyValue, parts: &Parts<'_>) -> Made {
+    match quietly(|| value.kind().from_parts(parts)) {
+        Some(Ok(made)) => Made::Value(made.hash()),
+        Some(Err(error)) => Made::Nothing(error),
+        None => Made::Panic,
+    }
+}
+
+/// The result, unless there is a panic.
+fn quietly<T>(make: impl FnOnce() -> T) -> Option<T> {
+    catch_unwind(AssertUnwindSafe(make)).ok()
+}
+
+/// What must come of damaged parts.
+#[derive(Clone, Copy, PartialEq)]
+enum Must {
+    /// Anything but a panic.
+    Return,
+    /// An error, or a value that is another one.
+    Differ,
+    /// An error.
+    Fail,
+}
+
+/// Damages one part or fact after the other.
+fn check_damage(value: &AnyValue, parts: &Parts<'_>, broken: &mut Vec<String>) {
+    let mut judge = |what: String, must: Must, damaged: &Parts<'_>| {
+        let wrong = match (must, made(value, damaged)) {
+            (_, Made::Panic) => "panics",
+            (Must::Fail, Made::Value(_)) => "is no error",
+            (Must::Differ, Made::Value(hash)) if hash == value.hash() => "is not noticed",
+            _ => return,
+        };
+        broken.push(format!("{}: `from_parts` {wrong}: {what}, in {value:?}", value.kind().name));
+    };
+    if !parts.is_empty() {
+        judge("no part at all".into(), Must::Fail, &Parts::default());
+    }
+    for index in 0..parts.facts.len() {
+        let name = &parts.facts[index].name;
+        let mut damaged = parts.clone();
+        for size in [[usize::MAX; 2], [usize::MAX, 0], [1 << 40, 1 << 40]] {
+            damaged.facts[index].value = FactValue::Size(size);
+            judge(format!("the fact `{name}` says {size:?}"), Must::Return, &damaged);
+            damaged.facts[index].value = FactValue::Count(size[0]);
+            judge(format!("the fact `{name}` says {}", size[0]), Must::Return, &damaged);
+        }
+        damaged.facts.remove(index);
+        judge(format!("the fact `{name}` is missing"), Must::Return, &damaged);
+    }
+    for (index, part) in parts.columns.iter().enumerate() {
+        let name = &part.name;
+        let with = |part: Part<'static>| {
+            let mut damaged = parts.clone();
+            damaged.columns[index] = part;
+            damaged
+        };
+        let own = |width: usize, numbers: Vec<f64>| Part {
+            name: Cow::Owned(name.clone().into_owned()),
+            width,
+            items: Items::F64(numbers.into()),
+            ..bare(part)
+        };
+        let mut missing = parts.clone();
+        missing.columns.remove(index);
+        judge(format!("the part `{name}` is missing"), Must::Return, &missing);
+        let numbers = part.items.numbers().into_owned();
+        let wider = with(own(part.width + 1, numbers.clone()));
+        judge(format!("the elements of `{name}` are longer"), Must::Differ, &wider);
+        let flat = with(own(0, numbers.clone()));
+        judge(format!("the elements of `{name}` are empty"), Must::Fail, &flat);
+        let mut longer = numbers.clone();
+        longer.push(0.0);
+        let longer = with(own(part.width, longer));
+        judge(format!("`{name}` is longer by a number"), Must::Differ, &longer);
+        let (Some(last), whole) = (numbers.len().checked_sub(1), is_whole(part)) else { continue };
+        let shorter = with(own(part.width, numbers[..last].to_vec()));
+        judge(format!("`{name}` is shorter by a number"), Must::Differ, &shorter);
+        for at in [0, last] {
+            let most = ranges(&numbers, 1)[0].map_or(0.0, |range| range.greatest);
+            for (wrong, is_whole) in
+                [(f64::NAN, false), (-1.0, false), (0.5, false), (1e300, false), (most + 1.0, true)]
+            {
+                let mut numbers = numbers.clone();
+                numbers[at] = wrong;
+                let must = if whole && !is_whole { Must::Fail } else { Must::Return };
+                let damaged = with(own(part.width, numbers));
+                judge(format!("number {at} of `{name}` is {wrong}"), must, &damaged);
+            }
+        }
+    }
+}
+
+/// Whether only whole numbers that 32 bits can tell may stand in a part.
+fn is_whole(part: &Part<'_>) -> bool {
+    let is_small = !matches!(part.items, Items::F64(_) | Items::F32(_));
+    is_small && matches!(part.meaning, Meaning::Level | Meaning::Index | Meaning::Exact)
+}
+
+/// A part without its numbers.
+fn bare(part: &Part<'_>) -> Part<'static> {
+    Part {
+        name: Cow::Borrowed(""),
+        on: part.on,
+        meaning: part.meaning,
+        width: part.width,
+        items: Items::F64(Cow::Borrowed(&[])),
+        aside: part.aside,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix4, Point3};
+
+    use super::*;
+    use crate::value::{
+        Attribute, CaptureFrame, Chart, Contour, ControlNet, Curve, Direction, Faces, Image,
+        KnotVector, Mesh, On, Pinhole, Points, RangeImage, Region, Registration, Surface, TYPES,
+    };
+
+    const CAMERA: Pinhole = Pinhole { focal: [1400.0, 1390.0], center: [99.5, 98.0] };
+
+    fn frame() -> CaptureFrame {
+        CaptureFrame {
+            camera: Some(CAMERA),
+            picture: [400, 300],
+            depth: 733.0,
+            world_from_camera: Some(Matrix4::identity() * 2.0),
+        }
+    }
+
+    fn points(count: usize) -> Vec<Point3<f64>> {
+        (0..count).map(|k| Point3::new(k as f64, (k * k) as f64 / 7.0, 0.1)).collect()
+    }
+
+    fn mesh() -> Mesh {
+        let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
+        let texture = Image::new(2, 1, vec![[1, 2, 3], [4, 5, 6]]).unwrap();
+        let mesh = Mesh::new(points(5), faces).unwrap();
+        let mesh = mesh.with_vertex("uv", Attribute::Pair(vec![[0.25, 0.5]; 5].into())).unwrap();
+        let mesh = mesh.with_vertex("color", Attribute::Color(vec![[9, 8, 7]; 5].into())).unwrap();
+        let mesh = mesh.with_vertex("filled", Attribute::Flag(vec![1; 5].into())).unwrap();
+        // Names that other parts have, too.
+        let mesh = mesh.with_vertex("sides", Attribute::Index(vec![7; 5].into())).unwrap();
+        let mesh =
+            mesh.with_vertex("position", Attribute::Vector(vec![[0.5; 3]; 5].into())).unwrap();
+        let mesh = mesh.with_vertex("frame", Attribute::Number(vec![2.5; 5].into())).unwrap();
+        let normals = Attribute::Vector(vec![[0.0, 0.0, 1.0]; 7].into());
+        let mesh = mesh.with_corner("normal", normals).unwrap();
+        let mesh = mesh.with_face("area", Attribute::Number(vec![1.5; 2].into())).unwrap();
+        let mesh = mesh.with_creases([([0, 1], 2.0), ([1, 2], f64::INFINITY)]).unwrap();
+        mesh.with_texture(Some(texture.with_camera(Some(CAMERA)))).with_frame(Some(frame()))
+    }
+
+    fn net() -> ControlNet {
+        let chart = Chart {
+            grid: [20, 10],
+            cells: vec![3, 199].into(),
+            coordinates: vec![[0.5, 1.5]; 2].into(),
+        };
+        let net = ControlNet::new(3, 4, points(12)).unwrap();
+        let net = net.with_points(points(13)[1..].to_vec()).unwrap();
+        let net = net.with_weights((0..12).map(f64::from).collect()).unwrap();
+        let net = net.with_fixed((0..12).map(|k| k % 2).collect()).unwrap();
+        net.with_chart(chart).with_frame(Some(frame()))
+    }
+
+    fn ordinary() -> Vec<AnyValue> {
+        let knots = |n| KnotVector::uniform(n, 3).unwrap();
+        let range = RangeImage::new(4, 3, points(12)).unwrap();
+        let range = range.with_filled((0..12).map(|k| k % 2).collect()).unwrap();
+        let range = range.with_joined((0..12).collect()).unwrap();
+        let range = range.with_colors(vec![[1, 2, 3]; 12]).unwrap().with_camera(Some(CAMERA));
+        let range = range.with_registration(Registration::corners([4, 3], [80, 60]));
+        let range = range.with_world_from_camera(Some(Matrix4::identity()));
+        let contours = vec![
+            Contour { hole: false, cells: vec![1, 2, 5] },
+            Contour { hole: true, cells: vec![2] },
+        ];
+        let cells = vec![1, 2, 5];
+        let region = Region::new(3, 2, cells, points(3), vec![0, 1, 0], contours).unwrap();
+        let cloud = Points::new(points(4)).unwrap();
+        let cloud = cloud.with_attribute("normal", Attribute::Vector(vec![[0.6; 3]; 4].into()));
+        let image = Image::new(2, 1, vec![[1, 2, 3]; 2]).unwrap().with_camera(Some(CAMERA));
+        vec![
+            AnyValue::new(mesh()),
+            AnyValue::new(net()),
+            AnyValue::new(Surface::new(net(), knots(3), knots(4)).unwrap()),
+            AnyValue::new(range),
+            AnyValue::new(region),
+            AnyValue::new(cloud.unwrap()),
+            AnyValue::new(image),
+            AnyValue::new(Curve::polyline(points(5), true).unwrap()),
+            AnyValue::new(Curve::rational(points(4), vec![0.5; 4], knots(4)).unwrap()),
+            AnyValue::new(Direction::mean([0.1, 0.2, 0.3].into()).unwrap()),
+        ]
+    }
+
+    #[test]
+    fn the_engines_values_keep_the_laws() {
+        let mut broken = Vec::new();
+        TYPES.iter().for_each(|kind| check(kind, &mut broken));
+        ordinary().iter().for_each(|value| check_value(value, &mut broken));
+        broken.sort();
+        broken.dedup();
+        assert!(broken.is_empty(), "{} laws are broken:\n{}", broken.len(), broken.join("\n"));
+    }
+
+    #[test]
+    fn every_type_of_the_engine_has_hostile_values_with_parts() {
+        for kind in TYPES {
+            let values = kind.hostile();
+            assert!(!values.is_empty(), "{}", kind.name);
+            assert!(values.iter().all(|value| !value.parts().columns.is_empty()), "{}", kind.name);
+            assert!(values.iter().any(|value| !value.show().is_empty()), "{}", kind.name);
+        }
+    }
+
+    /// What is said of a mesh one number of which is another one.
+    fn error(name: &str, number: f64) -> String {
+        let value = AnyValue::new(mesh());
+        let mut parts = value.parts();
+        let part = parts.columns.iter_mut().find(|part| part.name == name).unwrap();
+        let mut numbers = part.items.numbers().into_owned();
+        numbers[1] = number;
+        part.items = numbers.into();
+        value.kind().from_parts(&parts).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_its_part() {
+        assert_eq!(error("position", f64::NAN), "vertex 0 is not at a finite place");
+        assert_eq!(error("corners", 9.0), "face 0 names vertex 9, but there are only 5");
+        let whole = "number 1 of the part `corners` is 0.5, where a whole number from 0 to 4294967295 is expected";
+        assert_eq!(error("corners", 0.5), whole);
+        assert_eq!(
+            error("corner normal", f64::NAN),
+            "attribute `normal` of corner 0 is not finite"
+        );
+        assert_eq!(
+            error("color", 256.0),
+            "number 1 of the part `color` is 256, where a whole number from 0 to 255 is expected"
+        );
+    }
+
+    #[test]
+    fn a_mesh_is_made_of_two_arrays() {
+        let mut parts = Parts::default();
+        let positions = vec![0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        parts.push("position", On::Vertex, Meaning::Position, 3, positions);
+        let made = |parts: &Parts<'_>| crate::value::value_type::<Mesh>().from_parts(parts);
+        assert_eq!(made(&parts).unwrap_err().to_string(), "the part `corners` is missing");
+        parts.push("corners", On::Face, Meaning::Index, 3, vec![0u32, 1, 2]);
+        assert_eq!(made(&parts).unwrap().get::<Mesh>().unwrap().faces().len(), 1);
+    }
+}

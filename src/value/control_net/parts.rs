@@ -1,0 +1,86 @@
+//! What a control net is made of, and how it looks.
+
+use super::{Chart, ControlNet};
+use crate::value::frame::counts;
+use crate::value::hostile::clouds;
+use crate::value::{Axes, CaptureFrame, Layer, Lines, Meaning, On, Part, Parts, PartsError};
+
+/// The size of the chart's grid: tests see it in a fact.
+const GRID: &str = "chart grid";
+
+pub(super) fn parts(net: &ControlNet) -> Parts<'_> {
+    let mut parts = Parts { row: Some(net.columns), ..Parts::default() };
+    if let Some(frame) = &net.frame {
+        frame.push(&mut parts);
+    }
+    parts.fact("control points", [net.rows, net.columns]);
+    parts.push("point", On::Point, Meaning::Position, 3, &net.points[..]);
+    parts.push("base", On::Point, Meaning::Position, 3, &net.base[..]);
+    parts.push("weight", On::Point, Meaning::Number, 1, &net.weights[..]);
+    parts.push("fixed", On::Point, Meaning::Exact, 1, &net.fixed[..]);
+    if let Some(chart) = &net.chart {
+        parts.fact("chart", format!("{} of {:?} cells", chart.cells.len(), chart.grid));
+        parts.push("chart cell", On::Entry, Meaning::Index, 1, &chart.cells[..]);
+        let coordinates = &chart.coordinates[..];
+        parts.push("chart coordinate", On::Entry, Meaning::Number, 2, coordinates);
+        let grid = chart.grid.map(|size| size as f64).to_vec();
+        parts.push_aside(GRID, On::Whole, Meaning::Exact, 2, grid);
+    }
+    parts
+}
+
+/// Without `base` the points are their own, without `weight` all are 1, without `fixed` none is.
+pub(super) fn made_of(parts: &Parts<'_>) -> Result<ControlNet, PartsError> {
+    let [rows, columns] = parts.size_of("control points")?;
+    let points = parts.need("point", 3)?.places()?;
+    let mut net = match parts.column_of("base", 3)? {
+        Some(base) => {
+            let base = base.with_count(points.len())?.places()?;
+            let net = ControlNet::new(rows, columns, base).map_err(PartsError::refused)?;
+            net.with_points(points).map_err(PartsError::refused)?
+        }
+        None => ControlNet::new(rows, columns, points).map_err(PartsError::refused)?,
+    };
+    if let Some(weight) = parts.column_of("weight", 1)? {
+        let weights = weight.items.numbers().into_owned();
+        net = net.with_weights(weights).map_err(PartsError::refused)?;
+    }
+    if let Some(fixed) = parts.column_of("fixed", 1)? {
+        net = net.with_fixed(fixed.small(1)?).map_err(PartsError::refused)?;
+    }
+    if let Some(cells) = parts.column_of("chart cell", 1)? {
+        net = net.with_chart(chart(parts, cells)?);
+    }
+    Ok(net.with_frame(CaptureFrame::of(parts)?))
+}
+
+fn chart(parts: &Parts<'_>, part: &Part<'_>) -> Result<Chart, PartsError> {
+    let grid = parts.need(GRID, 2)?;
+    let grid = counts(grid, 0, grid.only()?)?;
+    let cells = part.whole()?;
+    let is_outside = |&cell: &u32| grid[0].saturating_mul(grid[1]) <= cell as usize;
+    if let Some(index) = cells.iter().position(is_outside) {
+        return Err(part.wrong(index, f64::from(cells[index]), "a cell of the chart's grid"));
+    }
+    let coordinates = parts.need("chart coordinate", 2)?.with_count(cells.len())?.elements()?;
+    Ok(Chart { grid, cells: cells.into(), coordinates: coordinates.into() })
+}
+
+/// The lines of its rows and columns.
+pub(super) fn show(net: &ControlNet) -> Vec<Layer> {
+    let (rows, columns) = (net.rows as u32, net.columns as u32);
+    let along_rows = (0..rows).map(|row| (row * columns..(row + 1) * columns).collect());
+    let along_columns =
+        (0..columns).map(|column| (0..rows).map(|row| row * columns + column).collect());
+    let axes = if net.frame.is_some() { Axes::Sensor } else { Axes::Upright };
+    let chains: Vec<Vec<u32>> = along_rows.chain(along_columns).collect();
+    vec![Layer::Lines(Lines { points: net.points.clone(), chains, axes })]
+}
+
+pub(super) fn hostile() -> Vec<ControlNet> {
+    let sizes = [[1, 1], [1, 4], [2, 2], [3, 3], [5, 9]];
+    let nets = sizes.into_iter().flat_map(|[rows, columns]| {
+        clouds(rows * columns).into_iter().map(move |points| ControlNet::new(rows, columns, points))
+    });
+    nets.flatten().collect()
+}

@@ -1,0 +1,107 @@
+//! What can be looked at in a value.
+//!
+//! Viewers draw layers, not types, so that a stranger's value is seen like one of the engine's. What a layer holds is shared with its
+//! value where the value has it as such.
+
+use nalgebra::Point3;
+
+use super::{Column, Image, Mesh, Points, Registration, Rgb};
+
+/// The color of pixels where nothing is.
+pub(super) const PLAIN: Rgb = [24, 26, 32];
+
+/// One thing that can be looked at. A value gives several if they belong together, the most telling one first.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Layer {
+    /// A picture, a pixel for each pixel or cell of the value.
+    Picture(Picture),
+    /// Faces: a mesh as it is, with its attributes as colors, normals, texture coordinates and numbers. Faces of more than three corners
+    /// are fans of triangles from their first corner.
+    Triangles(Mesh),
+    /// Places that nothing connects, with data on each.
+    Points(Cloud),
+    /// Chains of straight lines.
+    Lines(Lines),
+    /// Moves from place to place.
+    Arrows(Arrows),
+    /// Series of numbers, drawn over one axis.
+    Plot(Vec<Series>),
+}
+
+/// A picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Its pixels.
+    pub image: Image,
+    /// Where its pixels lie on the capture's picture, if that is known: those of a range grid do.
+    pub registration: Option<Registration>,
+    /// Whether its colors are chosen to be looked at, as those of labels are. Others are the value's own, and a file that keeps them
+    /// shows as much.
+    pub drawn: bool,
+}
+
+impl Picture {
+    /// A picture whose colors are the value's own, as layers; none if there is none.
+    pub(super) fn own<E>(image: Result<Image, E>) -> Vec<Layer> {
+        let layer = |image| Layer::Picture(Self { image, registration: None, drawn: false });
+        image.into_iter().map(layer).collect()
+    }
+
+    /// A picture whose colors are chosen to be looked at, as layers; none if there is none.
+    pub(super) fn drawn<E>(image: Result<Image, E>) -> Vec<Layer> {
+        let layer = |image| Layer::Picture(Self { image, registration: None, drawn: true });
+        image.into_iter().map(layer).collect()
+    }
+}
+
+/// Which way the axes of a layer go. A mesh says it by its frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Axes {
+    /// x right, y up, z towards the viewer.
+    #[default]
+    Upright,
+    /// The sensor's: x right, y down, z away.
+    Sensor,
+}
+
+/// Places that nothing connects.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cloud {
+    /// The places, in mm, with data on each.
+    pub points: Points,
+    /// The axes.
+    pub axes: Axes,
+}
+
+/// Chains of straight lines.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lines {
+    /// The places, in mm.
+    pub points: Column<Point3<f64>>,
+    /// The points of each chain, by index; a closed one names its first point again.
+    pub chains: Vec<Vec<u32>>,
+    /// The axes.
+    pub axes: Axes,
+}
+
+/// Moves from place to place: as many ends as starts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arrows {
+    /// Where they begin, in mm.
+    pub from: Column<Point3<f64>>,
+    /// Where they end.
+    pub to: Column<Point3<f64>>,
+    /// The axes.
+    pub axes: Axes,
+}
+
+/// One series of numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// Its name.
+    pub name: String,
+    /// Where on the axis each number stands: as many as there are numbers, growing.
+    pub at: Vec<f64>,
+    /// The numbers; what is not finite is left out of the drawing.
+    pub numbers: Vec<f64>,
+}
