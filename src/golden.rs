@@ -20,6 +20,7 @@ pub(crate) mod store;
 pub(crate) mod suite;
 mod topology;
 
+pub(crate) use compare::six;
 pub use compare::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
 pub(crate) use expect::{Violation, nodes_of, violations};
 pub(crate) use store::mesh_of;

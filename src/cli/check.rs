@@ -105,7 +105,7 @@ impl Check {
                 let unused = checked.graph.as_ref().map(Graph::unused).unwrap_or_default();
                 Vec::from_iter(checked.problems.iter().chain(unused).cloned())
             }
-            What::Test => match case::read(path) {
+            What::Test => match case::read(path, catalog) {
                 Ok(test) => self.test(&test, catalog),
                 Err(problems) => problems,
             },

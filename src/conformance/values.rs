@@ -7,41 +7,48 @@ use crate::value::{
     AnyValue, FactValue, Hash, Items, Meaning, Part, Parts, PartsError, ValueType, ranges,
 };
 
+/// How many values of a type are damaged: much of what is damaged would be told again of the others.
+const DAMAGED: usize = 6;
+
 /// Checks the hostile values of a type.
 pub(super) fn check(kind: &ValueType, broken: &mut Vec<String>) {
     let Some(values) = quietly(|| kind.hostile()) else {
         broken.push(format!("making the hostile values of {} panics", kind.name));
         return;
     };
-    for value in values {
-        check_value(&value, broken);
+    let stride = values.len().div_ceil(DAMAGED).max(1);
+    for (index, value) in values.iter().enumerate() {
+        if check_value(value, broken) && index.is_multiple_of(stride) {
+            check_damage(value, broken);
+        }
     }
 }
 
-/// Checks one value.
-pub(super) fn check_value(value: &AnyValue, broken: &mut Vec<String>) {
+/// Checks one value as it is; whether it can be made of its parts.
+fn check_value(value: &AnyValue, broken: &mut Vec<String>) -> bool {
     let law = |law: &str| format!("{}: {law}, with {value:?}", value.kind().name);
     if quietly(|| (value.describe(), value.probe([0, 0]), value.show())).is_none() {
         broken.push(law("`describe`, `probe` or `show` panics"));
     }
     let Some(parts) = quietly(|| value.parts()) else {
         broken.push(law("`parts` panics"));
-        return;
+        return false;
     };
     let odd = |part: &&Part<'_>| part.width == 0 || !part.items.len().is_multiple_of(part.width);
     if let Some(part) = parts.columns.iter().find(odd) {
         broken.push(law(&format!("the elements of its part `{}` are not whole", part.name)));
-        return;
+        return false;
     }
     match made(value, &parts) {
         Made::Nothing(PartsError::Never { .. }) => {}
         Made::Nothing(error) => {
             broken.push(law(&format!("its own parts make no value, because {error}")));
         }
-        Made::Value(hash) if hash == value.hash() => check_damage(value, &parts, broken),
+        Made::Value(hash) if hash == value.hash() => return true,
         Made::Value(_) => broken.push(law("its own parts make another value")),
         Made::Panic => broken.push(law("`from_parts` panics on its own parts")),
     }
+    false
 }
 
 /// What some parts make.
@@ -76,7 +83,8 @@ enum Must {
 }
 
 /// Damages one part or fact after the other.
-fn check_damage(value: &AnyValue, parts: &Parts<'_>, broken: &mut Vec<String>) {
+fn check_damage(value: &AnyValue, broken: &mut Vec<String>) {
+    let parts = value.parts();
     let mut judge = |what: String, must: Must, damaged: &Parts<'_>| {
         let wrong = match (must, made(value, damaged)) {
             (_, Made::Panic) => "panics",
@@ -254,9 +262,10 @@ mod tests {
     fn the_engines_values_keep_the_laws() {
         let mut broken = Vec::new();
         TYPES.iter().for_each(|kind| check(kind, &mut broken));
-        ordinary().iter().for_each(|value| check_value(value, &mut broken));
-        broken.sort();
-        broken.dedup();
+        for value in ordinary() {
+            assert!(check_value(&value, &mut broken), "{broken:?}");
+            check_damage(&value, &mut broken);
+        }
         assert!(broken.is_empty(), "{} laws are broken:\n{}", broken.len(), broken.join("\n"));
     }
 

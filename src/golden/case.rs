@@ -9,11 +9,13 @@ use serde::Deserialize;
 
 use super::compare::{Keep, Tolerance};
 use super::expect::Place;
+use crate::catalog::Catalog;
 use crate::error::{Problem, Source, Span, code};
 use crate::graph::Expectation;
 use crate::paths::{MARKER, PathProblem, may_read, project_root};
 use crate::plain;
 use crate::text::{Body, Finding, Kind, Tree, Walk, nearest_or_all, parse, read_tree};
+use crate::value::{Meaning, Part, ValueType};
 
 /// The ending of a test file's name.
 pub(crate) const ENDING: &str = ".test.ron";
@@ -88,21 +90,48 @@ pub(crate) struct Allowed {
     pub(crate) tolerance: Tolerance,
 }
 
-/// Which fields of a tolerance make sense for which values.
-const FIELDS: [(&[&str], &[&str]); 3] = [
-    (
-        &["Mesh", "Surface", "RangeImage", "ControlNet", "Curve", "Points", "Region"],
-        &["max", "rms", "p99", "normals", "attributes", "differing", "level", "remeshed", "keep"],
-    ),
-    (&["Image", "Mask", "Labels"], &["differing", "level", "keep"]),
-    (
-        &["Field", "Trace", "KnotVector", "Direction"],
-        &["max", "normals", "attributes", "differing", "keep"],
-    ),
-];
+/// Which fields of a tolerance make sense for a value: one with places, one with other numbers, one of colors or flags alone.
+const OF_PLACES: [&str; 9] =
+    ["max", "rms", "p99", "normals", "attributes", "differing", "level", "remeshed", "keep"];
+const OF_NUMBERS: [&str; 5] = ["max", "normals", "attributes", "differing", "keep"];
+const OF_LEVELS: [&str; 3] = ["differing", "level", "keep"];
 
-/// The files that a test file stands for, or every problem of it.
-pub(crate) fn read(path: &Path) -> Result<TestFile, Vec<Problem>> {
+/// The fields of a tolerance that make sense for a type, by what its numbers mean; all, where it has no values to tell by.
+fn fields_of(kind: &ValueType) -> &'static [&'static str] {
+    let values = kind.hostile();
+    let means = |wanted: &[Meaning]| {
+        let is_wanted = |part: &Part<'_>| !part.aside && wanted.contains(&part.meaning);
+        values.iter().any(|value| value.parts().columns.iter().any(is_wanted))
+    };
+    if values.is_empty() || means(&[Meaning::Position]) {
+        &OF_PLACES
+    } else if means(&[Meaning::Number, Meaning::Direction]) {
+        &OF_NUMBERS
+    } else {
+        &OF_LEVELS
+    }
+}
+
+/// The test of a test file, or every problem of it; the catalog knows the types of values.
+pub(crate) fn read(path: &Path, catalog: &Catalog) -> Result<TestFile, Vec<Problem>> {
+    read_with(path, &|name| {
+        catalog.value_types().get(name).map(|kind| fields_of(kind)).ok_or_else(|| {
+            let mut known = Vec::from_iter(catalog.value_types().into_keys());
+            known.sort_unstable();
+            known
+        })
+    })
+}
+
+/// The same without judging which tolerances make sense: to know what it is about.
+pub(crate) fn skim(path: &Path) -> Option<TestFile> {
+    read_with(path, &|_| Ok(&OF_PLACES)).ok()
+}
+
+/// The tolerances of a type of values by its name, or the types that are known.
+type Fields<'a> = dyn Fn(&str) -> Result<&'static [&'static str], Vec<&'static str>> + 'a;
+
+fn read_with(path: &Path, fields: &Fields<'_>) -> Result<TestFile, Vec<Problem>> {
     let (text, unread) = match plain::read_own_text(path) {
         Ok(text) => (text, None),
         Err(error) => (String::new(), Some(format!("cannot read the test: {error}"))),
@@ -110,7 +139,7 @@ pub(crate) fn read(path: &Path) -> Result<TestFile, Vec<Problem>> {
     let source = Arc::new(Source { name: path.to_owned(), text });
     let result = match unread {
         Some(message) => Err(vec![finding(code::MISSING_FILE, Span::default(), message, "")]),
-        None => read_text(path, &source),
+        None => read_text(path, &source, fields),
     };
     result.map_err(|mut findings| {
         findings.sort_by_key(|finding| finding.span);
@@ -122,7 +151,11 @@ fn finding(code: &'static str, span: Span, message: String, help: impl Into<Stri
     Finding { code, span, message, help: help.into(), note: None }
 }
 
-fn read_text(path: &Path, source: &Arc<Source>) -> Result<TestFile, Vec<Finding>> {
+fn read_text(
+    path: &Path,
+    source: &Arc<Source>,
+    fields: &Fields<'_>,
+) -> Result<TestFile, Vec<Finding>> {
     let (mut tree, mistakes) = parse(&source.text);
     let mistake = |m: crate::text::Mistake| finding(code::SYNTAX, m.span, m.message, m.help);
     let mut findings: Vec<Finding> = mistakes.into_iter().map(mistake).collect();
@@ -134,7 +167,7 @@ fn read_text(path: &Path, source: &Arc<Source>) -> Result<TestFile, Vec<Finding>
         let help = "begin with `Test(graph: \"name.ron\")`";
         return Err(vec![finding(code::SYNTAX, tree.span, message, help)]);
     }
-    let kinds = take_kinds(&mut tree, &mut findings);
+    let kinds = take_kinds(&mut tree, fields, &mut findings);
     let schema = serde_json::to_value(schemars::schema_for!(Test)).unwrap_or_default();
     let mut walk = Walk {
         node: "Test",
@@ -205,13 +238,16 @@ fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Tree> {
 }
 
 /// Takes `Mesh` off `Mesh(max: 0.02)`, so that what is left reads as a tolerance; gives back output, type and both places.
-fn take_kinds(tree: &mut Tree, findings: &mut Vec<Finding>) -> Vec<(String, String, Span, Span)> {
-    let Kind::Call { body: Body::Fields(fields), .. } = &mut tree.kind else { return Vec::new() };
-    let compare = fields.iter_mut().find(|field| field.name.text == "compare");
+fn take_kinds(
+    tree: &mut Tree,
+    fields: &Fields<'_>,
+    findings: &mut Vec<Finding>,
+) -> Vec<(String, String, Span, Span)> {
+    let Kind::Call { body: Body::Fields(all), .. } = &mut tree.kind else { return Vec::new() };
+    let compare = all.iter_mut().find(|field| field.name.text == "compare");
     let Some(Kind::Map(entries)) = compare.map(|field| &mut field.value.kind) else {
         return Vec::new();
     };
-    let known: Vec<&str> = FIELDS.iter().flat_map(|(kinds, _)| *kinds).copied().collect();
     let mut kinds = Vec::new();
     for (key, value) in entries {
         let Some(output) = key.text().map(str::to_owned) else { continue };
@@ -221,13 +257,15 @@ fn take_kinds(tree: &mut Tree, findings: &mut Vec<Finding>) -> Vec<(String, Stri
             findings.push(finding(code::WRONG_VALUE, value.span, message, help));
             continue;
         };
-        let fields = FIELDS.iter().find(|(kinds, _)| kinds.contains(&&name.text[..]));
-        let Some((_, fields)) = fields else {
-            value.kind = Kind::Broken;
-            let message = format!("values of the type `{}` have no tolerance", name.text);
-            let help = nearest_or_all(&name.text, "those that have", &known);
-            findings.push(finding(code::WRONG_TYPE, name.span, message, help));
-            continue;
+        let fields = match fields(&name.text) {
+            Ok(fields) => fields,
+            Err(known) => {
+                value.kind = Kind::Broken;
+                let message = format!("values of the type `{}` have no tolerance", name.text);
+                let help = nearest_or_all(&name.text, "those that have", &known);
+                findings.push(finding(code::WRONG_TYPE, name.span, message, help));
+                continue;
+            }
         };
         for given in value.fields().unwrap_or_default() {
             if !fields.contains(&&given.name.text[..]) {
@@ -357,7 +395,7 @@ pub(crate) fn tests_of(graph: &Path) -> Vec<PathBuf> {
     let Ok(wanted) = graph.canonicalize() else { return Vec::new() };
     let is_of = |path: &PathBuf| {
         let tests = |test: TestFile| test.graphs.iter().any(|graph| is_same(graph, &wanted));
-        read(path).is_ok_and(tests)
+        skim(path).is_some_and(tests)
     };
     for folder in graph.ancestors().skip(1) {
         let here = if folder == Path::new("") { Path::new(".") } else { folder };
@@ -375,7 +413,7 @@ pub(crate) fn tests_of(graph: &Path) -> Vec<PathBuf> {
 
 /// A graph by the path that its test file gives it.
 pub(crate) fn graph_of(test: &Path, graph: &Path) -> Vec<PathBuf> {
-    let (Ok(test), Ok(wanted)) = (read(test), graph.canonicalize()) else { return Vec::new() };
+    let (Some(test), Ok(wanted)) = (skim(test), graph.canonicalize()) else { return Vec::new() };
     test.graphs.into_iter().filter(|graph| is_same(graph, &wanted)).collect()
 }
 
@@ -400,7 +438,7 @@ mod tests {
         std::fs::write(folder.path().join("doll.ron"), "").unwrap();
         let path = folder.path().join("doll.test.ron");
         std::fs::write(&path, text).unwrap();
-        let problems = read(&path).err().unwrap_or_default();
+        let problems = read(&path, &Catalog::new(&[])).err().unwrap_or_default();
         let line = |problem: &Problem| {
             let place = crate::error::Place::of(&problem.source.text, problem.span.start);
             format!("{}:{} {} {}", place.line, place.column, problem.code, problem.message)

@@ -1,5 +1,6 @@
 //! What must hold of a value whatever its parameters are: assertions in graphs and in tests.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -8,12 +9,13 @@ use nalgebra::Point3;
 use super::compare::{distances, six};
 use super::intersect::intersections;
 use super::looks;
+use super::store::mesh_of;
 use super::topology::Topology;
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::eval::Evaluation;
 use crate::graph::{Expectation, Graph};
 use crate::text::nearest_or_all;
-use crate::value::{AnyValue, Labels, Mask, Mesh, Points, RangeImage, Region, Surface};
+use crate::value::{AnyValue, Fact, FactValue, Items, Meaning, Mesh, On, Part, Parts, Region};
 
 /// Where an expectation stands.
 #[derive(Clone)]
@@ -152,11 +154,6 @@ pub(crate) fn violations(
     violations
 }
 
-fn mesh_of(value: &AnyValue) -> Option<Mesh> {
-    let surface = || value.get::<Surface>()?.tessellate(0, 0).ok();
-    value.get::<Mesh>().cloned().or_else(surface)
-}
-
 /// `3 edges: 1-2, 4-7, ..`, and the middles of the edges.
 fn edges(mesh: &Mesh, offending: &[[u32; 2]], what: &str) -> Option<(String, Vec<Point3<f64>>)> {
     if offending.is_empty() {
@@ -231,24 +228,16 @@ fn count(
     min: Option<f64>,
     max: Option<f64>,
 ) -> Option<(String, Vec<Point3<f64>>)> {
-    let counts: Vec<(&str, i64)> = if let Some(mesh) = mesh_of(value) {
-        let loops = [("border loops", looks::border_loops(&mesh) as i64)];
-        Topology::of(&mesh).facts().into_iter().chain(loops).collect()
-    } else if let Some(mask) = value.get::<Mask>() {
-        vec![("pixels", mask.count() as i64)]
-    } else if let Some(labels) = value.get::<Labels>() {
-        vec![("components", labels.statistics().len() as i64)]
-    } else if let Some(range) = value.get::<RangeImage>() {
-        vec![("cells", range.n_valid() as i64)]
-    } else if let Some(region) = value.get::<Region>() {
-        vec![("cells", region.cells().len() as i64)]
-    } else if let Some(points) = value.get::<Points>() {
-        vec![("points", points.positions().len() as i64)]
-    } else {
-        Vec::new()
+    let counts: Vec<(Cow<'static, str>, i64)> = match mesh_of(value) {
+        Some(mesh) => {
+            let loops = [("border loops", looks::border_loops(&mesh) as i64)];
+            let facts = Topology::of(&mesh).facts().into_iter().chain(loops);
+            facts.map(|(name, count)| (name.into(), count)).collect()
+        }
+        None => counts(&value.parts()),
     };
     let Some(&(_, found)) = counts.iter().find(|(name, _)| *name == what) else {
-        let names = Vec::from_iter(counts.iter().map(|(name, _)| *name)).join(", ");
+        let names = Vec::from_iter(counts.iter().map(|(name, _)| &**name)).join(", ");
         let kind = value.kind().name;
         return Some((
             format!("is a {kind}, of which no `{what}` are counted, only: {names}"),
@@ -264,18 +253,42 @@ fn count(
         .then(|| (format!("has {found} {what}; wanted are {}", wanted.join(" and ")), Vec::new()))
 }
 
+/// What can be counted of a value: its facts that are counts, without `valid` before them, and the pixels of a mask.
+fn counts(parts: &Parts<'_>) -> Vec<(Cow<'static, str>, i64)> {
+    let fact = |fact: &Fact| match (&fact.name, &fact.value) {
+        (name, FactValue::Count(count)) => {
+            let name = name
+                .strip_prefix("valid ")
+                .map_or_else(|| name.clone(), |name| name.to_owned().into());
+            Some((name, *count as i64))
+        }
+        _ => None,
+    };
+    let mut counts = Vec::from_iter(parts.facts.iter().filter_map(fact));
+    if let [Part { on: On::Pixel, meaning: Meaning::Exact, items: Items::U8(flags), .. }] =
+        &parts.columns[..]
+    {
+        let inside = flags.iter().filter(|&&flag| flag == 1).count();
+        counts.push(("pixels".into(), inside as i64));
+    }
+    counts
+}
+
 fn bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Option<(String, Vec<Point3<f64>>)> {
-    let points: Vec<Point3<f64>> = if let Some(mesh) = mesh_of(value) {
-        mesh.positions().to_vec()
-    } else if let Some(range) = value.get::<RangeImage>() {
-        range.points().iter().filter(|p| p.x.is_finite()).copied().collect()
-    } else if let Some(points) = value.get::<Points>() {
-        points.positions().to_vec()
-    } else if let Some(region) = value.get::<Region>() {
-        region.points().to_vec()
-    } else {
+    let points = match mesh_of(value) {
+        Some(mesh) => Some(mesh.positions().to_vec()),
+        None => {
+            let parts = value.parts();
+            let mut columns = parts.columns.iter();
+            let places = columns.find(|part| part.meaning == Meaning::Position);
+            places.and_then(|part| part.places().ok())
+        }
+    };
+    let Some(mut points) = points else {
         return Some((format!("is a {}, which has no bounds", value.kind().name), Vec::new()));
     };
+    // Cells without a point are nowhere.
+    points.retain(|point| !point.x.is_nan());
     let outside = |p: &Point3<f64>| (0..3).any(|k| p[k] < low[k] || high[k] < p[k]);
     let outside: Vec<usize> = (0..points.len()).filter(|&index| outside(&points[index])).collect();
     let first = *outside.first()?;

@@ -169,7 +169,8 @@ fn grid_part(parts: &Parts) -> Option<&Part> {
 fn gray(part: &Part, row: Option<usize>, scale: &Part) -> Option<Image> {
     let row = row?;
     let component = if part.class == Class::Place { part.width - 1 } else { 0 };
-    let (low, high) = (*scale.ranges().get(component)?).unwrap_or((0.0, 1.0));
+    let range = *scale.ranges().get(component)?;
+    let (low, high) = range.map_or((0.0, 1.0), |range| (range.least, range.greatest));
     let pixel = |k: usize| match (part.element(k / part.stride)[component], part.class) {
         (0.0, Class::Exact) => [0; 3],
         (x, Class::Exact) => [97.0, 57.0, 149.0].map(|step| (64.0 + (x * step) % 192.0) as u8),

@@ -17,7 +17,8 @@ use crate::format::png;
 use crate::pack::NewFile;
 use crate::render::{View, render};
 use crate::value::{
-    AnyValue, Attribute, ControlNet, Faces, Hash, Image, KnotVector, Mask, Mesh, Surface,
+    AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Layer, Meaning, Mesh,
+    On, Rgb, Surface,
 };
 
 mod judge;
@@ -91,7 +92,7 @@ pub(crate) fn files(
         files.push(NewFile { name: ".bin".into(), bytes: pack(parts, tolerance, stride) });
         let view = View { size: [160, 120], ..View::front() };
         // All of a mesh shows how it looked.
-        let mesh = mesh_of(value).filter(|_| stride > 1);
+        let mesh = (stride > 1).then(|| mesh_of(value)).flatten();
         let look = mesh.and_then(|mesh| png::encode_rgb(&render(&mesh, &view)).ok());
         files.extend(look.map(|bytes| NewFile { name: ".view.png".into(), bytes }));
     }
@@ -151,19 +152,28 @@ fn line(label: &str, text: &str) -> String {
     format!("{label:<28}  {text}\n")
 }
 
-/// A mesh, or a surface as one.
+/// What has faces, as a mesh: a surface, too.
 pub(crate) fn mesh_of(value: &AnyValue) -> Option<Mesh> {
-    let surface = || value.get::<Surface>()?.tessellate(0, 0).ok();
-    value.get::<Mesh>().cloned().or_else(surface)
+    value.show().into_iter().find_map(|layer| match layer {
+        Layer::Triangles(mesh) => Some(mesh),
+        _ => None,
+    })
 }
 
-/// Pictures and masks are kept as pictures.
+/// What is nothing but colors of pixels, or flags of pixels, is kept as a picture.
 pub(crate) fn picture_of(value: &AnyValue) -> Option<Image> {
-    if let Some(mask) = value.get::<Mask>() {
-        let gray = mask.pixels().iter().map(|&inside| [255 * inside; 3]);
-        return Image::new(mask.width(), mask.height(), gray.collect::<Vec<_>>()).ok();
-    }
-    value.get::<Image>().cloned()
+    let parts = value.parts();
+    let mut compared = parts.columns.iter().filter(|part| !part.aside);
+    let (Some(part), None) = (compared.next(), compared.next()) else { return None };
+    let pixels: Vec<Rgb> = match (part.on, part.meaning, part.width, &part.items) {
+        (On::Pixel, Meaning::Level, 3, Items::U8(_)) => part.colors().ok()?,
+        (On::Pixel, Meaning::Exact, 1, Items::U8(_)) => {
+            part.small(1).ok()?.into_iter().map(|inside| [255 * inside; 3]).collect()
+        }
+        _ => return None,
+    };
+    let [width, height] = parts.size().ok()?;
+    Image::new(width, height, pixels).ok()
 }
 
 /// Every n-th pixel of every n-th row.

@@ -223,7 +223,7 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
     let mut problems = Vec::new();
     let mut tests = Vec::new();
     for path in paths {
-        match case::read(path) {
+        match case::read(path, settings.catalog) {
             Ok(test) => tests.push(test),
             Err(found) => problems.extend(found),
         }

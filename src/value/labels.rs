@@ -114,7 +114,7 @@ impl Labels {
 
     /// Writes the runs over `pixels`, which has nothing but background outside of them.
     fn assemble(width: usize, height: usize, mut pixels: Vec<u32>, runs: &[LabelRun]) -> Self {
-        let strips = pixels.par_chunks_mut(STRIP_ROWS * width.max(1)).enumerate();
+        let strips = pixels.par_chunks_mut(STRIP_ROWS.saturating_mul(width.max(1))).enumerate();
         strips.for_each(|(strip, pixels)| {
             let rows = STRIP_ROWS * strip..STRIP_ROWS * (strip + 1);
             let first = runs.partition_point(|run| (run.row as usize) < rows.start);

@@ -12,7 +12,7 @@ use crate::golden::compare::{
 };
 use crate::golden::parts::{Class, Part, Parts};
 use crate::golden::sketch::Sketch;
-use crate::value::{AnyValue, Image, Mask, Mesh};
+use crate::value::{AnyValue, Image, Mesh};
 
 /// What is said of a golden that an earlier program wrote.
 const OF_EARLIER_FORM: &str = "the value is another one, and its golden is of an earlier form, which cannot judge by how much: \
@@ -110,7 +110,7 @@ impl Golden {
         tolerance: &Tolerance,
     ) -> (Vec<String>, Vec<Measure>) {
         if let (Some(old), Some(new)) = (self.picture(), picture_of(value)) {
-            return self.measure_picture(old, &new, value.get::<Mask>().is_some(), tolerance);
+            return self.measure_picture(old, &new, parts, tolerance);
         }
         let Some(kept) = self.kept() else {
             return (vec!["nothing was kept by which it could be judged".into()], Vec::new());
@@ -162,15 +162,11 @@ impl Golden {
         &self,
         old: &Image,
         new: &Image,
-        is_mask: bool,
+        parts: &Parts,
         tolerance: &Tolerance,
     ) -> (Vec<String>, Vec<Measure>) {
         let stride = self.stride();
-        let parts = |picture: Image| {
-            let value = if is_mask { mask_of(&picture) } else { AnyValue::new(picture) };
-            Parts::of(&value).unwrap_or_default()
-        };
-        let (old, some) = (parts(old.clone()), parts(every(new, stride)));
+        let (old, some) = (as_kept(old, parts), as_kept(&every(new, stride), parts));
         let mut measures = compare_parts(&old, &some, tolerance).measures;
         if stride > 1 {
             let n_new = new.pixels().len().max(1) as f64;
@@ -345,11 +341,23 @@ impl Column {
     }
 }
 
-/// A mask that was kept as a picture.
-fn mask_of(picture: &Image) -> AnyValue {
-    let inside = picture.pixels().iter().map(|pixel| u8::from(pixel[0] > 127)).collect();
-    let mask = Mask::new(picture.width(), picture.height(), inside);
-    AnyValue::new(mask.expect("a mark for each pixel"))
+/// The parts of a value that was kept as a picture, by those of one of its type.
+fn as_kept(picture: &Image, like: &Parts) -> Parts {
+    let column = |part: &Part| {
+        let pixels = picture.pixels();
+        let numbers = match part.class {
+            Class::Exact => {
+                pixels.iter().map(|pixel| f64::from(u8::from(pixel[0] > 127))).collect()
+            }
+            _ => pixels.as_flattened().iter().map(|&level| f64::from(level)).collect(),
+        };
+        Part::new(&part.name, part.class, part.width, numbers)
+    };
+    Parts {
+        facts: Vec::new(),
+        columns: like.columns.iter().map(column).collect(),
+        row: Some(picture.width()),
+    }
 }
 
 #[cfg(test)]
@@ -359,7 +367,7 @@ mod tests {
     use super::*;
     use crate::golden::compare::Keep;
     use crate::golden::store::{files, read};
-    use crate::value::{CaptureFrame, ControlNet, Faces, KnotVector, Surface};
+    use crate::value::{CaptureFrame, ControlNet, Faces, KnotVector, Mask, Surface};
 
     /// What is kept of a value.
     fn kept(value: &AnyValue) -> Golden {

@@ -5,7 +5,7 @@ use crate::golden::compare::{Tolerance, allowed, six, without_order};
 use crate::golden::parts::{Class, Parts};
 use crate::golden::sketch::Sketch;
 use crate::golden::topology::{Extent, Topology};
-use crate::value::{AnyValue, Mesh};
+use crate::value::{AnyValue, Mesh, Range};
 
 /// What a value is in a golden: the texts of its summary, and how much those with numbers may differ.
 pub(super) struct Line {
@@ -71,20 +71,13 @@ pub(super) fn summary(
             _ => allowed(part, tolerance),
         };
         for (component, range) in part.ranges().into_iter().enumerate() {
-            let Some((low, high)) = range else { continue };
-            let column = part.numbers.iter().skip(component).step_by(part.width);
-            let (mut sum, mut count) = (0.0, 0usize);
-            for x in column.filter(|x| x.is_finite()) {
-                sum += x;
-                count += 1;
-            }
-            let mean = sum / count.max(1) as f64;
+            let Some(Range { least, greatest, mean }) = range else { continue };
             let label = match part.width {
                 1 => part.name.clone(),
                 width if width <= 4 => format!("{} {}", part.name, ["x", "y", "z", "w"][component]),
                 _ => format!("{} {component}", part.name),
             };
-            let text = format!("{} .. {}, mean {}", six(low), six(high), six(mean));
+            let text = format!("{} .. {}, mean {}", six(least), six(greatest), six(mean));
             lines.push(Line { label, text, slack: Some(slack) });
         }
     }

@@ -74,7 +74,7 @@ fn claimed(folder: &Path) -> Option<BTreeSet<PathBuf>> {
     for file in fs::read_dir(if folder == Path::new("") { Path::new(".") } else { folder }).ok()? {
         let path = folder.join(file.ok()?.file_name());
         if path.to_string_lossy().ends_with(case::ENDING) {
-            claimed.extend(jobs_of(&case::read(&path).ok()?).into_iter().map(|job| job.folder));
+            claimed.extend(jobs_of(&case::skim(&path)?).into_iter().map(|job| job.folder));
         }
     }
     Some(claimed)

@@ -34,9 +34,9 @@ pub(super) fn made_of(parts: &Parts<'_>) -> Result<Region, PartsError> {
     let cells = parts.need("cell", 1)?.whole()?;
     let filled = parts.column_of("filled", 1)?.map(|part| part.small(1)).transpose()?;
     let filled = filled.unwrap_or_else(|| vec![0; cells.len()]);
-    let contours = match parts.column_of("contour", 1)? {
-        Some(contour) if contour.count() > 0 => contours(parts, &cells)?,
-        _ => Vec::new(),
+    let contours = match parts.column("contour") {
+        Some(_) => contours(parts, &cells)?,
+        None => Vec::new(),
     };
     Region::new(width, height, cells, points, filled, contours).map_err(PartsError::refused)
 }
