@@ -15,10 +15,12 @@ mod camera;
 mod light;
 mod raster;
 mod scene;
+mod solid;
 
 use camera::Camera;
 use raster::{Band, Bins};
 use scene::Scene;
+pub use solid::render_layers;
 
 /// Samples along each side of a pixel.
 const SAMPLES: usize = 3;

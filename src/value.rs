@@ -50,6 +50,7 @@ pub use layer::{Arrows, Axes, Cloud, Layer, Lines, Picture, Series};
 pub use mask::Mask;
 pub use memo::Memo;
 pub(crate) use memo::hash_of_memo;
+pub(crate) use mesh::bounds;
 pub use mesh::{Edges, Faces, Mesh, MeshError, NearestPlace, TriangleTree};
 pub(crate) use parts::ranges;
 pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};

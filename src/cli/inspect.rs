@@ -17,14 +17,12 @@ use crate::graph::Graph;
 use crate::node::CancelToken;
 use crate::pack::NewFile;
 use crate::plain::ending;
-use crate::render::{View, render};
+use crate::render::{View, render_layers};
 use crate::text::{unknown, with_article};
-use crate::value::{AnyValue, Field, Image, Labels, Mask, Mesh, RangeImage, Summary, Surface};
+use crate::value::{AnyValue, Image, Layer, On, Picture, Summary};
 use crate::writing::{Place, Sources};
 
-mod seen;
-
-use seen::seen;
+mod columns;
 
 #[derive(Args)]
 pub(super) struct Inspect {
@@ -36,11 +34,15 @@ pub(super) struct Inspect {
     /// What is under this pixel of the capture's picture: color, label, point.
     #[arg(long, value_name = "X,Y", value_parser = pixel)]
     at: Option<[usize; 2]>,
-    /// Write the value to this file, too; its ending chooses the format. A `.png` is a picture to look at: of labels, regions and
-    /// range images, too.
+    /// Print its columns of numbers: what they lie on, what they mean, how many there are, and the least, the greatest and the mean of
+    /// each number of an element.
+    #[arg(long, conflicts_with = "at")]
+    table: bool,
+    /// Write the value to this file, too; its ending chooses the format. A `.png` is a picture to look at, of whatever can be seen: of
+    /// labels, regions and range images, of points, curves, nets and handles, too.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// From where a mesh or surface is seen in a picture: how far to the right and above, in degrees, and how much nearer than
+    /// From where what lies in space is seen in a picture: how far to the right and above, in degrees, and how much nearer than
     /// what just fits.
     #[arg(long, value_name = "YAW,PITCH[,ZOOM]", value_parser = view, allow_hyphen_values = true, requires = "out")]
     view: Option<View>,
@@ -147,8 +149,10 @@ impl Inspect {
         if !sizes.is_empty() {
             return Err(format!("there is no pixel {x},{y}: {}", sizes.join("; ")));
         }
-        let grids = found.iter().filter(|(_, value)| value.get::<RangeImage>().is_some());
-        if let Some((name, _)) = grids.into_iter().next() {
+        let is_grid = |(_, value): &&(&str, &AnyValue)| {
+            shown(value).is_some_and(|picture| picture.registration.is_some())
+        };
+        if let Some((name, _)) = found.iter().find(is_grid) {
             return Err(format!("`{node}.{name}` has no cell under the pixel {x},{y}"));
         }
         let kinds = found.iter().map(|(_, value)| with_article(value.kind().name));
@@ -206,7 +210,11 @@ impl Inspect {
             let outputs = found.iter().map(|(name, value)| {
                 let facts: serde_json::Map<String, Json> = summary(value).0.into_iter().collect();
                 let (kind, hash) = (value.kind().name, value.hash().to_string());
-                json!({ "name": name, "type": kind, "hash": hash, "bytes": value.size(), "facts": facts })
+                let mut output = json!({ "name": name, "type": kind, "hash": hash, "bytes": value.size(), "facts": facts });
+                if self.table {
+                    output["parts"] = columns::json(&value.parts());
+                }
+                output
             });
             let problems: Vec<_> = problems.iter().map(Problem::to_json).collect();
             print_json(&json!({
@@ -223,7 +231,8 @@ impl Inspect {
                 Some([x, y]) => writeln!(text, "{node}.{name}: {kind} at ({x}, {y})"),
                 None => writeln!(text, "{node}.{name}: {kind}, {size}, {}", value.hash().short()),
             };
-            text += &table(&summary(value));
+            text +=
+                &if self.table { columns::table(&value.parts()) } else { table(&summary(value)) };
         }
         print(&text);
     }
@@ -236,14 +245,13 @@ impl Inspect {
         sources: &Sources,
     ) -> Exit {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let files = match (&self.view, seen(value), catalog.format(value.kind(), &ending(path))) {
-            (Some(view), ..) => picture(value, view, &name),
-            (_, Some(seen), _) if ending(path) == "png" => {
-                png::encode_rgb(&seen).map(|bytes| NewFile::only(&name, bytes)).map_err(Error::from)
-            }
-            (_, _, Some(format)) => format.write(value, &name),
-            _ => Ok(Vec::new()),
-        };
+        let own = catalog.format(value.kind(), &ending(path));
+        let files =
+            if ending(path) == "png" && (self.view.is_some() || own.is_none() || is_drawn(value)) {
+                picture(value, self.view.as_ref(), &name)
+            } else {
+                own.map_or_else(|| Ok(Vec::new()), |format| format.write(value, &name))
+            };
         write_files(files, path, sources)
     }
 }
@@ -256,14 +264,19 @@ fn chosen<'v>(
     catalog: &Arc<Catalog>,
 ) -> Result<(&'v str, &'v AnyValue), String> {
     let fits = |value: &AnyValue| {
-        catalog.format(value.kind(), ending).is_some() || ending == "png" && seen(value).is_some()
+        catalog.format(value.kind(), ending).is_some() || ending == "png" && is_drawn(value)
     };
     if let Some(found) = found.iter().find(|(_, value)| fits(value)) {
         return Ok(*found);
     }
+    let can_be_seen = |value: &AnyValue| !value.show().is_empty();
+    let seen = found.iter().find(|(_, value)| ending == "png" && can_be_seen(value));
+    if let Some(found) = seen {
+        return Ok(*found);
+    }
     let can = found.iter().map(|(name, value)| {
         let mut known = catalog.endings(Some(value.kind()));
-        known.extend((seen(value).is_some() && !known.contains(&"png")).then_some("png"));
+        known.extend((can_be_seen(value) && !known.contains(&"png")).then_some("png"));
         let what = with_article(value.kind().name);
         match known.is_empty() {
             true => format!("{node}.{name}, {what}, has no file format"),
@@ -273,28 +286,40 @@ fn chosen<'v>(
     Err(Vec::from_iter(can).join("; "))
 }
 
-/// The pixels of what is asked by its own pixels.
+/// The first picture that a value shows.
+fn shown(value: &AnyValue) -> Option<Picture> {
+    value.show().into_iter().find_map(|layer| match layer {
+        Layer::Picture(picture) => Some(picture),
+        _ => None,
+    })
+}
+
+/// Whether a value is best seen as the picture that it shows: in colors that are none of its own.
+fn is_drawn(value: &AnyValue) -> bool {
+    shown(value).is_some_and(|picture| picture.drawn)
+}
+
+/// The pixels of what is asked by its own pixels: not of a grid that lies on a picture of other pixels.
 fn size(value: &AnyValue) -> Option<[usize; 2]> {
-    let image = value.get::<Image>().map(|it| [it.width(), it.height()]);
-    let mask = value.get::<Mask>().map(|it| [it.width(), it.height()]);
-    let labels = value.get::<Labels>().map(|it| [it.width(), it.height()]);
-    let field = value.get::<Field>().map(|it| [it.width(), it.height()]);
-    image.or(mask).or(labels).or(field)
+    let parts = value.parts();
+    if !parts.columns.iter().any(|part| part.on == On::Pixel) {
+        return None;
+    }
+    let is_registered = shown(value).is_some_and(|picture| picture.registration.is_some());
+    parts.size().ok().filter(|_| !is_registered)
 }
 
-/// A mesh or surface, seen from somewhere.
-fn picture(value: &AnyValue, view: &View, name: &str) -> Result<Vec<NewFile>, Error> {
-    let mesh = match (value.get::<Mesh>(), value.get::<Surface>()) {
-        (Some(mesh), _) => mesh.clone(),
-        (_, Some(surface)) => surface.tessellate(0, 0)?,
-        _ => return Err(NoShape.into()),
-    };
-    Ok(NewFile::only(name, png::encode_rgb(&render(&mesh, view))?))
+/// A value as it is seen: flat, or in space from somewhere.
+fn picture(value: &AnyValue, view: Option<&View>, name: &str) -> Result<Vec<NewFile>, Error> {
+    let flat: Option<Image> = view.is_none().then(|| shown(value)).flatten().map(|it| it.image);
+    let in_space = || render_layers(&value.show(), view.unwrap_or(&View::front()));
+    let picture = flat.or_else(in_space).ok_or(NoShape)?;
+    Ok(NewFile::only(name, png::encode_rgb(&picture)?))
 }
 
-/// A view was asked for of something flat.
+/// A picture was asked for of something that has nothing to be seen from anywhere.
 #[derive(Debug, thiserror::Error)]
-#[error("--view is for meshes and surfaces")]
+#[error("nothing of it lies in space, where it could be seen from somewhere")]
 struct NoShape;
 
 /// Writes all files, or none if one of them may not be written.

@@ -1,0 +1,257 @@
+//! Points, lines, arrows and plots as small solids, so that one renderer draws all layers.
+
+use nalgebra::{Point3, Vector3};
+
+use super::View;
+use crate::value::{Attribute, Axes, Faces, Layer, Mesh, Rgb, Series};
+
+/// The radius of lines and the size of points and of arrows' heads, as shares of the diagonal of all there is.
+const LINE: f64 = 0.0015;
+const POINT: f64 = 0.004;
+const HEAD: f64 = 0.03;
+
+/// Of more points than that, every n-th is drawn.
+const MOST: usize = 100_000;
+
+/// Colors of points, lines and arrows, and of the series of a plot.
+const COLORS: [Rgb; 4] = [[214, 170, 60], [60, 110, 180], [190, 80, 40], [70, 140, 90]];
+
+/// The height of a plot whose width is 1.
+const PLOT: f64 = 0.7;
+
+/// A picture of what a value shows, if any of it lies in space or is a plot: its faces alone if it has some.
+pub fn render_layers(layers: &[Layer], view: &View) -> Option<crate::value::Image> {
+    let faces = layers.iter().find_map(|layer| match layer {
+        Layer::Triangles(mesh) => Some(mesh),
+        _ => None,
+    });
+    match faces {
+        Some(mesh) => Some(super::render(mesh, view)),
+        None => Solids::of(layers).mesh().map(|mesh| super::render(&mesh, view)),
+    }
+}
+
+/// What is to be drawn.
+#[derive(Default)]
+struct Solids {
+    points: Vec<(Point3<f64>, Rgb)>,
+    lines: Vec<([Point3<f64>; 2], Rgb)>,
+    arrows: Vec<[Point3<f64>; 2]>,
+}
+
+impl Solids {
+    fn of(layers: &[Layer]) -> Self {
+        let mut all = Self::default();
+        for layer in layers {
+            match layer {
+                Layer::Points(cloud) => {
+                    let colors = cloud.points.attributes().colors("color");
+                    let color = |k: usize| colors.map_or(COLORS[0], |colors| colors[k]);
+                    let places = cloud.points.positions().iter().enumerate();
+                    let stride = places.len().div_ceil(MOST).max(1);
+                    let place = |(k, &point)| (upright(point, cloud.axes), color(k));
+                    all.points.extend(places.step_by(stride).map(place));
+                }
+                Layer::Lines(lines) => {
+                    let at = |&k: &u32| lines.points.get(k as usize).copied();
+                    for ends in lines.chains.iter().flat_map(|chain| chain.windows(2)) {
+                        let [Some(a), Some(b)] = [at(&ends[0]), at(&ends[1])] else { continue };
+                        all.lines.push(([a, b].map(|end| upright(end, lines.axes)), COLORS[1]));
+                    }
+                }
+                Layer::Arrows(arrows) => {
+                    let ends = arrows.from.iter().zip(arrows.to.iter());
+                    all.arrows.extend(
+                        ends.map(|(&from, &to)| [from, to].map(|end| upright(end, arrows.axes))),
+                    );
+                }
+                Layer::Plot(series) => all.plot(series),
+                Layer::Picture(_) | Layer::Triangles(_) => {}
+            }
+        }
+        all
+    }
+
+    /// The series over one axis, in a frame.
+    fn plot(&mut self, series: &[Series]) {
+        let all = |numbers: fn(&Series) -> &[f64]| {
+            let numbers = series.iter().flat_map(numbers).filter(|x| x.is_finite());
+            let start = (f64::INFINITY, f64::NEG_INFINITY);
+            numbers.fold(start, |(low, high), &x| (low.min(x), high.max(x)))
+        };
+        let (across, up) = (all(|series| &series.at), all(|series| &series.numbers));
+        let share = |x: f64, (low, high): (f64, f64)| {
+            // Halves, because the difference of two huge numbers is infinite.
+            if low < high { (x / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0) } else { 0.5 }
+        };
+        for (series, color) in series.iter().zip(COLORS.iter().cycle().skip(1)) {
+            let place = |(&at, &x): (&f64, &f64)| {
+                let place = Point3::new(share(at, across), share(x, up) * PLOT, 0.0);
+                place.coords.iter().all(|x| x.is_finite()).then_some(place)
+            };
+            let places = Vec::from_iter(series.at.iter().zip(&series.numbers).map(place));
+            let pairs = places.windows(2).filter_map(|pair| Some([pair[0]?, pair[1]?]));
+            self.lines.extend(pairs.map(|pair| (pair, *color)));
+            self.points.extend(places.iter().flatten().map(|place| (*place, *color)));
+        }
+        let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, PLOT], [0.0, PLOT]];
+        let corners = corners.map(|[x, y]| Point3::new(x, y, 0.0));
+        let frame = (0..4).map(|k| ([corners[k], corners[(k + 1) % 4]], [120; 3]));
+        self.lines.extend(frame);
+    }
+
+    /// All of it as one mesh; none if there is nothing, or it is too large for numbers.
+    fn mesh(&self) -> Option<Mesh> {
+        let points = self.points.iter().map(|(point, _)| point);
+        let ends = self.lines.iter().flat_map(|(ends, _)| ends);
+        let ends = ends.chain(self.arrows.iter().flatten());
+        let is_somewhere = |point: &&Point3<f64>| point.coords.iter().all(|x| x.is_finite());
+        let (low, high) = crate::value::bounds(points.chain(ends).filter(is_somewhere))?;
+        let diagonal = (high - low).norm();
+        let size = if diagonal > 0.0 { diagonal } else { 1.0 };
+        let mut pieces = Pieces::default();
+        for (point, color) in &self.points {
+            pieces.point(*point, POINT * size, *color);
+        }
+        for ([a, b], color) in &self.lines {
+            pieces.line(*a, *b, LINE * size, *color);
+        }
+        for &[from, to] in &self.arrows {
+            let length = (to - from).norm();
+            let head = (HEAD * size).min(0.5 * length);
+            if length > 0.0 {
+                let neck = to - (to - from) * (head / length);
+                pieces.line(from, neck, LINE * size, COLORS[2]);
+                pieces.tube([neck, to], [head / 3.0, 0.0], COLORS[2]);
+            } else {
+                pieces.point(from, POINT * size, COLORS[2]);
+            }
+        }
+        let Pieces { positions, colors, faces } = pieces;
+        let mesh = Mesh::new(positions, Faces::triangles(faces)).ok()?;
+        mesh.with_vertex("color", Attribute::Color(colors.into())).ok()
+    }
+}
+
+/// A place with y up.
+fn upright(point: Point3<f64>, axes: Axes) -> Point3<f64> {
+    match axes {
+        Axes::Upright => point,
+        Axes::Sensor => Point3::new(point.x, -point.y, -point.z),
+    }
+}
+
+/// A mesh that grows. What is not at a finite place is left out.
+#[derive(Default)]
+struct Pieces {
+    positions: Vec<Point3<f64>>,
+    colors: Vec<Rgb>,
+    faces: Vec<[u32; 3]>,
+}
+
+impl Pieces {
+    fn add(&mut self, positions: &[Point3<f64>], faces: &[[u32; 3]], color: Rgb) {
+        if positions.iter().any(|point| !point.coords.iter().all(|x| x.is_finite())) {
+            return;
+        }
+        let first = self.positions.len() as u32;
+        self.positions.extend(positions);
+        self.colors.extend(positions.iter().map(|_| color));
+        self.faces.extend(faces.iter().map(|face| face.map(|vertex| first + vertex)));
+    }
+
+    /// An octahedron.
+    fn point(&mut self, at: Point3<f64>, radius: f64, color: Rgb) {
+        let corner = |k: usize| {
+            let mut corner = at;
+            corner[k / 2] += if k.is_multiple_of(2) { radius } else { -radius };
+            corner
+        };
+        let corners: [_; 6] = std::array::from_fn(corner);
+        const FACES: [[u32; 3]; 8] = [
+            [0, 2, 4],
+            [2, 1, 4],
+            [1, 3, 4],
+            [3, 0, 4],
+            [2, 0, 5],
+            [1, 2, 5],
+            [3, 1, 5],
+            [0, 3, 5],
+        ];
+        self.add(&corners, &FACES, color);
+    }
+
+    fn line(&mut self, from: Point3<f64>, to: Point3<f64>, radius: f64, color: Rgb) {
+        self.tube([from, to], [radius; 2], color);
+    }
+
+    /// A prism of four sides with a radius at each end.
+    fn tube(&mut self, ends: [Point3<f64>; 2], radii: [f64; 2], color: Rgb) {
+        let Some(along) = (ends[1] - ends[0]).try_normalize(0.0) else { return };
+        let least = along.iamin();
+        let side = along.cross(&Vector3::ith(least, 1.0)).normalize();
+        let other = along.cross(&side);
+        let ring = |k: usize| [side, other, -side, -other][k];
+        let corner = |k: usize| ends[k / 4] + ring(k % 4) * radii[k / 4];
+        let corners: [_; 8] = std::array::from_fn(corner);
+        let mut faces = vec![[0, 3, 2], [0, 2, 1], [4, 5, 6], [4, 6, 7]];
+        for k in 0..4 {
+            let next = (k + 1) % 4;
+            faces.extend([[k, next, next + 4], [k, next + 4, k + 4]]);
+        }
+        self.add(&corners, &faces, color);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::value::{Arrows, Lines, TYPES};
+
+    fn seen(layers: &[Layer]) -> usize {
+        let view = View { size: [60, 60], ..View::front() };
+        let Some(picture) = render_layers(layers, &view) else { return 0 };
+        let row = |k: usize| &picture.pixels()[60 * k..][..60];
+        (0..60).map(|k| row(k).iter().filter(|pixel| **pixel != row(k)[0]).count()).sum()
+    }
+
+    #[test]
+    fn lines_arrows_and_plots_are_seen() {
+        let points = vec![Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(1.0, 1.0, 0.0)];
+        let lines =
+            Lines { points: points.into(), chains: vec![vec![0, 1, 2, 9]], axes: Axes::Upright };
+        assert!(seen(&[Layer::Lines(lines.clone())]) > 40);
+        let (from, to) = (vec![Point3::origin()].into(), vec![Point3::new(0.0, 5.0, 0.0)].into());
+        assert!(seen(&[Layer::Arrows(Arrows { from, to, axes: Axes::Sensor })]) > 20);
+        let series = Series {
+            name: "a".into(),
+            at: vec![0.0, 1.0, 2.0],
+            numbers: vec![3.0, f64::NAN, 1e300],
+        };
+        assert!(seen(&[Layer::Plot(vec![series])]) > 100);
+        assert_eq!(seen(&[]), 0);
+    }
+
+    #[test]
+    fn every_hostile_value_is_seen_or_not_but_never_stops_the_program() {
+        for kind in TYPES {
+            let values = kind.hostile();
+            assert!(values.iter().all(|value| seen(&value.show()) <= 60 * 60), "{}", kind.name);
+        }
+    }
+
+    #[test]
+    fn solids_are_closed_and_look_outside() {
+        let mut pieces = Pieces::default();
+        pieces.point(Point3::origin(), 1.0, [0; 3]);
+        pieces.line(Point3::new(5.0, 0.0, 0.0), Point3::new(9.0, 2.0, 1.0), 0.5, [0; 3]);
+        let mesh = Mesh::new(pieces.positions, Faces::triangles(pieces.faces)).unwrap();
+        let edges = mesh.edges();
+        assert!(edges.faces.iter().all(|&faces| faces == 2) && edges.misoriented == 0);
+        for (index, face) in mesh.faces().iter().enumerate() {
+            let middle = if index < 8 { Point3::origin() } else { Point3::new(7.0, 1.0, 0.5) };
+            let corner = mesh.positions()[face[0] as usize];
+            assert!(mesh.area_vector(face).dot(&(corner - middle)) > 0.0, "face {index}");
+        }
+    }
+}

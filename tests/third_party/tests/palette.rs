@@ -1,0 +1,70 @@
+//! A value that only an outsider's pack knows is compared, shown as a table and seen like one of the engine's.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use maquette::value::{Layer, Meaning, Parts};
+use maquette::{AnyValue, Catalog, test_graphs, value_type};
+use maquette_third_party::{PACK, Palette};
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
+
+fn inspect(arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_third-party"));
+    command.args(["inspect", "ExtractPalette.ron", "palette", "--no-cache"]);
+    command.args(arguments).current_dir(GRAPHS).output().unwrap()
+}
+
+#[test]
+fn its_golden_passes_within_its_tolerance() {
+    let packs = [maquette_nodes::PACKS, &[PACK]].concat();
+    let run = test_graphs(Path::new(GRAPHS), &Catalog::new(&packs), 1).unwrap();
+    assert!(run.failures.is_empty(), "{:?}", run.failures);
+    assert_eq!(run.passed, 1);
+}
+
+#[test]
+fn its_tolerances_are_those_of_colors() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(format!("{GRAPHS}/color.png"), folder.path().join("color.png")).unwrap();
+    let graph = folder.path().join("ExtractPalette.ron");
+    std::fs::copy(format!("{GRAPHS}/ExtractPalette.ron"), graph).unwrap();
+    let test = "Test(graph: \"ExtractPalette.ron\", compare: {\"doll.gpl\": Palette(rms: 1.0)})";
+    std::fs::write(folder.path().join("ExtractPalette.test.ron"), test).unwrap();
+    let packs = [maquette_nodes::PACKS, &[PACK]].concat();
+    let run = test_graphs(folder.path(), &Catalog::new(&packs), 1).unwrap();
+    assert_eq!(run.failures, ["Palette has no tolerance `rms`"]);
+}
+
+#[test]
+fn its_columns_are_a_table() {
+    let output = inspect(&["--table"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    let row = text.lines().find(|line| line.trim_start().starts_with("color ")).unwrap();
+    let words = Vec::from_iter(row.split_whitespace().take(4));
+    assert_eq!(words, ["color", "entry", "level", "3"], "{text}");
+    let output = inspect(&["--table", "--json"]);
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let column = &document["outputs"][0]["parts"]["columns"][0];
+    assert_eq!((&column["on"], &column["width"]), (&"entry".into(), &3.into()), "{document}");
+}
+
+#[test]
+fn it_is_seen_as_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("palette.png");
+    let output = inspect(&["--out", path.to_str().unwrap()]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let picture = maquette::format::png::read(&std::fs::read(path).unwrap()).unwrap();
+    assert_eq!((picture.width() % 16, picture.height()), (0, 16));
+}
+
+#[test]
+fn it_is_made_of_an_array() {
+    let mut parts = Parts::default();
+    parts.push("color", maquette::value::On::Entry, Meaning::Level, 3, vec![1u8, 2, 3]);
+    let made = value_type::<Palette>().from_parts(&parts).unwrap();
+    let palette = Palette(vec![[1, 2, 3]].into());
+    assert_eq!(made.hash(), AnyValue::new(palette).hash());
+    assert!(matches!(&made.show()[..], [Layer::Picture(_)]));
+}
