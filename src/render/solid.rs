@@ -6,7 +6,7 @@ use super::View;
 use crate::value::{Attribute, Axes, Faces, Layer, Mesh, Rgb, Series};
 
 /// The radius of lines and the size of points and of arrows' heads, as shares of the diagonal of all there is.
-const LINE: f64 = 0.0015;
+const LINE: f64 = 0.002;
 const POINT: f64 = 0.004;
 const HEAD: f64 = 0.03;
 
@@ -208,11 +208,12 @@ mod tests {
     use super::*;
     use crate::value::{Arrows, Lines, TYPES};
 
-    fn seen(layers: &[Layer]) -> usize {
-        let view = View { size: [60, 60], ..View::front() };
+    /// How many pixels of a square picture show something.
+    fn seen(layers: &[Layer], side: usize) -> usize {
+        let view = View { size: [side; 2], ..View::front() };
         let Some(picture) = render_layers(layers, &view) else { return 0 };
-        let row = |k: usize| &picture.pixels()[60 * k..][..60];
-        (0..60).map(|k| row(k).iter().filter(|pixel| **pixel != row(k)[0]).count()).sum()
+        let row = |k: usize| &picture.pixels()[side * k..][..side];
+        (0..side).map(|k| row(k).iter().filter(|pixel| **pixel != row(k)[0]).count()).sum()
     }
 
     #[test]
@@ -220,23 +221,23 @@ mod tests {
         let points = vec![Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(1.0, 1.0, 0.0)];
         let lines =
             Lines { points: points.into(), chains: vec![vec![0, 1, 2, 9]], axes: Axes::Upright };
-        assert!(seen(&[Layer::Lines(lines.clone())]) > 40);
+        assert!(seen(&[Layer::Lines(lines)], 200) > 200);
         let (from, to) = (vec![Point3::origin()].into(), vec![Point3::new(0.0, 5.0, 0.0)].into());
-        assert!(seen(&[Layer::Arrows(Arrows { from, to, axes: Axes::Sensor })]) > 20);
+        assert!(seen(&[Layer::Arrows(Arrows { from, to, axes: Axes::Sensor })], 200) > 100);
         let series = Series {
             name: "a".into(),
             at: vec![0.0, 1.0, 2.0],
             numbers: vec![3.0, f64::NAN, 1e300],
         };
-        assert!(seen(&[Layer::Plot(vec![series])]) > 100);
-        assert_eq!(seen(&[]), 0);
+        assert!(seen(&[Layer::Plot(vec![series])], 200) > 300);
+        assert_eq!(seen(&[], 200), 0);
     }
 
     #[test]
     fn every_hostile_value_is_seen_or_not_but_never_stops_the_program() {
         for kind in TYPES {
             let values = kind.hostile();
-            assert!(values.iter().all(|value| seen(&value.show()) <= 60 * 60), "{}", kind.name);
+            assert!(values.iter().all(|value| seen(&value.show(), 12) <= 12 * 12), "{}", kind.name);
         }
     }
 
