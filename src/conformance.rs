@@ -18,6 +18,7 @@ use crate::text::{check_default, inside_option, resolve, variants};
 use crate::value::{AnyValue, ValueType};
 
 mod extremes;
+mod files;
 mod values;
 
 /// How much memory the evaluators of a check may hold.
@@ -34,6 +35,7 @@ const MEMORY: usize = 1 << 30;
 /// 7. Hostile values of the input types cause errors, not panics.
 /// 8. With its numbers at the ends of what is allowed, one by one and together, on the values of its example and on hostile ones, it comes
 ///    to an end or gives an error, or stops soon when it is told to.
+/// 9. Readers of files give a value or an error, whatever the bytes are; tried with files that the pack writes, whole and damaged.
 ///
 /// `others` are the packs whose nodes the examples use beside those of `pack`.
 ///
@@ -45,6 +47,7 @@ pub fn check(pack: &Pack, others: &[Pack], examples: &Path) -> Result<(), Vec<St
     let packs: Vec<Pack> = std::iter::once(*pack).chain(others.iter().copied()).collect();
     let catalog = Catalog::new(&packs);
     pack.values.iter().for_each(|kind| values::check(kind, &mut broken));
+    pack.readers.iter().for_each(|reader| files::check(reader, &catalog, &mut broken));
     for node in pack.nodes {
         let name = (node.name)();
         let Some(entry) = catalog.find(&name) else { continue };

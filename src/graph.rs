@@ -39,7 +39,7 @@ pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub use edit::{Edited, Put};
 pub(crate) use expectation::Expectation;
-pub use input::{GraphInput, GraphPort};
+pub use input::{GraphInput, GraphPort, InputValues};
 pub(crate) use recipe::{NodeFile, Recipe};
 pub(crate) use shape::Shape;
 pub(crate) use top::is_name;

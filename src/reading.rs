@@ -119,7 +119,7 @@ impl Readers {
 
     /// The endings of files that hold a value of this type, or any; in the packs' order.
     pub(crate) fn endings(&self, kind: Option<&str>) -> Vec<&'static str> {
-        let fits = |reader: &&AnyReader| kind.is_none_or(|kind| (reader.kind)().name == kind);
+        let fits = |reader: &&AnyReader| kind.is_none_or(|kind| reader.kind().name == kind);
         let mut endings: Vec<&str> = Vec::new();
         for &ending in self.0.iter().filter(fits).flat_map(|reader| reader.endings) {
             if !endings.contains(&ending) {
@@ -133,9 +133,9 @@ impl Readers {
     pub(crate) fn read(&self, kind: &ValueType, file: &Reading<'_>) -> Result<AnyValue, Error> {
         let ending = file.ending();
         let fits =
-            |reader: &&AnyReader| (reader.kind)() == kind && reader.endings.contains(&&ending[..]);
+            |reader: &&AnyReader| reader.kind() == kind && reader.endings.contains(&&ending[..]);
         match self.0.iter().find(fits) {
-            Some(reader) => (reader.read)(file),
+            Some(reader) => reader.call(file),
             None => {
                 let known = self.endings(Some(kind.name));
                 Err(NoReader { what: kind.name, ending, known }.into())
@@ -149,7 +149,7 @@ impl Readers {
         let fits = |reader: &&AnyReader| reader.endings.contains(&&ending[..]);
         let mut first = None;
         for reader in self.0.iter().filter(fits) {
-            match (reader.read)(file) {
+            match reader.call(file) {
                 // A mesh without faces is a cloud, or a line.
                 Ok(value) if value.get::<Mesh>().is_none_or(|mesh| !mesh.faces().is_empty()) => {
                     return Ok(value);
@@ -185,6 +185,18 @@ impl Readers {
             None => self.read_any(&reading),
         };
         Ok((value.map_err(|error| wrong(&error))?, reading.doubts()))
+    }
+}
+
+impl AnyReader {
+    /// The type of values that it reads.
+    pub(crate) fn kind(&self) -> &'static ValueType {
+        (self.kind)()
+    }
+
+    /// Reads a file, whatever its name is.
+    pub(crate) fn call(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
+        (self.read)(file)
     }
 }
 

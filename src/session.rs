@@ -1,14 +1,13 @@
 //! The one way to run a graph: every host, and the command line with them, asks a session.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, code};
+use crate::error::{Problem, code};
 use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, Trace};
 use crate::golden::{self, Violation};
-use crate::graph::{Checked, Graph, GraphOutput, Options};
+use crate::graph::{Checked, Graph, GraphOutput, InputValues, Options};
 use crate::node::CancelToken;
 use crate::pack::Pack;
 use crate::text::{unknown, with_article};
@@ -50,7 +49,7 @@ pub struct Run<'a> {
     /// Which values are wanted.
     pub wanted: Wanted,
     /// The values of the graph's inputs, if it has some, by name.
-    pub inputs: BTreeMap<String, AnyValue>,
+    pub inputs: InputValues,
     /// Is told what happens, as it happens.
     pub observer: &'a dyn Observer,
     /// Stops the evaluation.
@@ -113,30 +112,8 @@ impl Session {
         &self,
         graph: &Graph,
         files: &[(String, PathBuf)],
-    ) -> Result<(BTreeMap<String, AnyValue>, Vec<Problem>), Vec<Problem>> {
-        let (mut values, mut warnings, mut errors) = (BTreeMap::new(), Vec::new(), Vec::new());
-        for (name, path) in files {
-            let input = match graph.input(name) {
-                Ok(input) => input,
-                Err(problem) => {
-                    errors.push(problem);
-                    continue;
-                }
-            };
-            let problem = |severity, code, text: &str| {
-                graph.problem_of_input(input, severity, code, format!("input `{name}`: {text}"))
-            };
-            match self.catalog.readers().open(path, Some(input.kind)) {
-                Ok((value, doubts)) => {
-                    let doubts = doubts.iter();
-                    let warning = |doubt: &String| problem(Severity::Warning, code::WARNING, doubt);
-                    warnings.extend(doubts.map(warning));
-                    values.insert(name.clone(), value);
-                }
-                Err(why) => errors.push(problem(Severity::Error, code::FAILED, &why)),
-            }
-        }
-        if errors.is_empty() { Ok((values, warnings)) } else { Err(errors) }
+    ) -> Result<(InputValues, Vec<Problem>), Vec<Problem>> {
+        graph.read_inputs(files, &self.catalog)
     }
 
     /// Evaluates a graph. What fails takes only what hangs on it with it: see [`Finished::problems`].
@@ -226,11 +203,7 @@ impl Session {
     }
 
     /// The graph with values at its inputs.
-    pub(crate) fn fed(
-        &self,
-        graph: &Graph,
-        inputs: &BTreeMap<String, AnyValue>,
-    ) -> Result<Graph, Vec<Problem>> {
+    pub(crate) fn fed(&self, graph: &Graph, inputs: &InputValues) -> Result<Graph, Vec<Problem>> {
         if inputs.is_empty() && graph.inputs().is_empty() {
             return Ok(graph.clone());
         }

@@ -24,6 +24,90 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
     assert!(named.is_empty(), "\n{}", named.join("\n"));
 }
 
+/// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
+const ROOMS: [(&str, &[&str]); 25] = [
+    ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
+    (
+        "cli",
+        &[
+            "catalog", "draw", "error", "eval", "format", "golden", "graph", "memory", "node",
+            "pack", "paths", "plain", "render", "session", "telling", "text", "value", "watch",
+            "writing",
+        ],
+    ),
+    (
+        "conformance",
+        &["catalog", "error", "eval", "graph", "node", "pack", "reading", "text", "value"],
+    ),
+    ("draw", &["catalog", "graph"]),
+    ("error", &[]),
+    (
+        "eval",
+        &[
+            "catalog", "error", "format", "graph", "node", "pack", "paths", "plain", "reading",
+            "stamp", "text", "value", "writing",
+        ],
+    ),
+    ("format", &["error", "memory", "pack", "reading", "render", "text", "value"]),
+    (
+        "golden",
+        &[
+            "catalog", "error", "eval", "format", "graph", "node", "pack", "paths", "plain",
+            "render", "text", "value", "writing",
+        ],
+    ),
+    ("graph", &["catalog", "error", "node", "pack", "paths", "plain", "reading", "text", "value"]),
+    ("limit", &[]),
+    ("memory", &[]),
+    ("node", &["error", "plain", "reading", "text", "value"]),
+    ("pack", &["error", "node", "reading", "value"]),
+    ("paths", &["text"]),
+    ("plain", &[]),
+    ("reading", &["error", "paths", "plain", "value"]),
+    ("render", &["simd", "value"]),
+    (
+        "session",
+        &[
+            "catalog", "error", "eval", "golden", "graph", "node", "pack", "plain", "stamp",
+            "text", "value", "writing",
+        ],
+    ),
+    ("simd", &[]),
+    ("stamp", &[]),
+    ("telling", &["error"]),
+    ("text", &["error", "plain", "value"]),
+    ("value", &["memory", "simd"]),
+    ("watch", &[]),
+    ("writing", &["graph", "paths", "stamp"]),
+];
+
+#[test]
+fn no_room_of_the_engine_names_another_than_it_may() {
+    let sources = Sources::read(&folder().join("src"));
+    let room = |file: &str| file.split(['/', '.']).next().unwrap_or_default().to_owned();
+    let arrows = between(sources.arrows(), room);
+    assert!(arrows.len() > 500, "only {} arrows were found", arrows.len());
+    let may = |arrow: &Arrow| {
+        let allowed = ROOMS.iter().find(|(name, _)| *name == arrow.from);
+        allowed.is_some_and(|(_, rooms)| rooms.contains(&&arrow.to[..]))
+    };
+    let wrong =
+        arrows.iter().filter(|arrow| arrow.from != "lib" && arrow.to != "lib" && !may(arrow));
+    let told = |arrow: &Arrow| format!("{}: {} (line {})", arrow.from, arrow.path, arrow.line);
+    let wrong = Vec::from_iter(wrong.map(told));
+    assert!(wrong.is_empty(), "the table in this test does not allow:\n{}", wrong.join("\n"));
+    let allowed = ROOMS.iter().flat_map(|(from, rooms)| {
+        let arrow = |to: &&str| Arrow {
+            from: (*from).to_owned(),
+            to: (*to).to_owned(),
+            path: String::new(),
+            line: 0,
+        };
+        rooms.iter().map(arrow)
+    });
+    assert_eq!(circles(&Vec::from_iter(allowed)), [""; 0], "the table itself has a circle");
+}
+
 #[test]
 fn a_circle_is_found_however_it_is_written() {
     let left = "pub struct Left; fn f(_: super::Other) {}";

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadHandles {
     /// The file: `ron`, `json` or `csv`.
-    #[schemars(extend("endings" = ["ron", "json", "csv"]))]
+    #[schemars(extend("reads" = "Handles"))]
     pub path: FilePath,
     /// The space of the numbers, where the file does not say it.
     #[serde(default)]
@@ -41,7 +41,10 @@ impl Node for ReadHandles {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let file = cx.file(&self.path)?;
-        Ok((read_handles(file.bytes(), &file.ending(), self.space)?,))
+        match read_handles(file.bytes(), &file.ending(), self.space) {
+            Err(ReadHandlesError::Ending { .. }) => Ok((cx.read(&self.path)?,)),
+            handles => Ok((handles?,)),
+        }
     }
 }
 

@@ -72,6 +72,11 @@ pub(super) fn read(
     Ok(range_file::read(bytes, ending, camera)?.normalize(unit.millimeters(), axes)?)
 }
 
+/// Whether a range file is of a format that the engine does not read itself.
+pub(super) fn is_unknown(error: &Error) -> bool {
+    error.downcast::<range_file::UnknownEnding>().is_some()
+}
+
 /// Why a camera file does not go with its capture.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CameraFileError {

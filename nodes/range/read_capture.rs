@@ -7,7 +7,7 @@ use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, CameraSource, Unit, check_view, with_camera};
+use super::range_file::{self, Axes, CameraSource, Unit, check_view, is_unknown, with_camera};
 
 /// Reads a capture: a picture and a range grid that were taken together.
 ///
@@ -19,7 +19,7 @@ pub struct ReadCapture {
     pub color: FilePath,
     /// The grid of points: an organized PCD file, a PLY file with a `range_grid`, a PTX or ABS file, or a depth map, PNG of 16
     /// bits or TIFF of floats, which needs the camera file.
-    #[schemars(extend("endings" = ["pcd", "ply", "ptx", "abs", "png", "tiff", "tif"]))]
+    #[schemars(extend("reads" = "RangeImage"))]
     pub range: FilePath,
     /// The camera file; if left out, `camera.json` beside the range file, if there is one.
     #[serde(default)]
@@ -53,7 +53,12 @@ impl Node for ReadCapture {
         let image = color.read(read_picture)?;
         let read =
             |bytes: &[u8]| range_file::read(bytes, &ending, camera.as_ref(), self.unit, self.axes);
-        registered(image, range.read(read)?, camera.as_ref())
+        let range = match range.read(read) {
+            // A format of another pack, which knows units and axes itself.
+            Err(error) if is_unknown(&error) => cx.read(&self.range)?,
+            range => range?,
+        };
+        registered(image, range, camera.as_ref())
     }
 }
 

@@ -6,7 +6,9 @@ use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_view, with_camera};
+use super::range_file::{
+    self, Axes, CameraFileError, CameraSource, Unit, check_view, is_unknown, with_camera,
+};
 
 /// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map, PNG of 16 bits or TIFF of
 /// floats.
@@ -17,7 +19,7 @@ use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_v
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadRange {
     /// The file; its ending says of which format it is: `pcd`, `ply`, `ptx`, `abs`, `png`, `tiff`.
-    #[schemars(extend("endings" = ["pcd", "ply", "ptx", "abs", "png", "tiff", "tif"]))]
+    #[schemars(extend("reads" = "RangeImage"))]
     pub path: FilePath,
     /// The camera file; if left out, `camera.json` beside the range file, if there is one and it is for a grid of this size.
     #[serde(default)]
@@ -54,6 +56,8 @@ impl Node for ReadRange {
                 cx.warn(format!("the camera file in the same folder is not used: {error}"));
                 read(None)
             }
+            // A format of another pack, which knows units and axes itself.
+            Err(error) if is_unknown(&error) => with_colors(cx.read(&self.path)?, camera.as_ref()),
             outputs => outputs,
         }
     }
@@ -81,7 +85,14 @@ pub fn read_range(
     unit: Unit,
     axes: Axes,
 ) -> Result<(RangeImage, Image), Error> {
-    let mut range = range_file::read(bytes, ending, camera, unit, axes)?;
+    with_colors(range_file::read(bytes, ending, camera, unit, axes)?, camera)
+}
+
+/// A grid with its camera, and the picture of its colors.
+fn with_colors(
+    mut range: RangeImage,
+    camera: Option<&CameraFile>,
+) -> Result<(RangeImage, Image), Error> {
     let found = [range.width(), range.height()];
     if let Some(camera) = camera {
         check_view("range grid", &camera.range, found)?;

@@ -46,6 +46,8 @@ struct Test {
 pub(crate) struct Case {
     /// Values of parameters (`name`) and fields (`node.field`), as with `--set`.
     set: BTreeMap<String, serde_json::Value>,
+    /// Files with the values of the graph's inputs, relative to the test's folder, as with `--input`.
+    inputs: BTreeMap<String, String>,
     /// Why it is not run now; it is if this is left out.
     pub(crate) skip: Option<String>,
 }
@@ -77,6 +79,8 @@ pub(crate) struct TestFile {
 pub(crate) struct TestCase {
     pub(crate) span: Span,
     pub(crate) set: Vec<(String, String)>,
+    /// The files of inputs, by their names.
+    pub(crate) inputs: Vec<(String, PathBuf)>,
     pub(crate) skip: Option<String>,
 }
 
@@ -200,10 +204,30 @@ fn read_text(
             }
         }]
     })?;
-    let mut cases = cases(&tree, &test, &source.text);
+    let mut cases = cases(&tree, &test, &source.text, folder);
+    let roots = [project_root(folder)];
+    for (_, case) in &cases {
+        for (name, path) in &case.inputs {
+            let given = path.strip_prefix(folder).unwrap_or(path).to_string_lossy();
+            let wrong = may_read(&given, path, &roots).err();
+            findings.extend(wrong.map(|problem| {
+                let (code, message, help) = match problem {
+                    PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
+                    PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),
+                };
+                finding(code, case.span, format!("input `{name}`: {message}"), help)
+            }));
+        }
+    }
+    if !findings.is_empty() {
+        return Err(findings);
+    }
     if cases.is_empty() {
         let span = tree.span;
-        cases.push(("default".to_owned(), TestCase { span, set: Vec::new(), skip: None }));
+        cases.push((
+            "default".to_owned(),
+            TestCase { span, set: Vec::new(), inputs: Vec::new(), skip: None },
+        ));
     }
     let items = match field(&tree, "expect").map(|tree| &tree.kind) {
         Some(Kind::List(items)) => Vec::from_iter(items.iter().map(|item| item.span)),
@@ -286,13 +310,15 @@ fn take_kinds(
 }
 
 /// The cases in the order of the file. What is set is taken as text, as `--set` takes it.
-fn cases(tree: &Tree, test: &Test, text: &str) -> Vec<(String, TestCase)> {
+fn cases(tree: &Tree, test: &Test, text: &str, folder: &Path) -> Vec<(String, TestCase)> {
     let Some(Kind::Map(entries)) = field(tree, "cases").map(|tree| &tree.kind) else {
         return Vec::new();
     };
     let mut cases = Vec::new();
     for (key, value) in entries {
         let Some(name) = key.text() else { continue };
+        let inputs = test.cases.get(name).map(|case| &case.inputs).into_iter().flatten();
+        let inputs = inputs.map(|(name, file)| (name.clone(), folder.join(file))).collect();
         let set = match field(value, "set").map(|tree| &tree.kind) {
             Some(Kind::Map(entries)) => entries
                 .iter()
@@ -306,7 +332,7 @@ fn cases(tree: &Tree, test: &Test, text: &str) -> Vec<(String, TestCase)> {
             _ => Vec::new(),
         };
         let skip = test.cases.get(name).and_then(|case| case.skip.clone());
-        cases.push((name.to_owned(), TestCase { span: key.span, set, skip }));
+        cases.push((name.to_owned(), TestCase { span: key.span, set, inputs, skip }));
     }
     cases
 }

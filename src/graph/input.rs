@@ -1,7 +1,7 @@
 //! The inputs of a graph: values that come from a graph that uses it, or from whoever calls it as a function.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde_json::json;
@@ -14,6 +14,9 @@ use crate::error::{Error, Problem, Severity, Span, code};
 use crate::node::{AnyNode, Context, FilePath};
 use crate::text::{Tree, nearest_or_all, with_article};
 use crate::value::{AnyValue, ValueType};
+
+/// Values for the inputs of a graph, by their names.
+pub type InputValues = BTreeMap<String, AnyValue>;
 
 /// An input that a graph declares.
 #[derive(Clone, Debug)]
@@ -70,7 +73,7 @@ impl Graph {
     /// For each value of a wrong type, and each name that is no input's.
     pub fn with_inputs(
         &self,
-        values: &BTreeMap<String, AnyValue>,
+        values: &InputValues,
         catalog: &Catalog,
     ) -> Result<Self, Vec<Problem>> {
         let mut problems = Vec::new();
@@ -103,6 +106,37 @@ impl Graph {
         let (node, output, span) = (port.node, port.output, port.span);
         let name = Path::new(&port.name).with_extension(format.ending).display().to_string();
         Some(GraphOutput { name, node, output, format, source: self.source.clone(), span })
+    }
+
+    /// The values in some files for its inputs, by their types and the files' endings, and warnings of what is to be doubted of them.
+    pub(crate) fn read_inputs(
+        &self,
+        files: &[(String, PathBuf)],
+        catalog: &Catalog,
+    ) -> Result<(InputValues, Vec<Problem>), Vec<Problem>> {
+        let (mut values, mut warnings, mut errors) = (BTreeMap::new(), Vec::new(), Vec::new());
+        for (name, path) in files {
+            let input = match self.input(name) {
+                Ok(input) => input,
+                Err(problem) => {
+                    errors.push(problem);
+                    continue;
+                }
+            };
+            let problem = |severity, code, text: &str| {
+                self.problem_of_input(input, severity, code, format!("input `{name}`: {text}"))
+            };
+            match catalog.readers().open(path, Some(input.kind)) {
+                Ok((value, doubts)) => {
+                    let doubts = doubts.iter();
+                    let warning = |doubt: &String| problem(Severity::Warning, code::WARNING, doubt);
+                    warnings.extend(doubts.map(warning));
+                    values.insert(name.clone(), value);
+                }
+                Err(why) => errors.push(problem(Severity::Error, code::FAILED, &why)),
+            }
+        }
+        if errors.is_empty() { Ok((values, warnings)) } else { Err(errors) }
     }
 
     /// The input of this name.

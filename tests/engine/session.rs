@@ -152,3 +152,31 @@ fn texts_that_nobody_saved_stand_in_place_of_files() {
     }
     assert!(!outer.exists() && !inner.exists());
 }
+
+#[test]
+fn a_stranger_s_format_becomes_an_input_and_can_be_compared() {
+    let packs = [PACKS, &[maquette_third_party::PACK]].concat();
+    let session = Session::new(&packs, &Settings::in_memory()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let [path, colors] = ["recolor.ron", "two.gpl"].map(|name| folder.path().join(name));
+    std::fs::write(&colors, "GIMP Palette\nName: two\n#\n  0   0   0 black\n255 255 255\n")
+        .unwrap();
+    let text = r#"Graph(
+        format: 1,
+        inputs: { "image": Image(doc: "A picture."), "colors": Palette(doc: "Its colors.") },
+        nodes: { "few": ApplyPalette(image: "image", palette: "colors") },
+        outputs: { "image": "few" },
+    )"#;
+    let graph = loaded(&session, &path, &Options::default().with_text(&path, text));
+    let (mut inputs, _) =
+        session.read_inputs(&graph, &[("colors".into(), colors.clone())]).unwrap();
+    let gray = Image::new(2, 1, vec![[90; 3], [200; 3]]).unwrap();
+    inputs.insert("image".into(), AnyValue::new(gray));
+    let mut session = session;
+    let run = session.run(&graph, &Run { inputs, ..Run::default() }).unwrap();
+    assert_eq!(run.get::<Image>("image").unwrap().pixels(), [[0; 3], [255; 3]]);
+
+    std::fs::write(&colors, "GIMP Palette\n0 0\n").unwrap();
+    let problems = session.read_inputs(&graph, &[("colors".into(), colors)]).unwrap_err();
+    assert!(problems[0].message.ends_with("line 2: a color is three numbers from 0 to 255"));
+}

@@ -93,6 +93,13 @@ impl Job<'_> {
         case.sources = Sources::of_checked(&self.graph, &checked);
         case.problems = checked.problems;
         let Some(graph) = checked.graph else { return case };
+        let graph = match self.fed(graph, &test_case.inputs, catalog) {
+            Ok(graph) => graph,
+            Err(problems) => {
+                case.problems.extend(problems);
+                return case;
+            }
+        };
         case.problems.extend(self.misfits(&graph));
         let expectations = self.expectations(&graph);
         let mut wanted: Vec<usize> = graph.outputs.iter().map(|output| output.node).collect();
@@ -122,6 +129,20 @@ impl Job<'_> {
         };
         case.seconds = start.elapsed().as_secs_f64();
         case
+    }
+
+    /// The graph with the values in some files at its inputs.
+    fn fed(
+        &self,
+        graph: Graph,
+        inputs: &[(String, PathBuf)],
+        catalog: &Catalog,
+    ) -> Result<Graph, Vec<Problem>> {
+        if inputs.is_empty() {
+            return Ok(graph);
+        }
+        let (values, _) = graph.read_inputs(inputs, catalog)?;
+        graph.with_inputs(&values, catalog)
     }
 
     fn problem(&self, code: &'static str, span: Span, message: String) -> Problem {

@@ -1,6 +1,6 @@
 //! An outsider's pack: palettes. A value, two nodes and a file format of its own, by maquette's public API alone.
 
-use maquette::{Pack, format, node, value_type};
+use maquette::{Pack, format, node, reader, value_type};
 
 mod apply_palette;
 mod extract_palette;
@@ -8,7 +8,7 @@ mod palette;
 
 pub use apply_palette::{ApplyPalette, apply_palette};
 pub use extract_palette::{ExtractPalette, extract_palette};
-pub use palette::{GimpPalette, Palette};
+pub use palette::{GimpPalette, GimpPaletteError, Palette};
 
 /// Pictures in few colors.
 pub const PACK: Pack = Pack {
@@ -16,5 +16,5 @@ pub const PACK: Pack = Pack {
     nodes: &[node::<ExtractPalette>(), node::<ApplyPalette>()],
     values: &[value_type::<Palette>()],
     formats: &[format::<GimpPalette>()],
-    readers: &[],
+    readers: &[reader::<GimpPalette>()],
 };

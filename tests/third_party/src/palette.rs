@@ -1,7 +1,9 @@
 //! A few colors.
 
 use maquette::value::{Color, Column, Image, Layer, Meaning, On, Parts, PartsError, Picture, Rgb};
-use maquette::{DecodeError, Decoder, Encoder, Error, FileFormat, NewFile, Summary, Value};
+use maquette::{
+    DecodeError, Decoder, Encoder, Error, FileFormat, FileReader, NewFile, Reading, Summary, Value,
+};
 
 /// A few colors, the most frequent first.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,6 +56,43 @@ impl Value for Palette {
 
 /// The palette files of GIMP and Inkscape.
 pub struct GimpPalette;
+
+/// Bytes are no palette file.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GimpPaletteError {
+    /// Another kind of file.
+    #[error("line 1: a palette file begins with `GIMP Palette`")]
+    Start,
+    /// A line that holds no color.
+    #[error("line {line}: a color is three numbers from 0 to 255")]
+    Color {
+        /// The line, from 1.
+        line: usize,
+    },
+}
+
+impl FileReader for GimpPalette {
+    type Value = Palette;
+    const ENDINGS: &'static [&'static str] = &["gpl"];
+
+    fn read(file: &Reading<'_>) -> Result<Palette, Error> {
+        let text = String::from_utf8_lossy(file.bytes());
+        let mut lines = text.lines().enumerate();
+        if lines.next().is_none_or(|(_, line)| line.trim() != "GIMP Palette") {
+            return Err(GimpPaletteError::Start.into());
+        }
+        let is_color = |line: &str| line.trim_start().starts_with(|c: char| c.is_ascii_digit());
+        let colors = lines.filter(|(_, line)| is_color(line)).map(|(index, line)| {
+            let mut numbers = line.split_whitespace().map_while(|word| word.parse::<u8>().ok());
+            let color = [numbers.next(), numbers.next(), numbers.next()];
+            let [Some(r), Some(g), Some(b)] = color else {
+                return Err(GimpPaletteError::Color { line: index + 1 });
+            };
+            Ok([r, g, b])
+        });
+        Ok(Palette(colors.collect::<Result<Vec<Rgb>, _>>()?.into()))
+    }
+}
 
 impl FileFormat for GimpPalette {
     type Value = Palette;
