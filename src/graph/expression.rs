@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::ops::Range;
 
 use crate::text::nearest;
 
@@ -110,22 +111,52 @@ fn tokenize(
     text: &str,
     parameters: &BTreeMap<String, Outcome>,
 ) -> Result<Vec<Token>, ExpressionError> {
+    let tokens = pieces(text, &|name| parameters.contains_key(name))?;
+    Ok(tokens.into_iter().map(|(_, token)| token).collect())
+}
+
+/// Where an expression names parameters: places in its text. None if it is no expression.
+pub(crate) fn named_parameters(
+    text: &str,
+    is_known: &dyn Fn(&str) -> bool,
+) -> Option<Vec<Range<usize>>> {
+    let tokens = pieces(text, is_known).ok()?;
+    let mut names = Vec::new();
+    // Whether a value has just ended, so that a word is an operator.
+    let mut is_behind = false;
+    for (index, (at, token)) in tokens.iter().enumerate() {
+        let opens = matches!(tokens.get(index + 1), Some((_, Token::Sign("("))));
+        let is_name = matches!(token, Token::Name(name) if name != "not" && !is_behind && !opens);
+        if is_name {
+            names.push(at.clone());
+        }
+        is_behind = is_name || matches!(token, Token::Number(_) | Token::Sign(")"));
+    }
+    Some(names)
+}
+
+/// The tokens of an expression and their places.
+fn pieces(
+    text: &str,
+    is_known: &dyn Fn(&str) -> bool,
+) -> Result<Vec<(Range<usize>, Token)>, ExpressionError> {
     let mut tokens = Vec::new();
     let mut rest = text.trim_start();
     while let Some(first) = rest.chars().next() {
+        let start = text.len() - rest.len();
         let length = if first.is_ascii_digit() || first == '.' {
             let length = number_length(rest);
             match rest[..length].parse() {
-                Ok(number) => tokens.push(Token::Number(number)),
+                Ok(number) => tokens.push((start..start + length, Token::Number(number))),
                 Err(_) => return error(format!("`{}` is not a number", &rest[..length])),
             }
             length
         } else if first.is_ascii_alphabetic() {
-            let name = name_at(rest, parameters);
-            tokens.push(Token::Name(name.to_owned()));
+            let name = name_at(rest, is_known);
+            tokens.push((start..start + name.len(), Token::Name(name.to_owned())));
             name.len()
         } else if let Some(sign) = SIGNS.into_iter().find(|sign| rest.starts_with(sign)) {
-            tokens.push(Token::Sign(sign));
+            tokens.push((start..start + sign.len(), Token::Sign(sign)));
             sign.len()
         } else {
             return error(format!("`{first}` has no meaning in an expression"));
@@ -147,11 +178,11 @@ fn number_length(text: &str) -> usize {
 }
 
 /// The longest known parameter at the start of the text; if there is none, the word up to the first hyphen.
-fn name_at<'a>(text: &'a str, parameters: &BTreeMap<String, Outcome>) -> &'a str {
+fn name_at<'a>(text: &'a str, is_known: &dyn Fn(&str) -> bool) -> &'a str {
     let is_part = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     let whole = &text[..text.find(|c| !is_part(c)).unwrap_or(text.len())];
     let mut known = whole;
-    while !parameters.contains_key(known) {
+    while !is_known(known) {
         match known.rfind('-') {
             Some(hyphen) => known = &known[..hyphen],
             None => return known,
@@ -357,6 +388,19 @@ mod tests {
         check("eye-1", 4.0);
         check("growth-eye-step", 9.0);
         check("eye -step-1".trim_end_matches("-step-1"), 5.0);
+    }
+
+    #[test]
+    fn the_parameters_in_an_expression_are_those_that_it_is_computed_from() {
+        let named = |text: &str| {
+            let is_known = |name: &str| matches!(name, "a" | "a-b" | "min" | "and");
+            let names = named_parameters(text, &is_known)?;
+            Some(Vec::from_iter(names.into_iter().map(|at| text[at].to_owned())).join(" "))
+        };
+        assert_eq!(named("a - b-1").as_deref(), Some("a b"));
+        assert_eq!(named(" a-b*min(min, 2)-a").as_deref(), Some("a-b min a"));
+        assert_eq!(named("if(not a and and, (a) and 1e3, 2)").as_deref(), Some("a and a"));
+        assert_eq!(named("a $"), None);
     }
 
     #[test]

@@ -10,6 +10,7 @@ use std::collections::HashMap;
 use serde_json::Value as Json;
 
 use super::describe::Subgraph;
+use super::expression::named_parameters;
 use crate::catalog::{Catalog, Entry};
 use crate::error::Span;
 use crate::text::{Body, Field, Kind, Name, Tree, as_tree, inside_option, resolve, variants};
@@ -82,7 +83,10 @@ impl Meaning {
     }
 }
 
-fn entries<'t>(fields: &'t [Field], section: &str) -> impl Iterator<Item = (&'t str, &'t Tree)> {
+pub(super) fn entries<'t>(
+    fields: &'t [Field],
+    section: &str,
+) -> impl Iterator<Item = (&'t str, &'t Tree)> {
     let maps = fields.iter().filter(move |field| field.name.text == section);
     let entries = maps.filter_map(|field| match &field.value.kind {
         Kind::Map(entries) => Some(entries),
@@ -190,12 +194,9 @@ impl Reading<'_> {
     }
 
     fn links(&self, tree: &Tree) -> Tree {
-        plain_with(tree, &|text| {
-            let node = text.split_once('.').map_or(text, |(node, _)| node);
-            match self.kinds.contains_key(node) {
-                true => self.link(text),
-                false => Kind::Text(text.to_owned()),
-            }
+        plain_with(tree, &|text| match self.kinds.contains_key(named_node(text)) {
+            true => self.link(text),
+            false => Kind::Text(text.to_owned()),
         })
     }
 
@@ -339,10 +340,7 @@ pub(super) fn renamed(
     bare(match &tree.kind {
         Kind::Word(word) if word.starts_with('"') => {
             let link = word.trim_matches('"');
-            let (name, output) = match link.split_once('.') {
-                Some((name, _)) => (name, &link[name.len()..]),
-                None => (link, ""),
-            };
+            let (name, output) = link.split_at(named_node(link).len());
             match node(name) {
                 Some(name) => Kind::Word(format!("\"{name}{output}\"")),
                 None => tree.kind.clone(),
@@ -372,21 +370,21 @@ pub(super) fn renamed(
     })
 }
 
-/// The names in an expression, replaced; one space between its words.
+/// The names in an expression, replaced.
 fn renamed_words(text: &str, new: &dyn Fn(&str) -> Option<String>) -> String {
-    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_' || c == '.';
-    let mut result = String::with_capacity(text.len());
-    let mut rest = text;
-    while let Some(first) = rest.chars().next() {
-        let length = match is_part(first) {
-            true => rest.find(|c| !is_part(c)).unwrap_or(rest.len()),
-            false => first.len_utf8(),
-        };
-        let (word, tail) = rest.split_at(length);
-        result.push_str(new(word).as_deref().unwrap_or(word));
-        rest = tail;
+    let names = named_parameters(text, &|name| new(name).is_some()).unwrap_or_default();
+    let mut result = text.to_owned();
+    for at in names.into_iter().rev() {
+        if let Some(new) = new(&text[at.clone()]) {
+            result.replace_range(at, &new);
+        }
     }
     result
+}
+
+/// The name that a link begins with: `eyes` of `eyes.range` and of `eyes/1.range`.
+pub(super) fn named_node(link: &str) -> &str {
+    link.split(['.', '/']).next().unwrap_or_default()
 }
 
 /// The value on one line, as a file would have it.
