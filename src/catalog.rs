@@ -134,7 +134,7 @@ impl PortDescription {
 }
 
 /// The ports among the fields of a schema, in order.
-fn ports(schema: &Json) -> Vec<PortDescription> {
+pub(crate) fn ports(schema: &Json) -> Vec<PortDescription> {
     let properties = schema.get("properties").and_then(Json::as_object);
     let required = schema.get("required").and_then(Json::as_array);
     let is_optional = |name: &str| {

@@ -37,7 +37,7 @@ mod top;
 
 pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
-pub use edit::{Edited, Put};
+pub use edit::{Edit, Edited, Put};
 pub(crate) use expectation::Expectation;
 pub use input::{GraphInput, GraphPort, InputValues};
 pub(crate) use recipe::{NodeFile, Recipe};

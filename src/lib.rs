@@ -110,8 +110,8 @@ pub use eval::{
 };
 pub use golden::{Comparison, Keep, Measure, TestRun, Tolerance, Verdict, compare, test_graphs};
 pub use graph::{
-    Change, Checked, Difference, Edited, Files, Graph, GraphInput, GraphPort, InputValues, Options,
-    Put, ReadFile,
+    Change, Checked, Difference, Edit, Edited, Files, Graph, GraphInput, GraphPort, InputValues,
+    Options, Put, ReadFile,
 };
 pub use limit::{Limit, TooMuch};
 pub use node::{

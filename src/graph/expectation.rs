@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::error::{Span, code};
-use crate::text::{Finding, Kind, Tree, Walk, read_tree};
+use crate::text::{Body, Finding, Kind, Tree, Walk, read_tree};
 
 /// What must hold of a value, which is named by its link, `node` or `node.output`, or by the name of an output file.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -152,6 +152,26 @@ impl Expectation {
         }
     }
 
+    /// The texts in a list of expectations that name values.
+    pub(crate) fn value_texts(list: &Tree) -> Vec<&Tree> {
+        let Kind::List(items) = &list.kind else { return Vec::new() };
+        let mut texts = Vec::new();
+        for item in items {
+            match &item.kind {
+                Kind::Call { body: Body::Items(items), .. } => texts.extend(items),
+                Kind::Call { body: Body::Fields(fields), .. } => {
+                    let names = ["of", "to", "around"];
+                    let values = fields.iter().filter(|f| names.contains(&&f.name.text[..]));
+                    let values = values.map(|field| &field.value);
+                    texts.extend(values.map(|value| value.call_of("Some").unwrap_or(value)));
+                }
+                _ => {}
+            }
+        }
+        texts.retain(|text| text.text().is_some());
+        texts
+    }
+
     /// Its name, as in the file.
     pub(crate) fn name(&self) -> &'static str {
         match self {
@@ -166,5 +186,26 @@ impl Expectation {
             Self::Continuity { .. } => "Continuity",
             Self::Attribute { .. } => "Attribute",
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::text::parse;
+
+    #[test]
+    fn the_texts_that_name_values_are_those_that_are_read() {
+        let (list, _) = parse(
+            r#"[Closed("a"), Manifold("b"), NoSelfIntersection("c"), Count(of: "d", what: "faces"),
+            Bounds(of: "e", low: (0, 0, 0), high: (1, 1, 1)), Near(of: "f", to: "g", max: 1),
+            Whole(of: "h", around: "i"), Bend(of: "j", max: 1), Continuity(of: "k", around: Some("l"), max: 1),
+            Attribute(of: "m", name: "x")]"#,
+        );
+        let (read, findings) = Expectation::read_all(&list);
+        assert_eq!(findings, []);
+        let values = read.iter().flat_map(|(expectation, _)| expectation.values());
+        let texts = Expectation::value_texts(&list).into_iter().filter_map(Tree::text);
+        assert_eq!(Vec::from_iter(texts), Vec::from_iter(values));
     }
 }

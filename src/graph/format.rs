@@ -58,6 +58,16 @@ impl Graph {
     }
 }
 
+/// An entry, `name: value`, in its canonical form, as it stands behind so many columns. Its other lines begin with as many spaces.
+pub(super) fn entry_form(entry: &str, indent: usize) -> String {
+    let group = Parts::new(entry).group("", 1);
+    let mut printer = Printer { text: String::new(), column: indent };
+    for entry in &group.entries {
+        printer.pieces(&entry.pieces, indent, 1);
+    }
+    if inventory(entry) == inventory(&printer.text) { printer.text } else { entry.to_owned() }
+}
+
 /// All that a form must keep: the words in their order, without commas that mean nothing, and the comments.
 fn inventory(text: &str) -> (Vec<&str>, Vec<&str>) {
     let (mut words, mut comments): (Vec<&str>, Vec<&str>) = (Vec::new(), Vec::new());

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use super::Options;
 use super::check::{Check, first, folder_of};
-use super::edit::{Edit, place};
+use super::edit::{Splice, place};
 use crate::catalog::Catalog;
 use crate::error::{Source, Span, code};
 use crate::text::{Body, Field, Kind, Mistake, Part, Sheet, Tree, nearest_or_all};
@@ -196,7 +196,13 @@ fn whole(sheet: &Sheet) -> Vec<Part> {
 }
 
 /// The text with edits that put a value of another file into it.
-fn spliced(sheet: &Sheet, mut edits: Vec<Edit>, value: &str, from: &Sheet, at: Span) -> Arc<Sheet> {
+fn spliced(
+    sheet: &Sheet,
+    mut edits: Vec<Splice>,
+    value: &str,
+    from: &Sheet,
+    at: Span,
+) -> Arc<Sheet> {
     edits.sort_by_key(|(span, _)| *span);
     let old = &sheet.source.text;
     let (mut text, mut parts) = (String::with_capacity(old.len() + value.len()), Vec::new());

@@ -1,0 +1,202 @@
+//! The place of a value in a text, by the names that lead there.
+
+use super::splice::{Splice, added, put_entry};
+use crate::error::{Span, code};
+use crate::text::{Body, Field, Kind, Tree, nearest_or_all, parse};
+
+/// Why a value cannot be put where it should be.
+pub(in crate::graph) struct Refusal {
+    pub(in crate::graph) code: &'static str,
+    pub(in crate::graph) span: Span,
+    pub(in crate::graph) message: String,
+    pub(in crate::graph) help: String,
+}
+
+impl Refusal {
+    pub(super) fn new(span: Span, message: String, help: String) -> Self {
+        Self { code: code::UNKNOWN_FIELD, span, message, help }
+    }
+}
+
+/// The edits that put a value to its place, and what stands there now. What stands for a parameter is replaced only if
+/// `overrules`.
+pub(in crate::graph) fn place(
+    text: &str,
+    target: &str,
+    value: &str,
+    overrules: bool,
+) -> Result<(Vec<Splice>, Option<String>), Refusal> {
+    let (tree, _) = parse(text);
+    let is_patch = tree.name().is_some_and(|name| name.text == "Patch");
+    let (section, what, name, path) = match target.split_once('.') {
+        _ if overrules && target == "doc" => {
+            return in_call(text, &tree, &["doc"], value, overrules);
+        }
+        Some((node, path)) => ("nodes", "node", node, path),
+        None if is_patch => ("params", "parameter", target, ""),
+        None => ("params", "parameter", target, "default"),
+    };
+    let fields = tree.fields().unwrap_or_default().iter();
+    let maps = fields.filter(|field| field.name.text == section);
+    let entries = maps.filter_map(|field| match &field.value.kind {
+        Kind::Map(entries) => Some(entries),
+        _ => None,
+    });
+    let entries: Vec<_> = entries.flatten().collect();
+    let entry = entries.iter().find(|(key, _)| key.text() == Some(name));
+    if is_patch {
+        // Of a node that is patched further in, the longest name there is counts.
+        let begins = |key: &str| {
+            target.strip_prefix(key).and_then(|rest| rest.strip_prefix('.')).map(str::to_owned)
+        };
+        let known = entries.iter().filter_map(|(key, entry)| Some((begins(key.text()?)?, entry)));
+        return match (known.min_by_key(|(rest, _)| rest.len()), entry) {
+            (Some((rest, entry)), _) => {
+                in_call(text, entry, &Vec::from_iter(rest.split('.')), value, overrules)
+            }
+            (None, Some((_, entry))) => in_call(text, entry, &[], value, overrules),
+            (None, None) => Ok((new_entry(text, &tree, section, target, value), None)),
+        };
+    }
+    let Some((_, entry)) = entry else {
+        let known: Vec<&str> = entries.iter().filter_map(|(key, _)| key.text()).collect();
+        let help = nearest_or_all(name, &format!("its {what}s"), &known);
+        let message = format!("the graph has no {what} `{name}`");
+        return Err(Refusal {
+            code: code::UNKNOWN_LINK,
+            ..Refusal::new(Span::default(), message, help)
+        });
+    };
+    in_call(text, entry, &Vec::from_iter(path.split('.')), value, overrules)
+}
+
+/// The same within one value.
+fn in_call(
+    text: &str,
+    entry: &Tree,
+    steps: &[&str],
+    value: &str,
+    overrules: bool,
+) -> Result<(Vec<Splice>, Option<String>), Refusal> {
+    let is_computed = |text: &str| {
+        let tree = parse(text).0;
+        tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
+    };
+    match find(entry, steps)? {
+        Found::Value(tree) => {
+            if !overrules && !is_computed(value) {
+                not_computed(tree, value)?;
+            }
+            let before = text[tree.span.start..tree.span.end].to_owned();
+            Ok((vec![(tree.span, value.to_owned())], Some(before)))
+        }
+        Found::Missing(owner, rest) => {
+            let (name, inner) = (&rest[0], &rest[1..]);
+            if rest.iter().any(|step| step.starts_with(|c: char| c.is_ascii_digit())) {
+                let message = format!("`{name}` is not there, so that it has no items to set");
+                return Err(Refusal::new(owner.span, message, format!("give all of `{name}`")));
+            }
+            let within = |value, name: &String| format!("({name}: {value})");
+            let value = inner.iter().rev().fold(value.to_owned(), within);
+            Ok((added(text, owner, name, &value), None))
+        }
+    }
+}
+
+/// The edits that give a patch an entry that it does not have: `"growth": 25.0`, or `"red.select": (distance: 25.0)`.
+fn new_entry(text: &str, patch: &Tree, section: &str, target: &str, value: &str) -> Vec<Splice> {
+    let entry = match target.rsplit_once('.') {
+        Some((node, field)) => format!("\"{node}\": ({field}: {value})"),
+        None => format!("\"{target}\": {value}"),
+    };
+    match field(patch, section).map(|field| &field.value) {
+        Some(map @ Tree { kind: Kind::Map(_), .. }) => {
+            put_entry(text, map, None, false, |_| entry.clone())
+        }
+        _ => added(text, patch, section, &format!("{{ {entry} }}")),
+    }
+}
+
+/// Where a way through a value ends.
+pub(super) enum Found<'t> {
+    Value(&'t Tree),
+    /// At this call, which does not have the first of these fields.
+    Missing(&'t Tree, Vec<String>),
+}
+
+/// Follows a way through fields, entries and items. The name of a choice, `Near` of `Near(..)`, may be a step of it.
+pub(super) fn find<'t>(tree: &'t Tree, path: &[&str]) -> Result<Found<'t>, Refusal> {
+    let Some((step, rest)) = path.split_first() else { return Ok(Found::Value(tree)) };
+    not_computed(tree, "VALUE")?;
+    let numbered = |items: &'t [Tree]| match step.parse::<usize>() {
+        Ok(index) if index < items.len() => find(&items[index], rest),
+        _ => {
+            let message = format!("there is no item `{step}`");
+            let help = match items.len() {
+                0 => "it is empty".to_owned(),
+                count => format!("its items are numbered from 0 to {}", count - 1),
+            };
+            Err(Refusal::new(tree.span, message, help))
+        }
+    };
+    let missing = || Ok(Found::Missing(tree, path.iter().map(|&step| step.to_owned()).collect()));
+    match &tree.kind {
+        Kind::Call { name: Some(name), .. } if name.text == *step && !rest.is_empty() => {
+            find_inside(tree, rest)
+        }
+        Kind::List(items) => numbered(items),
+        Kind::Call { body: Body::Items(items), .. } => match &items[..] {
+            // `Some(..)` and other choices with one value have the fields of the value.
+            [item] if step.parse::<usize>().is_err() => find(item, path),
+            _ => numbered(items),
+        },
+        Kind::Map(entries) => {
+            let entry = entries.iter().find(|(key, _)| key.text() == Some(step));
+            entry.map(|(_, value)| find(value, rest)).unwrap_or_else(|| {
+                let known: Vec<&str> = entries.iter().filter_map(|(key, _)| key.text()).collect();
+                let help = nearest_or_all(step, "its entries", &known);
+                Err(Refusal::new(tree.span, format!("there is no entry `{step}`"), help))
+            })
+        }
+        Kind::Call { .. } => match field(tree, step) {
+            Some(field) => find(&field.value, rest),
+            None => missing(),
+        },
+        Kind::Word(_) => missing(),
+        _ => {
+            let message = format!("there is no `{step}` in {}", tree.in_words());
+            Err(Refusal::new(tree.span, message, String::new()))
+        }
+    }
+}
+
+/// The same behind the name of a choice.
+fn find_inside<'t>(tree: &'t Tree, path: &[&str]) -> Result<Found<'t>, Refusal> {
+    match (&tree.kind, field(tree, path[0])) {
+        (Kind::Call { body: Body::Items(items), .. }, _) if items.len() == 1 => {
+            find(&items[0], path)
+        }
+        (_, Some(field)) => find(&field.value, &path[1..]),
+        _ => Ok(Found::Missing(tree, path.iter().map(|&step| step.to_owned()).collect())),
+    }
+}
+
+pub(super) fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Field> {
+    tree.fields()?.iter().find(|field| field.name.text == name)
+}
+
+/// Refuses a place that stands for a parameter, and says which to set instead.
+fn not_computed(tree: &Tree, value: &str) -> Result<(), Refusal> {
+    let refuse = |message: String, help: String| {
+        Err(Refusal { code: code::EXPRESSION, ..Refusal::new(tree.span, message, help) })
+    };
+    if let Some(name) = tree.call_of("Param").and_then(Tree::text) {
+        let message = format!("its value is Param(\"{name}\"), a parameter of the graph");
+        return refuse(message, format!("set the parameter: {name}={value}"));
+    }
+    if let Some(text) = tree.call_of("Expr").and_then(Tree::text) {
+        let message = format!("its value is computed by Expr(\"{text}\")");
+        return refuse(message, "set a parameter in it, or give another Expr(\"..\")".into());
+    }
+    Ok(())
+}

@@ -1,0 +1,157 @@
+//! What the text of a graph names, and where: links, parameters and what is expected of values.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use super::Judge;
+use super::place::field;
+use crate::catalog::{PortDescription, ports};
+use crate::error::{Problem, Span};
+use crate::graph::check::{Whole, first};
+use crate::graph::draft::What;
+use crate::graph::expectation::Expectation;
+use crate::graph::meaning::{entries, named_node};
+use crate::graph::{Files, Options};
+use crate::text::{Body, Kind, Tree};
+
+/// A text in a graph that names something of it.
+#[derive(Clone, Debug)]
+pub(super) struct Reference {
+    /// Where the literal stands.
+    pub(super) span: Span,
+    /// What it says.
+    pub(super) text: String,
+    pub(super) kind: Names,
+    /// Who names it, in words: port `mask` of `spots`.
+    pub(super) by: String,
+}
+
+/// What a text names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Names {
+    /// A node or an input.
+    Link,
+    /// An output.
+    Output,
+    /// A parameter.
+    Parameter,
+    /// Some parameters.
+    Expression,
+}
+
+/// All that names something in a graph, and the ports of its nodes.
+pub(super) struct References {
+    /// In the order of their places.
+    pub(super) all: Vec<Reference>,
+    /// By the name of the node, as far as its type is known.
+    pub(super) ports: HashMap<String, Vec<PortDescription>>,
+}
+
+impl References {
+    /// All in the text of a graph that has this tree.
+    ///
+    /// # Errors
+    /// The problems of the text, if it cannot be said what is in it.
+    pub(super) fn of(judge: &Judge<'_>, text: &str, tree: &Tree) -> Result<Self, Vec<Problem>> {
+        let roots = judge.options.roots.clone();
+        let options = Options { roots, set: Vec::new(), files: Files::Ignored };
+        let (world, whole) = first(judge.path, text.to_owned(), judge.catalog, &options);
+        let Some(Whole { definition, .. }) = whole else { return Err(world.problems) };
+        let (mut links, mut unknown) = (HashMap::new(), HashSet::new());
+        let mut known_ports = HashMap::new();
+        for draft in &definition.drafts {
+            let node = named_node(&draft.name.text);
+            for link in &draft.links {
+                links.entry(link.span).or_insert_with(|| link.port.clone());
+            }
+            match &draft.what {
+                What::Node(entry) => {
+                    known_ports.entry(node.to_owned()).or_insert_with(|| entry.ports());
+                }
+                What::Use(_, graph) => {
+                    known_ports.entry(node.to_owned()).or_insert_with(|| ports(&graph.schema));
+                }
+                // A text that names a node is taken for a link where the type is not known.
+                What::Unknown => drop(unknown.insert(node.to_owned())),
+                What::Input | What::Switch(_) => {}
+            }
+        }
+        let fields = tree.fields().unwrap_or_default();
+        let named = ["nodes", "inputs"].map(|section| entries(fields, section));
+        let names = named.into_iter().flatten().map(|(name, _)| name);
+        let mut search = Search { found: BTreeMap::new(), names: names.collect(), links };
+        for (name, node) in entries(fields, "nodes") {
+            let guess = unknown.contains(name);
+            search.node(name, node, guess);
+            for group in ["links", "carry"] {
+                // The links of a `ForEach` without elements belong to no node.
+                let is_each = node.name().is_some_and(|kind| kind.text == "ForEach");
+                if let Some(group) = field(node, group).filter(|_| is_each) {
+                    search.node(name, &group.value, true);
+                }
+            }
+        }
+        let outputs = HashSet::<&str>::from_iter(entries(fields, "outputs").map(|(name, _)| name));
+        for (name, value) in entries(fields, "outputs") {
+            search.put(value, Names::Link, format!("output `{name}`"));
+        }
+        for expected in
+            field(tree, "expect").iter().flat_map(|f| Expectation::value_texts(&f.value))
+        {
+            let is_output = expected.text().is_some_and(|text| outputs.contains(text));
+            let kind = if is_output { Names::Output } else { Names::Link };
+            search.put(expected, kind, "an expectation".into());
+        }
+        Ok(Self { all: search.found.into_values().collect(), ports: known_ports })
+    }
+
+    /// Whether the literal at this place is a link.
+    pub(super) fn is_link(&self, span: Span) -> bool {
+        self.all.iter().any(|found| found.span == span && found.kind == Names::Link)
+    }
+}
+
+/// Collects what names something.
+struct Search<'t> {
+    found: BTreeMap<Span, Reference>,
+    /// Nodes and inputs.
+    names: HashSet<&'t str>,
+    /// The ports that hold links, by the places of these.
+    links: HashMap<Span, String>,
+}
+
+impl Search<'_> {
+    fn put(&mut self, literal: &Tree, kind: Names, by: String) {
+        let Some(text) = literal.text() else { return };
+        let (span, text) = (literal.span, text.to_owned());
+        self.found.entry(span).or_insert(Reference { span, text, kind, by });
+    }
+
+    /// What is named in a part of a node. With `guess`, each text that may be a link is one.
+    fn node(&mut self, name: &str, tree: &Tree, guess: bool) {
+        for (call, kind) in [("Param", Names::Parameter), ("Expr", Names::Expression)] {
+            if let Some(argument) = tree.call_of(call) {
+                return self.put(argument, kind, format!("`{name}`"));
+            }
+        }
+        let mut all = |trees: &[Tree]| trees.iter().for_each(|tree| self.node(name, tree, guess));
+        match &tree.kind {
+            Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => all(items),
+            Kind::Call { body: Body::Fields(fields), .. } => {
+                fields.iter().for_each(|field| self.node(name, &field.value, guess));
+            }
+            Kind::Map(entries) => {
+                entries.iter().for_each(|(_, value)| self.node(name, value, guess));
+            }
+            Kind::Text(text) => match self.links.get(&tree.span) {
+                Some(port) => {
+                    self.put(tree, Names::Link, format!("port `{port}` of `{name}`"));
+                }
+                None if guess && self.names.contains(named_node(text)) => {
+                    self.put(tree, Names::Link, format!("`{name}`"));
+                }
+                None => {}
+            },
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! Parts of a text put in, replaced and taken away as its author would.
+
+use std::collections::BTreeSet;
+
+use crate::error::Span;
+use crate::text::{Body, Field, Kind, Token, Tree, tokens};
+
+/// A text in place of a part of another.
+pub(in crate::graph) type Splice = (Span, String);
+
+pub(super) fn apply(text: &str, mut edits: Vec<Splice>) -> String {
+    // Stable: what is put into one place comes in the order that it was given.
+    edits.sort_by_key(|(span, _)| *span);
+    let mut result = String::with_capacity(text.len() + 64);
+    let mut copied = 0;
+    for (span, new) in edits {
+        // What is taken away needs no edits inside of it.
+        if span.start < copied {
+            continue;
+        }
+        result.push_str(&text[copied..span.start]);
+        result.push_str(&new);
+        copied = span.end;
+    }
+    result + &text[copied..]
+}
+
+/// The edits that add a field to a call, or to a bare word, as its author writes fields.
+pub(super) fn added(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
+    let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
+    let Some(last) = owner.fields().and_then(<[Field]>::last) else {
+        // `Name` or `Name()`, perhaps with spaces or comments in it.
+        let inside = &text[owner.span.start..owner.span.end];
+        return match inside.find('(') {
+            Some(open) => vec![insert(owner.span.start + open + 1, format!("{name}: {value}"))],
+            None => vec![insert(owner.span.end, format!("({name}: {value})"))],
+        };
+    };
+    let colon = &text[last.name.span.end..last.value.span.start];
+    let colon = if colon.trim() == ":" && !colon.contains('\n') { colon } else { ": " };
+    let new = format!("{name}{colon}{value}");
+    let before = match owner.fields() {
+        Some([.., before, _]) => Some(before.value.span.end),
+        _ => None,
+    };
+    let last = Span { start: last.name.span.start, end: last.value.span.end };
+    behind(text, owner.span, before, last, &new)
+}
+
+/// The edits that put a new field, entry or item behind one of `owner`: on a line of its own if that one is. `before` is where the
+/// one before that ends.
+pub(super) fn behind(
+    text: &str,
+    owner: Span,
+    before: Option<usize>,
+    last: Span,
+    new: &str,
+) -> Vec<Splice> {
+    let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
+    let tail = Tail::of(text, last.end, owner.end);
+    if let Some(indent) = indent_of(text, owner, last) {
+        let newline = newline(text, last.start);
+        return match tail.comma {
+            Some(_) => vec![insert(tail.line_end, format!("{newline}{indent}{new},"))],
+            None if tail.line_end == last.end => {
+                vec![insert(tail.line_end, format!(",{newline}{indent}{new}"))]
+            }
+            None => vec![
+                insert(last.end, ",".into()),
+                insert(tail.line_end, format!("{newline}{indent}{new}")),
+            ],
+        };
+    }
+    let is_tight = before.is_some_and(|before| &text[before..last.start] == ",");
+    let comma = if is_tight { "," } else { ", " };
+    vec![insert(last.end, format!("{comma}{new}"))]
+}
+
+/// What stands before a part of `owner` on its line, if that is nothing but space and the line is not the one that opens it.
+pub(super) fn indent_of(text: &str, owner: Span, part: Span) -> Option<&str> {
+    let line = line_start(text, part.start);
+    let indent = &text[line..part.start];
+    (line > owner.start && indent.trim().is_empty()).then_some(indent)
+}
+
+/// The edits that put a new entry into a map: behind one of its entries, or as its only one, then on a line of its own if `broken`.
+/// `write` gives the entry as it stands behind an indentation.
+pub(super) fn put_entry(
+    text: &str,
+    map: &Tree,
+    behind_entry: Option<usize>,
+    broken: bool,
+    write: impl Fn(&str) -> String,
+) -> Vec<Splice> {
+    let parts = parts(map);
+    let place = behind_entry.or(parts.len().checked_sub(1)).filter(|&place| place < parts.len());
+    if let Some(place) = place {
+        let last = parts[place];
+        let before = place.checked_sub(1).map(|before| parts[before].end);
+        let entry = write(indent_of(text, map.span, last).unwrap_or_default());
+        return behind(text, map.span, before, last, &entry);
+    }
+    let open = opened(text, map.span);
+    let inside = &text[open..map.span.end - 1];
+    if inside.trim().is_empty() && !broken {
+        return vec![(map.span, format!("{{ {} }}", write("")))];
+    }
+    // Comments stay before it.
+    let line = &text[line_start(text, map.span.start)..];
+    let outer = &line[..line.len() - line.trim_start_matches([' ', '\t']).len()];
+    let step = if outer.contains('\t') { "\t" } else { "    " };
+    let indent = format!("{outer}{step}");
+    let at = Span { start: open + inside.trim_end().len(), end: map.span.end - 1 };
+    let newline = newline(text, map.span.start);
+    vec![(at, format!("{newline}{indent}{},{newline}{outer}", write(&indent)))]
+}
+
+/// A text as a literal.
+pub(super) fn quoted(text: &str) -> String {
+    let escaped = text.replace('\\', "\\\\").replace('"', "\\\"");
+    format!("\"{}\"", escaped.replace('\n', "\\n").replace('\r', "\\r").replace('\t', "\\t"))
+}
+
+/// How the line before a place ends.
+pub(super) fn newline(text: &str, at: usize) -> &'static str {
+    if text[..line_start(text, at)].ends_with("\r\n") { "\r\n" } else { "\n" }
+}
+
+fn line_start(text: &str, at: usize) -> usize {
+    text[..at].rfind('\n').map_or(0, |newline| newline + 1)
+}
+
+/// Where what stands between the brackets of a value begins.
+fn opened(text: &str, value: Span) -> usize {
+    let pieces = tokens(&text[value.start..value.end]);
+    let open = pieces.iter().find(|(piece, _)| *piece == Token::Open);
+    open.map_or(value.start, |(_, span)| value.start + span.end)
+}
+
+/// The places of what stands between the commas of a value: fields, items or entries.
+pub(super) fn parts(value: &Tree) -> Vec<Span> {
+    match &value.kind {
+        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
+            items.iter().map(|item| item.span).collect()
+        }
+        Kind::Call { body: Body::Fields(fields), .. } => {
+            let whole =
+                |field: &Field| Span { start: field.name.span.start, end: field.value.span.end };
+            fields.iter().map(whole).collect()
+        }
+        Kind::Map(entries) => {
+            let whole =
+                |(key, value): &(Tree, Tree)| Span { start: key.span.start, end: value.span.end };
+            entries.iter().map(whole).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// The edits that take some of the parts of a value away, and with them their commas and lines.
+pub(super) fn without(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Splice> {
+    let parts = parts(owner);
+    let (open, close) = (opened(text, owner.span), owner.span.end - 1);
+    let mut cuts = Vec::new();
+    let is_plain =
+        |start: usize, end: usize| text[start..end].chars().all(|c| c.is_whitespace() || c == ',');
+    let ends = parts.iter().map(|part| part.end);
+    let starts = parts.iter().map(|part| part.start).chain([close]);
+    let mut gaps = [open].into_iter().chain(ends).zip(starts);
+    if gone.len() == parts.len() && gaps.all(|(start, end)| is_plain(start, end)) {
+        return vec![(Span { start: open, end: close }, String::new())];
+    }
+    for &index in gone {
+        let Some(part) = parts.get(index) else { continue };
+        cuts.push(cut(text, owner.span, *part, index == 0));
+    }
+    // The comma before the last part is none behind it, and goes along if that has none.
+    let kept = (0..parts.len()).rev().find(|index| !gone.contains(index));
+    let last = parts.last().filter(|last| Tail::of(text, last.end, close).comma.is_none());
+    if let (Some(kept), Some(_)) = (kept, last)
+        && let Some(next) = parts.get(kept + 1)
+        && let Some(comma) = Tail::of(text, parts[kept].end, close).comma
+    {
+        let gap = &text[comma + 1..next.start];
+        let is_space = gap.trim().is_empty() && !gap.contains('\n');
+        cuts.push(Span { start: comma, end: if is_space { next.start } else { comma + 1 } });
+    }
+    let mut cuts = merged(cuts);
+    for cut in &mut cuts {
+        *cut = without_blank_lines(text, *cut, open, close);
+    }
+    merged(cuts).into_iter().map(|cut| (cut, String::new())).collect()
+}
+
+/// What goes along with a part of a value: its lines if it stands there alone, else its comma and the space beside it.
+fn cut(text: &str, owner: Span, part: Span, is_first: bool) -> Span {
+    let tail = Tail::of(text, part.end, owner.end);
+    let comma = tail.comma.filter(|&comma| !text[part.end..comma].contains('\n'));
+    let rest = text[tail.line_end..].trim_start_matches([' ', '\t', '\r']);
+    let is_alone = rest.starts_with('\n') && comma == tail.comma;
+    if let Some(indent) = indent_of(text, owner, part).filter(|_| is_alone) {
+        return Span { start: part.start - indent.len(), end: text.len() - rest.len() + 1 };
+    }
+    let Some(comma) = comma else { return part };
+    let behind = &text[comma + 1..];
+    let spaces = behind.len() - behind.trim_start_matches([' ', '\t']).len();
+    if !behind[spaces..].starts_with(['\r', '\n']) || is_first {
+        return Span { start: part.start, end: comma + 1 + spaces };
+    }
+    let before = text[..part.start].trim_end_matches([' ', '\t']).len();
+    Span { start: before, end: comma + 1 }
+}
+
+/// Whole lines, and the blank lines before them where blank lines or the closing bracket follow.
+fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> Span {
+    let Span { mut start, mut end } = cut;
+    let begins_line = |at: usize| text[..at].ends_with('\n');
+    if !begins_line(start) || !begins_line(end) {
+        return cut;
+    }
+    let first_line = |at: usize| text[at..close].split_inclusive('\n').next().unwrap_or_default();
+    let is_blank = |line: &str| line.ends_with('\n') && line.trim().is_empty();
+    let line_before = |at: usize| &text[line_start(text, at - 1)..at];
+    let is_behind = |start: usize| open < start && is_blank(line_before(start));
+    if text[open..start].trim().is_empty() {
+        while is_blank(first_line(end)) {
+            end += first_line(end).len();
+        }
+    }
+    if is_behind(start) && (is_blank(first_line(end)) || text[end..close].trim().is_empty()) {
+        while is_behind(start) && line_start(text, start - 1) > open {
+            start = line_start(text, start - 1);
+        }
+    }
+    Span { start, end }
+}
+
+/// Places in their order, those that touch as one.
+fn merged(mut spans: Vec<Span>) -> Vec<Span> {
+    spans.sort_unstable();
+    let mut merged: Vec<Span> = Vec::with_capacity(spans.len());
+    for span in spans {
+        match merged.last_mut() {
+            Some(last) if span.start <= last.end => last.end = last.end.max(span.end),
+            _ => merged.push(span),
+        }
+    }
+    merged
+}
+
+/// What follows a part of a value.
+struct Tail {
+    /// The comma behind it.
+    comma: Option<usize>,
+    /// Where its line ends, comments included; the line of the comma if there is one.
+    line_end: usize,
+}
+
+impl Tail {
+    fn of(text: &str, value_end: usize, call_end: usize) -> Self {
+        let mut tail = Self { comma: None, line_end: value_end };
+        let mut same_line = true;
+        // A text that begins in the middle of a graph is still cut into the right pieces.
+        for (part, span) in tokens(&text[value_end..call_end]) {
+            let (start, end) = (value_end + span.start, value_end + span.end);
+            match part {
+                Token::Comma => {
+                    tail = Self { comma: Some(start), line_end: end };
+                    same_line = true;
+                }
+                Token::Space if text[start..end].contains('\n') => same_line = false,
+                Token::LineComment | Token::BlockComment if same_line => {
+                    tail.line_end = start + text[start..end].trim_end().len();
+                }
+                Token::Word | Token::Open | Token::Close => break,
+                _ => {}
+            }
+        }
+        tail
+    }
+}

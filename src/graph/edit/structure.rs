@@ -1,0 +1,680 @@
+//! Edits of what a graph is made of: nodes, names, links and outputs.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use super::place::{Found, field, find};
+use super::references::{Names, Reference, References};
+use super::splice::{Splice, added, apply, behind, newline, parts, put_entry, quoted, without};
+use super::{Edit, Judge, Refusal};
+use crate::error::{Problem, Span, code};
+use crate::graph::expression::named_parameters;
+use crate::graph::format::entry_form;
+use crate::graph::is_name;
+use crate::graph::meaning::{entries, named_node};
+use crate::text::{Body, Kind, Tree, nearest_or_all, parse, with_article};
+
+/// The text of a graph, and what stands in it.
+pub(super) struct Structure<'j> {
+    judge: &'j Judge<'j>,
+    text: &'j str,
+    tree: Tree,
+    references: References,
+}
+
+/// The sections whose entries have names that others use, and what each entry is.
+const SECTIONS: [(&str, &str); 3] =
+    [("nodes", "node"), ("inputs", "input"), ("params", "parameter")];
+
+/// An entry of a section.
+struct Declared<'t> {
+    section: &'static str,
+    /// The section.
+    map: &'t Tree,
+    /// Which of its entries.
+    index: usize,
+    key: &'t Tree,
+    name: &'t str,
+}
+
+/// Parts of values that go, by the values' places.
+type Gone<'t> = BTreeMap<Span, (&'t Tree, BTreeSet<usize>)>;
+
+fn refusal(code: &'static str, span: Span, message: String, help: impl Into<String>) -> Refusal {
+    Refusal { code, span, message, help: help.into() }
+}
+
+impl<'j> Structure<'j> {
+    /// # Errors
+    /// The problems of the text, if nothing can be said of what is in it.
+    pub(super) fn read(judge: &'j Judge<'j>, text: &'j str) -> Result<Self, Vec<Problem>> {
+        let (tree, _) = parse(text);
+        if tree.name().is_some_and(|name| name.text == "Patch") {
+            let span = tree.name().map_or(tree.span, |name| name.span);
+            let message = "a patch has values of nodes, but no nodes of its own".to_owned();
+            let help = "edit the graph that it is `of`; values of a patch can be set";
+            let refused = refusal(code::SYNTAX, span, message, help);
+            return Err(vec![judge.refused(text, refused)]);
+        }
+        let references = References::of(judge, text, &tree)?;
+        Ok(Self { judge, text, tree, references })
+    }
+
+    /// The text after an edit that is no `Set`.
+    ///
+    /// # Errors
+    /// Why it cannot be done.
+    pub(super) fn edited(&self, edit: &Edit, values: &[&str]) -> Result<String, Vec<Refusal>> {
+        let splices = match edit {
+            Edit::Add { name, node, fields, after } => {
+                let fields = fields.iter().map(|(name, _)| &name[..]).zip(values.iter().copied());
+                self.add(name, node, &Vec::from_iter(fields), after.as_deref()).map_err(one)?
+            }
+            Edit::Remove { name, and_links } => self.remove(name, *and_links)?,
+            Edit::Rename { from, to } => self.rename(from, to).map_err(one)?,
+            Edit::Link { port, to } => return self.link(port, to).map_err(one),
+            Edit::Unlink { port } => self.unlink(port)?,
+            Edit::Output { name, to } => self.output(name, to.as_deref())?,
+            Edit::Set { .. } => Vec::new(),
+        };
+        Ok(apply(self.text, splices))
+    }
+
+    fn section(&self, name: &str) -> Option<&Tree> {
+        let value = &field(&self.tree, name)?.value;
+        matches!(value.kind, Kind::Map(_)).then_some(value)
+    }
+
+    /// What `nose`, `nodes.nose` or `params.nose` names.
+    fn declared(&self, given: &str) -> Result<Declared<'_>, Refusal> {
+        let (wanted, name) = match given.split_once('.') {
+            Some((section, name)) => (Some(section), name),
+            None => (None, given),
+        };
+        let mut found = Vec::new();
+        let mut known = Vec::new();
+        for (section, _) in SECTIONS {
+            if wanted.is_some_and(|wanted| wanted != section) {
+                continue;
+            }
+            let Some(map) = self.section(section) else { continue };
+            let Kind::Map(entries) = &map.kind else { continue };
+            known.extend(entries.iter().filter_map(|(key, _)| key.text()));
+            for (index, (key, _)) in entries.iter().enumerate() {
+                if let Some(name) = key.text().filter(|known| *known == name) {
+                    found.push(Declared { section, map, index, key, name });
+                }
+            }
+        }
+        if let [first, second, ..] = &found[..]
+            && first.section == second.section
+        {
+            let message = format!("there is more than one `{name}` in `{}`", first.section);
+            return Err(refusal(code::BAD_NAME, second.key.span, message, "keep one of them"));
+        }
+        if found.len() > 1 {
+            let both = found.iter().map(|found| format!("`{}.{name}`", found.section));
+            let help = format!("write {}", Vec::from_iter(both).join(" or "));
+            let message = format!("both a node and a parameter have the name `{name}`");
+            return Err(refusal(code::BAD_NAME, found[1].key.span, message, help));
+        }
+        found.pop().ok_or_else(|| {
+            let what = SECTIONS.iter().find(|(section, _)| Some(*section) == wanted);
+            let what = what.map_or("node, input or parameter", |(_, what)| what);
+            let message = format!("the graph has no {what} `{name}`");
+            let help = nearest_or_all(name, "its names", &known);
+            refusal(code::UNKNOWN_LINK, Span::default(), message, help)
+        })
+    }
+
+    /// The call of a node.
+    fn node(&self, name: &str) -> Result<&Tree, Refusal> {
+        call_of(&self.tree, name).ok_or_else(|| {
+            let nodes = entries(self.tree.fields().unwrap_or_default(), "nodes");
+            let known = Vec::from_iter(nodes.map(|(name, _)| name));
+            let message = format!("the graph has no node `{name}`");
+            let help = nearest_or_all(name, "its nodes", &known);
+            refusal(code::UNKNOWN_LINK, Span::default(), message, help)
+        })
+    }
+
+    fn add(
+        &self,
+        name: &str,
+        node: &str,
+        fields: &[(&str, &str)],
+        after: Option<&str>,
+    ) -> Result<Vec<Splice>, Refusal> {
+        may_name(name, "a node")?;
+        let words = fields.iter().map(|(field, _)| (*field, code::UNKNOWN_FIELD, "field"));
+        for (word, code, what) in words.chain([(node, code::UNKNOWN_NODE, "node type")]) {
+            if !is_word(word) {
+                let message = format!("`{word}` cannot be the name of a {what}");
+                let help = "letters, digits and `_`, no digit first";
+                return Err(refusal(code, Span::default(), message, help));
+            }
+        }
+        let fields = fields.iter().map(|(field, value)| format!("{field}: {value}"));
+        let entry = format!("\"{name}\": {node}({})", Vec::from_iter(fields).join(", "));
+        let after = after.map(|after| {
+            // It must be there.
+            self.node(after)?;
+            let place = self.declared(&format!("nodes.{after}"))?;
+            Ok::<_, Refusal>(place.index)
+        });
+        let after = after.transpose()?;
+        Ok(match self.section("nodes") {
+            Some(nodes) => put_entry(self.text, nodes, after, true, |indent| {
+                self.written(&entry, indent, nodes.span.end)
+            }),
+            None => added(self.text, &self.tree, "nodes", &format!("{{ {entry} }}")),
+        })
+    }
+
+    /// An entry in its canonical form, as it stands behind an indentation; its lines end as the one before a place.
+    fn written(&self, entry: &str, indent: &str, at: usize) -> String {
+        let columns = indent.chars().count();
+        let form = entry_form(entry, columns);
+        let mut lines = form.split('\n');
+        let mut written = lines.next().unwrap_or_default().to_owned();
+        for line in lines {
+            let line = line.strip_prefix(&" ".repeat(columns)).unwrap_or(line);
+            let inner = line.len() - line.trim_start_matches(' ').len();
+            let steps =
+                if indent.contains('\t') { "\t".repeat(inner / 4) } else { " ".repeat(inner) };
+            written += &format!("{}{indent}{steps}{}", newline(self.text, at), &line[inner..]);
+        }
+        written
+    }
+
+    fn rename(&self, from: &str, to: &str) -> Result<Vec<Splice>, Refusal> {
+        let Declared { section, key, name, .. } = self.declared(from)?;
+        let (_, what) =
+            SECTIONS.iter().find(|(known, _)| *known == section).unwrap_or(&SECTIONS[0]);
+        may_name(to, &with_article(what))?;
+        if name == to {
+            return Ok(Vec::new());
+        }
+        let whole = 0..name.len();
+        let mut splices = vec![self.replaced(key.span, name, std::slice::from_ref(&whole), to)];
+        for found in &self.references.all {
+            let Reference { span, text, .. } = found;
+            let places = match found.kind {
+                Names::Parameter if section == "params" && text == name => vec![whole.clone()],
+                Names::Expression if section == "params" => self.in_expression(found, name, to)?,
+                Names::Link if section != "params" && named_node(text) == name => {
+                    vec![whole.clone()]
+                }
+                _ => continue,
+            };
+            if !places.is_empty() {
+                splices.push(self.replaced(*span, text, &places, to));
+            }
+        }
+        Ok(splices)
+    }
+
+    /// Where an expression names a parameter that gets another name.
+    fn in_expression(
+        &self,
+        expression: &Reference,
+        from: &str,
+        to: &str,
+    ) -> Result<Vec<Range<usize>>, Refusal> {
+        let known = match self.section("params").map(|params| &params.kind) {
+            Some(Kind::Map(entries)) => entries.iter().filter_map(|(key, _)| key.text()).collect(),
+            _ => BTreeSet::new(),
+        };
+        let text = &expression.text;
+        let old = named_parameters(text, &|name| known.contains(name)).unwrap_or_default();
+        let mut places = old.clone();
+        places.retain(|place| &text[place.clone()] == from);
+        let new_text = with_places(text, &places, to);
+        let is_known = |name: &str| name == to || (name != from && known.contains(name));
+        let new = named_parameters(&new_text, &is_known).unwrap_or_default();
+        let in_old = old.iter().map(|place| match &text[place.clone()] {
+            name if name == from => to,
+            name => name,
+        });
+        // A hyphen belongs to the new name where it was a sign before.
+        if !in_old.eq(new.iter().map(|place| &new_text[place.clone()])) {
+            let message = format!("this expression would say something else with the name `{to}`");
+            let help = "a hyphen with spaces around it is always a sign";
+            return Err(refusal(code::EXPRESSION, expression.span, message, help));
+        }
+        Ok(places)
+    }
+
+    /// A literal that says `text`, with `new` in some places of that.
+    fn replaced(&self, span: Span, text: &str, places: &[Range<usize>], new: &str) -> Splice {
+        let literal = &self.text[span.start..span.end];
+        let Some(start) = literal.find(text) else {
+            // It is written with escapes.
+            return (span, quoted(&with_places(text, places, new)));
+        };
+        let places = places.iter().map(|place| place.start + start..place.end + start);
+        (span, with_places(literal, &Vec::from_iter(places), new))
+    }
+
+    fn remove(&self, given: &str, and_links: bool) -> Result<Vec<Splice>, Vec<Refusal>> {
+        let Declared { section, map, index, name, .. } = self.declared(given).map_err(one)?;
+        let own = parts(map)[index];
+        let is_user = |found: &&Reference| {
+            let is_inside = own.start <= found.span.start && found.span.end <= own.end;
+            !is_inside
+                && match found.kind {
+                    Names::Link => section != "params" && named_node(&found.text) == name,
+                    Names::Parameter => section == "params" && found.text == name,
+                    Names::Expression => section == "params" && self.names(&found.text, name),
+                    Names::Output => false,
+                }
+        };
+        let users = Vec::from_iter(self.references.all.iter().filter(is_user));
+        if !users.is_empty() && (!and_links || section == "params") {
+            let refused = |user: &&Reference| {
+                let message = format!("`{name}` cannot be removed: {} needs it", user.by);
+                match section {
+                    "params" => {
+                        let help = format!("put a value in place of what names `{name}`");
+                        refusal(code::EXPRESSION, user.span, message, help)
+                    }
+                    _ => {
+                        let help = "link it to something else, or let links go along that need not be (--and-links)";
+                        refusal(code::UNKNOWN_LINK, user.span, message, help)
+                    }
+                }
+            };
+            return Err(users.iter().map(refused).collect());
+        }
+        let mut gone = Gone::from([(map.span, (map, BTreeSet::from([index])))]);
+        let mut refusals = Vec::new();
+        for user in users {
+            if let Err(refused) = self.let_go(user, &mut gone) {
+                refusals.push(refused);
+            }
+        }
+        refusals.extend(self.let_lists_go(&mut gone));
+        if refusals.is_empty() { Ok(self.spliced(&gone)) } else { Err(refusals) }
+    }
+
+    /// Whether an expression names a parameter.
+    fn names(&self, expression: &str, name: &str) -> bool {
+        let known = |word: &str| match self.section("params").map(|params| &params.kind) {
+            Some(Kind::Map(entries)) => entries.iter().any(|(key, _)| key.text() == Some(word)),
+            _ => false,
+        };
+        let places = named_parameters(expression, &known).unwrap_or_default();
+        places.into_iter().any(|place| &expression[place] == name)
+    }
+
+    /// Lets what names something go along with it.
+    fn let_go<'t>(&'t self, user: &Reference, gone: &mut Gone<'t>) -> Result<(), Refusal> {
+        let holders = self.holders(user.span);
+        match holders.get(..2) {
+            // An expectation goes whole.
+            Some([(graph, field), (list, item)])
+                if graph.fields().is_some_and(|f| f[*field].name.text == "expect") =>
+            {
+                take(gone, list, *item);
+            }
+            Some([(graph, field), (outputs, entry)])
+                if graph.fields().is_some_and(|f| f[*field].name.text == "outputs") =>
+            {
+                take(gone, outputs, *entry);
+                let Kind::Map(entries) = &outputs.kind else { return Ok(()) };
+                let name = entries[*entry].0.text().unwrap_or_default();
+                let named = self.references.all.iter().filter(|found| found.kind == Names::Output);
+                for expectation in named.filter(|found| found.text == name) {
+                    self.let_go(expectation, gone)?;
+                }
+            }
+            _ => self.let_link_go(&holders, user.span, gone)?,
+        }
+        Ok(())
+    }
+
+    /// Lets a link of a node go, or all links of a port.
+    fn let_link_go<'t>(
+        &'t self,
+        holders: &[(&'t Tree, usize)],
+        span: Span,
+        gone: &mut Gone<'t>,
+    ) -> Result<(), Refusal> {
+        let Some(&(holder, index)) = holders.last() else { return Ok(()) };
+        if !matches!(holder.kind, Kind::List(_)) {
+            self.may_be_empty(holders, span)?;
+        }
+        take(gone, holder, index);
+        Ok(())
+    }
+
+    /// Lists of links of which nothing would be left go whole, where the port can do without.
+    fn let_lists_go<'t>(&'t self, gone: &mut Gone<'t>) -> Vec<Refusal> {
+        let mut refusals = Vec::new();
+        let emptied = |(list, gone): &&(&'t Tree, BTreeSet<usize>)| match &list.kind {
+            Kind::List(items) => items.len() == gone.len(),
+            _ => false,
+        };
+        let emptied = Vec::from_iter(gone.values().filter(emptied).map(|(list, _)| *list));
+        for list in emptied {
+            let holders = self.holders(list.span);
+            let Some(&(holder, index)) = holders.last() else { continue };
+            match self.may_be_empty(&holders, list.span) {
+                Ok(()) => {
+                    gone.remove(&list.span);
+                    take(gone, holder, index);
+                }
+                Err(refused) => refusals.push(refused),
+            }
+        }
+        refusals
+    }
+
+    /// Refuses to leave the port at the end of a way empty, if it must have a link.
+    fn may_be_empty(&self, holders: &[(&Tree, usize)], span: Span) -> Result<(), Refusal> {
+        let needed = |node: &str, port: &str| {
+            let ports = self.references.ports.get(node).into_iter().flatten();
+            ports.into_iter().any(|known| known.name == port && !known.optional)
+        };
+        let [_, (nodes, entry), (call, field), inner @ ..] = holders else { return Ok(()) };
+        let Kind::Map(entries) = &nodes.kind else { return Ok(()) };
+        let node = entries[*entry].0.text().unwrap_or_default();
+        let kind = call.name().map_or_else(String::new, |kind| kind.text);
+        let name_of = |tree: &Tree, index: usize| {
+            let field = tree.fields().and_then(|fields| fields.get(index));
+            field.map_or_else(String::new, |field| field.name.text.clone())
+        };
+        let outer = name_of(call, *field);
+        let (port, is_needed) = match (&kind[..], inner) {
+            ("ForEach", [.., (group, field)]) => {
+                let port = name_of(group, *field);
+                // What is carried is what its links give.
+                let is_needed = outer == "carry" || needed(node, &port);
+                (port, is_needed)
+            }
+            ("Switch", [(cases, case)]) => match &cases.kind {
+                Kind::Map(entries) => {
+                    (entries[*case].0.text().unwrap_or_default().to_owned(), true)
+                }
+                _ => (outer, true),
+            },
+            (_, []) => {
+                let is_needed = needed(node, &outer);
+                (outer, is_needed)
+            }
+            _ => (outer, false),
+        };
+        if !is_needed {
+            return Ok(());
+        }
+        let message = format!("port `{port}` of `{node}` cannot be left without a link");
+        Err(refusal(code::MISSING_FIELD, span, message, "link it to something else"))
+    }
+
+    /// The values around a place, from the graph on, and which part of each it lies in; a `Some` around it does not count.
+    fn holders(&self, span: Span) -> Vec<(&Tree, usize)> {
+        let mut holders = Vec::new();
+        let mut tree = &self.tree;
+        while tree.span != span {
+            let parts = parts(tree);
+            let is_around = |part: &Span| part.start <= span.start && span.end <= part.end;
+            let Some(index) = parts.iter().position(is_around) else { break };
+            holders.push((tree, index));
+            tree = part(tree, index);
+        }
+        let is_some = |tree: &Tree| tree.call_of("Some").is_some();
+        while holders.pop_if(|(tree, _)| is_some(tree)).is_some() {}
+        holders
+    }
+
+    fn spliced(&self, gone: &Gone<'_>) -> Vec<Splice> {
+        gone.values().flat_map(|(tree, gone)| without(self.text, tree, gone)).collect()
+    }
+
+    /// A node, and the way to a port in its call, as the text has it.
+    fn port<'p>(&self, given: &'p str) -> Result<(&'p str, &Tree, Vec<&'p str>), Refusal> {
+        let Some((node, port)) = given.split_once('.') else {
+            let message = format!("`{given}` is no port");
+            return Err(refusal(code::UNKNOWN_FIELD, Span::default(), message, "write NODE.PORT"));
+        };
+        let call = self.node(node)?;
+        let mut steps = Vec::from_iter(port.split('.'));
+        let kind = call.name().map_or_else(String::new, |kind| kind.text);
+        match &kind[..] {
+            "Switch" if steps[0] != "cases" => steps.insert(0, "cases"),
+            "ForEach" if !["links", "carry", "with", "over"].contains(&steps[0]) => {
+                let has = |group: &&str| {
+                    field(call, group).is_some_and(|group| field(&group.value, steps[0]).is_some())
+                };
+                let group = ["carry", "with"].into_iter().find(has).unwrap_or("links");
+                steps.insert(0, group);
+            }
+            _ => {}
+        }
+        Ok((node, call, steps))
+    }
+
+    fn link(&self, port: &str, to: &str) -> Result<String, Refusal> {
+        let (node, call, steps) = self.port(port)?;
+        let (splices, way) = self.linked(node, call, &steps, &quoted(to))?;
+        let text = apply(self.text, splices);
+        // Only the check knows which texts are links.
+        let (tree, _) = parse(&text);
+        let references = References::of(self.judge, &text, &tree);
+        let way = Vec::from_iter(way.iter().map(String::as_str));
+        let is_link = match call_of(&tree, node).map(|call| find(call, &way)) {
+            Some(Ok(Found::Value(link))) => references.is_ok_and(|all| all.is_link(link.span)),
+            _ => false,
+        };
+        if is_link { Ok(text) } else { Err(self.no_port(node, call, port)) }
+    }
+
+    fn no_port(&self, node: &str, call: &Tree, given: &str) -> Refusal {
+        let ports = self.references.ports.get(node).into_iter().flatten();
+        let ports = Vec::from_iter(ports.map(|port| &port.name[..]));
+        let port = given.split_once('.').map_or(given, |(_, port)| port);
+        let message = format!("`{node}` has no port `{port}`");
+        let help = nearest_or_all(port, "its ports", &ports);
+        refusal(code::UNKNOWN_FIELD, call.span, message, help)
+    }
+
+    /// The edits that put a link to a port, and the way to it in the new text.
+    fn linked(
+        &self,
+        node: &str,
+        call: &Tree,
+        steps: &[&str],
+        link: &str,
+    ) -> Result<(Vec<Splice>, Vec<String>), Refusal> {
+        let (steps, index) = match steps.split_last() {
+            Some((last, before)) if !before.is_empty() && before != ["cases"] => {
+                let index = last.parse::<usize>().ok();
+                (if index.is_some() { before } else { steps }, index)
+            }
+            _ => (steps, None),
+        };
+        let way = |index: Option<usize>| {
+            let index = index.map(|index| index.to_string());
+            Vec::from_iter(steps.iter().map(|&step| step.to_owned()).chain(index))
+        };
+        if let ["cases", case] = steps
+            && let Some(Tree { kind: Kind::Map(entries), .. }) =
+                field(call, "cases").map(|field| &field.value)
+            && entries.iter().all(|(key, _)| key.text() != Some(case))
+            && let Some(cases) = field(call, "cases")
+        {
+            let entry = format!("{}: {link}", quoted(case));
+            let splices = put_entry(self.text, &cases.value, None, false, |_| entry.clone());
+            return Ok((splices, way(None)));
+        }
+        let port = steps.last().copied().unwrap_or_default();
+        let known = self.references.ports.get(node).into_iter().flatten();
+        let many = known.into_iter().any(|known| known.name == port && known.many);
+        let no_item = |span: Span, count: usize| {
+            let message = format!("port `{port}` of `{node}` has no link {}", index.unwrap_or(0));
+            let help = match (many, count) {
+                (false, _) => "it takes one link".to_owned(),
+                (true, 0) => "it has none: the first one has the number 0".to_owned(),
+                (true, count) => format!("the next one has the number {count}"),
+            };
+            refusal(code::UNKNOWN_FIELD, span, message, help)
+        };
+        let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
+        let listed = || format!("[{link}]");
+        match find(call, steps)? {
+            Found::Value(list @ Tree { kind: Kind::List(items), .. }) => {
+                let index = index.unwrap_or(items.len());
+                let places = parts(list);
+                let splices = match places.get(index) {
+                    Some(&place) => vec![(place, link.to_owned())],
+                    None if index > items.len() => return Err(no_item(list.span, items.len())),
+                    None => match &places[..] {
+                        [] => vec![(list.span, listed())],
+                        [before @ .., last] => {
+                            let before = before.last().map(|before| before.end);
+                            behind(self.text, list.span, before, *last, link)
+                        }
+                    },
+                };
+                Ok((splices, way(Some(index))))
+            }
+            Found::Value(value) if many => {
+                let one = matches!(value.kind, Kind::Text(_));
+                match index {
+                    Some(0) if one => Ok((vec![(value.span, link.to_owned())], way(None))),
+                    None | Some(1) if one => {
+                        let open = insert(value.span.start, "[".into());
+                        let close = insert(value.span.end, format!(", {link}]"));
+                        Ok((vec![open, close], way(Some(1))))
+                    }
+                    None | Some(0) => Ok((vec![(value.span, listed())], way(Some(0)))),
+                    Some(_) => Err(no_item(value.span, usize::from(one))),
+                }
+            }
+            Found::Value(value) => match index {
+                None => Ok((vec![(value.span, link.to_owned())], way(None))),
+                Some(_) => Err(no_item(value.span, 1)),
+            },
+            Found::Missing(owner, rest) => {
+                if index.is_some_and(|index| index > 0 || !many) {
+                    return Err(no_item(owner.span, 0));
+                }
+                let value = if many { listed() } else { link.to_owned() };
+                let within = |value, name: &String| format!("({name}: {value})");
+                let value = rest[1..].iter().rev().fold(value, within);
+                let splices = added(self.text, owner, &rest[0], &value);
+                Ok((splices, way(many.then_some(0))))
+            }
+        }
+    }
+
+    fn unlink(&self, given: &str) -> Result<Vec<Splice>, Vec<Refusal>> {
+        let (node, call, steps) = self.port(given).map_err(one)?;
+        let is_link = |tree: &Tree| self.references.is_link(tree.span);
+        let found = find(call, &steps).map_err(one)?;
+        let value = match found {
+            Found::Value(value) => value.call_of("Some").unwrap_or(value),
+            Found::Missing(owner, _) => owner,
+        };
+        let has_links = match (&found, &value.kind) {
+            (Found::Missing(..), _) => false,
+            (_, Kind::List(items)) => !items.is_empty() && items.iter().all(is_link),
+            _ => is_link(value),
+        };
+        if !has_links {
+            let port = given.split_once('.').map_or(given, |(_, port)| port);
+            let message = format!("port `{port}` of `{node}` has no link");
+            let refused = refusal(code::UNKNOWN_FIELD, value.span, message, "");
+            return Err(one(refused));
+        }
+        let mut gone = Gone::new();
+        self.let_link_go(&self.holders(value.span), value.span, &mut gone).map_err(one)?;
+        let refusals = self.let_lists_go(&mut gone);
+        if refusals.is_empty() { Ok(self.spliced(&gone)) } else { Err(refusals) }
+    }
+
+    fn output(&self, name: &str, to: Option<&str>) -> Result<Vec<Splice>, Vec<Refusal>> {
+        let outputs = self.section("outputs");
+        let entries = match outputs.map(|outputs| &outputs.kind) {
+            Some(Kind::Map(entries)) => &entries[..],
+            _ => &[],
+        };
+        let index = entries.iter().position(|(key, _)| key.text() == Some(name));
+        let Some(to) = to else {
+            let (Some(index), Some(outputs)) = (index, outputs) else {
+                let known = Vec::from_iter(entries.iter().filter_map(|(key, _)| key.text()));
+                let message = format!("the graph has no output `{name}`");
+                let help = nearest_or_all(name, "its outputs", &known);
+                return Err(one(refusal(code::UNKNOWN_LINK, Span::default(), message, help)));
+            };
+            let users = self.references.all.iter().filter(|found| found.kind == Names::Output);
+            let refused = users.filter(|found| found.text == name).map(|user| {
+                let message = format!("output `{name}` cannot be removed: {} needs it", user.by);
+                refusal(code::UNKNOWN_LINK, user.span, message, "let it name the node")
+            });
+            let refused = Vec::from_iter(refused);
+            if !refused.is_empty() {
+                return Err(refused);
+            }
+            return Ok(without(self.text, outputs, &BTreeSet::from([index])));
+        };
+        if let Some(index) = index {
+            return Ok(vec![(entries[index].1.span, quoted(to))]);
+        }
+        let entry = format!("{}: {}", quoted(name), quoted(to));
+        Ok(match outputs {
+            Some(outputs) => put_entry(self.text, outputs, None, false, |_| entry.clone()),
+            None => added(self.text, &self.tree, "outputs", &format!("{{ {entry} }}")),
+        })
+    }
+}
+
+fn one(refusal: Refusal) -> Vec<Refusal> {
+    vec![refusal]
+}
+
+/// The call of a node.
+fn call_of<'t>(tree: &'t Tree, node: &str) -> Option<&'t Tree> {
+    let mut nodes = entries(tree.fields()?, "nodes");
+    nodes.find(|(name, _)| *name == node).map(|(_, call)| call)
+}
+
+/// A part of a value, by its place among the parts.
+fn part(tree: &Tree, index: usize) -> &Tree {
+    match &tree.kind {
+        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => &items[index],
+        Kind::Call { body: Body::Fields(fields), .. } => &fields[index].value,
+        Kind::Map(entries) => &entries[index].1,
+        _ => tree,
+    }
+}
+
+fn take<'t>(gone: &mut Gone<'t>, tree: &'t Tree, index: usize) {
+    gone.entry(tree.span).or_insert_with(|| (tree, BTreeSet::new())).1.insert(index);
+}
+
+/// A text with `new` in some places.
+fn with_places(text: &str, places: &[Range<usize>], new: &str) -> String {
+    let mut result = text.to_owned();
+    for place in places.iter().rev() {
+        result.replace_range(place.clone(), new);
+    }
+    result
+}
+
+/// Refuses what cannot name something.
+fn may_name(name: &str, what: &str) -> Result<(), Refusal> {
+    if is_name(name) {
+        return Ok(());
+    }
+    let message = format!("`{name}` cannot name {what}");
+    let help =
+        "names begin with a lower-case letter; lower-case letters, digits and hyphens follow";
+    Err(refusal(code::BAD_NAME, Span::default(), message, help))
+}
+
+/// Whether it can stand before a parenthesis or a colon.
+fn is_word(word: &str) -> bool {
+    word.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+        && word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+}

@@ -1,0 +1,122 @@
+//! What stands in the text of a graph, as far as a reader of lines and quotes sees it: an oracle that shares no code with the engine.
+
+/// The names in a graph's text, and where they are used.
+#[derive(Default)]
+pub(crate) struct Sketch {
+    pub(crate) nodes: Vec<Node>,
+    /// Nodes, inputs and parameters; `params.nose` where a node has the name, too.
+    pub(crate) names: Vec<String>,
+    pub(crate) outputs: Vec<String>,
+    /// Texts in nodes that may be links: `node.field`, or `node.field.2`, and what stands there.
+    pub(crate) links: Vec<(String, String)>,
+    /// `node.field` of all others, and the names of parameters, and what stands there.
+    pub(crate) fields: Vec<(String, String)>,
+}
+
+/// A node as it stands in the text.
+pub(crate) struct Node {
+    pub(crate) name: String,
+    pub(crate) kind: String,
+    /// Names and values.
+    pub(crate) fields: Vec<(String, String)>,
+}
+
+impl Sketch {
+    pub(crate) fn of(text: &str) -> Self {
+        let text = without_comments(text);
+        let mut sketch = Self::default();
+        let open = text.find("Graph(").map_or(0, |at| at + 6);
+        let close = text.rfind(')').unwrap_or(text.len()).max(open);
+        for (section, map) in named(&text[open..close]) {
+            let inside = map.trim_start_matches('{').trim_end_matches('}');
+            for (name, value) in named(inside) {
+                let name = name.trim_matches('"').to_owned();
+                match &section[..] {
+                    "nodes" => sketch.node(name, &value),
+                    "inputs" => sketch.names.push(name),
+                    "params" => {
+                        sketch.fields.push((name.clone(), value.clone()));
+                        sketch.names.push(format!("params.{name}"));
+                    }
+                    "outputs" => sketch.outputs.push(name),
+                    _ => {}
+                }
+            }
+        }
+        sketch
+    }
+
+    fn node(&mut self, name: String, call: &str) {
+        let Some((kind, inside)) = call.split_once('(') else { return };
+        let fields = named(inside.strip_suffix(')').unwrap_or(inside));
+        for (field, value) in &fields {
+            let port = format!("{name}.{field}");
+            let is_text = |value: &str| value.starts_with('"') && value.len() > 2;
+            if is_text(value) {
+                self.links.push((port, value.trim_matches('"').to_owned()));
+            } else if let Some(list) = value.strip_prefix('[').filter(|list| is_text(list)) {
+                for (index, link) in parts(list.trim_end_matches(']')).into_iter().enumerate() {
+                    self.links.push((format!("{port}.{index}"), link.trim_matches('"').to_owned()));
+                }
+                self.links.push((port, "nothing".into()));
+            } else {
+                self.fields.push((port, value.clone()));
+            }
+        }
+        self.names.push(format!("nodes.{name}"));
+        self.nodes.push(Node { name, kind: kind.trim().to_owned(), fields });
+    }
+}
+
+/// What stands between commas that are in no bracket and no quotes.
+fn parts(text: &str) -> Vec<String> {
+    let (mut parts, mut depth, mut in_text) = (vec![String::new()], 0_usize, false);
+    for c in text.chars() {
+        in_text ^= c == '"';
+        match c {
+            '(' | '[' | '{' if !in_text => depth += 1,
+            ')' | ']' | '}' if !in_text => depth = depth.saturating_sub(1),
+            ',' if !in_text && depth == 0 => {
+                parts.push(String::new());
+                continue;
+            }
+            _ => {}
+        }
+        parts.last_mut().unwrap().push(c);
+    }
+    let trimmed = parts.into_iter().map(|part| part.trim().to_owned());
+    trimmed.filter(|part| !part.is_empty()).collect()
+}
+
+/// The same as names and values.
+fn named(text: &str) -> Vec<(String, String)> {
+    let pair = |part: String| {
+        let colon = match part.strip_prefix('"') {
+            Some(rest) => 2 + rest.find('"')?,
+            None => part.find(':')?,
+        };
+        let value = part[colon..].trim_start().strip_prefix(':')?;
+        Some((part[..colon].trim().to_owned(), value.trim().to_owned()))
+    };
+    parts(text).into_iter().filter_map(pair).collect()
+}
+
+/// The comments of a text; none has quotes that are not closed on its line.
+pub(crate) fn comments(text: &str) -> Vec<&str> {
+    text.lines().filter_map(comment).collect()
+}
+
+fn comment(line: &str) -> Option<&str> {
+    let starts = line.match_indices("//").map(|(at, _)| at);
+    let outside = |at: &usize| line[..*at].matches('"').count().is_multiple_of(2);
+    let start = starts.into_iter().find(outside)?;
+    Some(line[start..].trim_end())
+}
+
+fn without_comments(text: &str) -> String {
+    let line = |line: &str| match comment(line) {
+        Some(comment) => line[..line.len() - comment.len()].to_owned(),
+        None => line.to_owned(),
+    };
+    Vec::from_iter(text.lines().map(line)).join("\n")
+}
