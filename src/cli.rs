@@ -23,6 +23,7 @@ mod check;
 mod compare;
 mod diff;
 mod draw;
+mod edit;
 mod events;
 mod fmt;
 mod gallery;
@@ -63,6 +64,8 @@ enum Command {
     Fmt(fmt::Fmt),
     /// Put values into a graph file and leave every other byte of it alone.
     Set(set::Set),
+    /// Add, remove, rename and link nodes of a graph file and leave every other byte of it alone.
+    Edit(edit::Edit),
     /// Say how two graphs differ in what they say; formatting, comments and order do not matter.
     Diff(diff::Diff),
     /// Compare the outputs of graphs with what they were when somebody looked at them.
@@ -141,6 +144,7 @@ pub fn main(packs: &[Pack]) -> ExitCode {
         Command::Draw(command) => command.run(&catalog),
         Command::Fmt(command) => command.run(),
         Command::Set(command) => command.run(&catalog),
+        Command::Edit(command) => command.run(&catalog),
         Command::Diff(command) => command.run(&catalog),
         Command::Test(command) => command.run(&catalog),
         Command::Compare(command) => command.run(&catalog),

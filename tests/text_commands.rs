@@ -131,6 +131,90 @@ fn set_prints_the_text_in_a_dry_run_and_touches_nothing_in_vain() {
 }
 
 #[test]
+fn edit_changes_the_file_and_says_what() {
+    let folder = folder(&[("doll.ron", DOLL)]);
+    let edit = |arguments: &[&str]| {
+        let output = maquette(folder.path(), &[&["edit", "doll.ron"], arguments].concat());
+        (output.status.code(), stdout(&output) + &stderr(&output))
+    };
+    let select = "select=Near(color: \"#236cba\")";
+    let mut told = String::new();
+    for arguments in [
+        &["add", "blue", "Threshold", "image=scan.color", select, "--after", "red"][..],
+        &["rename", "blue", "eyes"],
+        &["link", "spots.mask", "eyes"],
+        &["unlink", "surface.u"],
+        &["remove", "knots-u"],
+        &["output", "eyes.png", "eyes"],
+        &["output", "surface.ply"],
+        &["rename", "params.growth", "far"],
+    ] {
+        let (code, words) = edit(arguments);
+        assert_eq!(code, Some(0), "{arguments:?}: {words}");
+        told += &words;
+    }
+    expect![[r##"
+        node blue: added: Threshold(image: "scan", select: Near(color: "#236cba"))
+        node eyes: renamed, was blue
+        node spots: rewired mask: "red" -> "eyes"
+        node surface: rewired u: "knots-u" -> left out
+        node knots-u: removed: Knots(along: U, net: "raised")
+        output eyes.png: added: "eyes"
+        output surface.ply: removed: "surface"
+        parameter far: renamed, was growth
+    "##]]
+    .assert_eq(&told);
+    let expected = DOLL
+        .replace(
+            "30.0)),\n",
+            "30.0)),\n        \"eyes\": Threshold(image: \"scan.color\", select: Near(color: \"#236cba\")),\n",
+        )
+        .replace("mask: \"red\"", "mask: \"eyes\"")
+        .replace(", u: \"knots-u\"", "")
+        .replace("        \"knots-u\": Knots(net: \"raised\", along: U, order: 3),\n", "")
+        .replace("\": \"red\",\n", "\": \"red\",\n        \"eyes.png\": \"eyes\",\n")
+        .replace("        \"surface.ply\": \"surface\",\n", "")
+        .replace("\"growth\"", "\"far\"");
+    assert_eq!(read(&folder, "doll.ron"), expected);
+}
+
+#[test]
+fn edit_prints_the_lines_in_a_dry_run_and_refuses_what_would_be_wrong() {
+    let folder = folder(&[("doll.ron", DOLL)]);
+    let edit = |arguments: &[&str]| {
+        let output = maquette(folder.path(), &[&["edit", "doll.ron"], arguments].concat());
+        (output.status.code(), stdout(&output) + &stderr(&output))
+    };
+    let (code, lines) = edit(&["remove", "knots-u", "--and-links", "--dry-run"]);
+    assert_eq!(code, Some(0));
+    expect![[r#"
+        @@ -23 +22,0 @@
+        -        "knots-u": Knots(net: "raised", along: U, order: 3),
+        @@ -25 +24 @@
+        -        "surface": Nurbs(net: "raised", u: "knots-u", v: "knots-v"),
+        +        "surface": Nurbs(net: "raised", v: "knots-v"),
+    "#]]
+    .assert_eq(&lines);
+    let (code, words) = edit(&["remove", "knots-u"]);
+    assert_eq!(code, Some(1));
+    expect![[r#"
+        error[G007]: `knots-u` cannot be removed: port `u` of `surface` needs it
+          --> doll.ron:25:44
+           |
+        25 |         "surface": Nurbs(net: "raised", u: "knots-u", v: "knots-v"),
+           |                                            ^^^^^^^^^
+           |
+           = help: link it to something else, or let links go along that need not be (--and-links)
+
+    "#]]
+    .assert_eq(&words);
+    for wrong in [&["add", "x"][..], &["link", "surface.u"], &["turn", "surface"], &[]] {
+        assert_eq!(edit(wrong).0, Some(2), "{wrong:?}");
+    }
+    assert_eq!(read(&folder, "doll.ron"), DOLL);
+}
+
+#[test]
 fn diff_says_by_its_exit_code_whether_two_graphs_mean_the_same() {
     let changed = DOLL.replace("distance: 30.0", "distance: 31");
     let folder = folder(&[("a.ron", DOLL), ("b.ron", &changed), ("c.ron", "Graph(")]);

@@ -4,11 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Exit, assignment, eprint, print, print_document, report};
+use super::edit::GraphFile;
+use super::{Exit, assignment, print, print_document};
 use crate::catalog::Catalog;
-use crate::graph::{Files, Graph, Options};
-use crate::plain;
-use crate::writing::rewrite;
+use crate::graph::Edit as GraphEdit;
 
 #[derive(Args)]
 pub(super) struct Set {
@@ -28,32 +27,16 @@ pub(super) struct Set {
 
 impl Set {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        let text = match plain::read_text(&self.graph) {
-            Ok(text) => text,
-            Err(error) => {
-                eprint(&format!("error: cannot read {}: {error}\n", self.graph.display()));
-                return Exit::Failed;
-            }
+        let edit = |(target, value): &(String, String)| GraphEdit::Set {
+            target: target.clone(),
+            value: value.clone(),
         };
-        let options =
-            Options { roots: self.roots.clone(), files: Files::Ignored, ..Options::default() };
-        let edited = Graph::edited(&self.graph, &text, &self.values, catalog, &options);
-        let edited = match edited {
-            Ok(edited) => edited,
-            Err(problems) => {
-                report(&problems);
-                return Exit::Failed;
-            }
-        };
+        let edits = Vec::from_iter(self.values.iter().map(edit));
+        let file = GraphFile { graph: &self.graph, roots: &self.roots, dry_run: self.dry_run };
+        let Some(edited) = file.edit(&edits, catalog) else { return Exit::Failed };
         if self.dry_run {
             print_document(&edited.text);
             return Exit::Done;
-        }
-        if edited.text != text
-            && let Err(error) = rewrite(&self.graph, &edited.text)
-        {
-            eprint(&format!("error: cannot write {}: {error}\n", self.graph.display()));
-            return Exit::Failed;
         }
         for put in &edited.changes {
             let before = put.before.as_deref().unwrap_or("left out");

@@ -1,0 +1,189 @@
+//! `maquette edit`: nodes, links, names and outputs of a graph file.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+
+use super::{Exit, assignment, eprint, print, print_document, report};
+use crate::catalog::Catalog;
+use crate::error::Source;
+use crate::graph::{Edit as GraphEdit, Edited, Files, Graph, Options};
+use crate::plain;
+use crate::writing::rewrite;
+
+/// What the edit does not speak of keeps every byte. An edit that would leave the graph with a mistake is refused, with the reason.
+#[derive(Args)]
+pub(super) struct Edit {
+    /// The graph file.
+    graph: PathBuf,
+    #[command(subcommand)]
+    what: What,
+    /// Print the lines that would change; write nothing.
+    #[arg(long, global = true)]
+    dry_run: bool,
+    /// Let the graph read files of this folder, too.
+    #[arg(long = "root", value_name = "DIR", global = true)]
+    roots: Vec<PathBuf>,
+}
+
+#[derive(Subcommand)]
+enum What {
+    /// Add a node: edit G add mask Threshold image=scan.color 'select=Near(color: "#c33923")' --after scan
+    Add {
+        /// Its name.
+        name: String,
+        /// Its type: a node, a graph that this one uses, ForEach or Switch.
+        node: String,
+        /// Its fields. A value that is no RON is text.
+        #[arg(value_name = "FIELD=VALUE", value_parser = assignment)]
+        fields: Vec<(String, String)>,
+        /// The node behind which it stands; the last one if left out.
+        #[arg(long, value_name = "NODE")]
+        after: Option<String>,
+    },
+    /// Take a node, an input or a parameter away, with the comments in it and behind it.
+    Remove {
+        /// Its name; nodes.NAME or params.NAME where both have it.
+        name: String,
+        /// Let what names it go along: links to ports that can do without, entries of lists of links, outputs, expectations.
+        #[arg(long)]
+        and_links: bool,
+    },
+    /// Give a node, an input or a parameter another name, here and wherever this file names it.
+    Rename {
+        /// Its name; nodes.NAME or params.NAME where both have it.
+        from: String,
+        /// The new one.
+        to: String,
+    },
+    /// Link a port: edit G link label.mask threshold
+    Link {
+        /// The port; one that takes many gets one more. NODE.PORT.0 is the first of them.
+        #[arg(value_name = "NODE.PORT")]
+        port: String,
+        /// What it is linked to.
+        #[arg(value_name = "NODE[.OUTPUT]")]
+        to: String,
+    },
+    /// Take the link at a port away.
+    Unlink {
+        /// The port; all links of one that takes many. NODE.PORT.0 is the first of them.
+        #[arg(value_name = "NODE.PORT")]
+        port: String,
+    },
+    /// Add or change an output: edit G output model.glb skin. Without a link it is taken away.
+    Output {
+        /// The file, or the port of a graph that others use.
+        name: String,
+        /// What it gives.
+        #[arg(value_name = "NODE[.OUTPUT]")]
+        to: Option<String>,
+    },
+}
+
+impl What {
+    fn edit(&self) -> GraphEdit {
+        match self {
+            Self::Add { name, node, fields, after } => GraphEdit::Add {
+                name: name.clone(),
+                node: node.clone(),
+                fields: fields.clone(),
+                after: after.clone(),
+            },
+            Self::Remove { name, and_links } => {
+                GraphEdit::Remove { name: name.clone(), and_links: *and_links }
+            }
+            Self::Rename { from, to } => GraphEdit::Rename { from: from.clone(), to: to.clone() },
+            Self::Link { port, to } => GraphEdit::Link { port: port.clone(), to: to.clone() },
+            Self::Unlink { port } => GraphEdit::Unlink { port: port.clone() },
+            Self::Output { name, to } => GraphEdit::Output { name: name.clone(), to: to.clone() },
+        }
+    }
+}
+
+impl Edit {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let file = GraphFile { graph: &self.graph, roots: &self.roots, dry_run: self.dry_run };
+        let Some(edited) = file.edit(&[self.what.edit()], catalog) else { return Exit::Failed };
+        if self.dry_run {
+            print_document(&changed_lines(&edited.before, &edited.text));
+            return Exit::Done;
+        }
+        let source = |text: String| Source { name: self.graph.clone(), text };
+        let found = Graph::differences(&source(edited.before), &source(edited.text), catalog);
+        // Both texts have been read.
+        found.unwrap_or_default().iter().for_each(|found| print(&format!("{found}\n")));
+        Exit::Done
+    }
+}
+
+/// A graph file that a command edits.
+pub(super) struct GraphFile<'a> {
+    pub(super) graph: &'a Path,
+    pub(super) roots: &'a [PathBuf],
+    /// Whether nothing is written.
+    pub(super) dry_run: bool,
+}
+
+impl GraphFile<'_> {
+    /// What some edits make of it; none if that failed, for reasons that have been printed.
+    pub(super) fn edit(&self, edits: &[GraphEdit], catalog: &Catalog) -> Option<Edited> {
+        let failed = |what: &str, error: std::io::Error| {
+            eprint(&format!("error: cannot {what} {}: {error}\n", self.graph.display()));
+        };
+        let text = plain::read_text(self.graph).map_err(|error| failed("read", error)).ok()?;
+        let options =
+            Options { roots: self.roots.to_vec(), files: Files::Ignored, ..Options::default() };
+        let edited = Graph::edit(self.graph, &text, edits, catalog, &options);
+        let edited = edited.map_err(|problems| report(&problems)).ok()?;
+        if !self.dry_run && edited.text != text {
+            rewrite(self.graph, &edited.text).map_err(|error| failed("write", error)).ok()?;
+        }
+        Some(edited)
+    }
+}
+
+/// The lines that only one of two texts has, as `diff` prints them: their numbers, and `-` or `+` before each.
+fn changed_lines(old: &str, new: &str) -> String {
+    let (old, new) = (Vec::from_iter(old.lines()), Vec::from_iter(new.lines()));
+    let start = old.iter().zip(&new).take_while(|(old, new)| old == new).count();
+    let rest = old[start..].iter().rev().zip(new[start..].iter().rev());
+    let end = rest.take_while(|(old, new)| old == new).count();
+    let (old, new) = (&old[start..old.len() - end], &new[start..new.len() - end]);
+    let mut text = String::new();
+    for (old_at, old_end, new_at, new_end) in hunks(old, new) {
+        let place = |at: usize, end: usize| match end - at {
+            0 => format!("{},0", start + at),
+            1 => format!("{}", start + at + 1),
+            count => format!("{},{count}", start + at + 1),
+        };
+        text += &format!("@@ -{} +{} @@\n", place(old_at, old_end), place(new_at, new_end));
+        old[old_at..old_end].iter().for_each(|line| text += &format!("-{line}\n"));
+        new[new_at..new_end].iter().for_each(|line| text += &format!("+{line}\n"));
+    }
+    text
+}
+
+/// The ranges of two lists that are not in the other one: where each begins and ends in the old list and in the new one.
+fn hunks(old: &[&str], new: &[&str]) -> Vec<(usize, usize, usize, usize)> {
+    let (mut hunks, mut a, mut b) = (Vec::new(), 0, 0);
+    while a < old.len() || b < new.len() {
+        if old.get(a) == new.get(b) {
+            (a, b) = (a + 1, b + 1);
+            continue;
+        }
+        // The nearest place from which on both go on alike.
+        let ends = (old.len(), new.len());
+        let alike = |skipped: usize| {
+            let mut places = (0..=skipped).map(|k| (a + k, b + skipped - k));
+            places.find(|&(a, b)| {
+                (a, b) == ends || old.get(a).is_some_and(|line| new.get(b) == Some(line))
+            })
+        };
+        let most = (old.len() - a) + (new.len() - b);
+        let (to_a, to_b) = (1..=most).find_map(alike).unwrap_or(ends);
+        hunks.push((a, to_a, b, to_b));
+        (a, b) = (to_a, to_b);
+    }
+    hunks
+}
