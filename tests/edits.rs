@@ -239,8 +239,9 @@ fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), Tes
         Edit::Add { name, .. } => is_one(Change::Added, name) && found[0].what == "node",
         Edit::Remove { name, and_links } => {
             let name = plain(name);
-            let (own, others): (Vec<_>, Vec<_>) =
-                found.iter().partition(|f| f.change == Change::Removed && f.name == name);
+            let (own, others): (Vec<_>, Vec<_>) = found
+                .iter()
+                .partition(|f| f.what != "output" && f.change == Change::Removed && f.name == name);
             let go_along = |f: &&&&Difference| {
                 f.change == Change::Rewired || (f.what, f.change) == ("output", Change::Removed)
             };
@@ -326,8 +327,10 @@ fn a_random_edit_does_what_it_says_and_nothing_else_or_is_refused() {
         let mut runner = TestRunner::new_with_rng(config, rng);
         runner.run(&walk, |steps| follow(path, text, &steps, &counts)).err()
     });
-    let failures: Vec<String> = failures.map(|failure| failure.to_string()).collect();
-    assert!(failures.is_empty(), "{} graphs:\n{}", failures.len(), failures[0]);
+    // The last edit tells all; those before it have only led to the text.
+    let told = |failure: String| failure.split("minimal failing").next().map(str::to_owned);
+    let failures: Vec<String> = failures.filter_map(|failure| told(failure.to_string())).collect();
+    assert!(failures.is_empty(), "{} graphs:\n{}", failures.len(), failures.join("\n"));
     let counts = counts.into_inner().unwrap();
     for kind in KINDS {
         let [done, refused] =

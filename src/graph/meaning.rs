@@ -261,7 +261,10 @@ impl Reading<'_> {
             });
         }
         let items = |items: &[Tree]| self.items(items, &schema, root);
+        let takes_links = schema.get("items").is_some_and(|items| items.get("port").is_some());
         bare(match &tree.kind {
+            // One link to many values.
+            Kind::Text(text) if takes_links => self.link(text),
             Kind::Call { name: None, body: Body::Fields(fields) } => {
                 Kind::Call { name: None, body: self.fields(fields, &schema, root) }
             }
