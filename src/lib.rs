@@ -5,27 +5,24 @@
 //! A graph is a text. A [`Session`] checks it, evaluates what is wanted of it, each step once, and remembers results:
 //!
 //! ```
-//! use maquette::value::Curve;
+//! use maquette::value::Mesh;
 //! use maquette::{Options, Run, Session, Settings};
 //!
 //! let text = r#"Graph(
 //!     format: 1,
-//!     params: { "levels": Integer(default: 2, min: 0, max: 8, doc: "How often corners are cut.") },
+//!     params: { "levels": Integer(default: 2, min: 0, max: 5, doc: "How often faces are divided.") },
 //!     nodes: {
-//!         "polygon": ReadCurve(path: "square.obj"),
-//!         "round": SubdivideCurve(curve: "polygon", scheme: Chaikin, levels: Param("levels")),
+//!         "cage": ReadMesh(path: "doll/coarse.obj"),
+//!         "skin": Subdivide(mesh: "cage", scheme: CatmullClark, levels: Param("levels")),
 //!     },
-//!     outputs: { "round.obj": "round" },
+//!     outputs: { "skin.glb": "skin" },
 //! )"#;
-//! # let folder = tempfile::tempdir()?;
-//! # std::fs::write(folder.path().join("square.obj"), "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nl 1 2 3 4 1\n")?;
-//! # let path = folder.path().join("round.ron");
+//! # let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/unsaved.ron");
 //! let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory())?;
 //! let checked = session.load(&path, &Options::default().with_text(&path, text));
 //! let graph = checked.graph.ok_or_else(|| checked.problems[0].to_text(false))?;
 //! let done = session.run(&graph, &Run::default()).map_err(|problems| problems[0].to_text(false))?;
-//! let round = done.get::<Curve>("round.obj")?;
-//! assert!(round.is_closed() && round.points().len() > 4);
+//! assert!(done.get::<Mesh>("skin.glb")?.faces().len() > 1000);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

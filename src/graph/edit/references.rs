@@ -53,7 +53,7 @@ impl References {
     /// The problems of the text, if it cannot be said what is in it.
     pub(super) fn of(judge: &Judge<'_>, text: &str, tree: &Tree) -> Result<Self, Vec<Problem>> {
         let roots = judge.options.roots.clone();
-        let options = Options { roots, set: Vec::new(), files: Files::Ignored };
+        let options = Options { roots, files: Files::Ignored, ..Options::default() };
         let (world, whole) = first(judge.path, text.to_owned(), judge.catalog, &options);
         let Some(Whole { definition, .. }) = whole else { return Err(world.problems) };
         let (mut links, mut unknown) = (HashMap::new(), HashSet::new());
