@@ -155,7 +155,7 @@ fn line(label: &str, text: &str) -> String {
 /// What has faces, as a mesh: a surface, too.
 pub(crate) fn mesh_of(value: &AnyValue) -> Option<Mesh> {
     value.show().into_iter().find_map(|layer| match layer {
-        Layer::Triangles(mesh) => Some(mesh),
+        Layer::Triangles(mesh) => Some(*mesh),
         _ => None,
     })
 }

@@ -17,7 +17,7 @@ pub enum Layer {
     Picture(Picture),
     /// Faces: a mesh as it is, with its attributes as colors, normals, texture coordinates and numbers. Faces of more than three corners
     /// are fans of triangles from their first corner.
-    Triangles(Mesh),
+    Triangles(Box<Mesh>),
     /// Places that nothing connects, with data on each.
     Points(Cloud),
     /// Chains of straight lines.

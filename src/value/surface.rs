@@ -151,7 +151,7 @@ impl Value for Surface {
 
     /// As triangles, with the lines of its net.
     fn show(&self) -> Vec<Layer> {
-        let faces = self.tessellate(0, 0).ok().map(Layer::Triangles);
+        let faces = self.tessellate(0, 0).map(|mesh| Layer::Triangles(Box::new(mesh)));
         faces.into_iter().chain(self.net.show()).collect()
     }
 

@@ -120,7 +120,7 @@ fn texture(parts: &Parts<'_>) -> Result<Option<Image>, PartsError> {
 }
 
 pub(super) fn show(mesh: &Mesh) -> Vec<Layer> {
-    vec![Layer::Triangles(mesh.clone())]
+    vec![Layer::Triangles(Box::new(mesh.clone()))]
 }
 
 pub(super) fn hostile() -> Vec<Mesh> {
