@@ -72,6 +72,60 @@ fn run_json_is_one_document_with_nodes_and_outputs() {
 }
 
 #[test]
+fn a_graph_with_inputs_is_called_with_files_and_finds_what_its_use_has_computed() {
+    let [cache, out] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let folder = out.path().to_str().unwrap();
+    let used = maquette_with_cache(cache.path(), &["run", "feature.ron", "--out", folder]);
+    assert!(used.status.success(), "{}", stderr(&used));
+    let call = |more: &[&str]| {
+        let inputs = ["--input", "color=doll/color.png", "--input", "range=doll/range.pcd"];
+        let set = ["--set", "hue=#724d31", "--set", "near=22.0", "--set", "growth=9.0"];
+        let called = ["run", "lib/feature.ron", "--out", folder];
+        maquette_with_cache(cache.path(), &[&called, &inputs[..], &set, more].concat())
+    };
+    let called = call(&[]);
+    assert!(called.status.success(), "{}", stderr(&called));
+    assert!(stdout(&called).contains("2 computed, 8 equal"), "{}", stdout(&called));
+    assert!(out.path().join("range.pcd").exists() && out.path().join("region.ply").exists());
+    let one = stdout(&call(&["--only", "range"]));
+    assert!(one.contains("range.pcd") && !one.contains("region.ply"), "{one}");
+
+    let wrong = call(&["--input", "rang=doll/range.pcd"]);
+    assert_eq!(wrong.status.code(), Some(1));
+    assert!(stderr(&wrong).contains("the graph has no input `rang`"), "{}", stderr(&wrong));
+    let wrong = maquette(&["run", "doll.ron", "--input", "range=doll/range.pcd", "--out", folder]);
+    assert!(stderr(&wrong).contains("it has no inputs at all"), "{}", stderr(&wrong));
+    let wrong = maquette(&["run", "lib/feature.ron", "--input", "range=doll/mug.obj"]);
+    let told = "no RangeImage can be read from `.obj`; known are pcd, ply";
+    assert!(stderr(&wrong).contains(told), "{}", stderr(&wrong));
+}
+
+#[test]
+fn a_test_case_calls_a_graph_with_files() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["color.png", "range.pcd", "camera.json"] {
+        let from = Path::new(GRAPHS).join("doll").join(name);
+        std::fs::copy(from, folder.path().join(name)).unwrap();
+    }
+    std::fs::copy(Path::new(GRAPHS).join("lib/feature.ron"), folder.path().join("feature.ron"))
+        .unwrap();
+    let write = |inputs: &str| {
+        let test = format!(
+            r#"Test(graph: "feature.ron", cases: {{ "nose": (inputs: {inputs}) }},
+            expect: [Count(of: "region", what: "cells", min: 100)])"#
+        );
+        std::fs::write(folder.path().join("feature.test.ron"), test).unwrap();
+        maquette(&["test", folder.path().to_str().unwrap()])
+    };
+    let unseen = write(r#"{ "color": "color.png", "range": "range.pcd" }"#);
+    let told = [stdout(&unseen), stderr(&unseen)].concat();
+    assert!(told.contains("spot: there is no golden"), "{told}");
+    assert!(!told.contains("error"), "{told}");
+    let outside = write(r#"{ "color": "../color.png" }"#);
+    assert!(stderr(&outside).contains("input `color`: "), "{}", stderr(&outside));
+}
+
+#[test]
 fn set_changes_a_parameter_or_a_field() {
     let out = tempfile::tempdir().unwrap();
     let folder = out.path().to_str().unwrap();

@@ -242,7 +242,7 @@ fn a_trap_of_uses_that_double_each_time_is_refused() {
 }
 
 #[test]
-fn a_graph_with_inputs_is_checked_by_itself_and_cannot_be_computed() {
+fn a_graph_with_inputs_is_checked_by_itself_and_cannot_be_computed_without_values() {
     let folder = Folder::new(&[]);
     let checked = folder.load_with("lib/moved.ron", &[]);
     let graph = checked.graph.unwrap();
@@ -251,7 +251,8 @@ fn a_graph_with_inputs_is_checked_by_itself_and_cannot_be_computed() {
     assert_eq!(problems.len(), 1);
     assert_eq!(
         problems[0].message,
-        "`mesh` cannot be computed: `mesh` is an input: only a graph that uses this one gives it a value"
+        "`mesh` cannot be computed: it is an input without a value: `maquette run --input mesh=FILE` gives it one, as does a graph \
+            that uses this one"
     );
 }
 
