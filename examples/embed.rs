@@ -1,4 +1,5 @@
 //! maquette in another program: a graph from a text, a mesh from arrays, progress, cancel, and columns read where they lie.
+#![allow(clippy::print_stdout, reason = "this program talks to its user")]
 
 use maquette::value::{Faces, Mesh};
 use maquette::{AnyValue, CancelToken, Observer, Options, Run, Session, Settings};

@@ -116,7 +116,7 @@ pub use node::{
     ReadError, node,
 };
 pub use pack::{FileFormat, Format, NewFile, Pack, format};
-pub use reading::{AnyReader, FileReader, NoReader, Reading, reader};
+pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use session::{
     CacheFolder, Finished, OutputFolder, Produced, Run, Session, SessionError, Settings, Wanted,
     Written,

@@ -26,21 +26,20 @@ pub trait FileReader {
     fn read(file: &Reading<'_>) -> Result<Self::Value, Error>;
 }
 
+/// Finds a file that another one names, or says why not.
+pub type Beside<'a> = dyn Fn(&str) -> Result<Arc<[u8]>, String> + 'a;
+
 /// A file that is being read.
 pub struct Reading<'a> {
     name: &'a str,
     bytes: &'a [u8],
-    beside: &'a dyn Fn(&str) -> Result<Arc<[u8]>, String>,
+    beside: &'a Beside<'a>,
     doubts: RefCell<Vec<String>>,
 }
 
 impl<'a> Reading<'a> {
     /// A file of this name and content; `beside` finds the files that it names, or says why not.
-    pub fn new(
-        name: &'a str,
-        bytes: &'a [u8],
-        beside: &'a dyn Fn(&str) -> Result<Arc<[u8]>, String>,
-    ) -> Self {
+    pub fn new(name: &'a str, bytes: &'a [u8], beside: &'a Beside<'a>) -> Self {
         Self { name, bytes, beside, doubts: RefCell::default() }
     }
 

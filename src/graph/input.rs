@@ -80,7 +80,7 @@ impl Graph {
         let mut nodes = self.nodes.to_vec();
         for (name, value) in values {
             match self.input(name) {
-                Err(problem) => problems.push(problem),
+                Err(problem) => problems.push(*problem),
                 Ok(input) if input.kind != value.kind() => {
                     problems.push(self.wrong_input(input, value, catalog));
                 }
@@ -119,7 +119,7 @@ impl Graph {
             let input = match self.input(name) {
                 Ok(input) => input,
                 Err(problem) => {
-                    errors.push(problem);
+                    errors.push(*problem);
                     continue;
                 }
             };
@@ -143,9 +143,9 @@ impl Graph {
     ///
     /// # Errors
     /// If there is none.
-    pub(crate) fn input(&self, name: &str) -> Result<&GraphInput, Problem> {
+    fn input(&self, name: &str) -> Result<&GraphInput, Box<Problem>> {
         let found = self.inputs.iter().find(|input| input.name == name);
-        found.ok_or_else(|| self.no_input(name))
+        found.ok_or_else(|| Box::new(self.no_input(name)))
     }
 
     /// A problem at the place where an input is declared.
