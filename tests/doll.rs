@@ -98,7 +98,6 @@ fn the_mesh_is_manifold_and_looks_towards_the_sensor() {
     assert!(doll.get::<Mesh>("model", "").texture().is_some());
 }
 
-/// T-TEX-01.
 #[test]
 fn planar_texture_coordinates_are_near_those_of_the_registration() {
     let doll = Doll::new();

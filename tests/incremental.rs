@@ -103,7 +103,6 @@ fn a_node_that_comes_out_the_same_stops_the_wave() {
     );
 }
 
-/// T-DAG-02.
 #[test]
 fn a_parameter_changed_and_changed_back_runs_nothing() {
     let mut session = Session::new(2);
@@ -261,7 +260,6 @@ fn a_graph_that_was_broken_in_between_runs_nothing_after_it_is_mended() {
     assert_eq!(copy.states(), "");
 }
 
-/// T-DAG-01.
 #[test]
 fn every_value_has_the_same_bytes_for_any_number_of_threads() {
     let hashes = [1, 2, 8].map(|threads| {

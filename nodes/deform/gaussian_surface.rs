@@ -195,7 +195,6 @@ mod tests {
             .collect()
     }
 
-    // T-FFD-10.
     #[test]
     fn the_bump_has_the_heights_of_the_published_figure() {
         for (sigma, beside) in
@@ -210,7 +209,6 @@ mod tests {
         }
     }
 
-    // T-FFD-10.
     #[test]
     fn the_surface_lies_in_the_hull_of_its_points() {
         let mesh = gaussian_surface(&bump(0.1), false, [20, 20]).unwrap();

@@ -132,7 +132,6 @@ fn deformed(handles: &[Handle], mode: Mode, point: Point3<f64>) -> (Point3<f64>,
 /// What holds for every form.
 const MODES: [Mode; 3] = [Mode::Displacement, Mode::Absolute, Mode::Affine];
 
-// T-FFD-09.
 #[test]
 fn derivatives_are_those_of_differences() {
     let mut random = Random(3);

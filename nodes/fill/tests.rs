@@ -46,7 +46,7 @@ fn euler(mesh: &Mesh) -> i64 {
     mesh.positions().len() as i64 - mesh.edges().vertices.len() as i64 + mesh.faces().len() as i64
 }
 
-// T-FIL-01, the plain methods.
+// The plain methods.
 #[test]
 fn a_hole_in_a_plane_stays_in_the_plane() {
     let tilted = grid(24, 20, |x, y| 0.3 * x - 0.2 * y);
@@ -78,7 +78,7 @@ fn a_hole_in_a_plane_stays_in_the_plane() {
     }
 }
 
-// T-FIL-02, the plain methods.
+// The plain methods.
 #[test]
 fn a_filled_sphere_is_closed_and_keeps_its_vertices() {
     let mesh = without(&sphere(4), |p| p.z > 0.88 || p.x > 0.9);
@@ -94,7 +94,7 @@ fn a_filled_sphere_is_closed_and_keeps_its_vertices() {
     }
 }
 
-// T-FIL-08, at the rim's own density and with a given one.
+// At the rim's own density and with a given one.
 #[test]
 fn filled_edges_are_about_as_long_as_wanted() {
     let mesh = without(&sphere(5), |p| p.z > 0.8);
@@ -124,7 +124,6 @@ fn filled_edges_are_about_as_long_as_wanted() {
     near(&fill(&mesh, HoleChoice::All, FillMethod::Exemplar(coarse)).unwrap().mesh, mean);
 }
 
-// T-FIL-09.
 #[test]
 fn a_hole_that_touches_itself_is_two_holes() {
     // Two diamonds that share a corner.
@@ -157,7 +156,7 @@ fn a_hole_that_touches_itself_is_two_holes() {
     }
 }
 
-// T-FIL-09: a hole of three edges, and one in a strip of triangles.
+// A hole of three edges, and one in a strip of triangles.
 #[test]
 fn the_smallest_holes_are_filled_with_what_was_there() {
     let whole = sphere(1);

@@ -247,7 +247,6 @@ mod tests {
         expected.assert_eq(&mask.draw());
     }
 
-    // T-IMG-01.
     #[test]
     fn a_gray_plane_has_the_same_gradient_everywhere() {
         let pixels = (0..30 * 25).map(|index| [(3 * (index / 30) + 4 * (index % 30)) as u8; 3]);

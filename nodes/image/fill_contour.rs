@@ -129,7 +129,7 @@ mod tests {
         assert_eq!(fill_contour(&line, 1), line);
     }
 
-    // T-IMG-06, first half: the filled contour of a disk is the disk.
+    // The filled contour of a disk is the disk.
     #[test]
     fn the_outline_of_a_disk_fills_to_the_disk() {
         for radius in 1..25 {

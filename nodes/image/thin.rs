@@ -320,7 +320,6 @@ mod tests {
         Field::new(mask.width(), mask.height(), Vec::from_iter(numbers)).unwrap()
     }
 
-    // T-IMG-04.
     #[test]
     fn thinning_in_order_keeps_parts_and_holes_and_leaves_nothing_that_could_go() {
         for seed in 0..1000 {
@@ -335,7 +334,6 @@ mod tests {
         }
     }
 
-    // T-IMG-04.
     #[test]
     fn what_is_left_was_there_before() {
         for (seed, method) in (0..60).flat_map(|seed| ALL.map(|method| (seed, method))) {
@@ -346,7 +344,6 @@ mod tests {
         }
     }
 
-    // T-IMG-04.
     #[test]
     fn a_line_of_one_pixel_stays() {
         for line in [

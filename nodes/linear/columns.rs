@@ -12,22 +12,24 @@ pub(crate) type Column = [f64; 3];
 /// Entries of a chunk.
 pub(crate) const CHUNK: usize = 1024;
 
-/// `to + way * step`, coordinate by coordinate.
-pub(crate) fn add(to: &mut [Column], way: &[Column], step: Column) {
-    to.par_chunks_mut(CHUNK).zip(way.par_chunks(CHUNK)).for_each(|(to, way)| {
-        for (to, way) in to.iter_mut().zip(way) {
-            (0..3).for_each(|k| to[k] += way[k] * step[k]);
+/// `to + direction * step`, coordinate by coordinate.
+pub(crate) fn add(to: &mut [Column], direction: &[Column], step: Column) {
+    to.par_chunks_mut(CHUNK).zip(direction.par_chunks(CHUNK)).for_each(|(to, direction)| {
+        for (to, direction) in to.iter_mut().zip(direction) {
+            (0..3).for_each(|k| to[k] += direction[k] * step[k]);
         }
     });
 }
 
-/// `way * ratio + residual`, coordinate by coordinate: the next direction of conjugate gradients.
-pub(crate) fn follow(way: &mut [Column], residual: &[Column], ratio: Column) {
-    way.par_chunks_mut(CHUNK).zip(residual.par_chunks(CHUNK)).for_each(|(way, residual)| {
-        for (way, residual) in way.iter_mut().zip(residual) {
-            (0..3).for_each(|k| way[k] = way[k] * ratio[k] + residual[k]);
-        }
-    });
+/// `direction * ratio + residual`, coordinate by coordinate: the next direction of conjugate gradients.
+pub(crate) fn follow(direction: &mut [Column], residual: &[Column], ratio: Column) {
+    direction.par_chunks_mut(CHUNK).zip(residual.par_chunks(CHUNK)).for_each(
+        |(direction, residual)| {
+            for (direction, residual) in direction.iter_mut().zip(residual) {
+                (0..3).for_each(|k| direction[k] = direction[k] * ratio[k] + residual[k]);
+            }
+        },
+    );
 }
 
 /// The sums of `scale a b`, coordinate by coordinate; without `scale` it is 1.

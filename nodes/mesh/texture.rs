@@ -217,7 +217,6 @@ mod tests {
         textured.vertex().pairs("uv").unwrap().to_vec()
     }
 
-    // T-TEX-01.
     #[test]
     fn a_planar_picture_spans_alpha_times_the_object() {
         // Half extents 3 and 2 around (10, 20).
@@ -244,7 +243,7 @@ mod tests {
             .with_registration(map)
     }
 
-    // T-TEX-01: upright, and within some pixels of the registration.
+    // Upright, and within some pixels of the registration.
     #[test]
     fn a_planar_picture_lies_where_the_camera_saw_it() {
         let camera = Pinhole { focal: [140.; 2], center: [17., 22.] };
@@ -275,7 +274,6 @@ mod tests {
         assert!(uv[0][1] > 0.9 && uv[1599][1] < 0.1, "row 0 is on top");
     }
 
-    // T-TEX-02.
     #[test]
     fn bound_coordinates_do_not_change_when_vertices_move() {
         let uv = vec![[0.1, 0.7], [0.3, 0.2]];

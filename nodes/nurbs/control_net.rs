@@ -185,7 +185,7 @@ pub(super) mod tests {
         control_net(region, range, NetMethod::Auto, 0, 0, &Progress::none()).unwrap()
     }
 
-    // T-RNG-03, the method Grid.
+    // The method Grid.
     #[test]
     fn a_rectangle_is_its_own_net_with_padding() {
         let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);

@@ -222,7 +222,6 @@ mod tests {
         Ok(after.points()[free] - net.points()[free])
     }
 
-    // T-RNG-05.
     #[test]
     fn an_offset_of_zero_keeps_every_bit() {
         let net = net();
@@ -242,7 +241,6 @@ mod tests {
         }
     }
 
-    // T-RNG-05.
     #[test]
     fn a_plateau_moves_free_points_the_whole_way_and_no_others() {
         let net = net();
@@ -257,7 +255,6 @@ mod tests {
         assert_eq!(after.base(), net.points());
     }
 
-    // T-RNG-06.
     #[test]
     fn a_second_direction_at_a_right_angle_is_the_axis_times_the_first() {
         let axis = [1.0, 0.0, 0.0];

@@ -145,7 +145,7 @@ mod tests {
     use super::super::nurbs::nurbs;
     use super::*;
 
-    // T-NUR-01, on a surface of revolution.
+    // On a surface of revolution.
     #[test]
     fn every_height_is_a_circle() {
         let net = revolve(&[[0.0, -1.0], [3.0, -1.0], [2.0, 4.0], [1.0, 6.0]]).unwrap();

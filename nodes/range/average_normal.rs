@@ -226,7 +226,6 @@ mod tests {
         (region, RangeImage::new(width, height, points).unwrap())
     }
 
-    // T-RNG-01.
     proptest! {
         #[test]
         fn a_plane_has_its_normal_whatever_the_grid(
@@ -254,7 +253,6 @@ mod tests {
         }
     }
 
-    // T-RNG-01.
     #[test]
     fn a_symmetric_hemisphere_has_its_axis() {
         let at = |column: f64, row: f64| {
@@ -271,7 +269,6 @@ mod tests {
         }
     }
 
-    // T-RNG-02.
     proptest! {
         #[test]
         fn by_area_the_normal_depends_on_the_border_alone(

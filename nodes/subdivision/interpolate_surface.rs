@@ -243,7 +243,7 @@ mod tests {
         }
     }
 
-    // T-INT-10, of a B-spline surface: both norms stop where they say.
+    // Of a B-spline surface: both norms stop where they say.
     #[test]
     fn nearest_feet_end_on_the_points_in_both_norms_and_directions() {
         let net = waves(6, 7);

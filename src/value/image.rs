@@ -299,7 +299,6 @@ impl JsonSchema for Color {
 mod tests {
     use super::*;
 
-    // T-IMG-03, as the next.
     #[test]
     fn white_and_black_have_their_lab_values() {
         let white = Lab::from_srgb([255; 3]);
@@ -323,7 +322,6 @@ mod tests {
         }
     }
 
-    // T-TEX-03.
     #[test]
     fn a_texel_center_has_exactly_its_texels_color() {
         let pixels: Vec<Rgb> = (0..12).map(|i| [i * 20, 255 - i * 20, i]).collect();

@@ -88,7 +88,6 @@ mod tests {
         Gaussians::new(&centers, &sigma, &[1.0, 4.0, 0.5], background)
     }
 
-    // T-FFD-04.
     #[test]
     fn shares_sum_up_to_one_however_far_the_point_is() {
         for far in [0.0, 0.5, 60.0, 1e6] {

@@ -2,7 +2,6 @@
 
 use super::*;
 
-// T-FFD-01.
 #[test]
 fn handles_meet_their_targets_in_every_form() {
     let mut random = Random(1);
@@ -21,7 +20,6 @@ fn handles_meet_their_targets_in_every_form() {
     }
 }
 
-// T-FFD-02.
 #[test]
 fn unmoved_handles_change_no_bit() {
     let mut points = Random(2).points(1000);
@@ -36,7 +34,6 @@ fn unmoved_handles_change_no_bit() {
     assert_eq!(bits(&moved(&points, &[], how(Mode::Absolute))), bits(&points));
 }
 
-// T-FFD-04.
 #[test]
 fn points_far_away_follow_the_nearest_handle() {
     let mut handles = corners([0.3, 0.4, 0.2]);
@@ -68,7 +65,6 @@ fn a_point_is_the_same_whether_its_sums_vanish_or_not() {
     assert!(steps.windows(2).all(|pair| (pair[0] - pair[1]).abs() <= 1e-13));
 }
 
-// T-FFD-05.
 #[test]
 fn an_affine_map_of_all_targets_maps_the_result() {
     let mut random = Random(5);
@@ -100,7 +96,6 @@ fn scaling_all_weights_changes_nothing() {
     }
 }
 
-// T-FFD-06.
 #[test]
 fn a_single_handle_moves_everything_rigidly() {
     let step = Vector3::new(0.3, -2.0, 0.125);
@@ -143,7 +138,6 @@ fn the_affine_form_does_with_fewer_directions_where_handles_are_flat() {
     }
 }
 
-// T-FFD-07.
 #[test]
 fn leaving_handles_out_changes_less_than_the_accuracy() {
     let mut random = Random(9);
@@ -166,7 +160,6 @@ fn leaving_handles_out_changes_less_than_the_accuracy() {
     }
 }
 
-// T-FFD-08.
 #[test]
 fn twins_are_merged_and_conflicting_handles_are_refused() {
     let mut handles = corners([0.5; 3]);
@@ -214,7 +207,6 @@ fn regularization_solves_what_is_singular_and_says_how_far_handles_are_off() {
     }
 }
 
-// T-FFD-10.
 #[test]
 fn points_stay_in_the_hull_of_the_coefficients() {
     let mut random = Random(12);
@@ -233,7 +225,6 @@ fn points_stay_in_the_hull_of_the_coefficients() {
     }
 }
 
-// T-FFD-11.
 #[test]
 fn a_wider_ninth_handle_moves_more_points() {
     let points = Random(13).points(4000);

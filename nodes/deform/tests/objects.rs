@@ -37,7 +37,6 @@ fn mesh_of(what: Movable) -> Mesh {
     mesh
 }
 
-// T-FFD-09.
 #[test]
 fn normals_of_a_plane_under_an_affine_motion_are_those_of_its_image() {
     let linear = Matrix3::new(0.8, 0.3, -0.2, 0.1, 1.2, 0.4, 0.5, -0.1, 0.9);
@@ -51,7 +50,6 @@ fn normals_of_a_plane_under_an_affine_motion_are_those_of_its_image() {
     for normal in normals.chain(mesh.corner().vectors("normal").unwrap().iter()) {
         assert!((Vector3::from(*normal) - expected).norm() <= 1e-12, "{normal:?} {expected}");
     }
-    // T-TEX-02.
     assert_eq!(mesh.vertex().pairs("uv").unwrap()[3], [0.25, 0.5]);
     assert_eq!(mesh.faces(), sheet(4, 0.3).faces());
 }

@@ -18,7 +18,6 @@ fn near(found: f64, expected: f64, digits: f64) -> bool {
     (found - expected).abs() <= f64::max(0.02 * expected, digits)
 }
 
-// T-FFD-03.
 #[test]
 fn unmoved_handles_squeeze_as_in_the_table_of_the_absolute_form() {
     for (sigma, cond, most, rms) in [
@@ -51,7 +50,6 @@ fn twin(distance: f64) -> Vec<Handle> {
     handles
 }
 
-// T-FFD-08.
 #[test]
 fn a_handle_near_another_has_the_condition_of_the_table() {
     for (distance, most_error) in [(1e-1, 1e-14), (1e-2, 1e-12), (1e-3, 5e-11), (1e-4, 7e-9)] {
@@ -74,7 +72,6 @@ fn a_handle_near_another_has_the_condition_of_the_table() {
     assert!(matches!(error, FfdError::Singular { condition } if condition > 1e12), "{error}");
 }
 
-// T-FFD-08.
 #[test]
 fn random_handles_have_conditions_of_the_order_of_the_table() {
     for (count, table) in [(64, [1.5e2, 1.3e4, 3.9e8]), (256, [1.1e3, 2.3e6, 1.9e14])] {

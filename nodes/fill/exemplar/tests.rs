@@ -35,7 +35,6 @@ fn off_ridge(filling: &Filling) -> f64 {
     rms(filling.points[filling.data..].iter().map(|point| point.z - ridge(point.x)))
 }
 
-// T-FIL-01
 #[test]
 fn on_a_plane_nothing_is_left_to_be_done() {
     let tilt = nalgebra::Rotation3::new(Vector3::new(0.4, -0.7, 0.2));
@@ -67,7 +66,6 @@ fn flat_cap() -> (Filling, ExemplarOptions) {
     (filling, options)
 }
 
-// T-FIL-02
 #[test]
 fn a_flat_cap_becomes_round_again_and_the_data_stay() {
     let (mut filling, options) = flat_cap();
@@ -78,7 +76,6 @@ fn a_flat_cap_becomes_round_again_and_the_data_stay() {
     assert_eq!(filling.points[..filling.data], before);
 }
 
-// T-FIL-03
 #[test]
 fn the_energy_of_what_is_kept_falls() {
     let (mut filling, options) = flat_cap();
@@ -94,7 +91,6 @@ fn broken_ridge() -> Filling {
     filling
 }
 
-// T-FIL-04
 #[test]
 fn a_ridge_is_joined_better_than_by_a_plate() {
     let mut filling = broken_ridge();
@@ -121,7 +117,6 @@ fn bumps() -> Filling {
     filling
 }
 
-// T-FIL-05
 #[test]
 fn what_moves_with_its_up_vector_is_filled_alike() {
     let motion =
@@ -137,7 +132,6 @@ fn what_moves_with_its_up_vector_is_filled_alike() {
     }
 }
 
-// T-FIL-06
 #[test]
 fn without_exemplars_the_start_stays() {
     let mut filling = bumps();
@@ -213,7 +207,6 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
     [fast, best]
 }
 
-// T-FIL-07
 #[test]
 fn the_fast_search_finds_nearly_the_best() {
     let options =

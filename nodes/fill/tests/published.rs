@@ -20,7 +20,6 @@ fn rms(mesh: &Mesh, method: FillMethod, off: impl Fn(&Point3<f64>) -> f64) -> f6
     (new.iter().map(|point| off(point) * off(point)).sum::<f64>() / new.len() as f64).sqrt()
 }
 
-// T-FIL-02.
 #[test]
 fn a_flat_cap_becomes_round_again() {
     let limit = libm::cos(28.0_f64.to_radians());

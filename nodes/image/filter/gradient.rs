@@ -229,7 +229,6 @@ mod tests {
         }
     }
 
-    // T-IMG-01.
     #[test]
     fn a_plane_has_the_same_gradient_everywhere() {
         check([25, 90], 3.0, 4.0, 5.0);

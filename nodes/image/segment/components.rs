@@ -200,7 +200,6 @@ mod tests {
         Mask::new(width, height, pixels.collect()).unwrap()
     }
 
-    // T-IMG-05.
     #[test]
     fn labels_are_those_of_flooding_at_every_size() {
         let densities = [5, 25, 40, 50, 60, 75, 95];
@@ -213,7 +212,6 @@ mod tests {
         }
     }
 
-    // T-IMG-05.
     #[test]
     fn labels_are_those_of_flooding_at_every_density_and_for_any_number_of_threads() {
         for density in (5..=95).step_by(5) {
@@ -230,7 +228,6 @@ mod tests {
         }
     }
 
-    // T-IMG-05.
     #[test]
     fn a_checkerboard_is_one_part_by_corners_and_as_many_as_pixels_by_sides() {
         let pixels = (0..70 * 130).map(|index| u8::from((index % 70 + index / 70) % 2 == 0));
@@ -239,7 +236,6 @@ mod tests {
         assert_eq!(label(&mask, Connectivity::Four).statistics().len(), mask.count());
     }
 
-    // T-IMG-05.
     #[test]
     fn a_full_mask_is_one_part_and_an_empty_one_has_none() {
         for connectivity in BOTH {
@@ -252,7 +248,6 @@ mod tests {
         }
     }
 
-    // T-IMG-05.
     #[test]
     fn each_dot_of_a_dotted_row_is_a_part() {
         let labels = label(&Mask::drawn(&["#.#.#"]), Connectivity::Eight);

@@ -37,7 +37,6 @@ pub fn otsu(histogram: &[u64; 256]) -> u32 {
 mod tests {
     use super::*;
 
-    // T-IMG-02.
     #[test]
     fn otsu_of_two_levels_lies_between_them() {
         for (a, b) in [(0, 1), (10, 200), (254, 255), (7, 8), (3, 250)] {

@@ -48,7 +48,6 @@ fn bits(point: Option<Point3<f64>>) -> Option<[u64; 3]> {
     point.map(|point| [0, 1, 2].map(|k| point[k].to_bits()))
 }
 
-// T-BLD-01.
 #[test]
 fn a_displacement_by_nothing_keeps_every_bit() {
     let range = bumpy();
@@ -70,7 +69,6 @@ fn a_displacement_by_nothing_keeps_every_bit() {
     }
 }
 
-// T-BLD-02.
 #[test]
 fn a_plane_replaced_by_its_surface_is_the_same_plane() {
     let range = range(22, 19, |x, y| 700.0 + 0.3 * x - 0.2 * y);
@@ -93,7 +91,6 @@ fn a_plane_replaced_by_its_surface_is_the_same_plane() {
     }
 }
 
-// T-BLD-03.
 #[test]
 fn cells_outside_of_the_region_keep_every_bit() {
     let range = bumpy();
@@ -112,7 +109,6 @@ fn cells_outside_of_the_region_keep_every_bit() {
     }
 }
 
-// T-BLD-04.
 #[test]
 fn replacing_leaves_a_known_part_of_a_spike() {
     let spike = |x: f64, y: f64| if (x, y) == (11.0, 10.0) { 1.0 } else { 0.0 };

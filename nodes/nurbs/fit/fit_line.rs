@@ -286,7 +286,7 @@ mod tests {
         (0..=50).map(|_| steps.round(&rows, &points, &mut control, factor).missed.max).collect()
     }
 
-    // T-INT-04: the published numbers, to all printed digits.
+    // The published numbers, to all printed digits.
     #[test]
     fn progressive_iteration_has_the_published_errors() {
         let check = |trace: Vec<f64>, published: &[(usize, &str)]| {

@@ -214,7 +214,7 @@ mod tests {
         control_net(region, range, NetMethod::Rows, rows, columns, &Progress::none()).unwrap()
     }
 
-    // T-RNG-03, the method Rows.
+    // The method Rows.
     #[test]
     fn a_planar_rectangle_is_its_own_net() {
         let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);

@@ -72,7 +72,6 @@ fn disk(size: usize, radius_sq: usize, hole_sq: usize) -> Mask {
     Mask::new(size, size, pixels.collect()).unwrap()
 }
 
-// T-IMG-06.
 #[test]
 fn the_filled_contour_of_a_disk_is_the_disk() {
     for radius in 2..12 {
@@ -92,7 +91,6 @@ fn the_filled_contour_of_a_disk_is_the_disk() {
     }
 }
 
-// T-IMG-06.
 #[test]
 fn an_annulus_keeps_its_hole() {
     let annulus = disk(26, 120, 30);
@@ -105,7 +103,6 @@ fn an_annulus_keeps_its_hole() {
     assert_eq!(holes, [false, true]);
 }
 
-// T-IMG-06.
 #[test]
 fn a_rectangle_aligned_to_two_pixels_is_transferred_exactly() {
     let (width, height) = (20, 12);

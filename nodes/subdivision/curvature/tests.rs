@@ -4,7 +4,6 @@ use super::*;
 use maquette::Progress;
 use nalgebra::{Point3, Vector3};
 
-// T-CUR-01.
 #[test]
 fn the_missing_angles_of_a_closed_mesh_are_its_euler_characteristic() {
     for (mesh, characteristic) in
@@ -39,7 +38,7 @@ fn interpolated(data: &Mesh, scheme: Scheme) -> BentMesh {
     curvature(&control, CurvatureMethod::Limit, scheme, Boundary::default()).unwrap()
 }
 
-// T-CUR-02: the table of reference errors on a torus.
+// The table of reference errors on a torus.
 #[test]
 fn curvature_on_a_torus_is_as_near_as_its_reference() {
     const UNKNOWN: [f64; 2] = [f64::NAN; 2];
@@ -73,7 +72,6 @@ fn curvature_on_a_torus_is_as_near_as_its_reference() {
     }
 }
 
-// T-CUR-03.
 #[test]
 fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
     // A tube of triangles with edges along its axis: control points that the scheme sums to a straight line there.
@@ -116,7 +114,6 @@ fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
     }
 }
 
-// T-CUR-04.
 #[test]
 fn curvature_scales_and_keeps_its_sign_when_mirrored() {
     let mesh = noisy(&torus(24, 12, true), 0.03);

@@ -55,7 +55,7 @@ impl System {
         let ones = vec![1.0; control.len()];
         let mut residual = self.transposed.apply(&self.right);
         columns::add(&mut residual, &self.apply(&control), [-1.0; 3]);
-        let mut way = residual.clone();
+        let mut direction = residual.clone();
         let mut energy = columns::dot(&residual, &residual, &ones);
         let enough = energy.map(|energy| energy * PRECISION * PRECISION);
         for _ in 0..MOST_STEPS {
@@ -64,17 +64,17 @@ impl System {
                 break;
             }
             progress.check()?;
-            let bent = self.apply(&way);
-            let curving = columns::dot(&bent, &way, &ones);
-            let step = [0, 1, 2].map(|k| match moves[k] && curving[k] > 0.0 {
-                true => energy[k] / curving[k],
+            let applied = self.apply(&direction);
+            let curvature = columns::dot(&applied, &direction, &ones);
+            let step = [0, 1, 2].map(|k| match moves[k] && curvature[k] > 0.0 {
+                true => energy[k] / curvature[k],
                 false => 0.0,
             });
-            columns::add(&mut control, &way, step);
-            columns::add(&mut residual, &bent, step.map(|step| -step));
+            columns::add(&mut control, &direction, step);
+            columns::add(&mut residual, &applied, step.map(|step| -step));
             let after = columns::dot(&residual, &residual, &ones);
             let ratio = [0, 1, 2].map(|k| if moves[k] { after[k] / energy[k] } else { 0.0 });
-            columns::follow(&mut way, &residual, ratio);
+            columns::follow(&mut direction, &residual, ratio);
             energy = after;
         }
         Ok(control.into_iter().map(Point3::from).collect())

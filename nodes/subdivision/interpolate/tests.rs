@@ -49,7 +49,7 @@ fn counts(mesh: &Mesh, scheme: Scheme, solver: Solver) -> [u64; 3] {
     })
 }
 
-// T-INT-01: the table of reference counts.
+// The table of reference counts.
 #[test]
 fn solvers_need_as_many_iterations_as_their_reference() {
     let cube = refined(&cube(), Scheme::CatmullClark, 4, false);
@@ -94,7 +94,7 @@ fn solvers_need_as_many_iterations_as_their_reference() {
     }
 }
 
-// T-INT-01: exact.
+// Exact.
 #[test]
 fn every_solver_meets_the_vertices_of_closed_and_open_and_creased_meshes() {
     let mut open = torus(12, 8, false);
@@ -141,7 +141,6 @@ fn smallest(mesh: &Mesh, scheme: Scheme) -> f64 {
     SymmetricEigen::new(dense).eigenvalues.min()
 }
 
-// T-INT-02.
 #[test]
 fn the_limit_masks_have_their_known_smallest_eigenvalues() {
     let check = |name: &str, mesh: Mesh, scheme, expected: f64, precision: f64| {
@@ -169,7 +168,6 @@ fn the_limit_masks_have_their_known_smallest_eigenvalues() {
     check("octahedron", octahedron(), Scheme::DooSabin, 0.5, 1e-10);
 }
 
-// T-INT-03.
 #[test]
 fn a_cube_is_interpolated_but_not_a_cube_with_one_vertex_moved() {
     let plain = options(Solver::Plain, 1e-12);
@@ -205,7 +203,6 @@ fn a_cube_is_interpolated_but_not_a_cube_with_one_vertex_moved() {
     }
 }
 
-// T-INT-05.
 #[test]
 fn the_plain_iteration_shrinks_by_the_smallest_eigenvalue_in_every_step() {
     let mesh = noisy(&bumpy(&sphere(2)), 0.02);
@@ -230,7 +227,6 @@ fn the_plain_iteration_shrinks_by_the_smallest_eigenvalue_in_every_step() {
     }
 }
 
-// T-INT-06.
 #[test]
 fn the_published_iteration_comes_nearer_and_begins_at_the_vertices() {
     for mesh in [
@@ -270,7 +266,6 @@ fn the_published_iteration_comes_nearer_and_begins_at_the_vertices() {
     }
 }
 
-// T-INT-07.
 #[test]
 fn an_affine_map_before_is_the_same_map_after() {
     let map = Matrix3::new(2.0, 0.3, -0.1, 0.0, 0.7, 0.4, 0.5, 0.0, 1.5);
@@ -291,7 +286,6 @@ fn an_affine_map_before_is_the_same_map_after() {
     }
 }
 
-// T-INT-08.
 #[test]
 fn fixed_control_points_stay_and_the_others_still_interpolate() {
     let mesh = noisy(&bumpy(&sphere(2)), 0.02);
@@ -311,7 +305,6 @@ fn fixed_control_points_stay_and_the_others_still_interpolate() {
     }
 }
 
-// T-INT-09.
 #[test]
 fn limits_of_a_known_control_mesh_give_it_back() {
     let meshes = [noisy(&sphere(2), 0.05), noisy(&torus(12, 8, false), 0.05), noisy(&cube(), 0.2)];

@@ -48,7 +48,6 @@ fn counts(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> [u64; 4] {
     })
 }
 
-// T-INT-10.
 #[test]
 fn the_geometric_iteration_needs_as_many_iterations_as_its_reference() {
     let check = |curve: Curve, basis, foot, expected| {

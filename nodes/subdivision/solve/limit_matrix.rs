@@ -13,7 +13,7 @@ use maquette::{Cancelled, Limit, Progress};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::conjugate_gradients::Walk;
+use super::conjugate_gradients::Search;
 use super::extent::diagonal;
 use super::interpolation::{Interpolation, Solver};
 use super::least_squares::least_squares;
@@ -210,20 +210,20 @@ impl<'a> Block<'a> {
         let mut residual = self.residual();
         let mut missed = columns::missed(&residual);
         while 0 < *left && !record.allows(missed.distances()) {
-            let mut walk = Walk::new(&self.rows, scale, &residual);
+            let mut search = Search::new(&self.rows, scale, &residual);
             let mut energy = columns::dot(&residual, &residual, scale);
             let (mut ratio, mut reaches) = ([0.0; 3], true);
             for _ in 0..RESTART.min(*left) {
                 progress.check()?;
                 *left -= 1;
-                let [curving, length] = walk.turn(ratio);
+                let [curvature, length] = search.next_direction(ratio);
                 let moves = [0, 1, 2].map(|k| energy[k] > done);
-                reaches = (0..3).all(|k| !moves[k] || curving[k] > VANISHING * length[k]);
+                reaches = (0..3).all(|k| !moves[k] || curvature[k] > VANISHING * length[k]);
                 if !reaches {
                     break;
                 }
-                let step = [0, 1, 2].map(|k| if moves[k] { energy[k] / curving[k] } else { 0.0 });
-                let (near, after) = walk.go(step);
+                let step = [0, 1, 2].map(|k| if moves[k] { energy[k] / curvature[k] } else { 0.0 });
+                let (near, after) = search.step(step);
                 record.note(others.and(near).distances());
                 if record.allows(near.distances()) {
                     break;
@@ -231,7 +231,7 @@ impl<'a> Block<'a> {
                 ratio = [0, 1, 2].map(|k| if moves[k] { after[k] / energy[k] } else { 0.0 });
                 energy = after;
             }
-            walk.add_to(&mut self.unknown);
+            search.add_to(&mut self.unknown);
             residual = self.residual();
             missed = columns::missed(&residual);
             if !reaches {

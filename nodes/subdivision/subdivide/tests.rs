@@ -113,7 +113,6 @@ fn farthest(a: &[Point3<f64>], b: &[Point3<f64>]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }
 
-// T-SUB-01.
 #[test]
 fn each_step_has_its_counts_and_keeps_the_euler_characteristic() {
     let cases = [
@@ -146,7 +145,6 @@ fn new_vertices_are_the_edges_midpoints_in_order_and_new_faces_begin_at_their_co
     assert_eq!(faces, [[0, 3, 5], [1, 4, 3], [2, 5, 4], [3, 4, 5]]);
 }
 
-// T-SUB-02.
 #[test]
 fn the_limit_is_the_same_from_every_level() {
     for n in 3..=12 {
@@ -164,7 +162,6 @@ fn the_limit_is_the_same_from_every_level() {
     }
 }
 
-// T-SUB-02.
 #[test]
 fn the_limit_weighs_the_center_as_loop_does() {
     let weights = [
@@ -186,7 +183,6 @@ fn the_limit_weighs_the_center_as_loop_does() {
     }
 }
 
-// T-SUB-03.
 #[test]
 fn a_regular_vertex_is_a_box_splines() {
     let height = |mesh: Mesh| limit(&mesh, 0).positions()[0].z;
@@ -197,7 +193,6 @@ fn a_regular_vertex_is_a_box_splines() {
     assert!(height(hexagon(|x, y| x * y)).abs() < 1e-14);
 }
 
-// T-SUB-05.
 #[test]
 fn subdividing_and_an_affine_map_can_be_exchanged() {
     let linear = Matrix3::new(1., 2., -1., 0.5, 1., 0., 3., -2., 1.);
@@ -212,7 +207,6 @@ fn subdividing_and_an_affine_map_can_be_exchanged() {
     }
 }
 
-// T-SUB-05, T-SUB-08.
 #[test]
 fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
     let fan = |faces: u32| {
@@ -237,7 +231,6 @@ fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
     }
 }
 
-// T-SUB-05.
 #[test]
 fn the_limit_stays_within_the_hull_of_its_neighbors() {
     for faces in [bipyramid(3), bipyramid(40), icosahedron(), sheet(3, 3, false)] {
@@ -252,7 +245,6 @@ fn the_limit_stays_within_the_hull_of_its_neighbors() {
     }
 }
 
-// T-SUB-08.
 #[test]
 fn normals_of_a_closed_surface_point_outward() {
     let mesh = limit(&octahedron(), 3);
@@ -262,7 +254,6 @@ fn normals_of_a_closed_surface_point_outward() {
     }
 }
 
-// T-SUB-09.
 #[test]
 fn an_ear_follows_its_boundary_edges() {
     let mesh = scattered(vec![[0, 1, 2], [1, 3, 2]]);
@@ -273,7 +264,6 @@ fn an_ear_follows_its_boundary_edges() {
     assert_eq!(refined.positions()[0], mesh.positions()[0]);
 }
 
-// T-SUB-10.
 #[test]
 fn a_plan_serves_every_mesh_of_its_topology() {
     let mesh = scattered(sheet(3, 4, false));
@@ -285,7 +275,6 @@ fn a_plan_serves_every_mesh_of_its_topology() {
     assert_eq!(apply(&moved, &[step], &maquette::Progress::none()).unwrap(), anew);
 }
 
-// T-SUB-10.
 #[test]
 fn other_numbers_for_the_vertices_give_the_same_surface() {
     let mesh = scattered(icosahedron());
@@ -323,7 +312,7 @@ fn cube(sharpness: f64) -> Mesh {
     mesh.with_creases(edges.map(|edge| (edge, sharpness)).collect::<Vec<_>>()).unwrap()
 }
 
-// T-SUB-06, for triangles.
+// For triangles.
 #[test]
 fn a_cube_with_sharp_edges_stays_a_cube() {
     let mesh = limit(&cube(10.0), 3);
@@ -335,7 +324,7 @@ fn a_cube_with_sharp_edges_stays_a_cube() {
     assert_eq!(mesh.creases().len(), 12 * 8);
 }
 
-// T-SUB-06, for triangles.
+// For triangles.
 #[test]
 fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_half_way() {
     let first = refine(&cube(1.0), 1);
@@ -349,7 +338,6 @@ fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_half_way() {
     }
 }
 
-// T-SUB-07.
 #[test]
 fn a_crease_is_the_cubic_spline_of_its_edges() {
     let mesh = scattered(sheet(4, 4, false));
@@ -400,7 +388,6 @@ fn attributes_run_straight_along_edges_and_within_faces() {
     assert_eq!(refined.face().get("part"), Some(&Attribute::Index(Column::from(vec![5; 4]))));
 }
 
-// T-TEX-04.
 #[test]
 fn a_seam_keeps_both_of_its_texture_coordinates() {
     let uv = vec![[0., 0.], [0.4, 0.], [0.4, 1.], [0.6, 0.], [1., 0.], [0.6, 1.]];

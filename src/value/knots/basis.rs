@@ -195,7 +195,6 @@ pub(super) mod tests {
         )
     }
 
-    // T-NUR-02.
     proptest! {
         #[test]
         fn basis_functions_are_not_negative_and_sum_to_one(knots in any_knots(), share in 0.0..=1.0f64) {

@@ -236,7 +236,6 @@ mod tests {
         Ok(())
     }
 
-    // T-NUR-04.
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]

@@ -98,7 +98,6 @@ fn check(n_control: usize, order: usize) -> Result<(), KnotVectorError> {
 mod tests {
     use super::*;
 
-    // T-NUR-03.
     #[test]
     fn uniform_knots_are_the_published_ones() {
         let knots =

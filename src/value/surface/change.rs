@@ -227,7 +227,7 @@ mod tests {
         }
     }
 
-    // T-NUR-04, on surfaces.
+    // On surfaces.
     #[test]
     fn refined_and_elevated_surfaces_are_the_same_surface() {
         for orders in [[2, 3], [4, 3], [3, 5]] {

@@ -122,7 +122,6 @@ mod tests {
     use super::super::evaluate::tests::surface;
     use super::*;
 
-    // T-NUR-07.
     #[test]
     fn derivatives_are_the_slopes_of_points() {
         let surface = surface([4, 5]);

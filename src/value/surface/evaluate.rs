@@ -108,7 +108,7 @@ pub(super) mod tests {
         Surface::new(net, KnotVector::uniform(2, 2).unwrap(), KnotVector::cylinder()).unwrap()
     }
 
-    // T-NUR-01, the full circle; T-NUR-07, its exact tangent.
+    // The full circle, and its exact tangent.
     #[test]
     fn the_cylinder_is_round() {
         let cylinder = cylinder();
@@ -121,7 +121,7 @@ pub(super) mod tests {
         }
     }
 
-    // T-NUR-01, the quarter.
+    // The quarter.
     #[test]
     fn a_quarter_circle_is_round() {
         let arc = [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
@@ -136,7 +136,6 @@ pub(super) mod tests {
         }
     }
 
-    // T-NUR-10.
     #[test]
     fn a_grid_is_its_points() {
         for orders in [[2, 3], [3, 4], [5, 2]] {
@@ -164,7 +163,6 @@ pub(super) mod tests {
         assert_eq!(with(1).0, with(1).1.0);
     }
 
-    // T-NUR-05.
     #[test]
     fn a_moved_net_gives_the_moved_surface() {
         let surface = surface([4, 3]);
@@ -182,7 +180,7 @@ pub(super) mod tests {
         }
     }
 
-    // T-NUR-05, by support functions.
+    // By support functions.
     #[test]
     fn a_point_lies_in_the_hull_of_its_control_points() {
         let surface = surface([4, 3]);
@@ -208,7 +206,6 @@ pub(super) mod tests {
         }
     }
 
-    // T-NUR-06.
     #[test]
     fn an_evenly_spaced_plane_is_reproduced_at_its_net_coordinates() {
         let at = |a: f64, b: f64| Point3::new(3.0 + 0.5 * b, -1.0 + 0.25 * a + 0.1 * b, a - b);
@@ -238,7 +235,6 @@ pub(super) mod tests {
         }
     }
 
-    // T-NUR-08.
     #[test]
     fn a_control_point_reaches_its_own_spans_only() {
         let before = surface([3, 4]);
@@ -261,7 +257,6 @@ pub(super) mod tests {
         assert!(reached > 0);
     }
 
-    // T-NUR-09.
     #[test]
     fn only_the_ratio_of_weights_counts_and_a_heavy_point_attracts_all() {
         let surface = surface([3, 3]);

@@ -284,7 +284,7 @@ impl Lines {
 mod tests {
     use super::super::evaluate::tests::{samples, surface};
 
-    // T-NUR-10, with normals and more than one block.
+    // With normals and more than one block.
     #[test]
     fn a_grid_has_the_bits_of_its_points_and_the_normals_of_its_derivatives() {
         for orders in [[2, 3], [3, 4], [4, 4], [5, 2], [7, 6]] {

@@ -10,7 +10,7 @@ fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> valu
     control_net(region, range, HARMONIC, rows, columns, &Progress::none()).unwrap()
 }
 
-// T-RNG-03, the method Harmonic.
+// The method Harmonic.
 #[test]
 fn a_planar_rectangle_is_its_own_net() {
     let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
@@ -54,7 +54,6 @@ fn blob(kind: u32) -> impl Fn(usize, usize) -> bool {
     }
 }
 
-// T-RNG-04.
 #[test]
 fn no_triangle_turns_over() {
     let range = range(48, 48, |_, _| 1.0);

@@ -15,7 +15,7 @@ fn counts(mesh: &Mesh, foot: Foot) -> [u64; 4] {
     })
 }
 
-// T-INT-06: the reference counts, which were found on a mesh in the surface's place and with other noise.
+// The reference counts, which were found on a mesh in the surface's place and with other noise.
 #[test]
 fn both_feet_need_as_many_iterations_as_their_reference() {
     let (sphere, torus) = (bumpy(&sphere(2)), torus(24, 12, true));

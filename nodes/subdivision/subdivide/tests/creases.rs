@@ -13,7 +13,6 @@ fn triangulated(faces: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
     faces.into_iter().flat_map(cut).collect()
 }
 
-// T-SUB-07.
 #[test]
 fn by_hoppe_an_irregular_crease_vertex_has_weights_1_3_1() {
     // The crease runs through the middle of a fan of 3 + 5 triangles on both sides of the vertex 0.
@@ -34,7 +33,6 @@ fn by_hoppe_an_irregular_crease_vertex_has_weights_1_3_1() {
     }
 }
 
-// T-SUB-07.
 #[test]
 fn by_hoppe_the_limit_is_the_same_from_every_level() {
     for faces in [triangulated(sheet(4, 4, false)), icosahedron(), rosette(5, 3), fan(7, 3)] {
@@ -111,7 +109,6 @@ fn at_vertex(mesh: &Mesh, vertex: u32) -> [Vec<[f64; 2]>; 2] {
     sides
 }
 
-// T-TEX-04.
 #[test]
 fn a_seam_keeps_both_of_its_texture_coordinates_straight_and_smooth() {
     for corners in [Corners::Linear, Corners::Smooth] {

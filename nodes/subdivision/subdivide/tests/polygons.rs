@@ -34,7 +34,6 @@ fn counts(mesh: &Mesh) -> [usize; 4] {
     [mesh.positions().len(), edges.vertices.len(), mesh.faces().len(), border]
 }
 
-// T-SUB-01.
 #[test]
 fn each_step_has_its_counts_and_keeps_the_euler_characteristic() {
     for faces in families() {
@@ -100,7 +99,6 @@ fn several_steps_at_once_are_single_steps_one_after_the_other() {
     }
 }
 
-// T-SUB-02.
 #[test]
 fn the_limit_is_the_same_from_every_level() {
     let around = |n| [trapezohedron(n), prism(n), rosette(n, 4), rosette(n, 3), fan(n, 4)];
@@ -119,7 +117,6 @@ fn the_limit_is_the_same_from_every_level() {
     }
 }
 
-// T-SUB-02.
 #[test]
 fn normals_are_the_same_from_every_level() {
     let around =
@@ -145,7 +142,6 @@ fn normals_are_the_same_from_every_level() {
     }
 }
 
-// T-SUB-03.
 #[test]
 fn a_regular_vertex_is_a_b_splines() {
     let spline = |scheme, weights: [f64; 3], total: f64| {
@@ -161,7 +157,6 @@ fn a_regular_vertex_is_a_b_splines() {
     spline(Scheme::DooSabin, [1.0, 6.0, 1.0], 64.0);
 }
 
-// T-SUB-04.
 #[test]
 fn the_faces_of_doo_and_sabin_keep_their_centroids_and_vertices_become_faces_around_their_limit() {
     for faces in families() {
@@ -210,7 +205,6 @@ fn the_border_of_doo_and_sabin_is_a_quadratic_spline_of_its_edges() {
     assert!(middles.any(|point| (point.coords - expected).norm() < 1e-15));
 }
 
-// T-SUB-05.
 #[test]
 fn subdividing_and_an_affine_map_can_be_exchanged() {
     let linear = Matrix3::new(1., 2., -1., 0.5, 1., 0., 3., -2., 1.);
@@ -225,7 +219,6 @@ fn subdividing_and_an_affine_map_can_be_exchanged() {
     }
 }
 
-// T-SUB-05, T-SUB-08.
 #[test]
 fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
     let flat = |faces: Vec<Vec<u32>>, turn: f64, step: u32| {
@@ -262,7 +255,6 @@ fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
     }
 }
 
-// T-SUB-05.
 #[test]
 fn the_limit_stays_within_the_hull_of_its_neighbors() {
     let shapes = (3..40).flat_map(|n| [trapezohedron(n), prism(n), fan(n, 4)]);
@@ -285,7 +277,6 @@ fn sharp_cube(sharpness: f64) -> Mesh {
     cube().with_creases(edges.map(|edge| (edge, sharpness)).collect::<Vec<_>>()).unwrap()
 }
 
-// T-SUB-06.
 #[test]
 fn a_cube_with_sharp_edges_stays_a_cube() {
     let mesh = limit(&sharp_cube(10.0), Scheme::CatmullClark, 3);
@@ -297,7 +288,6 @@ fn a_cube_with_sharp_edges_stays_a_cube() {
     assert_eq!(mesh.creases().len(), 12 * 8);
 }
 
-// T-SUB-06.
 #[test]
 fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_half_way() {
     let refine = |sharpness| refine(&sharp_cube(sharpness), Scheme::CatmullClark, 1);
@@ -311,7 +301,6 @@ fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_half_way() {
     }
 }
 
-// T-SUB-07.
 #[test]
 fn a_crease_is_the_cubic_spline_of_its_edges() {
     let mesh = scattered(sheet(4, 4, false));
@@ -325,7 +314,6 @@ fn a_crease_is_the_cubic_spline_of_its_edges() {
     }
 }
 
-// T-SUB-08.
 #[test]
 fn a_regular_normal_is_that_of_the_spline() {
     let mesh = lattice(4, |x, y| 0.3 * x * x - 0.2 * x * y + 0.1 * y * y * y);
@@ -342,7 +330,6 @@ fn a_regular_normal_is_that_of_the_spline() {
     }
 }
 
-// T-SUB-08.
 #[test]
 fn normals_of_a_closed_surface_point_outward() {
     for (scheme, levels) in BOTH.into_iter().flat_map(|scheme| [(scheme, 0), (scheme, 3)]) {
@@ -355,7 +342,6 @@ fn normals_of_a_closed_surface_point_outward() {
     }
 }
 
-// T-SUB-10.
 #[test]
 fn a_plan_serves_every_mesh_of_its_topology() {
     for (faces, scheme) in families().into_iter().flat_map(|f| BOTH.map(|s| (f.clone(), s))) {
@@ -372,7 +358,6 @@ fn a_plan_serves_every_mesh_of_its_topology() {
     }
 }
 
-// T-SUB-10.
 #[test]
 fn other_numbers_for_the_vertices_give_the_same_surface() {
     for scheme in BOTH {
