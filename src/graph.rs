@@ -39,6 +39,7 @@ pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub use edit::{Edit, Edited, Put};
 pub(crate) use expectation::Expectation;
+pub(crate) use input::INPUT;
 pub use input::{GraphInput, GraphPort, InputValues};
 pub(crate) use recipe::{NodeFile, Recipe};
 pub(crate) use shape::Shape;

@@ -122,6 +122,15 @@ impl Session {
     /// If an input gets a value of another type, or something is named that the graph does not have; nothing has been run then.
     pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<Finished, Vec<Problem>> {
         let graph = self.fed(graph, &run.inputs)?;
+        self.run_fed(graph, run)
+    }
+
+    /// The same for a graph that has its inputs.
+    pub(crate) fn run_fed(
+        &mut self,
+        graph: Graph,
+        run: &Run<'_>,
+    ) -> Result<Finished, Vec<Problem>> {
         let expectations = match &run.wanted {
             Wanted::Named(_) => Vec::new(),
             Wanted::Outputs | Wanted::Everything => graph.expectations(),

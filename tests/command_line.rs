@@ -87,6 +87,13 @@ fn a_graph_with_inputs_is_called_with_files_and_finds_what_its_use_has_computed(
     assert!(called.status.success(), "{}", stderr(&called));
     assert!(stdout(&called).contains("2 computed, 8 equal"), "{}", stdout(&called));
     assert!(out.path().join("range.pcd").exists() && out.path().join("region.ply").exists());
+    let inputs = ["--input", "color=doll/color.png", "--input", "range=doll/range.pcd"];
+    let mask = out.path().join("mask.png");
+    let seen = ["inspect", "lib/feature.ron", "mask", "--out", mask.to_str().unwrap()];
+    let seen = maquette_with_cache(cache.path(), &[&seen[..], &inputs].concat());
+    assert!(seen.status.success() && mask.exists(), "{}", stderr(&seen));
+    let why = maquette_with_cache(cache.path(), &["why", "lib/feature.ron", "color"]);
+    assert!(stdout(&why).contains("`color` runs: it gets another value"), "{}", stdout(&why));
     let one = stdout(&call(&["--only", "range"]));
     assert!(one.contains("range.pcd") && !one.contains("region.ply"), "{one}");
 

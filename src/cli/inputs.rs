@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::{Exit, report};
 use crate::error::Problem;
 use crate::graph::Graph;
 use crate::session::Session;
+use crate::writing::Sources;
 
 /// What comes into a graph with inputs.
 #[derive(Args, Clone, Default)]
@@ -31,6 +33,25 @@ impl InputOptions {
     ) -> Result<(Graph, Vec<Problem>), Vec<Problem>> {
         let (values, doubts) = session.read_inputs(graph, &self.files)?;
         Ok((session.fed(graph, &values)?, doubts))
+    }
+
+    /// The same, where doubts and errors are printed at once.
+    pub(super) fn told(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
+        match self.fed(session, graph) {
+            Ok((graph, doubts)) => {
+                report(&doubts);
+                Ok(graph)
+            }
+            Err(problems) => {
+                report(&problems);
+                Err(Exit::Failed)
+            }
+        }
+    }
+
+    /// What may not be replaced: the files.
+    pub(super) fn protect(&self, sources: &mut Sources) {
+        self.files().for_each(|file| sources.add(file, "it is an input"));
     }
 
     /// The files.

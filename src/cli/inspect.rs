@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 
 use super::caching::CacheOptions;
+use super::inputs::InputOptions;
 use super::progress::Progress;
 use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
 use crate::catalog::Catalog;
@@ -46,6 +47,8 @@ pub(super) struct Inspect {
     /// what just fits.
     #[arg(long, value_name = "YAW,PITCH[,ZOOM]", value_parser = view, allow_hyphen_values = true, requires = "out")]
     view: Option<View>,
+    #[command(flatten)]
+    inputs: InputOptions,
     #[command(flatten)]
     options: GraphOptions,
     #[command(flatten)]
@@ -91,6 +94,10 @@ impl Inspect {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
+        let graph = match self.inputs.told(&session, &graph) {
+            Ok(graph) => graph,
+            Err(exit) => return exit,
+        };
         let progress = Progress::new(graph.nodes.len());
         let mut nodes = Vec::from_iter(outputs.iter().map(|(_, (node, _))| *node));
         nodes.sort_unstable();
@@ -124,7 +131,9 @@ impl Inspect {
         if !self.json && found.len() > 1 {
             print(&format!("{node}.{name} goes to {}\n", path.display()));
         }
-        self.write(value, path, catalog, &Sources::of(&graph))
+        let mut sources = Sources::of(&graph);
+        self.inputs.protect(&mut sources);
+        self.write(value, path, catalog, &sources)
     }
 
     /// The values that have something to say: of a pixel, if one is asked for.

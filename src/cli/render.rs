@@ -6,6 +6,7 @@ use std::sync::Arc;
 use clap::Args;
 
 use super::caching::CacheOptions;
+use super::inputs::InputOptions;
 use super::inspect::view;
 use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
@@ -38,6 +39,8 @@ pub(super) struct Render {
     /// Far things look as large as near ones.
     #[arg(long)]
     orthographic: bool,
+    #[command(flatten)]
+    inputs: InputOptions,
     #[command(flatten)]
     options: GraphOptions,
     #[command(flatten)]
@@ -109,10 +112,12 @@ impl Render {
             return Ok(Err(unknown(message, &name, "it has", &known)));
         }
         let mut session = self.cache.session(0, catalog).map_err(Exit::Usage)?;
+        self.inputs.protect(sources);
+        let graph = self.inputs.told(&session, &graph)?;
         let progress = Progress::new(graph.nodes.len());
         let wanted = Wanted::Named(vec![name.into_owned()]);
         let run = Run { wanted, observer: &progress, ..Run::default() };
-        let finished = session.run(&graph, &run).map_err(|problems| {
+        let finished = session.run_fed(graph, &run).map_err(|problems| {
             report(&problems);
             Exit::Failed
         })?;

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use clap::Args;
 
 use super::caching::CacheOptions;
+use super::inputs::InputOptions;
 use super::{Exit, GraphOptions, print, report};
 use crate::catalog::Catalog;
 use crate::eval::{Change, Forecast, Outlook, Reason};
@@ -19,6 +20,8 @@ pub(super) struct Why {
     graph: PathBuf,
     /// The node, or a use of a graph: then the nodes that make its outputs.
     node: String,
+    #[command(flatten)]
+    inputs: InputOptions,
     #[command(flatten)]
     options: GraphOptions,
     #[command(flatten)]
@@ -39,6 +42,10 @@ impl Why {
         let mut session = match self.cache.session(1, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
+        };
+        let graph = match self.inputs.told(&session, &graph) {
+            Ok(graph) => graph,
+            Err(exit) => return exit,
         };
         let forecasts = session.forecast(&graph, &nodes);
         nodes.iter().for_each(|&node| print(&explain(&graph, node, &forecasts)));

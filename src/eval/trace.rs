@@ -5,7 +5,7 @@ use std::fmt;
 use serde_json::json;
 
 use super::key::{Change, in_short};
-use crate::graph::GraphNode;
+use crate::graph::{GraphNode, INPUT};
 use crate::text::with_article;
 
 /// What became of a node.
@@ -80,6 +80,8 @@ impl Reason {
 fn in_words(change: &Change, node: &GraphNode) -> String {
     match change {
         Change::Kind { before } => format!("it was {} before", with_article(before)),
+        // The value at an input of the graph, by its hash.
+        Change::Parameter { .. } if node.kind() == INPUT => "it gets another value".to_owned(),
         Change::Parameter { path, before, now } => {
             let name = parameter_name(path);
             format!("parameter `{name}` {} -> {}", in_short(before), in_short(now))

@@ -87,7 +87,7 @@ impl Graph {
                 Ok(input) => {
                     let parameters = json!({ "value": value.hash().to_string() });
                     let node = &mut nodes[input.node];
-                    node.recipe = Arc::new(Recipe::new("Input", parameters, &[]));
+                    node.recipe = Arc::new(Recipe::new(INPUT, parameters, &[]));
                     node.node = Arc::new(Input { name: name.clone(), value: Some(value.clone()) });
                 }
             }
@@ -186,6 +186,9 @@ impl Graph {
     }
 }
 
+/// What the nodes that stand for inputs are called, where the types of nodes are told.
+pub(crate) const INPUT: &str = "Input";
+
 /// The node that stands for an input, and its value if it has one.
 struct Input {
     name: String,
@@ -216,7 +219,7 @@ impl AnyNode for Input {
 
 /// What stands for an input until it has a value.
 pub(super) fn input_node(name: &str, tree: &Tree) -> Built {
-    let recipe = Arc::new(Recipe::new("Input", json!({ "name": name }), &[]));
+    let recipe = Arc::new(Recipe::new(INPUT, json!({ "name": name }), &[]));
     let node = Arc::new(Input { name: name.to_owned(), value: None });
     Built { node, recipe, files: Vec::new(), tree: Arc::new(tree.clone()) }
 }
