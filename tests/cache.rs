@@ -1,5 +1,8 @@
 //! Results that outlive a process: never stale, never believed when damaged, never in the way.
 
+#[path = "common/examples.rs"]
+mod examples;
+
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -337,11 +340,7 @@ fn verifying_computes_and_finds_no_difference() {
 #[test]
 fn every_value_of_the_examples_is_read_back_as_it_was() {
     let processes = Processes::new();
-    let folder = Path::new(GRAPHS).join("nodes");
-    let mut graphs: Vec<_> =
-        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    graphs.retain(|path| path.extension().is_some_and(|ending| ending == "ron"));
-    for path in graphs {
+    for path in examples::examples() {
         let load = || Graph::load(&path, &processes.catalog, &Options::default()).graph.unwrap();
         let evaluate = |graph: &Graph| {
             let mut evaluator = processes.evaluator();

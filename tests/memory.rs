@@ -5,6 +5,9 @@
     reason = "an allocator is unsafe; this one hands everything on to the system's"
 )]
 
+#[path = "common/examples.rs"]
+mod examples;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -69,10 +72,7 @@ fn graphs() -> PathBuf {
 #[test]
 fn results_hold_what_they_are_counted_as() {
     let _alone = alone();
-    let examples = std::fs::read_dir(graphs().join("nodes")).unwrap();
-    let mut paths: Vec<PathBuf> = examples.map(|entry| entry.unwrap().path()).collect();
-    paths.sort();
-    for path in paths {
+    for path in examples::examples() {
         let (evaluator, held) = evaluated(&path, 1 << 30);
         let counted = evaluator.memory();
         assert!(
