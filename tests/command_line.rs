@@ -92,6 +92,10 @@ fn a_graph_with_inputs_is_called_with_files_and_finds_what_its_use_has_computed(
     let seen = ["inspect", "lib/feature.ron", "mask", "--out", mask.to_str().unwrap()];
     let seen = maquette_with_cache(cache.path(), &[&seen[..], &inputs].concat());
     assert!(seen.status.success() && mask.exists(), "{}", stderr(&seen));
+    let list = maquette(&[&["watch", "lib/feature.ron", "--list"][..], &inputs].concat());
+    for file in ["color.png  an input", "camera.json  read with an input"] {
+        assert!(stdout(&list).contains(file), "{}", stdout(&list));
+    }
     let why = maquette_with_cache(cache.path(), &["why", "lib/feature.ron", "color"]);
     assert!(stdout(&why).contains("`color` runs: it gets another value"), "{}", stdout(&why));
     let one = stdout(&call(&["--only", "range"]));

@@ -3,6 +3,7 @@
 //! Whatever is wrong, the watch goes on, and outputs that cannot be made anew stay as they are. It ends by `q`, Ctrl-C or a
 //! signal, with exit code 0, or when nobody reads what it prints any more.
 
+use std::iter;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
@@ -16,6 +17,7 @@ use super::{Exit, GraphOptions, interrupt, print, report};
 use crate::catalog::Catalog;
 use crate::error::{Problem, code};
 use crate::eval::named_in;
+use crate::format::camera;
 use crate::graph::ReadFile;
 use crate::paths::{MARKER, project_root};
 use crate::session::OutputFolder;
@@ -147,12 +149,15 @@ impl Watch {
             let optional = if file.optional { " if it is there" } else { "" };
             Wish { path: file.path.clone(), why: format!("read by `{}`{optional}", file.node) }
         }));
-        let inputs = self.inputs.files().map(|path| {
-            let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-            Wish { path, why: "an input".into() }
-        });
-        wishes.extend(inputs);
         let roots = [root.clone()];
+        for path in self.inputs.files() {
+            let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+            let beside = iter::once(path.with_file_name(camera::NAME));
+            let named = beside.chain(named_in(&path, &roots));
+            let why = || "read with an input if it is there".into();
+            wishes.extend(named.map(|path| Wish { path, why: why() }));
+            wishes.push(Wish { path, why: "an input".into() });
+        }
         for file in files {
             let name = file.path.file_name().unwrap_or_default().to_string_lossy();
             let why = format!("named by {name}");

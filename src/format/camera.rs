@@ -6,6 +6,9 @@ use thiserror::Error;
 
 use crate::value::Pinhole;
 
+/// The name of the camera file of the captures in its folder.
+pub const NAME: &str = "camera.json";
+
 /// The cameras of a capture: both see along the same axes from the same place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraFile {

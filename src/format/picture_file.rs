@@ -75,7 +75,7 @@ impl FileReader for ImageFiles {
 
     fn read(file: &Reading<'_>) -> Result<Image, crate::error::Error> {
         let image = read(file.bytes())?;
-        let camera = file.companion("camera.json").ok();
+        let camera = file.companion(camera::NAME).ok();
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
         let size = Some([image.width(), image.height()]);
         let camera = camera.filter(|camera| camera.color.size == size);

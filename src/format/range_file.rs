@@ -151,7 +151,7 @@ impl FileReader for RangeFiles {
     const ENDINGS: &'static [&'static str] = &["pcd", "ply", "ptx", "abs", "png", "tiff", "tif"];
 
     fn read(file: &Reading<'_>) -> Result<RangeImage, error::Error> {
-        let camera = file.companion("camera.json").ok();
+        let camera = file.companion(camera::NAME).ok();
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
         let range = read(file.bytes(), &file.ending(), camera.as_ref())?;
         let range = range.normalize(1.0, Axes::Camera)?;
