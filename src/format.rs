@@ -16,6 +16,7 @@ use crate::reading::{AnyReader, reader};
 pub mod abs;
 pub mod camera;
 mod corners;
+pub mod decoder;
 pub mod depth;
 pub mod glb;
 pub mod handles;

@@ -27,6 +27,7 @@ mod format;
 mod input;
 mod link;
 mod meaning;
+mod needs;
 mod node;
 mod outputs;
 mod parameters;

@@ -1,6 +1,8 @@
 //! RON text alone: a file's tree with the place of every value, its lossless tokens, and checks of a value against a schema.
 
 mod file;
+#[cfg(test)]
+mod peer;
 mod problems;
 mod reader;
 mod ron;

@@ -4,6 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use expect_test::{Expect, expect};
+use proptest::prelude::*;
+use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+use ron::Value;
+
 use maquette::{Catalog, Graph, Options, Problem, Source};
 
 #[path = "common/beside.rs"]
@@ -109,6 +113,12 @@ fn check_text(text: &str, what: &str) {
     let Some(form) = formatted(text) else { return };
     assert_eq!(formatted(&form).as_deref(), Some(&form[..]), "{what}: not idempotent");
     assert_eq!(differences(text, &form), [""; 0], "{what}");
+    assert_eq!(to_ron(text), to_ron(&form), "{what}");
+}
+
+/// What the reference of the grammar reads in a text that we can read, or have written.
+fn to_ron(text: &str) -> Value {
+    ron::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
 
 #[test]
@@ -333,6 +343,46 @@ fn a_field_that_is_not_there_is_added_as_its_author_writes_fields() {
         "3",
         "Threshold(image: \"i\", select: Near(color: \"#c33923\", distance: 3))",
     );
+}
+
+/// Values that fit, each with its target and its way through the file.
+fn edits() -> impl Strategy<Value = (&'static str, &'static [&'static str], String)> {
+    let number = prop_oneof![(0..40i32).prop_map(|x| x.to_string()), "[0-3]?[0-9]\\.[0-9]{1,9}"];
+    let color = "#[0-9a-f]{6}".prop_map(|color| format!("\"{color}\""));
+    // What a file may be called, as the author of a graph may write it.
+    let file =
+        "[a-z ä'(]{1,9}".prop_map(|name| format!("\"{}.png\"", name.replace('ä', "\\u{e4}")));
+    prop_oneof![
+        number.clone().prop_map(|x| ("growth", &["params", "growth", "default"][..], x)),
+        number.prop_map(|x| {
+            ("red.select.distance", &["nodes", "red", "select", "distance"][..], x)
+        }),
+        color.prop_map(|x| ("red.select.color", &["nodes", "red", "select", "color"][..], x)),
+        (1..9u32).prop_map(|x| ("nose.pick", &["nodes", "nose", "pick"][..], format!("Rank({x})"))),
+        file.prop_map(|x| ("scan.color", &["nodes", "scan", "color"][..], x)),
+        any::<bool>().prop_map(|x| ("red.invert", &["nodes", "red", "invert"][..], x.to_string())),
+    ]
+}
+
+#[test]
+fn any_value_that_is_set_is_read_back_by_ron() {
+    let seed = TestRng::from_seed(RngAlgorithm::ChaCha, &[7; 32]);
+    let mut runner = TestRunner::new_with_rng(Config::with_cases(200), seed);
+    let run = runner.run(&edits(), |(target, way, value)| {
+        let options = Options { files: maquette::Files::Ignored, ..Options::default() };
+        let values = [(target.to_owned(), value.clone())];
+        let edited = Graph::edited(Path::new("graph.ron"), DOLL, &values, catalog(), &options);
+        let text =
+            edited.map_err(|problems| TestCaseError::fail(problems[0].message.clone()))?.text;
+        let mut found = to_ron(&text);
+        for step in way {
+            let Value::Map(map) = found else { return Err(TestCaseError::fail("no map")) };
+            found = map.get(&Value::String((*step).to_owned())).cloned().unwrap_or(Value::Unit);
+        }
+        prop_assert_eq!(found, to_ron(&value));
+        Ok(())
+    });
+    run.unwrap();
 }
 
 #[test]

@@ -6,7 +6,9 @@ use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Reads a picture: a PNG, JPEG or TIFF file, taken as 8-bit sRGB. The content says which, not the ending.
+/// Reads a picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file. The content says which, not the ending. 8 bits are taken as sRGB, of
+/// 16 the upper 8; floats, as in EXR and HDR files, are light from 0 to 1, beyond which they are cut, and put on the curve of sRGB.
+/// Alpha is left out.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadImage {
     /// The file.

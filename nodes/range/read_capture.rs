@@ -15,7 +15,7 @@ use super::range_file::{self, Axes, CameraSource, Unit, check_view, is_unknown, 
 /// (centers at integers), `width` and `height`; if known, `world_from_camera_mm`. Without one the corners of both grids are aligned.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadCapture {
-    /// The picture: a PNG, JPEG or TIFF file.
+    /// The picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file.
     pub color: FilePath,
     /// The grid of points: an organized PCD file, a PLY file with a `range_grid`, a PTX or ABS file, or a depth map, PNG of 16
     /// bits or TIFF of floats, which needs the camera file.
@@ -68,7 +68,7 @@ impl ReadCapture {
     }
 }
 
-/// The picture in a PNG, JPEG or TIFF file and the grid in a range file whose name ends in `ending`, in mm, x right, y down, z
+/// The picture in a file as `ReadImage` reads it and the grid in a range file whose name ends in `ending`, in mm, x right, y down, z
 /// away, registered to each other: by the cameras if they are known, K_color K_range^-1, else by the corners of both grids.
 ///
 /// # Errors

@@ -13,6 +13,10 @@
 
 use std::collections::BTreeMap;
 
+use petgraph::Incoming;
+use petgraph::algo::toposort;
+use petgraph::graph::{DiGraph, NodeIndex};
+
 /// A box to be placed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
@@ -100,21 +104,26 @@ pub(super) fn layout(nodes: &[Node], links: &[Link]) -> Layout {
 
 /// The column of each node: behind all that it is linked to, but a node without links to others right before its users.
 fn columns(nodes: &[Node], links: &[Link]) -> Vec<usize> {
-    let mut columns = vec![0; nodes.len()];
-    let mut by_target: Vec<&Link> = links.iter().collect();
-    by_target.sort_by_key(|link| link.to.node);
-    for link in &by_target {
-        columns[link.to.node] = columns[link.to.node].max(columns[link.from.node] + 1);
+    let mut graph: DiGraph<(), ()> = DiGraph::with_capacity(nodes.len(), links.len());
+    for _ in nodes {
+        graph.add_node(());
     }
-    let mut is_source = vec![true; nodes.len()];
-    let mut first_user = vec![usize::MAX; nodes.len()];
     for link in links {
-        is_source[link.to.node] = false;
-        let user = &mut first_user[link.from.node];
-        *user = columns[link.to.node].min(*user);
+        let [from, to] = [link.from, link.to].map(|end| NodeIndex::new(end.node));
+        graph.add_edge(from, to, ());
     }
-    for node in (0..nodes.len()).filter(|&node| is_source[node] && first_user[node] < usize::MAX) {
-        columns[node] = first_user[node] - 1;
+    let mut columns = vec![0; nodes.len()];
+    // There is no cycle in a graph that is drawn.
+    let order = toposort(&graph, None).unwrap_or_else(|_| graph.node_indices().collect());
+    for node in order {
+        let before = graph.neighbors_directed(node, Incoming).map(|before| columns[before.index()]);
+        columns[node.index()] = before.max().map_or(0, |before| before + 1);
+    }
+    for source in graph.externals(Incoming) {
+        let users = graph.neighbors(source).map(|user| columns[user.index()]);
+        if let Some(first) = users.min() {
+            columns[source.index()] = first - 1;
+        }
     }
     let last = columns.iter().copied().max().unwrap_or_default();
     let files_apart = (0..nodes.len()).any(|node| !nodes[node].last && columns[node] == last);

@@ -85,7 +85,7 @@ impl Plan {
         roots: &[usize],
         values: &[usize],
     ) -> Self {
-        let wanted = wanted(graph, roots);
+        let wanted: Arc<[bool]> = graph.shape.needed_by(roots).into();
         let known = evaluator.known(graph, &wanted);
         let mut tasks = vec![Task::None; wanted.len()];
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
@@ -105,7 +105,7 @@ impl Plan {
                 tasks[index] = Task::Restore;
             }
             if tasks[index] != Task::None {
-                graph.shape.sources(index).iter().for_each(|&node| needed[node as usize] = true);
+                graph.shape.sources(index).for_each(|node| needed[node] = true);
             }
         }
         let active = tasks.iter().filter(|task| **task != Task::None).count();
@@ -120,19 +120,6 @@ impl Plan {
     pub(super) fn unchanged(&self) -> usize {
         self.wanted.iter().filter(|wanted| **wanted).count() - self.active
     }
-}
-
-/// The nodes that these roots hang on, and the roots.
-fn wanted(graph: &Graph, roots: &[usize]) -> Arc<[bool]> {
-    let mut wanted = vec![false; graph.nodes.len()];
-    roots.iter().for_each(|&root| wanted[root] = true);
-    // Each node comes after those that it hangs on, so backwards every user is met before what it uses.
-    for index in (0..wanted.len()).rev() {
-        if wanted[index] {
-            graph.shape.sources(index).iter().for_each(|&node| wanted[node as usize] = true);
-        }
-    }
-    wanted.into()
 }
 
 impl Evaluator {

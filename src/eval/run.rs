@@ -101,8 +101,7 @@ impl<'a> Run<'a> {
             for node in (0..tasks.len()).filter(|&node| tasks[node] != Task::None) {
                 places[node] = slots.len() as u32;
                 // Each node comes after those that it hangs on, so their slots are there.
-                let sources = graph.shape.sources(node).iter();
-                let links = sources.map(|&source| places[source as usize]);
+                let links = graph.shape.sources(node).map(|source| places[source]);
                 let mut waiting = 0;
                 for place in links.filter(|&place| place != NOWHERE) {
                     *slots[place as usize].users.get_mut() += 1;
@@ -153,8 +152,8 @@ impl<'a> Run<'a> {
                 let _ = slot.done.set(done);
             }
             self.let_go(index);
-            let users = self.graph.shape.users(index).iter();
-            for user in users.filter_map(|&user| self.slot(user as usize)) {
+            let users = self.graph.shape.users(index);
+            for user in users.filter_map(|user| self.slot(user)) {
                 if user.waiting.fetch_sub(1, Ordering::AcqRel) == 1 {
                     ready.push(user.node);
                 }

@@ -1,14 +1,14 @@
 //! JPEG, the photographs: read to 8-bit sRGB; gray becomes three equal channels. Never written, because it loses.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
+use ::image::error::{DecodingError, ImageError, ImageResult};
+use ::image::{ColorType, ImageDecoder, ImageFormat};
 use thiserror::Error;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-use super::most_memory;
+use super::decoder::{DecodeError, File};
 use crate::value::Image;
 
 /// Why bytes are not a picture in a JPEG file.
@@ -53,36 +53,76 @@ pub enum JpegError {
 /// Most pixels that a byte can hold: a block of 64 takes at least one bit in the scan of its mean.
 const PIXELS_PER_BYTE: usize = 64 * 8;
 
+impl From<DecodeError> for JpegError {
+    fn from(error: DecodeError) -> Self {
+        match error {
+            DecodeError::Broken { reason, .. } => Self::Broken { reason },
+            DecodeError::TooLarge { width, height, most } => {
+                Self::TooLarge { width: width as usize, height: height as usize, most }
+            }
+        }
+    }
+}
+
 /// The picture in a JPEG file.
 ///
 /// # Errors
 /// If the bytes are not a JPEG file, it is damaged or cut off, or its header promises more pixels than it can hold or memory may.
 pub fn read(bytes: &[u8]) -> Result<Image, JpegError> {
-    let broken = |reason: &dyn std::fmt::Debug| JpegError::Broken { reason: format!("{reason:?}") };
-    // No processor's own instructions: the pixels are the same on every machine.
-    // Strict: what is missing inside the picture is an error, and not gray.
-    let options = DecoderOptions::new_safe()
-        .set_strict_mode(true)
-        .set_max_width(usize::from(u16::MAX))
-        .set_max_height(usize::from(u16::MAX))
-        .jpeg_set_out_colorspace(ColorSpace::RGB);
-    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
-    decoder.decode_headers().map_err(|error| broken(&error))?;
-    let (width, height) = decoder.dimensions().ok_or_else(|| broken(&"no size"))?;
-    if PIXELS_PER_BYTE.saturating_mul(bytes.len()) < width * height {
-        return Err(JpegError::CutOff { width, height, bytes: bytes.len() });
+    let outline = outline(bytes);
+    let copies = outline.as_ref().map_or(1, Outline::copies);
+    let file = File { format: "JPEG", bytes, copies };
+    let check = |width, height| {
+        let [width, height] = [width, height].map(|side: u32| side as usize);
+        if PIXELS_PER_BYTE.saturating_mul(bytes.len()) < width * height {
+            return Err(JpegError::CutOff { width, height, bytes: bytes.len() });
+        }
+        outline.as_ref().map(|_| ()).ok_or(JpegError::Ends { bytes: bytes.len() })
+    };
+    file.picture(|| Strict::new(bytes), check)
+}
+
+/// The decoder that `image` uses, too, but strict: `image` lets it make gray of what is missing inside the picture.
+struct Strict<'b> {
+    decoder: JpegDecoder<ZCursor<&'b [u8]>>,
+    size: (u32, u32),
+}
+
+impl<'b> Strict<'b> {
+    fn new(bytes: &'b [u8]) -> ImageResult<Self> {
+        // No processor's own instructions: the pixels are the same on every machine, and they would not be there sooner.
+        let options = DecoderOptions::new_safe()
+            .set_strict_mode(true)
+            .set_max_width(usize::from(u16::MAX))
+            .set_max_height(usize::from(u16::MAX))
+            .jpeg_set_out_colorspace(ColorSpace::RGB);
+        let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+        decoder.decode_headers().map_err(broken)?;
+        let (width, height) = decoder.dimensions().unwrap_or_default();
+        Ok(Self { decoder, size: (width as u32, height as u32) })
     }
-    let outline = outline(bytes).ok_or(JpegError::Ends { bytes: bytes.len() })?;
-    let most = most_memory(bytes.len());
-    if most / outline.bytes_per_pixel() < width * height {
-        return Err(JpegError::TooLarge { width, height, most });
+}
+
+fn broken(error: impl std::fmt::Debug) -> ImageError {
+    ImageError::Decoding(DecodingError::new(ImageFormat::Jpeg.into(), format!("{error:?}")))
+}
+
+impl ImageDecoder for Strict<'_> {
+    fn dimensions(&self) -> (u32, u32) {
+        self.size
     }
-    // The decoder panics on some damaged files: https://github.com/etemesi254/zune-image/issues/362. It is not used after that.
-    let samples = catch_unwind(AssertUnwindSafe(|| decoder.decode()))
-        .map_err(|_| broken(&"the decoder gave up"))?
-        .map_err(|error| broken(&error))?;
-    let pixels = samples.as_chunks::<3>().0.to_vec();
-    Image::new(width, height, pixels).map_err(|error| broken(&error))
+
+    fn color_type(&self) -> ColorType {
+        ColorType::Rgb8
+    }
+
+    fn read_image(mut self, samples: &mut [u8]) -> ImageResult<()> {
+        self.decoder.decode_into(samples).map_err(broken)
+    }
+
+    fn read_image_boxed(self: Box<Self>, samples: &mut [u8]) -> ImageResult<()> {
+        (*self).read_image(samples)
+    }
 }
 
 /// What the markers of a file say of its parts.
@@ -94,10 +134,10 @@ struct Outline {
 }
 
 impl Outline {
-    /// Memory that a pixel takes: three channels in the decoder's list and in the picture, and three coefficients of two bytes if
-    /// they must be kept until the last scan.
-    fn bytes_per_pixel(&self) -> usize {
-        if self.progressive || 1 < self.scans { 12 } else { 6 }
+    /// How often the decoder holds the picture: besides its three channels, three coefficients of two bytes a pixel if they must be
+    /// kept until the last scan.
+    fn copies(&self) -> u64 {
+        if self.progressive || 1 < self.scans { 3 } else { 1 }
     }
 }
 

@@ -1,7 +1,15 @@
-//! Pictures, whatever file they are in: PNG, JPEG, TIFF. The content says which, not the file's name.
+//! Pictures, whatever file they are in: PNG, JPEG, TIFF, WebP, BMP, OpenEXR, Radiance HDR. The content says which, not the
+//! file's name.
 
+use std::io::Cursor;
+
+use ::image::codecs::bmp::BmpDecoder;
+use ::image::codecs::hdr::HdrDecoder;
+use ::image::codecs::openexr::OpenExrDecoder;
+use ::image::codecs::webp::WebPDecoder;
 use thiserror::Error;
 
+use super::decoder::{DecodeError, File};
 use super::{camera, excerpt, jpeg, png, tiff};
 use crate::reading::{FileReader, Reading};
 use crate::value::{Image, Mask, Rgb};
@@ -18,8 +26,13 @@ pub enum PictureError {
     /// A damaged TIFF file, or a kind of it that is not read.
     #[error(transparent)]
     Tiff(#[from] tiff::TiffError),
+    /// A damaged file of another format, or a picture that is too large.
+    #[error(transparent)]
+    Other(#[from] DecodeError),
     /// Something else.
-    #[error("byte 0: the file begins with `{text}`: this is no PNG, JPEG or TIFF picture")]
+    #[error(
+        "byte 0: the file begins with `{text}`: this is no PNG, JPEG, TIFF, WebP, BMP, EXR or HDR picture"
+    )]
     Unknown {
         /// How it begins.
         text: String,
@@ -35,12 +48,20 @@ pub enum Kind {
     Jpeg,
     /// TIFF.
     Tiff,
+    /// WebP.
+    WebP,
+    /// BMP.
+    Bmp,
+    /// OpenEXR.
+    Exr,
+    /// Radiance HDR.
+    Hdr,
 }
 
 impl Kind {
     /// What a file is by its first bytes.
     pub fn of(bytes: &[u8]) -> Option<Self> {
-        const STARTS: [(&[u8], Kind); 6] = [
+        const STARTS: [(&[u8], Kind); 10] = [
             (b"\x89PNG\r\n\x1a\n", Kind::Png),
             (b"\xff\xd8\xff", Kind::Jpeg),
             (b"II*\0", Kind::Tiff),
@@ -48,20 +69,36 @@ impl Kind {
             // TIFF with 64-bit offsets.
             (b"II+\0", Kind::Tiff),
             (b"MM\0+", Kind::Tiff),
+            (b"RIFF", Kind::WebP),
+            (b"BM", Kind::Bmp),
+            (b"v/1\x01", Kind::Exr),
+            (b"#?RADIANCE", Kind::Hdr),
         ];
-        STARTS.iter().find(|(start, _)| bytes.starts_with(start)).map(|&(_, kind)| kind)
+        let mut starts = STARTS.iter().filter(|(start, _)| bytes.starts_with(start));
+        // Sounds and films are RIFF files, too.
+        let is_it = |kind: &Self| *kind != Self::WebP || bytes.get(8..12) == Some(b"WEBP");
+        starts.next().map(|&(_, kind)| kind).filter(is_it)
     }
 }
 
-/// The picture in a PNG, JPEG or TIFF file, as 8-bit sRGB.
+/// The picture in a file of any of these formats, as 8-bit sRGB. Of a film in WebP, the first picture.
 ///
 /// # Errors
 /// If the bytes are no such file, it is damaged, or the picture is too large.
 pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
+    let other = |format, copies| File { format, bytes, copies };
+    let cursor = || Cursor::new(bytes);
+    let any = |_, _| Ok(());
     match Kind::of(bytes) {
         Some(Kind::Png) => Ok(png::read(bytes)?),
         Some(Kind::Jpeg) => Ok(jpeg::read(bytes)?),
         Some(Kind::Tiff) => Ok(tiff::read(bytes)?),
+        // The decoder unpacks into a list with alpha.
+        Some(Kind::WebP) => other("WebP", 3).picture(|| WebPDecoder::new(cursor()), any),
+        Some(Kind::Bmp) => other("BMP", 1).picture(|| BmpDecoder::new(cursor()), any),
+        // The decoder makes a list of its own and a copy of it.
+        Some(Kind::Exr) => other("EXR", 2).picture(|| OpenExrDecoder::new(cursor()), any),
+        Some(Kind::Hdr) => other("HDR", 1).picture(|| HdrDecoder::new(cursor()), any),
         None => Err(PictureError::Unknown { text: excerpt(&bytes[..bytes.len().min(8)]) }),
     }
 }
@@ -71,7 +108,8 @@ pub(in crate::format) struct ImageFiles;
 
 impl FileReader for ImageFiles {
     type Value = Image;
-    const ENDINGS: &'static [&'static str] = &["png", "jpg", "jpeg", "tif", "tiff"];
+    const ENDINGS: &'static [&'static str] =
+        &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
 
     fn read(file: &Reading<'_>) -> Result<Image, crate::error::Error> {
         let image = read(file.bytes())?;
@@ -88,7 +126,8 @@ pub(in crate::format) struct MaskFiles;
 
 impl FileReader for MaskFiles {
     type Value = Mask;
-    const ENDINGS: &'static [&'static str] = &["png", "jpg", "jpeg", "tif", "tiff"];
+    const ENDINGS: &'static [&'static str] =
+        &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
 
     fn read(file: &Reading<'_>) -> Result<Mask, crate::error::Error> {
         let image = read(file.bytes())?;
@@ -112,7 +151,7 @@ mod tests {
 
     #[test]
     fn what_is_no_picture_is_shown_by_its_start() {
-        let text = "byte 0: the file begins with `GIF89a`: this is no PNG, JPEG or TIFF picture";
+        let text = "byte 0: the file begins with `GIF89a`: this is no PNG, JPEG, TIFF, WebP, BMP, EXR or HDR picture";
         assert_eq!(read(b"GIF89a").unwrap_err().to_string(), text);
         assert!(read(b"").is_err());
     }

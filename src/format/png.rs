@@ -1,19 +1,21 @@
 //! PNG, the pictures.
 //!
-//! Read to 8-bit sRGB whatever their color type: palettes are expanded, gray becomes three equal channels, 16 bits are cut to the
-//! upper 8, alpha is dropped. Written with a fast compression: pictures are written far more often than they are kept.
+//! Read to 8-bit sRGB whatever their color type, as all pictures are ([`super::decoder`]); palettes are expanded. Depth maps keep
+//! their 16 bits. Written with a fast compression: pictures are written far more often than they are kept.
 
 use std::io::Cursor;
 
+use ::image::codecs::png::PngDecoder;
 use thiserror::Error;
 
+use super::decoder::{DecodeError, File};
 use super::{depth, most_memory};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Field, Image, Labels, Mask};
 use ::png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits, Transformations};
 
-/// A picture takes at most this many bytes when it is read: a small file can unpack to a thousand times its size.
+/// The samples of a depth map take at most this many bytes: a small file can unpack to a thousand times its size.
 const MOST_BYTES: usize = 512 << 20;
 
 /// Why bytes are not a picture, or a value cannot be written as one.
@@ -69,26 +71,33 @@ pub enum PngError {
     },
 }
 
+impl From<DecodeError> for PngError {
+    fn from(error: DecodeError) -> Self {
+        match error {
+            DecodeError::Broken { reason, .. } => Self::Broken { reason },
+            DecodeError::TooLarge { width, height, most } => Self::TooLarge { width, height, most },
+        }
+    }
+}
+
 /// The picture in a PNG file.
 ///
 /// # Errors
-/// If the bytes are not a PNG file, it is damaged, or the picture takes more than 512 MB.
+/// If the bytes are not a PNG file, it is damaged, or the picture takes too much memory.
 pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
-    let transformations = Transformations::EXPAND | Transformations::STRIP_16;
-    let Pixels { width, height, color, buffer } = decode(bytes, transformations, 3, MOST_BYTES)?;
-    let pixels: Vec<[u8; 3]> = match color.samples() {
-        1 => buffer.iter().map(|&gray| [gray; 3]).collect(),
-        2 => buffer.as_chunks::<2>().0.iter().map(|&[gray, _]| [gray; 3]).collect(),
-        3 => buffer.as_chunks::<3>().0.to_vec(),
-        _ => buffer
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|&[red, green, blue, _]| [red, green, blue])
-            .collect(),
-    };
-    Image::new(width as usize, height as usize, pixels)
-        .map_err(|error| PngError::Broken { reason: error.to_string() })
+    let file = File { format: "PNG", bytes, copies: 1 };
+    let open = || PngDecoder::with_limits(Cursor::new(bytes), file.limits());
+    // A pixel has at least one bit.
+    file.picture(open, |width, height| check_size(width, height, 1, bytes.len()))
+}
+
+/// Checks that so many pixels of so many bits can be in a file.
+fn check_size(width: u32, height: u32, bits: u64, bytes: usize) -> Result<(), PngError> {
+    let most = BYTES_PER_BYTE.saturating_mul(bytes) as u64;
+    match most < bits * pixels(width, height) / 8 {
+        true => Err(PngError::CutOff { width, height, bytes }),
+        false => Ok(()),
+    }
 }
 
 /// The depth map in a PNG file of 16-bit gray, row by row from the top: width, height and one number per pixel.
@@ -97,8 +106,7 @@ pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
 /// If the bytes are not a PNG file of that kind, it is damaged, or the picture takes more than 512 MB.
 pub(super) fn read_depth(bytes: &[u8]) -> Result<(usize, usize, Vec<u16>), PngError> {
     let most = most_memory(bytes.len());
-    let Pixels { width, height, color, buffer } =
-        decode(bytes, Transformations::IDENTITY, depth::BYTES_PER_PIXEL as u64, most)?;
+    let Pixels { width, height, color, buffer } = decode(bytes, most)?;
     let samples = buffer.as_chunks::<2>().0;
     let gray = color == ColorType::Grayscale;
     if !gray || samples.len() as u64 != pixels(width, height) {
@@ -120,29 +128,22 @@ struct Pixels {
 /// Most bytes that a byte of the file can unpack to: the limit of Deflate.
 const BYTES_PER_BYTE: usize = 1032;
 
-/// All samples, if pixels of `per_pixel` bytes do not take more than `most`.
-fn decode(
-    bytes: &[u8],
-    transformations: Transformations,
-    per_pixel: u64,
-    most: usize,
-) -> Result<Pixels, PngError> {
+/// All samples as they are, if depths of them do not take more than `most` bytes.
+fn decode(bytes: &[u8], most: usize) -> Result<Pixels, PngError> {
     let broken = |reason: ::png::DecodingError| PngError::Broken { reason: reason.to_string() };
     let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MOST_BYTES });
-    decoder.set_transformations(transformations);
+    decoder.set_transformations(Transformations::IDENTITY);
     decoder.set_ignore_text_chunk(true);
     decoder.set_ignore_iccp_chunk(true);
     let mut reader = decoder.read_info().map_err(broken)?;
     let info = reader.info();
     let (width, height) = (info.width, info.height);
-    let bits = info.bits_per_pixel() as u64 * pixels(width, height);
-    let all = per_pixel.saturating_mul(pixels(width, height));
+    let bits = info.bits_per_pixel() as u64;
+    let all = (depth::BYTES_PER_PIXEL as u64).saturating_mul(pixels(width, height));
     let fits = |size: &usize| *size <= MOST_BYTES && all <= most as u64;
     let size = reader.output_buffer_size().filter(fits);
     let size = size.ok_or(PngError::TooLarge { width, height, most })?;
-    if (BYTES_PER_BYTE.saturating_mul(bytes.len()) as u64) < bits / 8 {
-        return Err(PngError::CutOff { width, height, bytes: bytes.len() });
-    }
+    check_size(width, height, bits, bytes.len())?;
     let mut buffer = vec![0; size];
     let frame = reader.next_frame(&mut buffer).map_err(broken)?;
     buffer.truncate(frame.buffer_size());
@@ -351,7 +352,9 @@ mod tests {
         let mut writer = Encoder::new(&mut bytes, 1 << 15, 1 << 15).write_header().unwrap();
         writer.write_chunk(::png::chunk::IDAT, &[]).unwrap();
         drop(writer);
-        let error = PngError::TooLarge { width: 1 << 15, height: 1 << 15, most: MOST_BYTES };
+        // So many bytes could hold as many pixels.
+        bytes.resize(1_000_000, 0);
+        let error = PngError::TooLarge { width: 1 << 15, height: 1 << 15, most: 1 << 30 };
         assert_eq!(read(&bytes), Err(error));
     }
 

@@ -1,15 +1,17 @@
 //! TIFF, pictures and depth maps: uncompressed, LZW, Deflate or PackBits.
 //!
-//! Pictures are read to 8-bit sRGB: gray becomes three equal channels, 16 bits are cut to the upper 8, alpha is dropped. A depth
-//! map is one channel of floats or whole numbers. Written without compression: fields as 32-bit floats, all others 8 bit.
+//! Pictures are read to 8-bit sRGB, as all are ([`super::decoder`]). A depth map is one channel of floats or whole numbers. Written without compression: fields as 32-bit floats, all others 8 bit.
 
 use std::io::Cursor;
 
+use ::image::codecs::tiff::TiffDecoder;
 use ::tiff::ColorType;
 use ::tiff::decoder::{Decoder, DecodingResult, Limits};
 use ::tiff::encoder::{TiffEncoder, colortype};
+use ::tiff::tags::{CompressionMethod, Tag};
 use thiserror::Error;
 
+use super::decoder::{DecodeError, File};
 use super::{depth, most_memory};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
@@ -84,12 +86,20 @@ struct Pixels {
     samples: DecodingResult,
 }
 
-/// Memory that a pixel of a picture takes: three samples in the decoder's list and in the picture.
-const BYTES_PER_PIXEL: usize = 6;
+/// A file whose header has been read.
+struct Opened<'b> {
+    decoder: Decoder<Cursor<&'b [u8]>>,
+    width: u32,
+    height: u32,
+    color: ColorType,
+}
 
-/// All samples, if a pixel's memory, with what is made of it, is not more than `per_pixel` bytes.
-fn decode(bytes: &[u8], per_pixel: usize) -> Result<Pixels, TiffError> {
-    let broken = |error: ::tiff::TiffError| TiffError::Broken { reason: error.to_string() };
+fn broken(error: ::tiff::TiffError) -> TiffError {
+    TiffError::Broken { reason: error.to_string() }
+}
+
+/// A file, if its header promises no more than can be there.
+fn open(bytes: &[u8]) -> Result<Opened<'_>, TiffError> {
     let most = MOST_BYTES.min(BYTES_PER_BYTE.saturating_mul(bytes.len()));
     let mut limits = Limits::default();
     limits.decoding_buffer_size = most;
@@ -101,11 +111,17 @@ fn decode(bytes: &[u8], per_pixel: usize) -> Result<Pixels, TiffError> {
     if (most as u64) < u64::from(width) * u64::from(height) / 8 {
         return Err(TiffError::CutOff { width, height, bytes: bytes.len() });
     }
+    let color = decoder.colortype().map_err(broken)?;
+    Ok(Opened { decoder, width, height, color })
+}
+
+/// All samples, if a pixel's memory, with what is made of it, is not more than `per_pixel` bytes.
+fn decode(bytes: &[u8], per_pixel: usize) -> Result<Pixels, TiffError> {
+    let Opened { mut decoder, width, height, color } = open(bytes)?;
     let memory = most_memory(bytes.len());
     if ((memory / per_pixel) as u64) < u64::from(width) * u64::from(height) {
         return Err(TiffError::TooLarge { width, height, most: memory });
     }
-    let color = decoder.colortype().map_err(broken)?;
     let samples = decoder.read_image().map_err(broken)?;
     Ok(Pixels { width: width as usize, height: height as usize, color, samples })
 }
@@ -149,35 +165,44 @@ fn check_directory(bytes: &[u8]) -> Result<(), TiffError> {
     Ok(())
 }
 
-/// The picture in a TIFF file: 8 or 16 bits, gray or RGB, with or without alpha.
+impl From<DecodeError> for TiffError {
+    fn from(error: DecodeError) -> Self {
+        match error {
+            DecodeError::Broken { reason, .. } => Self::Broken { reason },
+            DecodeError::TooLarge { width, height, most } => Self::TooLarge { width, height, most },
+        }
+    }
+}
+
+/// The picture in a TIFF file: gray or RGB, with or without alpha, of 8 or 16 bits, or floats in color.
 ///
 /// # Errors
-/// If the bytes are not a TIFF file, it is damaged, the picture takes more than 512 MB, or it is of another kind.
+/// If the bytes are not a TIFF file, it is damaged, the picture takes too much memory, or it is of another kind.
 pub fn read(bytes: &[u8]) -> Result<Image, TiffError> {
-    let Pixels { width, height, color, samples } = decode(bytes, BYTES_PER_PIXEL)?;
-    let wrong = || TiffError::Kind {
-        found: format!("{color:?}"),
-        wanted: "pictures have 8 or 16 bits, gray or RGB, channels together",
-    };
-    let channels = match color {
-        ColorType::Gray(8 | 16) => 1,
-        ColorType::GrayA(8 | 16) => 2,
-        ColorType::RGB(8 | 16) => 3,
-        ColorType::RGBA(8 | 16) => 4,
-        _ => return Err(wrong()),
-    };
-    let samples = match samples {
-        DecodingResult::U8(samples) => samples,
-        DecodingResult::U16(samples) => samples.iter().map(|sample| (sample >> 8) as u8).collect(),
-        _ => return Err(wrong()),
-    };
-    let pixels: Vec<[u8; 3]> = match channels {
-        1 => samples.iter().map(|&gray| [gray; 3]).collect(),
-        2 => samples.as_chunks::<2>().0.iter().map(|&[gray, _]| [gray; 3]).collect(),
-        3 => samples.as_chunks::<3>().0.to_vec(),
-        _ => samples.as_chunks::<4>().0.iter().map(|&[r, g, b, _]| [r, g, b]).collect(),
-    };
-    Image::new(width, height, pixels).map_err(|_| wrong())
+    check_picture(bytes)?;
+    // The decoder unpacks into a list of its own.
+    let file = File { format: "TIFF", bytes, copies: 2 };
+    file.picture(|| TiffDecoder::new(Cursor::new(bytes)), |_, _| Ok(()))
+}
+
+/// Checks that a file holds a picture of a kind that is read, and that it can be there.
+fn check_picture(bytes: &[u8]) -> Result<(), TiffError> {
+    let Opened { mut decoder, color, .. } = open(bytes)?;
+    let packed = decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(broken)?;
+    match (color, packed.map(CompressionMethod::from_u16_exhaustive)) {
+        (_, Some(CompressionMethod::JPEG | CompressionMethod::ModernJPEG)) => {
+            Err(TiffError::Kind {
+                found: "JPEG inside of TIFF".into(),
+                wanted: "pictures are not packed, or with LZW, Deflate or PackBits",
+            })
+        }
+        (ColorType::Gray(1 | 8 | 16) | ColorType::GrayA(8 | 16), _)
+        | (ColorType::RGB(8 | 16 | 32) | ColorType::RGBA(8 | 16 | 32), _) => Ok(()),
+        _ => Err(TiffError::Kind {
+            found: format!("{color:?}"),
+            wanted: "pictures have 8 or 16 bits, gray or RGB, or floats in RGB",
+        }),
+    }
 }
 
 /// A depth map as a file has it.
@@ -315,7 +340,7 @@ mod tests {
     #[test]
     fn a_depth_map_is_no_picture_and_a_picture_no_depth_map() {
         let text =
-            "Gray(32) cannot be read: pictures have 8 or 16 bits, gray or RGB, channels together";
+            "Gray(32) cannot be read: pictures have 8 or 16 bits, gray or RGB, or floats in RGB";
         assert_eq!(read(DEPTH).unwrap_err().to_string(), text);
         assert!(matches!(read_depth(LZW), Err(TiffError::Kind { .. })));
     }

@@ -14,6 +14,7 @@ use super::definition::{Definition, World};
 use super::draft::Draft;
 use super::expand::expand;
 use super::expectation::Expectation;
+use super::needs::Needs;
 use super::parameters::Parameters;
 use super::recipe::NodeFile;
 use super::top::TopLevel;
@@ -207,7 +208,8 @@ impl<'w, 'a> Check<'w, 'a> {
         }
         let names = super::link::Names::new(&drafts, &eaches);
         self.link(&mut drafts, &names);
-        let order = self.order(&drafts);
+        let needs = Self::needs(&drafts);
+        let order = self.order(&drafts, &needs);
         self.types(&mut drafts, &order);
         self.build(&mut drafts);
         let is_used = !self.is_first() || top.inputs.is_some();
@@ -224,7 +226,7 @@ impl<'w, 'a> Check<'w, 'a> {
         }
         let given = outputs.iter().map(|output| output.node);
         let ported = ports.iter().filter_map(|port| Some(port.target?.0));
-        let unused = unused(&drafts, inputs, given.chain(ported).chain(expected));
+        let unused = unused(&drafts, inputs, &needs, given.chain(ported).chain(expected));
         let schema = json!({ "description": top.doc, "properties": fields, "required": required });
         let definition = Definition {
             sheet: self.sheet.clone(),
@@ -246,16 +248,10 @@ impl<'w, 'a> Check<'w, 'a> {
 fn unused(
     drafts: &[Draft<'_>],
     inputs: usize,
+    needs: &Needs,
     needed: impl Iterator<Item = usize>,
 ) -> Vec<(String, Span)> {
-    let mut is_needed = vec![false; drafts.len()];
-    let mut open = Vec::from_iter(needed);
-    while let Some(index) = open.pop() {
-        if !std::mem::replace(&mut is_needed[index], true) {
-            let targets = drafts[index].targets.iter().flatten().flatten();
-            open.extend(targets.map(|(node, _)| *node));
-        }
-    }
+    let is_needed = needs.of(needed);
     // The elements of a `ForEach` share one name in the file: it is needed if one of them is.
     let names = || drafts.iter().zip(&is_needed).skip(inputs);
     let needed: HashSet<Span> =

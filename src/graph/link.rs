@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use super::check::Check;
 use super::draft::{Draft, What};
 use super::each::Each;
+use super::needs::Needs;
 use crate::error::{Span, code};
 use crate::node::Output;
 use crate::text::{FoundLink, any_of, nearest_or_all, with_article};
@@ -141,44 +142,19 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
-    /// The nodes, each after those that it hangs on; nodes in a cycle, which is reported, are left out.
-    pub(super) fn order(&mut self, drafts: &[Draft<'_>]) -> Vec<usize> {
-        let sources = |draft: &Draft<'_>| -> Vec<usize> {
+    /// What hangs on what, by the drafts' places.
+    pub(super) fn needs(drafts: &[Draft<'_>]) -> Needs {
+        let links = drafts.iter().enumerate().flat_map(|(user, draft)| {
             let targets = draft.targets.iter().flatten().flatten();
-            targets.map(|(node, _)| *node).collect()
-        };
-        let sources: Vec<Vec<usize>> = drafts.iter().map(sources).collect();
-        const NEW: u8 = 0;
-        const OPEN: u8 = 1;
-        const DONE: u8 = 2;
-        let mut state = vec![NEW; drafts.len()];
-        let mut order = Vec::with_capacity(drafts.len());
-        for start in 0..drafts.len() {
-            // Depth first without recursion: a chain of nodes may be longer than the stack is deep.
-            let mut path: Vec<(usize, usize)> = Vec::new();
-            if state[start] == NEW {
-                state[start] = OPEN;
-                path.push((start, 0));
-            }
-            while let Some(&mut (node, ref mut next)) = path.last_mut() {
-                let Some(&target) = sources[node].get(*next) else {
-                    state[node] = DONE;
-                    order.push(node);
-                    path.pop();
-                    continue;
-                };
-                *next += 1;
-                if state[target] == NEW {
-                    state[target] = OPEN;
-                    path.push((target, 0));
-                } else if state[target] == OPEN {
-                    let first =
-                        path.iter().position(|(node, _)| *node == target).unwrap_or_default();
-                    let cycle: Vec<usize> = path[first..].iter().map(|(node, _)| *node).collect();
-                    self.cycle(&cycle, drafts);
-                }
-            }
-        }
+            targets.map(move |(source, _)| (user, *source))
+        });
+        Needs::new(drafts.len(), links)
+    }
+
+    /// The nodes, each after those that it hangs on as far as there is no cycle; cycles are reported.
+    pub(super) fn order(&mut self, drafts: &[Draft<'_>], needs: &Needs) -> Vec<usize> {
+        let (order, cycles) = needs.order();
+        cycles.iter().for_each(|cycle| self.cycle(cycle, drafts));
         order
     }
 

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::GraphNode;
+use super::needs::Needs;
 use crate::value::Hash;
 
 /// What an evaluation wants to know of a graph without touching its nodes.
@@ -14,23 +15,7 @@ pub(crate) struct Shape {
     pub(crate) identity: Hash,
     /// The nodes that read files.
     pub(crate) readers: Vec<usize>,
-    /// The nodes that each one is linked to, once per link.
-    sources: Lists,
-    /// The nodes that are linked to each one, once per link.
-    users: Lists,
-}
-
-/// A list for each node: that of node `n` is `items[starts[n]..starts[n + 1]]`.
-#[derive(Debug, Default)]
-struct Lists {
-    items: Vec<u32>,
-    starts: Vec<u32>,
-}
-
-impl Lists {
-    fn of(&self, node: usize) -> &[u32] {
-        &self.items[self.starts[node] as usize..self.starts[node + 1] as usize]
-    }
+    needs: Needs,
 }
 
 impl Shape {
@@ -39,48 +24,33 @@ impl Shape {
             names: nodes.iter().map(|node| node.name.clone()).collect(),
             identity: identity(nodes),
             readers: (0..nodes.len()).filter(|&index| !nodes[index].files.is_empty()).collect(),
-            sources: sources(nodes),
-            users: users(nodes),
+            needs: needs(nodes),
         }
     }
 
-    /// The nodes that are linked to a node, once per link.
-    pub(crate) fn users(&self, node: usize) -> &[u32] {
-        self.users.of(node)
+    /// The nodes that are linked to a node, once per link, in their order.
+    pub(crate) fn users(&self, node: usize) -> impl Iterator<Item = usize> {
+        self.needs.users(node)
     }
 
     /// The nodes that a node is linked to, once per link.
-    pub(crate) fn sources(&self, node: usize) -> &[u32] {
-        self.sources.of(node)
+    pub(crate) fn sources(&self, node: usize) -> impl Iterator<Item = usize> {
+        self.needs.sources(node)
+    }
+
+    /// These nodes and all that they hang on: whether each node is one of them.
+    pub(crate) fn needed_by(&self, roots: &[usize]) -> Vec<bool> {
+        self.needs.of(roots.iter().copied())
     }
 }
 
-fn sources(nodes: &[GraphNode]) -> Lists {
-    let mut lists = Lists { items: Vec::new(), starts: vec![0] };
-    for node in nodes {
-        lists.items.extend(node.links.iter().map(|link| link.node as u32));
-        lists.starts.push(lists.items.len() as u32);
-    }
-    lists
-}
-
-fn users(nodes: &[GraphNode]) -> Lists {
-    let mut starts = vec![0u32; nodes.len() + 1];
-    for link in nodes.iter().flat_map(|node| &node.links) {
-        starts[link.node + 1] += 1;
-    }
-    for index in 0..nodes.len() {
-        starts[index + 1] += starts[index];
-    }
-    let mut next = starts.clone();
-    let mut items = vec![0; starts.last().map_or(0, |&count| count as usize)];
-    for (index, node) in nodes.iter().enumerate() {
-        for link in &node.links {
-            items[next[link.node] as usize] = index as u32;
-            next[link.node] += 1;
-        }
-    }
-    Lists { items, starts }
+fn needs(nodes: &[GraphNode]) -> Needs {
+    // From the last to the first, so that neighbors are told from the first to the last.
+    let links = nodes.iter().enumerate().rev().flat_map(|(user, node)| {
+        let links = node.links.iter().rev();
+        links.map(move |link| (user, link.node))
+    });
+    Needs::new(nodes.len(), links)
 }
 
 fn identity(nodes: &[GraphNode]) -> Hash {

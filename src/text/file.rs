@@ -83,11 +83,18 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
     if mistakes.is_empty() {
         mistakes.extend(wrong_separators(&document.root()));
     }
+    mistakes.extend(strange_spaces(text));
     let mut reader = TreeReader::default();
     for node in document.root().children() {
-        if node.kind() == SyntaxKind::ExtensionAttr && !node.text().starts_with("#![") {
-            let message = "`#` begins no value";
-            reader.mistake(span(node.text_range()), message, "colors are texts: \"#c33923\"");
+        if node.kind() == SyntaxKind::ExtensionAttr && !is_known_extension(&node) {
+            let at = span(node.text_range());
+            match node.text().starts_with("#![") {
+                true => reader.mistake(at, "RON has no such extension", "leave it out"),
+                false => {
+                    let help = "colors are texts: \"#c33923\"";
+                    reader.mistake(at, "`#` begins no value", help)
+                }
+            };
         }
     }
     let value = document.root().children().find(|node| is_value(node.kind()));
@@ -104,9 +111,69 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
             Tree::new(Span::default(), Kind::Broken)
         }
     };
+    if mistakes.is_empty() {
+        mistakes.extend(reader.misplaced);
+    }
     mistakes.extend(reader.mistakes);
     mistakes.sort_by_key(|mistake| mistake.span);
     (tree, mistakes)
+}
+
+/// Whether this is `#![enable(..)]` with RON's own extensions, none of which changes what a graph says.
+fn is_known_extension(node: &SyntaxNode) -> bool {
+    const KNOWN: [&str; 4] =
+        ["implicit_some", "unwrap_newtypes", "unwrap_variant_newtypes", "explicit_struct_names"];
+    let words = node.descendant_tokens().filter(|token| token.kind() == SyntaxKind::Ident);
+    let mut words = words.map(|token| token.text().to_string());
+    node.text().starts_with("#![")
+        && words.next().is_some_and(|word| word == "enable")
+        && words.next().is_some_and(|word| KNOWN.contains(&&word[..]))
+        && words.all(|word| KNOWN.contains(&&word[..]))
+}
+
+/// Spaces that are none in RON, and comments without an end. A mark of the byte order at the start, which editors put there, is
+/// no part of the text.
+fn strange_spaces(text: &str) -> Vec<Mistake> {
+    let is_space = |c: char| {
+        c.is_ascii_whitespace() || "\u{b}\u{85}\u{200e}\u{200f}\u{2028}\u{2029}".contains(c)
+    };
+    let mut mistakes = Vec::new();
+    for (kind, at) in raw_tokens(text) {
+        let piece = &text[at.start..at.end];
+        let (start, message, help) = match kind {
+            SyntaxKind::Whitespace => match piece.find(|c| !is_space(c)) {
+                Some(start) => (start, "RON knows no such space", "write a plain one"),
+                None => continue,
+            },
+            SyntaxKind::BlockComment if !is_closed(piece) => {
+                (0, "this comment is never closed", "put a `*/` where it ends")
+            }
+            _ => continue,
+        };
+        let start = at.start + start;
+        let length = text[start..].chars().next().map_or(0, char::len_utf8);
+        let span = Span { start, end: start + length };
+        mistakes.push(Mistake { span, message: message.into(), help: help.into() });
+    }
+    mistakes
+}
+
+/// Whether a comment, in which others may stand, comes to its end.
+fn is_closed(comment: &str) -> bool {
+    let (mut depth, mut rest) = (0usize, comment);
+    while !rest.is_empty() {
+        let step = if rest.starts_with("/*") {
+            depth += 1;
+            2
+        } else if rest.starts_with("*/") {
+            depth = depth.saturating_sub(1);
+            2
+        } else {
+            rest.chars().next().map_or(1, char::len_utf8)
+        };
+        rest = &rest[step..];
+    }
+    depth == 0
 }
 
 /// What a piece of the text is, as far as its layout goes.

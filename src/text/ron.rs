@@ -92,6 +92,8 @@ mod tests {
 
     fn check(value: Json, schema: Json, expected: &str) {
         assert_eq!(ron(&value, &schema, &json!({})), expected);
+        // The crate of that name is the reference.
+        assert!(::ron::from_str::<::ron::Value>(expected).is_ok(), "{expected}");
     }
 
     #[test]

@@ -16,6 +16,8 @@ pub(crate) fn is_value(kind: SyntaxKind) -> bool {
 #[derive(Default)]
 pub(crate) struct TreeReader {
     pub(crate) mistakes: Vec<Mistake>,
+    /// What stands where nothing like it can stand. Behind a forgotten comma or parenthesis that is much, and says nothing more.
+    pub(crate) misplaced: Vec<Mistake>,
 }
 
 impl TreeReader {
@@ -23,12 +25,19 @@ impl TreeReader {
         let at = span(node.text_range());
         let kind = match node.kind() {
             SyntaxKind::Struct => {
+                for value in node.children().filter(|child| is_value(child.kind())) {
+                    self.mixed(&value);
+                }
                 let fields =
                     node.children().filter(|child| child.kind() == SyntaxKind::StructField);
                 let fields = fields.filter_map(|field| self.field(&field)).collect();
                 Kind::Call { name: word(node), body: Body::Fields(fields) }
             }
             SyntaxKind::Tuple => {
+                let is_field = |child: &SyntaxNode| child.kind() == SyntaxKind::StructField;
+                if let Some(field) = node.children().find(is_field) {
+                    self.mixed(&field);
+                }
                 Kind::Call { name: word(node), body: Body::Items(self.values(node)) }
             }
             SyntaxKind::Unit => Kind::Call { name: word(node), body: Body::Empty },
@@ -47,7 +56,18 @@ impl TreeReader {
             },
             _ => Kind::Broken,
         };
+        let kind = match own_word(&kind) {
+            Some((message, help)) => self.mistake(at, message, help),
+            None => kind,
+        };
         Tree::new(at, kind)
+    }
+
+    /// A value without a name among fields with names, or the other way round.
+    fn mixed(&mut self, node: &SyntaxNode) {
+        let message = "values with a name and values without one cannot stand together";
+        let help = "give each a name, `name: value`, or none of them";
+        self.misplaced.push(mistake(span(node.text_range()), message, help));
     }
 
     fn values(&mut self, node: &SyntaxNode) -> Vec<Tree> {
@@ -58,8 +78,16 @@ impl TreeReader {
     }
 
     fn field(&mut self, node: &SyntaxNode) -> Option<Field> {
-        let name = word(node)?;
+        let own = |wanted| {
+            let mut tokens = node.children_with_tokens();
+            tokens.any(|part| matches!(part, SyntaxElement::Token(token) if token.kind() == wanted))
+        };
         let value = node.children().find(|child| is_value(child.kind()));
+        let is_named = own(SyntaxKind::Ident) && (own(SyntaxKind::Colon) || value.is_none());
+        let Some(name) = word(node).filter(|_| is_named) else {
+            self.mixed(node);
+            return None;
+        };
         let value = match value {
             Some(value) => self.value(&value),
             None => {
@@ -73,7 +101,12 @@ impl TreeReader {
 
     fn entry(&mut self, node: &SyntaxNode) -> Option<(Tree, Tree)> {
         let mut values = self.values(node).into_iter();
-        Some((values.next()?, values.next()?))
+        let (key, value) = (values.next()?, values.next());
+        if value.is_none() {
+            let message = "this key of a map has no value";
+            self.misplaced.push(mistake(key.span, message, "write `key: value`"));
+        }
+        Some((key, value?))
     }
 
     fn literal(&mut self, token: &SyntaxToken) -> Kind {
@@ -96,17 +129,39 @@ impl TreeReader {
                     r#"known escapes: \" \\ \n \r \t \0 \u{..}"#,
                 ),
             },
-            SyntaxKind::RawString => {
-                let inner = text.trim_start_matches('r').trim_matches('#');
-                Kind::Text(inner.trim_matches('"').to_owned())
-            }
+            SyntaxKind::RawString => match raw(text) {
+                Some(text) => Kind::Text(text.to_owned()),
+                None => self.mistake(at, "this text has no end", "it ends as it begins: `\"#`"),
+            },
             _ => self.mistake(at, &format!("`{text}` is no value of a graph"), ""),
         }
     }
 
     pub(crate) fn mistake(&mut self, span: Span, message: &str, help: &str) -> Kind {
-        self.mistakes.push(Mistake { span, message: message.into(), help: help.into() });
+        self.mistakes.push(mistake(span, message, help));
         Kind::Broken
+    }
+}
+
+fn mistake(span: Span, message: &str, help: &str) -> Mistake {
+    Mistake { span, message: message.into(), help: help.into() }
+}
+
+/// What is wrong with one of RON's own words: `Some` holds one value, the others none.
+fn own_word(kind: &Kind) -> Option<(&'static str, &'static str)> {
+    const ALONE: [&str; 7] = ["None", "NaN", "NaNf32", "NaNf64", "inf", "inff32", "inff64"];
+    match kind {
+        Kind::Call { name: Some(name), .. } if ALONE.contains(&&name.text[..]) => {
+            Some(("nothing can stand behind this word", "leave the parentheses out"))
+        }
+        Kind::Call { name: Some(name), body } if name.text == "Some" => match body {
+            Body::Items(items) if items.len() == 1 => None,
+            _ => Some(("`Some` holds one value", "write `Some(value)`")),
+        },
+        Kind::Word(word) if word == "Some" => {
+            Some(("`Some` holds one value", "write `Some(value)`"))
+        }
+        _ => None,
     }
 }
 
@@ -124,6 +179,9 @@ fn first_token(node: &SyntaxNode) -> Option<SyntaxToken> {
 }
 
 fn number(text: &str) -> Option<f64> {
+    if ["0x_", "0b_", "0o_"].iter().any(|start| text.contains(start)) {
+        return None;
+    }
     let digits = text.replace('_', "");
     let (negative, magnitude) = match digits.strip_prefix(['-', '+']) {
         Some(rest) => (digits.starts_with('-'), rest),
@@ -143,6 +201,15 @@ fn number(text: &str) -> Option<f64> {
     Some(if negative { -value } else { value })
 }
 
+/// What stands in `r"..."` or `r#"..."#`, with as many signs as it begins with.
+fn raw(text: &str) -> Option<&str> {
+    let marked = text.strip_prefix('r')?;
+    let marks = marked.len() - marked.trim_start_matches('#').len();
+    let (begin, end) = (&marked[..marks], marked.len().checked_sub(marks)?);
+    let quoted = marked.get(marks..end).filter(|_| marked.get(end..) == Some(begin))?;
+    quoted.strip_prefix('"')?.strip_suffix('"')
+}
+
 fn unescape(quoted: &str) -> Option<String> {
     let inner = quoted.strip_prefix('"')?.strip_suffix('"')?;
     let mut text = String::with_capacity(inner.len());
@@ -160,6 +227,8 @@ fn unescape(quoted: &str) -> Option<String> {
             'u' => {
                 let code = rest.as_str().strip_prefix('{')?.split_once('}')?;
                 rest = code.1.chars();
+                // A number may have a sign, a code not.
+                code.0.starts_with(|digit: char| digit.is_ascii_hexdigit()).then_some(())?;
                 char::from_u32(u32::from_str_radix(code.0, 16).ok()?)?
             }
             c @ ('"' | '\\' | '\'') => c,

@@ -59,7 +59,12 @@ pub(crate) const READERS: &[Reader] = &[
     Reader {
         name: "jpeg",
         read: |bytes| drop(jpeg::read(bytes)),
-        seeds: seeds!("photo.jpg", "progressive.jpg", "gray.jpg"),
+        seeds: seeds!("photo.jpg", "progressive.jpg", "gray.jpg", "cmyk.jpg"),
+    },
+    Reader {
+        name: "light",
+        read: |bytes| drop(picture_file::read(bytes)),
+        seeds: seeds!("light.exr", "alpha.exr", "light.hdr"),
     },
     Reader { name: "obj", read: |bytes| drop(obj::read(bytes)), seeds: &[PATCH] },
     Reader {
@@ -107,6 +112,11 @@ pub(crate) const READERS: &[Reader] = &[
         name: "tiff",
         read: |bytes| drop(tiff::read(bytes)),
         seeds: seeds!("lzw.tiff", "deflate_rgba.tiff", "depth32f.tiff"),
+    },
+    Reader {
+        name: "webp_bmp",
+        read: |bytes| drop(picture_file::read(bytes)),
+        seeds: seeds!("photo.webp", "lossless.webp", "alpha.webp", "rgb.bmp", "palette.bmp"),
     },
     Reader { name: "xyz", read: |bytes| drop(xyz::read(bytes)), seeds: seeds!("points.xyz") },
 ];

@@ -14,7 +14,7 @@ pub type Find<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;
 /// The picture that belongs on the mesh of an OBJ file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Picture {
-    /// Its name, relative to the folder of the OBJ file, and its content: a PNG, JPEG or TIFF file, or something else.
+    /// Its name, relative to the folder of the OBJ file, and its content: a picture file, or something else.
     pub file: Option<(String, Arc<[u8]>)>,
     /// What the user should know, in sentences: files that cannot be had, and materials that are left out.
     pub doubts: Vec<String>,

@@ -1,0 +1,366 @@
+//! The way of pictures through the decoders of `image`: limits of memory before anything is unpacked, then 8-bit sRGB.
+//!
+//! Gray becomes three equal channels, 16 bits are cut to the upper 8, alpha is dropped. Floats are light: they are clamped to
+//! 0 to 1 and put on the curve of sRGB; what is no number is black.
+
+use std::error::Error as _;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use ::image::error::{ImageError, LimitErrorKind};
+use ::image::{DynamicImage, ImageDecoder, Limits};
+use rayon::prelude::*;
+use thiserror::Error;
+
+use super::most_memory;
+use crate::value::{Image, srgb_from_linear};
+
+/// Why a decoder gives no picture.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum DecodeError {
+    /// Something else, or a damaged file.
+    #[error("this is not a readable {format} file: {reason}")]
+    Broken {
+        /// The format.
+        format: &'static str,
+        /// What the decoder says.
+        reason: String,
+    },
+    /// More pixels than are read.
+    #[error(
+        "{width} x {height} pixels would take more than {most} bytes of memory: make the picture smaller"
+    )]
+    TooLarge {
+        /// The picture's width.
+        width: u32,
+        /// The picture's height.
+        height: u32,
+        /// Bytes that reading it may take.
+        most: usize,
+    },
+}
+
+/// A file that is being read: what a decoder is made from.
+#[derive(Clone, Copy)]
+pub(super) struct File<'b> {
+    pub(super) format: &'static str,
+    pub(super) bytes: &'b [u8],
+    /// How often the decoder holds the picture: once if it unpacks into the list that it is given.
+    pub(super) copies: u64,
+}
+
+impl File<'_> {
+    /// What a decoder may take at most.
+    pub(super) fn limits(&self) -> Limits {
+        let mut limits = Limits::no_limits();
+        limits.max_alloc = Some(most_memory(self.bytes.len()) as u64);
+        limits
+    }
+
+    /// What an error says without the words that `image` puts before it, which name the format again.
+    fn wrong(&self, error: &ImageError) -> DecodeError {
+        match error.source() {
+            Some(reason) => self.broken(reason),
+            None => self.broken(error),
+        }
+    }
+
+    fn broken(&self, reason: impl ToString) -> DecodeError {
+        DecodeError::Broken { format: self.format, reason: reason.to_string() }
+    }
+
+    /// The picture that a decoder gives, after `check` has judged its size.
+    pub(super) fn picture<D: ImageDecoder, E: From<DecodeError>>(
+        &self,
+        open: impl FnOnce() -> Result<D, ImageError>,
+        check: impl FnOnce(u32, u32) -> Result<(), E>,
+    ) -> Result<Image, E> {
+        // Decoders are others' work: a panic in one is a broken file, and the decoder is not used after it.
+        let gave_up = |_| self.broken("the decoder gave up");
+        let decoder = catch_unwind(AssertUnwindSafe(open)).map_err(gave_up)?;
+        let mut decoder = decoder.map_err(|error| self.wrong(&error))?;
+        let (width, height) = decoder.dimensions();
+        check(width, height)?;
+        let most = most_memory(self.bytes.len());
+        let too_large = || DecodeError::TooLarge { width, height, most };
+        let mut limits = self.limits();
+        // Ours has three bytes for each pixel.
+        let ours = 3 * u64::from(width) * u64::from(height);
+        let theirs = decoder.total_bytes().saturating_mul(self.copies);
+        limits.reserve(ours.saturating_add(theirs)).map_err(|_| too_large())?;
+        let mut limits = self.limits();
+        limits.reserve(ours).map_err(|_| too_large())?;
+        let decoded = catch_unwind(AssertUnwindSafe(|| {
+            decoder.set_limits(limits)?;
+            DynamicImage::from_decoder(decoder)
+        }));
+        let decoded = decoded.map_err(gave_up)?;
+        let decoded = decoded.map_err(|found| match found {
+            ImageError::Limits(limit) if limit.kind() == LimitErrorKind::InsufficientMemory => {
+                too_large()
+            }
+            found => self.wrong(&found),
+        })?;
+        let pixels = eight_bits(decoded).ok_or_else(|| self.broken("an unknown kind of pixels"))?;
+        Ok(Image::new(width as usize, height as usize, pixels).map_err(|e| self.broken(e))?)
+    }
+}
+
+/// 8-bit sRGB of whatever was decoded.
+fn eight_bits(decoded: DynamicImage) -> Option<Vec<[u8; 3]>> {
+    let upper = |sample: u16| (sample >> 8) as u8;
+    Some(match decoded {
+        DynamicImage::ImageRgb8(rgb) => {
+            let samples = rgb.into_raw();
+            // The same list, if it has no room for a part of a pixel.
+            bytemuck::try_cast_vec(samples)
+                .unwrap_or_else(|(_, samples)| samples.as_chunks::<3>().0.to_vec())
+        }
+        DynamicImage::ImageLuma8(gray) => gray.into_raw().iter().map(|&gray| [gray; 3]).collect(),
+        DynamicImage::ImageLumaA8(gray) => {
+            gray.into_raw().as_chunks::<2>().0.iter().map(|&[gray, _]| [gray; 3]).collect()
+        }
+        DynamicImage::ImageRgba8(rgba) => {
+            rgba.into_raw().as_chunks::<4>().0.iter().map(|&[r, g, b, _]| [r, g, b]).collect()
+        }
+        DynamicImage::ImageLuma16(gray) => {
+            gray.into_raw().iter().map(|&gray| [upper(gray); 3]).collect()
+        }
+        DynamicImage::ImageLumaA16(gray) => {
+            gray.into_raw().as_chunks::<2>().0.iter().map(|&[gray, _]| [upper(gray); 3]).collect()
+        }
+        DynamicImage::ImageRgb16(rgb) => {
+            rgb.into_raw().as_chunks::<3>().0.iter().map(|pixel| pixel.map(upper)).collect()
+        }
+        DynamicImage::ImageRgba16(rgba) => rgba
+            .into_raw()
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|&[r, g, b, _]| [r, g, b].map(upper))
+            .collect(),
+        DynamicImage::ImageRgb32F(rgb) => {
+            rgb.into_raw().as_chunks::<3>().0.par_iter().map(|pixel| lit(*pixel)).collect()
+        }
+        DynamicImage::ImageRgba32F(rgba) => {
+            let pixels = rgba.into_raw();
+            pixels.as_chunks::<4>().0.par_iter().map(|&[r, g, b, _]| lit([r, g, b])).collect()
+        }
+        // `image` may know more kinds some day.
+        _ => return None,
+    })
+}
+
+/// The color of some light.
+fn lit(light: [f32; 3]) -> [u8; 3] {
+    light.map(|channel| srgb_from_linear(f64::from(channel)))
+}
+
+#[cfg(test)]
+mod tests {
+    //! The same pixels as the decoders behind `image` give without it.
+
+    use std::io::Cursor;
+
+    use ::png::{BitDepth, ColorType, Decoder, Encoder, Transformations};
+    use ::tiff::decoder::DecodingResult;
+    use ::tiff::encoder::{Compression, TiffEncoder, TiffValue, colortype};
+    use expect_test::{Expect, expect};
+
+    use crate::format::{hostile, most_memory, picture_file, png, tiff};
+    use crate::value::Image;
+
+    /// Bytes as a small generator makes them, the same every time.
+    fn noise(count: usize) -> Vec<u8> {
+        let mut state = 3u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 56) as u8
+        };
+        (0..count).map(|_| next()).collect()
+    }
+
+    const SIZE: [u32; 2] = [19, 7];
+
+    fn gray_or_rgb(samples: &[u8], channels: usize) -> Vec<[u8; 3]> {
+        let pixel = |pixel: &[u8]| match *pixel {
+            [gray] | [gray, _] => [gray; 3],
+            [red, green, blue, ..] => [red, green, blue],
+            [] => [0; 3],
+        };
+        samples.chunks(channels).map(pixel).collect()
+    }
+
+    #[test]
+    fn every_kind_of_png_has_the_pixels_of_its_decoder() {
+        use BitDepth::{Eight, Four, One, Sixteen, Two};
+        let few = [One, Two, Four, Eight];
+        let kinds = [
+            (ColorType::Grayscale, &[One, Two, Four, Eight, Sixteen][..]),
+            (ColorType::GrayscaleAlpha, &[Eight, Sixteen]),
+            (ColorType::Rgb, &[Eight, Sixteen]),
+            (ColorType::Rgba, &[Eight, Sixteen]),
+            (ColorType::Indexed, &few),
+        ];
+        let kinds = kinds.iter().flat_map(|(color, depths)| depths.iter().map(|d| (*color, *d)));
+        for ((color, depth), keyed) in kinds.flat_map(|kind| [(kind, false), (kind, true)]) {
+            let [width, height] = SIZE;
+            let mut file = Vec::new();
+            let mut encoder = Encoder::new(&mut file, width, height);
+            encoder.set_color(color);
+            encoder.set_depth(depth);
+            if color == ColorType::Indexed {
+                encoder.set_palette(noise(3 * 256.min(1 << depth as usize)));
+            }
+            // A color that is seen through; what has alpha has none.
+            let key = match color {
+                ColorType::Indexed => vec![0],
+                ColorType::Grayscale => vec![0, 1],
+                _ => vec![0; 6],
+            };
+            if keyed && !matches!(color, ColorType::Rgba | ColorType::GrayscaleAlpha) {
+                encoder.set_trns(key);
+            }
+            let bits = color.samples() * depth as usize * width as usize;
+            let samples = noise(bits.div_ceil(8) * height as usize);
+            encoder.write_header().unwrap().write_image_data(&samples).unwrap();
+            let mut decoder = Decoder::new(Cursor::new(&file));
+            decoder.set_transformations(Transformations::EXPAND | Transformations::STRIP_16);
+            let mut reader = decoder.read_info().unwrap();
+            let mut buffer = vec![0; reader.output_buffer_size().unwrap()];
+            let frame = reader.next_frame(&mut buffer).unwrap();
+            let expected = gray_or_rgb(&buffer, frame.color_type.samples());
+            let image = png::read(&file).unwrap();
+            assert_eq!(image.pixels(), expected, "{color:?} {depth:?} {keyed}");
+        }
+    }
+
+    fn check_tiff<C: colortype::ColorType>(samples: &[C::Inner], channels: usize)
+    where
+        [C::Inner]: TiffValue,
+    {
+        for (name, packing) in [
+            ("none", Compression::Uncompressed),
+            ("LZW", Compression::Lzw),
+            ("Deflate", Compression::Deflate(Default::default())),
+            ("PackBits", Compression::Packbits),
+        ] {
+            let [width, height] = SIZE;
+            let mut file = Vec::new();
+            let encoder = TiffEncoder::new(Cursor::new(&mut file)).unwrap();
+            let mut encoder = encoder.with_compression(packing);
+            encoder.write_image::<C>(width, height, samples).unwrap();
+            let mut decoder = ::tiff::decoder::Decoder::new(Cursor::new(&file)).unwrap();
+            let expected = match decoder.read_image().unwrap() {
+                DecodingResult::U8(samples) => samples,
+                DecodingResult::U16(samples) => samples.iter().map(|x| (x >> 8) as u8).collect(),
+                other => panic!("{other:?}"),
+            };
+            let image = tiff::read(&file).unwrap();
+            assert_eq!(image.pixels(), gray_or_rgb(&expected, channels), "{name}");
+        }
+    }
+
+    #[test]
+    fn every_kind_of_tiff_has_the_pixels_of_its_decoder() {
+        let count = |channels: usize| channels * (SIZE[0] * SIZE[1]) as usize;
+        let wide = |channels: usize| -> Vec<u16> {
+            let bytes = noise(2 * count(channels));
+            bytes.as_chunks::<2>().0.iter().map(|pair| u16::from_le_bytes(*pair)).collect()
+        };
+        check_tiff::<colortype::Gray8>(&noise(count(1)), 1);
+        check_tiff::<colortype::Gray16>(&wide(1), 1);
+        check_tiff::<colortype::RGB8>(&noise(count(3)), 3);
+        check_tiff::<colortype::RGB16>(&wide(3), 3);
+        check_tiff::<colortype::RGBA8>(&noise(count(4)), 4);
+        check_tiff::<colortype::RGBA16>(&wide(4), 4);
+    }
+
+    macro_rules! seed {
+        ($name:literal) => {
+            include_bytes!(concat!("../../tests/data/formats/", $name)).as_slice()
+        };
+    }
+
+    fn read(file: &[u8]) -> Image {
+        let image = picture_file::read(file).unwrap();
+        assert_eq!((image.width(), image.height()), (16, 12));
+        image
+    }
+
+    #[test]
+    fn lossless_files_have_their_pixels() {
+        let pixels = |k: usize| [(k % 16 * 16) as u8, (k / 16 * 20) as u8, 128];
+        let expected = Vec::from_iter((0..16 * 12).map(pixels));
+        assert_eq!(read(seed!("lossless.webp")).pixels(), expected);
+        assert_eq!(read(seed!("alpha.webp")).pixels(), expected);
+        assert_eq!(read(seed!("rgb.bmp")).pixels(), expected);
+    }
+
+    fn check(file: &[u8], expected: Expect) {
+        let image = read(file);
+        expected.assert_eq(&format!("{:?}", [[0, 0], [8, 3], [15, 11]].map(|at| image.at(at))));
+    }
+
+    #[test]
+    fn a_palette_is_expanded() {
+        check(seed!("palette.bmp"), expect!["[[16, 0, 128], [144, 60, 128], [224, 220, 128]]"]);
+    }
+
+    #[test]
+    fn a_picture_that_lost_something_is_near_to_what_it_was() {
+        let image = read(seed!("photo.webp"));
+        for (k, pixel) in image.pixels().iter().enumerate() {
+            let was = [(k % 16 * 16) as u8, (k / 16 * 20) as u8, 128];
+            assert!((0..3).all(|c| pixel[c].abs_diff(was[c]) < 40), "{k} {pixel:?}");
+        }
+        read(seed!("cmyk.jpg"));
+    }
+
+    /// Red and green grow to the right and downwards, blue is brighter than any picture.
+    #[test]
+    fn light_is_put_on_the_curve_of_srgb_and_clamped() {
+        check(seed!("light.exr"), expect!["[[0, 0, 255], [188, 137, 255], [248, 245, 255]]"]);
+        check(seed!("alpha.exr"), expect!["[[0, 0, 255], [188, 137, 255], [248, 245, 255]]"]);
+        check(seed!("light.hdr"), expect!["[[0, 0, 255], [188, 137, 255], [248, 244, 255]]"]);
+    }
+
+    #[test]
+    fn a_small_file_of_a_huge_picture_is_refused() {
+        let huge = [
+            ("BMP", seed!("rgb.bmp"), &b"\x10\0\0\0\x0c\0\0\0"[..], &b"\0\x7f\0\0\0\x7f\0\0"[..]),
+            ("HDR", seed!("light.hdr"), b"-Y 12 +X 16", b"-Y 32512 +X 32512"),
+            (
+                "EXR",
+                seed!("alpha.exr"),
+                b"displayWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\x0f\0\0\0\x0b\0\0\0",
+                b"displayWindow\0box2i\0\x10\0\0\0\0\0\0\0\0\0\0\0\xff\x7e\0\0\xff\x7e\0\0",
+            ),
+        ];
+        for (format, file, size, larger) in huge {
+            let at = file.windows(size.len()).position(|window| window == size).expect(format);
+            let file = [&file[..at], larger, &file[at + size.len()..]].concat();
+            let most = most_memory(file.len());
+            assert_eq!(
+                picture_file::read(&file).unwrap_err().to_string(),
+                format!(
+                    "32512 x 32512 pixels would take more than {most} bytes of memory: make the picture smaller"
+                ),
+                "{format}"
+            );
+        }
+    }
+
+    #[test]
+    fn hostile_files_give_errors() {
+        for file in [
+            seed!("lossless.webp"),
+            seed!("photo.webp"),
+            seed!("palette.bmp"),
+            seed!("light.hdr"),
+            seed!("light.exr"),
+            seed!("alpha.exr"),
+        ] {
+            hostile::survive(file, picture_file::read);
+        }
+    }
+}
