@@ -47,7 +47,7 @@ verdicts places="100000":
     PLACES={{places}} cargo test --release -p maquette --lib mutations
 
 sequences count="2000":
-    SEQUENCES={{count}} cargo test --release -p maquette-nodes --test sequences
+    SEQUENCES={{count}} cargo test --release -p maquette-nodes --test commands sequences
 
 # Every reader of files, for some seconds each.
 fuzz seconds="5":

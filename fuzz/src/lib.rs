@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-#[path = "../../tests/hostile_files/readers.rs"]
+#[path = "../../tests/engine/hostile_files/readers.rs"]
 #[expect(dead_code, reason = "libFuzzer spoils files in its own way")]
 mod readers;
 

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-#[path = "../../tests/hostile_files/readers.rs"]
+#[path = "../../tests/engine/hostile_files/readers.rs"]
 mod readers;
 
 use readers::{READERS, spoiled};

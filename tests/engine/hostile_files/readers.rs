@@ -17,7 +17,7 @@ pub(crate) struct Reader {
 
 macro_rules! seeds {
     ($($name:literal),+) => {
-        &[$(include_bytes!(concat!("../data/formats/", $name)).as_slice()),+]
+        &[$(include_bytes!(concat!("../../data/formats/", $name)).as_slice()),+]
     };
 }
 
@@ -75,7 +75,7 @@ pub(crate) const READERS: &[Reader] = &[
     Reader {
         name: "obj_curve",
         read: |bytes| drop(obj::read_curve(bytes)),
-        seeds: &[SPLINE, include_bytes!("../data/formats/ellipse12.obj")],
+        seeds: &[SPLINE, include_bytes!("../../data/formats/ellipse12.obj")],
     },
     Reader {
         name: "pcd",
@@ -106,7 +106,7 @@ pub(crate) const READERS: &[Reader] = &[
     Reader {
         name: "stl",
         read: |bytes| drop(stl::read(bytes)),
-        seeds: &[SOLID, include_bytes!("../data/formats/square.stl")],
+        seeds: &[SOLID, include_bytes!("../../data/formats/square.stl")],
     },
     Reader {
         name: "tiff",

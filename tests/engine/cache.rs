@@ -1,8 +1,5 @@
 //! Results that outlive a process: never stale, never believed when damaged, never in the way.
 
-#[path = "common/examples.rs"]
-mod examples;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -340,7 +337,7 @@ fn verifying_computes_and_finds_no_difference() {
 #[test]
 fn every_value_of_the_examples_is_read_back_as_it_was() {
     let processes = Processes::new();
-    for path in examples::examples() {
+    for path in crate::examples::examples() {
         let load = || Graph::load(&path, &processes.catalog, &Options::default()).graph.unwrap();
         let evaluate = |graph: &Graph| {
             let mut evaluator = processes.evaluator();

@@ -75,8 +75,7 @@ fn texts_go_out_as_they_are() {
 fn a_gallery_takes_no_markup_from_a_graph() {
     let project = Project::new();
     let doc = "doc: \"It <script>alert(1)</script> shines.\", params: {\"a\": Number(default: 1.0, doc: \"<img src=x>\")},";
-    project
-        .write("net.ron", &super::super::GRAPH.replace("format: 1,", &format!("format: 1, {doc}")));
+    project.write("net.ron", &super::GRAPH.replace("format: 1,", &format!("format: 1, {doc}")));
     let output = project.maquette(&["gallery", "."]);
     assert!(output.status.success(), "{}", said(&output));
     let page = project.read("README.md");

@@ -5,13 +5,8 @@ use std::process::Command;
 
 use serde_json::{Value as Json, json};
 
-mod common {
-    pub(crate) mod editors;
-    pub(crate) mod project;
-}
-
-use common::editors::{SEQUENCES, programs};
-use common::project::Project;
+use crate::editors::{SEQUENCES, programs};
+use crate::project::Project;
 
 fn count(done: &Json, state: &str) -> u64 {
     done[state].as_u64().unwrap()

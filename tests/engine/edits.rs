@@ -13,12 +13,9 @@ use proptest::sample::Index;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 use rayon::prelude::*;
 
-#[path = "common/beside.rs"]
-mod beside;
-#[path = "edits/sketch.rs"]
 mod sketch;
 
-use beside::beside;
+use crate::beside::beside;
 use sketch::Sketch;
 
 /// How many edits are tried on each graph, unless `LAW_EDITS` says otherwise.
@@ -339,7 +336,7 @@ fn a_random_edit_does_what_it_says_and_nothing_else_or_is_refused() {
     }
 }
 
-const DOLL: &str = include_str!("../graphs/doll.ron");
+const DOLL: &str = include_str!("../../graphs/doll.ron");
 
 fn add(name: &str, node: &str, fields: &[(&str, &str)], after: Option<&str>) -> Edit {
     let fields = fields.iter().map(|&(field, value)| (field.to_owned(), value.to_owned()));
@@ -571,7 +568,7 @@ fn links_that_need_not_be_go_along() {
             (", Manifold(\"model.ply\")", ""),
         ],
     );
-    let beside = include_str!("../graphs/nodes/Merge.ron");
+    let beside = include_str!("../../graphs/nodes/Merge.ron");
     let node = "        \"beside\": Transform(mesh: \"doll\", translate: (100, 0, 0)),\n";
     check_edit(beside, remove("beside", true), &[(node, ""), (", \"beside\"", "")]);
 }
@@ -594,7 +591,7 @@ fn a_name_is_changed_wherever_it_is_named() {
         rename("growth", "grow-th"),
         &[("\"growth\"", "\"grow-th\""), ("growth*2-growth", "grow-th*2-grow-th")],
     );
-    let face = include_str!("../graphs/face.ron");
+    let face = include_str!("../../graphs/face.ron");
     check_refused(
         face,
         rename("nose", "noses"),
@@ -739,7 +736,7 @@ fn ports_are_linked_and_left_free() {
 
 #[test]
 fn a_port_for_many_links_has_a_list() {
-    let beside = include_str!("../graphs/nodes/Merge.ron");
+    let beside = include_str!("../../graphs/nodes/Merge.ron");
     let list = "[\"doll\", \"beside\"]";
     check_edit(beside, link("both.meshes", "doll"), &[(list, "[\"doll\", \"beside\", \"doll\"]")]);
     check_edit(
@@ -781,7 +778,7 @@ fn a_port_for_many_links_has_a_list() {
 
 #[test]
 fn the_ports_of_repeated_nodes_and_choices_are_linked() {
-    let crowd = include_str!("../graphs/crowd.ron");
+    let crowd = include_str!("../../graphs/crowd.ron");
     check_edit(crowd, link("copies.mesh", "smooth"), &[("(mesh: \"doll\")", "(mesh: \"smooth\")")]);
     check_edit(
         crowd,

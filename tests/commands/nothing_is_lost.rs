@@ -5,13 +5,11 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::time::{Duration, Instant};
 
-mod nothing_is_lost {
-    mod cache;
-    pub(crate) mod project;
-    mod surrounded;
-    mod words;
-}
-use nothing_is_lost::project::{GRAPH, Project, said};
+mod cache;
+mod project;
+mod surrounded;
+mod words;
+use project::{GRAPH, Project, said};
 
 #[test]
 fn a_case_cannot_name_a_folder_outside_of_the_goldens() {

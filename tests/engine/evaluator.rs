@@ -1,8 +1,5 @@
 //! What the engine promises to every pack, tried with a small one: each key once, in parallel, panics caught, cancel obeyed.
 
-#[path = "engine/session.rs"]
-mod session;
-
 use std::sync::Barrier;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};

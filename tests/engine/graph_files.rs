@@ -5,10 +5,7 @@ use std::path::Path;
 use expect_test::{Expect, expect};
 use maquette::{Catalog, Graph, Options, Place};
 
-#[path = "common/beside.rs"]
-mod beside;
-
-use beside::beside;
+use crate::beside::beside;
 
 fn problems(path: &Path) -> String {
     let catalog = Catalog::new(maquette_nodes::PACKS);

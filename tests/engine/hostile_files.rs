@@ -2,10 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-mod hostile_files {
-    pub(crate) mod readers;
-}
-use hostile_files::readers::{READERS, spoiled};
+mod readers;
+use readers::{READERS, spoiled};
 
 /// Files spoiled for each reader: a few seconds for all.
 const CASES: u64 = 1500;

@@ -6,7 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use expect_test::expect;
 
-const DOLL: &str = include_str!("../graphs/doll.ron");
+const DOLL: &str = include_str!("../../graphs/doll.ron");
 
 fn maquette(folder: &Path, arguments: &[&str]) -> Output {
     command(folder, arguments).output().unwrap()

@@ -40,7 +40,7 @@ fn the_mask_is_the_nose() {
     let doll = Doll::new();
     let spots: &Labels = doll.get("spots", "");
     let largest = spots.by_area()[0];
-    let bytes = include_bytes!("data/doll_front_labels.png");
+    let bytes = include_bytes!("../data/doll_front_labels.png");
     let truth = maquette::format::png::read(bytes).unwrap();
     let (mut both, mut either) = (0, 0);
     for (&label, truth) in spots.pixels().iter().zip(truth.pixels()) {

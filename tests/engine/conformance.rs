@@ -1,8 +1,5 @@
 //! Every pack keeps the laws of packs: the built-in ones, and an outsider's.
 
-#[path = "common/examples.rs"]
-mod examples;
-
 use std::path::Path;
 
 use maquette::conformance::check;
@@ -42,7 +39,7 @@ fn a_pack_that_breaks_laws_is_found() {
 #[test]
 fn every_example_shows_a_node_and_every_node_has_one() {
     let catalog = Catalog::new(maquette_nodes::PACKS);
-    for path in examples::examples() {
+    for path in crate::examples::examples() {
         let checked = Graph::load(&path, &catalog, &Options::default());
         let messages: Vec<_> = checked.problems.iter().map(|problem| &problem.message).collect();
         assert!(messages.is_empty(), "{}: {messages:?}", path.display());

@@ -10,10 +10,7 @@ use ron::Value;
 
 use maquette::{Catalog, Graph, Options, Problem, Source};
 
-#[path = "common/beside.rs"]
-mod beside;
-
-use beside::beside;
+use crate::beside::beside;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -268,7 +265,7 @@ fn a_file_with_mistakes_has_no_form() {
     assert_eq!(formatted(""), None);
 }
 
-const DOLL: &str = include_str!("../graphs/doll.ron");
+const DOLL: &str = include_str!("../../graphs/doll.ron");
 
 fn set(text: &str, values: &[(&str, &str)]) -> Result<String, String> {
     let values: Vec<(String, String)> =

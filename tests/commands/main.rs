@@ -1,0 +1,16 @@
+//! The program as its users see it: what its commands do, say and write.
+
+mod blessing;
+mod command_line;
+mod doctor;
+mod faults;
+mod nothing_is_lost;
+mod reuse;
+mod sequences;
+mod sheet;
+mod telling;
+mod text_commands;
+mod watch;
+
+mod editors;
+mod project;

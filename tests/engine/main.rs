@@ -1,0 +1,20 @@
+//! The engine as the packs and a host see it: one program, because each of them is linked anew.
+
+mod cache;
+mod cancel;
+mod conformance;
+mod doll;
+mod edits;
+mod evaluator;
+mod goldens;
+mod graph_files;
+mod hostile_files;
+mod incremental;
+mod rooms;
+mod session;
+mod text_tools;
+
+#[path = "../common/beside.rs"]
+mod beside;
+#[path = "../common/examples.rs"]
+mod examples;
