@@ -15,7 +15,7 @@ mod linear;
 mod topology;
 
 /// All built-in packs, in pipeline order.
-pub const PACKS: &[Pack] = &[
+pub static PACKS: &[Pack] = &[
     image::PACK,
     range::PACK,
     nurbs::PACK,
