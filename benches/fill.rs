@@ -62,7 +62,7 @@ fn measure() {
     let peers = peers();
     let clean = cases();
     println!(
-        "{:36} {:18} {:>9} {:>7} {:>7} {:>7} {:>8} {:>6} {:>5} {:>5} {:>8} {:>5}  doubts",
+        "{:36} {:18} {:>9} {:>7} {:>7} {:>7} {:>8} {:>6} {:>5} {:>5} {:>8} {:>5}  warnings",
         "case",
         "method",
         "ms",
@@ -180,7 +180,7 @@ fn report(case: &Case, name: &str, options: &FillOptions) {
         Err(error) => println!("{:36} {name:18} {error}", case.name),
         Ok(filled) => {
             let row = row(case, name, 1e3 * least, &filled.mesh);
-            println!("{row}  {}", filled.doubts.join("; "));
+            println!("{row}  {}", filled.warnings.join("; "));
         }
     }
     if let Some(folder) = std::env::var_os("FILL_OUT") {
@@ -267,7 +267,7 @@ fn large_rims() {
         let added = filled.mesh.positions().len() - mesh.positions().len();
         println!(
             "rim of {count:5} edges: {seconds:7.3} s, {added} vertices added; {}",
-            filled.doubts.join("; ")
+            filled.warnings.join("; ")
         );
     }
 }

@@ -5,10 +5,10 @@ use maquette::{Pack, node};
 mod attributes;
 mod border;
 mod creases;
-mod crossings;
 mod exemplar;
 mod fill_error;
 mod fill_holes;
+mod intersections;
 mod method;
 mod plain;
 #[cfg(test)]

@@ -2,5 +2,5 @@
 
 pub(super) mod chart;
 pub(super) mod charts;
-pub(super) mod facets;
+pub(super) mod segmentation;
 pub(super) mod sharpen;

@@ -1,11 +1,11 @@
 //! Completes a surface with shapes that are found elsewhere on it.
 //!
 //! Kawai, Sato and Yokoya, "Surface completion by minimizing energy based on similarity of shape" (2008): the missing part moves
-//! until each patch of it is as like as possible to some patch of the data, on levels from coarse to fine. The vertices themselves
+//! until each patch of it is as similar as possible to some patch of the data, on levels from coarse to fine. The vertices themselves
 //! stay as dense as the data: on coarse levels some of them move, far enough apart, and the others follow as a thin plate.
 //!
 //! [`Update::Exact`] goes beyond the publication where that made filled surfaces better on every one of many cases:
-//! - An exemplar is laid against a patch by the best small shift and tilt, not by the frames alone, which one rough triangle turns.
+//! - An exemplar is aligned with a patch by the best small shift and tilt, not by the frames alone, which one rough triangle turns.
 //! - The normal of a frame is the mean over a part of the patch.
 //! - A thin plate at the start counts as an estimate of its own, as good as thin plates are where the data are known: a vertex
 //!   moves to the mean of both, weighed by their certainty. Where no exemplar fits, the plate stays.
@@ -13,6 +13,7 @@
 //!   smoother than each of them, and the best match of a smooth patch is a smooth one. Then edges bend as often and as much as there.
 
 mod bends;
+mod best_match;
 mod cells;
 mod compare;
 mod complete;
@@ -20,7 +21,6 @@ mod completion;
 mod descriptor;
 mod detail;
 mod exemplars;
-mod found_match;
 mod frame;
 mod heights;
 mod hole;

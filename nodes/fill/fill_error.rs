@@ -44,7 +44,7 @@ pub enum FillError {
     /// Too many vertices or faces.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// Distances that are none.
+    /// Distances of iterations that make no trace.
     #[error(transparent)]
     Trace(#[from] TraceError),
     /// The evaluation was told to stop.

@@ -11,27 +11,27 @@ use serde::{Deserialize, Serialize};
 use super::attributes::carry::Carry;
 use super::attributes::colors::colors;
 use super::border::clashes::check_rims;
-use super::border::holes::{HoleChoice, Parts, choose, without_crumbs};
+use super::border::holes::{Components, HoleChoice, choose, without_isolated_components};
 use super::border::regions::{cut, marks, within};
-use super::border::rim::{Rim, Surroundings};
+use super::border::rim::{OneRings, Rim};
 use super::border::rims::{NotManifold, rims};
-use super::crossings::calm::Fillings;
-use super::crossings::intersections::Crossings;
-use super::crossings::settle::settle;
 use super::exemplar::{Copies, Given, Update, complete, complete_as_published};
 use super::fill_error::FillError;
+use super::intersections::damping::damp_displacements;
+use super::intersections::detect::Intersections;
+use super::intersections::resolve::HoleFills;
 use super::method::FillMethod;
-use super::plain::fill_plainly;
-use super::plain::plug::{Doubt, Plug};
+use super::plain::hole_fill::{Fallback, HoleFill};
+use super::plain::options::PlainOptions;
+use super::plain::plain_fill::fill_hole;
 use super::plain::remesh::Remesh;
-use super::plain::wanted::Wanted;
 use super::triangles::density::{Stop, TRIANGLES};
 use super::triangles::filling::Filling;
 
 /// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
 ///
 /// The mesh keeps its vertices and faces, in place and in order; the filled ones, triangles about as large as those around the hole,
-/// follow behind them. Only what a region cuts out goes, loose crumbs in the gap included, and then the vertices behind
+/// follow behind them. Only what a region cuts out goes, isolated components in the gap included, and then the vertices behind
 /// it move up. The filled vertices are marked by the attribute `filled`. Of each vertex the attribute `exemplar` names the one in the data
 /// whose surroundings it copies: itself for data, the nearest one at the rim in a plain fill.
 ///
@@ -70,8 +70,8 @@ pub struct Filled {
     pub mesh: Mesh,
     /// How an exemplar fill went: see [`FillMethod`]. Empty for others.
     pub trace: Trace,
-    /// What the user should know, in sentences.
-    pub doubts: Vec<String>,
+    /// What the user should know of the result, in sentences.
+    pub warnings: Vec<String>,
 }
 
 impl Node for FillHoles {
@@ -81,7 +81,7 @@ impl Node for FillHoles {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let options = FillOptions { holes: self.holes.clone(), method: self.method.clone() };
         let filled = fill_holes(cx.get(&self.mesh), &options, cx.progress())?;
-        filled.doubts.into_iter().for_each(|doubt| cx.warn(doubt));
+        filled.warnings.into_iter().for_each(|warning| cx.warn(warning));
         Ok((filled.mesh, filled.trace))
     }
 }
@@ -89,7 +89,7 @@ impl Node for FillHoles {
 /// `mesh` with its holes filled; see [`FillHoles`] for what is kept and what attributes become.
 ///
 /// Positions are in mm. The data's vertices keep their bits and, unless a region is cut out, their indices. The result is a surface if
-/// `mesh` is one. Filled triangles that run through others are told of in [`Filled::doubts`].
+/// `mesh` is one. [`Filled::warnings`] tells of filled triangles that intersect others.
 ///
 /// Triangles over the rim: Liepa, "Filling holes in meshes" (2003). Density: Botsch and Kobbelt, "A remeshing approach to multiresolution
 /// modeling" (2004). Plain shapes: Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes"
@@ -107,44 +107,44 @@ pub fn fill_holes(
     let (mesh, is_cut) = match &options.holes {
         HoleChoice::Region(region) => {
             let (left, is_cut) = cut(mesh, &within(mesh, region)?)?;
-            without_crumbs(left, is_cut)?
+            without_isolated_components(left, is_cut)?
         }
         _ => (mesh.clone(), Vec::new()),
     };
     let non_manifold = |NotManifold { edges, vertices }| FillError::NonManifold { edges, vertices };
-    let ((rims, mut filling), parts) =
-        rayon::join(|| (rims(&mesh), Filling::new(&mesh)), || Parts::new(&mesh));
+    let ((rims, mut filling), components) =
+        rayon::join(|| (rims(&mesh), Filling::new(&mesh)), || Components::new(&mesh));
     let rims = rims.map_err(non_manifold)?;
     let no_rim = |number| FillError::NoRim { number, count: rims.len() };
-    let chosen = choose(&mesh, &parts, &rims, &options.holes, &is_cut).map_err(no_rim)?;
-    let mut doubts = Vec::new();
-    doubts.extend(describe_outer(&rims, &chosen.outer, parts.count()));
+    let chosen = choose(&mesh, &components, &rims, &options.holes, &is_cut).map_err(no_rim)?;
+    let mut warnings = Vec::new();
+    warnings.extend(describe_outer(&rims, &chosen.outer, components.count()));
     if chosen.holes.is_empty() && chosen.outer.is_empty() {
-        doubts.push("there is no such hole".to_owned());
+        warnings.push("there is no such hole".to_owned());
     }
     let holes: Vec<Vec<u32>> = chosen.holes.iter().map(|&hole| rims[hole].clone()).collect();
-    let surroundings = Surroundings::new(&filling, &holes);
-    let wanted = Wanted::of(&options.method);
+    let one_rings = OneRings::new(&filling, &holes);
+    let plain_options = PlainOptions::of(&options.method);
     let is_start = matches!(options.method, FillMethod::Exemplar(_));
-    let plain = if is_start { PLAIN_START } else { PLAIN };
-    let mut plugs = progress.part(0.0..plain, |progress| {
-        plug(&filling, &surroundings, (&holes, &chosen.holes), wanted, progress)
+    let plain_share = if is_start { PLAIN_START } else { PLAIN };
+    let mut fills = progress.part(0.0..plain_share, |progress| {
+        fill_all(&filling, &one_rings, (&holes, &chosen.holes), plain_options, progress)
     })?;
-    filling.add_all(&holes, &plugs);
-    let mut crossings = Crossings::new(&filling, progress)?;
-    if !crossings.is_empty() {
-        let mut fillings = Fillings {
+    filling.add_all(&holes, &fills);
+    let mut intersections = Intersections::new(&filling, progress)?;
+    if !intersections.is_empty() {
+        let mut hole_fills = HoleFills {
             filling: &mut filling,
-            surroundings: &surroundings,
+            one_rings: &one_rings,
             holes: &holes,
-            plugs: &mut plugs,
-            crossings: &mut crossings,
+            fills: &mut fills,
+            intersections: &mut intersections,
         };
-        fillings.calm(wanted, progress)?;
+        hole_fills.resolve(plain_options, progress)?;
     }
-    doubts.extend(describe_doubts(&chosen.holes, &plugs));
+    warnings.extend(describe_fallbacks(&chosen.holes, &fills));
     let clash = |NotManifold { edges, vertices }| FillError::Clash { edges, vertices };
-    check_rims(&filling, &surroundings, &holes).map_err(clash)?;
+    check_rims(&filling, &one_rings, &holes).map_err(clash)?;
     let (mut steps, mut copies) = (Vec::new(), None);
     if let FillMethod::Exemplar(options) = &options.method {
         let allowed = match &options.exemplars[..] {
@@ -155,94 +155,92 @@ pub fn fill_holes(
         if options.most_iterations() > 0 {
             let mut start = filling.points[filling.data..].to_vec();
             let colors = options.counts_colors().then(|| colors(&mesh, &filling, options.texture));
-            let sharp = holes.iter().zip(&plugs).flat_map(|(hole, plug)| {
-                let count = plug.patch.compact().1.len() - hole.len();
-                std::iter::repeat_n(plug.is_sharp, count)
+            let sharp = holes.iter().zip(&fills).flat_map(|(hole, fill)| {
+                let count = fill.triangulation.compact().1.len() - hole.len();
+                std::iter::repeat_n(fill.is_sharp, count)
             });
             let given = Given { allowed, colors: colors.flatten(), sharp: sharp.collect() };
-            let own = plain..PLAIN;
+            let own = plain_share..PLAIN;
             let completed = match options.update {
                 Update::Exact => progress
                     .part(own, |progress| complete(&mut filling, options, &given, progress))?,
                 Update::Published => {
-                    let mut plugs = Remesh {
-                        surroundings: &surroundings,
+                    let mut remesh = Remesh {
+                        one_rings: &one_rings,
                         holes: &holes,
-                        plugs: &mut plugs,
-                        edge: wanted.edge,
+                        fills: &mut fills,
+                        edge: plain_options.edge,
                     };
                     let mut density =
                         |filling: &mut Filling, least: f64, progress: &Progress<'_>| {
-                            plugs.refine(filling, least, progress)
+                            remesh.refine(filling, least, progress)
                         };
                     let completed = progress.part(own, |progress| {
                         complete_as_published(&mut filling, &mut density, options, &given, progress)
                     });
                     let completed = completed.map_err(stopped)?;
-                    start = plugs.membranes(&mut filling, progress)?;
-                    crossings = Crossings::new(&filling, progress)?;
+                    start = remesh.membranes(&mut filling, progress)?;
+                    intersections = Intersections::new(&filling, progress)?;
                     completed
                 }
             };
             if completed.no_exemplar && !holes.is_empty() {
-                doubts.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
+                warnings.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
             }
             (steps, copies) = (completed.trace, Some(completed.copies));
-            crossings.look_again(&filling, |_| true, progress)?;
-            if !crossings.is_empty() {
-                let before = crossings.faces(&filling).len();
-                settle(&mut filling, &start, &mut crossings, progress)?;
-                if crossings.faces(&filling).len() < before {
-                    doubts.push("where shapes found elsewhere would have run through the mesh or each other, it is filled as at the start".into());
+            intersections.update(&filling, |_| true, progress)?;
+            if !intersections.is_empty() {
+                let before = intersections.faces(&filling).len();
+                damp_displacements(&mut filling, &start, &mut intersections, progress)?;
+                if intersections.faces(&filling).len() < before {
+                    warnings.push("where shapes found elsewhere would have run through the mesh or each other, it is filled as at the start".into());
                 }
             }
         }
     }
-    let fillings = Fillings {
+    let hole_fills = HoleFills {
         filling: &mut filling,
-        surroundings: &surroundings,
+        one_rings: &one_rings,
         holes: &holes,
-        plugs: &mut plugs,
-        crossings: &mut crossings,
+        fills: &mut fills,
+        intersections: &mut intersections,
     };
-    doubts.extend(describe_crossing(&chosen.holes, &fillings, &parts));
+    warnings.extend(describe_intersections(&chosen.holes, &hole_fills, &components));
     let trace = Trace::new(steps)?;
-    Ok(Filled { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, doubts })
+    Ok(Filled { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
 }
 
-/// The share of the time that plain fills take, and that which they take as the start of an exemplar fill; about.
+/// About which share of the time plain fills take, and which as the start of an exemplar fill.
 const PLAIN: f64 = 0.9;
 const PLAIN_START: f64 = 0.2;
 
-/// Fills all holes plainly, each by itself; of each its rim and the number of that.
-fn plug(
+/// Fills each hole by itself, without exemplars. `holes` are their rims, `numbers` those of the rims.
+fn fill_all(
     filling: &Filling,
-    surroundings: &Surroundings,
+    one_rings: &OneRings,
     (holes, numbers): (&[Vec<u32>], &[usize]),
-    wanted: Wanted,
+    options: PlainOptions,
     progress: &Progress<'_>,
-) -> Result<Vec<Plug>, FillError> {
+) -> Result<Vec<HoleFill>, FillError> {
     let all: usize = holes.iter().map(Vec::len).sum();
     let done = AtomicUsize::new(0);
-    let fill = |(hole, number): (&Vec<u32>, &usize)| {
-        let rim = Rim::new(filling, surroundings, hole);
+    let fill_one = |(hole, number): (&Vec<u32>, &usize)| {
+        let rim = Rim::new(filling, one_rings, hole);
         let share = |edges: usize| edges as f64 / all.max(1) as f64;
         // One hole tells how far it is; of several, how many edges of their rims are done.
         let before = share(done.load(Ordering::Relaxed));
         let own = if holes.len() == 1 { 0.0..1.0 } else { before..before };
-        let filled = progress.part(own, |progress| {
-            fill_plainly::fill(filling, &rim, wanted.plain, wanted.edge, progress)
-        });
-        let plug = filled.map_err(|stop| match stop {
+        let filled = progress.part(own, |progress| fill_hole(filling, &rim, options, progress));
+        let fill = filled.map_err(|stop| match stop {
             Stop::Cancelled => FillError::Cancelled(Cancelled),
             Stop::TooMany(need) => {
                 TRIANGLES.refused(format_args!("what fills rim {number}"), need).into()
             }
         })?;
         progress.tick(share(done.fetch_add(hole.len(), Ordering::Relaxed) + hole.len()))?;
-        Ok(plug)
+        Ok(fill)
     };
-    holes.par_iter().zip(numbers).map(fill).collect()
+    holes.par_iter().zip(numbers).map(fill_one).collect()
 }
 
 fn stopped(stop: Stop) -> FillError {
@@ -287,11 +285,11 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
     onto.with_vertex("exemplar", Attribute::Index(carry.examples().into()))
 }
 
-fn describe_outer(rims: &[Vec<u32>], outer: &[usize], parts: usize) -> Option<String> {
+fn describe_outer(rims: &[Vec<u32>], outer: &[usize], components: usize) -> Option<String> {
     let longest = outer.iter().copied().max_by_key(|&rim| rims[rim].len())?;
     let edges = rims[longest].len();
     Some(match outer.len() {
-        1 if parts > 1 => format!(
+        1 if components > 1 => format!(
             "the border of {edges} edges around a loose part of the mesh is no hole and stays; `holes: Loops([{longest}])` fills it"
         ),
         1 => format!(
@@ -303,51 +301,55 @@ fn describe_outer(rims: &[Vec<u32>], outer: &[usize], parts: usize) -> Option<St
     })
 }
 
-fn describe_doubts(holes: &[usize], plugs: &[Plug]) -> Vec<String> {
-    let with = |doubt: Doubt| -> Vec<String> {
-        let holes = holes.iter().zip(plugs).filter(|(_, plug)| plug.doubt == Some(doubt));
+fn describe_fallbacks(holes: &[usize], fills: &[HoleFill]) -> Vec<String> {
+    let with = |fallback: Fallback| -> Vec<String> {
+        let holes = holes.iter().zip(fills).filter(|(_, fill)| fill.fallback == Some(fallback));
         holes.map(|(hole, _)| hole.to_string()).collect()
     };
-    let mut doubts = Vec::new();
-    let (far, smooth) = (with(Doubt::Membrane), with(Doubt::NoCreases));
-    let calm = with(Doubt::Calm);
-    if !calm.is_empty() {
-        doubts.push(format!(
+    let mut warnings = Vec::new();
+    let (rough, smooth) = (with(Fallback::RoughRim), with(Fallback::NoCreases));
+    let intersecting = with(Fallback::Intersection);
+    if !intersecting.is_empty() {
+        warnings.push(format!(
             "what fills rim {} is another surface than asked for, since that would have run through the mesh or itself",
-            calm.join(", ")
+            intersecting.join(", ")
         ));
     }
-    if !far.is_empty() {
-        doubts.push(format!(
+    if !rough.is_empty() {
+        warnings.push(format!(
             "the rim is too rough for a thin plate, a membrane fills rim {}",
-            far.join(", ")
+            rough.join(", ")
         ));
     }
     if !smooth.is_empty() {
-        doubts.push(format!(
+        warnings.push(format!(
             "no creases end at rim {} that could be extended: a thin plate fills it",
             smooth.join(", ")
         ));
     }
-    doubts
+    warnings
 }
 
-fn describe_crossing(holes: &[usize], fillings: &Fillings<'_>, parts: &Parts) -> Option<String> {
-    let filling = &*fillings.filling;
-    let crossing = fillings.crossings.faces(filling);
-    let first = filling.faces[*crossing.first()? as usize];
+fn describe_intersections(
+    holes: &[usize],
+    hole_fills: &HoleFills<'_>,
+    components: &Components,
+) -> Option<String> {
+    let filling = &*hole_fills.filling;
+    let faces = hole_fills.intersections.faces(filling);
+    let first = filling.faces[*faces.first()? as usize];
     let [a, b, c] = first.map(|vertex| filling.points[vertex as usize].coords);
     let middle = (a + b + c) / 3.0;
     let mut text = format!(
         "{} filled triangles run through others, the first at ({:.3}, {:.3}, {:.3})",
-        crossing.len(),
+        faces.len(),
         middle.x,
         middle.y,
         middle.z
     );
     let why =
         ["a loose part of the mesh is in the way of rim", "the data run through themselves at rim"];
-    for (why, at) in why.into_iter().zip(fillings.reasons(parts)) {
+    for (why, at) in why.into_iter().zip(hole_fills.reasons(components)) {
         if !at.is_empty() {
             let at: Vec<String> = at.into_iter().map(|hole| holes[hole].to_string()).collect();
             text += &format!("; {why} {}", at.join(", "));

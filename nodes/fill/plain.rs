@@ -1,8 +1,8 @@
-//! Plain fills: flat, membranes and thin plates.
+//! Plain fills, which need no exemplars: flat triangles, membranes and thin plates.
 
 pub(super) mod fairing;
-pub(super) mod fill_plainly;
-pub(super) mod plug;
+pub(super) mod hole_fill;
+pub(super) mod options;
+pub(super) mod plain_fill;
 pub(super) mod remesh;
 pub(super) mod sizes;
-pub(super) mod wanted;

@@ -14,7 +14,7 @@ use super::method::FillMethod;
 use super::shapes::{grid, of, random, sphere, without};
 
 mod creases;
-mod crossings;
+mod intersections;
 mod odd_holes;
 mod pictures;
 mod published;
@@ -70,9 +70,9 @@ fn a_hole_in_a_plane_stays_in_the_plane() {
                 assert!(off.abs() < 1e-9, "{method:?}: {off}");
             }
             assert!(
-                !filled.doubts.iter().any(|doubt| doubt.contains("run through")),
+                !filled.warnings.iter().any(|warning| warning.contains("run through")),
                 "{:?}",
-                filled.doubts
+                filled.warnings
             );
         }
     }
@@ -191,7 +191,7 @@ fn a_mesh_without_holes_stays_and_says_so() {
     let filled = fill(&mesh, HoleChoice::All, FillMethod::default()).unwrap();
     assert_eq!(check_kept(&mesh, &filled.mesh), 0);
     assert_eq!(filled.mesh.positions(), mesh.positions());
-    assert_eq!(filled.doubts, ["there is no such hole"]);
+    assert_eq!(filled.warnings, ["there is no such hole"]);
 }
 
 #[test]
@@ -247,17 +247,17 @@ fn a_region_is_cut_out_and_filled_and_nothing_else() {
 }
 
 #[test]
-fn a_crumb_that_a_cut_leaves_in_the_hole_goes_too() {
+fn an_isolated_component_that_a_cut_leaves_in_the_hole_goes_too() {
     let whole = sphere(4);
     // All around one triangle is damaged, the triangle itself is not.
     let faces = whole.faces().as_triangles().unwrap();
-    let crumb = faces[0];
+    let island = faces[0];
     let middle = nalgebra::center(
-        &whole.positions()[crumb[0] as usize],
-        &whole.positions()[crumb[1] as usize],
+        &whole.positions()[island[0] as usize],
+        &whole.positions()[island[1] as usize],
     );
     let is_bad = |(vertex, p): (u32, &Point3<f64>)| {
-        u8::from(!crumb.contains(&vertex) && (p - middle).norm() < 0.4)
+        u8::from(!island.contains(&vertex) && (p - middle).norm() < 0.4)
     };
     let marked: Vec<u8> = (0..).zip(whole.positions().iter()).map(is_bad).collect();
     let mesh = whole.with_vertex("bad", Attribute::Flag(marked.into())).unwrap();
@@ -266,7 +266,11 @@ fn a_crumb_that_a_cut_leaves_in_the_hole_goes_too() {
         let filled = fill(&mesh, HoleChoice::Region(region), method).unwrap();
         assert_eq!(euler(&filled.mesh), 2);
         assert!(filled.mesh.edges().faces.iter().all(|&faces| faces == 2));
-        assert!(!filled.doubts.iter().any(|doubt| doubt.contains("border")), "{:?}", filled.doubts);
+        assert!(
+            !filled.warnings.iter().any(|warning| warning.contains("border")),
+            "{:?}",
+            filled.warnings
+        );
     }
     // As data it is a part of its own, which stays open and is told of.
     let lost = mesh.vertex().get("bad").cloned();
@@ -276,7 +280,7 @@ fn a_crumb_that_a_cut_leaves_in_the_hole_goes_too() {
     let loose = loose.unwrap().0;
     let filled = fill(&loose, HoleChoice::All, FillMethod::Flat).unwrap();
     assert_eq!(check_kept(&loose, &filled.mesh), 3);
-    assert!(filled.doubts[0].contains("3 edges around a loose part"), "{:?}", filled.doubts);
+    assert!(filled.warnings[0].contains("3 edges around a loose part"), "{:?}", filled.warnings);
 }
 
 #[test]
@@ -339,8 +343,9 @@ fn over_a_rough_rim_nothing_runs_through_itself() {
         for method in PLAIN {
             let filled = fill(&mesh, HoleChoice::Edges { max: 40 }, method).unwrap();
             check_kept(&mesh, &filled.mesh);
-            let crosses = filled.doubts.iter().any(|doubt| doubt.contains("run through others"));
-            assert!(!crosses, "{seed}: {:?}", filled.doubts);
+            let intersects =
+                filled.warnings.iter().any(|warning| warning.contains("run through others"));
+            assert!(!intersects, "{seed}: {:?}", filled.warnings);
         }
     }
 }
@@ -359,10 +364,10 @@ fn what_stands_in_the_way_of_one_surface_is_passed_by_another() {
     for method in PLAIN {
         let filled = fill(&both, HoleChoice::All, method.clone()).unwrap();
         assert_eq!(check_kept(&both, &filled.mesh), 0);
-        let tells = |what: &str| filled.doubts.iter().any(|doubt| doubt.contains(what));
-        assert!(!tells("run through others"), "{:?}", filled.doubts);
+        let tells = |what: &str| filled.warnings.iter().any(|warning| warning.contains(what));
+        assert!(!tells("run through others"), "{:?}", filled.warnings);
         let is_flat = matches!(method, FillMethod::Flat | FillMethod::Membrane);
-        assert_eq!(tells("another surface"), is_flat, "{method:?}: {:?}", filled.doubts);
+        assert_eq!(tells("another surface"), is_flat, "{method:?}: {:?}", filled.warnings);
     }
 }
 
@@ -371,7 +376,7 @@ fn the_border_of_an_open_part_stays_unless_it_is_asked_for() {
     let mesh = grid(8, 8, |_, _| 0.0);
     let filled = fill(&mesh, HoleChoice::All, FillMethod::Flat).unwrap();
     assert_eq!(check_kept(&mesh, &filled.mesh), 28);
-    assert!(filled.doubts[0].contains("Loops([0])"), "{:?}", filled.doubts);
+    assert!(filled.warnings[0].contains("Loops([0])"), "{:?}", filled.warnings);
     let closed = fill(&mesh, HoleChoice::Loops(vec![0]), FillMethod::Flat).unwrap();
     assert_eq!(check_kept(&mesh, &closed.mesh), 0);
 }

@@ -7,22 +7,22 @@ use nalgebra::Vector3;
 
 use crate::fill::exemplar::{Copies, Sources};
 use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::patch::{NONE, area_vector};
+use crate::fill::triangles::triangulation::{NONE, area_vector};
 use crate::linear::cholesky::{Cholesky, Symmetric};
 
-/// How the filled vertices hang together with the data.
+/// How the filled vertices are connected with each other and the data, and what they copy.
 pub(crate) struct Carry<'a> {
     filling: &'a Filling,
-    /// What exemplars say, if there are any.
+    /// What is copied from exemplars, if the fill has any.
     copies: Option<&'a Copies>,
-    /// Of each filled vertex the data vertex that is nearest along edges.
+    /// The data vertex that each filled vertex copies, or that is nearest along edges.
     nearest: Vec<u32>,
     neighbors: Vec<Vec<u32>>,
-    /// Made when first asked for.
+    /// Factored when first needed.
     equations: OnceCell<Option<Equations>>,
 }
 
-/// Each filled vertex is the mean of its neighbors.
+/// The equations of harmonic interpolation: each filled vertex has the mean of its neighbors.
 struct Equations {
     factors: Cholesky,
     /// Of each filled vertex its neighbors in the data.
@@ -55,12 +55,12 @@ impl<'a> Carry<'a> {
         Self { filling, copies, nearest, neighbors, equations: OnceCell::new() }
     }
 
-    /// Of each vertex the data vertex that it takes after: itself, or the nearest one along filled edges.
+    /// The data vertex whose attributes each vertex takes: itself, the vertex of its exemplar, or the nearest one along filled edges.
     pub(crate) fn examples(&self) -> Vec<u32> {
         (0..self.filling.data as u32).chain(self.nearest.iter().copied()).collect()
     }
 
-    /// A column with entries for the filled vertices behind those of the data: each the mean of its neighbors.
+    /// A column with entries for the filled vertices after those of the data, by harmonic interpolation: each is the mean of its neighbors.
     fn spread<T: Copy, const N: usize>(
         &self,
         column: &[T],
@@ -141,7 +141,7 @@ impl<'a> Carry<'a> {
             };
             onto = onto.with_vertex(name, carried)?;
         }
-        // What is beside a vertex takes a look at all the data.
+        // To find the corners and faces of all vertices takes a pass over all data, and is not always needed.
         if from.corner().iter().next().is_none() && from.face().iter().next().is_none() {
             return Ok(onto);
         }

@@ -1,4 +1,4 @@
-//! The colors by which is judged what suits a hole.
+//! The colors that count when exemplars are compared.
 
 use maquette::value::{Color, Image, Mesh};
 

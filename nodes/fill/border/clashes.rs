@@ -2,17 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use super::rim::Surroundings;
-use super::rims::{NotManifold, is_torn};
+use super::rim::OneRings;
+use super::rims::{NotManifold, has_closed_fan_beside_others};
 use crate::fill::triangles::filling::Filling;
 
-/// Looks at the edges and the fans of faces at the vertices of `holes`.
+/// Checks the edges and the fans of faces at the vertices of `holes`.
 ///
 /// # Errors
 /// Edges with more than two faces, or two that disagree about their side; vertices with several fans of faces one of which goes all around.
 pub(crate) fn check_rims(
     filling: &Filling,
-    surroundings: &Surroundings,
+    one_rings: &OneRings,
     holes: &[Vec<u32>],
 ) -> Result<(), NotManifold> {
     let mut spokes: BTreeMap<u32, Vec<[u32; 2]>> = BTreeMap::new();
@@ -21,8 +21,8 @@ pub(crate) fn check_rims(
         [face[(k + 1) % 3], face[(k + 2) % 3]]
     };
     for &vertex in holes.iter().flatten() {
-        let around = surroundings.around(vertex).iter();
-        spokes.insert(vertex, around.map(|&face| spoke(face, vertex)).collect());
+        let one_ring = one_rings.of(vertex).iter();
+        spokes.insert(vertex, one_ring.map(|&face| spoke(face, vertex)).collect());
     }
     for &face in &filling.faces[filling.kept..] {
         // Nearly all corners are filled vertices, which are on no rim.
@@ -37,7 +37,7 @@ pub(crate) fn check_rims(
         spokes.sort_unstable();
         let twice = spokes.windows(2).filter(|pair| pair[0][0] == pair[1][0]);
         found.edges.extend(twice.map(|pair| [vertex.min(pair[0][0]), vertex.max(pair[0][0])]));
-        if is_torn(spokes) {
+        if has_closed_fan_beside_others(spokes) {
             found.vertices.push(vertex);
         }
     }

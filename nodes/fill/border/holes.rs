@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::regions::{HoleRegion, cut};
 use super::rims::enclosed;
-use crate::fill::triangles::patch::area_vector;
+use crate::fill::triangles::triangulation::area_vector;
 use crate::topology::union_find::UnionFind;
 
 /// Which holes are filled.
@@ -30,14 +30,14 @@ pub enum HoleChoice {
     Region(HoleRegion),
 }
 
-/// The rims to fill, by number, and those left as outer borders although they would be filled if they were holes.
+/// The rims to fill, by number, and the outer borders that the choice would include if they were holes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Chosen {
     pub(crate) holes: Vec<usize>,
     pub(crate) outer: Vec<usize>,
 }
 
-/// A part of a mesh whose faces look to one side by more than this share of their area is an open scan: of a sphere that lacks a cap
+/// A component whose faces look to one side by more than this share of their area is an open scan: of a sphere that lacks a cap
 /// this is the share of the cap, so that nearly half of it may be missing. A relief has one above 0.5 unless it is more rugged than any
 /// landscape.
 const OPEN: f64 = 0.4;
@@ -48,7 +48,7 @@ const OPEN: f64 = 0.4;
 /// The number of a rim that does not exist.
 pub(crate) fn choose(
     mesh: &Mesh,
-    parts: &Parts,
+    components: &Components,
     rims: &[Vec<u32>],
     choice: &HoleChoice,
     is_cut: &[bool],
@@ -62,7 +62,7 @@ pub(crate) fn choose(
         holes.dedup();
         return Ok(Chosen { holes, outer: Vec::new() });
     }
-    let is_outer = outer_borders(mesh, parts, rims);
+    let is_outer = outer_borders(mesh, components, rims);
     let (outer, holes): (Vec<usize>, Vec<usize>) = (0..rims.len()).partition(|&rim| is_outer[rim]);
     let length = |rim: &usize| length(mesh, &rims[*rim]);
     let longest = |rims: &[usize]| {
@@ -94,17 +94,17 @@ fn length(mesh: &Mesh, rim: &[u32]) -> f64 {
     ends.map(|(&a, &b)| (mesh.positions()[b as usize] - mesh.positions()[a as usize]).norm()).sum()
 }
 
-/// The connected parts of a mesh.
-pub(crate) struct Parts {
-    /// The number of the part of each vertex.
+/// The connected components of a mesh.
+pub(crate) struct Components {
+    /// The number of the component of each vertex.
     of_vertices: Vec<u32>,
-    /// The area of each part, and the sum of its faces' normals by their areas.
+    /// The area of each component, and the sum of its faces' normals by their areas.
     areas: Vec<(f64, Vector3<f64>)>,
 }
 
-impl Parts {
+impl Components {
     pub(crate) fn new(mesh: &Mesh) -> Self {
-        let of_vertices = connected_parts(mesh);
+        let of_vertices = connected_components(mesh);
         let count = of_vertices.iter().max().map_or(0, |&last| last as usize + 1);
         let mut areas = vec![(0.0, Vector3::zeros()); count];
         let mut add = |vertex: u32, area: Vector3<f64>| {
@@ -122,7 +122,7 @@ impl Parts {
         Self { of_vertices, areas }
     }
 
-    /// The number of the part that a vertex is in.
+    /// The number of the component that a vertex is in.
     pub(crate) fn of(&self, vertex: u32) -> u32 {
         self.of_vertices[vertex as usize]
     }
@@ -133,19 +133,19 @@ impl Parts {
     }
 }
 
-/// Whether each rim is the outer border of an open part: the one that runs around the side to which the part's faces look together.
-/// A part that comes from a capture is open; of others those count whose faces mostly look to one side.
-fn outer_borders(mesh: &Mesh, parts: &Parts, rims: &[Vec<u32>]) -> Vec<bool> {
+/// Whether each rim is the outer border of an open component: the one that runs around the side to which the component's faces look
+/// together. Components that come from a capture are open, and others if their faces mostly look to one side.
+fn outer_borders(mesh: &Mesh, components: &Components, rims: &[Vec<u32>]) -> Vec<bool> {
     let mut is_outer = vec![false; rims.len()];
-    // The rim of each part that has the faces most on its outer side, and how much.
-    let mut outermost = vec![(0.0, usize::MAX); parts.areas.len()];
+    // Of each component the rim that has most of the faces on its outer side, and how much.
+    let mut outermost = vec![(0.0, usize::MAX); components.areas.len()];
     for (rim, vertices) in rims.iter().enumerate() {
-        let part = parts.of_vertices[vertices[0] as usize] as usize;
-        let (area, side) = parts.areas[part];
+        let component = components.of_vertices[vertices[0] as usize] as usize;
+        let (area, side) = components.areas[component];
         if mesh.frame().is_some() || side.norm() > OPEN * area {
             let towards = enclosed(mesh, vertices).dot(&side);
-            if towards < outermost[part].0 {
-                outermost[part] = (towards, rim);
+            if towards < outermost[component].0 {
+                outermost[component] = (towards, rim);
             }
         }
     }
@@ -154,31 +154,32 @@ fn outer_borders(mesh: &Mesh, parts: &Parts, rims: &[Vec<u32>]) -> Vec<bool> {
     is_outer
 }
 
-/// `mesh`, of which `is_cut` says next to which vertices data was cut out, without the crumbs of that: loose parts that have no vertex
-/// away from the cut. Nothing could close them, and no rim around them is that of a hole.
+/// `mesh` without the components that a cut has isolated: those all of whose vertices lie next to the cut, as `is_cut` says. Nothing could
+/// close them, and the rims around them are no holes.
 ///
 /// # Errors
 /// None that a mesh can cause.
-pub(crate) fn without_crumbs(
+pub(crate) fn without_isolated_components(
     mesh: Mesh,
     is_cut: Vec<bool>,
 ) -> Result<(Mesh, Vec<bool>), MeshError> {
-    let parts = connected_parts(&mesh);
-    let mut is_crumb = vec![true; parts.len()];
-    for (&part, _) in parts.iter().zip(&is_cut).filter(|(_, is_cut)| !**is_cut) {
-        is_crumb[part as usize] = false;
+    let components = connected_components(&mesh);
+    let mut is_isolated = vec![true; components.len()];
+    for (&component, _) in components.iter().zip(&is_cut).filter(|(_, is_cut)| !**is_cut) {
+        is_isolated[component as usize] = false;
     }
-    let crumbs: Vec<bool> = parts.iter().map(|&part| is_crumb[part as usize]).collect();
-    // Of a mesh that would be gone altogether, crumbs are all that there is.
-    if crumbs.iter().all(|&crumb| crumb) || !crumbs.contains(&true) {
+    let isolated: Vec<bool> =
+        components.iter().map(|&component| is_isolated[component as usize]).collect();
+    // A mesh of isolated components alone stays as it is: nothing would be left of it.
+    if isolated.iter().all(|&isolated| isolated) || !isolated.contains(&true) {
         return Ok((mesh, is_cut));
     }
-    let kept = is_cut.iter().zip(&crumbs).filter(|(_, crumb)| !**crumb);
-    Ok((cut(&mesh, &crumbs)?.0, kept.map(|(&is_cut, _)| is_cut).collect()))
+    let kept = is_cut.iter().zip(&isolated).filter(|(_, isolated)| !**isolated);
+    Ok((cut(&mesh, &isolated)?.0, kept.map(|(&is_cut, _)| is_cut).collect()))
 }
 
-/// The number of the connected part of each vertex, in the order of their lowest vertices.
-fn connected_parts(mesh: &Mesh) -> Vec<u32> {
+/// The number of the connected component of each vertex; components are numbered in the order of their lowest vertices.
+fn connected_components(mesh: &Mesh) -> Vec<u32> {
     let mut sets = UnionFind::new(mesh.positions().len());
     match mesh.faces().as_triangles() {
         Some(faces) => faces.iter().for_each(|&[a, b, c]| {

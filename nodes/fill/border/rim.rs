@@ -1,13 +1,13 @@
-//! The data around the holes that are filled.
+//! The data around the holes that are filled: the one-rings of their rims' vertices.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::patch::{NONE, area_vector};
+use crate::fill::triangles::triangulation::{NONE, area_vector};
 use crate::topology::lists::Lists;
 
-/// The data's triangles around each vertex of some rims.
-pub(crate) struct Surroundings {
+/// The one-ring of each vertex of some rims: the data's triangles around it.
+pub(crate) struct OneRings {
     /// The place of each vertex among those of the rims; [`NONE`] for all others.
     places: Vec<u32>,
     triangles: Lists<[u32; 3]>,
@@ -15,7 +15,7 @@ pub(crate) struct Surroundings {
     shared: Vec<u8>,
 }
 
-impl Surroundings {
+impl OneRings {
     pub(crate) fn new(filling: &Filling, rims: &[Vec<u32>]) -> Self {
         let mut places = vec![NONE; filling.data];
         let mut shared: Vec<u8> = Vec::new();
@@ -42,7 +42,7 @@ impl Surroundings {
     }
 
     /// The triangles around a vertex of a rim.
-    pub(crate) fn around(&self, vertex: u32) -> &[[u32; 3]] {
+    pub(crate) fn of(&self, vertex: u32) -> &[[u32; 3]] {
         self.triangles.of(self.places[vertex as usize] as usize)
     }
 
@@ -70,7 +70,7 @@ pub(crate) struct Rim {
 }
 
 impl Rim {
-    pub(crate) fn new(filling: &Filling, surroundings: &Surroundings, vertices: &[u32]) -> Self {
+    pub(crate) fn new(filling: &Filling, one_rings: &OneRings, vertices: &[u32]) -> Self {
         let count = vertices.len();
         let place = |vertex: u32| filling.points[vertex as usize];
         let mut places: Vec<(u32, u32)> = vertices.iter().copied().zip(0..).collect();
@@ -90,14 +90,14 @@ impl Rim {
         };
         let shared: Vec<u32> = (0..)
             .zip(vertices)
-            .filter(|(_, vertex)| surroundings.is_shared(**vertex))
+            .filter(|(_, vertex)| one_rings.is_shared(**vertex))
             .map(|(place, _)| place)
             .collect();
         let mut ring: Vec<u32> = Vec::new();
         for (k, &vertex) in vertices.iter().enumerate() {
             let (after, before) = (vertices[(k + 1) % count], vertices[(k + count - 1) % count]);
-            let around = surroundings.around(vertex);
-            let beyond = around.iter().find(|face| {
+            let one_ring = one_rings.of(vertex);
+            let beyond = one_ring.iter().find(|face| {
                 // The data runs through the edge the other way.
                 (0..3).any(|i| face[i] == after && face[(i + 1) % 3] == vertex)
             });
@@ -106,7 +106,7 @@ impl Rim {
             let (mut length, mut edges) = (0.0, 0.0);
             let mut taken: Vec<u32> =
                 if shared.contains(&(k as u32)) { shared.clone() } else { Vec::new() };
-            for face in around {
+            for face in one_ring {
                 for &other in face.iter().filter(|other| **other != vertex) {
                     length += (place(other) - place(vertex)).norm();
                     edges += 1.0;
@@ -134,7 +134,7 @@ impl Rim {
             None => count as u32 + ring.binary_search(&vertex).unwrap_or(0) as u32,
         };
         for &vertex in vertices {
-            for face in surroundings.around(vertex) {
+            for face in one_rings.of(vertex) {
                 // A triangle at several vertices of the rim counts once: at the lowest one.
                 let lowest = face.iter().filter(|&&corner| on_rim(corner).is_some()).min();
                 if lowest == Some(&vertex) {

@@ -1,10 +1,10 @@
-//! Where a mesh ends: its border, cut into rims that meet no vertex twice.
+//! The rims of a mesh: the boundary loops into which its border is cut, none of which visits a vertex twice.
 
 use maquette::value::{Faces, Mesh};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::fill::triangles::patch::{NONE, next, previous};
+use crate::fill::triangles::triangulation::{NONE, next, previous};
 use crate::topology::lists::Lists;
 
 /// Places where a mesh is no surface, some of them.
@@ -17,29 +17,29 @@ pub(crate) struct NotManifold {
 /// As many places are listed as a message can hold.
 const LISTED: usize = 8;
 
-/// The rims of a mesh: closed ways along its border, none of which meets a vertex twice, each beginning at its lowest vertex, in the
-/// order of these. A rim runs as the faces do that would fill it: against the faces that are there.
+/// The rims of a mesh: its boundary loops, none of which visits a vertex twice. Each begins at its lowest vertex, and they are in the order
+/// of these. A rim runs as the faces do that would fill it: against the faces that are there.
 ///
 /// # Errors
 /// If an edge has more than two faces, or two that disagree about their side; or a vertex has separate fans of faces one of which is
 /// closed.
 pub(crate) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
     let count = mesh.positions().len();
-    let around = Around::new(mesh.faces(), count);
-    // The rim's edges leave each vertex in a list: those of one vertex hang together.
+    let one_rings = OneRings::new(mesh.faces(), count);
+    // The border edges that leave one vertex are a linked list, of which `newest` has the head.
     let mut newest = vec![NONE; count];
-    let mut ways: Vec<Way> = Vec::new();
-    for corner in around.border()? {
+    let mut edges: Vec<BorderEdge> = Vec::new();
+    for corner in one_rings.border()? {
         let [to, from] =
-            [corner, around.next(corner)].map(|corner| around.corners[corner as usize]);
-        ways.push(Way { to, older: newest[from as usize], used: false });
-        newest[from as usize] = ways.len() as u32 - 1;
+            [corner, one_rings.next(corner)].map(|corner| one_rings.corners[corner as usize]);
+        edges.push(BorderEdge { to, older: newest[from as usize], used: false });
+        newest[from as usize] = edges.len() as u32 - 1;
     }
-    let mut walk = Walk { mesh, newest, ways, places: vec![NONE; count] };
+    let mut walk = Walk { mesh, newest, edges, places: vec![NONE; count] };
     let mut rims = Vec::new();
     for vertex in 0..count as u32 {
-        while let Some(way) = walk.any(vertex) {
-            walk.follow(vertex, way, &mut rims);
+        while let Some(edge) = walk.any(vertex) {
+            walk.follow(vertex, edge, &mut rims);
         }
     }
     rims.iter_mut().for_each(|rim: &mut Vec<u32>| {
@@ -50,8 +50,8 @@ pub(crate) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
     Ok(rims)
 }
 
-/// The faces around each vertex, by the corners that they have there.
-struct Around<'a> {
+/// The one-ring of each vertex: its faces, by the corners that they have there.
+struct OneRings<'a> {
     corners: &'a [u32],
     /// The corner after each and the one before, where faces are no triangles.
     beside: Option<Vec<[u32; 2]>>,
@@ -67,13 +67,13 @@ struct Spoke {
     corner: u32,
 }
 
-/// Vertices that one task looks at.
+/// Vertices that one task inspects.
 const BLOCK: usize = 2048;
 
-/// Around a vertex with more faces, neighbors are not looked for one by one.
+/// Around a vertex with more faces than these, neighbors are found by a search in sorted order.
 const FEW: usize = 16;
 
-impl<'a> Around<'a> {
+impl<'a> OneRings<'a> {
     fn new(faces: &'a Faces, count: usize) -> Self {
         let corners: &[u32] = faces.corners();
         let beside = (faces.sides() != Some(3)).then(|| {
@@ -109,7 +109,7 @@ impl<'a> Around<'a> {
         let vertices = 0..self.by_vertex.len() as u32;
         let blocks = vertices.into_par_iter().with_min_len(BLOCK);
         let found = blocks.fold(Found::default, |mut found, vertex| {
-            self.look(vertex, &mut found);
+            self.inspect(vertex, &mut found);
             found
         });
         let all = found.reduce(Found::default, |mut all, found| {
@@ -131,7 +131,7 @@ impl<'a> Around<'a> {
         Err(NotManifold { edges, vertices })
     }
 
-    fn look(&self, vertex: u32, found: &mut Found) {
+    fn inspect(&self, vertex: u32, found: &mut Found) {
         let spoke = |&corner: &u32| {
             let beside = [self.next(corner), self.previous(corner)];
             let [after, before] = beside.map(|corner| self.corners[corner as usize]);
@@ -151,19 +151,19 @@ impl<'a> Around<'a> {
         let open = spokes.iter().filter(|spoke| ends.binary_search(&spoke.after).is_err());
         border.extend(open.map(|spoke| spoke.corner));
         let fans: Vec<[u32; 2]> = spokes.iter().map(|spoke| [spoke.after, spoke.before]).collect();
-        if is_torn(&fans) {
+        if has_closed_fan_beside_others(&fans) {
             vertices.push(vertex);
         }
     }
 }
 
-/// What some vertices are like.
+/// What was found at some vertices.
 #[derive(Default)]
 struct Found {
     edges: Vec<[u32; 2]>,
     vertices: Vec<u32>,
     border: Vec<u32>,
-    /// Those of the vertex looked at.
+    /// The spokes of the vertex that is inspected.
     spokes: Vec<Spoke>,
 }
 
@@ -180,9 +180,9 @@ fn is_closed(spokes: &[Spoke]) -> bool {
     false
 }
 
-/// Whether faces make several fans, one of which goes all around. Each face is given by the vertices after and before the one in the middle,
-/// sorted.
-pub(crate) fn is_torn(spokes: &[[u32; 2]]) -> bool {
+/// Whether faces make several fans, one of which goes all around. Each face is given by the vertices after and before the one in the
+/// middle, sorted.
+pub(crate) fn has_closed_fan_beside_others(spokes: &[[u32; 2]]) -> bool {
     let mut met = vec![false; spokes.len()];
     let mut walk = |start: usize| {
         let mut at = start;
@@ -218,7 +218,7 @@ pub(crate) fn is_torn(spokes: &[[u32; 2]]) -> bool {
 }
 
 /// A border edge, from the vertex in whose list it is.
-struct Way {
+struct BorderEdge {
     to: u32,
     /// The next in the list of the same vertex.
     older: u32,
@@ -228,19 +228,19 @@ struct Way {
 struct Walk<'a> {
     mesh: &'a Mesh,
     newest: Vec<u32>,
-    ways: Vec<Way>,
+    edges: Vec<BorderEdge>,
     /// The place of each vertex on the path walked so far.
     places: Vec<u32>,
 }
 
 impl Walk<'_> {
     fn unused(&self, vertex: u32) -> impl Iterator<Item = u32> {
-        let mut way = self.newest[vertex as usize];
+        let mut edge = self.newest[vertex as usize];
         std::iter::from_fn(move || {
-            while way != NONE {
-                let this = way;
-                way = self.ways[way as usize].older;
-                if !self.ways[this as usize].used {
+            while edge != NONE {
+                let this = edge;
+                edge = self.edges[edge as usize].older;
+                if !self.edges[this as usize].used {
                     return Some(this);
                 }
             }
@@ -252,14 +252,14 @@ impl Walk<'_> {
         self.unused(vertex).last()
     }
 
-    /// Walks along the border from a vertex until it is back; whenever it meets a vertex again, the way since then is a rim.
+    /// Walks along the border from a vertex until it is back. Whenever it comes to a vertex again, the edges since then are a rim.
     fn follow(&mut self, start: u32, first: u32, rims: &mut Vec<Vec<u32>>) {
         let mut path = vec![start];
         self.places[start as usize] = 0;
-        let mut way = first;
+        let mut edge = first;
         loop {
-            self.ways[way as usize].used = true;
-            let (from, at) = (path[path.len() - 1], self.ways[way as usize].to);
+            self.edges[edge as usize].used = true;
+            let (from, at) = (path[path.len() - 1], self.edges[edge as usize].to);
             let place = self.places[at as usize];
             if place != NONE {
                 let rim = path.split_off(place as usize);
@@ -272,35 +272,35 @@ impl Walk<'_> {
             self.places[at as usize] = path.len() as u32;
             path.push(at);
             let Some(next) = self.onwards(from, at) else { return };
-            way = next;
+            edge = next;
         }
     }
 
-    /// The way on at a vertex. Where several parts of the mesh touch, each gap between them is a hole of its own: the way on is the
-    /// one that lies nearest.
+    /// The border edge on which to go on at a vertex. Where several fans of faces touch in it, each gap between them is a hole of its own:
+    /// the edge that lies nearest is taken.
     fn onwards(&self, from: u32, at: u32) -> Option<u32> {
-        let mut ways = self.unused(at);
-        let first = ways.next()?;
-        let Some(second) = ways.next() else { return Some(first) };
+        let mut edges = self.unused(at);
+        let first = edges.next()?;
+        let Some(second) = edges.next() else { return Some(first) };
         let place = |vertex: u32| self.mesh.positions()[vertex as usize];
         let back = (place(from) - place(at)).normalize();
-        let fits = |way: u32| {
-            let ahead = (place(self.ways[way as usize].to) - place(at)).normalize();
-            let same_part = self.is_same_part(from, at, self.ways[way as usize].to);
-            (u8::from(!same_part), ahead.dot(&back))
+        let fits = |edge: u32| {
+            let ahead = (place(self.edges[edge as usize].to) - place(at)).normalize();
+            let same_fan = self.is_same_fan(from, at, self.edges[edge as usize].to);
+            (u8::from(!same_fan), ahead.dot(&back))
         };
         let mut best = (fits(first), first);
-        for way in std::iter::once(second).chain(ways) {
-            let fit = fits(way);
+        for edge in std::iter::once(second).chain(edges) {
+            let fit = fits(edge);
             if fit.0 > best.0.0 || (fit.0 == best.0.0 && fit.1 > best.0.1) {
-                best = (fit, way);
+                best = (fit, edge);
             }
         }
         Some(best.1)
     }
 
     /// Whether the border edges from `from` to `at` and on to `to` are the two sides of one fan of faces around `at`.
-    fn is_same_part(&self, from: u32, at: u32, to: u32) -> bool {
+    fn is_same_fan(&self, from: u32, at: u32, to: u32) -> bool {
         // The edge of the fan that the walk came along, turned from face to face until there is none.
         let faces: Vec<[u32; 2]> = spokes(self.mesh.faces(), at);
         let mut end = from;
@@ -330,7 +330,7 @@ fn spokes(faces: &Faces, vertex: u32) -> Vec<[u32; 2]> {
     around.collect()
 }
 
-/// Half the sum of the cross products along a closed way: the area that it encloses, seen from where it is most.
+/// The vector area of a rim: half the sum of the cross products along it.
 pub(crate) fn enclosed(mesh: &Mesh, rim: &[u32]) -> Vector3<f64> {
     let place = |vertex: u32| mesh.positions()[vertex as usize];
     let Some(&first) = rim.first() else { return Vector3::zeros() };

@@ -1,8 +1,8 @@
-//! A surface that goes on where the data ends.
+//! A plane or paraboloid fitted to data, which continues where the data ends.
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
-/// A surface that goes on where the data ends: `height = q(u, v)` over a frame.
+/// A plane or paraboloid fitted to data, which continues where the data ends: `height = q(u, v)` over a frame.
 #[derive(Clone, Debug)]
 pub(crate) struct Chart {
     origin: Point3<f64>,
@@ -12,7 +12,7 @@ pub(crate) struct Chart {
 }
 
 impl Chart {
-    /// About how far a point is from the surface, above it more than 0, and the surface's normal below it.
+    /// About how far a point is from the surface, negative below it, and the surface's normal at the foot of the point.
     pub(crate) fn distance(&self, point: Point3<f64>) -> (f64, Vector3<f64>) {
         let offset = point - self.origin;
         let [u, v, height] = self.frame.map(|axis| axis.dot(&offset));
@@ -34,7 +34,7 @@ impl Chart {
         let origin = Point3::from(sum / points.len() as f64);
         let across = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).try_normalize(0.0)?;
         let frame = [across, normal.cross(&across), normal];
-        // In units of the part's size, so that the equations are well scaled.
+        // In units of the segment's size, so that the equations are well scaled.
         let size = points.iter().map(|point| (point - origin).norm()).fold(0.0, f64::max);
         if size == 0.0 {
             return None;
@@ -59,7 +59,7 @@ impl Chart {
         })
     }
 
-    /// How far points are from the surface, the root of their mean square.
+    /// How far points are from the surface: the root of the mean square.
     pub(crate) fn misfit(&self, points: &[Point3<f64>]) -> f64 {
         let squares = points.iter().map(|&point| {
             let distance = self.distance(point).0;

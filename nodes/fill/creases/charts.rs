@@ -1,78 +1,79 @@
-//! The smooth parts of the data around a hole, between its creases, each as a plane or a paraboloid that goes on into the hole.
+//! The smooth segments of the data around a hole, which meet in creases. Each is a plane or a paraboloid that continues into the hole.
 
 use nalgebra::{Point3, Vector3};
 
 use super::chart::Chart;
-use super::facets::{Band, facets};
+use super::segmentation::{Band, segment};
 use crate::fill::border::rim::Rim;
 use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::patch::{NONE, area_vector};
+use crate::fill::triangles::triangulation::{NONE, area_vector};
 use crate::topology::union_find::UnionFind;
 
-/// Rows of faces around the rim that are looked at: with fewer a crease or a plane is found by chance, with more a part that bends farther
-/// out is no plane any more.
+/// Rows of faces around the rim that are segmented: with fewer a crease or a plane is found by chance, with more a segment that bends
+/// farther out is no plane any more.
 const ROWS: usize = 6;
 
 /// Cosines of the angles between two faces from which on their edge is a crease: 25, 17 and 11 degrees. Less takes the facets of a curved
-/// scan for parts, more misses the corners of bevels; where noise makes a gap in a crease, the parts beside it fit no surface together,
-/// and the next angle is tried.
+/// scan for segments, more misses the corners of bevels; where noise makes a gap in a crease, the segments beside it fit no surface
+/// together, and the next angle is tried.
 const SHARP: [f64; 3] = [0.9063077870366499, 0.9563047559630354, 0.981627183447664];
 
-/// Cosine of the least angle at which parts that were found by their surfaces meet in a crease: 20 degrees. Paraboloids on a smooth
+/// Cosine of the least angle at which segments that were found by their surfaces meet in a crease: 20 degrees. Paraboloids on a smooth
 /// surface go on from each other at less.
 const FACETS: f64 = 0.9396926207859084;
 
-/// A part counts if at least so many edges of the rim are its.
+/// A segment counts if it has at least so many edges of the rim.
 const LEAST_EDGES: usize = 3;
 
-/// Faces smaller than this share of the mean belong to no part.
+/// Faces smaller than this share of the mean belong to no segment.
 const LEAST_AREA: f64 = 0.15;
 
-/// How far the vertices of a part may be from its surface, the root of their mean square in lengths of edges.
+/// How far the vertices of a segment may be from its surface: the root of the mean square, in lengths of edges.
 const FIT: f64 = 0.12;
 
-/// So many times an edge between two parts bends as much as one within a part, on the mean and without noise, if they meet in creases.
+/// Segments meet in creases if the edges between them bend at least so many times as much as those within them, on the mean of smoothed
+/// normals.
 const TIMES: f64 = 4.0;
 
-/// As many parts can be told apart in a set of them.
+/// The most segments: a set of them is kept in the bits of a `u32`.
 const MOST: usize = 32;
 
-/// How the parts around a hole meet.
+/// How the segments around a hole meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Edge {
     /// As the faces of a cube seen from outside.
     Convex,
     /// As the walls of a room seen from inside.
     Concave,
-    /// Now so, now so.
+    /// In both ways.
     Mixed,
 }
 
-/// The parts around a hole.
+/// The segments around a hole.
 pub(crate) struct Charts {
     pub(crate) charts: Vec<Chart>,
-    /// Of each vertex of the rim the set of parts at it, a bit each.
+    /// The set of segments at each vertex of the rim, one bit each.
     pub(crate) of_rim: Vec<u32>,
     pub(crate) meeting: Edge,
 }
 
 impl Charts {
-    /// Finds the parts; none if there are not at least two that fit all of the rim.
+    /// Finds the segments; none unless there are at least two, which together take in the whole rim.
     pub(crate) fn around(filling: &Filling, rim: &Rim) -> Option<Self> {
         let faces = band(filling, rim);
         let place = |vertex: u32| filling.points[vertex as usize];
         let areas: Vec<Vector3<f64>> =
             faces.iter().map(|face| area_vector(face.map(place))).collect();
         let mean = areas.iter().map(|area| area.norm()).sum::<f64>() / areas.len() as f64;
-        // Noise turns tiny faces anywhere, so that they would join parts that have nothing in common.
+        // Noise gives tiny faces any normals, so that they would connect segments that have nothing in common.
         let counts = |face: &u32| areas[*face as usize].norm() > LEAST_AREA * mean;
         let mut neighbors = neighbors(&faces);
         neighbors.retain(|pair| pair.iter().all(counts));
         let normals = smoothed(&areas, &neighbors);
         let even = SHARP.iter().find_map(|&sharp| {
-            let parts = smooth_parts(&normals, &neighbors, sharp);
-            let found = Self::of_parts(filling, rim, &faces, &parts);
-            found.filter(|_| bend_in_creases(&parts, &normals, &neighbors))
+            let segments = smooth_segments(&normals, &neighbors, sharp);
+            let found = Self::of_segments(filling, rim, &faces, &segments);
+            found.filter(|_| bend_in_creases(&segments, &normals, &neighbors))
         });
         even.or_else(|| {
             let points = &filling.points;
@@ -84,14 +85,14 @@ impl Charts {
                 neighbors: &neighbors,
             };
             let edge = rim.lengths.iter().sum::<f64>() / rim.len() as f64;
-            let parts = facets(&band, FIT * edge);
-            let found = Self::of_parts(filling, rim, &faces, &parts);
+            let segments = segment(&band, FIT * edge);
+            let found = Self::of_segments(filling, rim, &faces, &segments);
             let found = found.filter(|charts| charts.are_facets(rim));
-            found.filter(|_| bend_in_creases(&parts, &normals, &neighbors))
+            found.filter(|_| bend_in_creases(&segments, &normals, &neighbors))
         })
     }
 
-    /// Whether parts that meet at the rim do so at an angle.
+    /// Whether segments that meet at the rim do so at an angle.
     fn are_facets(&self, rim: &Rim) -> bool {
         let normal = |chart: u32, k: usize| self.charts[chart as usize].distance(rim.points[k]).1;
         (0..rim.len()).filter(|&k| self.of_rim[k].count_ones() == 2).all(|k| {
@@ -101,12 +102,17 @@ impl Charts {
         })
     }
 
-    fn of_parts(filling: &Filling, rim: &Rim, faces: &[[u32; 3]], parts: &[u32]) -> Option<Self> {
+    fn of_segments(
+        filling: &Filling,
+        rim: &Rim,
+        faces: &[[u32; 3]],
+        segments: &[u32],
+    ) -> Option<Self> {
         let place = |vertex: u32| filling.points[vertex as usize];
-        // The part beyond each rim edge.
+        // The segment beyond each rim edge.
         let mut edges: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * faces.len());
-        for (face, &part) in faces.iter().zip(parts) {
-            edges.extend((0..3).map(|k| ([face[k], face[(k + 1) % 3]], part)));
+        for (face, &segment) in faces.iter().zip(segments) {
+            edges.extend((0..3).map(|k| ([face[k], face[(k + 1) % 3]], segment)));
         }
         edges.sort_unstable();
         let count = rim.len();
@@ -118,16 +124,17 @@ impl Charts {
         let mut known: Vec<u32> = of_edges.clone();
         known.sort_unstable();
         known.dedup();
-        known
-            .retain(|&part| of_edges.iter().filter(|&&other| other == part).count() >= LEAST_EDGES);
+        known.retain(|&segment| {
+            of_edges.iter().filter(|&&other| other == segment).count() >= LEAST_EDGES
+        });
         if known.len() < 2 || known.len() > MOST || known.contains(&NONE) {
             return None;
         }
         let edge = rim.lengths.iter().sum::<f64>() / count as f64;
         let mut members: Vec<Vec<Point3<f64>>> = Vec::new();
         let mut charts = Vec::new();
-        for &part in &known {
-            let own = || (0..faces.len()).filter(|&face| parts[face] == part);
+        for &segment in &known {
+            let own = || (0..faces.len()).filter(|&face| segments[face] == segment);
             let mut vertices: Vec<u32> = own().flat_map(|face| faces[face]).collect();
             vertices.sort_unstable();
             vertices.dedup();
@@ -136,8 +143,8 @@ impl Charts {
             charts.push(Chart::fit(&points, normal.try_normalize(0.0)?, FIT * edge)?);
             members.push(points);
         }
-        let number = |part: u32| known.binary_search(&part).ok();
-        let numbers: Vec<Option<usize>> = of_edges.iter().map(|&part| number(part)).collect();
+        let number = |segment: u32| known.binary_search(&segment).ok();
+        let numbers: Vec<Option<usize>> = of_edges.iter().map(|&segment| number(segment)).collect();
         let of_rim = (0..count).map(|k| {
             let near = [numbers[(k + count - 1) % count], numbers[k]];
             near.iter().flatten().fold(0, |set, &number| set | 1 << number)
@@ -149,7 +156,7 @@ impl Charts {
     }
 }
 
-/// Vertices between tiny parts take the set of the vertex before them.
+/// Vertices without a segment that counts take the set of the vertex before them.
 fn fill_gaps(sets: &mut [u32]) {
     let Some(start) = sets.iter().position(|&set| set != 0) else { return };
     for k in 1..=sets.len() {
@@ -160,8 +167,8 @@ fn fill_gaps(sets: &mut [u32]) {
     }
 }
 
-/// Where the rim runs along a crease, all the data there may be of the one part, but the filling is of the other one: vertices next to
-/// one that is on both, and within `tolerance` of both surfaces, are on both.
+/// Where the rim runs along a crease, the data there may be of one segment alone, and the fill continues the other one. So vertices next to
+/// a vertex of both segments that lie within `tolerance` of both surfaces are taken to be of both.
 fn follow_creases(sets: &mut [u32], charts: &[Chart], points: &[Point3<f64>], tolerance: f64) {
     let count = sets.len();
     let forth = (0..2 * count).map(|k| (k % count, (k + 1) % count));
@@ -206,7 +213,7 @@ fn neighbors(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     pairs.map(|pair| [pair[0].1, pair[1].1]).collect()
 }
 
-/// How often normals are smoothed: a few rows of faces take part in each in the end.
+/// How often normals are smoothed: a few rows of faces take segment in each in the end.
 const SMOOTHINGS: usize = 5;
 
 /// The difference of two normals at which one counts for the other less than half: some 12 degrees. Noise is below, creases are above.
@@ -232,30 +239,31 @@ fn smoothed(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3<f64>>
     normals
 }
 
-/// The number of the smooth part that each face belongs to.
-fn smooth_parts(normals: &[Vector3<f64>], neighbors: &[[u32; 2]], sharp: f64) -> Vec<u32> {
-    let mut parts = UnionFind::new(normals.len());
+/// The number of the smooth segment that each face belongs to.
+fn smooth_segments(normals: &[Vector3<f64>], neighbors: &[[u32; 2]], sharp: f64) -> Vec<u32> {
+    let mut segments = UnionFind::new(normals.len());
     for &[a, b] in neighbors {
         if normals[a as usize].dot(&normals[b as usize]) > sharp {
-            parts.join(a, b);
+            segments.join(a, b);
         }
     }
-    (0..normals.len() as u32).map(|face| parts.first(face)).collect()
+    (0..normals.len() as u32).map(|face| segments.first(face)).collect()
 }
 
-/// Whether a surface bends where its parts meet, and much less within them: the bumps of a relief fit paraboloids, too, but are round.
-fn bend_in_creases(parts: &[u32], normals: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> bool {
+/// Whether a surface bends where its segments meet, and much less within them: the bumps of a relief fit paraboloids, too, but are round.
+fn bend_in_creases(segments: &[u32], normals: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> bool {
     let (mut within, mut between) = ((0.0, 0.0), (0.0, 0.0));
     for &[a, b] in neighbors {
         let [m, n] = [a, b].map(|face| normals[face as usize]);
-        let sum = if parts[a as usize] == parts[b as usize] { &mut within } else { &mut between };
+        let sum =
+            if segments[a as usize] == segments[b as usize] { &mut within } else { &mut between };
         sum.0 += libm::atan2(m.cross(&n).norm(), m.dot(&n));
         sum.1 += 1.0;
     }
     between.1 == 0.0 || TIMES * within.0 * between.1 < between.0 * within.1
 }
 
-/// Parts all of which lie below each other's surfaces meet convexly.
+/// Segments meet convexly if all lie below each other's surfaces.
 fn meeting(charts: &[Chart], members: &[Vec<Point3<f64>>]) -> Edge {
     let (mut below, mut above) = (0, 0);
     for (a, chart) in charts.iter().enumerate() {

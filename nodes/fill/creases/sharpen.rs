@@ -1,7 +1,7 @@
-//! Extends the smooth parts around a hole until they meet in creases, and joins these across it.
+//! Extends the smooth segments around a hole until they meet in creases, and joins these across it.
 //!
-//! Each vertex of a smooth filling goes to the part that it is next to. Where an edge runs from one part to another, a vertex is put onto
-//! the crease between them, and onto the corner where three meet; in between vertices slide along their parts, those of creases along the
+//! Each vertex of a smooth fill is assigned to the nearest segment. Where an edge runs from one segment to another, it is split at the
+//! crease between them, or at the corner where three meet. Then vertices slide along their segments, and those of creases along the
 //! creases. So creases end at the rim where those of the data do.
 
 use maquette::{Cancelled, Progress};
@@ -11,7 +11,7 @@ use super::charts::{Charts, Edge};
 use crate::fill::border::rim::Rim;
 use crate::fill::plain::sizes::Sizes;
 use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::patch::{NONE, Patch, area_vector, next, previous};
+use crate::fill::triangles::triangulation::{NONE, Triangulation, area_vector, next, previous};
 
 /// How often vertices slide and go back to their surfaces before creases are cut into them. Where faces are folded in the end, another
 /// number is tried: then other edges cross the creases.
@@ -24,33 +24,40 @@ const MOST_AFTER: usize = 30;
 /// An edge shorter than this many times its target is collapsed, where creases allow it.
 const SHORT: f64 = 0.6;
 
-/// The most that any vertex may move, in the largest distance of the rim from its middle: parts that meet farther out do not belong together.
+/// The most that any vertex may move, in the largest distance of the rim from its centroid: segments that meet farther out do not belong
+/// together.
 const FARTHEST: f64 = 1.0;
 
-/// `patch`, a smooth filling, with the data's creases extended across it; none if no creases end at the rim, or they do not meet.
+/// `triangulation`, a smooth fill, with the data's creases extended across it; none if no creases end at the rim, or they do not meet.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
 pub(crate) fn sharpen(
     filling: &Filling,
-    patch: &Patch,
+    triangulation: &Triangulation,
     rim: &Rim,
     sizes: &Sizes,
     progress: &Progress<'_>,
-) -> Result<Option<Patch>, Cancelled> {
+) -> Result<Option<Triangulation>, Cancelled> {
     let Some(charts) = Charts::around(filling, rim) else { return Ok(None) };
     let mut best: Option<(usize, Sharp<'_>)> = None;
     for rounds in ROUNDS {
         let mut sets = charts.of_rim.clone();
-        sets.resize(patch.points.len(), 0);
-        let mut sharp =
-            Sharp { patch: patch.clone(), charts: &charts, sets, rim, sizes, is_cut: false };
+        sets.resize(triangulation.points.len(), 0);
+        let mut sharp = Sharp {
+            triangulation: triangulation.clone(),
+            charts: &charts,
+            sets,
+            rim,
+            sizes,
+            is_cut: false,
+        };
         for _ in 0..rounds {
             progress.check()?;
-            sharp.choose_parts();
+            sharp.choose_segments();
             sharp.slide();
         }
-        sharp.choose_parts();
+        sharp.choose_segments();
         sharp.cut();
         sharp.is_cut = true;
         for round in 0..MOST_AFTER {
@@ -65,31 +72,32 @@ pub(crate) fn sharpen(
         sharp.slide();
         let folded = sharp.folded();
         let better = best.as_ref().is_none_or(|(least, _)| folded < *least);
-        if better && sharp.is_sound(patch, rim) {
+        if better && sharp.is_sound(triangulation, rim) {
             best = Some((folded, sharp));
         }
         if best.as_ref().is_some_and(|(least, _)| *least == 0) {
             break;
         }
     }
-    Ok(best.map(|(_, sharp)| sharp.patch))
+    Ok(best.map(|(_, sharp)| sharp.triangulation))
 }
 
 struct Sharp<'a> {
-    patch: Patch,
+    triangulation: Triangulation,
     charts: &'a Charts,
-    /// Of each vertex the set of parts on which it lies.
+    /// Of each vertex the set of segments on which it lies.
     sets: Vec<u32>,
     rim: &'a Rim,
     sizes: &'a Sizes,
-    /// Whether creases have their vertices, and no face may turn over any more.
+    /// Whether edges are split at the creases; from then on no face may turn over.
     is_cut: bool,
 }
 
 impl Sharp<'_> {
     fn inner(&self) -> impl Iterator<Item = u32> + use<> {
-        let alive: Vec<u32> = (self.patch.fixed as u32..self.patch.points.len() as u32)
-            .filter(|&vertex| self.patch.leaving[vertex as usize] != NONE)
+        let alive: Vec<u32> = (self.triangulation.fixed as u32
+            ..self.triangulation.points.len() as u32)
+            .filter(|&vertex| self.triangulation.leaving[vertex as usize] != NONE)
             .collect();
         alive.into_iter()
     }
@@ -98,17 +106,17 @@ impl Sharp<'_> {
         self.sets[vertex as usize]
     }
 
-    /// The parts that all corners of a face have in common.
+    /// The segments that all corners of a face have in common.
     fn face_set(&self, half: u32) -> u32 {
         let first = half / 3 * 3;
         (first..first + 3)
-            .fold(u32::MAX, |set, half| set & self.set(self.patch.corners[half as usize]))
+            .fold(u32::MAX, |set, half| set & self.set(self.triangulation.corners[half as usize]))
     }
 
-    /// Puts each inner vertex to the part whose surface is outermost there (of convex ones), innermost, or nearest.
-    fn choose_parts(&mut self) {
+    /// Assigns each inner vertex to the segment whose surface is outermost there (of convex ones), innermost, or nearest.
+    fn choose_segments(&mut self) {
         for vertex in self.inner() {
-            let point = self.patch.points[vertex as usize];
+            let point = self.triangulation.points[vertex as usize];
             let rank = |distance: f64| match self.charts.meeting {
                 Edge::Convex => -distance,
                 Edge::Concave => distance,
@@ -140,7 +148,7 @@ impl Sharp<'_> {
         point
     }
 
-    /// Slides vertices to the middle of those around, along the parts that they are on.
+    /// Relaxes vertices along the segments that they are on: each goes half-way to the centroid of its neighbors.
     fn slide(&mut self) {
         for vertex in self.inner() {
             let set = self.set(vertex);
@@ -148,49 +156,51 @@ impl Sharp<'_> {
                 continue;
             }
             let (mut sum, mut weight) = (Vector3::zeros(), 0.0);
-            let at = self.patch.points[vertex as usize];
-            for half in self.patch.around(vertex) {
-                let other = self.patch.ends(half)[1];
+            let at = self.triangulation.points[vertex as usize];
+            for half in self.triangulation.around(vertex) {
+                let other = self.triangulation.ends(half)[1];
                 if self.set(other) & set == set || set.count_ones() < 2 {
-                    sum += self.patch.points[other as usize] - at;
+                    sum += self.triangulation.points[other as usize] - at;
                     weight += 1.0;
                 }
             }
             let middle = if weight > 0.0 { at + sum * (0.5 / weight) } else { at };
             let place = self.onto(middle, set);
             if !self.is_cut || self.stays_upright(vertex, place) {
-                self.patch.points[vertex as usize] = place;
+                self.triangulation.points[vertex as usize] = place;
             }
         }
     }
 
     /// Whether no face around a vertex turns over if it goes to a place.
     fn stays_upright(&self, vertex: u32, place: Point3<f64>) -> bool {
-        self.patch.around(vertex).all(|half| {
-            let [b, c] = [next(half), previous(half)]
-                .map(|half| self.patch.points[self.patch.corners[half as usize] as usize]);
+        self.triangulation.around(vertex).all(|half| {
+            let [b, c] = [next(half), previous(half)].map(|half| {
+                self.triangulation.points[self.triangulation.corners[half as usize] as usize]
+            });
             let set = self.face_set(half);
-            let at = self.patch.points[vertex as usize];
+            let at = self.triangulation.points[vertex as usize];
             set == 0 || self.is_upright([place, b, c], set) || !self.is_upright([at, b, c], set)
         })
     }
 
-    /// Puts vertices onto the creases: where edges run from one part to another.
+    /// Splits edges where they cross creases: those from one segment to another.
     fn cut(&mut self) {
         for _ in 0..4 {
-            let halves: Vec<u32> = self.patch.inner_edges().collect();
+            let halves: Vec<u32> = self.triangulation.inner_edges().collect();
             let mut count = 0;
             for half in halves {
-                let [a, b] = self.patch.ends(half);
-                if self.patch.twins[half as usize] == NONE || self.set(a) & self.set(b) != 0 {
+                let [a, b] = self.triangulation.ends(half);
+                if self.triangulation.twins[half as usize] == NONE || self.set(a) & self.set(b) != 0
+                {
                     continue;
                 }
                 let place = self.crossing(a, b);
                 let set = self.set(a) | self.set(b);
-                self.patch.split(half, place);
+                self.triangulation.split(half, place);
                 self.sets.push(set);
                 let vertex = self.sets.len() as u32 - 1;
-                self.patch.points[vertex as usize] = self.onto(place, set);
+                self.triangulation.points[vertex as usize] = self.onto(place, set);
                 count += 1;
             }
             if count == 0 {
@@ -199,25 +209,29 @@ impl Sharp<'_> {
         }
     }
 
-    /// Where between two vertices of different parts both are equally far.
+    /// The point between two vertices of different segments that is equally far from both segments.
     fn crossing(&self, a: u32, b: u32) -> Point3<f64> {
         let chart = |vertex: u32| &self.charts.charts[self.set(vertex).trailing_zeros() as usize];
-        let (pa, pb) = (self.patch.points[a as usize], self.patch.points[b as usize]);
+        let (pa, pb) =
+            (self.triangulation.points[a as usize], self.triangulation.points[b as usize]);
         let lead = |point| chart(a).distance(point).0 - chart(b).distance(point).0;
         let (at_a, at_b) = (lead(pa), lead(pb));
         let share = if at_a * at_b < 0.0 { at_a / (at_a - at_b) } else { 0.5 };
         pa + (pb - pa) * share.clamp(0.1, 0.9)
     }
 
-    /// Lets vertices go into near ones that are on all of their parts.
+    /// Collapses short edges into an end that is on all segments of the other one.
     fn collapse_short(&mut self) {
-        let halves: Vec<u32> = self.patch.inner_edges().collect();
+        let halves: Vec<u32> = self.triangulation.inner_edges().collect();
         for half in halves {
-            let twin = self.patch.twins[half as usize];
-            if !self.patch.is_alive(half) || twin == NONE {
+            let twin = self.triangulation.twins[half as usize];
+            if !self.triangulation.is_alive(half) || twin == NONE {
                 continue;
             }
-            let [a, b] = self.patch.ends(half).map(|vertex| self.patch.points[vertex as usize]);
+            let [a, b] = self
+                .triangulation
+                .ends(half)
+                .map(|vertex| self.triangulation.points[vertex as usize]);
             let size = self.sizes.at(nalgebra::center(&a, &b));
             if (b - a).norm() < SHORT * size && !self.collapse(half) {
                 self.collapse(twin);
@@ -226,29 +240,34 @@ impl Sharp<'_> {
     }
 
     fn collapse(&mut self, half: u32) -> bool {
-        let [v, u] = self.patch.ends(half);
-        let along = self.face_set(half) & self.face_set(self.patch.twins[half as usize]);
+        let [v, u] = self.triangulation.ends(half);
+        let along = self.face_set(half) & self.face_set(self.triangulation.twins[half as usize]);
         let stays_sharp = self.set(v).count_ones() == 1 || along == 0;
         let is_within = self.set(v) & !self.set(u) == 0;
-        if !stays_sharp || !is_within || !self.patch.may_collapse(half) {
+        if !stays_sharp || !is_within || !self.triangulation.may_collapse(half) {
             return false;
         }
-        let place = self.patch.points[u as usize];
-        let keeps = self.patch.around(v).all(|half| {
-            let [b, c] = [next(half), previous(half)].map(|half| self.patch.corners[half as usize]);
+        let place = self.triangulation.points[u as usize];
+        let keeps = self.triangulation.around(v).all(|half| {
+            let [b, c] =
+                [next(half), previous(half)].map(|half| self.triangulation.corners[half as usize]);
             b == u || c == u || {
                 let set = self.set(u) & self.set(b) & self.set(c);
-                let points = [place, self.patch.points[b as usize], self.patch.points[c as usize]];
+                let points = [
+                    place,
+                    self.triangulation.points[b as usize],
+                    self.triangulation.points[c as usize],
+                ];
                 set != 0 && self.is_upright(points, set)
             }
         });
         if keeps {
-            self.patch.collapse(half);
+            self.triangulation.collapse(half);
         }
         keeps
     }
 
-    /// Whether a triangle looks to the same side as the parts that it is on.
+    /// Whether a triangle faces the same side as the segments that it is on.
     fn is_upright(&self, points: [Point3<f64>; 3], set: u32) -> bool {
         let area = area_vector(points);
         let normal = self.charts.charts[set.trailing_zeros() as usize].distance(points[0]).1;
@@ -256,41 +275,42 @@ impl Sharp<'_> {
     }
 
     fn flip_all(&mut self) {
-        let mut queue: Vec<u32> = self.patch.inner_edges().collect();
+        let mut queue: Vec<u32> = self.triangulation.inner_edges().collect();
         let mut left = 4 * queue.len();
         while let Some(half) = queue.pop() {
             if left == 0 {
                 return;
             }
-            if self.patch.is_alive(half) && self.should_flip(half) {
-                self.patch.flip(half);
+            if self.triangulation.is_alive(half) && self.should_flip(half) {
+                self.triangulation.flip(half);
                 left -= 1;
-                let (f, g) = (half / 3 * 3, self.patch.twins[half as usize / 3 * 3 + 1] / 3 * 3);
+                let (f, g) =
+                    (half / 3 * 3, self.triangulation.twins[half as usize / 3 * 3 + 1] / 3 * 3);
                 queue.extend([f, f + 2, g, g + 1]);
             }
         }
     }
 
     fn should_flip(&self, half: u32) -> bool {
-        let twin = self.patch.twins[half as usize];
+        let twin = self.triangulation.twins[half as usize];
         if twin == NONE {
             return false;
         }
-        let patch = &self.patch;
-        let [a, b] = patch.ends(half);
-        let c = patch.corners[previous(half) as usize];
-        let d = patch.corners[previous(twin) as usize];
+        let triangulation = &self.triangulation;
+        let [a, b] = triangulation.ends(half);
+        let c = triangulation.corners[previous(half) as usize];
+        let d = triangulation.corners[previous(twin) as usize];
         let [on_f, on_g] = [half, twin].map(|half| self.face_set(half));
         let new = [a, b].map(|end| self.set(end) & self.set(c) & self.set(d));
         let is_crease = on_f & on_g == 0;
         if c == d || new.contains(&0) {
             return false;
         }
-        let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| patch.points[vertex as usize]);
+        let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| triangulation.points[vertex as usize]);
         if !self.is_upright([pa, pd, pc], new[0]) || !self.is_upright([pd, pb, pc], new[1]) {
             return false;
         }
-        // A face that bridges a crease, on no part, goes first.
+        // A face that bridges a crease, on no segment, goes first.
         if on_f == 0 || on_g == 0 {
             return !self.is_edge(c, d);
         }
@@ -303,38 +323,42 @@ impl Sharp<'_> {
 
     /// Whether there is an edge between two vertices, or the data has one, or may get one.
     fn is_edge(&self, c: u32, d: u32) -> bool {
-        let patch = &self.patch;
-        if patch.is_rim(c) && patch.is_rim(d) {
+        let triangulation = &self.triangulation;
+        if triangulation.is_rim(c) && triangulation.is_rim(d) {
             // The faces around a vertex of the rim do not go all around it.
-            let ends = (0..patch.corners.len() as u32).filter(|&half| patch.is_alive(half));
+            let ends = (0..triangulation.corners.len() as u32)
+                .filter(|&half| triangulation.is_alive(half));
             return self.rim.is_taken(c as usize, d as usize)
-                || ends.map(|half| patch.ends(half)).any(|ends| ends == [c, d] || ends == [d, c]);
+                || ends
+                    .map(|half| triangulation.ends(half))
+                    .any(|ends| ends == [c, d] || ends == [d, c]);
         }
-        let [inner, other] = if patch.is_rim(c) { [d, c] } else { [c, d] };
-        patch.around(inner).any(|half| patch.ends(half)[1] == other)
+        let [inner, other] = if triangulation.is_rim(c) { [d, c] } else { [c, d] };
+        triangulation.around(inner).any(|half| triangulation.ends(half)[1] == other)
     }
 
-    /// How many faces lie on no part, or do not look to the side of theirs.
+    /// How many faces lie on no segment, or do not face the side of theirs.
     fn folded(&self) -> usize {
-        let faces = (0..self.patch.corners.len() as u32).step_by(3);
+        let faces = (0..self.triangulation.corners.len() as u32).step_by(3);
         let is_folded = |&half: &u32| {
-            let corners = [half, half + 1, half + 2].map(|half| self.patch.corners[half as usize]);
+            let corners =
+                [half, half + 1, half + 2].map(|half| self.triangulation.corners[half as usize]);
             let set = self.face_set(half);
-            let points = corners.map(|vertex| self.patch.points[vertex as usize]);
+            let points = corners.map(|vertex| self.triangulation.points[vertex as usize]);
             set == 0 || !self.is_upright(points, set)
         };
-        faces.filter(|&half| self.patch.is_alive(half)).filter(is_folded).count()
+        faces.filter(|&half| self.triangulation.is_alive(half)).filter(is_folded).count()
     }
 
-    /// Whether nothing went too far.
-    fn is_sound(&self, start: &Patch, rim: &Rim) -> bool {
+    /// Whether no vertex went too far.
+    fn is_sound(&self, start: &Triangulation, rim: &Rim) -> bool {
         let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
         let middle = Point3::from(sum / rim.len() as f64);
         let radius = rim.points.iter().map(|point| (point - middle).norm()).fold(0.0, f64::max);
         let near = |vertex: u32| {
             let from = start.points.get(vertex as usize);
             from.is_none_or(|from| {
-                (self.patch.points[vertex as usize] - from).norm() <= FARTHEST * radius
+                (self.triangulation.points[vertex as usize] - from).norm() <= FARTHEST * radius
             })
         };
         self.inner().all(near)

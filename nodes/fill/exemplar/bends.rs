@@ -24,7 +24,7 @@ const ROUNDS: usize = 16;
 /// How far around a hole the data counts, in the distance that the hole reaches from its rim: as wide as it is across.
 const AROUND: f64 = 2.0;
 
-/// Fewer edges around a hole say nothing.
+/// With fewer edges around a hole, their distribution is not known well enough.
 const FEWEST: usize = 100;
 
 /// Moves the vertices of `points` that are missing along their `normals` until the edges bend as those around each hole. The `sharp` ones

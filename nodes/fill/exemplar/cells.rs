@@ -11,7 +11,8 @@ use super::surface::{NONE, Surface};
 const APART: f64 = 2.5;
 
 /// For each missing vertex, from the first after the `data` on, the patch whose exemplar it copies: that in the middle of its cell. Cells
-/// are around the patches that are most like their exemplars, so that what is copied hangs together. [`NONE`] where there is no match.
+/// are around the patches that are most like their exemplars, so that neighboring vertices copy from one place. [`NONE`] where there is no
+/// match.
 pub(super) fn cells(
     surface: &Surface<'_>,
     points: &[Point3<f64>],

@@ -1,4 +1,4 @@
-//! How like an exemplar a patch is.
+//! How similar a patch is to an exemplar.
 
 use super::frame::Turn;
 use super::heights::Sample;
@@ -6,33 +6,33 @@ use super::heights::Sample;
 /// A plane under a patch, in the patch's frame: a height at the middle, and what is added per radius along `x` and `y`.
 pub(super) type Plane = [f64; 3];
 
-/// The samples of a patch, and what it takes to lay an exemplar against them.
+/// The samples of a patch, prepared so that exemplars can be aligned with them.
 #[derive(Default)]
-pub(super) struct Patch {
+pub(super) struct PatchSamples {
     pub(super) samples: Vec<Sample>,
     /// The samples' places in radii.
     places: Vec<[f64; 2]>,
     radius: f64,
-    /// Where a comparison looks whether it is lost already, and the planes through so many samples.
+    /// After how many samples a comparison checks whether it can stop early, and the planes through these samples.
     stages: [(usize, Planes); STAGES],
 }
 
-/// How far a sample is where an exemplar has nothing, in radii of the patch; for the plane between both it is at no distance.
+/// The distance of a sample where the exemplar has no surface, in radii of the patch; the plane between both does not regard such samples.
 const ABSENT: f64 = 0.25;
 
-/// Parts of a comparison.
+/// Stages of a comparison; after each it may stop early.
 const STAGES: usize = 6;
 
-/// An exemplar that lies against a patch as well as it can.
-pub(super) struct Lie {
-    /// The distances of the samples along their normals; NaN where the exemplar has nothing.
+/// An exemplar aligned with a patch.
+pub(super) struct Alignment {
+    /// The distances of the samples along their normals; NaN where the exemplar has no surface.
     pub(super) distances: Vec<f64>,
-    /// What is to be taken from them.
+    /// The best plane between both, which is to be subtracted from them.
     pub(super) plane: Plane,
 }
 
-impl Patch {
-    /// Makes ready for comparisons of the samples that were put in. If `moves`, an exemplar is moved and tilted a little to where it
+impl PatchSamples {
+    /// Prepares the samples that were put in for comparisons. If `moves`, an exemplar is moved and tilted a little to where it
     /// fits best; else it stays where its frame puts it.
     pub(super) fn prepare(&mut self, radius: f64, moves: bool) {
         self.radius = radius;
@@ -47,9 +47,9 @@ impl Patch {
     }
 
     /// The mean of the squared distances from the samples along their normals to an exemplar's heights: Kawai, Sato and Yokoya
-    /// (2008), equation 2, for the best plane between both. Samples under which the exemplar has nothing count as [`ABSENT`]; where they
-    /// were left out, those exemplars would seem best that lack what fits least. Infinite if it is over `most`, or if the exemplar has
-    /// nothing under many samples.
+    /// (2008), equation 2, for the best plane between both. Samples where the exemplar has no surface count as [`ABSENT`]; if they
+    /// were left out, exemplars with holes where they fit least would seem best. Infinite if it is over `most`, or if the exemplar has
+    /// no surface at many samples.
     #[inline]
     pub(super) fn compare(&self, heights: &[f32], step: f64, turn: &Turn, most: f64) -> f64 {
         let count = self.samples.len();
@@ -76,8 +76,8 @@ impl Patch {
         if mean <= most { mean } else { f64::INFINITY }
     }
 
-    /// How an exemplar lies.
-    pub(super) fn lay(&self, heights: &[f32], step: f64, turn: &Turn) -> Lie {
+    /// Aligns an exemplar with the patch by the best small shift and tilt.
+    pub(super) fn align(&self, heights: &[f32], step: f64, turn: &Turn) -> Alignment {
         let distance = |sample: &Sample| self.distance(sample, heights, step, turn);
         let distances: Vec<f64> = self.samples.iter().map(distance).collect();
         let mut sums = Sums::default();
@@ -85,7 +85,7 @@ impl Patch {
             .iter()
             .zip(&self.places)
             .for_each(|(&distance, &place)| sums.add(distance, place));
-        Lie { distances, plane: self.stages[STAGES - 1].1.solve(sums.moments) }
+        Alignment { distances, plane: self.stages[STAGES - 1].1.solve(sums.moments) }
     }
 
     /// How far an exemplar is from a sample; NaN if there is none within the patch's radius.
@@ -157,7 +157,7 @@ impl Planes {
         Self { inverse }
     }
 
-    /// The plane that is nearest to values with these moments.
+    /// The least-squares plane of values with these moments.
     #[inline(always)]
     fn solve(&self, [p, q, r]: [f64; 3]) -> Plane {
         let [a, b, c, d, e, f] = self.inverse;

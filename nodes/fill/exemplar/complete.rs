@@ -1,4 +1,4 @@
-//! The completion with what goes beyond the publication.
+//! The completion with the improvements over the publication.
 
 use maquette::value::TraceStep;
 use maquette::{Cancelled, Progress};
@@ -13,7 +13,7 @@ use super::turns::Turns;
 use crate::fill::triangles::filling::Filling;
 
 /// Moves the filled vertices of `filling`, which is triangulated as finely as its data and has the positions of the start, to where
-/// exemplars say.
+/// their exemplars have them.
 ///
 /// # Errors
 /// If the evaluation is told to stop.

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 use super::detail::Detail;
 use super::exemplars::{Exemplars, REACH, Source};
 use super::hole::{Hole, SAMPLES};
-use super::level::{Guide, Level, Outcome, Whole};
+use super::level::{Guide, Level, Outcome, Shared};
 use super::options::{ExemplarOptions, Shown, Start, Update};
 use super::patches::Scale;
 use super::sources::Sources;
@@ -17,14 +17,14 @@ use super::turns::Turns;
 use super::votes::Votes;
 use super::{bends, smoothness};
 
-/// What is known beside shapes.
+/// What a completion goes by beside shapes.
 #[derive(Default)]
 pub(in crate::fill) struct Given {
     /// Marks the data vertices around which exemplars may be; all, if left out.
     pub(in crate::fill) allowed: Option<Vec<bool>>,
-    /// The colors of all vertices in CIE L*a*b*, those of the filled ones as the rim lets expect them.
+    /// The colors of all vertices in CIE L*a*b*; those of filled vertices are estimated from the rim.
     pub(in crate::fill) colors: Option<Vec<[f64; 3]>>,
-    /// Marks the filled vertices of holes over which creases of the data go on at the start; none, if left out.
+    /// Marks the filled vertices of holes across which the start extends creases of the data; none, if empty.
     pub(in crate::fill) sharp: Vec<bool>,
 }
 
@@ -42,7 +42,7 @@ pub(in crate::fill) struct Completed {
 pub(in crate::fill) struct Copies {
     /// The data vertex that each filled vertex copies; [`u32::MAX`] if none.
     pub(in crate::fill) exemplar: Vec<u32>,
-    /// What else has a say about each filled vertex.
+    /// The data vertices whose attributes are averaged for each filled vertex.
     pub(in crate::fill) votes: Votes,
     /// Which part of a picture belongs on each filled face.
     pub(in crate::fill) sources: Sources,
@@ -66,11 +66,11 @@ impl Copies {
     }
 }
 
-/// The part of a patch's radius within which normals are averaged for its frame. Less lets a single rough triangle turn the frame,
-/// more makes frames of curved places late.
-pub(in crate::fill) const HOOD: f64 = 0.4;
+/// The radius within which normals are averaged for a patch's frame, in radii of the patch. With less, a single rough triangle turns the
+/// frame; with more, frames lag behind the surface where it curves.
+pub(in crate::fill) const NORMAL_RADIUS: f64 = 0.4;
 
-/// With fewer exemplars a level says nothing.
+/// With fewer exemplars a level is left out.
 pub(in crate::fill) const FEWEST: usize = 32;
 
 /// Samples along a patch's radius, at most: some 200 in all, whatever distance is wished.
@@ -98,8 +98,8 @@ pub(in crate::fill) fn distances(
     (0..data).map(distance).collect()
 }
 
-/// Twice the sum of the area vectors of the faces around each vertex. As published, the start has no say in the normals of the data: it
-/// may be a cone.
+/// Twice the sum of the area vectors of the faces around each vertex. As published, the start does not count for the normals of the data:
+/// it may be a cone.
 pub(in crate::fill) fn areas(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
@@ -141,7 +141,7 @@ pub(in crate::fill) struct Size {
     pub(super) radius: f64,
     /// The distance between samples.
     sample: f64,
-    hood: f64,
+    normal_radius: f64,
     sparse: bool,
 }
 
@@ -154,11 +154,11 @@ impl Completion<'_> {
         let edge = self.hole.edge;
         let given = self.options.edges.get(level).copied().filter(|&edge| edge > 0.0);
         let sample = given.unwrap_or(edge.max(radius / SAMPLES)).max(radius / MOST_SAMPLES);
-        let (hood, sparse) = match self.options.update {
-            Update::Exact => (HOOD * radius, SPARSE),
+        let (normal_radius, sparse) = match self.options.update {
+            Update::Exact => (NORMAL_RADIUS * radius, SPARSE),
             Update::Published => (0.0, SPARSE_PUBLISHED),
         };
-        Size { radius, sample, hood, sparse: sample > sparse * edge }
+        Size { radius, sample, normal_radius, sparse: sample > sparse * edge }
     }
 
     pub(super) fn exemplars(
@@ -177,7 +177,7 @@ impl Completion<'_> {
             kept: self.kept,
             up: self.options.up.into(),
             radius: size.radius,
-            hood: size.hood,
+            normal_radius: size.normal_radius,
             apart: if size.sparse { 0.5 * size.sample } else { 0.0 },
             cut: published,
         };
@@ -198,7 +198,7 @@ impl Completion<'_> {
         number: usize,
         progress: &Progress<'_>,
     ) -> Result<Outcome, Cancelled> {
-        let whole = Whole {
+        let shared = Shared {
             surface: self.surface,
             colors: &self.colors,
             data: self.data,
@@ -208,13 +208,16 @@ impl Completion<'_> {
             sharp: self.sharp,
             distances: &self.distances,
         };
-        let knows = self.options.start == Start::ThinPlate && !self.is_published();
-        let doubt = if knows { smoothness::plate_error(exemplars) } else { f64::INFINITY };
+        let is_estimate = self.options.start == Start::ThinPlate && !self.is_published();
+        let plate_error =
+            if is_estimate { smoothness::plate_error(exemplars) } else { f64::INFINITY };
         let spacing = if size.sparse { 0.85 * size.sample } else { 0.0 };
         let moving = if self.is_published() { 0.0 } else { spacing };
-        let scale = Scale { radius: size.radius, spacing, moving, hood: size.hood };
+        let scale =
+            Scale { radius: size.radius, spacing, moving, normal_radius: size.normal_radius };
         let number = number as u64;
-        let level = Level { whole: &whole, scale, number, edge: size.sample, doubt, exemplars };
+        let level =
+            Level { shared: &shared, scale, number, edge: size.sample, plate_error, exemplars };
         level.run(points, &mut self.areas, &self.guides, progress)
     }
 

@@ -116,7 +116,7 @@ impl Basis {
             }
         }
         if spread.iter().any(|entry: &f64| !entry.is_finite()) {
-            // Heights out of all bounds: then descriptors say nothing.
+            // Heights out of all bounds: then all descriptors are equal.
             spread.fill(0.0);
         }
         let eigen = SymmetricEigen::new(spread);

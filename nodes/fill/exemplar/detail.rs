@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::compare::{Patch, Plane};
+use super::compare::{PatchSamples, Plane};
 use super::exemplars::Exemplars;
 use super::heights::sample;
 use super::level::Outcome;
@@ -11,8 +11,8 @@ use super::spread::Plate;
 use super::surface::{NONE, Surface};
 use super::turns::Turns;
 
-/// How strongly the shape holds against the detail. With a twentieth of it, detail bends the whole: on eight holes each of five surfaces, fills
-/// were up to a quarter farther from the truth.
+/// How strongly the shape holds against the detail. With a twentieth of it, detail bends the shared: on eight holes each of five surfaces,
+/// fills were up to a quarter farther from the truth.
 const HOLD: f64 = 2.0;
 
 /// The most by which detail is amplified.
@@ -29,18 +29,18 @@ pub(super) struct Detail<'a> {
     pub(super) turns: &'a Turns,
     /// The patch that each missing vertex copies.
     pub(super) cells: &'a [u32],
-    /// Marks the missing vertices over which creases go on, which stay where they are; none, if empty.
+    /// Marks the missing vertices of holes across which creases are extended, which stay where they are; none, if empty.
     pub(super) sharp: &'a [bool],
     /// The radius of a patch.
     pub(super) radius: f64,
 }
 
 impl Detail<'_> {
-    /// Moves the missing vertices, all of which are sites, along their normals until each lies over or under its neighbors as on its exemplar, as far as that is a
-    /// matter of few edges. Detail is amplified until it is as rough as the data's vertices `around` the hole: matches are chosen by what
-    /// is there, which has little.
+    /// Moves the missing vertices, all of which are sites, along their normals until each has about the height over its neighbors that it
+    /// has on its exemplar. Detail is amplified until the surface is as rough as the data's vertices `around` the hole: matches are chosen
+    /// by a surface that is too smooth, and so tend to be too smooth themselves.
     ///
-    /// This is the equation of a thin plate whose rest shape is bent: Botsch and Sorkine, "On linear variational surface deformation
+    /// This is the equation of a thin plate whose rest shape is not flat: Botsch and Sorkine, "On linear variational surface deformation
     /// methods" (2008), section 4.
     pub(super) fn add(&self, points: &mut [Point3<f64>], around: Vec<u32>) {
         let count = points.len();
@@ -48,12 +48,12 @@ impl Detail<'_> {
         let (mut change, mut wanted) = (vec![0.0; count], vec![0.0; count]);
         let mut normals = vec![Vector3::zeros(); count];
         let now = |vertex: u32| points[vertex as usize];
-        let mut lies = Lies::new(self, points);
+        let mut alignments = Alignments::new(self, points);
         for (site, &cell) in self.cells.iter().enumerate() {
             let (vertex, normal) = (data + site, self.outcome.normals[site]);
             normals[vertex] = normal;
             if cell != NONE && self.sharp.get(site) != Some(&true) {
-                let copied = lies.over(vertex as u32, cell as usize);
+                let copied = alignments.over(vertex as u32, cell as usize);
                 if copied.is_finite() {
                     wanted[vertex] = copied;
                     change[vertex] = copied - over(self.surface, vertex as u32, &normal, now);
@@ -83,8 +83,8 @@ impl Detail<'_> {
     }
 }
 
-/// How exemplars lie against their patches.
-struct Lies<'a> {
+/// The alignments of exemplars with their patches.
+struct Alignments<'a> {
     detail: &'a Detail<'a>,
     points: &'a [Point3<f64>],
     /// The sample at each vertex.
@@ -93,7 +93,7 @@ struct Lies<'a> {
     planes: Vec<Option<Plane>>,
 }
 
-impl<'a> Lies<'a> {
+impl<'a> Alignments<'a> {
     fn new(detail: &'a Detail<'a>, points: &'a [Point3<f64>]) -> Self {
         let patches = &detail.outcome.patches;
         let mut place = vec![NONE; points.len()];
@@ -141,14 +141,14 @@ impl<'a> Lies<'a> {
 fn plane(detail: &Detail<'_>, points: &[Point3<f64>], center: usize) -> Plane {
     let Detail { exemplars, outcome, turns, radius, .. } = *detail;
     let (patches, found) = (&outcome.patches, &outcome.matches[center]);
-    let mut patch = Patch::default();
+    let mut patch = PatchSamples::default();
     patch.samples.extend(patches.members.of(center).iter().map(|&site| {
         let point = &points[patches.sites[site as usize] as usize];
         sample(&outcome.frames[center], point, &outcome.normals[site as usize])
     }));
     patch.prepare(radius, true);
     let heights = exemplars.heights(found.exemplar);
-    patch.lay(heights, exemplars.lattice.step, turns.of(found.turn)).plane
+    patch.align(heights, exemplars.lattice.step, turns.of(found.turn)).plane
 }
 
 /// How far a vertex is over all its neighbors together, along a normal.

@@ -1,11 +1,11 @@
-//! What the missing surface is made of: the surroundings of data vertices, as surfaces of heights.
+//! The exemplars, of which the missing surface is made: the surroundings of data vertices, as height fields.
 
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use super::best_match::Match;
 use super::descriptor::{Basis, Descriptor, Polar, Rings};
-use super::found_match::Match;
 use super::frame::{Frame, Turn};
 use super::heights::{Lattice, NODES, round_out};
 use super::kd_tree::KdTree;
@@ -28,9 +28,9 @@ pub(super) struct Source<'a> {
     pub(super) data: usize,
     pub(super) kept: usize,
     pub(super) up: Vector3<f64>,
-    /// The radius of a patch, and that of the part of it whose normals make its frame's.
+    /// The radius of a patch, and that within which normals are averaged for its frame.
     pub(super) radius: f64,
-    pub(super) hood: f64,
+    pub(super) normal_radius: f64,
     /// How far exemplars are apart; all vertices are, if 0.
     pub(super) apart: f64,
     /// As published: borders of the data may cut off a part of an exemplar, and it stays where its frame puts it.
@@ -60,7 +60,7 @@ pub(super) struct Exemplars {
 }
 
 impl Exemplars {
-    /// Measures the surroundings of those vertices that `may` be exemplars and have what it takes.
+    /// Measures the surroundings of the vertices that `may` be exemplars, and takes those that are complete enough.
     pub(super) fn new(
         source: &Source<'_>,
         may: impl Fn(u32) -> bool + Sync,
@@ -224,7 +224,7 @@ impl Source<'_> {
     /// The frame at a vertex: its normal is the mean of those around it.
     fn frame(&self, vertex: u32, marks: &mut Marks) -> Frame {
         let open = |other: u32| (other as usize) < self.data;
-        let ball = self.surface.ball(self.points, vertex, self.hood, open, marks);
+        let ball = self.surface.ball(self.points, vertex, self.normal_radius, open, marks);
         let normal: Vector3<f64> = ball.iter().map(|&other| self.areas[other as usize]).sum();
         Frame::new(self.points[vertex as usize], normal, self.up)
     }

@@ -47,7 +47,7 @@ impl Frame {
     }
 }
 
-/// How an exemplar lies on a patch beside its frame: a rotation about the normal, after a reflection of `x` perhaps.
+/// How an exemplar is turned against the frame of a patch: a rotation about the normal, perhaps after a reflection of `x`.
 ///
 /// The rows of a 2 x 2 matrix that takes the patch's level coordinates to the exemplar's.
 #[derive(Clone, Copy, Debug, PartialEq)]

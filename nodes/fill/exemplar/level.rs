@@ -1,12 +1,12 @@
-//! One level: matches are looked for, the missing part moves to where they say, and so on.
+//! One level: finds a match for each patch, moves the missing vertices to the weighted mean of the matches, and repeats.
 
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::compare::Patch;
+use super::best_match::Match;
+use super::compare::PatchSamples;
 use super::exemplars::{Exemplars, REACH};
-use super::found_match::Match;
 use super::frame::Frame;
 use super::hole::Hole;
 use super::patches::{Patches, Scale};
@@ -18,8 +18,8 @@ use super::tints::Color;
 use super::turns::Turns;
 use super::{ExemplarOptions, Update};
 
-/// What all levels share.
-pub(super) struct Whole<'a> {
+/// What is the same on all levels.
+pub(super) struct Shared<'a> {
     pub(super) surface: &'a Surface<'a>,
     /// Of all vertices; none if they do not count.
     pub(super) colors: &'a [Color],
@@ -44,14 +44,14 @@ pub(super) struct Energy {
 }
 
 impl Energy {
-    /// Whether it is rounding alone.
-    fn is_nothing(&self, radius: f64) -> bool {
-        let nothing = NOTHING * radius;
-        self.mean <= nothing * nothing
+    /// Whether it is no more than rounding.
+    fn is_rounding(&self, radius: f64) -> bool {
+        let rounding = ROUNDING * radius;
+        self.mean <= rounding * rounding
     }
 }
 
-/// How the best iterate of a level came about, and what it is made of.
+/// The best iterate of a level, and the iterations that led to it.
 pub(super) struct Outcome {
     /// The iterations that were better than all before them, and their energies.
     pub(super) kept: Vec<(u64, Energy)>,
@@ -63,14 +63,14 @@ pub(super) struct Outcome {
     pub(super) frames: Vec<Frame>,
     /// Of all samples.
     pub(super) normals: Vec<Vector3<f64>>,
-    /// How much each patch says.
+    /// The weight of each patch in the mean that moves its vertices.
     pub(super) shares: Vec<f64>,
 }
 
 impl Outcome {
     /// Whether the exemplars fit exactly, so that nothing is left to be done.
     pub(super) fn is_exact(&self, radius: f64) -> bool {
-        self.kept.last().is_some_and(|(_, energy)| energy.is_nothing(radius))
+        self.kept.last().is_some_and(|(_, energy)| energy.is_rounding(radius))
     }
 }
 
@@ -98,10 +98,10 @@ impl Guide {
     }
 }
 
-/// Iterations after which all exemplars are looked at again.
+/// Iterations after which all exemplars are searched again.
 const FAR: u64 = 4;
 
-/// A look at all exemplars, not only those near known matches.
+/// A search of all exemplars, not only those near known matches.
 #[derive(Clone, Copy)]
 struct Far {
     iteration: u64,
@@ -109,7 +109,7 @@ struct Far {
     more: usize,
 }
 
-/// Comparisons for the patches whose matches are worst with all exemplars, whenever all are looked at. They have most of the energy, and
+/// Comparisons for the patches whose matches are worst with all exemplars, whenever all are searched. They have most of the energy, and
 /// few candidates are like them: without, on sharp and rugged data matches are a fifth worse than the best.
 const MORE: usize = 80_000;
 
@@ -118,22 +118,22 @@ const MORE_AT_THE_END: [usize; 2] = [250_000, 1_200_000];
 const WORST: usize = 12;
 
 /// Below this share of a patch's radius distances are rounding.
-const NOTHING: f64 = 1e-10;
+const ROUNDING: f64 = 1e-10;
 
-/// How far a start over which creases go on may well be off, in edges: as far as the data may be from the surfaces that meet in them.
-/// Exemplars that lie against it by more would round the creases.
+/// The standard error of a start across which creases are extended, in edges: that of the data about the surfaces that meet in the creases.
+/// With more, exemplars would round the creases.
 const SHARP: f64 = 0.1;
 
-/// A level: what is compared with what, and how far apart.
+/// A level: its patches' size and spacing, and the exemplars with which they are compared.
 pub(super) struct Level<'a> {
-    pub(super) whole: &'a Whole<'a>,
+    pub(super) shared: &'a Shared<'a>,
     pub(super) scale: Scale,
     pub(super) number: u64,
     /// The wanted distance between samples.
     pub(super) edge: f64,
-    /// How far a thin plate over so wide a hole as a patch shows may well be off; infinite if nothing speaks for the shape at the
-    /// beginning.
-    pub(super) doubt: f64,
+    /// The standard error of a thin plate over a hole as wide as a patch shows; infinite if the shape at the beginning is no estimate of
+    /// the surface.
+    pub(super) plate_error: f64,
     pub(super) exemplars: &'a Exemplars,
 }
 
@@ -146,36 +146,43 @@ impl Level<'_> {
         guides: &[Guide],
         progress: &Progress<'_>,
     ) -> Result<Outcome, Cancelled> {
-        let whole = self.whole;
-        let original = points[..whole.data].to_vec();
-        let patches = Patches::new(whole.surface, points, whole.data, whole.distances, &self.scale);
+        let shared = self.shared;
+        let original = points[..shared.data].to_vec();
+        let patches =
+            Patches::new(shared.surface, points, shared.data, shared.distances, &self.scale);
         let movable = &patches.sites[..patches.movable];
-        let spread = (patches.movable < points.len() - whole.data)
-            .then(|| Spread::new(whole.surface, points.len(), whole.data, movable))
+        let spread = (patches.movable < points.len() - shared.data)
+            .then(|| Spread::new(shared.surface, points.len(), shared.data, movable))
             .flatten();
         let begin = points.to_vec();
         let active = self.active();
         let search = Search {
-            surface: whole.surface,
+            surface: shared.surface,
             data: &original,
-            colors: whole.colors,
+            colors: shared.colors,
             patches: &patches,
             exemplars: self.exemplars,
-            turns: whole.turns,
+            turns: shared.turns,
             radius: self.scale.radius,
             seed: self.number,
         };
         let hints = self.hints(&patches, points, guides);
-        let mut now =
-            self.look(&search, points, areas, &[], &hints, Some(Far { iteration: 0, more: MORE }));
-        let mut best = (points[whole.data..].to_vec(), now.clone());
+        let mut now = self.find_matches(
+            &search,
+            points,
+            areas,
+            &[],
+            &hints,
+            Some(Far { iteration: 0, more: MORE }),
+        );
+        let mut best = (points[shared.data..].to_vec(), now.clone());
         let mut kept = vec![(0, now.energy)];
         let (mut since, mut iterations) = (0, 0);
-        let patience = whole.options.longest_wait();
-        while iterations < u64::from(whole.options.most_iterations()) {
-            // Nobody knows how many iterations there will be; some eight are the rule.
+        let patience = shared.options.longest_wait();
+        while iterations < u64::from(shared.options.most_iterations()) {
+            // The number of iterations is not known before; some eight are usual.
             progress.tick(iterations as f64 / (iterations as f64 + 8.0))?;
-            if best.1.energy.is_nothing(self.scale.radius) || since >= patience {
+            if best.1.energy.is_rounding(self.scale.radius) || since >= patience {
                 break;
             }
             iterations += 1;
@@ -183,26 +190,26 @@ impl Level<'_> {
             self.measure(&active, points, areas);
             let far = Far { iteration: iterations, more: MORE };
             let far = iterations.is_multiple_of(FAR).then_some(far);
-            now = self.look(&search, points, areas, &now.matches, &[], far);
+            now = self.find_matches(&search, points, areas, &now.matches, &[], far);
             let better = now.energy.mean < best.1.energy.mean * (1.0 - self.least_gain());
             since = if better { 0 } else { since + 1 };
             if now.energy.mean < best.1.energy.mean {
-                best = (points[whole.data..].to_vec(), now.clone());
+                best = (points[shared.data..].to_vec(), now.clone());
                 kept.push((iterations, now.energy));
             }
         }
-        points[whole.data..].copy_from_slice(&best.0);
+        points[shared.data..].copy_from_slice(&best.0);
         self.measure(&active, points, areas);
-        if !best.1.energy.is_nothing(self.scale.radius) {
-            // What is copied is looked for among all once more.
+        if !best.1.energy.is_rounding(self.scale.radius) {
+            // The matches decide what is copied, so they are searched for among all exemplars once more.
             let [least, most] = MORE_AT_THE_END;
             let more = (patches.len() * self.exemplars.len() / WORST).clamp(least, most);
             let far = Far { iteration: iterations + 1, more };
-            best.1 = self.look(&search, points, areas, &best.1.matches, &[], Some(far));
+            best.1 = self.find_matches(&search, points, areas, &best.1.matches, &[], Some(far));
         }
         let shares =
             (0..patches.len()).map(|center| self.share(&patches, &best.1, center)).collect();
-        let View { matches, frames, normals, .. } = best.1;
+        let Iterate { matches, frames, normals, .. } = best.1;
         let guides = self.guides(&patches, &matches, &frames);
         Ok(Outcome { kept, iterations, guides, patches, matches, frames, normals, shares })
     }
@@ -210,30 +217,30 @@ impl Level<'_> {
     /// The least share by which the energy of an iteration must be smaller to count as progress. With less than 3 %, late iterations
     /// fit the noise of the exemplars: on most surfaces the distance to the truth grows while the energy falls.
     fn least_gain(&self) -> f64 {
-        match self.whole.options.update {
+        match self.shared.options.update {
             Update::Exact => 0.03,
             Update::Published => 1e-3,
         }
     }
 
-    /// How far a missing vertex may well be off at the beginning.
-    fn doubt(&self, vertex: usize) -> f64 {
-        if self.whole.sharp.get(vertex - self.whole.data) == Some(&true) {
-            return SHARP * self.whole.hole.edge;
+    /// The standard error of a missing vertex at the beginning of the level.
+    fn start_error(&self, vertex: usize) -> f64 {
+        if self.shared.sharp.get(vertex - self.shared.data) == Some(&true) {
+            return SHARP * self.shared.hole.edge;
         }
         let seen = HOLE * REACH * self.scale.radius;
-        let times = (self.whole.hole.widths[vertex - self.whole.data] / seen).max(1.0);
-        self.doubt * times * times
+        let times = (self.shared.hole.widths[vertex - self.shared.data] / seen).max(1.0);
+        self.plate_error * times * times
     }
 
     fn is_published(&self) -> bool {
-        self.whole.options.update == Update::Published
+        self.shared.options.update == Update::Published
     }
 
     /// The vertices whose normals move: at the rim those of the data stay, if the publication is followed.
     fn active(&self) -> Vec<u32> {
-        let Whole { surface, data, .. } = *self.whole;
-        let mut active: Vec<u32> = (data as u32..self.whole.hole.rim.len() as u32)
+        let Shared { surface, data, .. } = *self.shared;
+        let mut active: Vec<u32> = (data as u32..self.shared.hole.rim.len() as u32)
             .flat_map(|vertex| surface.ring(vertex).iter().copied().chain([vertex]))
             .filter(|&vertex| data <= vertex as usize || !self.is_published())
             .collect();
@@ -245,7 +252,7 @@ impl Level<'_> {
     /// Measures the areas of these vertices anew.
     fn measure(&self, active: &[u32], points: &[Point3<f64>], areas: &mut [Vector3<f64>]) {
         for &vertex in active {
-            areas[vertex as usize] = self.whole.surface.area(points, vertex);
+            areas[vertex as usize] = self.shared.surface.area(points, vertex);
         }
     }
 
@@ -257,13 +264,13 @@ impl Level<'_> {
         let mut place = vec![NONE; points.len()];
         (0..).zip(guides).for_each(|(k, guide)| place[guide.vertex as usize] = k);
         let sources = guides.iter().map(|guide| guide.vertex);
-        let nearest = self.whole.surface.nearest(points, sources, f64::INFINITY);
+        let nearest = self.shared.surface.nearest(points, sources, f64::INFINITY);
         let hint = |&vertex: &u32| {
             let guide = match nearest[vertex as usize] {
                 NONE => guides[0],
                 source => guides[place[source as usize] as usize],
             };
-            guide.hint(self.whole.turns, points[vertex as usize])
+            guide.hint(self.shared.turns, points[vertex as usize])
         };
         patches.sites[..patches.len()].iter().map(hint).collect()
     }
@@ -279,8 +286,8 @@ impl Level<'_> {
         found.map(guide).collect()
     }
 
-    /// Looks for the matches of all patches as they are now.
-    fn look(
+    /// Finds the matches of all patches as they are now.
+    fn find_matches(
         &self,
         search: &Search<'_>,
         points: &[Point3<f64>],
@@ -288,12 +295,12 @@ impl Level<'_> {
         before: &[Match],
         hints: &[Hint],
         far: Option<Far>,
-    ) -> View {
+    ) -> Iterate {
         let patches = search.patches;
         let normals = patches.normals(areas);
         let frame = |center: usize| {
             let at = points[patches.sites[center] as usize];
-            Frame::new(at, normals[center], self.whole.options.up.into())
+            Frame::new(at, normals[center], self.shared.options.up.into())
         };
         let frames: Vec<Frame> = (0..patches.len()).map(frame).collect();
         let scene = Scene { points, normals: &normals, frames: &frames };
@@ -316,39 +323,39 @@ impl Level<'_> {
         }
         let weights = self.weights(patches, points);
         let energy = energy(&matches, &weights);
-        View { normals, frames, matches, weights, energy }
+        Iterate { normals, frames, matches, weights, energy }
     }
 
     /// The weights of all patches: 1 around data, less the farther a patch is inside.
     fn weights(&self, patches: &Patches, points: &[Point3<f64>]) -> Vec<f64> {
-        let falloff = self.whole.options.fall();
+        let falloff = self.shared.options.fall();
         let rate = if falloff.rate == 0.0 { 1.0 / self.edge } else { falloff.rate };
         let fall = libm::log(falloff.base) * rate;
         let weight = |center: usize| {
             let vertex = patches.sites[center] as usize;
-            match self.whole.hole.rim[vertex] {
+            match self.shared.hole.rim[vertex] {
                 NONE => 1.0,
-                _ if vertex < self.whole.data => 1.0,
+                _ if vertex < self.shared.data => 1.0,
                 rim => libm::exp(-fall * (points[vertex] - points[rim as usize]).norm()),
             }
         };
         (0..patches.len()).map(weight).collect()
     }
 
-    /// How much a patch has to say.
-    fn share(&self, patches: &Patches, now: &View, center: usize) -> f64 {
-        match (now.matches[center].exemplar, self.whole.options.update) {
+    /// The weight of a patch in the mean that moves its vertices.
+    fn share(&self, patches: &Patches, now: &Iterate, center: usize) -> f64 {
+        match (now.matches[center].exemplar, self.shared.options.update) {
             (NONE, _) => 0.0,
             (_, Update::Exact) => now.weights[center] / patches.members.of(center).len() as f64,
             (_, Update::Published) => now.weights[center],
         }
     }
 
-    /// Moves the missing part to the weighted means of what the exemplars say: equations 9 to 13, with all vertices at once.
+    /// Moves the missing vertices to the weighted means of their places on the exemplars: equations 9 to 13, with all vertices at once.
     fn update(
         &self,
         search: &Search<'_>,
-        now: &View,
+        now: &Iterate,
         points: &mut [Point3<f64>],
         begin: &[Point3<f64>],
         spread: Option<&Spread<'_>>,
@@ -356,7 +363,7 @@ impl Level<'_> {
         let patches = search.patches;
         let distances = distances(search, now, points);
         let motion = |site: usize| {
-            let (mut sum, mut weight, mut miss) = (0.0, 0.0, 0.0);
+            let (mut sum, mut weight, mut residual_sq) = (0.0, 0.0, 0.0);
             for &entry in patches.entries.of(site) {
                 let distance = distances[entry as usize];
                 if !distance.is_nan() {
@@ -364,19 +371,22 @@ impl Level<'_> {
                     let share = self.share(patches, now, center);
                     sum += share * distance;
                     weight += share;
-                    miss += share * now.matches[center].ssd;
+                    residual_sq += share * now.matches[center].ssd;
                 }
             }
             if weight == 0.0 {
                 return Vector3::zeros();
             }
-            // Two estimates of one place, each weighed by its certainty.
+            // The mean of two estimates of one place, weighed by the inverses of their variances.
             let vertex = patches.sites[site] as usize;
             let back = (begin[vertex] - points[vertex]).dot(&now.normals[site]);
-            let doubt = self.doubt(vertex);
-            let (miss, doubt) = (miss / weight, doubt * doubt);
-            let trust =
-                if doubt.is_finite() { doubt / (doubt + miss).max(f64::MIN_POSITIVE) } else { 1.0 };
+            let start_error = self.start_error(vertex);
+            let (residual_sq, start_sq) = (residual_sq / weight, start_error * start_error);
+            let trust = if start_sq.is_finite() {
+                start_sq / (start_sq + residual_sq).max(f64::MIN_POSITIVE)
+            } else {
+                1.0
+            };
             now.normals[site] * (trust * sum / weight + (1.0 - trust) * back)
         };
         let motions: Vec<Vector3<f64>> =
@@ -391,9 +401,9 @@ impl Level<'_> {
     }
 }
 
-/// The patches as they are, and their matches.
+/// An iterate: the patches of the present surface, and their matches.
 #[derive(Clone)]
-pub(super) struct View {
+pub(super) struct Iterate {
     normals: Vec<Vector3<f64>>,
     frames: Vec<Frame>,
     matches: Vec<Match>,
@@ -416,9 +426,9 @@ fn energy(matches: &[Match], weights: &[f64]) -> Energy {
 }
 
 /// The distance of each member of each patch to its exemplar, along the member's normal.
-fn distances(search: &Search<'_>, now: &View, points: &[Point3<f64>]) -> Vec<f64> {
+fn distances(search: &Search<'_>, now: &Iterate, points: &[Point3<f64>]) -> Vec<f64> {
     let scene = Scene { points, normals: &now.normals, frames: &now.frames };
-    let of_patch = |patch: &mut Patch, center: usize| {
+    let of_patch = |patch: &mut PatchSamples, center: usize| {
         let Match { exemplar, turn, .. } = now.matches[center];
         search.take(&scene, center, patch);
         if exemplar == NONE {
@@ -426,13 +436,13 @@ fn distances(search: &Search<'_>, now: &View, points: &[Point3<f64>]) -> Vec<f64
         }
         let heights = search.exemplars.heights(exemplar);
         let step = search.exemplars.lattice.step;
-        let mut lie = patch.lay(heights, step, search.turns.of(turn));
-        for (sample, distance) in lie.distances.iter_mut().enumerate() {
-            *distance -= patch.at(&lie.plane, sample);
+        let mut alignment = patch.align(heights, step, search.turns.of(turn));
+        for (sample, distance) in alignment.distances.iter_mut().enumerate() {
+            *distance -= patch.at(&alignment.plane, sample);
         }
-        lie.distances
+        alignment.distances
     };
     let centers = (0..search.patches.len()).into_par_iter().with_min_len(16);
-    let all: Vec<Vec<f64>> = centers.map_init(Patch::default, of_patch).collect();
+    let all: Vec<Vec<f64>> = centers.map_init(PatchSamples::default, of_patch).collect();
     all.concat()
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::surface::{Marks, NONE, Surface};
 use crate::topology::lists::Lists;
 
-/// What the patches of a level are made for.
+/// The lengths that the patches of a level have.
 #[derive(Clone, Copy)]
 pub(super) struct Scale {
     /// The radius of a patch.
@@ -15,8 +15,8 @@ pub(super) struct Scale {
     pub(super) spacing: f64,
     /// The same for those that move.
     pub(super) moving: f64,
-    /// The radius of the part of a surface whose normals make the normal at a sample.
-    pub(super) hood: f64,
+    /// The radius within which normals are averaged for the normal at a sample.
+    pub(super) normal_radius: f64,
 }
 
 /// The samples near what is missing, and the patches around some of them. It is all chosen at the beginning of a level.
@@ -33,8 +33,8 @@ pub(super) struct Patches {
     pub(super) entries: Lists,
     /// The centers next to each center.
     pub(super) near: Lists,
-    /// The vertices whose area vectors make the normal at each sample.
-    hoods: Lists,
+    /// The vertices around each sample whose area vectors are summed for its normal.
+    neighborhoods: Lists,
 }
 
 /// Centers next to a center.
@@ -103,8 +103,8 @@ impl Patches {
             let pairs = members.all().iter().copied().zip(0..);
             pairs.filter(|&(site, _)| (site as usize) < moves)
         });
-        let hoods = Lists::collect(balls(&sites, scale.hood).into_iter());
-        Self { sites, movable: moves, members, centers, entries, near, hoods }
+        let neighborhoods = Lists::collect(balls(&sites, scale.normal_radius).into_iter());
+        Self { sites, movable: moves, members, centers, entries, near, neighborhoods }
     }
 
     /// The number of patches: the first samples are their centers.
@@ -116,7 +116,7 @@ impl Patches {
     pub(super) fn normals(&self, areas: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let normal = |site: usize| {
             let sum: Vector3<f64> =
-                self.hoods.of(site).iter().map(|&vertex| areas[vertex as usize]).sum();
+                self.neighborhoods.of(site).iter().map(|&vertex| areas[vertex as usize]).sum();
             sum.try_normalize(0.0).unwrap_or(Vector3::z())
         };
         (0..self.sites.len()).into_par_iter().with_min_len(64).map(normal).collect()

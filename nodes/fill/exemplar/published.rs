@@ -16,7 +16,7 @@ use crate::fill::triangles::filling::Filling;
 pub(in crate::fill) type Density<'a> =
     dyn FnMut(&mut Filling, f64, &Progress<'_>) -> Result<(), Stop> + 'a;
 
-/// Moves the filled vertices of `filling` to where exemplars say, and gives them on each level the density of that level.
+/// Moves the filled vertices of `filling` to where their exemplars have them, and remeshes them to the density of each level.
 ///
 /// Kawai, Sato and Yokoya (2008), edges are split and collapsed towards the distance between samples of each level, so that
 /// nothing of the start that is finer survives a coarse level.

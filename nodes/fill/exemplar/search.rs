@@ -1,4 +1,4 @@
-//! Looks for the exemplar that is most like a patch.
+//! Finds the exemplar that is most similar to a patch.
 //!
 //! Candidates are the nearest by descriptors, those beside the matches of neighbors, the match from before, and random ones near
 //! the best: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here with all patches at once. Those that stay worst are
@@ -7,9 +7,9 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::compare::Patch;
+use super::best_match::Match;
+use super::compare::PatchSamples;
 use super::exemplars::Exemplars;
-use super::found_match::Match;
 use super::frame::Frame;
 use super::heights::{NODES, Sample, sample};
 use super::patches::Patches;
@@ -17,7 +17,7 @@ use super::surface::{NONE, Surface};
 use super::tints::{Color, PART, Tint};
 use super::turns::Turns;
 
-/// A place to look at: a data vertex near it, and a turn.
+/// A place at which to try exemplars: a data vertex near it, and a turn.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hint {
     pub(super) from: u32,
@@ -54,9 +54,9 @@ const FROM_TREE: usize = 16;
 /// Random candidates, each from half as far as the one before.
 const RANDOM: u64 = 4;
 
-/// Memory of a search.
+/// Buffers of a search.
 pub(super) struct Scratch {
-    patch: Patch,
+    patch: PatchSamples,
     tint: Tint,
     seen: Vec<(u32, u8)>,
     heights: Vec<f32>,
@@ -66,7 +66,7 @@ pub(super) struct Scratch {
 impl Scratch {
     pub(super) fn new() -> Self {
         Self {
-            patch: Patch::default(),
+            patch: PatchSamples::default(),
             tint: Tint::default(),
             seen: vec![],
             heights: vec![0.0; NODES],
@@ -77,7 +77,7 @@ impl Scratch {
 
 impl Search<'_> {
     /// The best exemplar for a patch among the candidates. `before` are the matches of all patches, if there are any; `hint` is a
-    /// place to look at; `far` says whether to look at all exemplars, not only near known ones.
+    /// place to look at; `far` asks for candidates from all exemplars, not only near known matches.
     pub(super) fn best(
         &self,
         scene: &Scene<'_>,
@@ -117,7 +117,7 @@ impl Search<'_> {
     }
 
     /// Puts a patch in its frame.
-    pub(super) fn take(&self, scene: &Scene<'_>, center: usize, patch: &mut Patch) {
+    pub(super) fn take(&self, scene: &Scene<'_>, center: usize, patch: &mut PatchSamples) {
         let frame = &scene.frames[center];
         let take = |&site: &u32| {
             let vertex = self.patches.sites[site as usize];
@@ -129,7 +129,7 @@ impl Search<'_> {
     }
 
     /// The colors of a patch in its frame, if they count.
-    fn tint(&self, center: usize, patch: &Patch) -> Tint {
+    fn tint(&self, center: usize, patch: &PatchSamples) -> Tint {
         if self.colors.is_empty() {
             return Tint::default();
         }

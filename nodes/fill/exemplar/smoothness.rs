@@ -1,4 +1,4 @@
-//! How well a thin plate would know what the data are where they are known.
+//! The error of thin plates, measured by filling exemplars, whose middles are known.
 
 use super::exemplars::Exemplars;
 use super::heights::{NODES, SIDE};

@@ -14,7 +14,7 @@ use super::turns::Turns;
 pub(crate) struct Sources(Vec<Option<(u32, [[f64; 3]; 3])>>);
 
 impl Sources {
-    /// Without anything that is copied.
+    /// Nothing is copied.
     pub(super) fn none() -> Self {
         Self(Vec::new())
     }

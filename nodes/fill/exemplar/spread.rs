@@ -1,4 +1,4 @@
-//! Thin plates over what is missing, which lie still beyond it.
+//! Thin plates over the missing part; the data do not move.
 
 use nalgebra::{Point3, Vector3};
 

@@ -2,9 +2,9 @@ use maquette::Progress;
 use nalgebra::{Point3, Vector3};
 use rayon::ThreadPoolBuilder;
 
-use super::compare::Patch;
+use super::best_match::Match;
+use super::compare::PatchSamples;
 use super::completion::{Completed, Completion, distances};
-use super::found_match::Match;
 use super::hole::Hole;
 use super::search::{Scene, Search};
 use super::surface::{NONE, Surface};
@@ -191,7 +191,7 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
     let scene = Scene { points, normals: &normals, frames: &outcome.frames };
     let (mut fast, mut best) = (0.0, 0.0);
     for (center, found) in outcome.matches.iter().enumerate() {
-        let mut patch = Patch::default();
+        let mut patch = PatchSamples::default();
         search.take(&scene, center, &mut patch);
         let compare = |exemplar: u32, turn: u8| {
             let turn = completion.turns.of(turn);
@@ -266,11 +266,11 @@ fn the_published_update_rounds_a_cap_too() {
 fn a_filled_part_is_as_rough_as_what_is_around_it() {
     // Bumps of four edges, which a plate across the hole does not have.
     let height = |x: f64, y: f64| 0.02 * libm::sin(40.0 * x) * libm::sin(40.0 * y);
-    let whole = grid(41, |x, y| x * x + y * y < 0.05, height);
-    let mut filling = whole.clone();
+    let shared = grid(41, |x, y| x * x + y * y < 0.05, height);
+    let mut filling = shared.clone();
     plate(&mut filling);
     let heights = |filling: &Filling| rms(filling.points[filling.data..].iter().map(|p| p.z));
-    let (truth, start) = (heights(&whole), heights(&filling));
+    let (truth, start) = (heights(&shared), heights(&filling));
     run(&mut filling, &ExemplarOptions::default());
     let end = heights(&filling);
     assert!(start < 0.5 * truth && (end / truth - 1.0).abs() < 0.25, "{start} {end} {truth}");
@@ -348,9 +348,9 @@ fn what_is_lost_on_one_side_grows_again_from_the_other() {
     // Two bumps, each steeper on the side away from the other.
     let bump = |u: f64, v: f64| 0.2 * libm::exp(-(u * u + v * v) / 0.05) * (1.0 + 3.0 * u);
     let height = |x: f64, y: f64| bump(-0.45 - x, y) + bump(x - 0.45, y);
-    let whole = grid(41, |x, y| libm::hypot(x - 0.45, y) < 0.22, height);
+    let shared = grid(41, |x, y| libm::hypot(x - 0.45, y) < 0.22, height);
     let off = |mirror: bool| {
-        let mut filling = whole.clone();
+        let mut filling = shared.clone();
         let data = filling.data;
         filling.points[data..].iter_mut().for_each(|point| point.z = 0.06);
         let other = |point: &Point3<f64>| libm::hypot(point.x + 0.45, point.y) < 0.3;
@@ -358,7 +358,7 @@ fn what_is_lost_on_one_side_grows_again_from_the_other() {
         let given = Given { allowed: Some(allowed), ..Given::default() };
         let options = ExemplarOptions { start: Start::Flat, mirror, ..ExemplarOptions::default() };
         complete(&mut filling, &options, &given, &Progress::none()).unwrap();
-        let pairs = filling.points[data..].iter().zip(&whole.points[data..]);
+        let pairs = filling.points[data..].iter().zip(&shared.points[data..]);
         rms(pairs.map(|(point, truth)| point.z - truth.z))
     };
     let (alike, turned) = (off(false), off(true));

@@ -49,7 +49,7 @@ impl Tint {
         squared(0) + squared(1) + squared(2)
     }
 
-    /// Puts the mean color in a descriptor, in place of the numbers that say least.
+    /// Puts the mean color in a descriptor, in place of the least significant numbers.
     pub(super) fn put(&self, descriptor: &mut Descriptor) {
         for (own, channel) in descriptor[KEPT - 3..].iter_mut().zip(self.mean) {
             *own = (channel * (COUNT as f64).sqrt()) as f32;

@@ -1,8 +1,8 @@
-//! The ways in which exemplars may lie.
+//! The rotations and reflections in which exemplars are tried.
 
 use super::frame::{Frame, Turn};
 
-/// The ways in which exemplars may lie.
+/// The rotations and reflections in which exemplars are tried: first the usual ones, then those for frames without a direction.
 pub(super) struct Turns {
     pub(super) all: Vec<Turn>,
     pub(super) usual: usize,

@@ -1,4 +1,4 @@
-//! What exemplars say about attributes.
+//! The attributes of filled vertices, as means over the exemplars of the patches around them.
 
 use nalgebra::Point3;
 use rayon::prelude::*;

@@ -1,25 +1,27 @@
 //! Membranes and thin plates through a rim: the surfaces that a soap film and a bent sheet would take.
 //!
-//! Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes" (1998), with the cotangent weights
-//! of Pinkall and Polthier, "Computing discrete minimal surfaces and their conjugates" (1993). What turns a thin plate into a surface whose
-//! curvature goes on evenly is from Schneider and Kobbelt, "Geometric fairing of irregular meshes for free-form surface design" (2001).
+//! Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes" (1998), with the cotangent weights of
+//! Pinkall and Polthier, "Computing discrete minimal surfaces and their conjugates" (1993). The term that turns a thin plate into a surface
+//! whose curvature varies evenly is from Schneider and Kobbelt, "Geometric fairing of irregular meshes for free-form surface design"
+//! (2001).
 
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use crate::fill::border::rim::Rim;
-use crate::fill::triangles::patch::{NONE, Patch, area_vector};
+use crate::fill::triangles::triangulation::{NONE, Triangulation, area_vector};
 use crate::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use crate::topology::lists::Lists;
 
-/// What is least.
+/// Which energy is minimized.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Energy {
     /// The area: the surface meets the rim at an angle.
     Membrane,
-    /// The bending, at the rim included: the surface goes on as the data ends. Curvature fades where normals fan out.
+    /// The bending, also across the rim: the surface continues the data smoothly. Its curvature fades where normals diverge.
     ThinPlate,
-    /// The bending beyond that of the surface as it is, whose curvature goes on as evenly as it can: a ball stays a ball.
+    /// The bending relative to the rest shape, which is the surface as it is: curvature varies as evenly as possible, and a ball stays a
+    /// ball.
     EvenPlate,
 }
 
@@ -30,54 +32,54 @@ const MOST_COTANGENT: f64 = 5.0;
 /// The least share of the mean area that a vertex counts for.
 const LEAST_AREA: f64 = 0.05;
 
-/// Moves the inner vertices of `patch` to where the energy is least, the shape of its triangles as it is now; false if the equations
-/// have no solution, and then nothing moves.
+/// Moves the inner vertices of `triangulation` to where the energy is least, with cotangents and areas of the triangles as they are now.
+/// False if the equations have no solution; then nothing moves.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
 pub(crate) fn fair(
-    patch: &mut Patch,
+    triangulation: &mut Triangulation,
     rim: &Rim,
     energy: Energy,
     progress: &Progress<'_>,
 ) -> Result<bool, Cancelled> {
-    let solved = solve(patch, rim, energy, progress)?;
+    let solved = solve(triangulation, rim, energy, progress)?;
     let is_finite =
         |points: &Vec<Point3<f64>>| points.iter().flat_map(|p| p.iter()).all(|x| x.is_finite());
     match solved.filter(is_finite) {
         Some(points) => {
-            patch.points = points;
+            triangulation.points = points;
             Ok(true)
         }
         None => Ok(false),
     }
 }
 
-/// The Laplacian of the surface around a hole: a row for each vertex of the patch.
+/// The Laplacian of the surface around a hole: a row for each vertex of the triangulation.
 struct Laplacian {
     starts: Vec<u32>,
     columns: Vec<u32>,
     weights: Vec<f64>,
-    /// The area of each vertex; infinite for one whose faces do not go all around, so that its row counts nothing.
+    /// The area of each vertex; infinite at the border, where faces do not go all around a vertex, so that its row counts nothing.
     areas: Vec<f64>,
     /// The unit normal at each vertex.
     normals: Vec<Vector3<f64>>,
 }
 
 impl Laplacian {
-    fn new(patch: &Patch, rim: &Rim) -> Self {
-        let count = patch.points.len();
+    fn new(triangulation: &Triangulation, rim: &Rim) -> Self {
+        let count = triangulation.points.len();
         let place = |vertex: u32| {
             let vertex = vertex as usize;
-            if vertex < count { patch.points[vertex] } else { rim.ring[vertex - count] }
+            if vertex < count { triangulation.points[vertex] } else { rim.ring[vertex - count] }
         };
-        let fixed = patch.fixed as u32;
+        let fixed = triangulation.fixed as u32;
         let outside = rim.triangles.iter().map(|face| {
-            // Those of the ring stand behind all vertices of the patch.
+            // Those of the ring stand behind all vertices of the triangulation.
             face.map(|vertex| if vertex < fixed { vertex } else { vertex - fixed + count as u32 })
         });
         let inside =
-            patch.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE).copied();
+            triangulation.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE).copied();
         let mut areas = vec![0.0; count];
         let mut normals = vec![Vector3::zeros(); count];
         let mut links: Vec<(u32, u32, f64)> = Vec::with_capacity(12 * count);
@@ -149,8 +151,8 @@ impl Laplacian {
     fn dissection(&self, vertices: &[usize], unknowns: &[u32], energy: Energy) -> Dissection {
         let (mut starts, mut neighbors) = (vec![0], Vec::with_capacity(8 * vertices.len()));
         for &vertex in vertices {
-            let around = self.row(vertex).map(|(column, _)| unknowns[column]);
-            neighbors.extend(around.filter(|&unknown| unknown != NONE));
+            let columns = self.row(vertex).map(|(column, _)| unknowns[column]);
+            neighbors.extend(columns.filter(|&unknown| unknown != NONE));
             starts.push(neighbors.len() as u32);
         }
         let reach = match energy {
@@ -175,40 +177,40 @@ impl Laplacian {
         (0..self.areas.len()).map(curvature).collect()
     }
 
-    /// What the Laplacian of the curvature vectors at a vertex is if that of their lengths is nothing: the turn of the normals around.
-    fn turn(&self, vertex: usize, curvatures: &[f64]) -> Vector3<f64> {
+    /// The Laplacian of the curvature vectors at a vertex if that of their lengths is 0: what remains is how the normals around it turn.
+    fn normal_turn(&self, vertex: usize, curvatures: &[f64]) -> Vector3<f64> {
         let own = self.normals[vertex];
-        let around = self.row(vertex);
-        around.map(|(other, w)| (self.normals[other] - own) * (w * curvatures[other])).sum()
+        let row = self.row(vertex);
+        row.map(|(other, w)| (self.normals[other] - own) * (w * curvatures[other])).sum()
     }
 }
 
 fn solve(
-    patch: &Patch,
+    triangulation: &Triangulation,
     rim: &Rim,
     energy: Energy,
     progress: &Progress<'_>,
 ) -> Result<Option<Vec<Point3<f64>>>, Cancelled> {
     progress.check()?;
-    let laplacian = Laplacian::new(patch, rim);
+    let laplacian = Laplacian::new(triangulation, rim);
     progress.check()?;
-    let count = patch.points.len();
+    let count = triangulation.points.len();
     let mut unknowns = vec![NONE; count + rim.ring.len()];
     let mut vertices = Vec::new();
-    let alive = |&vertex: &usize| patch.leaving[vertex] != NONE;
-    for vertex in (patch.fixed..count).filter(alive) {
+    let alive = |&vertex: &usize| triangulation.leaving[vertex] != NONE;
+    for vertex in (triangulation.fixed..count).filter(alive) {
         unknowns[vertex] = vertices.len() as u32;
         vertices.push(vertex);
     }
     if vertices.is_empty() {
         return Ok(None);
     }
-    // About the middle of the rim, so that no digits are lost to the place of the hole.
+    // Relative to the centroid of the rim, so that no digits are lost if the hole is far from the origin.
     let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
     let origin = Point3::from(sum / rim.len() as f64);
     let place = |vertex: usize| {
         if vertex < count {
-            patch.points[vertex] - origin
+            triangulation.points[vertex] - origin
         } else {
             rim.ring[vertex - count] - origin
         }
@@ -219,15 +221,15 @@ fn solve(
     );
     let Some(factors) = Cholesky::ordered(&matrix, &dissection, progress)? else { return Ok(None) };
     factors.solve(&mut right);
-    let mut points = patch.points.clone();
+    let mut points = triangulation.points.clone();
     for (&vertex, solution) in vertices.iter().zip(right) {
         points[vertex] = origin + Vector3::from(solution);
     }
     Ok(Some(points))
 }
 
-/// What has to hold for the unknowns of `vertices`, each of which `unknowns` numbers, so that an energy is least: the matrix and the right
-/// sides, other vertices being where `place` says.
+/// The equations under which an energy is least: the matrix and the right sides. The unknowns are the positions of `vertices`, numbered by
+/// `unknowns`; all other vertices stay at `place`.
 fn equations(
     laplacian: &Laplacian,
     vertices: &[usize],
@@ -280,7 +282,7 @@ fn equations(
             }
         }
         if let Some(curvatures) = &curvatures {
-            known += laplacian.turn(vertex, curvatures);
+            known += laplacian.normal_turn(vertex, curvatures);
         }
         matrix.starts.push(matrix.indices.len() as u32);
         right.push([known.x, known.y, known.z]);

@@ -1,27 +1,27 @@
-//! Gives what fills holes another density.
+//! Changes the density of the triangles that fill holes.
 
 use maquette::{Cancelled, Progress};
 use nalgebra::Point3;
 
 use super::fairing::{Energy, fair};
-use super::plug::Plug;
+use super::hole_fill::HoleFill;
 use super::sizes::Sizes;
-use crate::fill::border::rim::{Rim, Surroundings};
+use crate::fill::border::rim::{OneRings, Rim};
 use crate::fill::triangles::density::{Stop, refine};
 use crate::fill::triangles::filling::Filling;
 
-/// What fills some holes, as triangles that can be split and collapsed.
+/// The fills of some holes, as triangulations whose edges can be split and collapsed.
 pub(crate) struct Remesh<'a> {
-    pub(crate) surroundings: &'a Surroundings,
+    pub(crate) one_rings: &'a OneRings,
     pub(crate) holes: &'a [Vec<u32>],
-    pub(crate) plugs: &'a mut [Plug],
-    /// How long edges are in the end, if not as the data's.
+    pub(crate) fills: &'a mut [HoleFill],
+    /// The final length of edges; none for that of the data's edges at the rim.
     pub(crate) edge: Option<f64>,
 }
 
 impl Remesh<'_> {
-    /// Brings the edges of what fills `filling` to `least`, or to the length that they are to have in the end where that is more. Vertices
-    /// stay on the surface that they are on, and get other numbers.
+    /// Brings the filled edges to the length `least`, or to their final length where that is more. The surface stays where it is; its
+    /// vertices get other numbers.
     ///
     /// # Errors
     /// If there would be too many triangles, or the evaluation is told to stop.
@@ -31,17 +31,17 @@ impl Remesh<'_> {
         least: f64,
         progress: &Progress<'_>,
     ) -> Result<(), Stop> {
-        self.take(filling);
-        for (hole, plug) in self.holes.iter().zip(self.plugs.iter_mut()) {
-            let rim = Rim::new(filling, self.surroundings, hole);
+        self.take_positions(filling);
+        for (hole, fill) in self.holes.iter().zip(self.fills.iter_mut()) {
+            let rim = Rim::new(filling, self.one_rings, hole);
             let sizes = Sizes::new(&rim, self.edge);
-            refine(&mut plug.patch, |point| sizes.at(point).max(least), progress)?;
+            refine(&mut fill.triangulation, |point| sizes.at(point).max(least), progress)?;
         }
-        filling.add_all(self.holes, self.plugs);
+        filling.add_all(self.holes, self.fills);
         Ok(())
     }
 
-    /// Where membranes would have the filled vertices, and takes over where these are.
+    /// The positions that the filled vertices would have on membranes. Takes over their present positions, too.
     ///
     /// # Errors
     /// If the evaluation is told to stop.
@@ -50,25 +50,27 @@ impl Remesh<'_> {
         filling: &mut Filling,
         progress: &Progress<'_>,
     ) -> Result<Vec<Point3<f64>>, Cancelled> {
-        self.take(filling);
+        self.take_positions(filling);
         let mut places = Vec::new();
-        for (hole, plug) in self.holes.iter().zip(self.plugs.iter()) {
-            let rim = Rim::new(filling, self.surroundings, hole);
-            let mut patch = plug.patch.clone();
-            fair(&mut patch, &rim, Energy::Membrane, progress)?;
-            let (_, kept) = patch.compact();
-            places.extend(kept[hole.len()..].iter().map(|&vertex| patch.points[vertex as usize]));
+        for (hole, fill) in self.holes.iter().zip(self.fills.iter()) {
+            let rim = Rim::new(filling, self.one_rings, hole);
+            let mut triangulation = fill.triangulation.clone();
+            fair(&mut triangulation, &rim, Energy::Membrane, progress)?;
+            let (_, kept) = triangulation.compact();
+            places.extend(
+                kept[hole.len()..].iter().map(|&vertex| triangulation.points[vertex as usize]),
+            );
         }
         Ok(places)
     }
 
-    /// Takes over where vertices have gone since they were added to `filling`.
-    pub(crate) fn take(&mut self, filling: &Filling) {
+    /// Takes over the positions to which vertices have moved since they were added to `filling`.
+    pub(crate) fn take_positions(&mut self, filling: &Filling) {
         let mut places = filling.points[filling.data..].iter();
-        for (hole, plug) in self.holes.iter().zip(self.plugs.iter_mut()) {
-            let (_, kept) = plug.patch.compact();
+        for (hole, fill) in self.holes.iter().zip(self.fills.iter_mut()) {
+            let (_, kept) = fill.triangulation.compact();
             for (&vertex, place) in kept[hole.len()..].iter().zip(&mut places) {
-                plug.patch.points[vertex as usize] = *place;
+                fill.triangulation.points[vertex as usize] = *place;
             }
         }
     }

@@ -1,23 +1,23 @@
-//! How long the edges of a filling should be.
+//! How long the edges of a fill should be.
 
 use nalgebra::Point3;
 
 use crate::fill::border::rim::Rim;
 use crate::fill::triangles::density::{Stop, TRIANGLES, estimate};
-use crate::fill::triangles::patch::Patch;
+use crate::fill::triangles::triangulation::Triangulation;
 
-/// How long edges should be: as those of the data at the rim, the nearer the more.
+/// How long edges should be: the mean of the lengths of the data's edges at the rim, weighed by the inverse fourth power of the distance.
 pub(crate) struct Sizes {
-    /// Places on the rim, by coordinate; behind them infinite ones up to a multiple of [`LANES`], which weigh nothing.
+    /// Places on the rim, by coordinate, padded with infinite ones, whose weight is 0, to a multiple of [`LANES`].
     places: [Vec<f64>; 3],
     /// How long edges are there.
     lengths: Vec<f64>,
 }
 
-/// So many times triangles are looked at closer to estimate their number: some milliseconds.
-const LOOKS: usize = 50_000;
+/// As many triangles are divided to estimate how many there will be: some milliseconds.
+const MOST_DIVISIONS: usize = 50_000;
 
-/// So many parts of the rim are told apart at most: a multiple of [`LANES`].
+/// As many places on the rim are told apart at most: a multiple of [`LANES`].
 const MOST_SAMPLES: usize = 128;
 
 /// Sums that run side by side.
@@ -48,14 +48,14 @@ impl Sizes {
 
     /// # Errors
     /// If there would be too many triangles.
-    pub(crate) fn check(&self, patch: &Patch) -> Result<(), Stop> {
-        // Nowhere are edges shorter than where they are shortest at the rim: nearly always that says enough.
+    pub(crate) fn check(&self, triangulation: &Triangulation) -> Result<(), Stop> {
+        // Nowhere are edges shorter than where they are shortest at the rim: nearly always that estimate suffices.
         let lengths = self.lengths.iter().copied().filter(|length| *length > 0.0);
         let shortest = lengths.fold(f64::INFINITY, f64::min);
-        if estimate(patch, |_| shortest, 0) <= TRIANGLES.most as f64 {
+        if estimate(triangulation, |_| shortest, 0) <= TRIANGLES.most as f64 {
             return Ok(());
         }
-        let need = estimate(patch, |point| self.at(point), LOOKS);
+        let need = estimate(triangulation, |point| self.at(point), MOST_DIVISIONS);
         if need <= TRIANGLES.most as f64 { Ok(()) } else { Err(Stop::TooMany(need)) }
     }
 

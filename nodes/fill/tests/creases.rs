@@ -50,7 +50,7 @@ fn the_corner_of_a_cube_is_sharp_again() {
         let mesh = without(&cube(), |p| ball(p) || (has_strip && strip(p)));
         let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
         assert_eq!(check_kept(&mesh, &filled.mesh), 0);
-        assert_eq!(filled.doubts, [""; 0]);
+        assert_eq!(filled.warnings, [""; 0]);
         let added = &filled.mesh.positions()[mesh.positions().len()..];
         assert!(added.iter().any(|p| (p - Point3::new(16.0, 16.0, 16.0)).norm() < 1e-6));
         // Creases are edges: each triangle lies in one side of the cube, and looks outwards.
@@ -82,7 +82,11 @@ fn creases_of_noisy_data_go_on_too() {
         let mesh = noisy(&bevel, 0.05, seed);
         let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
         check_kept(&mesh, &filled.mesh);
-        assert!(!filled.doubts.iter().any(|doubt| doubt.contains("crease")), "{:?}", filled.doubts);
+        assert!(
+            !filled.warnings.iter().any(|warning| warning.contains("crease")),
+            "{:?}",
+            filled.warnings
+        );
         let rms = |filled: &Filled| {
             let added = &filled.mesh.positions()[mesh.positions().len()..];
             let sum: f64 =
@@ -93,13 +97,13 @@ fn creases_of_noisy_data_go_on_too() {
         if rms(&filled) < 0.25 * rms(&plate) {
             sharp += 1;
         } else {
-            let told = filled.doubts.iter().any(|doubt| doubt.contains("another surface"));
-            assert!(told, "{seed}: {:?}", filled.doubts);
+            let told = filled.warnings.iter().any(|warning| warning.contains("another surface"));
+            assert!(told, "{seed}: {:?}", filled.warnings);
         }
         let mesh = noisy(&corner, 0.05, seed);
         let filled = fill(&mesh, HoleChoice::All, FillMethod::CreaseAware).unwrap();
         assert_eq!(check_kept(&mesh, &filled.mesh), 0);
-        assert_eq!(filled.doubts, [""; 0]);
+        assert_eq!(filled.warnings, [""; 0]);
         for p in &filled.mesh.positions()[mesh.positions().len()..] {
             let off = (16.0 - p.x).min(16.0 - p.y).min(16.0 - p.z);
             assert!(off.abs() < 0.25, "{p} is off by {off}");
@@ -122,7 +126,7 @@ fn noise_makes_no_creases() {
             let mesh = noisy(mesh, deviation * edge, seed);
             let [sharp, smooth] = [FillMethod::CreaseAware, FillMethod::ThinPlate]
                 .map(|method| fill(&mesh, HoleChoice::All, method).unwrap());
-            assert!(sharp.mesh == smooth.mesh, "{deviation} {seed}: {:?}", sharp.doubts);
+            assert!(sharp.mesh == smooth.mesh, "{deviation} {seed}: {:?}", sharp.warnings);
         }
     }
 }

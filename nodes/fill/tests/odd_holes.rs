@@ -17,7 +17,7 @@ fn check(mesh: &Mesh, max: usize, share: f64) -> usize {
         FillMethod::Exemplar(ExemplarOptions { iterations: Some(2), ..Default::default() });
     let open = PLAIN.into_iter().chain([exemplar]).map(|method| {
         let filled = fill(mesh, HoleChoice::Edges { max }, method.clone()).unwrap();
-        let told = filled.doubts.iter().find(|doubt| doubt.contains("run through others"));
+        let told = filled.warnings.iter().find(|warning| warning.contains("run through others"));
         assert_eq!(told, None, "{method:?}");
         let (lowest, highest) = bounds(&filled.mesh);
         let is_near =
@@ -109,18 +109,18 @@ fn more_triangles_than_can_be_made_are_refused_with_numbers_before_they_are() {
 #[test]
 fn the_number_of_triangles_is_known_before() {
     use crate::fill::triangles::density::{estimate, refine};
-    use crate::fill::triangles::patch::Patch;
+    use crate::fill::triangles::triangulation::Triangulation;
 
     let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
     let corners = corners.map(|[x, y]| Point3::new(x, y, 0.0));
-    for (size, looks) in [(0.02, 0), (0.02, 5000), (0.005, 5000)] {
+    for (size, divisions) in [(0.02, 0), (0.02, 5000), (0.005, 5000)] {
         // From fine on the left to three times as coarse on the right.
-        let target = |p: Point3<f64>| if looks == 0 { size } else { size * (1.0 + 2.0 * p.x) };
-        let mut patch = Patch::new(corners.to_vec(), 4, &[[0, 1, 2], [0, 2, 3]]);
-        let known = estimate(&patch, target, looks);
-        refine(&mut patch, target, &Progress::none()).unwrap();
-        let ratio = known / patch.n_faces() as f64;
-        assert!((0.5..2.5).contains(&ratio), "{size}: {known} for {}", patch.n_faces());
+        let target = |p: Point3<f64>| if divisions == 0 { size } else { size * (1.0 + 2.0 * p.x) };
+        let mut triangulation = Triangulation::new(corners.to_vec(), 4, &[[0, 1, 2], [0, 2, 3]]);
+        let known = estimate(&triangulation, target, divisions);
+        refine(&mut triangulation, target, &Progress::none()).unwrap();
+        let ratio = known / triangulation.n_faces() as f64;
+        assert!((0.5..2.5).contains(&ratio), "{size}: {known} for {}", triangulation.n_faces());
     }
 }
 
@@ -132,5 +132,5 @@ fn without_iterations_the_start_is_taken_and_nothing_is_looked_for() {
     let plain = fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap();
     assert_eq!(started.mesh, plain.mesh);
     assert_eq!(started.trace.steps(), []);
-    assert_eq!(started.doubts, plain.doubts);
+    assert_eq!(started.warnings, plain.warnings);
 }

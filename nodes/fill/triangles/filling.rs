@@ -1,10 +1,10 @@
-//! A mesh of triangles whose holes are being filled: data that never changes, and behind it what is filled.
+//! A mesh of triangles whose holes are being filled: first the data, which never changes, then the filled vertices and faces.
 
 use maquette::value::Mesh;
 use nalgebra::Point3;
 
-use super::patch::Patch;
-use crate::fill::plain::plug::Plug;
+use super::triangulation::Triangulation;
+use crate::fill::plain::hole_fill::HoleFill;
 
 /// A mesh of triangles whose holes are being filled.
 #[derive(Clone, Debug)]
@@ -35,20 +35,21 @@ impl Filling {
         Self { points: mesh.positions().to_vec(), faces, data, kept }
     }
 
-    /// Lets these be what fills these holes, instead of whatever there is.
-    pub(crate) fn add_all(&mut self, holes: &[Vec<u32>], plugs: &[Plug]) {
+    /// Replaces all filled vertices and faces by those of these fills.
+    pub(crate) fn add_all(&mut self, holes: &[Vec<u32>], fills: &[HoleFill]) {
         self.points.truncate(self.data);
         self.faces.truncate(self.kept);
-        for (hole, plug) in holes.iter().zip(plugs) {
-            self.add(hole, &plug.patch);
+        for (hole, fill) in holes.iter().zip(fills) {
+            self.add(hole, &fill.triangulation);
         }
     }
 
-    /// Adds what fills a hole, whose rim has these vertices.
-    fn add(&mut self, rim: &[u32], patch: &Patch) {
-        let (faces, kept) = patch.compact();
+    /// Adds the fill of a hole whose rim has these vertices.
+    fn add(&mut self, rim: &[u32], triangulation: &Triangulation) {
+        let (faces, kept) = triangulation.compact();
         let first = self.points.len();
-        self.points.extend(kept[rim.len()..].iter().map(|&vertex| patch.points[vertex as usize]));
+        self.points
+            .extend(kept[rim.len()..].iter().map(|&vertex| triangulation.points[vertex as usize]));
         let number = |vertex: u32| match rim.get(vertex as usize) {
             Some(&data) => data,
             None => (first - rim.len()) as u32 + vertex,

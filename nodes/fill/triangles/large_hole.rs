@@ -1,4 +1,4 @@
-//! Triangles over a rim of very many edges: a few of its vertices first, then all others where they are farthest off.
+//! The triangulation of a rim of very many edges: some of its vertices first, then the others, the farthest from the triangles first.
 //!
 //! The few are chosen and the others follow as Douglas and Peucker do it, "Algorithms for the reduction of the number of points required
 //! to represent a digitized line or its caricature" (1973). After each vertex edges are flipped where that makes the two triangles
@@ -9,10 +9,10 @@ use std::collections::BinaryHeap;
 
 use nalgebra::{Point3, Vector3};
 
-use super::least_bent::least_bent;
-use super::patch::{NONE, Patch, area_vector, previous};
+use super::min_weight::min_weight;
+use super::triangulation::{NONE, Triangulation, area_vector, previous};
 
-/// How many vertices are tried in all ways: with fewer the whole shape is a worse one, and cost grows with the cube.
+/// The number of vertices that dynamic programming triangulates: with fewer the shape is worse, and the cost grows with the cube.
 const FEW: usize = 100;
 
 /// Two areas that differ less than this share are the same.
@@ -77,8 +77,8 @@ fn gap(points: &[Point3<f64>], from: usize, to: usize) -> Option<Gap> {
     Some(Gap { distance: best.0, from, to, farthest: best.1 })
 }
 
-/// Triangles over a rim of more vertices than can be tried in all ways; see [`super::triangulation::triangulate`].
-pub(crate) fn over_large_rim(
+/// The triangulation of a rim for which dynamic programming would take too long; see [`super::triangulate::triangulate`].
+pub(crate) fn triangulate_large(
     points: &[Point3<f64>],
     normals: &[Vector3<f64>],
     is_taken: &dyn Fn(usize, usize) -> bool,
@@ -109,14 +109,15 @@ pub(crate) fn over_large_rim(
         })
         .collect();
     let taken = |a: usize, b: usize| is_taken(chosen[a], chosen[b]);
-    let faces = least_bent(&few, &beyond, &taken)?;
+    let faces = min_weight(&few, &beyond, &taken)?;
     let faces: Vec<[u32; 3]> =
         faces.into_iter().map(|face| face.map(|place| chosen[place as usize] as u32)).collect();
-    let mut growing = Growing { patch: Patch::new(points.to_vec(), 0, &faces), is_taken };
+    let mut growing =
+        Growing { triangulation: Triangulation::new(points.to_vec(), 0, &faces), is_taken };
     let mut border = vec![NONE; count];
-    for half in 0..growing.patch.corners.len() as u32 {
-        if growing.patch.twins[half as usize] == NONE {
-            border[growing.patch.corners[half as usize] as usize] = half;
+    for half in 0..growing.triangulation.corners.len() as u32 {
+        if growing.triangulation.twins[half as usize] == NONE {
+            border[growing.triangulation.corners[half as usize] as usize] = half;
         }
     }
     while let Some(next) = heap.pop() {
@@ -124,15 +125,15 @@ pub(crate) fn over_large_rim(
         heap.extend(gap(points, next.from, next.farthest));
         heap.extend(gap(points, next.farthest, next.to));
     }
-    let clashes = growing.patch.inner_edges().any(|half| {
-        let [a, b] = growing.patch.ends(half);
+    let clashes = growing.triangulation.inner_edges().any(|half| {
+        let [a, b] = growing.triangulation.ends(half);
         is_taken(a as usize, b as usize)
     });
-    (!clashes).then(|| growing.patch.compact().0)
+    (!clashes).then(|| growing.triangulation.compact().0)
 }
 
 struct Growing<'a> {
-    patch: Patch,
+    triangulation: Triangulation,
     is_taken: &'a dyn Fn(usize, usize) -> bool,
 }
 
@@ -141,17 +142,17 @@ impl Growing<'_> {
     fn insert(&mut self, border: &mut [u32], gap: Gap) {
         let half = border[gap.from];
         let face = half / 3 * 3;
-        let added = self.patch.corners.len() as u32;
-        self.patch.split_border(half, gap.farthest as u32);
+        let added = self.triangulation.corners.len() as u32;
+        self.triangulation.split_border(half, gap.farthest as u32);
         let mut queue = vec![face + 1, face + 2, added + 1];
         self.mark(border, &[face, added]);
         let mut left = 1000;
         while let Some(half) = queue.pop() {
-            let twin = self.patch.twins[half as usize];
+            let twin = self.triangulation.twins[half as usize];
             if twin == NONE || left == 0 || !self.should_flip(half) {
                 continue;
             }
-            self.patch.flip(half);
+            self.triangulation.flip(half);
             left -= 1;
             let (f, g) = (half / 3 * 3, twin / 3 * 3);
             self.mark(border, &[f, g]);
@@ -161,19 +162,19 @@ impl Growing<'_> {
 
     fn mark(&self, border: &mut [u32], faces: &[u32]) {
         for half in faces.iter().flat_map(|&first| first..first + 3) {
-            if self.patch.twins[half as usize] == NONE {
-                border[self.patch.corners[half as usize] as usize] = half;
+            if self.triangulation.twins[half as usize] == NONE {
+                border[self.triangulation.corners[half as usize] as usize] = half;
             }
         }
     }
 
     fn should_flip(&self, half: u32) -> bool {
-        let patch = &self.patch;
-        let twin = patch.twins[half as usize];
-        let [a, b] = patch.ends(half);
-        let c = patch.corners[previous(half) as usize];
-        let d = patch.corners[previous(twin) as usize];
-        let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| patch.points[vertex as usize]);
+        let triangulation = &self.triangulation;
+        let twin = triangulation.twins[half as usize];
+        let [a, b] = triangulation.ends(half);
+        let c = triangulation.corners[previous(half) as usize];
+        let d = triangulation.corners[previous(twin) as usize];
+        let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| triangulation.points[vertex as usize]);
         let area = |corners| -> f64 { Vector3::norm(&area_vector(corners)) };
         let old = area([pa, pb, pc]) + area([pb, pa, pd]);
         let new = area([pa, pd, pc]) + area([pd, pb, pc]);
@@ -190,7 +191,7 @@ impl Growing<'_> {
             ];
             old < -1e-9 && old < new
         };
-        // The new edge is no old one: it would have crossed the one that goes.
+        // The new edge cannot exist already: it would have crossed the one that goes.
         (is_smaller || (is_same && is_better())) && !(self.is_taken)(c as usize, d as usize)
     }
 }

@@ -1,29 +1,272 @@
-//! The triangles over a rim that bend and cover least.
-//!
-//! Liepa, "Filling holes in meshes" (2003), section 3: of all triangulations the one whose sharpest edge bends least, edges to the data
-//! around included; of equals the one with the least area. Found by dynamic programming: Barequet and Sharir, "Filling gaps in the
-//! boundary of a polyhedron" (1995).
+//! The triangulation of a hole as half-edges, so that edges can be flipped, split and collapsed.
 
 use nalgebra::{Point3, Vector3};
 
-use super::large_hole::over_large_rim;
-use super::least_bent::least_bent;
+/// Stands for a half-edge or a vertex that does not exist.
+pub(crate) const NONE: u32 = u32::MAX;
 
-/// Above this many edges only some of the rim's vertices are tried in all ways, since cost grows with the cube of their number.
-pub(crate) const MOST_EDGES: usize = 200;
-
-/// Triangles with corners by place on the rim, counter-clockwise as the rim is, from the side that `normals` look to.
+/// The triangulation of a hole. Half-edge `h` runs from corner `h` of face `h / 3` to the next corner of that face.
 ///
-/// `normals` are the unit normals of the data beyond each rim edge, from its vertex to the next. `is_taken` says of two vertices
-/// whether the mesh has an edge between them, which then no triangle will have. None if that leaves no way to do it.
-pub(crate) fn triangulate(
-    points: &[Point3<f64>],
-    normals: &[Vector3<f64>],
-    is_taken: &dyn Fn(usize, usize) -> bool,
-) -> Option<Vec<[u32; 3]>> {
-    match points.len() {
-        0..3 => None,
-        3..=MOST_EDGES => least_bent(points, normals, is_taken),
-        _ => over_large_rim(points, normals, is_taken),
+/// The first `fixed` vertices are the rim: they never move or go. An edge between two of them may be made only by callers that have checked
+/// that the mesh has no such edge.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Triangulation {
+    pub(crate) points: Vec<Point3<f64>>,
+    pub(crate) fixed: usize,
+    /// The vertex at each corner; [`NONE`] for a face that is gone.
+    pub(crate) corners: Vec<u32>,
+    /// The half-edge on the other side of each; [`NONE`] at the rim.
+    pub(crate) twins: Vec<u32>,
+    /// A half-edge that leaves each vertex; [`NONE`] for a vertex that is gone.
+    pub(crate) leaving: Vec<u32>,
+}
+
+/// The half-edge after `half` in its face.
+pub(crate) fn next(half: u32) -> u32 {
+    if half % 3 == 2 { half - 2 } else { half + 1 }
+}
+
+/// The half-edge before `half` in its face.
+pub(crate) fn previous(half: u32) -> u32 {
+    if half.is_multiple_of(3) { half + 2 } else { half - 1 }
+}
+
+impl Triangulation {
+    /// Some triangles over `points`, of which the first `fixed` are the rim.
+    pub(crate) fn new(points: Vec<Point3<f64>>, fixed: usize, faces: &[[u32; 3]]) -> Self {
+        let corners = faces.as_flattened().to_vec();
+        let mut leaving = vec![NONE; points.len()];
+        (0..).zip(&corners).for_each(|(half, &from)| leaving[from as usize] = half);
+        let mut triangulation =
+            Self { points, fixed, twins: vec![NONE; corners.len()], corners, leaving };
+        triangulation.link();
+        triangulation
     }
+
+    /// Finds the twins: half-edges between the same vertices are neighbors in sorted order.
+    fn link(&mut self) {
+        let halves = 0..self.corners.len() as u32;
+        let mut ends: Vec<([u32; 2], u32)> = halves
+            .map(|half| {
+                let [a, b] = self.ends(half);
+                ([a.min(b), a.max(b)], half)
+            })
+            .collect();
+        ends.sort_unstable();
+        for pair in ends.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+            self.join(pair[0].1, pair[1].1);
+        }
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        if a != NONE {
+            self.twins[a as usize] = b;
+        }
+        if b != NONE {
+            self.twins[b as usize] = a;
+        }
+    }
+
+    pub(crate) fn ends(&self, half: u32) -> [u32; 2] {
+        [self.corners[half as usize], self.corners[next(half) as usize]]
+    }
+
+    pub(crate) fn is_alive(&self, half: u32) -> bool {
+        self.corners[half as usize] != NONE
+    }
+
+    pub(crate) fn is_rim(&self, vertex: u32) -> bool {
+        (vertex as usize) < self.fixed
+    }
+
+    /// Each edge with two faces once, as its lower half-edge.
+    pub(crate) fn inner_edges(&self) -> impl Iterator<Item = u32> {
+        let halves = 0..self.corners.len() as u32;
+        halves.filter(|&half| {
+            let twin = self.twins[half as usize];
+            self.is_alive(half) && twin != NONE && half < twin
+        })
+    }
+
+    pub(crate) fn length(&self, half: u32) -> f64 {
+        let [a, b] = self.ends(half).map(|vertex| self.points[vertex as usize]);
+        (b - a).norm()
+    }
+
+    /// The half-edges that leave an inner vertex, all around it.
+    pub(crate) fn around(&self, vertex: u32) -> impl Iterator<Item = u32> {
+        let first = self.leaving[vertex as usize];
+        let mut half = first;
+        std::iter::from_fn(move || {
+            if half == NONE {
+                return None;
+            }
+            let this = half;
+            half = self.twins[previous(half) as usize];
+            if half == first {
+                half = NONE;
+            }
+            Some(this)
+        })
+    }
+
+    /// The ends of an edge, the corners opposite to it in its two faces, and the half-edges beyond the other sides of these faces.
+    fn diamond(&self, half: u32, twin: u32) -> ([u32; 4], [u32; 4]) {
+        let [a, b] = self.ends(half);
+        let [c, d] = [half, twin].map(|half| self.corners[previous(half) as usize]);
+        let sides = [next(half), previous(half), next(twin), previous(twin)];
+        ([a, b, c, d], sides.map(|half| self.twins[half as usize]))
+    }
+
+    /// Turns an edge in the quadrilateral of its two faces.
+    pub(crate) fn flip(&mut self, half: u32) {
+        let twin = self.twins[half as usize];
+        let ([a, b, c, d], [bc, ca, ad, db]) = self.diamond(half, twin);
+        let (f, g) = (half / 3 * 3, twin / 3 * 3);
+        self.set_face(f, [a, d, c]);
+        self.set_face(g, [d, b, c]);
+        self.join(f, ad);
+        self.join(f + 1, g + 2);
+        self.join(f + 2, ca);
+        self.join(g, db);
+        self.join(g + 1, bc);
+    }
+
+    fn set_face(&mut self, first: u32, vertices: [u32; 3]) {
+        for (half, vertex) in (first..).zip(vertices) {
+            self.corners[half as usize] = vertex;
+            self.leaving[vertex as usize] = half;
+        }
+    }
+
+    fn add_face(&mut self) -> u32 {
+        let first = self.corners.len() as u32;
+        self.corners.extend([NONE; 3]);
+        self.twins.extend([NONE; 3]);
+        first
+    }
+
+    fn add_vertex(&mut self, point: Point3<f64>) -> u32 {
+        self.points.push(point);
+        self.leaving.push(NONE);
+        self.points.len() as u32 - 1
+    }
+
+    /// Puts a vertex onto an inner edge.
+    pub(crate) fn split(&mut self, half: u32, point: Point3<f64>) -> u32 {
+        let twin = self.twins[half as usize];
+        let ([a, b, c, d], [bc, ca, ad, db]) = self.diamond(half, twin);
+        let m = self.add_vertex(point);
+        let (f, g) = (half / 3 * 3, twin / 3 * 3);
+        let (p, q) = (self.add_face(), self.add_face());
+        self.set_face(f, [a, m, c]);
+        self.set_face(p, [m, b, c]);
+        self.set_face(g, [m, a, d]);
+        self.set_face(q, [b, m, d]);
+        self.join(f, g);
+        self.join(f + 1, p + 2);
+        self.join(f + 2, ca);
+        self.join(p, q);
+        self.join(p + 1, bc);
+        self.join(g + 1, ad);
+        self.join(g + 2, q + 1);
+        self.join(q + 2, db);
+        m
+    }
+
+    /// Puts a vertex of the rim onto the border edge `half`.
+    pub(crate) fn split_border(&mut self, half: u32, vertex: u32) {
+        let [a, b] = self.ends(half);
+        let c = self.corners[previous(half) as usize];
+        let [bc, ca] = [next(half), previous(half)].map(|half| self.twins[half as usize]);
+        let f = half / 3 * 3;
+        let p = self.add_face();
+        self.set_face(f, [a, vertex, c]);
+        self.set_face(p, [vertex, b, c]);
+        self.twins[f as usize] = NONE;
+        self.join(f + 1, p + 2);
+        self.join(f + 2, ca);
+        self.join(p + 1, bc);
+    }
+
+    /// Whether the edge of `half` can be collapsed into the end of `half` so that a surface is left.
+    ///
+    /// The link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction" (1999); besides, no edge
+    /// between two rim vertices may appear, since the data could have the same edge.
+    pub(crate) fn may_collapse(&self, half: u32) -> bool {
+        let [v, u] = self.ends(half);
+        let twin = self.twins[half as usize];
+        if self.is_rim(v) || twin == NONE {
+            return false;
+        }
+        let pairs = [[next(half), previous(half)], [next(twin), previous(twin)]];
+        if pairs.iter().any(|pair| pair.iter().all(|&half| self.twins[half as usize] == NONE)) {
+            return false;
+        }
+        let c = self.corners[previous(half) as usize];
+        let d = self.corners[previous(twin) as usize];
+        let neighbors = |vertex: u32| self.around(vertex).map(|half| self.ends(half)[1]);
+        if c == d {
+            return false;
+        }
+        let mut others = neighbors(v).filter(|&w| w != u && w != c && w != d);
+        if self.is_rim(u) {
+            // `around` serves inner vertices alone, so that the ring of `u` is not asked for.
+            return others.all(|w| !self.is_rim(w) && neighbors(w).all(|other| other != u));
+        }
+        let others: Vec<u32> = others.collect();
+        neighbors(u).all(|w| !others.contains(&w))
+    }
+
+    /// Collapses the edge of `half` into its end, which stays where it is; the vertex at which `half` begins is gone.
+    pub(crate) fn collapse(&mut self, half: u32) {
+        let twin = self.twins[half as usize];
+        let [v, u] = self.ends(half);
+        let changed: Vec<u32> = self.around(v).collect();
+        changed.into_iter().for_each(|half| self.corners[half as usize] = u);
+        for half in [half, twin] {
+            let [a, b] = [next(half), previous(half)].map(|half| self.twins[half as usize]);
+            let opposite = self.corners[previous(half) as usize];
+            self.join(a, b);
+            // At least one of both exists, and begins or ends at the opposite vertex.
+            let kept = if a != NONE { a } else { b };
+            for half in [kept, next(kept)] {
+                let from = self.corners[half as usize];
+                if from == opposite || from == u {
+                    self.leaving[from as usize] = half;
+                }
+            }
+        }
+        for first in [half / 3 * 3, twin / 3 * 3] {
+            (first..first + 3).for_each(|half| {
+                self.corners[half as usize] = NONE;
+                self.twins[half as usize] = NONE;
+            });
+        }
+        self.leaving[v as usize] = NONE;
+    }
+
+    /// How many faces are left.
+    pub(crate) fn n_faces(&self) -> usize {
+        self.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE).count()
+    }
+
+    /// The faces that are left, with vertices renumbered without gaps, and the present number of each of these vertices: first those of the
+    /// rim, then the others in order.
+    pub(crate) fn compact(&self) -> (Vec<[u32; 3]>, Vec<u32>) {
+        let mut numbers = vec![NONE; self.points.len()];
+        let mut kept: Vec<u32> = (0..self.fixed as u32).collect();
+        kept.extend(
+            (self.fixed as u32..self.points.len() as u32)
+                .filter(|&v| self.leaving[v as usize] != NONE),
+        );
+        (0..).zip(&kept).for_each(|(number, &vertex)| numbers[vertex as usize] = number);
+        let faces = self.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE);
+        (faces.map(|face| face.map(|vertex| numbers[vertex as usize])).collect(), kept)
+    }
+}
+
+/// The normal of a triangle, as long as twice its area.
+pub(crate) fn area_vector([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
+    (b - a).cross(&(c - a))
 }

@@ -1,38 +1,38 @@
-//! Takes a completed hole back towards its start where it runs through itself or through the data.
+//! Damps the displacements of a completion where the completed surface intersects itself or the data.
 
 use maquette::Progress;
 use nalgebra::Point3;
 
-use super::intersections::Crossings;
+use super::detect::Intersections;
 use crate::fill::fill_error::FillError;
 use crate::fill::triangles::filling::Filling;
 
-/// Rounds in which vertices go half of their way back, and after them those in which they go all of it.
+/// Rounds that halve displacements, and the rounds after them, which set them to 0.
 const HALVES: usize = 4;
 const WHOLES: usize = 4;
 
-/// Moves filled vertices of crossing faces, and those around them, towards `start`, until no faces cross any more, or never more than at
-/// first. Each round takes in one more ring of vertices, and the last one all that hang together: where the start runs through nothing,
-/// nothing is left that does.
+/// Moves the filled vertices of intersecting faces, and those in rings around them, back towards `start` until no faces intersect. Each
+/// round takes in one more ring, and the last one all vertices that are connected with them, so that no intersection is left if the start
+/// has none. If there are as many in the end as before, the completion stays as it was.
 ///
 /// # Errors
-/// If there would be too much to look at, or the evaluation is told to stop.
-pub(crate) fn settle(
+/// If there would be too many pairs of triangles to test, or the evaluation is told to stop.
+pub(crate) fn damp_displacements(
     filling: &mut Filling,
     start: &[Point3<f64>],
-    crossings: &mut Crossings,
+    intersections: &mut Intersections,
     progress: &Progress<'_>,
 ) -> Result<(), FillError> {
     let data = filling.data;
     let completed = filling.points[data..].to_vec();
     let mut shares = vec![1.0; completed.len()];
-    let first = crossings.faces(filling).len();
+    let first = intersections.faces(filling).len();
     for round in 0..=HALVES + WHOLES {
-        if crossings.is_empty() {
+        if intersections.is_empty() {
             return Ok(());
         }
         let mut near = vec![false; filling.points.len()];
-        for &face in &crossings.faces(filling) {
+        for &face in &intersections.faces(filling) {
             filling.faces[face as usize].iter().for_each(|&vertex| near[vertex as usize] = true);
         }
         let rings = if round < HALVES + WHOLES { round + 1 } else { usize::MAX };
@@ -40,22 +40,22 @@ pub(crate) fn settle(
         let factor = if round < HALVES { 0.5 } else { 0.0 };
         for vertex in (0..completed.len()).filter(|vertex| near[data + vertex]) {
             shares[vertex] *= factor;
-            let way = completed[vertex] - start[vertex];
-            filling.points[data + vertex] = start[vertex] + way * shares[vertex];
+            let displacement = completed[vertex] - start[vertex];
+            filling.points[data + vertex] = start[vertex] + displacement * shares[vertex];
         }
         near[..data].fill(false);
         let moved = |face: u32| filling.faces[face as usize].iter().any(|&v| near[v as usize]);
-        crossings.look_again(filling, moved, progress)?;
+        intersections.update(filling, moved, progress)?;
     }
-    if crossings.faces(filling).len() < first {
+    if intersections.faces(filling).len() < first {
         return Ok(());
     }
     filling.points.truncate(data);
     filling.points.extend(completed);
-    crossings.look_again(filling, |_| true, progress)
+    intersections.update(filling, |_| true, progress)
 }
 
-/// Takes in so many rings of vertices, or as many as there are.
+/// Takes in so many rings of neighbors, or as many as there are.
 fn grow(near: &mut [bool], faces: &[[u32; 3]], rings: usize) {
     for _ in 0..rings {
         let at_edge = |face: &&[u32; 3]| {
@@ -76,7 +76,7 @@ mod tests {
     use crate::fill::shapes::{grid, of};
 
     #[test]
-    fn only_what_crosses_goes_back_and_no_farther_than_it_must() {
+    fn only_what_intersects_goes_back_and_no_farther_than_it_must() {
         // A sheet above another one; all of the upper one is filled, and bulges, in one place through the lower one.
         let (lower, upper) = (grid(13, 13, |_, _| 0.0), grid(13, 13, |_, _| 1.0));
         let data = lower.positions().len();
@@ -97,11 +97,11 @@ mod tests {
         filling.points.truncate(data);
         filling.points.extend(&completed);
         let progress = Progress::none();
-        let mut crossings = Crossings::new(&filling, &progress).unwrap();
-        assert!(!crossings.is_empty());
-        settle(&mut filling, &start, &mut crossings, &progress).unwrap();
-        assert!(crossings.is_empty());
-        assert!(Crossings::new(&filling, &progress).unwrap().is_empty());
+        let mut intersections = Intersections::new(&filling, &progress).unwrap();
+        assert!(!intersections.is_empty());
+        damp_displacements(&mut filling, &start, &mut intersections, &progress).unwrap();
+        assert!(intersections.is_empty());
+        assert!(Intersections::new(&filling, &progress).unwrap().is_empty());
         for ((now, completed), start) in filling.points[data..].iter().zip(&completed).zip(&start) {
             let off = libm::hypot(start.x - 3.0, start.y - 3.0);
             assert!(off < 4.0 || now == completed, "{now}");

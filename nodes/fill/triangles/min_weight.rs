@@ -1,17 +1,17 @@
-//! The triangles over a rim that bend least.
+//! The minimum-weight triangulation of a rim, by dynamic programming over its sub-polygons.
 
 use nalgebra::{Point3, Vector3};
 
 /// A triangle whose area is below this share of the square of its longest edge has no side that it looks to.
 const FLAT: f64 = 1e-10;
 
-/// How much a face without a side counts as bent: as if folded.
+/// The bend of a face without a side: as if folded.
 const FOLDED: f64 = 2.0;
 
-/// What is known of the part of the rim from one vertex to another.
+/// The best triangulation of a sub-polygon: the rim from one vertex to another, closed by the chord between them.
 #[derive(Clone, Copy)]
-pub(crate) struct Part {
-    /// One less the cosine of the sharpest bend in it; infinite if it cannot be covered.
+struct SubPolygon {
+    /// One minus the cosine of the sharpest bend in it; infinite if it has no triangulation.
     bend: f64,
     area: f64,
     /// The normal of the triangle at the chord.
@@ -21,20 +21,20 @@ pub(crate) struct Part {
 }
 
 /// The best of all triangulations.
-pub(crate) fn least_bent(
+pub(crate) fn min_weight(
     points: &[Point3<f64>],
     normals: &[Vector3<f64>],
     is_taken: &dyn Fn(usize, usize) -> bool,
 ) -> Option<Vec<[u32; 3]>> {
     let count = points.len();
-    // Bends also by themselves: nearly always one of the two parts is worse by itself than the best that is known.
+    // Bends are also kept apart: nearly always one of the two sub-polygons is worse by itself than the best that is known.
     let mut bends = vec![f64::INFINITY; count * count];
-    let none = Part { bend: f64::INFINITY, area: 0.0, normal: Vector3::zeros(), apex: 0 };
-    let mut parts = vec![none; count * count];
+    let none = SubPolygon { bend: f64::INFINITY, area: 0.0, normal: Vector3::zeros(), apex: 0 };
+    let mut polygons = vec![none; count * count];
     for k in 0..count - 1 {
-        parts[k * count + k + 1] = Part { bend: 0.0, normal: normals[k], ..none };
-        // The same turned around, so that both sides of a search lie in rows.
-        parts[(k + 1) * count + k] = parts[k * count + k + 1];
+        polygons[k * count + k + 1] = SubPolygon { bend: 0.0, normal: normals[k], ..none };
+        // The table is symmetric, so that both sides of a search lie in rows.
+        polygons[(k + 1) * count + k] = polygons[k * count + k + 1];
         bends[k * count + k + 1] = 0.0;
         bends[(k + 1) * count + k] = 0.0;
     }
@@ -46,14 +46,14 @@ pub(crate) fn least_bent(
                 continue;
             }
             let beyond = is_last.then(|| normals[to]);
-            let best = best_apex(points, &parts, &bends, [from, to], beyond);
-            parts[from * count + to] = best;
-            parts[to * count + from] = best;
+            let best = best_apex(points, &polygons, &bends, [from, to], beyond);
+            polygons[from * count + to] = best;
+            polygons[to * count + from] = best;
             bends[from * count + to] = best.bend;
             bends[to * count + from] = best.bend;
         }
     }
-    if parts[count - 1].bend.is_infinite() {
+    if polygons[count - 1].bend.is_infinite() {
         return None;
     }
     let mut faces = Vec::with_capacity(count - 2);
@@ -62,7 +62,7 @@ pub(crate) fn least_bent(
         if to - from < 2 {
             continue;
         }
-        let apex = parts[from * count + to].apex as usize;
+        let apex = polygons[from * count + to].apex as usize;
         faces.push([from as u32, apex as u32, to as u32]);
         open.extend([(from, apex), (apex, to)]);
     }
@@ -71,14 +71,14 @@ pub(crate) fn least_bent(
 
 fn best_apex(
     points: &[Point3<f64>],
-    parts: &[Part],
+    polygons: &[SubPolygon],
     bends: &[f64],
     [from, to]: [usize; 2],
     beyond: Option<Vector3<f64>>,
-) -> Part {
+) -> SubPolygon {
     let count = points.len();
     let mut best =
-        Part { bend: f64::INFINITY, area: f64::INFINITY, normal: Vector3::zeros(), apex: 0 };
+        SubPolygon { bend: f64::INFINITY, area: f64::INFINITY, normal: Vector3::zeros(), apex: 0 };
     let left = &bends[from * count + from + 1..from * count + to];
     let right = &bends[to * count + from + 1..to * count + to];
     let chord = points[to] - points[from];
@@ -88,7 +88,7 @@ fn best_apex(
         if bend > best.bend || bend == f64::INFINITY {
             continue;
         }
-        let (left, right) = (&parts[from * count + apex], &parts[to * count + apex]);
+        let (left, right) = (&polygons[from * count + apex], &polygons[to * count + apex]);
         let spoke = points[apex] - points[from];
         let normal = spoke.cross(&chord);
         let size = normal.norm();
@@ -103,7 +103,7 @@ fn best_apex(
         };
         let area = size + left.area + right.area;
         if bend < best.bend || (bend == best.bend && area < best.area) {
-            best = Part { bend, area, normal, apex: apex as u32 };
+            best = SubPolygon { bend, area, normal, apex: apex as u32 };
         }
     }
     best

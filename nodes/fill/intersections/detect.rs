@@ -1,4 +1,4 @@
-//! Where filled triangles run through each other or through the data, decided without rounding.
+//! Where filled triangles intersect each other or the data, decided by exact predicates.
 
 use maquette::{Limit, Progress};
 use nalgebra::Point3;
@@ -8,29 +8,29 @@ use robust::{Coord, Coord3D, orient2d, orient3d};
 use super::boxes::{Bounds, Boxed, Boxes, Triangle};
 use crate::fill::fill_error::FillError;
 use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::patch::area_vector;
+use crate::fill::triangles::triangulation::area_vector;
 
-/// Pairs of a filled triangle and another one whose boxes overlap, beside [`PAIRS_OF_EACH`]: some tenths of a second each time that they are looked
-/// at, and at worst as many crossings. Triangles as long as the filling overlap all others.
+/// The most pairs of a filled triangle and another one whose boxes overlap, beyond [`PAIRS_OF_EACH`]: testing them takes some tenths of a
+/// second, and at worst all of them intersect. Triangles as long as the fill overlap all others.
 const PAIRS: Limit = Limit {
     most: 500_000,
     of: "comparisons of triangles",
     help: "see whether a vertex of a rim lies far off, or leave the rim out by `holes: Edges` or `holes: Loops`",
 };
 
-/// So many of a triangle are ordinary: twice what fillings have whose triangles are as thin as those of good data.
+/// So many pairs of each filled triangle are ordinary: twice the number in fills whose triangles are as thin as those of good data.
 const PAIRS_OF_EACH: usize = 60;
 
-/// The pairs are counted at so many leaves, which say how many there are at all.
+/// The number of pairs is estimated from so many leaves.
 const SAMPLES: usize = 64;
 
-/// Leaves of filled triangles that one task looks at.
+/// Leaves of filled triangles that one task tests.
 const CHUNK: usize = 32;
 
-/// Where filled triangles meet others in more than the vertices and the edge that they share. While what is filled changes, only that is
-/// looked at again.
-pub(crate) struct Crossings {
-    /// The data that is near what was filled so far: it overlaps `within`.
+/// The intersections of filled triangles with others, beyond the vertices and the edge that they share. When some fills change, only those
+/// are tested again.
+pub(crate) struct Intersections {
+    /// The data near what was filled so far: the triangles that overlap `within`.
     data: Boxes,
     within: Bounds,
     filled: Boxes,
@@ -38,27 +38,27 @@ pub(crate) struct Crossings {
     pairs: Vec<[u32; 2]>,
 }
 
-impl Crossings {
-    /// Looks at all that is filled.
+impl Intersections {
+    /// Tests all filled faces.
     ///
     /// # Errors
-    /// If there would be too much to look at, or the evaluation is told to stop.
+    /// If there would be too many pairs to test, or the evaluation is told to stop.
     pub(crate) fn new(filling: &Filling, progress: &Progress<'_>) -> Result<Self, FillError> {
-        let mut crossings = Self {
+        let mut intersections = Self {
             data: Boxes::default(),
             within: Bounds::EMPTY,
             filled: Boxes::default(),
             pairs: Vec::new(),
         };
-        crossings.look_again(filling, |_| true, progress)?;
-        Ok(crossings)
+        intersections.update(filling, |_| true, progress)?;
+        Ok(intersections)
     }
 
-    /// Looks at the filled faces that changed.
+    /// Tests the filled faces that changed.
     ///
     /// # Errors
-    /// If there would be too much to look at, or the evaluation is told to stop.
-    pub(crate) fn look_again(
+    /// If there would be too many pairs to test, or the evaluation is told to stop.
+    pub(crate) fn update(
         &mut self,
         filling: &Filling,
         changed: impl Fn(u32) -> bool + Sync,
@@ -80,7 +80,7 @@ impl Crossings {
             let mut pairs = Vec::new();
             for leaf in leaves {
                 progress.check()?;
-                self.look_at(leaf, &is_changed, &mut pairs);
+                self.test_leaf(leaf, &is_changed, &mut pairs);
             }
             Ok(pairs)
         };
@@ -107,9 +107,9 @@ impl Crossings {
         (found * step) as f64
     }
 
-    /// Adds the pairs of the changed triangles of a leaf of `filled`. These are side by side, so that what is near them is searched for
-    /// together.
-    fn look_at(
+    /// Adds the pairs of the changed triangles of a leaf of `filled`. They lie side by side, so that one search finds what is near all of
+    /// them.
+    fn test_leaf(
         &self,
         leaf: &[Boxed],
         is_changed: &impl Fn(u32) -> bool,
@@ -117,22 +117,22 @@ impl Crossings {
     ) {
         let changed = || leaf.iter().filter(|own| is_changed(own.triangle.face));
         let bounds = changed().fold(Bounds::EMPTY, |bounds, own| bounds.join(&own.bounds));
-        let mut look = |other: &Boxed, is_data: bool| {
+        let mut test = |other: &Boxed, is_data: bool| {
             let (triangle, number) = (&other.triangle, other.triangle.face);
             for own in changed().filter(|own| own.bounds.overlaps(&other.bounds)) {
-                // Of two that changed, the first one looks at the pair.
+                // A pair of two changed triangles is tested once, for the first one.
                 let face = own.triangle.face;
                 let is_new = is_data || face < number || (face != number && !is_changed(number));
-                if is_new && meet(&own.triangle, triangle) {
+                if is_new && intersect(&own.triangle, triangle) {
                     pairs.push([face.min(number), face.max(number)]);
                 }
             }
         };
-        self.data.near(&bounds, |other| look(other, true));
-        self.filled.near(&bounds, |other| look(other, false));
+        self.data.near(&bounds, |other| test(other, true));
+        self.filled.near(&bounds, |other| test(other, false));
     }
 
-    /// Lets `data` be all that could meet what is filled within some bounds.
+    /// Makes `data` hold all triangles that could intersect what is filled within some bounds.
     fn take_in(&mut self, filling: &Filling, bounds: Bounds) {
         if self.within.holds(&bounds) {
             return;
@@ -153,7 +153,7 @@ impl Crossings {
         self.pairs = renumbered.collect();
     }
 
-    /// The filled faces that run through others, ascending.
+    /// The filled faces that intersect others, ascending.
     pub(crate) fn faces(&self, filling: &Filling) -> Vec<u32> {
         let faces = self.pairs.as_flattened().iter().copied();
         let mut faces: Vec<u32> = faces.filter(|&face| filling.kept <= face as usize).collect();
@@ -171,11 +171,11 @@ impl Crossings {
         self.pairs.is_empty()
     }
 
-    /// Calls `found` with each face, of the data and filled ones, that meets a triangle.
+    /// Calls `found` with each face, of the data or filled, that intersects a triangle.
     pub(crate) fn with(&self, triangle: &Triangle, mut found: impl FnMut(u32)) {
         for boxes in [&self.data, &self.filled] {
             boxes.near(&triangle.bounds(), |other| {
-                if meet(triangle, &other.triangle) {
+                if intersect(triangle, &other.triangle) {
                     found(other.triangle.face);
                 }
             });
@@ -183,8 +183,8 @@ impl Crossings {
     }
 }
 
-/// Whether two triangles have more in common than the vertices and the edge that they share.
-pub(crate) fn meet(one: &Triangle, other: &Triangle) -> bool {
+/// Whether two triangles intersect: whether they have more in common than the vertices and the edge that they share.
+pub(crate) fn intersect(one: &Triangle, other: &Triangle) -> bool {
     let (a, b) = (one.vertices, other.vertices);
     let (on_a, on_b) = (one.corners, other.corners);
     match a.iter().filter(|vertex| b.contains(vertex)).count() {
@@ -206,7 +206,7 @@ pub(crate) fn meet(one: &Triangle, other: &Triangle) -> bool {
                 [(k + 1) % 3, (k + 2) % 3].map(|k| face.corners[k])
             };
             let (ends_a, ends_b) = (opposite(one, other), opposite(other, one));
-            // Where the plane of one meets the other in that vertex alone, no more can be common to both.
+            // Where the plane of one contains nothing of the other but that vertex, they have no more in common.
             let Some(of_a) = sides(on_b, ends_a) else { return false };
             let Some(of_b) = sides(on_a, ends_b) else { return false };
             pierces(ends_a, of_a, on_b)
@@ -233,7 +233,7 @@ fn sides<const N: usize>(
     (!is_beside).then_some(sides)
 }
 
-/// Whether a line runs through a triangle: its ends lie on different sides, which are given, and it passes all three edges on one.
+/// Whether a segment pierces a triangle: its ends lie on different sides, which are given, and it passes all three edges on one.
 fn pierces([p, q]: [Point3<f64>; 2], [from, to]: [f64; 2], [a, b, c]: [Point3<f64>; 3]) -> bool {
     if !((from > 0.0 && to < 0.0) || (from < 0.0 && to > 0.0)) {
         return false;
@@ -294,12 +294,12 @@ mod tests {
     use crate::fill::shapes::{grid, random};
 
     #[test]
-    fn what_is_looked_at_again_is_as_if_all_were() {
+    fn an_update_finds_the_same_as_a_test_of_all() {
         let mut filling = Filling::new(&grid(12, 12, |_, _| 0.0));
         (filling.data, filling.kept) = (72, 100);
         let progress = Progress::none();
-        let mut crossings = Crossings::new(&filling, &progress).unwrap();
-        assert!(crossings.is_empty());
+        let mut intersections = Intersections::new(&filling, &progress).unwrap();
+        assert!(intersections.is_empty());
         let mut counts = Vec::new();
         for round in 0..30u64 {
             // Some vertices go somewhere, sometimes far out, and some back.
@@ -315,16 +315,16 @@ mod tests {
             }
             let faces = filling.faces.clone();
             let changed = |face: u32| faces[face as usize].iter().any(|&v| moved[v as usize]);
-            crossings.look_again(&filling, changed, &progress).unwrap();
-            let all = Crossings::new(&filling, &progress).unwrap();
-            assert_eq!(crossings.pairs(), all.pairs());
+            intersections.update(&filling, changed, &progress).unwrap();
+            let all = Intersections::new(&filling, &progress).unwrap();
+            assert_eq!(intersections.pairs(), all.pairs());
             counts.push(all.pairs().len());
         }
         assert!(counts.iter().any(|&count| count > 50), "{counts:?}");
     }
 
     #[test]
-    fn triangles_meet_in_more_than_corners_and_edges() {
+    fn triangles_intersect_in_more_than_corners_and_edges() {
         let check = |one: [[f64; 3]; 3], numbers: [u32; 3], other: [[f64; 3]; 3], meets: bool| {
             let triangle = |vertices, corners: [[f64; 3]; 3]| Triangle {
                 vertices,
@@ -332,7 +332,11 @@ mod tests {
                 face: 0,
             };
             let (one, other) = (triangle([0, 1, 2], one), triangle(numbers, other));
-            assert_eq!([meet(&one, &other), meet(&other, &one)], [meets; 2], "{numbers:?}");
+            assert_eq!(
+                [intersect(&one, &other), intersect(&other, &one)],
+                [meets; 2],
+                "{numbers:?}"
+            );
         };
         let [o, x, y, z] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let [low, in_middle] = [[0.2, 0.2, -1.0], [0.2, 0.2, 1.0]];

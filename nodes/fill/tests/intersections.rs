@@ -1,8 +1,8 @@
-//! Whether what fills holes runs through something.
+//! Intersections of fills with the data and with themselves.
 
 use super::*;
 
-const CROSSING: &str = "run through others";
+const INTERSECTS: &str = "run through others";
 
 /// Two meshes in one.
 fn both(one: &Mesh, other: &Mesh) -> Mesh {
@@ -47,18 +47,18 @@ fn points_in_one_place_at_the_rim_make_no_folds() {
         for method in PLAIN {
             let filled = fill(&mesh, HoleChoice::All, method.clone()).unwrap();
             check_kept(&mesh, &filled.mesh);
-            let tells = |what| filled.doubts.iter().any(|doubt| doubt.contains(what));
-            assert!(!tells(CROSSING), "{seed} {method:?}: {:?}", filled.doubts);
-            // Creases that cross something are taken for wrong ones, all others are mended.
+            let tells = |what| filled.warnings.iter().any(|warning| warning.contains(what));
+            assert!(!tells(INTERSECTS), "{seed} {method:?}: {:?}", filled.warnings);
+            // Creases that intersect something are taken for wrong ones; all other fills are repaired.
             let is_sharp = matches!(method, FillMethod::CreaseAware);
             let tells = tells("another surface") && !is_sharp;
-            assert!(!tells, "{seed} {method:?}: {:?}", filled.doubts);
+            assert!(!tells, "{seed} {method:?}: {:?}", filled.warnings);
         }
     }
 }
 
 #[test]
-fn several_threads_mend_the_same_bytes() {
+fn several_threads_repair_to_the_same_bytes() {
     let apart = |seed: u64| {
         let mesh = with_points_in_one_place(seed);
         let off = nalgebra::Vector3::x() * (30.0 * seed as f64);
@@ -79,8 +79,8 @@ fn what_no_filling_can_pass_is_told() {
         for method in PLAIN {
             let filled = fill(mesh, HoleChoice::All, method.clone()).unwrap();
             check_kept(mesh, &filled.mesh);
-            let told = filled.doubts.iter().find(|doubt| doubt.contains(CROSSING));
-            assert!(told.is_some_and(|doubt| doubt.ends_with(why)), "{:?}", filled.doubts);
+            let told = filled.warnings.iter().find(|warning| warning.contains(INTERSECTS));
+            assert!(told.is_some_and(|warning| warning.ends_with(why)), "{:?}", filled.warnings);
         }
     };
     let holed = round_hole(|_, _| 0.0);
@@ -112,9 +112,9 @@ fn over_a_narrow_edge_a_membrane_is_taken_if_a_plate_would_go_too_far() {
     let slab = sheet.with_positions(sheet.positions().iter().map(around).collect()).unwrap();
     let mesh = without(&slab, |p| libm::hypot(p.x, p.y - 15.0) < 5.5);
     let filled = fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap();
-    let tells = |what| filled.doubts.iter().any(|doubt| doubt.contains(what));
-    assert!(tells("a membrane fills rim 1"), "{:?}", filled.doubts);
-    assert!(!tells(CROSSING), "{:?}", filled.doubts);
+    let tells = |what| filled.warnings.iter().any(|warning| warning.contains(what));
+    assert!(tells("a membrane fills rim 1"), "{:?}", filled.warnings);
+    assert!(!tells(INTERSECTS), "{:?}", filled.warnings);
     for p in &filled.mesh.positions()[mesh.positions().len()..] {
         assert!(p.x < 0.5 && p.z.abs() < 2.0, "{p}");
     }
