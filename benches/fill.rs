@@ -23,7 +23,7 @@ use std::time::Instant;
 use maquette::Progress;
 use maquette::value::{Faces, Mesh};
 use maquette_nodes::fill::{
-    ExemplarOptions, FillMethod, FillOptions, HoleChoice, Start, Update, fill_holes,
+    ExemplarOptions, FillError, FillMethod, Filled, HoleChoice, Start, Update, fill_holes,
 };
 use maquette_nodes::mesh::read_mesh;
 use nalgebra::Point3;
@@ -83,7 +83,7 @@ fn measure() {
     for case in clean.iter().chain(&noisy) {
         for (name, method) in methods() {
             if wanted(&format!("{} {name}", case.name)) {
-                report(case, name, &FillOptions { holes: HoleChoice::All, method });
+                report(case, name, &method);
             }
         }
         for (name, command) in &peers {
@@ -131,8 +131,7 @@ fn model_classes(cases: &[Case]) {
     for (model, [data, missing], published, name) in MODELS {
         let Some(case) = cases.iter().find(|case| case.name == name) else { continue };
         let start = Instant::now();
-        let options = FillOptions::default();
-        let filled = fill_holes(&case.holed, &options, &Progress::none()).expect("a surface");
+        let filled = fill_all(&case.holed, &FillMethod::default()).expect("a surface");
         let seconds = start.elapsed().as_secs_f64();
         let verdict = judge(case, &filled.mesh);
         let count = case.holed.positions().len();
@@ -163,13 +162,17 @@ fn methods() -> Vec<(&'static str, FillMethod)> {
 
 const RUNS: usize = 5;
 
-fn report(case: &Case, name: &str, options: &FillOptions) {
+fn fill_all(mesh: &Mesh, method: &FillMethod) -> Result<Filled, FillError> {
+    fill_holes(mesh, &HoleChoice::All, method, &Progress::none())
+}
+
+fn report(case: &Case, name: &str, method: &FillMethod) {
     let mut least = f64::INFINITY;
     let mut runs = 0;
     let begin = Instant::now();
     let filled = loop {
         let start = Instant::now();
-        let filled = fill_holes(&case.holed, options, &Progress::none());
+        let filled = fill_all(&case.holed, method);
         least = least.min(start.elapsed().as_secs_f64());
         runs += 1;
         if runs == RUNS || begin.elapsed().as_secs_f64() > 5.0 {
@@ -184,7 +187,7 @@ fn report(case: &Case, name: &str, options: &FillOptions) {
         }
     }
     if let Some(folder) = std::env::var_os("FILL_OUT") {
-        let filled = fill_holes(&case.holed, options, &Progress::none());
+        let filled = fill_all(&case.holed, method);
         if let Ok(filled) = filled {
             let file = format!("{}-{name}.obj", case.name).replace(['/', ' '], "_");
             std::fs::write(Path::new(&folder).join(file), obj(&filled.mesh)).expect("a folder");
@@ -260,9 +263,10 @@ fn fill_by(case: &Case, name: &str, command: &[OsString]) {
 fn large_rims() {
     for count in [565u32, 774, 967, 2000, 7657] {
         let mesh = band(count);
-        let options = FillOptions { holes: HoleChoice::Loops(vec![1]), method: FillMethod::Flat };
+        let rim = HoleChoice::Loops(vec![1]);
         let start = Instant::now();
-        let filled = fill_holes(&mesh, &options, &Progress::none()).expect("a band has holes");
+        let filled = fill_holes(&mesh, &rim, &FillMethod::Flat, &Progress::none());
+        let filled = filled.expect("a band has holes");
         let seconds = start.elapsed().as_secs_f64();
         let added = filled.mesh.positions().len() - mesh.positions().len();
         println!(
@@ -276,12 +280,11 @@ fn large_rims() {
 fn sizes() {
     for frequency in [23, 45, 90, 180] {
         let case = bumpy_sphere(frequency);
-        let options = FillOptions { holes: HoleChoice::All, method: FillMethod::ThinPlate };
         let mut least = f64::INFINITY;
         let mut added = 0;
         for _ in 0..RUNS {
             let start = Instant::now();
-            let filled = fill_holes(&case.holed, &options, &Progress::none()).expect("a sphere");
+            let filled = fill_all(&case.holed, &FillMethod::ThinPlate).expect("a sphere");
             least = least.min(start.elapsed().as_secs_f64());
             added = filled.mesh.positions().len() - case.holed.positions().len();
         }
@@ -307,8 +310,7 @@ fn roughness(words: &[String]) {
             if !words.iter().all(|word| text.contains(&word[..])) {
                 continue;
             }
-            let options = FillOptions { holes: HoleChoice::All, method };
-            let filled = fill_holes(&case.holed, &options, &Progress::none()).expect("a surface");
+            let filled = fill_all(&case.holed, &method).expect("a surface");
             let all = characters(&case, &filled.mesh);
             let what = ["truth", "neighborhood", "truth by neighborhood"];
             for (what, character) in what.into_iter().zip(all) {

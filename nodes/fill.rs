@@ -21,7 +21,7 @@ pub use border::holes::HoleChoice;
 pub use border::regions::{HoleRegion, NoMarks};
 pub use exemplar::{ExemplarOptions, Falloff, Shown, Start, Update};
 pub use fill_error::FillError;
-pub use fill_holes::{FillHoles, FillOptions, Filled, fill_holes};
+pub use fill_holes::{FillHoles, Filled, fill_holes};
 pub use method::FillMethod;
 
 /// Nodes that close the holes of surfaces.

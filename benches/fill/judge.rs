@@ -2,7 +2,7 @@
 
 use maquette::Progress;
 use maquette::value::{Mesh, TriangleTree};
-use maquette_nodes::fill::{FillMethod, FillOptions, HoleChoice, fill_holes};
+use maquette_nodes::fill::{FillMethod, HoleChoice, fill_holes};
 use nalgebra::{Point3, Vector3};
 use robust::{Coord3D, orient3d};
 
@@ -38,8 +38,8 @@ pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
     let most = |squares: &[f64]| squares.iter().copied().fold(0.0, f64::max).sqrt() / case.edge;
     let back = squares(&TriangleTree::new(filled), &case.truth.positions()[data..]);
     let open = |mesh: &Mesh| mesh.edges().faces.iter().filter(|&&faces| faces == 1).count();
-    // Who fills nothing learns whether it is a surface.
-    let nothing = FillOptions { holes: HoleChoice::Loops(Vec::new()), method: FillMethod::Flat };
+    // To fill no hole only checks whether the mesh is a surface.
+    let no_hole = HoleChoice::Loops(Vec::new());
     Verdict {
         rms: (sum / weights.iter().sum::<f64>()).sqrt() / case.edge,
         most: most(&distances),
@@ -48,7 +48,7 @@ pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
         open: open(filled),
         added: filled.positions().len() - data,
         is_tight: open(filled) == open(&case.truth),
-        is_manifold: fill_holes(filled, &nothing, &Progress::none()).is_ok(),
+        is_manifold: fill_holes(filled, &no_hole, &FillMethod::Flat, &Progress::none()).is_ok(),
         crossings: crossings(filled, kept),
     }
 }

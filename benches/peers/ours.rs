@@ -18,7 +18,7 @@ use maquette::value::{
     Rgb, Surface,
 };
 use maquette_nodes::deform::{Deforming, Drag, ffd};
-use maquette_nodes::fill::{FillMethod, FillOptions, HoleChoice, fill_holes};
+use maquette_nodes::fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
 };
@@ -61,8 +61,8 @@ fn repeat(work: &str, folder: &Path) {
         "ffd-drag" => drag(folder),
         "fill" => {
             let mesh = mesh(folder, "hole");
-            let options = FillOptions { holes: HoleChoice::All, method: FillMethod::ThinPlate };
-            let run = || fill_holes(&mesh, &options, &Progress::none()).expect("a hole");
+            let (holes, method) = (HoleChoice::All, FillMethod::ThinPlate);
+            let run = || fill_holes(&mesh, &holes, &method, &Progress::none()).expect("a hole");
             // No border is left.
             let open = |mesh: &Mesh| mesh.edges().faces.iter().filter(|&&faces| faces == 1).count();
             serve(run, |filled| open(&filled.mesh) as f64);

@@ -54,15 +54,6 @@ pub struct FillHoles {
     pub method: FillMethod,
 }
 
-/// What to fill, and how.
-#[derive(Clone, Debug, Default)]
-pub struct FillOptions {
-    /// Which holes.
-    pub holes: HoleChoice,
-    /// What they are filled with.
-    pub method: FillMethod,
-}
-
 /// A mesh with filled holes.
 #[derive(Clone, Debug)]
 pub struct Filled {
@@ -79,14 +70,13 @@ impl Node for FillHoles {
     const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let options = FillOptions { holes: self.holes.clone(), method: self.method.clone() };
-        let filled = fill_holes(cx.get(&self.mesh), &options, cx.progress())?;
+        let filled = fill_holes(cx.get(&self.mesh), &self.holes, &self.method, cx.progress())?;
         filled.warnings.into_iter().for_each(|warning| cx.warn(warning));
         Ok((filled.mesh, filled.trace))
     }
 }
 
-/// `mesh` with its holes filled; see [`FillHoles`] for what is kept and what attributes become.
+/// `mesh` with its `holes` filled as `method` says; see [`FillHoles`] for what is kept and what attributes become.
 ///
 /// Positions are in mm. The data's vertices keep their bits and, unless a region is cut out, their indices. The result is a surface if
 /// `mesh` is one. [`Filled::warnings`] tells of filled triangles that intersect others.
@@ -100,11 +90,12 @@ impl Node for FillHoles {
 /// many triangles; if the evaluation is told to stop.
 pub fn fill_holes(
     mesh: &Mesh,
-    options: &FillOptions,
+    holes: &HoleChoice,
+    method: &FillMethod,
     progress: &Progress<'_>,
 ) -> Result<Filled, FillError> {
     progress.check()?;
-    let (mesh, is_cut) = match &options.holes {
+    let (mesh, is_cut) = match holes {
         HoleChoice::Region(region) => {
             let (left, is_cut) = cut(mesh, &within(mesh, region)?)?;
             without_isolated_components(left, is_cut)?
@@ -116,7 +107,7 @@ pub fn fill_holes(
         rayon::join(|| (rims(&mesh), Filling::new(&mesh)), || Components::new(&mesh));
     let rims = rims.map_err(non_manifold)?;
     let no_rim = |number| FillError::NoRim { number, count: rims.len() };
-    let chosen = choose(&mesh, &components, &rims, &options.holes, &is_cut).map_err(no_rim)?;
+    let chosen = choose(&mesh, &components, &rims, holes, &is_cut).map_err(no_rim)?;
     let mut warnings = Vec::new();
     warnings.extend(describe_outer(&rims, &chosen.outer, components.count()));
     if chosen.holes.is_empty() && chosen.outer.is_empty() {
@@ -124,8 +115,8 @@ pub fn fill_holes(
     }
     let holes: Vec<Vec<u32>> = chosen.holes.iter().map(|&hole| rims[hole].clone()).collect();
     let one_rings = OneRings::new(&filling, &holes);
-    let plain_options = PlainOptions::of(&options.method);
-    let is_start = matches!(options.method, FillMethod::Exemplar(_));
+    let plain_options = PlainOptions::of(method);
+    let is_start = matches!(method, FillMethod::Exemplar(_));
     let plain_share = if is_start { PLAIN_START } else { PLAIN };
     let mut fills = progress.part(0.0..plain_share, |progress| {
         fill_all(&filling, &one_rings, (&holes, &chosen.holes), plain_options, progress)
@@ -146,7 +137,7 @@ pub fn fill_holes(
     let clash = |NotManifold { edges, vertices }| FillError::Clash { edges, vertices };
     check_rims(&filling, &one_rings, &holes).map_err(clash)?;
     let (mut steps, mut copies) = (Vec::new(), None);
-    if let FillMethod::Exemplar(options) = &options.method {
+    if let FillMethod::Exemplar(options) = method {
         let allowed = match &options.exemplars[..] {
             "" => None,
             name => Some(marks(&mesh, name)?),

@@ -9,7 +9,7 @@ use super::border::holes::HoleChoice;
 use super::border::regions::HoleRegion;
 use super::exemplar::{ExemplarOptions, Start};
 use super::fill_error::FillError;
-use super::fill_holes::{FillOptions, Filled, fill_holes};
+use super::fill_holes::{Filled, fill_holes};
 use super::method::FillMethod;
 use super::shapes::{grid, of, random, sphere, without};
 
@@ -23,7 +23,7 @@ const PLAIN: [FillMethod; 4] =
     [FillMethod::Flat, FillMethod::Membrane, FillMethod::ThinPlate, FillMethod::CreaseAware];
 
 fn fill(mesh: &Mesh, holes: HoleChoice, method: FillMethod) -> Result<Filled, FillError> {
-    fill_holes(mesh, &FillOptions { holes, method }, &Progress::none())
+    fill_holes(mesh, &holes, &method, &Progress::none())
 }
 
 /// Checks that the result is a surface around what was there, and gives the number of border edges that are left.
