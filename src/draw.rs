@@ -83,8 +83,8 @@ impl Drawing {
         let pack_of = |kind: &str| catalog.find(kind).map_or("", |entry| entry.pack);
         let boxes = boxes(graph);
         let kinds = boxes.iter().map(|part| match part {
-            Part::Node(index) => pack_of(graph.nodes[*index].kind()),
-            Part::Use(_) => GRAPHS,
+            BoxContent::Node(index) => pack_of(graph.nodes[*index].kind()),
+            BoxContent::Use(_) => GRAPHS,
         });
         let kinds = Vec::from_iter(kinds);
         places.push((places.len(), GRAPHS));
@@ -94,11 +94,11 @@ impl Drawing {
         for (index, (part, pack)) in boxes.iter().zip(&kinds).enumerate() {
             let pack = drawing.packs.iter().position(|known| known.name == **pack);
             let links: Vec<(&str, (usize, usize))> = match part {
-                Part::Node(node) => {
+                BoxContent::Node(node) => {
                     let links = graph.nodes[*node].links.iter();
                     links.map(|link| (&link.port[..], (link.node, link.output))).collect()
                 }
-                Part::Use(given) => {
+                BoxContent::Use(given) => {
                     given.inputs.iter().map(|(port, target)| (&port[..], *target)).collect()
                 }
             };
@@ -138,41 +138,41 @@ impl Drawing {
 /// What graphs that are used are listed as, beside packs.
 const GRAPHS: &str = "graphs";
 
-/// What is one box: a node, or the use of a graph with all that is in it.
-enum Part<'g> {
+/// What one box of the drawing stands for: a node, or the use of a graph with all that is in it.
+enum BoxContent<'g> {
     Node(usize),
     Use(&'g GraphUse),
 }
 
 /// The boxes of a graph: its own nodes and uses, each where the first of its nodes stands.
-fn boxes(graph: &Graph) -> Vec<Part<'_>> {
+fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
     let of_graph =
         |given: &&GraphUse| given.kind != "Switch" && !given.kind.starts_with("ForEach(");
     let mut uses: HashMap<&str, &GraphUse> = HashMap::new();
     uses.extend(graph.uses.iter().filter(of_graph).map(|given| (&given.name[..], given)));
-    let mut boxes: Vec<Part<'_>> = Vec::new();
+    let mut boxes: Vec<BoxContent<'_>> = Vec::new();
     for (index, node) in graph.nodes.iter().enumerate() {
         let ends = node.name.match_indices('/').map(|(at, _)| at);
         let outermost = ends.filter_map(|at| uses.get(&node.name[..at]).copied()).next();
         match (outermost, boxes.last()) {
-            (Some(given), Some(Part::Use(last))) if std::ptr::eq(given, *last) => {}
-            (Some(given), _) => boxes.push(Part::Use(given)),
-            (None, _) => boxes.push(Part::Node(index)),
+            (Some(given), Some(BoxContent::Use(last))) if std::ptr::eq(given, *last) => {}
+            (Some(given), _) => boxes.push(BoxContent::Use(given)),
+            (None, _) => boxes.push(BoxContent::Node(index)),
         }
     }
     boxes
 }
 
 /// For each value that boxes give, by its node and output: the box and the place among its outputs.
-fn sources(graph: &Graph, boxes: &[Part<'_>]) -> HashMap<(usize, usize), [usize; 2]> {
+fn sources(graph: &Graph, boxes: &[BoxContent<'_>]) -> HashMap<(usize, usize), [usize; 2]> {
     let mut sources = HashMap::new();
     for (index, part) in boxes.iter().enumerate() {
         match part {
-            Part::Node(node) => {
+            BoxContent::Node(node) => {
                 let outputs = 0..graph.nodes[*node].outputs.len();
                 sources.extend(outputs.map(|output| ((*node, output), [index, output])));
             }
-            Part::Use(given) => {
+            BoxContent::Use(given) => {
                 for (output, (_, targets)) in given.outputs.iter().enumerate() {
                     // What only goes through comes from where it was made.
                     for target in targets {
@@ -186,13 +186,13 @@ fn sources(graph: &Graph, boxes: &[Part<'_>]) -> HashMap<(usize, usize), [usize;
 }
 
 /// The name, type and outputs of a box.
-fn described(graph: &Graph, part: &Part<'_>) -> (String, String, Vec<Port>) {
+fn described(graph: &Graph, part: &BoxContent<'_>) -> (String, String, Vec<Port>) {
     let kind_of = |node: usize, output: usize| {
         let kind = graph.nodes[node].types.get(output).copied().flatten();
         kind.map_or_else(String::new, |kind| kind.name.to_owned())
     };
     match part {
-        Part::Node(index) => {
+        BoxContent::Node(index) => {
             let node = &graph.nodes[*index];
             let outputs = node.outputs.iter().enumerate();
             let port = |(output, name): (usize, &&'static str)| Port {
@@ -201,7 +201,7 @@ fn described(graph: &Graph, part: &Part<'_>) -> (String, String, Vec<Port>) {
             };
             (node.name.clone(), node.kind().to_owned(), outputs.map(port).collect())
         }
-        Part::Use(given) => {
+        BoxContent::Use(given) => {
             let port = |(name, targets): &(String, Vec<(usize, usize)>)| Port {
                 name: name.clone(),
                 kind: targets.first().map_or_else(String::new, |&(node, at)| kind_of(node, at)),

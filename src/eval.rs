@@ -38,7 +38,7 @@ use plan::Plan;
 use run::{News, Run};
 use snapshot::Snapshot;
 pub(crate) use trace::Reason;
-pub use trace::{NodeTrace, State, Trace};
+pub use trace::{NodeTrace, RunTrace, State};
 pub(crate) use why::{Forecast, Outlook};
 
 /// Watches an evaluation from outside. All methods may be called from any thread.
@@ -100,10 +100,10 @@ pub struct Evaluation {
 
 impl Evaluation {
     /// What happened to each node that a wanted output needs, in the graph's order.
-    pub fn trace(&self) -> Trace {
+    pub fn trace(&self) -> RunTrace {
         let mut news = self.news.iter().peekable();
         let nodes = self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index]);
-        Trace(
+        RunTrace(
             nodes
                 .map(|(index, node)| {
                     let news = news.next_if(|news| news.index == index);

@@ -102,8 +102,8 @@ mod writing;
 pub use catalog::Catalog;
 pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
 pub use eval::{
-    Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, State,
-    ThreadsError, Trace, Usage,
+    Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, RunTrace, State,
+    ThreadsError, Usage,
 };
 pub use golden::{Comparison, Keep, Measure, TestRun, Tolerance, Verdict, compare, test_graphs};
 pub use graph::{

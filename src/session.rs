@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::catalog::Catalog;
 use crate::error::{Problem, code};
-use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, Trace};
+use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace};
 use crate::golden::{self, Violation};
 use crate::graph::{Checked, Graph, GraphOutput, InputValues, Options};
 use crate::node::CancelToken;
@@ -327,7 +327,7 @@ impl Finished {
     }
 
     /// What happened to each node, each after those that it hangs on.
-    pub fn trace(&self) -> Trace {
+    pub fn trace(&self) -> RunTrace {
         self.evaluation.trace()
     }
 
@@ -356,7 +356,7 @@ pub struct Produced {
 
 impl Produced {
     /// What happened to each node, each after those that it hangs on.
-    pub fn trace(&self) -> Trace {
+    pub fn trace(&self) -> RunTrace {
         self.evaluation.trace()
     }
 

@@ -20,7 +20,7 @@ pub(crate) use ron::ron;
 pub(crate) use schema::{
     Finding, FoundFile, FoundLink, Walk, as_tree, check_default, inside_option, resolve, variants,
 };
-pub(crate) use sheet::{Part, Sheet};
+pub(crate) use sheet::{Sheet, TextPart};
 #[cfg(test)]
 pub(crate) use suggest::tests::LOOKS;
 pub(crate) use suggest::{nearest, nearest_or_all, unknown};

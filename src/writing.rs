@@ -3,7 +3,7 @@
 //! - A file appears whole or not at all: it is written beside its place and moved there ([`write_whole`]).
 //! - Only plain files that may be written to are replaced, and only plain files removed: no link, folder, pipe or device.
 //! - What a graph is made of or reads is not replaced ([`Sources`]); nothing is written outside of the folder that was asked
-//!   for, whatever links lead there ([`Place`]).
+//!   for, whatever links lead there ([`Destination`]).
 //! - What a killed process left half written is swept, what a living one is writing stays ([`temporary`]).
 
 use std::fs::{self, Metadata};
@@ -21,7 +21,7 @@ pub(crate) use sources::Sources;
 pub(crate) use temporary::{is_abandoned, is_temporary, sweep};
 
 /// Where files may be written and removed.
-pub(crate) struct Place<'a> {
+pub(crate) struct Destination<'a> {
     bounds: Bounds,
     sources: &'a Sources,
 }
@@ -54,7 +54,7 @@ pub(crate) enum Refused {
     System(#[from] io::Error),
 }
 
-impl<'a> Place<'a> {
+impl<'a> Destination<'a> {
     /// Any path: one that the user named.
     pub(crate) fn anywhere(sources: &'a Sources) -> Self {
         Self { bounds: Bounds::None, sources }

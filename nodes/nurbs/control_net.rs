@@ -5,7 +5,7 @@ use maquette::{Context, Error, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid::patch::{Patch, placed};
+use super::grid::window::{GridWindow, placed};
 use super::net::charted::charted;
 use super::net::{harmonic, polar, rows};
 use super::net_error::NetError;
@@ -132,18 +132,18 @@ fn grid(
     range: &RangeImage,
     progress: &Progress<'_>,
 ) -> Result<value::ControlNet, NetError> {
-    let patch = Patch::new(region, range, PADDING, progress)?;
-    let (rows, columns) = (patch.rows, patch.columns);
+    let window = GridWindow::new(region, range, PADDING, progress)?;
+    let (rows, columns) = (window.rows, window.columns);
     let free = |at: usize| {
         let (row, column) = (at / columns, at % columns);
         let interior = 0 < row && row + 1 < rows && 0 < column && column + 1 < columns;
         let near = [at, at.wrapping_sub(columns), at.wrapping_sub(1), at + 1, at + columns];
-        interior && near.iter().all(|&at| patch.inside[at] == 1)
+        interior && near.iter().all(|&at| window.inside[at] == 1)
     };
     let fixed = |row: usize, column: usize| !free(row * columns + column);
-    let coordinates = region.cells().iter().map(|&cell| patch.place(cell).map(|at| at as f64));
+    let coordinates = region.cells().iter().map(|&cell| window.place(cell).map(|at| at as f64));
     let (cells, coordinates) = (region.cells().to_vec(), coordinates.collect());
-    charted(range, [rows, columns], patch.points, fixed, cells, coordinates)
+    charted(range, [rows, columns], window.points, fixed, cells, coordinates)
 }
 
 #[cfg(test)]

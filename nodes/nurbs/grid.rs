@@ -4,7 +4,7 @@ pub(super) mod canvas;
 pub(super) mod disk;
 pub(super) mod distance;
 pub(super) mod fold;
-pub(super) mod patch;
 pub(super) mod refine;
 pub(super) mod seam;
+pub(super) mod window;
 pub(super) mod within;

@@ -2,11 +2,11 @@
 
 pub(super) mod downhill;
 pub(super) mod dual_surface;
+pub(super) mod face_point;
 pub(super) mod limit_feet;
 pub(super) mod limit_point;
 pub(super) mod limit_surface;
 pub(super) mod patches;
 pub(super) mod piece;
-pub(super) mod place;
 pub(super) mod smooth_quad;
 pub(super) mod smooth_triangle;

@@ -9,7 +9,7 @@ use crate::catalog::Catalog;
 use crate::draw::Drawing;
 use crate::graph::{Files, Graph, Options};
 use crate::plain::ending;
-use crate::writing::{Place, Sources};
+use crate::writing::{Destination, Sources};
 
 #[derive(Args)]
 pub(super) struct Draw {
@@ -42,7 +42,7 @@ impl Draw {
             print_document(&text);
             return Exit::Done;
         };
-        match Place::anywhere(&Sources::of(&graph)).put(path, text.as_bytes()) {
+        match Destination::anywhere(&Sources::of(&graph)).put(path, text.as_bytes()) {
             Ok(()) => Exit::Done,
             Err(error) => Exit::Usage(format!("cannot write {}: {error}", path.display())),
         }

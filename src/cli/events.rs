@@ -23,7 +23,7 @@ use serde_json::{Value as Json, json};
 
 use super::{print_as_it_is, put_problems};
 use crate::error::{Problem, Severity};
-use crate::eval::{NodeTrace, Observer, State, Trace};
+use crate::eval::{NodeTrace, Observer, RunTrace, State};
 use crate::node::CancelToken;
 use crate::session::Written;
 use crate::telling::escaped;
@@ -34,7 +34,7 @@ const SPACING: Duration = Duration::from_millis(100);
 /// The end of one evaluation, or of an attempt.
 pub(super) struct Ending<'a> {
     pub(super) run: usize,
-    pub(super) trace: Option<&'a Trace>,
+    pub(super) trace: Option<&'a RunTrace>,
     pub(super) written: &'a [Written],
     pub(super) problems: &'a [Problem],
     pub(super) seconds: f64,

@@ -17,7 +17,7 @@ use crate::plain;
 use crate::render::{View, render};
 use crate::session::Session;
 use crate::text::any_of;
-use crate::writing::{Place, Refused, Sources};
+use crate::writing::{Destination, Refused, Sources};
 
 #[derive(Args)]
 pub(super) struct Gallery {
@@ -132,13 +132,15 @@ impl Gallery {
                 return foreign(path);
             }
         }
-        let place = Place::folder(&self.graphs, sources);
+        let destination = Destination::folder(&self.graphs, sources);
         let pictures = pictures.iter().map(|(path, bytes)| (&**path, &bytes[..]));
         let all = [(path, page.as_bytes())].into_iter().chain(pictures);
         let new = Vec::from_iter(all.filter(|(path, bytes)| !holds(path, bytes)));
         let failed = |path: &Path, why: Refused| format!("cannot write {}: {why}", path.display());
-        new.iter().try_for_each(|(path, _)| place.judge(path).map_err(|why| failed(path, why)))?;
-        new.iter().try_for_each(|(path, it)| place.put(path, it).map_err(|why| failed(path, why)))
+        new.iter()
+            .try_for_each(|(path, _)| destination.judge(path).map_err(|why| failed(path, why)))?;
+        new.iter()
+            .try_for_each(|(path, it)| destination.put(path, it).map_err(|why| failed(path, why)))
     }
 
     fn entry(

@@ -21,7 +21,7 @@ use crate::plain::ending;
 use crate::render::{View, render_layers};
 use crate::text::{unknown, with_article};
 use crate::value::{AnyValue, Image, Layer, On, Picture, Summary};
-use crate::writing::{Place, Sources};
+use crate::writing::{Destination, Sources};
 
 mod columns;
 
@@ -333,7 +333,7 @@ struct NoShape;
 
 /// Writes all files, or none if one of them may not be written.
 fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Sources) -> Exit {
-    let place = Place::anywhere(sources);
+    let destination = Destination::anywhere(sources);
     let failed = |path: &Path, why: &dyn std::fmt::Display| {
         Exit::Usage(format!("cannot write {}: {why}", path.display()))
     };
@@ -343,12 +343,12 @@ fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Source
     };
     let files = Vec::from_iter(files);
     for (path, _) in &files {
-        if let Err(refused) = place.judge(path) {
+        if let Err(refused) = destination.judge(path) {
             return failed(path, &refused);
         }
     }
     for (path, bytes) in &files {
-        if let Err(refused) = place.put(path, bytes) {
+        if let Err(refused) = destination.put(path, bytes) {
             return failed(path, &refused);
         }
     }

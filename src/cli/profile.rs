@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::in_bytes;
-use crate::eval::Trace;
+use crate::eval::RunTrace;
 use crate::session::Written;
-use crate::writing::{Place, Refused};
+use crate::writing::{Destination, Refused};
 
 /// How many seconds it took to read the graph, and the files of its nodes.
 pub(super) struct Read {
@@ -25,7 +25,7 @@ struct Row<'a> {
 }
 
 /// A table of the nodes, of what was read and of what was written, the slowest first. Times on several threads at once add up.
-pub(super) fn table(trace: &Trace, read: &Read, written: &[Written]) -> String {
+pub(super) fn table(trace: &RunTrace, read: &Read, written: &[Written]) -> String {
     let nodes = trace.0.iter().map(|node| Row {
         name: &node.name,
         kind: &node.node,
@@ -81,13 +81,13 @@ fn milliseconds(seconds: f64) -> String {
 
 /// Writes the trace for Chrome's tracing page or Perfetto: `GRAPH.trace.json` among the outputs.
 pub(super) fn write_trace(
-    trace: &Trace,
+    trace: &RunTrace,
     graph: &Path,
     folder: &Path,
-    place: &Place<'_>,
+    destination: &Destination<'_>,
 ) -> Result<PathBuf, Refused> {
     let name = graph.file_stem().unwrap_or_default().to_string_lossy();
     let path = folder.join(format!("{name}.trace.json"));
-    place.write(&path, trace.to_chrome().to_string().as_bytes())?;
+    destination.write(&path, trace.to_chrome().to_string().as_bytes())?;
     Ok(path)
 }

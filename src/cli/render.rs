@@ -18,7 +18,7 @@ use crate::render::{Projection, View, render};
 use crate::session::{Run, Wanted};
 use crate::text::{unknown, with_article};
 use crate::value::AnyValue;
-use crate::writing::{Place, Sources};
+use crate::writing::{Destination, Sources};
 
 #[derive(Args)]
 pub(super) struct Render {
@@ -86,10 +86,10 @@ impl Render {
         if self.orthographic {
             view.projection = Projection::Orthographic;
         }
-        let place = Place::anywhere(&sources);
+        let destination = Destination::anywhere(&sources);
         let written = png::encode_rgb(&render(&mesh, &view)).map_err(|error| error.to_string());
         match written
-            .and_then(|bytes| place.put(picture, &bytes).map_err(|error| error.to_string()))
+            .and_then(|bytes| destination.put(picture, &bytes).map_err(|error| error.to_string()))
         {
             Ok(()) => Exit::Done,
             Err(error) => Exit::Usage(format!("cannot write {}: {error}", picture.display())),

@@ -20,7 +20,7 @@ use super::{
 };
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
-use crate::eval::{Forecast, Observer, State, Trace};
+use crate::eval::{Forecast, Observer, RunTrace, State};
 use crate::graph::Graph;
 use crate::node::CancelToken;
 use crate::session::{OutputFolder, Produced, Written};
@@ -121,7 +121,7 @@ impl Run {
                 &trace,
                 &self.graph,
                 into.path(),
-                &into.place(&Sources::of(&graph)),
+                &into.destination(&Sources::of(&graph)),
             ) {
                 eprint(&format!("error: cannot write the trace: {error}\n"));
             }
@@ -208,7 +208,7 @@ fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
 }
 
 /// `2 computed, 12 cached`.
-pub(super) fn counts(trace: &Trace) -> String {
+pub(super) fn counts(trace: &RunTrace) -> String {
     let states = [State::Computed, State::Equal, State::Cached, State::Failed, State::Skipped];
     let counts = states.into_iter().filter_map(|state| match trace.count(state) {
         0 => None,

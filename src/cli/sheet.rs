@@ -16,7 +16,7 @@ use crate::graph::{Graph, Options};
 use crate::render::{View, render};
 use crate::session::Session;
 use crate::value::{Image, Mesh, Rgb};
-use crate::writing::{Place, Sources};
+use crate::writing::{Destination, Sources};
 
 /// A row for the defaults, and one for each end of each parameter that has a least and a greatest value.
 #[derive(Args)]
@@ -75,10 +75,10 @@ impl Sheet {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let file = self.out.join(format!("{name}.png"));
         let sources = Sources::of(&graph);
-        let place = Place::folder(&self.out, &sources);
+        let destination = Destination::folder(&self.out, &sources);
         let refused =
             |why: &dyn std::fmt::Display| format!("cannot write {}: {why}", file.display());
-        place.judge(&file).map_err(|why| refused(&why))?;
+        destination.judge(&file).map_err(|why| refused(&why))?;
         print(&format!("{}\n", file.display()));
         let mut rows = Vec::new();
         let mut complete = true;
@@ -89,7 +89,7 @@ impl Sheet {
             rows.push(mesh);
         }
         let bytes = png::encode_rgb(&self.draw(&rows)).map_err(|why| refused(&why))?;
-        place.put(&file, &bytes).map_err(|why| refused(&why))?;
+        destination.put(&file, &bytes).map_err(|why| refused(&why))?;
         Ok(complete)
     }
 

@@ -21,7 +21,7 @@ use crate::golden::store::Golden;
 use crate::golden::suite::{self, Case, Compared, Report, Settings, State};
 use crate::golden::{html, junit};
 use crate::session::Session;
-use crate::writing::{Place, Refused, Sources, remove};
+use crate::writing::{Destination, Refused, Sources, remove};
 
 #[derive(Args)]
 pub(super) struct Test {
@@ -125,10 +125,10 @@ impl Test {
     fn write_reports(&self, report: &Report) -> Result<(), String> {
         let mut sources = Sources::default();
         report.cases.iter().for_each(|case| sources.extend(&case.sources));
-        let place = Place::anywhere(&sources);
+        let destination = Destination::anywhere(&sources);
         let write = |path: &Option<PathBuf>, make: &dyn Fn() -> String| match path {
             None => Ok(()),
-            Some(path) => place
+            Some(path) => destination
                 .put(path, make().as_bytes())
                 .map_err(|error| format!("cannot write {}: {error}", path.display())),
         };

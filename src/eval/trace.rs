@@ -120,7 +120,7 @@ pub struct NodeTrace {
     pub thread: usize,
     /// How much memory its results need.
     pub bytes: usize,
-    /// Its doubts about the results.
+    /// Its warnings about the results.
     pub warnings: Vec<String>,
 }
 
@@ -143,11 +143,11 @@ impl NodeTrace {
     }
 }
 
-/// What happened to each node that was needed, in the graph's order.
+/// What happened in a run to each node that was needed, in the graph's order.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Trace(pub Vec<NodeTrace>);
+pub struct RunTrace(pub Vec<NodeTrace>);
 
-impl Trace {
+impl RunTrace {
     /// How many nodes came to this end.
     pub fn count(&self, state: State) -> usize {
         self.0.iter().filter(|node| node.state == state).count()
@@ -173,7 +173,7 @@ impl Trace {
 }
 
 /// One node a line: what became of it, its name, and why, without times.
-impl fmt::Display for Trace {
+impl fmt::Display for RunTrace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let longest = self.0.iter().map(|node| node.name.len()).max().unwrap_or(0);
         for node in &self.0 {

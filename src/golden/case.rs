@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::compare::{Keep, Tolerance};
-use super::expect::Place;
+use super::expect::ExpectationPlace;
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source, Span, code};
 use crate::graph::Expectation;
@@ -450,8 +450,8 @@ fn is_same(path: &Path, file: &Path) -> bool {
 
 impl TestFile {
     /// The place of an expectation of this file.
-    pub(crate) fn place(&self, span: Span) -> Place {
-        Place { source: self.source.clone(), span }
+    pub(crate) fn place(&self, span: Span) -> ExpectationPlace {
+        ExpectationPlace { source: self.source.clone(), span }
     }
 }
 

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde_json::json;
 
-use super::parts::{Class, Part, Parts};
+use super::parts::{Class, GoldenColumn, GoldenParts};
 use crate::value::{AnyValue, Mesh};
 
 mod columns;
@@ -238,16 +238,21 @@ pub fn compare(old: &AnyValue, new: &AnyValue, tolerance: &Tolerance) -> Compari
     {
         return Comparison::alike(Verdict::Reordered);
     }
-    match (Parts::of(old), Parts::of(new)) {
+    match (GoldenParts::of(old), GoldenParts::of(new)) {
         (Some(old), Some(new)) => compare_parts(&old, &new, tolerance),
         _ => compare_summaries(old, new),
     }
 }
 
 /// Compares the facts and the columns of two values.
-pub(crate) fn compare_parts(old: &Parts, new: &Parts, tolerance: &Tolerance) -> Comparison {
+pub(crate) fn compare_parts(
+    old: &GoldenParts,
+    new: &GoldenParts,
+    tolerance: &Tolerance,
+) -> Comparison {
     let mut reasons = different_facts(&old.facts, &new.facts);
-    let names = |parts: &Parts| Vec::from_iter(parts.columns.iter().map(|part| part.name.clone()));
+    let names =
+        |parts: &GoldenParts| Vec::from_iter(parts.columns.iter().map(|part| part.name.clone()));
     let (before, now) = (names(old), names(new));
     reasons.extend(before.iter().filter(|n| !now.contains(n)).map(|n| format!("`{n}` is gone")));
     reasons.extend(now.iter().filter(|n| !before.contains(n)).map(|n| format!("`{n}` is new")));
@@ -255,7 +260,7 @@ pub(crate) fn compare_parts(old: &Parts, new: &Parts, tolerance: &Tolerance) -> 
     for part in &old.columns {
         let Some(other) = new.column(&part.name) else { continue };
         if part.count != other.count || part.width != other.width {
-            let length = |part: &Part| format!("{} x {}", part.count, part.width);
+            let length = |part: &GoldenColumn| format!("{} x {}", part.count, part.width);
             reasons.push(format!(
                 "`{}`: {} entries became {}",
                 part.name,

@@ -19,7 +19,7 @@ use crate::value::{AnyValue, Fact, FactValue, Items, Meaning, Mesh, On, Part, Pa
 
 /// Where an expectation stands.
 #[derive(Clone)]
-pub(crate) struct Place {
+pub(crate) struct ExpectationPlace {
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,
 }
@@ -96,15 +96,18 @@ fn no_region(name: &str) -> (String, Vec<Point3<f64>>) {
 }
 
 /// The nodes whose values these expectations speak of.
-pub(crate) fn nodes_of(graph: &Graph, expectations: &[(Expectation, Place)]) -> Vec<usize> {
+pub(crate) fn nodes_of(
+    graph: &Graph,
+    expectations: &[(Expectation, ExpectationPlace)],
+) -> Vec<usize> {
     let values = expectations.iter().flat_map(|(expectation, _)| expectation.values());
     values.filter_map(|value| graph.value_named(value).map(|(node, _)| node)).collect()
 }
 
 impl Graph {
     /// What the graph's own file expects.
-    pub(crate) fn expectations(&self) -> Vec<(Expectation, Place)> {
-        let place = |span: Span| Place { source: self.source.clone(), span };
+    pub(crate) fn expectations(&self) -> Vec<(Expectation, ExpectationPlace)> {
+        let place = |span: Span| ExpectationPlace { source: self.source.clone(), span };
         self.expect.iter().map(|(expectation, span)| (expectation.clone(), place(*span))).collect()
     }
 }
@@ -113,7 +116,7 @@ impl Graph {
 pub(crate) fn violations(
     graph: &Graph,
     evaluation: &Evaluation,
-    expectations: &[(Expectation, Place)],
+    expectations: &[(Expectation, ExpectationPlace)],
 ) -> Vec<Violation> {
     let mut violations = Vec::new();
     for (expectation, place) in expectations {

@@ -29,7 +29,7 @@ impl From<Meaning> for Class {
     }
 }
 
-impl From<&value::Part<'_>> for Part {
+impl From<&value::Part<'_>> for GoldenColumn {
     fn from(part: &value::Part<'_>) -> Self {
         let numbers = part.items.numbers().into_owned();
         Self::new(&part.name, part.meaning.into(), part.width.max(1), numbers)
@@ -38,7 +38,7 @@ impl From<&value::Part<'_>> for Part {
 
 /// One column: `width` numbers for each element.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Part {
+pub(crate) struct GoldenColumn {
     pub(crate) name: String,
     pub(crate) class: Class,
     pub(crate) width: usize,
@@ -48,7 +48,7 @@ pub(crate) struct Part {
     pub(crate) numbers: Vec<f64>,
 }
 
-impl Part {
+impl GoldenColumn {
     pub(crate) fn new(name: &str, class: Class, width: usize, numbers: Vec<f64>) -> Self {
         let count = numbers.len() / width;
         Self { name: name.to_owned(), class, width, count, stride: 1, numbers }
@@ -79,15 +79,15 @@ impl Part {
 
 /// The columns of a value, and what must be equal before they are looked at.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Parts {
+pub(crate) struct GoldenParts {
     /// Counts, sizes and kinds.
     pub(crate) facts: Vec<(String, String)>,
-    pub(crate) columns: Vec<Part>,
+    pub(crate) columns: Vec<GoldenColumn>,
     /// Elements in a row, where the elements are pixels or control points.
     pub(crate) row: Option<usize>,
 }
 
-impl Parts {
+impl GoldenParts {
     /// The parts of a value that are compared; none for a value that tells of none.
     pub(crate) fn of(value: &AnyValue) -> Option<Self> {
         let parts = value.parts();
@@ -97,18 +97,23 @@ impl Parts {
                 .iter()
                 .map(|fact| (fact.name.to_string(), fact.value.to_string()))
                 .collect(),
-            columns: parts.columns.iter().filter(|part| !part.aside).map(Part::from).collect(),
+            columns: parts
+                .columns
+                .iter()
+                .filter(|part| !part.aside)
+                .map(GoldenColumn::from)
+                .collect(),
             row: parts.row,
         })
     }
 
     /// Attributes alone.
-    pub(crate) fn of_attributes(attributes: &Attributes) -> Vec<Part> {
-        attributes.parts("", On::Vertex).map(|part| Part::from(&part)).collect()
+    pub(crate) fn of_attributes(attributes: &Attributes) -> Vec<GoldenColumn> {
+        attributes.parts("", On::Vertex).map(|part| GoldenColumn::from(&part)).collect()
     }
 
     /// The column of this name.
-    pub(crate) fn column(&self, name: &str) -> Option<&Part> {
+    pub(crate) fn column(&self, name: &str) -> Option<&GoldenColumn> {
         self.columns.iter().find(|column| column.name == name)
     }
 }

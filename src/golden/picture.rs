@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::compare::{distances, six};
-use super::parts::{Class, Part, Parts};
+use super::parts::{Class, GoldenColumn, GoldenParts};
 use super::store::{Golden, mesh_of, picture_of};
 use super::suite::Compared;
 use crate::format::png;
@@ -61,7 +61,7 @@ fn pictures(value: &AnyValue, golden: Option<&Golden>) -> (Option<Image>, Option
         let new = if old.is_some() { shrunk(&new, size) } else { new };
         return (old.cloned(), Some(new));
     }
-    let Some(parts) = Parts::of(value) else { return (None, None) };
+    let Some(parts) = GoldenParts::of(value) else { return (None, None) };
     let Some(part) = grid_part(&parts) else { return (None, None) };
     let kept = golden.and_then(Golden::kept).and_then(|kept| kept.column(&part.name));
     let Some(kept) = kept
@@ -158,15 +158,15 @@ fn shrunk(picture: &Image, size: [usize; 2]) -> Image {
 }
 
 /// The first column that fills a grid.
-fn grid_part(parts: &Parts) -> Option<&Part> {
+fn grid_part(parts: &GoldenParts) -> Option<&GoldenColumn> {
     let row = parts.row.filter(|row| *row > 1)?;
-    let fills = |part: &&Part| part.count.is_multiple_of(row) && part.count >= 2 * row;
+    let fills = |part: &&GoldenColumn| part.count.is_multiple_of(row) && part.count >= 2 * row;
     parts.columns.iter().find(fills)
 }
 
 /// A column as a picture: depths and numbers in gray, as far as those of `scale` reach, labels in colors. What was not kept is as
 /// what was kept before it.
-fn gray(part: &Part, row: Option<usize>, scale: &Part) -> Option<Image> {
+fn gray(part: &GoldenColumn, row: Option<usize>, scale: &GoldenColumn) -> Option<Image> {
     let row = row?;
     let component = if part.class == Class::Place { part.width - 1 } else { 0 };
     let range = *scale.ranges().get(component)?;

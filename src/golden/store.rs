@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::compare::{Tolerance, distances_of, six};
-use super::parts::{Class, Part, Parts};
+use super::parts::{Class, GoldenColumn, GoldenParts};
 use crate::format::png;
 use crate::pack::NewFile;
 use crate::render::{View, render};
@@ -79,7 +79,7 @@ pub(crate) fn files(
 ) -> Vec<NewFile> {
     let mut files = Vec::new();
     let mut text = String::new();
-    let parts = Parts::of(value);
+    let parts = GoldenParts::of(value);
     let mut lines = summary(value, parts.as_ref(), outputs, tolerance);
     lines
         .extend(needed.iter().map(|(name, needed)| exact(&format!("needed {name}"), six(*needed))));
@@ -347,7 +347,7 @@ impl Golden {
     }
 }
 
-fn attribute(part: &Part) -> Option<Attribute> {
+fn attribute(part: &GoldenColumn) -> Option<Attribute> {
     let numbers = &part.numbers;
     Some(match (part.class, part.width) {
         (Class::Exact, 1) => Attribute::Index(numbers.iter().map(|&x| x as u32).collect()),

@@ -12,11 +12,11 @@ use super::expect::Violation;
 use super::store::{Golden, NoGolden, because};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
-use crate::eval::{Evaluator, Trace};
+use crate::eval::{Evaluator, RunTrace};
 use crate::pack::NewFile;
 use crate::plain;
 use crate::value::AnyValue;
-use crate::writing::{Place, Refused, Sources};
+use crate::writing::{Destination, Refused, Sources};
 
 mod job;
 mod nodes;
@@ -65,7 +65,7 @@ pub(crate) struct Case {
     pub(crate) orphans: Vec<PathBuf>,
     /// What is worth a word although it is no failure.
     pub(crate) notes: Vec<String>,
-    pub(crate) trace: Trace,
+    pub(crate) trace: RunTrace,
     pub(crate) seconds: f64,
     /// How much of it writing the outputs took.
     pub(crate) file_seconds: f64,
@@ -140,19 +140,19 @@ impl Case {
 
     /// Makes an output, as it is now, its golden, which says why it was accepted.
     pub(crate) fn bless(&self, output: &Compared, why: &[String]) -> Result<(), Refused> {
-        let place = Place::own(&self.beside, &self.sources);
-        place.judge_folder(&self.folder)?;
-        place.sweep(&self.folder);
+        let destination = Destination::own(&self.beside, &self.sources);
+        destination.judge_folder(&self.folder)?;
+        destination.sweep(&self.folder);
         let before = orphans::goldens(&self.folder).remove(&output.name).unwrap_or_default();
         for suffix in SUFFIXES {
             let path = self.folder.join(format!("{}{suffix}", output.name));
             match output.new.iter().find(|file| file.name == suffix) {
                 Some(file) if suffix == ".txt" => {
                     let because = because(why);
-                    write(&place, &path, &[&file.bytes[..], because.as_bytes()].concat())?;
+                    write(&destination, &path, &[&file.bytes[..], because.as_bytes()].concat())?;
                 }
-                Some(file) => write(&place, &path, &file.bytes)?,
-                None if before.contains(&path) => place.remove(&path)?,
+                Some(file) => write(&destination, &path, &file.bytes)?,
+                None if before.contains(&path) => destination.remove(&path)?,
                 None => {}
             }
         }
@@ -161,19 +161,19 @@ impl Case {
 
     /// Accepts what is no output: the nodes as they are, their warnings, and that orphans go.
     pub(crate) fn bless_rest(&self) -> Result<(), Refused> {
-        let place = Place::own(&self.beside, &self.sources);
+        let destination = Destination::own(&self.beside, &self.sources);
         if let Some(nodes) = self.nodes.as_ref().filter(|_| !self.outputs.is_empty()) {
-            write(&place, &self.folder.join(NODES), nodes.as_bytes())?;
+            write(&destination, &self.folder.join(NODES), nodes.as_bytes())?;
         }
-        self.orphans.iter().try_for_each(|orphan| place.remove(orphan))
+        self.orphans.iter().try_for_each(|orphan| destination.remove(orphan))
     }
 }
 
-fn write(place: &Place<'_>, path: &Path, bytes: &[u8]) -> Result<(), Refused> {
+fn write(destination: &Destination<'_>, path: &Path, bytes: &[u8]) -> Result<(), Refused> {
     if plain::read_own(path).is_ok_and(|before| before == bytes) {
         return Ok(());
     }
-    place.write(path, bytes).map(|_| ())
+    destination.write(path, bytes).map(|_| ())
 }
 
 /// What shapes a run of tests.

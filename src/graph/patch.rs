@@ -12,7 +12,7 @@ use super::check::{Check, first, folder_of};
 use super::edit::{Splice, place};
 use crate::catalog::Catalog;
 use crate::error::{Source, Span, code};
-use crate::text::{Body, Field, Kind, Mistake, Part, Sheet, Tree, nearest_or_all};
+use crate::text::{Body, Field, Kind, Mistake, Sheet, TextPart, Tree, nearest_or_all};
 
 /// The tree of the graph that a patch makes; the patch's own if the other graph is not there, or one of them is wrong.
 pub(super) fn patched_tree(
@@ -187,12 +187,12 @@ impl Check<'_, '_> {
 }
 
 /// The parts of a text; the text itself if it has none.
-fn whole(sheet: &Sheet) -> Vec<Part> {
+fn whole(sheet: &Sheet) -> Vec<TextPart> {
     if !sheet.parts.is_empty() {
         return sheet.parts.clone();
     }
     let span = Span { start: 0, end: sheet.source.text.len() };
-    vec![Part { span, source: sheet.source.clone(), start: 0, folder: sheet.folder.clone() }]
+    vec![TextPart { span, source: sheet.source.clone(), start: 0, folder: sheet.folder.clone() }]
 }
 
 /// The text with edits that put a value of another file into it.
@@ -207,7 +207,7 @@ fn spliced(
     let old = &sheet.source.text;
     let (mut text, mut parts) = (String::with_capacity(old.len() + value.len()), Vec::new());
     let mut copied = 0;
-    let copy = |text: &mut String, parts: &mut Vec<Part>, start: usize, end: usize| {
+    let copy = |text: &mut String, parts: &mut Vec<TextPart>, start: usize, end: usize| {
         for part in &sheet.parts {
             let (first, last) = (part.span.start.max(start), part.span.end.min(end));
             if first < last {
@@ -215,7 +215,7 @@ fn spliced(
                 text.push_str(&old[first..last]);
                 let span = Span { start: shift, end: text.len() };
                 let start = part.start + (first - part.span.start);
-                parts.push(Part { span, start, ..part.clone() });
+                parts.push(TextPart { span, start, ..part.clone() });
             }
         }
     };
@@ -233,7 +233,7 @@ fn spliced(
             if first < last {
                 let (source, folder) = (from.source.clone(), from.folder.clone());
                 let span = Span { start: first, end: last };
-                parts.push(Part { span, source, start: from_at, folder });
+                parts.push(TextPart { span, source, start: from_at, folder });
             }
         }
         copied = span.end;

@@ -18,7 +18,7 @@ use crate::pack::NewFile;
 use crate::plain;
 use crate::stamp::Stamp;
 use crate::value::Hash;
-use crate::writing::{Place, Refused, Sources};
+use crate::writing::{Destination, Refused, Sources};
 
 /// A file of an output that is on disk now.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -125,10 +125,10 @@ impl OutputFolder {
     }
 
     /// Where they may be written: in their folder, which must not lead elsewhere if nobody named it.
-    pub(crate) fn place<'a>(&self, sources: &'a Sources) -> Place<'a> {
+    pub(crate) fn destination<'a>(&self, sources: &'a Sources) -> Destination<'a> {
         match self.named {
-            true => Place::folder(&self.folder, sources),
-            false => Place::inside(Path::new("."), &self.folder, sources),
+            true => Destination::folder(&self.folder, sources),
+            false => Destination::inside(Path::new("."), &self.folder, sources),
         }
     }
 
@@ -177,11 +177,11 @@ impl OutputFolder {
             outputs.iter().map(|output| self.folder_of(output)).collect();
         let mut sources = Sources::of(graph);
         sources.extend(&self.kept);
-        let place = self.place(&sources);
-        folders.iter().for_each(|folder| place.sweep(folder));
+        let destination = self.destination(&sources);
+        folders.iter().for_each(|folder| destination.sweep(folder));
         let write = |output: &&GraphOutput| match cancel.is_cancelled() {
             true => Ok(Vec::new()),
-            false => self.output(output, evaluation, graph, &place),
+            false => self.output(output, evaluation, graph, &destination),
         };
         let results: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
         let (mut files, mut problems) = (Vec::new(), Vec::new());
@@ -199,7 +199,7 @@ impl OutputFolder {
         output: &GraphOutput,
         evaluation: &Evaluation,
         graph: &Graph,
-        place: &Place<'_>,
+        destination: &Destination<'_>,
     ) -> Result<Vec<Written>, Box<Problem>> {
         let Some(value) = evaluation.hash(output.node, output.output) else {
             return Ok(Vec::new());
@@ -239,7 +239,7 @@ impl OutputFolder {
         let mut written = Vec::new();
         for file in files {
             let path = path(&file);
-            let file = self.file(&output.name, path.clone(), &file, place).map_err(|refused| {
+            let file = self.file(&output.name, path.clone(), &file, destination).map_err(|refused| {
                 let help = match refused {
                     Refused::System(_) => {
                         "the file that was there before is untouched; --out chooses another folder"
@@ -281,16 +281,16 @@ impl OutputFolder {
         output: &str,
         path: PathBuf,
         file: &NewFile,
-        place: &Place<'_>,
+        destination: &Destination<'_>,
     ) -> Result<(Written, Option<Left>), Refused> {
         let bytes = &file.bytes[..];
-        place.judge(&path)?;
+        destination.judge(&path)?;
         let found = holds(&path, bytes);
         let unchanged = found.is_some();
         let left = match found {
             Some(found) => Some(found),
             None => {
-                let stamp = place.write(&path, bytes)?;
+                let stamp = destination.write(&path, bytes)?;
                 stamp.map(|stamp| Left { stamp, settled: stamp.is_settled() })
             }
         };
@@ -325,8 +325,8 @@ mod tests {
     fn write(outputs: &OutputFolder, path: &Path) -> bool {
         let file = NewFile { name: "a.ply".into(), bytes: b"ply".to_vec() };
         let sources = Sources::default();
-        let place = Place::anywhere(&sources);
-        let (written, left) = outputs.file("a", path.to_owned(), &file, &place).unwrap();
+        let destination = Destination::anywhere(&sources);
+        let (written, left) = outputs.file("a", path.to_owned(), &file, &destination).unwrap();
         let unchanged = written.unchanged;
         let known = Known { value: Hash::of(b"value"), files: vec![(written, left)] };
         outputs.lock().insert("a".into(), known);

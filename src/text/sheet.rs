@@ -14,12 +14,12 @@ pub(crate) struct Sheet {
     /// The folder that paths in the text are relative to.
     pub(crate) folder: PathBuf,
     /// What the text is made of, in order, if it is not one file's.
-    pub(crate) parts: Vec<Part>,
+    pub(crate) parts: Vec<TextPart>,
 }
 
 /// A part of a text that stands in some file.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Part {
+pub(crate) struct TextPart {
     /// Where it is in the whole text.
     pub(crate) span: Span,
     /// Where it stands.
@@ -33,7 +33,7 @@ impl Sheet {
         Arc::new(Self { source, folder, parts: Vec::new() })
     }
 
-    fn part(&self, at: usize) -> Option<&Part> {
+    fn part(&self, at: usize) -> Option<&TextPart> {
         let index = self.parts.partition_point(|part| part.span.end <= at);
         self.parts.get(index).or_else(|| self.parts.last())
     }

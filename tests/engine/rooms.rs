@@ -277,7 +277,7 @@ mod sources {
     }
 
     /// What a path leads to.
-    enum Place {
+    enum Resolved {
         Module(usize),
         Item(usize),
     }
@@ -413,13 +413,14 @@ mod sources {
                     let first = module.uses.get(&mention.path[0]);
                     let is_told = mention.kind == Kind::Inline
                         && first.is_some_and(|path| {
-                            matches!(self.resolve(index, path, true, 0), Some(Place::Item(_)))
+                            matches!(self.resolve(index, path, true, 0), Some(Resolved::Item(_)))
                         });
                     if is_told {
                         continue;
                     }
                     // A module is told by what is named in it.
-                    let Some(Place::Item(to)) = self.resolve(index, &mention.path, false, 0) else {
+                    let Some(Resolved::Item(to)) = self.resolve(index, &mention.path, false, 0)
+                    else {
                         continue;
                     };
                     let to = &self.modules[to].file;
@@ -454,7 +455,7 @@ mod sources {
             path: &[String],
             to_module: bool,
             depth: usize,
-        ) -> Option<Place> {
+        ) -> Option<Resolved> {
             assert!(depth < 100, "{}: {} leads round", self.modules[from].file, path.join("::"));
             let mut at = from;
             for (k, name) in path.iter().enumerate() {
@@ -471,22 +472,24 @@ mod sources {
                         let brought =
                             module.uses.get(name).filter(|used| k > 0 || used[0] != *name);
                         match (child, brought) {
-                            _ if is_item && is_last && !to_module => return Some(Place::Item(at)),
+                            _ if is_item && is_last && !to_module => {
+                                return Some(Resolved::Item(at));
+                            }
                             (Some(child), _) if !is_last || to_module => child,
                             (_, Some(used)) => {
                                 match self.resolve(at, used, !is_last || to_module, depth + 1)? {
-                                    Place::Module(found) => found,
+                                    Resolved::Module(found) => found,
                                     item => return Some(item),
                                 }
                             }
                             (Some(child), None) => child,
-                            (None, None) if k > 0 => return Some(Place::Item(at)),
+                            (None, None) if k > 0 => return Some(Resolved::Item(at)),
                             (None, None) => return None,
                         }
                     }
                 };
             }
-            Some(Place::Module(at))
+            Some(Resolved::Module(at))
         }
     }
 

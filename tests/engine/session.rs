@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use maquette::value::{Image, Mesh, RangeImage};
 use maquette::{
-    AnyValue, Graph, Options, OutputFolder, Run, Session, Settings, State, Trace, Wanted, code,
+    AnyValue, Graph, Options, OutputFolder, Run, RunTrace, Session, Settings, State, Wanted, code,
 };
 use maquette_nodes::PACKS;
 
@@ -38,7 +38,7 @@ fn inputs(run: &maquette::Finished) -> BTreeMap<String, AnyValue> {
     ["color", "range"].map(input).into()
 }
 
-fn computed(trace: &Trace) -> Vec<String> {
+fn computed(trace: &RunTrace) -> Vec<String> {
     let computed = trace.0.iter().filter(|node| node.state == State::Computed);
     computed.map(|node| node.name.clone()).collect()
 }

@@ -33,9 +33,9 @@ pub struct Drag {
     groups: Vec<Kept>,
 }
 
-/// What one field, or three of them, depend on.
+/// What the fields of a group depend on, by which they are remembered.
 #[derive(Clone)]
-pub(crate) struct Part {
+pub(crate) struct FieldInputs {
     points: Column<Point3<f64>>,
     prepared: Prepared,
     /// The handles of a group; none for what the handles do at rest.
@@ -63,7 +63,7 @@ impl Drag {
         dragged: &[usize],
         how: Deforming,
     ) -> Result<Self, FfdError> {
-        Self::with(what, handles, dragged, how, System::new, Part::make)
+        Self::with(what, handles, dragged, how, System::new, FieldInputs::make)
     }
 
     /// [`Drag::new`] with what `system` and `keep` compute, or remember.
@@ -73,7 +73,7 @@ impl Drag {
         dragged: &[usize],
         how: Deforming,
         system: impl FnOnce(&Layout) -> Result<System, E>,
-        keep: impl Fn(&Part) -> Result<Kept, E>,
+        keep: impl Fn(&FieldInputs) -> Result<Kept, E>,
     ) -> Result<Self, E> {
         let origin = (Point3::origin(), Point3::origin());
         let frame = how.frame.or_else(|| bounds(what)).unwrap_or(origin);
@@ -86,17 +86,17 @@ impl Drag {
             }
         }
         let wanted = wanted(what);
-        let part = |group| Part {
+        let inputs = |group| FieldInputs {
             points: column(what),
             prepared: prepared.clone(),
             group,
             derivatives: wanted.folds,
             error: how.accuracy * prepared.diagonal,
         };
-        let rest = if prepared.rests() { None } else { Some(keep(&part(None))?) };
+        let rest = if prepared.rests() { None } else { Some(keep(&inputs(None))?) };
         let groups = places
             .chunks(GROUP)
-            .map(|group| keep(&part(Some([0, 1, 2].map(|k| group.get(k).copied())))))
+            .map(|group| keep(&inputs(Some([0, 1, 2].map(|k| group.get(k).copied())))))
             .collect::<Result<_, _>>()?;
         let system = system(&prepared.layout)?;
         Ok(Self { what: what.clone(), system, dragged: places, rest, groups, prepared })
@@ -177,12 +177,12 @@ impl Prepared {
     }
 }
 
-/// What a part comes to, to be remembered.
-pub(crate) fn memo(part: &Part) -> Result<Kept, Error> {
-    Ok(part.make()?)
+/// The fields that these inputs give, to be remembered.
+pub(crate) fn memo(inputs: &FieldInputs) -> Result<Kept, Error> {
+    Ok(inputs.make()?)
 }
 
-impl Part {
+impl FieldInputs {
     fn make(&self) -> Result<Kept, FfdError> {
         let system = System::new(&self.prepared.layout)?;
         let deformation = match &self.group {
@@ -212,7 +212,7 @@ fn unit_steps(layout: &Layout, system: &System, group: &[Option<usize>; GROUP]) 
 }
 
 /// The key of what is remembered.
-impl Memo for Part {
+impl Memo for FieldInputs {
     const NAME: &'static str = "DragPart";
 
     fn encode(&self, to: &mut Encoder) {

@@ -25,13 +25,13 @@ const LISTED: usize = 8;
 /// closed.
 pub(crate) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
     let count = mesh.positions().len();
-    let one_rings = OneRings::new(mesh.faces(), count);
+    let vertex_faces = VertexFaces::new(mesh.faces(), count);
     // The border edges that leave one vertex are a linked list, of which `newest` has the head.
     let mut newest = vec![NONE; count];
     let mut edges: Vec<BorderEdge> = Vec::new();
-    for corner in one_rings.border()? {
+    for corner in vertex_faces.border()? {
         let [to, from] =
-            [corner, one_rings.next(corner)].map(|corner| one_rings.corners[corner as usize]);
+            [corner, vertex_faces.next(corner)].map(|corner| vertex_faces.corners[corner as usize]);
         edges.push(BorderEdge { to, older: newest[from as usize], used: false });
         newest[from as usize] = edges.len() as u32 - 1;
     }
@@ -50,8 +50,8 @@ pub(crate) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
     Ok(rims)
 }
 
-/// The one-ring of each vertex: its faces, by the corners that they have there.
-struct OneRings<'a> {
+/// The faces around each vertex, by the corners that they have there.
+struct VertexFaces<'a> {
     corners: &'a [u32],
     /// The corner after each and the one before, where faces are no triangles.
     beside: Option<Vec<[u32; 2]>>,
@@ -73,7 +73,7 @@ const BLOCK: usize = 2048;
 /// Around a vertex with more faces than these, neighbors are found by a search in sorted order.
 const FEW: usize = 16;
 
-impl<'a> OneRings<'a> {
+impl<'a> VertexFaces<'a> {
     fn new(faces: &'a Faces, count: usize) -> Self {
         let corners: &[u32] = faces.corners();
         let beside = (faces.sides() != Some(3)).then(|| {

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 use super::detail::Detail;
 use super::exemplars::{Exemplars, REACH, Source};
 use super::hole::{Hole, SAMPLES};
-use super::level::{Guide, Level, Outcome, Shared};
+use super::level::{CompletionLevel, Guide, Outcome, Shared};
 use super::options::{ExemplarOptions, Shown, Start, Update};
 use super::patches::Scale;
 use super::sources::Sources;
@@ -216,8 +216,14 @@ impl Completion<'_> {
         let scale =
             Scale { radius: size.radius, spacing, moving, normal_radius: size.normal_radius };
         let number = number as u64;
-        let level =
-            Level { shared: &shared, scale, number, edge: size.sample, plate_error, exemplars };
+        let level = CompletionLevel {
+            shared: &shared,
+            scale,
+            number,
+            edge: size.sample,
+            plate_error,
+            exemplars,
+        };
         level.run(points, &mut self.areas, &self.guides, progress)
     }
 

@@ -125,7 +125,7 @@ const ROUNDING: f64 = 1e-10;
 const SHARP: f64 = 0.1;
 
 /// A level: its patches' size and spacing, and the exemplars with which they are compared.
-pub(super) struct Level<'a> {
+pub(super) struct CompletionLevel<'a> {
     pub(super) shared: &'a Shared<'a>,
     pub(super) scale: Scale,
     pub(super) number: u64,
@@ -137,7 +137,7 @@ pub(super) struct Level<'a> {
     pub(super) exemplars: &'a Exemplars,
 }
 
-impl Level<'_> {
+impl CompletionLevel<'_> {
     /// Runs the level. `points` and `areas` are left at the best iterate.
     pub(super) fn run(
         &self,

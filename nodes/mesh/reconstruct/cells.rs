@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 /// A place in a cube of cells or nodes: x, y, z.
-pub(super) type Place = [i32; 3];
+pub(super) type CellIndex = [i32; 3];
 
 /// A cube that is halved again and again: at depth `d` it has `2^d` cells along each side.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +32,7 @@ impl Cube {
     }
 
     /// The cell of a depth that has these coordinates.
-    pub(super) fn cell(&self, coordinates: [f64; 3], depth: u32) -> Place {
+    pub(super) fn cell(&self, coordinates: [f64; 3], depth: u32) -> CellIndex {
         let last = (1_i32 << depth) - 1;
         coordinates.map(|x| (x.floor() as i32).clamp(0, last))
     }
@@ -76,7 +76,7 @@ impl Places {
         self.side
     }
 
-    pub(super) fn place(&self, number: usize) -> Place {
+    pub(super) fn place(&self, number: usize) -> CellIndex {
         self.places[number].map(i32::from)
     }
 
@@ -94,14 +94,14 @@ impl Places {
         row.start + self.places[row].partition_point(|place| i32::from(place[0]) < x)
     }
 
-    pub(super) fn find(&self, [x, y, z]: Place) -> Option<usize> {
+    pub(super) fn find(&self, [x, y, z]: CellIndex) -> Option<usize> {
         let row = self.row(y, z);
         let at = self.from(row.clone(), x);
         (at < row.end && i32::from(self.places[at][0]) == x).then_some(at)
     }
 
     /// The numbers of the places whose coordinates differ from these by at most 1.
-    pub(super) fn near(&self, [x, y, z]: Place) -> impl Iterator<Item = usize> {
+    pub(super) fn near(&self, [x, y, z]: CellIndex) -> impl Iterator<Item = usize> {
         (0..9).flat_map(move |k| {
             let row = self.row(y + k % 3 - 1, z + k / 3 - 1);
             let first = self.from(row.clone(), x - 1);
@@ -110,7 +110,7 @@ impl Places {
     }
 
     /// The numbers of the eight corners of a cell, if all are there; corner `k` has the bits of `k` added, x first.
-    pub(super) fn corners(&self, [x, y, z]: Place) -> Option<[usize; 8]> {
+    pub(super) fn corners(&self, [x, y, z]: CellIndex) -> Option<[usize; 8]> {
         let mut corners = [0; 8];
         for k in 0..4 {
             let first = self.find([x, y + (k & 1), z + (k >> 1)])?;

@@ -12,7 +12,7 @@ use maquette::{Cancelled, Limit, Progress};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::cells::{Place, Places};
+use super::cells::{CellIndex, Places};
 use super::poisson::{Field, SURFACE, SolveError};
 
 /// Faces of a skin; with normals and attributes some 2 GB while it is made.
@@ -64,7 +64,7 @@ fn is_mixed(values: &[f64; 8]) -> bool {
 /// The finest cells that the surface runs through, and all nodes of these.
 fn crossed(field: &Field, progress: &Progress<'_>) -> Result<(Places, Places), SolveError> {
     let depth = field.cube.depth;
-    let mut coarse: Vec<Place> = Vec::new();
+    let mut coarse: Vec<CellIndex> = Vec::new();
     for from in 0..=depth {
         let grid = &field.grids[from as usize];
         // Cells of this grid and those within cells of coarser ones.
@@ -73,16 +73,16 @@ fn crossed(field: &Field, progress: &Progress<'_>) -> Result<(Places, Places), S
             let corners = grid.nodes.corners(place)?;
             is_mixed(&corners.map(|node| grid.values[node] - SURFACE)).then_some(place)
         });
-        let own: Vec<Place> = own.collect();
+        let own: Vec<CellIndex> = own.collect();
         let inherited = coarse.par_iter().copied().filter(|&cell| {
             grid.nodes.corners(cell).is_none()
                 && is_mixed(&around(cell).map(|node| field.at_node(node, from, from) - SURFACE))
         });
-        let mut cells: Vec<Place> = inherited.collect();
+        let mut cells: Vec<CellIndex> = inherited.collect();
         cells.extend(own);
         FACES.check("the skin", cells.len() as f64)?;
         progress.check().map_err(SolveError::Cancelled)?;
-        let halves = |cell: &Place| around(cell.map(|x| 2 * x));
+        let halves = |cell: &CellIndex| around(cell.map(|x| 2 * x));
         coarse =
             if from < depth { cells.par_iter().flat_map_iter(halves).collect() } else { cells };
     }
@@ -96,7 +96,7 @@ fn crossed(field: &Field, progress: &Progress<'_>) -> Result<(Places, Places), S
 }
 
 /// The corners of a cell; corner `k` has the bits of `k` added, x first.
-fn around([x, y, z]: Place) -> [Place; 8] {
+fn around([x, y, z]: CellIndex) -> [CellIndex; 8] {
     std::array::from_fn(|k| {
         let bit = |axis: usize| (k >> axis & 1) as i32;
         [x + bit(0), y + bit(1), z + bit(2)]
@@ -108,11 +108,11 @@ struct Signs<'a> {
     field: &'a Field,
     nodes: &'a Places,
     values: &'a [f64],
-    taken_in: &'a BTreeSet<Place>,
+    taken_in: &'a BTreeSet<CellIndex>,
 }
 
 impl Signs<'_> {
-    fn of_node(&self, place: Place) -> f64 {
+    fn of_node(&self, place: CellIndex) -> f64 {
         if self.taken_in.contains(&place) {
             return f64::MIN_POSITIVE;
         }
@@ -123,7 +123,7 @@ impl Signs<'_> {
         }
     }
 
-    fn of_cell(&self, place: Place) -> [f64; 8] {
+    fn of_cell(&self, place: CellIndex) -> [f64; 8] {
         if self.taken_in.is_empty()
             && let Some(corners) = self.nodes.corners(place)
         {
@@ -134,7 +134,7 @@ impl Signs<'_> {
 
     /// The cells that the surface runs through now.
     fn cells(&self, before: &Places) -> Places {
-        let mut cells: BTreeMap<[i32; 3], Place> = BTreeMap::new();
+        let mut cells: BTreeMap<[i32; 3], CellIndex> = BTreeMap::new();
         let changed = self.taken_in.iter().flat_map(|&[x, y, z]| around([x - 1, y - 1, z - 1]));
         for cell in (0..before.len()).map(|cell| before.place(cell)).chain(changed) {
             if is_mixed(&self.of_cell(cell)) {
@@ -153,14 +153,14 @@ fn compose(
     nodes: &Places,
     values: &[f64],
     progress: &Progress<'_>,
-) -> Result<BTreeSet<Place>, Cancelled> {
+) -> Result<BTreeSet<CellIndex>, Cancelled> {
     let mut taken_in = BTreeSet::new();
     let composed: Vec<bool> = (0..=255).map(is_composed).collect();
     let none = BTreeSet::new();
     let signs = Signs { field, nodes, values, taken_in: &none };
     let bad = |&cell: &usize| !composed[mask(&signs.of_cell(cells.place(cell)))];
     let bad: Vec<usize> = (0..cells.len()).into_par_iter().filter(bad).collect();
-    let mut cells: Vec<Place> = bad.into_iter().rev().map(|cell| cells.place(cell)).collect();
+    let mut cells: Vec<CellIndex> = bad.into_iter().rev().map(|cell| cells.place(cell)).collect();
     // Each step takes in one more node, so that there is an end.
     while let Some(cell) = cells.pop() {
         progress.check()?;
@@ -203,7 +203,7 @@ fn is_composed(mask: u32) -> bool {
 }
 
 /// The mean of where the surface cuts the edges of a cell.
-fn middle(place: Place, values: &[f64; 8]) -> [f64; 3] {
+fn middle(place: CellIndex, values: &[f64; 8]) -> [f64; 3] {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for axis in 0..3 {
         for k in (0..8).filter(|k| k >> axis & 1 == 0) {
@@ -224,7 +224,7 @@ fn middle(place: Place, values: &[f64; 8]) -> [f64; 3] {
 }
 
 /// The quads across those edges of a cell that begin at its lowest node.
-fn quads(cells: &Places, place: Place, values: &[f64; 8]) -> Vec<[u32; 4]> {
+fn quads(cells: &Places, place: CellIndex, values: &[f64; 8]) -> Vec<[u32; 4]> {
     let mut quads = Vec::new();
     for axis in 0..3 {
         let is_inside = values[0] > 0.0;

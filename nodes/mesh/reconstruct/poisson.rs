@@ -14,7 +14,7 @@ use maquette::{Cancelled, Limit, Progress, TooMuch};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::cells::{Cube, Place, Places, bell, corner_weights};
+use super::cells::{CellIndex, Cube, Places, bell, corner_weights};
 use super::surfels::{Pyramid, Surfel};
 use crate::topology::lists::Lists;
 
@@ -77,7 +77,7 @@ impl Field {
             count += nodes.len();
             NODES.check("the grid", count as f64)?;
             let values = field.values_at(&nodes, depth);
-            let mut level = Level::new(&cube, depth, nodes, free.as_ref(), values);
+            let mut level = PoissonLevel::new(&cube, depth, nodes, free.as_ref(), values);
             level.add_normals(&sums);
             level.screen(&sums, screening);
             // Coarse grids have nothing under them that would have found what is smooth.
@@ -115,7 +115,7 @@ impl Field {
     }
 
     /// The function at a node of a depth, from the grids below `end`.
-    pub(super) fn at_node(&self, place: Place, depth: u32, end: u32) -> f64 {
+    pub(super) fn at_node(&self, place: CellIndex, depth: u32, end: u32) -> f64 {
         self.at(place.map(f64::from), depth, end).0
     }
 
@@ -207,7 +207,7 @@ fn sums(pyramid: &Pyramid, surfels: &[Surfel], depth: u32) -> Vec<Sum> {
 }
 
 /// What is solved for at one depth.
-struct Level {
+struct PoissonLevel {
     depth: u32,
     edge: f64,
     nodes: Places,
@@ -226,7 +226,7 @@ struct Level {
 /// Nodes that one task looks at.
 const BLOCK: usize = 4096;
 
-impl Level {
+impl PoissonLevel {
     /// All nodes that have neighbors are free, or those of `free`.
     fn new(
         cube: &Cube,

@@ -9,7 +9,7 @@ use maquette::{Cancelled, Progress};
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::cells::{Cube, Place, Places, bell};
+use super::cells::{CellIndex, Cube, Places, bell};
 use super::cloud::Cloud;
 
 /// Sums over the points of a cell; coordinates from the cube's corner, in its finest cells.
@@ -400,6 +400,6 @@ const STRAY: f64 = 0.35;
 const GRAZING: f64 = 0.2;
 
 /// The place of a point in the finest cells.
-pub(super) fn place(cube: &Cube, at: &Point3<f64>, depth: u32) -> Place {
+pub(super) fn place(cube: &Cube, at: &Point3<f64>, depth: u32) -> CellIndex {
     cube.cell(cube.in_cells(at, depth), depth)
 }

@@ -15,7 +15,7 @@ const NONE: u32 = u32::MAX;
 
 /// Triangles that hang together like a disk.
 pub(crate) struct Disk {
-    /// (column, row) of each vertex: first all cells of the patch, then vertices between two cells.
+    /// (column, row) of each vertex: first all cells of the window, then vertices between two cells.
     pub(crate) places: Vec<[f64; 2]>,
     /// The two cells that each vertex after the cells lies between.
     pub(crate) between: Vec<[u32; 2]>,

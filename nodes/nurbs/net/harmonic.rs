@@ -14,7 +14,7 @@ use super::charted::{charted, on_border};
 use super::mean_value::relax;
 use super::rows::resampled;
 use crate::nurbs::grid::disk::Disk;
-use crate::nurbs::grid::patch::Patch;
+use crate::nurbs::grid::window::GridWindow;
 use crate::nurbs::net_error::NetError;
 
 /// Fewest rows and columns that are chosen: enough for a cubic.
@@ -34,17 +34,17 @@ pub(crate) fn net(
     [rows, columns]: [usize; 2],
     progress: &Progress<'_>,
 ) -> Result<value::ControlNet, NetError> {
-    let patch = Patch::new(region, range, 0, progress)?;
+    let window = GridWindow::new(region, range, 0, progress)?;
     let (low, high) = region.bounds();
     let degenerate =
         NetError::DegenerateRegion { rows: high[1] - low[1] + 1, columns: high[0] - low[0] + 1 };
     // Three cells have no four corners.
-    let disk = Disk::new(patch.rows, patch.columns, &patch.inside)
+    let disk = Disk::new(window.rows, window.columns, &window.inside)
         .filter(|disk| disk.border.len() >= 4)
         .ok_or(degenerate)?;
     let corners = match corners {
         None => chosen_corners(&disk),
-        Some(corners) => given_corners(&disk, &patch, corners)?,
+        Some(corners) => given_corners(&disk, &window, corners)?,
     };
     let sides = Sides::new(&disk, corners);
     let square = map_to_square(&disk, &sides)?;
@@ -55,10 +55,10 @@ pub(crate) fn net(
     };
     let (rows, columns) = (chosen(rows, 0, 2), chosen(columns, 1, 3));
 
-    let mut points = interior(&disk, &patch, &square, rows, columns)?;
+    let mut points = interior(&disk, &window, &square, rows, columns)?;
     for (k, side) in sides.0.iter().enumerate() {
         let on_border: Vec<Point3<f64>> =
-            side.iter().map(|&vertex| patch.points[vertex as usize]).collect();
+            side.iter().map(|&vertex| window.points[vertex as usize]).collect();
         let count = if k % 2 == 0 { rows } else { columns };
         for (step, point) in
             resampled(&on_border, &shares(&disk, side), count).into_iter().enumerate()
@@ -73,7 +73,7 @@ pub(crate) fn net(
         }
     }
     let scale = [(rows - 1) as f64, (columns - 1) as f64];
-    let coordinates = coordinates(region, &patch, &disk, &square)?
+    let coordinates = coordinates(region, &window, &disk, &square)?
         .into_iter()
         .map(|[u, v]| [u * scale[0], v * scale[1]])
         .collect();
@@ -133,19 +133,19 @@ fn chosen_corners(disk: &Disk) -> [usize; 4] {
 /// The places in the border that are nearest to cells (column, row) of the grid.
 fn given_corners(
     disk: &Disk,
-    patch: &Patch,
+    window: &GridWindow,
     cells: [[usize; 2]; 4],
 ) -> Result<[usize; 4], NetError> {
     let mut corners = [0; 4];
     for (corner, cell) in corners.iter_mut().zip(cells) {
-        let (x, y) = (cell[0] as f64 - patch.left as f64, cell[1] as f64 - patch.top as f64);
+        let (x, y) = (cell[0] as f64 - window.left as f64, cell[1] as f64 - window.top as f64);
         let place = |k: &usize| disk.places[disk.border[*k] as usize];
         let distance = |k: &usize| libm::hypot(place(k)[0] - x, place(k)[1] - y);
         let nearest = (0..disk.border.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
         *corner = nearest.unwrap_or(0);
         if distance(corner) > SNAP {
             let [column, row] = place(corner).map(|at| at as usize);
-            let nearest = [patch.left + column, patch.top + row];
+            let nearest = [window.left + column, window.top + row];
             return Err(NetError::CornerOff { corner: cell, nearest });
         }
     }
@@ -238,16 +238,16 @@ fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, NetError> 
 /// The points at an even grid of the square, from the triangles that they lie in; those of the border are left at the origin.
 fn interior(
     disk: &Disk,
-    patch: &Patch,
+    window: &GridWindow,
     square: &[[f64; 2]],
     rows: usize,
     columns: usize,
 ) -> Result<Vec<Point3<f64>>, NetError> {
-    let cells = patch.points.len();
+    let cells = window.points.len();
     let point = |vertex: u32| match (vertex as usize).checked_sub(cells) {
-        None => patch.points[vertex as usize],
+        None => window.points[vertex as usize],
         Some(middle) => {
-            let [a, b] = disk.between[middle].map(|cell| patch.points[cell as usize]);
+            let [a, b] = disk.between[middle].map(|cell| window.points[cell as usize]);
             a + (b - a) * 0.5
         }
     };
@@ -306,11 +306,11 @@ fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
 /// from cell to cell.
 fn coordinates(
     region: &Region,
-    patch: &Patch,
+    window: &GridWindow,
     disk: &Disk,
     square: &[[f64; 2]],
 ) -> Result<Vec<[f64; 2]>, NetError> {
-    let mut places: Vec<Option<[f64; 2]>> = vec![None; patch.points.len()];
+    let mut places: Vec<Option<[f64; 2]>> = vec![None; window.points.len()];
     let mut on_disk: Vec<usize> = disk.triangles.iter().flatten().map(|&v| v as usize).collect();
     on_disk.sort_unstable();
     on_disk.dedup();
@@ -321,11 +321,11 @@ fn coordinates(
         queue.push_back(vertex);
     }
     while let Some(at) = queue.pop_front() {
-        let (row, column) = (at / patch.columns, at % patch.columns);
-        for next_row in row.saturating_sub(1)..=(row + 1).min(patch.rows - 1) {
-            for next_column in column.saturating_sub(1)..=(column + 1).min(patch.columns - 1) {
-                let next = next_row * patch.columns + next_column;
-                if patch.inside[next] == 1 && places[next].is_none() {
+        let (row, column) = (at / window.columns, at % window.columns);
+        for next_row in row.saturating_sub(1)..=(row + 1).min(window.rows - 1) {
+            for next_column in column.saturating_sub(1)..=(column + 1).min(window.columns - 1) {
+                let next = next_row * window.columns + next_column;
+                if window.inside[next] == 1 && places[next].is_none() {
                     places[next] = places[at];
                     queue.push_back(next);
                 }
@@ -333,8 +333,8 @@ fn coordinates(
         }
     }
     let of_cell = |&cell: &u32| {
-        let [row, column] = patch.place(cell);
-        places[row * patch.columns + column].ok_or(NetError::Parts)
+        let [row, column] = window.place(cell);
+        places[row * window.columns + column].ok_or(NetError::Parts)
     };
     region.cells().iter().map(of_cell).collect()
 }

@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::charted::charted;
 use super::rays::{NotAStar, Rays, turn};
-use crate::nurbs::grid::patch::Patch;
+use crate::nurbs::grid::window::GridWindow;
 use crate::nurbs::net_error::NetError;
 use crate::range::contours;
 
@@ -41,12 +41,12 @@ pub(crate) fn net(
     if columns != 0 && columns < least {
         return Err(NetError::FewColumns { columns, least });
     }
-    let patch = Patch::alone(region, progress)?;
-    let center = middle(region, &patch);
-    let contour = outline(&patch, center)?;
+    let window = GridWindow::alone(region, progress)?;
+    let center = middle(region, &window);
+    let contour = outline(&window, center)?;
     let cell = |[x, y]: [f64; 2]| {
         let at = |middle: f64, step: f64| (middle + step).round() as usize;
-        (patch.left + at(center[0], x), patch.top + at(center[1], y))
+        (window.left + at(center[0], x), window.top + at(center[1], y))
     };
     let rays = Rays::new(&contour).map_err(|why| match why {
         NotAStar::NotInside => {
@@ -65,9 +65,9 @@ pub(crate) fn net(
     let wheel = Wheel { center, spokes: rays.spokes(count) };
     let rings =
         if rows == 0 { (wheel.radius().ceil() as usize).max(LEAST_RINGS) } else { rows - 1 };
-    let points = wheel.points(&patch, rings);
+    let points = wheel.points(&window, rings);
     let place = |cell: &u32| {
-        let [row, column] = patch.place(*cell);
+        let [row, column] = window.place(*cell);
         wheel.coordinate([column as f64, row as f64], rings, order)
     };
     let coordinates = region.cells().iter().map(place).collect();
@@ -80,22 +80,22 @@ pub(crate) fn net(
 }
 
 /// (column, row) of the mean of the region's cells.
-fn middle(region: &Region, patch: &Patch) -> [f64; 2] {
+fn middle(region: &Region, window: &GridWindow) -> [f64; 2] {
     let n = region.cells().len() as f64;
     region.cells().iter().fold([0.0; 2], |[x, y], &cell| {
-        let [row, column] = patch.place(cell);
+        let [row, column] = window.place(cell);
         [x + column as f64 / n, y + row as f64 / n]
     })
 }
 
 /// The contour of the region as a closed line through the centers of its cells: (column, row) of each, from the middle.
-fn outline(patch: &Patch, center: [f64; 2]) -> Result<Vec<[f64; 2]>, NetError> {
-    let all = contours(patch.columns, patch.rows, &patch.inside);
+fn outline(window: &GridWindow, center: [f64; 2]) -> Result<Vec<[f64; 2]>, NetError> {
+    let all = contours(window.columns, window.rows, &window.inside);
     if all.iter().filter(|contour| !contour.hole).count() != 1 {
         return Err(NetError::Parts);
     }
     let place = |&cell: &u32| {
-        let (column, row) = (cell as usize % patch.columns, cell as usize / patch.columns);
+        let (column, row) = (cell as usize % window.columns, cell as usize / window.columns);
         [column as f64 - center[0], row as f64 - center[1]]
     };
     Ok(all[0].cells.iter().map(place).collect())
@@ -117,14 +117,14 @@ impl Wheel {
     }
 
     /// The points of the net, ring by ring from the pole to the contour, no column twice.
-    fn points(&self, patch: &Patch, rings: usize) -> Vec<Point3<f64>> {
+    fn points(&self, window: &GridWindow, rings: usize) -> Vec<Point3<f64>> {
         let count = self.spokes.len();
-        let pole = patch.at(self.center);
+        let pole = window.at(self.center);
         let mut points = vec![pole; count];
         for ring in 1..=rings {
             let share = ring as f64 / rings as f64;
             let on = |[x, y]: &[f64; 2]| {
-                patch.at([self.center[0] + share * x, self.center[1] + share * y])
+                window.at([self.center[0] + share * x, self.center[1] + share * y])
             };
             points.extend(self.spokes.iter().map(on));
         }

@@ -58,7 +58,7 @@ impl LimitPlaces {
     pub(crate) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
         let positions = match closed_rows(topology) {
             Some(rows) => rows,
-            None => Around::new(topology)?.positions(),
+            None => SchemeLimit::new(topology)?.positions(),
         };
         Ok(Self { topology: topology.clone(), positions })
     }
@@ -102,8 +102,8 @@ impl Limit {
     /// # Errors
     /// Faces that the scheme has no rule for, or that are too large, or a mesh that is not manifold.
     pub(crate) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
-        let around = Around::new(topology)?;
-        let (positions, (tangents, sides)) = (around.positions(), around.tangents());
+        let limit = SchemeLimit::new(topology)?;
+        let (positions, (tangents, sides)) = (limit.positions(), limit.tangents());
         Ok(Self { topology: topology.clone(), positions, tangents, sides })
     }
 
@@ -156,14 +156,14 @@ pub(crate) fn side_normals(
     sides.sum::<Vector3<f64>>().try_normalize(1e-6).unwrap_or(fallback)
 }
 
-/// What lies around the vertices of a mesh, by the rules of its scheme.
-enum Around {
+/// The limit positions and tangents at the vertices of a mesh, by the rules of its scheme.
+enum SchemeLimit {
     Dual(DualLimit),
     Loop(MaskedMesh<LoopMasks>),
     CatmullClark(MaskedMesh<CatmullClarkMasks>),
 }
 
-impl Around {
+impl SchemeLimit {
     fn new(topology: &Topology) -> Result<Self, SubdivideError> {
         let rules = topology.rules;
         if rules.scheme.needs_triangles() {

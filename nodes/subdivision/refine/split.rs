@@ -163,8 +163,8 @@ pub(crate) fn split_faces(mesh: &Connectivity, split: impl Split) -> Faces {
     Faces::uniform(sides, corners).expect("as many corners as their faces have")
 }
 
-/// What one task makes: the parts of some neighboring faces.
-struct Part<'a, 'b> {
+/// What one task makes: the new faces of some consecutive faces.
+struct SplitTask<'a, 'b> {
     /// The first face, and the one behind the last.
     faces: [usize; 2],
     /// The first edge that they own.
@@ -199,7 +199,7 @@ pub(crate) fn split_halves(
     for pair in starts.windows(2) {
         let [from, to] = [pair[0], pair[1]];
         let (corners, edges) = (to.corner - from.corner, to.edge - from.edge);
-        let part = Part {
+        let part = SplitTask {
             faces: [from.face, to.face],
             first_edge: from.edge as u32,
             first_half: 4 * from.corner as u32,
@@ -241,7 +241,7 @@ fn block_starts(mesh: &Connectivity) -> Vec<Start> {
         .collect()
 }
 
-impl Part<'_, '_> {
+impl SplitTask<'_, '_> {
     /// Numbers the edges that these faces own.
     fn number(&mut self, mesh: &Connectivity, split: impl Split) {
         let mut owned = self.first_edge;

@@ -8,9 +8,9 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use super::face_point::FacePoint;
 use super::limit_point::LimitPoint;
 use super::patches::Jet;
-use super::place::Place;
 use crate::subdivision::Scheme;
 use crate::subdivision::masks::turns::turn;
 use crate::subdivision::refine::connectivity::{Connectivity, NONE};
@@ -33,7 +33,7 @@ pub(crate) fn at_corner(
     half: u32,
     at: [f64; 2],
 ) -> LimitPoint {
-    let mut place = Place::new(at[0], at[1]);
+    let mut place = FacePoint::new(at[0], at[1]);
     let mut net = around(mesh, refined, half);
     for _ in 0..DEEPEST {
         if let Some(quads) = quads(&net) {

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::downhill::{Nearest, Parts, Spot, downhill};
 use super::dual_surface;
-use super::place::Place;
+use super::face_point::FacePoint;
 use crate::linear::stencils::Stencils;
 use crate::subdivision::limit::limit_rows::Limit;
 use crate::subdivision::refine::connectivity::{Connectivity, Ring};
@@ -193,7 +193,7 @@ impl Parts for Shape {
 
     fn at(&self, Spot { part, at }: Spot) -> LimitPoint {
         match self {
-            Self::Primal(surface) => surface.at_part(part, Place::new(at[0], at[1])),
+            Self::Primal(surface) => surface.at_part(part, FacePoint::new(at[0], at[1])),
             Self::Dual(dual) => dual_surface::at_corner(&dual.control, &dual.refined, part, at),
         }
     }

@@ -11,10 +11,10 @@ use std::sync::Arc;
 use maquette::value::{Faces, Mesh};
 use nalgebra::Point3;
 
+use super::face_point::FacePoint;
 use super::limit_point::LimitPoint;
 use super::patches::Jet;
 use super::piece::Piece;
-use super::place::Place;
 use super::smooth_quad::SmoothQuad;
 use super::smooth_triangle::{MOST, SmoothTriangle, scaled};
 use crate::subdivision::refine::connectivity::Connectivity;
@@ -91,7 +91,7 @@ impl LimitSurface {
     pub fn at(&self, face: usize, u: f64, v: f64) -> LimitPoint {
         let faces = &self.frame.faces;
         let (first, sides) = (faces.first_corner(face), faces.face(face).len());
-        let mut place = Place::new(u, v);
+        let mut place = FacePoint::new(u, v);
         let part = match self.frame.rules.scheme {
             Scheme::Loop => 4 * face + place.halve_triangle(),
             Scheme::CatmullClark | Scheme::DooSabin if sides == 4 => first + place.halve_quad(),
@@ -128,7 +128,7 @@ impl LimitSurface {
     }
 
     /// The point at a place of a part, by the coordinates that the place came from.
-    pub(crate) fn at_part(&self, part: u32, place: Place) -> LimitPoint {
+    pub(crate) fn at_part(&self, part: u32, place: FacePoint) -> LimitPoint {
         match self.smooth_jet(part, place.at) {
             Some(jet) => place.point(jet),
             None => self.by_pieces(part, place),
@@ -165,7 +165,7 @@ impl LimitSurface {
     }
 
     /// The point at a place of any part: by refinement of what lies around it.
-    pub(crate) fn by_pieces(&self, part: u32, mut place: Place) -> LimitPoint {
+    pub(crate) fn by_pieces(&self, part: u32, mut place: FacePoint) -> LimitPoint {
         let SurfaceFrame { rules, mesh: Level { mesh, creases, .. }, .. } = &*self.frame;
         let rules = *rules;
         let mut piece = Piece::around(mesh, creases, &self.points, part);

@@ -77,12 +77,12 @@ impl SmoothTriangle {
         let mut piece = self.clone();
         for _ in 0..DEEPEST {
             if u + v > 1.0 {
-                let (part, [u, v], turn) = match (u >= 1.0, v >= 1.0) {
-                    (true, _) => (Part::Second, [u - 1.0, v], 1.0),
-                    (_, true) => (Part::Third, [u, v - 1.0], 1.0),
-                    _ => (Part::Middle, [1.0 - u, 1.0 - v], -1.0),
+                let (child, [u, v], turn) = match (u >= 1.0, v >= 1.0) {
+                    (true, _) => (ChildTriangle::Second, [u - 1.0, v], 1.0),
+                    (_, true) => (ChildTriangle::Third, [u, v - 1.0], 1.0),
+                    _ => (ChildTriangle::Middle, [1.0 - u, 1.0 - v], -1.0),
                 };
-                let (corners, rings) = piece.part(part);
+                let (corners, rings) = piece.child(child);
                 return Some(scaled(quartic(&corners, &rings, u, v), turn * scale));
             }
             piece = piece.at_first();
@@ -129,7 +129,7 @@ impl SmoothTriangle {
     }
 
     /// One of the other new triangles; each lies as the whole does, but for the middle one, which is turned by half a turn.
-    fn part(&self, part: Part) -> Regular {
+    fn child(&self, child: ChildTriangle) -> Regular {
         let Self { ring, beyond, n, .. } = self;
         let [old_b, old_c, old_ab, old_ca] = [ring[0], ring[1], ring[n - 1], ring[2 % n]];
         let [b_a, b_c, bc, c_b, c_a] = *beyond;
@@ -139,22 +139,22 @@ impl SmoothTriangle {
         let (before, after) = (first.ring[n - 1], first.ring[2 % n]);
         let b_bc = on_edge(old_b + bc, old_c + b_c);
         let c_bc = on_edge(old_c + bc, old_b + c_b);
-        match part {
-            Part::Second => {
+        match child {
+            ChildTriangle::Second => {
                 let b_b_a = on_edge(old_b + b_a, old_ab + b_c);
                 let b_b_c = on_edge(old_b + b_c, b_a + bc);
                 let around_b = [middle, ab, b_ab, b_b_a, b_b_c, b_bc];
                 let around_ab = [b, middle, ac, a, before, b_ab];
                 ([ab, b, middle], [around_ab, around_b, [ab, b, b_bc, c_bc, c, ac]])
             }
-            Part::Third => {
+            ChildTriangle::Third => {
                 let c_c_b = on_edge(old_c + c_b, bc + c_a);
                 let c_c_a = on_edge(old_c + c_a, c_b + old_ca);
                 let around_c = [ac, middle, c_bc, c_c_b, c_c_a, c_ca];
                 let around_middle = [c, ac, ab, b, b_bc, c_bc];
                 ([ac, middle, c], [[middle, c, c_ca, after, a, ab], around_middle, around_c])
             }
-            Part::Middle => {
+            ChildTriangle::Middle => {
                 let around_middle = [ac, ab, b, b_bc, c_bc, c];
                 let around_ac = [ab, middle, c, c_ca, after, a];
                 let around_ab = [middle, ac, a, before, b_ab, b];
@@ -165,7 +165,7 @@ impl SmoothTriangle {
 }
 
 /// A new triangle that is regular: at the second or third corner, or in the middle.
-enum Part {
+enum ChildTriangle {
     Second,
     Third,
     Middle,

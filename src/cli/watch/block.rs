@@ -252,7 +252,7 @@ mod tests {
 
     use super::*;
     use crate::error::{Source, Span, code};
-    use crate::eval::{NodeTrace, Trace};
+    use crate::eval::{NodeTrace, RunTrace};
     use crate::session::Written;
     use crate::value::Hash;
 
@@ -283,7 +283,7 @@ mod tests {
         let report = Report {
             run: 12,
             cancelled: false,
-            trace: Trace(vec![
+            trace: RunTrace(vec![
                 node("scan", State::Cached, "nothing that it depends on changed"),
                 node("raised", State::Computed, "parameter `steps` changed"),
                 node("knots", State::Computed, "input `net` changed"),

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use crate::cli::inputs::InputOptions;
 use crate::error::{Problem, Severity, code};
-use crate::eval::{Observer, Trace, in_words};
+use crate::eval::{Observer, RunTrace, in_words};
 use crate::graph::Graph;
 use crate::node::CancelToken;
 use crate::session::{OutputFolder, Session, Written};
@@ -36,7 +36,7 @@ pub(super) struct Report {
     pub(super) run: usize,
     /// It was stopped; the rest says nothing then.
     pub(super) cancelled: bool,
-    pub(super) trace: Trace,
+    pub(super) trace: RunTrace,
     pub(super) problems: Vec<Problem>,
     pub(super) written: Vec<Written>,
     /// The folder of the outputs, if a file could not be written.
@@ -114,7 +114,7 @@ fn evaluate(job: &Job, session: &mut Session, wishes: &Wishes, observer: &dyn Ob
         }
         Err(wrong) => {
             problems.extend(wrong);
-            (Trace::default(), Vec::new(), true)
+            (RunTrace::default(), Vec::new(), true)
         }
     };
     if let Some(trouble) = session.write_trouble() {
@@ -147,7 +147,7 @@ fn panicked(job: &Job, words: &str) -> Report {
     Report {
         run: job.run,
         cancelled: false,
-        trace: Trace::default(),
+        trace: RunTrace::default(),
         problems: vec![problem],
         written: Vec::new(),
         unwritten: None,

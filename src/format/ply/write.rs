@@ -50,7 +50,7 @@ impl FileFormat for ControlNetPly {
 }
 
 /// A column of the vertices' table: how its properties read in the header, their bytes, and how they are filled in.
-struct Part<'a> {
+struct TableColumn<'a> {
     /// What the header says of the properties beside their types.
     comment: String,
     properties: String,
@@ -61,7 +61,7 @@ struct Part<'a> {
 /// Fills a column in at an offset of each row: given rows, the number of the first one, their length, the offset.
 type Fill<'a> = Box<dyn Fn(&mut [u8], usize, usize, usize) + Sync + 'a>;
 
-impl<'a> Part<'a> {
+impl<'a> TableColumn<'a> {
     fn new<T: Sync, B: NoUninit>(
         kind: &str,
         names: &[&str],
@@ -130,17 +130,19 @@ pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
     let has_normals = vertex.vectors("normal").is_some() || !mesh.faces().is_empty();
     let normals = if has_normals { mesh.normals() } else { Cow::default() };
     let sampled = sample_texture(mesh);
-    let mut parts = vec![Part::new("float", &["x", "y", "z"], mesh.positions(), |point| {
+    let mut parts = vec![TableColumn::new("float", &["x", "y", "z"], mesh.positions(), |point| {
         floats(point.coords.into())
     })];
     if has_normals {
-        parts.push(Part::new("float", &["nx", "ny", "nz"], &normals, |&normal| floats(normal)));
+        parts.push(TableColumn::new("float", &["nx", "ny", "nz"], &normals, |&normal| {
+            floats(normal)
+        }));
     }
     if let Some(uv) = vertex.pairs("uv") {
-        parts.push(Part::new("float", &["s", "t"], uv, |&uv| floats(uv)));
+        parts.push(TableColumn::new("float", &["s", "t"], uv, |&uv| floats(uv)));
     }
     if let Some(colors) = vertex.colors("color").or(sampled.as_ref()) {
-        parts.push(Part::new("uchar", &["red", "green", "blue"], colors, |&color| color));
+        parts.push(TableColumn::new("uchar", &["red", "green", "blue"], colors, |&color| color));
     }
     for (name, attribute) in vertex.iter() {
         let written = match name {
@@ -150,7 +152,7 @@ pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
             _ => false,
         };
         if !written {
-            parts.push(Part::attribute(name, attribute));
+            parts.push(TableColumn::attribute(name, attribute));
         }
     }
     let corner_uv = mesh.corner().pairs("uv").filter(|_| vertex.pairs("uv").is_none());

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Measure, Tolerance, in_unit, six, unit};
-use crate::golden::parts::{Class, Part};
+use crate::golden::parts::{Class, GoldenColumn};
 
 /// What is allowed where nothing is said, as a share of the diagonal of all places or numbers: a billionth. The same program
 /// gives the same bits, so only the last digits of sums that are taken in another order are forgiven, some 1e-13; above that
@@ -14,7 +14,7 @@ const DEFAULT_SHARE: f64 = 1e-9;
 const ANGLE_OF_MOVED: f64 = 0.5;
 
 /// The largest difference that is allowed in a column.
-pub(crate) fn allowed(part: &Part, tolerance: &Tolerance) -> f64 {
+pub(crate) fn allowed(part: &GoldenColumn, tolerance: &Tolerance) -> f64 {
     let share = tolerance.share.unwrap_or(DEFAULT_SHARE);
     given(part, tolerance).unwrap_or_else(|| match part.class {
         Class::Place | Class::Number => share * size(part),
@@ -24,7 +24,7 @@ pub(crate) fn allowed(part: &Part, tolerance: &Tolerance) -> f64 {
 }
 
 /// What a tolerance says of a column, if it does.
-pub(crate) fn given(part: &Part, tolerance: &Tolerance) -> Option<f64> {
+pub(crate) fn given(part: &GoldenColumn, tolerance: &Tolerance) -> Option<f64> {
     let limit = limit_of(part, tolerance)?;
     let said = tolerance.limits().find(|(name, _)| *name == limit).map(|(_, most)| most);
     said.or(match part.class {
@@ -37,7 +37,7 @@ pub(crate) fn given(part: &Part, tolerance: &Tolerance) -> Option<f64> {
 }
 
 /// The name of what a tolerance says of a column, if it does: that of an attribute, or of a field.
-pub(crate) fn limit_of<'t>(part: &Part, tolerance: &'t Tolerance) -> Option<&'t str> {
+pub(crate) fn limit_of<'t>(part: &GoldenColumn, tolerance: &'t Tolerance) -> Option<&'t str> {
     // `corner uv` and `face area` are meant by `uv` and `area`, too.
     let short = part.name.rsplit(' ').next().unwrap_or_default();
     let attributes = &tolerance.attributes;
@@ -64,7 +64,7 @@ pub(crate) fn limit_of<'t>(part: &Part, tolerance: &'t Tolerance) -> Option<&'t 
 }
 
 /// What the shares of a column are of: the diagonal of the box around all of it.
-pub(crate) fn size(part: &Part) -> f64 {
+pub(crate) fn size(part: &GoldenColumn) -> f64 {
     // Places are as far apart as the thing is large, whatever their distance to the origin. A column of equal numbers has no
     // range: then they themselves say what is small.
     let largest =
@@ -92,8 +92,8 @@ impl Rounding {
 /// Compares the entries of `old` with those of `new`, of which there are as many; the old one may hold every n-th only.
 /// Differences that rounding alone may make are none.
 pub(crate) fn compare_columns(
-    old: &Part,
-    new: &Part,
+    old: &GoldenColumn,
+    new: &GoldenColumn,
     row: Option<usize>,
     tolerance: &Tolerance,
     rounding: Rounding,

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::columns::{difference, in_words, judge, measure, worst};
 use super::{Comparison, Measure, Tolerance, Verdict, allowed, compare_parts, order, six};
-use crate::golden::parts::{Class, Part, Parts};
+use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
 use crate::golden::topology::Topology;
 use crate::value::{AnyValue, Attributes, Mesh};
 use crate::value::{NearestPlace, TriangleTree};
@@ -19,7 +19,7 @@ pub(crate) fn compare_meshes(
 ) -> Comparison {
     let same_faces = old.faces() == new.faces() && old.positions().len() == new.positions().len();
     if same_faces && !tolerance.remeshed {
-        let parts = |mesh: &Mesh| Parts::of(&AnyValue::new(mesh.clone())).unwrap_or_default();
+        let parts = |mesh: &Mesh| GoldenParts::of(&AnyValue::new(mesh.clone())).unwrap_or_default();
         let (old_parts, new_parts) = rayon::join(|| parts(old), || parts(new));
         let comparison = compare_parts(&old_parts, &new_parts, tolerance);
         if comparison.measures.iter().any(|measure| measure.max > 0.0)
@@ -42,7 +42,7 @@ pub(crate) fn compare_meshes(
     }
     let (of_old, of_new) = rayon::join(|| TriangleTree::new(old), || TriangleTree::new(new));
     let places = bytemuck::cast_slice(old.positions()).to_vec();
-    let limit = allowed(&Part::new("position", Class::Place, 3, places), tolerance);
+    let limit = allowed(&GoldenColumn::new("position", Class::Place, 3, places), tolerance);
     let off = error("position");
     let to_new = Search::new(old, &of_new, limit + off);
     let to_old = Search::new(new, &of_old, limit + off);
@@ -208,9 +208,9 @@ fn attributes(
     let (mut measures, mut reasons) = (Vec::new(), Vec::new());
     let mut middles = None;
     for of in [Of::Vertex, Of::Corner, Of::Face] {
-        let [before, now] = [old, new].map(|mesh| Parts::of_attributes(of.attributes(mesh)));
+        let [before, now] = [old, new].map(|mesh| GoldenParts::of_attributes(of.attributes(mesh)));
         for mut part in before.iter().cloned() {
-            let same = |other: &&Part| other.name == part.name && other.width == part.width;
+            let same = |other: &&GoldenColumn| other.name == part.name && other.width == part.width;
             let Some(other) = now.iter().find(same) else {
                 reasons.push(format!("`{}{}` is gone", of.word(), part.name));
                 continue;
@@ -269,8 +269,8 @@ impl Of {
 }
 
 fn at_vertices(
-    part: &Part,
-    other: &Part,
+    part: &GoldenColumn,
+    other: &GoldenColumn,
     new: &Mesh,
     search: &Search,
     tolerance: &Tolerance,
@@ -303,8 +303,8 @@ fn middles_of(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
 }
 
 fn at_middles(
-    part: &Part,
-    other: &Part,
+    part: &GoldenColumn,
+    other: &GoldenColumn,
     [old, new]: [&Mesh; 2],
     of: Of,
     hits: &[Option<NearestPlace>],
@@ -323,13 +323,13 @@ fn at_middles(
     judged(part, "face", 1, hits.par_iter().enumerate().map(of), tolerance, off)
 }
 
-fn mixed(part: &Part, elements: [usize; 3], shares: [f64; 3]) -> Vec<f64> {
+fn mixed(part: &GoldenColumn, elements: [usize; 3], shares: [f64; 3]) -> Vec<f64> {
     let number = |k: usize| (0..3).map(|c| shares[c] * part.element(elements[c])[k]).sum();
     (0..part.width).map(number).collect()
 }
 
 fn judged(
-    part: &Part,
+    part: &GoldenColumn,
     what: &str,
     stride: usize,
     differences: impl ParallelIterator<Item = f64>,

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::golden::parts::{Part, Parts};
+use crate::golden::parts::{GoldenColumn, GoldenParts};
 use crate::value::{AnyValue, Attributes, Mesh, Points};
 
 /// The sum of the marks of all faces and vertices, or of all points; none for values in which the order matters.
@@ -11,7 +11,7 @@ pub(crate) fn without_order(value: &AnyValue) -> Option<u128> {
         return Some(of_mesh(mesh));
     }
     value.get::<Points>()?;
-    let parts = Parts::of(value)?;
+    let parts = GoldenParts::of(value)?;
     let columns = Vec::from_iter(&parts.columns);
     let count = columns.first().map_or(0, |column| column.count);
     Some(sum(&marks(&columns, count)))
@@ -66,14 +66,14 @@ pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
 }
 
 fn columns_of(attributes: &Attributes) -> Vec<(usize, Vec<u64>)> {
-    let parts = Parts::of_attributes(attributes);
+    let parts = GoldenParts::of_attributes(attributes);
     parts
         .iter()
         .map(|part| (part.width, part.numbers.iter().map(|x| x.to_bits()).collect()))
         .collect()
 }
 
-fn marks(columns: &[&Part], count: usize) -> Vec<u64> {
+fn marks(columns: &[&GoldenColumn], count: usize) -> Vec<u64> {
     let mark = |k: usize| {
         let numbers = columns.iter().flat_map(|column| column.element(k));
         numbers.fold(1, |mark, x| mix(mark, x.to_bits()))

@@ -10,7 +10,7 @@ use crate::golden::compare::{
     Comparison, Measure, Rounding, Tolerance, Verdict, allowed, compare_columns, compare_meshes,
     compare_parts, different_facts, given, in_unit, measure, unit, without_order,
 };
-use crate::golden::parts::{Class, Part, Parts};
+use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
 use crate::golden::sketch::Sketch;
 use crate::value::{AnyValue, Image, Mesh};
 
@@ -64,7 +64,7 @@ impl Golden {
     }
 
     fn compare_numbers(&self, value: &AnyValue, tolerance: &Tolerance) -> Comparison {
-        let parts = Parts::of(value);
+        let parts = GoldenParts::of(value);
         let now = summary(value, parts.as_ref(), &[], tolerance);
         let mut reasons = self.changed_facts(&now, tolerance);
         let Some(parts) = parts else {
@@ -73,7 +73,7 @@ impl Golden {
             }
             return Comparison::new(reasons, Vec::new());
         };
-        let is_same = |part: &Part| self.sketch(part) == Some(Sketch::of(&part.numbers));
+        let is_same = |part: &GoldenColumn| self.sketch(part) == Some(Sketch::of(&part.numbers));
         let same = Vec::from_iter(parts.columns.iter().map(is_same));
         let (told, mut measures) = self.measure(value, &parts, &same, tolerance);
         reasons.extend(told);
@@ -105,7 +105,7 @@ impl Golden {
     fn measure(
         &self,
         value: &AnyValue,
-        parts: &Parts,
+        parts: &GoldenParts,
         same: &[bool],
         tolerance: &Tolerance,
     ) -> (Vec<String>, Vec<Measure>) {
@@ -141,7 +141,7 @@ impl Golden {
                 }
                 None => told.push(format!("`{}` is new", part.name)),
                 Some(old) if old.part.count != part.count || old.part.width != part.width => {
-                    let size = |part: &Part| format!("{} x {}", part.count, part.width);
+                    let size = |part: &GoldenColumn| format!("{} x {}", part.count, part.width);
                     let (before, now) = (size(&old.part), size(part));
                     told.push(format!("`{}`: {before} entries became {now}", part.name));
                 }
@@ -162,7 +162,7 @@ impl Golden {
         &self,
         old: &Image,
         new: &Image,
-        parts: &Parts,
+        parts: &GoldenParts,
         tolerance: &Tolerance,
     ) -> (Vec<String>, Vec<Measure>) {
         let stride = self.stride();
@@ -186,7 +186,7 @@ impl Golden {
     fn measure_column(
         &self,
         old: &Column,
-        new: &Part,
+        new: &GoldenColumn,
         kept: &Kept,
         tolerance: &Tolerance,
     ) -> Measure {
@@ -222,7 +222,7 @@ impl Golden {
     }
 
     /// Decides on a column of which only some was kept, and of which nothing may differ but the last digits.
-    fn judge_by_sums(&self, part: &Part, measure: &mut Measure) {
+    fn judge_by_sums(&self, part: &GoldenColumn, measure: &mut Measure) {
         let Some(sketch) = self.sketch(part) else { return };
         let apart = sketch.apart(&Sketch::of(&part.numbers));
         let apart = if part.class == Class::Normal { apart.to_degrees() } else { apart };
@@ -240,7 +240,7 @@ impl Golden {
         }
     }
 
-    fn sketch(&self, part: &Part) -> Option<Sketch> {
+    fn sketch(&self, part: &GoldenColumn) -> Option<Sketch> {
         self.line(&format!("{SKETCH}{}", part.name)).and_then(Sketch::read)
     }
 
@@ -305,7 +305,7 @@ impl Golden {
 const NOTHING_COMPARED: &str = "its hash is another one, but nothing that is compared";
 
 /// Whether a test file allows some difference of a column.
-fn is_lax(part: &Part, tolerance: &Tolerance) -> bool {
+fn is_lax(part: &GoldenColumn, tolerance: &Tolerance) -> bool {
     let by_share = matches!(part.class, Class::Level | Class::Exact);
     given(part, tolerance).is_some_and(|most| most > 0.0) || (by_share && tolerance.differing > 0.0)
 }
@@ -313,7 +313,7 @@ fn is_lax(part: &Part, tolerance: &Tolerance) -> bool {
 impl Column {
     /// The old numbers to their last digits: those with the digits that were kept that are nearest to the new ones. None if no
     /// digits were kept, or if some number is another one, because it moved too far.
-    fn with_last_digits(&self, new: &Part) -> Option<Part> {
+    fn with_last_digits(&self, new: &GoldenColumn) -> Option<GoldenColumn> {
         let last = self.precision.last?;
         let many = 1i64 << last.bits;
         let width = self.part.width;
@@ -336,14 +336,14 @@ impl Column {
             wholes.push(whole);
             numbers.push(whole as f64 * last.step);
         }
-        let part = Part { numbers, ..self.part.clone() };
+        let part = GoldenColumn { numbers, ..self.part.clone() };
         (mark(wholes.into_iter()) == self.mark).then_some(part)
     }
 }
 
 /// The parts of a value that was kept as a picture, by those of one of its type.
-fn as_kept(picture: &Image, like: &Parts) -> Parts {
-    let column = |part: &Part| {
+fn as_kept(picture: &Image, like: &GoldenParts) -> GoldenParts {
+    let column = |part: &GoldenColumn| {
         let pixels = picture.pixels();
         let numbers = match part.class {
             Class::Exact => {
@@ -351,9 +351,9 @@ fn as_kept(picture: &Image, like: &Parts) -> Parts {
             }
             _ => pixels.as_flattened().iter().map(|&level| f64::from(level)).collect(),
         };
-        Part::new(&part.name, part.class, part.width, numbers)
+        GoldenColumn::new(&part.name, part.class, part.width, numbers)
     };
-    Parts {
+    GoldenParts {
         facts: Vec::new(),
         columns: like.columns.iter().map(column).collect(),
         row: Some(picture.width()),

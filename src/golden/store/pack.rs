@@ -5,10 +5,10 @@ use std::cell::OnceCell;
 use serde_json::{Value as Json, json};
 
 use self::coder::{Coder, EVEN, Reader, Writer};
-use self::numbers::{Around, Layout, Whole};
+use self::numbers::{Layout, MeshNeighbors, Whole};
 use super::precision::{FEW, Last, Precision, precision};
 use crate::golden::compare::Tolerance;
-use crate::golden::parts::{Class, Part, Parts};
+use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
 use crate::value::Hash;
 
 mod coder;
@@ -27,7 +27,7 @@ pub(super) const EARLIER: &[u8] = b"golden1\n";
 #[derive(Clone, Debug)]
 pub(in crate::golden) struct Column {
     /// Its numbers, rounded.
-    pub(in crate::golden) part: Part,
+    pub(in crate::golden) part: GoldenColumn,
     pub(super) precision: Precision,
     /// Which elements are as they were, to the last bit; none if all are.
     pub(super) odd: Vec<bool>,
@@ -58,7 +58,7 @@ impl Kept {
 }
 
 /// The whole numbers nearest to those of a column, in units of the step. Elements with others are odd.
-fn rounded(part: &Part, precision: &Precision) -> Whole {
+fn rounded(part: &GoldenColumn, precision: &Precision) -> Whole {
     let (step, finest) = (precision.step, precision.finest());
     let mut whole = Whole { width: part.width, ..Whole::default() };
     for element in part.numbers.chunks(part.width) {
@@ -85,7 +85,7 @@ struct Mesh {
     vertices: usize,
     sides: Vec<usize>,
     corners: Vec<u32>,
-    around: OnceCell<Option<Around>>,
+    around: OnceCell<Option<MeshNeighbors>>,
 }
 
 impl Mesh {
@@ -94,7 +94,7 @@ impl Mesh {
         let of_vertices = !name.starts_with("corner ") && !name.starts_with("face ");
         // Other columns with as many elements cost some bytes more at most.
         if of_vertices && stride == 1 && count == self.vertices && !self.sides.is_empty() {
-            let around = || Around::new(self.vertices, &self.sides, &self.corners);
+            let around = || MeshNeighbors::new(self.vertices, &self.sides, &self.corners);
             if let Some(around) = self.around.get_or_init(around) {
                 return Layout::Mesh(around);
             }
@@ -114,10 +114,10 @@ fn sides_of(sides: Option<&[f64]>, width: usize, count: usize) -> Vec<usize> {
 }
 
 /// The numbers of all columns, or of every n-th of their elements.
-pub(super) fn pack(parts: &Parts, tolerance: &Tolerance, stride: usize) -> Vec<u8> {
+pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) -> Vec<u8> {
     // Some corners say nothing of a mesh, whose counts and mark without order are in the summary.
-    let is_kept = |part: &&Part| stride == 1 || !FACES.contains(&&part.name[..]);
-    let mut columns: Vec<&Part> = parts.columns.iter().filter(is_kept).collect();
+    let is_kept = |part: &&GoldenColumn| stride == 1 || !FACES.contains(&&part.name[..]);
+    let mut columns: Vec<&GoldenColumn> = parts.columns.iter().filter(is_kept).collect();
     columns.sort_by_key(|part| FACES.iter().position(|name| part.name == *name).unwrap_or(2));
     let (mut head, mut body) = (Vec::new(), Vec::new());
     let mut mesh = Mesh::default();
@@ -167,11 +167,11 @@ pub(super) fn pack(parts: &Parts, tolerance: &Tolerance, stride: usize) -> Vec<u
 }
 
 /// The corners of faces have a way of their own, as long as all of them are kept.
-fn is_faces(part: &Part) -> bool {
+fn is_faces(part: &GoldenColumn) -> bool {
     part.name == "corners" && part.stride == 1
 }
 
-fn packed(part: &Part, layout: &Layout<'_>, precision: &Precision) -> Vec<u8> {
+fn packed(part: &GoldenColumn, layout: &Layout<'_>, precision: &Precision) -> Vec<u8> {
     let mut writer = Writer::new();
     if precision.step > 0.0 {
         let whole = rounded(part, precision);
@@ -263,7 +263,7 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
         };
         let (step, error) = (column["step"].as_f64()?, column["error"].as_f64()?);
         let precision = Precision { step, error, last, shortest: 0.0 };
-        let mut part = Part { name, class, width, count, stride, numbers: Vec::new() };
+        let mut part = GoldenColumn { name, class, width, count, stride, numbers: Vec::new() };
         let mut reader = Reader::new(own);
         let (mut odd, mut digits) = (Vec::new(), Vec::new());
         if is_faces(&part) {

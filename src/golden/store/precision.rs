@@ -7,7 +7,7 @@
 //! numbers of the column, their mark says: if any moved farther, it is another one.
 
 use crate::golden::compare::{Tolerance, allowed, given, size};
-use crate::golden::parts::{Class, Part};
+use crate::golden::parts::{Class, GoldenColumn};
 
 /// Columns of no more numbers than this are kept to the last bit.
 pub(super) const FEW: usize = 256;
@@ -88,7 +88,7 @@ impl Precision {
 }
 
 /// How exactly a column is to be kept, if so much is allowed.
-pub(super) fn precision(part: &Part, tolerance: &Tolerance) -> Precision {
+pub(super) fn precision(part: &GoldenColumn, tolerance: &Tolerance) -> Precision {
     if matches!(part.class, Class::Exact | Class::Level) {
         return Precision { step: 1.0, ..Precision::EXACT };
     }
@@ -120,7 +120,7 @@ pub(super) fn precision(part: &Part, tolerance: &Tolerance) -> Precision {
 }
 
 /// The lengths of the shortest and the longest direction, without those that are hardly one.
-fn lengths(part: &Part) -> (f64, f64) {
+fn lengths(part: &GoldenColumn) -> (f64, f64) {
     let length = |element: &[f64]| element.iter().map(|x| x * x).sum::<f64>().sqrt();
     let lengths = || part.numbers.chunks(part.width).map(length).filter(|length| *length > 0.0);
     let longest = lengths().filter(|length| length.is_finite()).fold(0.0, f64::max);

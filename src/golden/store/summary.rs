@@ -2,7 +2,7 @@
 
 use super::Written;
 use crate::golden::compare::{Tolerance, allowed, six, without_order};
-use crate::golden::parts::{Class, Parts};
+use crate::golden::parts::{Class, GoldenParts};
 use crate::golden::sketch::Sketch;
 use crate::golden::topology::{Extent, Topology};
 use crate::value::{AnyValue, Mesh, Range};
@@ -26,7 +26,7 @@ pub(super) fn exact(label: &str, text: impl ToString) -> Line {
 /// The facts of a value, and of the files that it is written to, in no order.
 pub(super) fn summary(
     value: &AnyValue,
-    parts: Option<&Parts>,
+    parts: Option<&GoldenParts>,
     outputs: &[Written],
     tolerance: &Tolerance,
 ) -> Vec<Line> {

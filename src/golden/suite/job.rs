@@ -8,11 +8,11 @@ use super::orphans::goldens;
 use super::{Case, Compared, State, beside};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Span, code};
-use crate::eval::{Disk, Evaluation, Evaluator, Trace};
+use crate::eval::{Disk, Evaluation, Evaluator, RunTrace};
 use crate::golden::case::{Allowed, TestFile};
 use crate::golden::compare::{Comparison, Measure, Tolerance, Verdict, limit_of, six};
-use crate::golden::expect::{Place, nodes_of as expected_nodes, violations};
-use crate::golden::parts::Parts;
+use crate::golden::expect::{ExpectationPlace, nodes_of as expected_nodes, violations};
+use crate::golden::parts::GoldenParts;
 use crate::golden::store::{self, Golden, NoGolden, Written};
 use crate::graph::Expectation;
 use crate::graph::{Graph, GraphOutput, Options};
@@ -68,7 +68,7 @@ impl Job<'_> {
             warnings: Vec::new(),
             orphans: Vec::new(),
             notes: Vec::new(),
-            trace: Trace::default(),
+            trace: RunTrace::default(),
             seconds: 0.0,
             file_seconds: 0.0,
             nodes: None,
@@ -151,7 +151,7 @@ impl Job<'_> {
         Problem { severity, code, source, span, message, help, note, uses }
     }
 
-    fn expectations(&self, graph: &Graph) -> Vec<(Expectation, Place)> {
+    fn expectations(&self, graph: &Graph) -> Vec<(Expectation, ExpectationPlace)> {
         let of_graph = graph.expectations().into_iter();
         let of_test = self.test.expect.iter();
         // A test of many graphs expects of each what it has.
@@ -309,7 +309,10 @@ impl Job<'_> {
     /// Goldens in the case's folder that no output asks for.
     fn orphans(&self, outputs: &[Compared]) -> Vec<PathBuf> {
         let sources = Sources::default();
-        if writing::Place::own(beside(self.test), &sources).judge_folder(&self.folder).is_err() {
+        if writing::Destination::own(beside(self.test), &sources)
+            .judge_folder(&self.folder)
+            .is_err()
+        {
             return Vec::new();
         }
         let mut goldens = goldens(&self.folder);
@@ -325,7 +328,7 @@ impl Job<'_> {
             let before = output.golden.as_ref().map(Golden::needed).unwrap_or_default();
             let now = output.comparison.measures.iter().filter_map(surely);
             let needed: Vec<(String, f64)> = before.into_iter().chain(now).collect();
-            let parts = Parts::of(&output.value).unwrap_or_default();
+            let parts = GoldenParts::of(&output.value).unwrap_or_default();
             for (name, limit) in allowed.tolerance.limits() {
                 let is_of = |measure: &str| match parts.column(measure) {
                     Some(part) => limit_of(part, &allowed.tolerance) == Some(name),

@@ -1,7 +1,7 @@
 //! `ForEach` and `Switch`.
 
 use expect_test::{Expect, expect};
-use maquette::{State, Trace};
+use maquette::{RunTrace, State};
 
 use super::folder::{Folder, evaluator, graph};
 
@@ -88,7 +88,7 @@ fn mistakes_of_repetition_are_explained() {
 }
 
 /// What became of the nodes that were not cached.
-fn busy(trace: &Trace) -> Vec<&str> {
+fn busy(trace: &RunTrace) -> Vec<&str> {
     let busy = trace.0.iter().filter(|node| node.state != State::Cached);
     busy.map(|node| &node.name[..]).collect()
 }

@@ -59,8 +59,8 @@ fn no_triangle_turns_over() {
     let range = range(48, 48, |_, _| 1.0);
     for kind in 0..40 {
         let blob = region(&range, blob(kind));
-        let patch = Patch::new(&blob, &range, 0, &Progress::none()).unwrap();
-        let disk = Disk::new(patch.rows, patch.columns, &patch.inside).unwrap();
+        let window = GridWindow::new(&blob, &range, 0, &Progress::none()).unwrap();
+        let disk = Disk::new(window.rows, window.columns, &window.inside).unwrap();
         let square = map_to_square(&disk, &Sides::new(&disk, chosen_corners(&disk))).unwrap();
         for triangle in &disk.triangles {
             let [a, b, c] = triangle.map(|vertex| square[vertex as usize]);

@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 use super::super::*;
 use super::shapes::*;
 use super::with;
+use crate::subdivision::surface::face_point::FacePoint;
 use crate::subdivision::surface::limit_point::LimitPoint;
 use crate::subdivision::surface::limit_surface::LimitSurface;
-use crate::subdivision::surface::place::Place;
 
 fn surface(mesh: &Mesh, scheme: Scheme) -> LimitSurface {
     LimitSurface::new(mesh, with(scheme, 0, true, Boundary::EdgeAndCorner)).unwrap()
@@ -148,7 +148,7 @@ fn fixed_places_around_a_face_give_what_its_pieces_give() {
                     [[0.3, 0.45], [0.01, 0.02], [0.001, 0.3], [0.7, 0.2], [0.1, 0.85], [0.5, 0.49]]
                 {
                     let [fast, slow] = [LimitSurface::at_part, LimitSurface::by_pieces]
-                        .map(|at| at(&surface, part, Place::new(u, v)));
+                        .map(|at| at(&surface, part, FacePoint::new(u, v)));
                     assert!((fast.point - slow.point).norm() < 1e-14, "{scheme:?} {part} {u} {v}");
                     for k in 0..2 {
                         let error = (fast.first[k] - slow.first[k]).norm();

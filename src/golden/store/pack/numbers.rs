@@ -9,18 +9,18 @@ pub(super) enum Layout<'a> {
     /// Those to the left and above, in rows of so many.
     Grid(usize),
     /// The vertices that share a face.
-    Mesh(&'a Around),
+    Mesh(&'a MeshNeighbors),
 }
 
 /// For each vertex, what comes before it: neighbors, and corners of parallelograms of which it is the fourth.
-pub(super) struct Around {
+pub(super) struct MeshNeighbors {
     /// Where those of a vertex begin.
     starts: Vec<u32>,
     /// Two neighbors in a face, and the vertex across; itself if none is known.
     corners: Vec<[u32; 3]>,
 }
 
-impl Around {
+impl MeshNeighbors {
     /// None if a corner is no vertex.
     pub(super) fn new(vertices: usize, sides: &[usize], corners: &[u32]) -> Option<Self> {
         if corners.iter().any(|&vertex| vertex as usize >= vertices) {

@@ -5,13 +5,13 @@ use super::patches::Jet;
 use crate::subdivision::Scheme;
 
 /// A place in a part of a face, and how the part lies in the face.
-pub(crate) struct Place {
+pub(crate) struct FacePoint {
     pub(crate) at: [f64; 2],
     /// The derivatives of both coordinates by `u` and `v`.
     turn: [[f64; 2]; 2],
 }
 
-impl Place {
+impl FacePoint {
     pub(crate) fn new(u: f64, v: f64) -> Self {
         Self { at: [u, v], turn: [[1.0, 0.0], [0.0, 1.0]] }
     }

@@ -9,7 +9,7 @@ use nalgebra::Point3;
 use crate::linear::laplace::{self, Unsolved};
 
 /// The cells of a range grid in the rectangle around a region, padded, with a point each.
-pub(crate) struct Patch {
+pub(crate) struct GridWindow {
     /// Column of the grid that is the first one here.
     pub(crate) left: usize,
     /// Row of the grid that is the first one here.
@@ -26,7 +26,7 @@ pub(crate) struct Patch {
     pub(crate) inside: Vec<u8>,
 }
 
-impl Patch {
+impl GridWindow {
     /// The rectangle around a region with so many cells more on each side, if the grid goes on.
     pub(crate) fn new(
         region: &Region,
@@ -57,17 +57,17 @@ impl Patch {
         Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region, progress)
     }
 
-    /// The patch with the region's points, and none missing.
+    /// The window with the region's points, and none missing.
     fn with(self, region: &Region, progress: &Progress<'_>) -> Result<Self, Unsolved> {
         let (rows, columns) = (self.rows, self.columns);
-        let mut patch = Self { inside: vec![0; rows * columns], ..self };
+        let mut window = Self { inside: vec![0; rows * columns], ..self };
         for (&cell, &point) in region.cells().iter().zip(region.points()) {
-            let [row, column] = patch.place(cell);
-            patch.points[row * columns + column] = point;
-            patch.inside[row * columns + column] = 1;
+            let [row, column] = window.place(cell);
+            window.points[row * columns + column] = point;
+            window.inside[row * columns + column] = 1;
         }
-        fill(&mut patch.points, rows, columns, progress)?;
-        Ok(patch)
+        fill(&mut window.points, rows, columns, progress)?;
+        Ok(window)
     }
 
     /// Row and column of a cell of the grid.
