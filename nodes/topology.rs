@@ -1,4 +1,4 @@
-//! What hangs together: sets that are joined, and what lies at what.
+//! Connectivity: disjoint sets, and lists of neighbors in one piece of memory.
 
 pub(crate) mod lists;
 pub(crate) mod union_find;

@@ -74,7 +74,7 @@ impl Entry {
     }
 }
 
-/// What is told of a type of nodes: a built-in one, or a graph that others use.
+/// The documentation of a type of nodes: a built-in one, or a graph that others use.
 pub(crate) struct Description<'a> {
     pub(crate) name: &'a str,
     /// The pack, or the file.

@@ -33,8 +33,8 @@ const MEMORY: usize = 1 << 30;
 /// 5. Changing any parameter changes the key.
 /// 6. Equal inputs give equal bytes for 1, 2 and 8 threads.
 /// 7. Hostile values of the input types cause errors, not panics.
-/// 8. With its numbers at the ends of what is allowed, one by one and together, on the values of its example and on hostile ones, it comes
-///    to an end or gives an error, or stops soon when it is told to.
+/// 8. With its numbers at the ends of their ranges, one by one and together, on the values of its example and on hostile ones, a node
+///    ends, fails with an error, or stops soon when it is told to.
 /// 9. Readers of files give a value or an error, whatever the bytes are; tried with files that the pack writes, whole and damaged.
 ///
 /// `others` are the packs whose nodes the examples use beside those of `pack`.

@@ -113,7 +113,7 @@ impl Place {
     }
 }
 
-/// So many problems are told at a time: nobody reads more. What only serves to explain the others is not looked for.
+/// The most problems that are reported at a time: nobody reads more. Explanations of further ones are not computed.
 pub(crate) const MOST_TOLD: usize = 100;
 
 /// A graph file's name and text, for messages.
@@ -209,7 +209,7 @@ pub mod code {
     pub const OUTPUT_FORMAT: &str = "G015";
     /// A node failed.
     pub const FAILED: &str = "G016";
-    /// A node has doubts about its result.
+    /// A warning of a node about its result.
     pub const WARNING: &str = "G017";
     /// A panic: our bug.
     pub const PANIC: &str = "G018";

@@ -1,4 +1,4 @@
-//! Tests of graphs: what their outputs were when somebody looked, and whether they still are.
+//! Tests of graphs: whether their outputs are still those that somebody has accepted.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! How much a node makes at most: what would need more is refused with numbers, before memory and patience end.
+//! How much a node makes at most: what would need more is refused, with numbers, before the work begins.
 
 use std::fmt::Display;
 

@@ -362,12 +362,12 @@ pub struct Progress<'a> {
 }
 
 impl Progress<'_> {
-    /// Nobody listens and nobody stops it: for calling an algorithm without a graph.
+    /// Reports to nobody and never stops: for calling an algorithm without a graph.
     pub fn none() -> Self {
         Self::default()
     }
 
-    /// Whether to go on, for work whose share nobody knows. Call it at least every 50 ms.
+    /// Whether to go on, where the share of the work that is done is not known. Call it at least every 50 ms.
     ///
     /// # Errors
     /// If the evaluation was told to stop.
@@ -447,8 +447,8 @@ impl Context<'_> {
         }
     }
 
-    /// The value in a file that a field of the node names, by whatever reader the program's packs have for its ending; what the
-    /// reader doubts is warned of. Such a field says `#[schemars(extend("reads" = "Mesh"))]`.
+    /// The value in a file that a field of the node names, by whatever reader the program's packs have for its ending; the
+    /// reader's warnings become the node's. Such a field says `#[schemars(extend("reads" = "Mesh"))]`.
     ///
     /// # Errors
     /// If the file is not there, nothing reads such files, or the reader fails.

@@ -1,4 +1,4 @@
-//! Files that are read: plain ones, and nothing that would make a reader wait for ever.
+//! Reads plain files alone. A pipe or device is refused, since reading it might never end.
 
 use std::fs;
 use std::io::{Error, ErrorKind, Result};

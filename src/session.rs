@@ -41,7 +41,7 @@ pub struct Session {
     /// How many bytes results may hold.
     memory: usize,
     /// Why nothing is kept on disk, though it should be.
-    doubt: Option<String>,
+    disk_warning: Option<String>,
 }
 
 /// What is to be evaluated of a graph, and with what.
@@ -89,8 +89,8 @@ impl Session {
     /// # Errors
     /// Those of [`new`](Self::new).
     pub fn with_catalog(catalog: Arc<Catalog>, settings: &Settings) -> Result<Self, SessionError> {
-        let (evaluator, doubt) = settings.evaluator(&catalog)?;
-        Ok(Self { catalog, evaluator, memory: settings.memory, doubt })
+        let (evaluator, disk_warning) = settings.evaluator(&catalog)?;
+        Ok(Self { catalog, evaluator, memory: settings.memory, disk_warning })
     }
 
     /// What its packs offer.
@@ -103,8 +103,8 @@ impl Session {
         Graph::load(path, &self.catalog, options)
     }
 
-    /// The values in some files for inputs of a graph, by the inputs' types and the files' endings; warnings of what is to be doubted
-    /// of them come with them.
+    /// The values in some files for inputs of a graph, by the inputs' types and the files' endings, and the
+    /// warnings of their readers.
     ///
     /// # Errors
     /// For each name that is no input's, and each file that cannot be read.
@@ -246,7 +246,7 @@ impl Session {
 
     /// Why results are not kept on disk, though they should be.
     pub fn trouble(&self) -> Option<&str> {
-        self.doubt.as_deref().or_else(|| self.write_trouble())
+        self.disk_warning.as_deref().or_else(|| self.write_trouble())
     }
 
     /// Why results that were made could not be kept on disk.
@@ -331,7 +331,7 @@ impl Finished {
         self.evaluation.trace()
     }
 
-    /// What failed, what nodes have doubts about, and what the graph expects that does not hold.
+    /// What failed, what nodes warn of, and what the graph expects that does not hold.
     pub fn problems(&self) -> Vec<Problem> {
         let violations = self.violations.iter().map(|violation| violation.problem.clone());
         self.evaluation.problems().into_iter().chain(violations).collect()
@@ -350,7 +350,7 @@ pub struct Produced {
     pub written: Vec<Written>,
     /// Whether every file could be written whose value is there.
     pub complete: bool,
-    /// What failed, what nodes have doubts about, what does not hold, and what could not be written.
+    /// What failed, what nodes warn of, what does not hold, and what could not be written.
     pub problems: Vec<Problem>,
 }
 

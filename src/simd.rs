@@ -124,7 +124,7 @@ pub fn exp2_roughly(x: f64) -> f64 {
     power * power_of_integer
 }
 
-/// What is left of `x` behind the nearest integer, and 2 to the power of that.
+/// The difference of `x` from the nearest integer, and 2 to the power of that integer.
 #[inline(always)]
 fn split(x: f64) -> (f64, f64) {
     let rounded = x + ROUND;

@@ -1,4 +1,4 @@
-//! What the system says of a file without reading it: whether it was written to since.
+//! Stamps of files: what the system tells of a file without reading it, so that later writes are noticed.
 
 use std::fs::Metadata;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use serde::{Deserialize, Serialize};
 
-/// What the system says of a file without reading it. A file that is written to gets another stamp, unless it is written twice
+/// What the system tells of a file without reading it. A file that is written to gets another stamp, unless it is written twice
 /// within the clock's grain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Stamp {

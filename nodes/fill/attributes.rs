@@ -1,4 +1,4 @@
-//! What attributes and colors become over holes.
+//! The attributes and colors of filled vertices and faces.
 
 pub(super) mod carry;
 pub(super) mod colors;

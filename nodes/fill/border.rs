@@ -1,4 +1,4 @@
-//! Where a mesh ends: its rims, which of them are holes, and what lies around these.
+//! The border of a mesh: its rims (boundary loops), which of them are holes, and the data around these.
 
 pub(super) mod clashes;
 pub(super) mod holes;

@@ -2,15 +2,16 @@
 //!
 //! Kawai, Sato and Yokoya, "Surface completion by minimizing energy based on similarity of shape" (2008): the missing part moves
 //! until each patch of it is as similar as possible to some patch of the data, on levels from coarse to fine. The vertices themselves
-//! stay as dense as the data: on coarse levels some of them move, far enough apart, and the others follow as a thin plate.
+//! stay as dense as the data: on coarse levels only a sparse subset is moved, and the others follow as a thin plate.
 //!
-//! [`Update::Exact`] goes beyond the publication where that made filled surfaces better on every one of many cases:
+//! [`Update::Exact`] differs from the publication where that made filled surfaces better in all of many cases:
 //! - An exemplar is aligned with a patch by the best small shift and tilt, not by the frames alone, which one rough triangle turns.
 //! - The normal of a frame is the mean over a part of the patch.
-//! - A thin plate at the start counts as an estimate of its own, as good as thin plates are where the data are known: a vertex
-//!   moves to the mean of both, weighed by their certainty. Where no exemplar fits, the plate stays.
-//! - Last, each vertex gets the fine detail of its exemplar, made as rough as the data around the hole: the mean of many patches is
-//!   smoother than each of them, and the best match of a smooth patch is a smooth one. Then edges bend as often and as much as there.
+//! - A thin plate at the start counts as an estimate of its own, with an error that is measured where the data are known: a vertex
+//!   moves to the mean of both estimates, weighed by the inverses of their variances. Where no exemplar fits, the plate stays.
+//! - Last, each vertex gets the fine detail of its exemplar, amplified until the fill is as rough as the data around the hole: the mean of
+//!   many patches is smoother than each of them, and the best match of a smooth patch is a smooth one. Then the dihedral angles of the
+//!   filled edges get the distribution of those around the hole.
 
 mod bends;
 mod best_match;

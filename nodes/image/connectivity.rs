@@ -1,9 +1,9 @@
-//! Which pixels of a mask hang together.
+//! Which neighboring pixels of a mask are connected.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Which pixels of a mask hang together.
+/// Which neighboring pixels of a mask are connected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Connectivity {
     /// Those that share a side or a corner.

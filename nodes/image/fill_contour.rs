@@ -17,7 +17,7 @@ use super::segment::components::label;
 /// open contour beside a closed one stays open.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FillContour {
-    /// The contours; they may hang together by corners alone.
+    /// The contours; their pixels may be connected by corners alone.
     pub mask: In<Mask>,
     /// Radius of the square that closes gaps where nothing is enclosed; 0 closes none.
     #[schemars(range(max = 50), extend("unit" = "px"))]

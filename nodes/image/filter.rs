@@ -1,4 +1,4 @@
-//! What is computed for each pixel from those around it.
+//! Filters: what is computed for each pixel from its neighborhood.
 
 pub(super) mod gaussian;
 pub(super) mod gradient;

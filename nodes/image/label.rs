@@ -13,7 +13,7 @@ use super::segment::components::label;
 pub struct Label {
     /// The mask that is divided.
     pub mask: In<Mask>,
-    /// Which pixels hang together.
+    /// Which pixels are connected.
     #[serde(default)]
     pub connectivity: Connectivity,
 }

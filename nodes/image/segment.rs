@@ -1,4 +1,4 @@
-//! Which pixels belong together.
+//! Segmentation: which pixels belong to what is searched for, and the connected components of these.
 
 pub(super) mod components;
 pub(super) mod mark_pixels;

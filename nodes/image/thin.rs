@@ -1,6 +1,6 @@
 //! Thins a mask to lines of one pixel.
 //!
-//! Inside pixels hang together by sides and corners, those outside by sides. The neighbors of a pixel are numbered clockwise
+//! Pixels of the mask are connected by sides and corners, all others by sides alone. The neighbors of a pixel are numbered clockwise
 //! from the one above: bit k of a neighborhood is set if neighbor k is inside.
 
 use maquette::value::{Field, Mask};
@@ -28,7 +28,7 @@ pub enum ThinMethod {
     /// One after the other, layer by layer: nothing falls apart or vanishes, and no pixel is left that could go.
     #[default]
     Ordered,
-    /// Guo and Hall's, all at once in two alternating passes: for comparison; it may change what hangs together.
+    /// Guo and Hall's, all at once in two alternating passes: for comparison; it may change what is connected.
     GuoHall,
     /// Zhang and Suen's, all at once in two alternating passes: for comparison; it loses squares of two by two pixels.
     ZhangSuen,

@@ -150,13 +150,13 @@ impl Factor {
     }
 }
 
-/// Which groups of unknowns change which.
+/// The assembly tree: to the front of which later group each group of unknowns passes its update.
 struct Tree {
     /// Where each group begins in the order, with the end behind the last.
     starts: Vec<u32>,
-    /// Of each group the places of its rows behind it, ascending.
+    /// For each group the rows below its own, by place in the order, ascending.
     below: Vec<Vec<u32>>,
-    /// The first group that each changes; [`ROOT`] if there is none.
+    /// The first later group that each updates; [`ROOT`] if there is none.
     parents: Vec<u32>,
     children: Vec<Vec<u32>>,
 }

@@ -1,6 +1,6 @@
-//! What points are missed by.
+//! The residuals of points: the distances by which a curve or surface misses them.
 
-/// What some points are missed by.
+/// The largest and the summed squared distances by which some points are missed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Missed {
     pub(crate) max_sq: f64,

@@ -1,9 +1,9 @@
-//! Data of which a weighed mean can be taken.
+//! Data of which weighted means can be taken.
 
 use maquette::value::Rgb;
 use nalgebra::Point3;
 
-/// Data of which a weighed mean can be taken.
+/// Data of which weighted means can be taken.
 pub(crate) trait Mix: Copy + PartialEq + Send + Sync {
     /// The mean of some values with weights that add up to 1; there is at least one.
     fn mix(parts: impl Iterator<Item = (f64, Self)>) -> Self;

@@ -1,8 +1,8 @@
-//! What captures have in common.
+//! The frame that several captures have in common.
 
 use maquette::value::CaptureFrame;
 
-/// What is true of all these frames.
+/// The frame of captures that were taken together: what is equal in all of them. None if one has no frame.
 pub(super) fn common_frame(frames: &[Option<CaptureFrame>]) -> Option<CaptureFrame> {
     let first = (*frames.first()?)?;
     if frames.iter().all(|frame| *frame == Some(first)) {

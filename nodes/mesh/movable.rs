@@ -1,4 +1,4 @@
-//! What can be moved.
+//! The types of values that `Transform` moves.
 
 use maquette::value::{ControlNet, Curve, Mesh, Points, RangeImage};
 

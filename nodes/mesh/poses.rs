@@ -1,4 +1,4 @@
-//! Whether meshes of captures are brought together.
+//! Whether meshes from captures are brought into one coordinate system.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Makes the skin of points.
+//! Reconstructs a surface from points.
 
 use maquette::value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
 use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress, TooMuch};
@@ -377,7 +377,7 @@ impl Pieces {
     }
 }
 
-/// The mean distance of points, after a look at whether they have a surface.
+/// The mean distance of points, after a check that they lie on a surface at all.
 fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructError> {
     let (low, high) = bounds(positions).ok_or(ReconstructError::TooFew { count: 0 })?;
     let size = (high - low).max();

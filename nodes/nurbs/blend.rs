@@ -201,8 +201,8 @@ fn fill_beside(
     fill_shadows(width, &mut canvas.points, longest, is_beside, progress)
 }
 
-/// The triangles that hang together whatever the surface does to them: those within the region that did before, and those at its border
-/// and at filled cells, unless they reached across to what is behind.
+/// The triangles that stay part of the surface, however the blend stretches them: those within the region that were so before, and those
+/// at its border and at filled cells that did not bridge the gap to a background.
 fn joined(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) -> Vec<u8> {
     let Canvas { width, height, points, .. } = canvas;
     let is_outside = |cell: usize| !region.has(cell) && !points[cell].x.is_nan();

@@ -10,7 +10,7 @@ pub enum FitParameters {
     Uniform,
     /// As far apart as the points are, in the mean over all lines.
     Chord,
-    /// As far apart as the square roots of the points' distances, which keeps sharp turns calm.
+    /// As far apart as the square roots of the points' distances, which avoids oscillations at sharp turns.
     #[default]
     Centripetal,
 }

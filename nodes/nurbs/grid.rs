@@ -1,4 +1,4 @@
-//! Regions of a range grid, and what is written to them.
+//! Regions of a range grid: their cells, triangles and borders, and surfaces that are written back to them.
 
 pub(super) mod canvas;
 pub(super) mod disk;

@@ -13,7 +13,7 @@ pub enum KnotsKind {
     Averaging,
     /// As `Averaging`, with parameters that follow the distances between the control points.
     Chord,
-    /// As `Averaging`, with parameters that follow the square roots of the distances, which keeps sharp turns calm.
+    /// As `Averaging`, with parameters that follow the square roots of the distances, which avoids oscillations at sharp turns.
     Centripetal,
     /// Evenly, without ends: a net whose last `order - 1` rows or columns repeat the first ones closes smoothly.
     Periodic,

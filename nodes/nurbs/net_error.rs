@@ -76,7 +76,7 @@ pub enum NetError {
     /// Corners that do not go around.
     #[error("the corners do not follow each other counter-clockwise along the region's contour")]
     CornerOrder,
-    /// Cells that do not hang together.
+    /// Cells that are not connected.
     #[error("the region is in several parts: a net covers one")]
     Parts,
     /// The map to the square was not found.

@@ -168,7 +168,7 @@ fn is_everything(region: &Region) -> bool {
     region.cells().len() == region.width() * region.height()
 }
 
-/// What of a part's surroundings becomes region, too.
+/// Which cells around a labelled part become part of the region, too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Taken {
     /// Cells without a point, which are filled.
@@ -187,7 +187,7 @@ pub struct Taken {
 /// together by sides and touch no cell outside the region, or neither the rim of the grid nor a thousand others, get points by
 /// Laplace's equation, coordinate by coordinate, from the cells of the region around them; they are flagged, as are the cells that
 /// `range` has as filled. Other invalid cells leave the region. Beyond the grid's rim is outside. Of what remains the largest part that
-/// hangs together by sides is taken, of several the first.
+/// is connected by sides is taken, of several the first.
 ///
 /// # Errors
 /// If the labels are not those of the range image's picture, there is no such part, or nothing of it remains.

@@ -56,7 +56,7 @@ impl Node for FillRange {
     }
 }
 
-/// The range image with points in all shadows of up to `largest` cells that hang together by sides: those of a thin plate under tension
+/// The range image with points in all shadows of up to `largest` cells, connected by sides: those of a thin plate under tension
 /// through the two rows of points around them, unless that needs an edge longer than `jump` times the median distance of valid cells that
 /// share a side. They are marked as filled, and the triangles at them as joined.
 ///

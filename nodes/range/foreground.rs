@@ -161,7 +161,7 @@ fn valid(range: &RangeImage) -> Mask {
     mask(range.width(), range.height(), valid.collect())
 }
 
-/// Adds the parts of the background that hang together by sides and do not reach the border.
+/// Adds the components of the background, connected by sides, that do not reach the border.
 fn fill_holes(object: &Mask) -> Mask {
     let (width, height) = (object.width(), object.height());
     let background = object.pixels().iter().map(|pixel| 1 - pixel).collect();

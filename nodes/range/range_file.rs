@@ -99,7 +99,7 @@ pub(super) fn read_camera(bytes: &[u8]) -> Result<CameraFile, CameraFileError> {
     Ok(camera::read(bytes)?)
 }
 
-/// Whether a camera gives what is there.
+/// Checks that a camera's picture or grid has the size that was found.
 pub(super) fn check_view(
     what: &'static str,
     view: &View,

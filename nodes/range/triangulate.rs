@@ -150,7 +150,7 @@ fn with_attributes(
 /// Elements that one task works on.
 const BLOCK: usize = 8192;
 
-/// Which triangles around a cell hang together: a cell is a vertex of each such fan.
+/// Which triangles around a cell are connected: a cell becomes one vertex for each fan of them.
 struct Fans {
     /// For each cell, which of the eight wedges around it are filled; see [`GridTriangle::wedges`].
     wedges: Vec<u8>,
@@ -234,7 +234,7 @@ mod tests {
         triangulate(range, 6.0, 85.0, 0).unwrap()
     }
 
-    /// How many fans of faces meet at each vertex: faces around a vertex hang together if they share an edge at it.
+    /// How many fans of faces meet at each vertex: faces around a vertex are in one fan if they share an edge at it.
     fn fans_per_vertex(mesh: &Mesh) -> Vec<usize> {
         let mut around = vec![Vec::new(); mesh.positions().len()];
         for face in mesh.faces().as_triangles().unwrap() {

@@ -21,7 +21,7 @@ impl Lists {
 }
 
 impl<T: Copy + Default> Lists<T> {
-    /// For each number below `count` the items that come with it, in their order.
+    /// A list for each number below `count`: the items that are paired with it, in their order.
     pub(crate) fn group<I: Iterator<Item = (u32, T)>>(count: usize, pairs: impl Fn() -> I) -> Self {
         let mut starts = vec![0u32; count + 1];
         pairs().for_each(|(list, _)| starts[list as usize + 1] += 1);

@@ -1,4 +1,4 @@
-//! Sets that are joined one by one.
+//! Disjoint sets that are joined one by one.
 
 /// Numbers in sets, each of which is known by its lowest number: Tarjan, "Efficiency of a good but not linear set union algorithm" (1975),
 /// with paths halved.
@@ -24,14 +24,14 @@ impl UnionFind {
 
     /// Makes one set of those that `a` and `b` are in.
     pub(crate) fn join(&mut self, a: u32, b: u32) {
-        // Nearly always both are known to hang together.
+        // Nearly always both are in one set already, and have the same parent.
         if self.parents[a as usize] != self.parents[b as usize] {
             let [a, b] = [self.first(a), self.first(b)];
             self.parents[a.max(b) as usize] = a.min(b);
         }
     }
 
-    /// For each number that of its set, in the order of their lowest numbers, and these.
+    /// The set of each number, where sets are numbered in the order of their lowest numbers; and these lowest numbers.
     pub(crate) fn numbered(mut self) -> (Vec<u32>, Vec<u32>) {
         let mut firsts = Vec::new();
         let mut numbers = vec![0; self.parents.len()];

@@ -101,9 +101,9 @@ impl Compare {
     }
 }
 
-/// The value in a file, by its ending; doubts are printed.
+/// The value in a file, by its ending; warnings are printed.
 pub(super) fn read(path: &Path, catalog: &Catalog) -> Result<AnyValue, String> {
-    let (value, doubts) = catalog.readers().open(path, None)?;
-    doubts.iter().for_each(|doubt| eprint(&format!("warning: {doubt}\n")));
+    let (value, warnings) = catalog.readers().open(path, None)?;
+    warnings.iter().for_each(|warning| eprint(&format!("warning: {warning}\n")));
     Ok(value)
 }

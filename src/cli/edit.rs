@@ -121,12 +121,12 @@ impl Edit {
 pub(super) struct GraphFile<'a> {
     pub(super) graph: &'a Path,
     pub(super) roots: &'a [PathBuf],
-    /// Whether nothing is written.
+    /// Whether the edits are only tried, and nothing is written.
     pub(super) dry_run: bool,
 }
 
 impl GraphFile<'_> {
-    /// What some edits make of it; none if that failed, for reasons that have been printed.
+    /// The text after some edits; none if they failed, for reasons that have been printed.
     pub(super) fn edit(&self, edits: &[GraphEdit], catalog: &Catalog) -> Option<Edited> {
         let failed = |what: &str, error: std::io::Error| {
             eprint(&format!("error: cannot {what} {}: {error}\n", self.graph.display()));

@@ -25,21 +25,21 @@ fn input(text: &str) -> Result<(String, PathBuf), String> {
 }
 
 impl InputOptions {
-    /// The graph with the values in the files at its inputs, and what is to be doubted of them.
+    /// The graph with the values in the files at its inputs, and the warnings about these values.
     pub(super) fn fed(
         &self,
         session: &Session,
         graph: &Graph,
     ) -> Result<(Graph, Vec<Problem>), Vec<Problem>> {
-        let (values, doubts) = session.read_inputs(graph, &self.files)?;
-        Ok((session.fed(graph, &values)?, doubts))
+        let (values, warnings) = session.read_inputs(graph, &self.files)?;
+        Ok((session.fed(graph, &values)?, warnings))
     }
 
-    /// The same, where doubts and errors are printed at once.
+    /// The same, where warnings and errors are printed at once.
     pub(super) fn told(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
         match self.fed(session, graph) {
-            Ok((graph, doubts)) => {
-                report(&doubts);
+            Ok((graph, warnings)) => {
+                report(&warnings);
                 Ok(graph)
             }
             Err(problems) => {

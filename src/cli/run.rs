@@ -77,8 +77,8 @@ impl Run {
             Err(why) => return Exit::Usage(why),
         };
         let graph = match self.inputs.fed(&session, &graph) {
-            Ok((graph, doubts)) => {
-                problems.extend(doubts);
+            Ok((graph, warnings)) => {
+                problems.extend(warnings);
                 graph
             }
             Err(wrong) => {

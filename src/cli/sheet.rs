@@ -42,7 +42,7 @@ pub(super) struct Sheet {
 /// Yaw and pitch of each picture in a row: from the front, the right, the left, above and behind.
 const SIDES: [[f64; 2]; 5] = [[0.0, 0.0], [60.0, 10.0], [-60.0, 10.0], [0.0, 60.0], [180.0, 10.0]];
 
-/// What a picture shows of a graph that gives nothing with these values.
+/// The color of a picture for parameters with which the graph fails.
 const NOTHING: Rgb = [255, 0, 255];
 
 impl Sheet {

@@ -1,4 +1,4 @@
-//! A screen of a terminal for one picture of text that is drawn anew, and the keys that are pressed before it.
+//! The terminal's second screen, on which a text is drawn again and again, and the keys that are pressed meanwhile.
 
 use std::io::{IsTerminal, Write, stdin, stdout};
 

@@ -1,4 +1,4 @@
-//! Law 8: numbers at the ends of what is allowed.
+//! Law 8: nodes end, fail or stop soon, with all numbers at the ends of their ranges.
 
 use std::sync::mpsc;
 use std::time::Duration;
@@ -24,7 +24,7 @@ pub(super) struct Case<'a> {
 /// How long a node may work before it is told to stop,
 const WORK: Duration = Duration::from_millis(200);
 
-/// and how much longer it may then go on. Many times the 50 ms between two looks, because the machine may be busy.
+/// and how much longer it may then go on. Many times the 50 ms between two checks, because the machine may be busy.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// So many mixtures of numbers and hostile values are tried.

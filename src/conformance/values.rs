@@ -1,4 +1,4 @@
-//! The laws of types of values: what a value says of itself makes it again, and whatever else is said makes an error at the worst.
+//! The laws of types of values: the parts of a value make the same value again, and damaged parts make an error, never a panic.
 
 use std::borrow::Cow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -7,7 +7,7 @@ use crate::value::{
     AnyValue, FactValue, Hash, Items, Meaning, Part, Parts, PartsError, ValueType, ranges,
 };
 
-/// How many values of a type are damaged: much of what is damaged would be told again of the others.
+/// How many values of a type are damaged: with more, the same faults would be reported again.
 const DAMAGED: usize = 6;
 
 /// Checks the hostile values of a type.

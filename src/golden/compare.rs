@@ -133,7 +133,7 @@ pub struct Measure {
     pub allowed: f64,
     /// How much more or less each difference may be, because the old one was kept rounded.
     pub error: f64,
-    /// The share of the elements that were looked at.
+    /// The share of the elements that were compared.
     pub seen: f64,
     /// Whether its elements are equal or not, and their share is what counts.
     pub by_share: bool,
@@ -198,7 +198,7 @@ impl Comparison {
         differing.min_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)))
     }
 
-    /// The share of the elements that were looked at.
+    /// The share of the elements that were compared.
     pub(crate) fn seen(&self) -> f64 {
         self.measures.iter().map(|m| m.seen).fold(1.0, f64::min)
     }

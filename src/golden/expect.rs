@@ -27,7 +27,7 @@ pub(crate) struct ExpectationPlace {
 /// An expectation that does not hold.
 pub(crate) struct Violation {
     pub(crate) problem: Problem,
-    /// The value of which it does not.
+    /// The value for which it does not hold.
     pub(crate) value: Option<AnyValue>,
     /// Where in space it does not: the middle of offending elements, some of them.
     pub(crate) places: Vec<Point3<f64>>,

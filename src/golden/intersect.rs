@@ -1,4 +1,4 @@
-//! Faces of a mesh that run through each other.
+//! Self-intersections: faces of a mesh that intersect each other.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -13,8 +13,8 @@ struct Triangle {
     high: [f64; 3],
 }
 
-/// Pairs of faces of which an edge of one runs through the other. Faces that share a vertex are not looked at, and faces that
-/// merely touch, or lie in one plane, do not count. Sorted.
+/// Pairs of faces of which an edge of one pierces the other, sorted. Faces that share a vertex are not compared, and faces that merely
+/// touch, or lie in one plane, do not count.
 pub(super) fn intersections(mesh: &Mesh) -> Vec<[u32; 2]> {
     let mut triangles = triangles(mesh);
     // Sweeps along x: only triangles whose boxes overlap there are compared.

@@ -13,7 +13,7 @@ type Wrong = Option<(String, Vec<Point3<f64>>)>;
 /// The least share of the best known combination of a quadratic's coefficients that the worst known one must have.
 const LEAST_KNOWN: f64 = 1e-6;
 
-/// How many places are told.
+/// How many places are reported.
 const PLACES: usize = 1000;
 
 /// Closed chains of edges with one face.
@@ -45,7 +45,7 @@ fn border(mesh: &Mesh) -> Vec<[u32; 2]> {
     alone.map(|(edge, _)| *edge).collect()
 }
 
-/// Whether no border of `mesh` comes nearer than `band` pixels of the picture to the region, by where its vertices are in the picture.
+/// Checks that no border of `mesh` comes nearer than `band` pixels to the region, measured in the picture.
 pub(super) fn whole(mesh: &Mesh, region: &Region, band: f64) -> Wrong {
     let (Some(uv), Some(frame)) = (mesh.vertex().pairs("uv"), mesh.frame()) else {
         return Some((
@@ -264,7 +264,7 @@ fn curvature_across(places: &[[f64; 3]]) -> Option<f64> {
     Some(found[2] / (reach * slope * slope.sqrt()))
 }
 
-/// Whether a number of the vertices is nowhere out of its range.
+/// Checks that a number of the vertices is nowhere out of its range.
 pub(super) fn numbers(mesh: &Mesh, name: &str, min: Option<f64>, max: Option<f64>) -> Wrong {
     let Some(Attribute::Number(numbers)) = mesh.vertex().get(name) else {
         let known = mesh.vertex().iter().filter(|(_, it)| matches!(it, Attribute::Number(_)));

@@ -77,7 +77,7 @@ impl GoldenColumn {
     }
 }
 
-/// The columns of a value, and what must be equal before they are looked at.
+/// The columns of a value, and the facts that must be equal before columns are compared.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct GoldenParts {
     /// Counts, sizes and kinds.

@@ -53,7 +53,7 @@ pub(crate) fn figures(output: &Compared) -> Vec<Figure> {
     figures.into_iter().flatten().collect()
 }
 
-/// What was and what is as pictures, of both only what was kept.
+/// The golden and the new value as pictures, both with only those elements that were kept.
 fn pictures(value: &AnyValue, golden: Option<&Golden>) -> (Option<Image>, Option<Image>) {
     if let Some(new) = picture_of(value) {
         let old = golden.and_then(Golden::picture);

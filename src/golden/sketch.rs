@@ -13,11 +13,11 @@ const SUMS: usize = 4;
 /// Numbers that are summed together, so that the sums do not depend on the number of threads.
 const CHUNK: usize = 1 << 14;
 
-/// What is kept of a column to find any change of it.
+/// What is kept of a column so that any change of it is found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sketch {
     sums: [f64; SUMS],
-    /// A mark of the bits of all numbers: the sums do not see the last digit of one number of many.
+    /// A hash of the bits of all numbers: the sums may miss a change of the last digit of one number.
     bits: u64,
 }
 

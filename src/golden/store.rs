@@ -160,7 +160,7 @@ pub(crate) fn mesh_of(value: &AnyValue) -> Option<Mesh> {
     })
 }
 
-/// What is nothing but colors of pixels, or flags of pixels, is kept as a picture.
+/// A value that consists of colors or flags of pixels alone, as the picture that is kept of it; none for others.
 pub(crate) fn picture_of(value: &AnyValue) -> Option<Image> {
     let parts = value.parts();
     let mut compared = parts.columns.iter().filter(|part| !part.aside);

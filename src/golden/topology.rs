@@ -1,16 +1,16 @@
-//! How the faces of a mesh hang together, and how large it is.
+//! The topology of a mesh in numbers, and its size.
 
 use nalgebra::Point3;
 
 use crate::value::Mesh;
 
-/// How the faces of a mesh hang together. Equal before any place is compared.
+/// The topology of a mesh in numbers, which must be equal before any position is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Topology {
     pub(crate) vertices: usize,
     pub(crate) edges: usize,
     pub(crate) faces: usize,
-    /// Groups of faces that hang together by vertices.
+    /// Components of faces that are connected by vertices.
     pub(crate) components: usize,
     /// Edges of one face.
     pub(crate) boundary: usize,

@@ -70,11 +70,11 @@ struct Known {
     files: Vec<(Written, Option<Left>)>,
 }
 
-/// What the system said of a file when it was right.
+/// A file as it was when it was last known to be right.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Left {
     stamp: Stamp,
-    /// Whether any later write gives another stamp; if not, the same stamp says nothing.
+    /// Whether any later write gives another stamp; if not, an equal stamp does not prove that the file is unchanged.
     settled: bool,
 }
 

@@ -82,9 +82,9 @@ impl Settings {
                 Err(SessionError::Cache(error))
             }
             Err(error) => {
-                let doubt =
+                let warning =
                     format!("{error}; results are not kept (--cache chooses another folder)");
-                Ok((evaluator, Some(doubt)))
+                Ok((evaluator, Some(warning)))
             }
         }
     }

@@ -1,8 +1,8 @@
-//! Words for a terminal. Names, docs and files of others may hold what moves its cursor or changes its title.
+//! Makes texts harmless for a terminal: names, docs and files may hold characters that move its cursor or change its title.
 
 use std::borrow::Cow;
 
-/// What a terminal acts on, or what turns the direction of text: all but the end of a line and a tab.
+/// Whether a terminal acts on a character, or it turns the direction of text; ends of lines and tabs do not count.
 fn acts(c: char) -> bool {
     let turns = matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     (c.is_control() && c != '\n' && c != '\t') || turns

@@ -103,7 +103,7 @@ impl Value for Field {
         Self::new(width, height, pixels).map_err(PartsError::refused)
     }
 
-    /// From black, the least number, to white, the greatest; black where nothing is known.
+    /// From black, the least number, to white, the greatest; black where there is no number.
     fn show(&self) -> Vec<Layer> {
         let (least, greatest) = self.range().unwrap_or_default();
         let (least, greatest) = (f64::from(least), f64::from(greatest));

@@ -1,4 +1,4 @@
-//! What the hostile values of several types are made of: see [`Value::hostile`](super::Value::hostile).
+//! Building blocks of hostile values, which are at the edge of what their types allow: see [`Value::hostile`](super::Value::hostile).
 
 use nalgebra::Point3;
 

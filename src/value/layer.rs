@@ -1,16 +1,16 @@
-//! What can be looked at in a value.
+//! Layers: what of a value can be drawn.
 //!
-//! Viewers draw layers, not types, so that a stranger's value is seen like one of the engine's. What a layer holds is shared with its
-//! value where the value has it as such.
+//! Viewers draw layers, not types, so that a plugin's value is shown like one of the engine's. A layer shares memory with its value where
+//! the value holds the same data.
 
 use nalgebra::Point3;
 
 use super::{Column, Image, Mesh, Points, Registration, Rgb};
 
-/// The color of pixels where nothing is.
+/// The color of the background.
 pub(super) const PLAIN: Rgb = [24, 26, 32];
 
-/// One thing that can be looked at. A value gives several if they belong together, the most telling one first.
+/// One drawing of a value. A value gives several if they belong together, the most important one first.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Layer {
     /// A picture, a pixel for each pixel or cell of the value.
@@ -35,7 +35,7 @@ pub struct Picture {
     pub image: Image,
     /// Where its pixels lie on the capture's picture, if that is known: those of a range grid do.
     pub registration: Option<Registration>,
-    /// Whether its colors are chosen to be looked at, as those of labels are. Others are the value's own, and a file that keeps them
+    /// Whether its colors were made up for the drawing, as those of labels are. Others are the value's own, and a file that keeps them
     /// shows as much.
     pub drawn: bool,
 }
@@ -47,7 +47,7 @@ impl Picture {
         image.into_iter().map(layer).collect()
     }
 
-    /// A picture whose colors are chosen to be looked at, as layers; none if there is none.
+    /// A picture whose colors were made up for the drawing, as layers; none if there is no picture.
     pub(super) fn drawn<E>(image: Result<Image, E>) -> Vec<Layer> {
         let layer = |image| Layer::Picture(Self { image, registration: None, drawn: true });
         image.into_iter().map(layer).collect()

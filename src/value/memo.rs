@@ -1,12 +1,12 @@
-//! What nodes remember, which no graph knows.
+//! What nodes remember between evaluations; it never travels on links.
 
 use std::any::Any;
 use std::sync::Arc;
 
 use super::{AnyValue, DecodeError, Encoder, Hash, Parts, PartsError, Summary, ValueType};
 
-/// What [`Context::memo`](crate::Context::memo) asks by, and what it remembers: plans, trees, factors. No noun of a graph: it stays in
-/// memory, and nobody looks at it.
+/// What [`Context::memo`](crate::Context::memo) asks by, and what it remembers: plans, trees, factors. It is no
+/// value of a graph: it stays in memory, and cannot be shown.
 pub trait Memo: Clone + Send + Sync + 'static {
     /// A name that no other type of a program's memos has.
     const NAME: &'static str;

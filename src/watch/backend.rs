@@ -1,4 +1,4 @@
-//! Where news of files comes from: the system, or looking again and again where the system has none.
+//! The sources of file events: the system, or polling where the system has none.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::Metadata;
@@ -114,7 +114,7 @@ impl Backend for Native {
     }
 }
 
-/// How often files are looked at. Shorter is noticed on slow networks, longer by the artist.
+/// How often files are polled. Shorter is a load on slow networks, longer is noticed by the user.
 const PERIOD: Duration = Duration::from_millis(500);
 
 /// A file that changed less than this before it was looked at may change again without another time: FAT counts in two seconds.

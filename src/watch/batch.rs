@@ -15,7 +15,7 @@ const QUIET_AFTER_SEVERAL: Duration = Duration::from_millis(30);
 /// long for the rest of a file that is empty or gone, as files are in the middle of a save.
 const DEADLINE: Duration = Duration::from_millis(150);
 
-/// Whether a file may still be half of what it is going to be.
+/// Whether a file may still be in the middle of being written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shape {
     /// It has content.

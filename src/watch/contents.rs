@@ -1,4 +1,4 @@
-//! What files hold, so that events that change nothing are dropped.
+//! The contents of watched files, so that events without a change are dropped.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;

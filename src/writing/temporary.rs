@@ -1,7 +1,7 @@
 //! Files that are being written.
 //!
 //! Each has a name of a form that nothing else has, and is locked by the process that writes it. The system takes a lock away with
-//! its process: a file that can be locked is no longer written by anybody. Where a file system knows no locks nothing is swept.
+//! its process: a file that can be locked is no longer written by anybody. On file systems without locks nothing is swept.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -44,7 +44,7 @@ pub(crate) fn is_temporary(path: &Path) -> bool {
     })
 }
 
-/// Whether nobody writes a temporary file any more.
+/// Whether no process writes a temporary file any more.
 pub(crate) fn is_abandoned(path: &Path) -> bool {
     let is_file = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());
     let locked = || File::options().append(true).open(path).map(|file| file.try_lock());

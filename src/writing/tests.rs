@@ -45,7 +45,7 @@ fn many_writers_and_sweepers_of_one_folder_lose_nothing() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 4);
 }
 
-/// The sources outside of this room: of each file what comes before its tests, and no file that is there for tests alone.
+/// The sources of `src` outside of `writing`, each without its tests at the end.
 fn sources(folder: &Path, found: &mut Vec<(PathBuf, String)>) {
     let room = ["src/writing", "src/writing.rs"];
     for entry in fs::read_dir(folder).unwrap() {
@@ -63,7 +63,7 @@ fn sources(folder: &Path, found: &mut Vec<(PathBuf, String)>) {
     }
 }
 
-/// The files and folders that a source declares for tests alone.
+/// The modules that a source declares under `#[cfg(test)]`, as paths.
 fn for_tests(path: &Path, text: &str) -> Vec<PathBuf> {
     let declared = text.split("#[cfg(test)]\nmod ").skip(1);
     let names = declared.filter_map(|rest| Some(rest.split_once(';')?.0));

@@ -90,7 +90,7 @@ impl<'a> Carry<'a> {
         all
     }
 
-    /// As [`spread`](Self::spread), and where there are exemplars the weighted mean of what they have.
+    /// As [`spread`](Self::spread), but the weighted mean of the exemplars' entries where there are exemplars.
     fn voted<T: Copy, const N: usize>(
         &self,
         column: &[T],
@@ -110,8 +110,8 @@ impl<'a> Carry<'a> {
     }
 
     /// A column of the data's vertices, with entries for the filled ones: numbers, vectors, pairs and colors are mixed, colors as light;
-    /// of whole numbers and flags those of the nearest data are taken, or of the exemplars. Pairs, which may be places on a picture,
-    /// are never those of exemplars, where faces share them: the picture would be torn.
+    /// of whole numbers and flags those of the nearest data are taken, or of the exemplars. Pairs may be
+    /// texture coordinates, which faces share here, so that those of exemplars would tear the picture: they are mixed.
     fn vertex(&self, attribute: &Attribute) -> Attribute {
         match attribute {
             Attribute::Number(column) => {
@@ -164,7 +164,7 @@ impl<'a> Carry<'a> {
         if (vertex as usize) < data { vertex } else { self.nearest[vertex as usize - data] }
     }
 
-    /// A corner and a face of the data at each of its vertices: the first ones.
+    /// The first corner and the first face at each vertex of the data.
     fn beside(&self, mesh: &Mesh) -> (Vec<u32>, Vec<u32>) {
         let (mut corners, mut faces) = (vec![0; self.filling.data], vec![0; self.filling.data]);
         let mut corner = mesh.faces().corners().len() as u32;
@@ -178,7 +178,7 @@ impl<'a> Carry<'a> {
         (corners, faces)
     }
 
-    /// A column per corner: the filled corners have what their vertices would have, if the data's had what one of their corners has.
+    /// A column per corner. Filled corners get the entries of their vertices, computed from one corner at each vertex of the data.
     fn corner(&self, mesh: &Mesh, attribute: &Attribute, corners: &[u32]) -> Attribute {
         let count = mesh.faces().corners().len() as u32;
         let of_vertices = self.vertex(&attribute.select(corners));
@@ -247,13 +247,13 @@ fn corners_of_triangles(mesh: &Mesh) -> Vec<[u32; 3]> {
     corners
 }
 
-/// The light of an sRGB channel, 0 to 1 (IEC 61966-2-1).
+/// The linear intensity of an sRGB channel, 0 to 1 (IEC 61966-2-1).
 fn light(channel: u8) -> f64 {
     let c = f64::from(channel) / 255.0;
     if c <= 0.04045 { c / 12.92 } else { libm::pow((c + 0.055) / 1.055, 2.4) }
 }
 
-/// The sRGB channel of a light.
+/// The sRGB channel of a linear intensity.
 fn channel(light: f64) -> u8 {
     let light = light.clamp(0.0, 1.0);
     let c = match light <= 0.0031308 {

@@ -11,7 +11,7 @@ pub(crate) struct OneRings {
     /// The place of each vertex among those of the rims; [`NONE`] for all others.
     places: Vec<u32>,
     triangles: Lists<[u32; 3]>,
-    /// Of each vertex of the rims on how many of them it is.
+    /// On how many rims each vertex of the rims is.
     shared: Vec<u8>,
 }
 
@@ -65,7 +65,7 @@ pub(crate) struct Rim {
     pub(crate) ring: Vec<Point3<f64>>,
     /// The data's triangles at the rim, by place: first those of the rim, then those of `ring`.
     pub(crate) triangles: Vec<[u32; 3]>,
-    /// Of each vertex the places on the rim, not next to it, to which the mesh has an edge, or may get one.
+    /// For each vertex the other places on the rim, except its neighbors, to which the mesh has an edge or may get one.
     taken: Vec<Vec<u32>>,
 }
 

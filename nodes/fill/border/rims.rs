@@ -180,8 +180,8 @@ fn is_closed(spokes: &[Spoke]) -> bool {
     false
 }
 
-/// Whether faces make several fans, one of which goes all around. Each face is given by the vertices after and before the one in the
-/// middle, sorted.
+/// Whether the faces at a vertex make several fans, one of which is closed: then no fill can make it manifold. Each face is given by the
+/// vertices after and before the one in the middle, sorted.
 pub(crate) fn has_closed_fan_beside_others(spokes: &[[u32; 2]]) -> bool {
     let mut met = vec![false; spokes.len()];
     let mut walk = |start: usize| {

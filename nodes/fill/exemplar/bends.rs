@@ -1,8 +1,8 @@
-//! Makes the edges of what fills a hole bend as much as those around it.
+//! Gives the dihedral angles of the filled edges the distribution of those around the hole.
 //!
-//! The mean of many exemplars bends everywhere alike: its crests are dull, and between them it is not as flat as the data. So of the
-//! filled edges each is to bend as the one of its rank does around the hole, by which side it bends to already. As the order stays, so
-//! does the pattern: along a groove edges stay flat, and across it they become sharp.
+//! The mean of many exemplars bends too evenly: its crests are dull, and between them it is not as flat as the data. So filled edges are
+//! ranked by the size of their angles, and each gets the angle of the edge of the same rank around the hole, to the side to which it bends
+//! already. The order stays, and so does the pattern: along a groove edges stay flat, and across it they become sharp.
 //!
 //! Ranks: Heeger and Bergen, "Pyramid-based texture analysis/synthesis" (1995), section 3.1, there for the values of pixels. Angles and
 //! their gradients: Grinspun, Hirani, Desbrun and Schröder, "Discrete shells" (2003).

@@ -17,7 +17,7 @@ use super::turns::Turns;
 use super::votes::Votes;
 use super::{bends, smoothness};
 
-/// What a completion goes by beside shapes.
+/// What a completion is given beside the mesh.
 #[derive(Default)]
 pub(in crate::fill) struct Given {
     /// Marks the data vertices around which exemplars may be; all, if left out.

@@ -1,4 +1,4 @@
-//! A surface of heights in few numbers: those that differ most among many surfaces.
+//! Descriptors of height fields: their principal components, in a few numbers.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 use rayon::prelude::*;
@@ -12,16 +12,16 @@ const ANGLES: usize = 16;
 /// Rings, the outermost at the patch's radius.
 const RINGS: usize = 5;
 
-/// Heights taken.
+/// Heights on all rings.
 pub(super) const COUNT: usize = RINGS * ANGLES;
 
-/// Numbers that are kept of them.
+/// Principal components that a descriptor has.
 pub(super) const KEPT: usize = 16;
 
 /// Heights over rings around the middle.
 pub(super) type Rings = [f32; COUNT];
 
-/// What is kept of them.
+/// The principal components of rings.
 pub(super) type Descriptor = [f32; KEPT];
 
 /// Where the heights of rings are taken.
@@ -31,7 +31,7 @@ pub(super) struct Polar {
 }
 
 impl Polar {
-    /// For patches of `radius` on lattices of this step. If `level`, a height and a tilt of the whole do not count.
+    /// For patches of `radius` on lattices of this step. If `level`, the mean height and tilt are subtracted.
     pub(super) fn new(radius: f64, step: f64, level: bool) -> Self {
         let place = |k: usize| {
             let share = (k / ANGLES + 1) as f64 / RINGS as f64;
@@ -42,7 +42,7 @@ impl Polar {
         Self { places: (0..COUNT).map(place).collect(), level }
     }
 
-    /// The heights of a surface, turned; where it has none, that of the ring inside.
+    /// The heights of a surface on the rings, after a turn; where the surface has no height, that of the next inner ring.
     pub(super) fn rings(&self, heights: &[f32], turn: &Turn) -> Rings {
         let mut rings = [0.0; COUNT];
         for (k, &place) in self.places.iter().enumerate() {
@@ -59,7 +59,7 @@ impl Polar {
         rings
     }
 
-    /// Takes the plane away that is nearest to the heights.
+    /// Subtracts the least-squares plane of the heights.
     fn flatten(&self, rings: &mut Rings) {
         let directions = self.places.iter().zip(rings.iter());
         let (mut mean, mut tilt, mut size) = (0.0, [0.0; 2], 0.0);
@@ -75,13 +75,13 @@ impl Polar {
     }
 }
 
-/// A projection to the directions in which rings differ most.
+/// A projection onto the directions in which rings differ most: their principal components.
 pub(super) struct Basis {
     mean: Rings,
     rows: Vec<Rings>,
 }
 
-/// Rings from which the directions are found; more change them little.
+/// The most rings from which the directions are found; more change them little.
 const MOST: usize = 1024;
 
 impl Basis {
@@ -126,7 +126,7 @@ impl Basis {
         Self { mean: mean.map(|x| x as f32), rows: order[..KEPT].iter().map(row).collect() }
     }
 
-    /// What is kept of rings.
+    /// The descriptor of rings: their principal components.
     pub(super) fn project(&self, rings: &Rings) -> Descriptor {
         let centered: Rings = std::array::from_fn(|k| rings[k] - self.mean[k]);
         std::array::from_fn(|k| dot(&self.rows[k], &centered))

@@ -9,7 +9,7 @@ pub(super) struct Frame {
     pub(super) x: Vector3<f64>,
     pub(super) y: Vector3<f64>,
     pub(super) z: Vector3<f64>,
-    /// Whether the normal is nearly along the up vector, so that the directions of `x` and `y` mean nothing.
+    /// Whether the normal is nearly parallel to the up vector, so that the directions of `x` and `y` are arbitrary.
     pub(super) free: bool,
 }
 
@@ -80,7 +80,7 @@ impl Turn {
         [a * u + b * v, c * u + d * v]
     }
 
-    /// What takes the exemplar's level coordinates to the patch's.
+    /// The inverse, which maps the level coordinates of the exemplar to those of the patch.
     pub(super) fn inverse(&self) -> Self {
         let [[a, b], [c, d]] = self.0;
         Self([[a, c], [b, d]])

@@ -1,17 +1,17 @@
-//! The size of what is missing, and the sizes of patches that suit it.
+//! The sizes of the holes, and the radii of patches that suit them.
 
 use nalgebra::Point3;
 
 use super::ExemplarOptions;
 use super::surface::Surface;
 
-/// What is missing, and how far it is from everywhere.
+/// The missing vertices of all holes, and their distances from the rims.
 pub(super) struct Hole {
     /// The vertex of the rim that is nearest to each vertex.
     pub(super) rim: Vec<u32>,
     /// For each missing vertex how far its hole reaches from the rim.
     pub(super) widths: Vec<f64>,
-    /// Of each missing vertex the number of its hole.
+    /// The number of the hole of each missing vertex.
     pub(super) numbers: Vec<u32>,
     /// The farthest that a hole reaches from its rim.
     pub(super) width: f64,
@@ -37,12 +37,12 @@ impl Hole {
         Some(Self { rim, widths, numbers, width, edge })
     }
 
-    /// The radius of a patch that sees the vertices it is made of.
+    /// The least radius of a patch: [`SAMPLES`] edges of the data.
     pub(super) fn smallest(&self) -> f64 {
         SAMPLES * self.edge
     }
 
-    /// The radii of the patches of all levels: from one that sees across the hole to one that sees its vertices.
+    /// The radii of the patches on all levels, from one that spans the hole down to the smallest.
     pub(super) fn radii(&self, options: &ExemplarOptions, data: &[Point3<f64>]) -> Vec<f64> {
         let corner = |pick: fn(f64, f64) -> f64| {
             let start = data[0].coords;
@@ -61,7 +61,7 @@ impl Hole {
         radii
     }
 
-    /// Radii down to the smallest, each the same part of the one before; that one alone if none is larger.
+    /// A geometric sequence of radii down to the smallest; the smallest alone if `largest` is not larger.
     pub(super) fn spaced(&self, largest: f64, levels: usize) -> Vec<f64> {
         let smallest = self.smallest();
         if levels == 1 || largest <= smallest {

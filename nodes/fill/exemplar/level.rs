@@ -68,7 +68,7 @@ pub(super) struct Outcome {
 }
 
 impl Outcome {
-    /// Whether the exemplars fit exactly, so that nothing is left to be done.
+    /// Whether the exemplars fit exactly: then there is no detail to add.
     pub(super) fn is_exact(&self, radius: f64) -> bool {
         self.kept.last().is_some_and(|(_, energy)| energy.is_rounding(radius))
     }

@@ -65,7 +65,7 @@ pub struct ExemplarOptions {
 }
 
 impl ExemplarOptions {
-    /// Whether colors have a say about what is copied; they have none in the publication.
+    /// Whether colors count when exemplars are compared; in the publication they do not.
     pub(in crate::fill) fn counts_colors(&self) -> bool {
         self.color > 0.0 && self.update == Update::Exact
     }

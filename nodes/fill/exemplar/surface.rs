@@ -1,4 +1,4 @@
-//! Which triangles and vertices of a mesh are beside which, and ways over them.
+//! The neighborhoods of a triangle mesh, and searches over them.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

@@ -1,4 +1,4 @@
-//! How colors run over a patch, in few numbers.
+//! The mean and the gradient of the colors over a patch.
 
 use super::descriptor::{COUNT, Descriptor, KEPT};
 use super::frame::Turn;

@@ -1,4 +1,4 @@
-//! Keeps weak pixels that hang together with strong ones, 64 pixels at a time.
+//! Keeps weak pixels that are connected with strong ones, 64 pixels at a time.
 //!
 //! Rows of bits are swept downwards and upwards until nothing changes: morphological reconstruction of the weak pixels from
 //! the strong ones, Vincent, "Morphological grayscale reconstruction in image analysis", IEEE Transactions on Image Processing

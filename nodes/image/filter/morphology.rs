@@ -1,7 +1,7 @@
 //! Opening and closing of masks by squares: Serra, *Image Analysis and Mathematical Morphology* (1982), chapter 2.
 //!
-//! A square of radius r has (2 r + 1)^2 pixels. Beyond the picture's border is background: an object at the border is
-//! neither grown along it nor eaten from it.
+//! A square of radius r has (2 r + 1)^2 pixels. Everything beyond the picture's border is background, so that an object at
+//! the border is neither extended along the border nor eroded from it.
 
 use maquette::value::Mask;
 

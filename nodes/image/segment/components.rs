@@ -34,12 +34,12 @@ pub fn label(mask: &Mask, connectivity: Connectivity) -> Labels {
         .expect("runs are found row by row, and a part is numbered at its first run")
 }
 
-/// Some rows of a mask as runs, and which of the runs hang together.
+/// Some rows of a mask as runs, and which of the runs are connected.
 #[derive(Default)]
 pub(crate) struct Strip {
     /// Row by row from the top; their labels are not yet known.
     runs: Vec<LabelRun>,
-    /// A run that this one hangs together with and that does not come after it; itself for the first run of a part.
+    /// A run that is connected with this one and does not come after it; itself for the first run of a component.
     parents: Vec<u32>,
     /// Number of runs in the first row.
     first: usize,

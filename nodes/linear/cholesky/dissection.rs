@@ -1,4 +1,4 @@
-//! The order in which the unknowns of equations are eliminated, in groups whose columns of the factors are filled alike.
+//! The order in which the unknowns of equations are eliminated, in groups (supernodes) whose columns in the factor have the same pattern.
 //!
 //! George, "Nested dissection of a regular finite element mesh" (1973), with the middle levels of a breadth-first search as separator.
 

@@ -1,4 +1,4 @@
-//! Dense columns of a factor, and what they leave to those behind them.
+//! Frontal matrices: dense columns of a factor, and the update that their elimination makes to later columns.
 
 use maquette::{Cancelled, Progress};
 
@@ -21,7 +21,7 @@ impl Front {
         &mut self.entries[column * self.height..][..self.height]
     }
 
-    /// Adds what is left behind other columns, to the rows that `local` gives to theirs.
+    /// Adds the update of another front: the entries that its elimination has left. `local` maps their rows to those of this front.
     pub(crate) fn add(&mut self, left: &Self, rows: &[u32], local: &[u32]) {
         for (k, (column, &place)) in left.entries.chunks_exact(left.height).zip(rows).enumerate() {
             let own = self.column(local[place as usize] as usize);
@@ -31,8 +31,8 @@ impl Front {
         }
     }
 
-    /// Turns the first columns, as many as `least` has pivots, into those of the factor, and the others into what is left to eliminate; false
-    /// if a pivot is not above its least.
+    /// Turns the first columns, as many as `least` has pivots, into those of the factor, and the others into the update for later fronts;
+    /// false if a pivot is not above its least.
     ///
     /// # Errors
     /// If the evaluation is told to stop.

@@ -1,4 +1,4 @@
-//! What is to be joined to a skin: places, and what is known of their outside.
+//! The points to reconstruct a surface from, with their normals and the directions to the sensor where these are known.
 
 use maquette::value::{Attributes, Column, Mesh, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
@@ -6,7 +6,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 use crate::mesh::painted_colors::painted_colors;
 use crate::subdivision::Scattered;
 
-/// Places of several sources in one frame.
+/// Points of several sources in one frame.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cloud {
     pub(super) positions: Vec<Point3<f64>>,

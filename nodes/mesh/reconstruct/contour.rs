@@ -1,10 +1,9 @@
-//! The skin where a function has the surface's value, as quads: a vertex in each finest cell that the skin runs through, a quad
-//! across each edge of the grid that it cuts.
+//! The level set of a function as quads: a vertex in each finest cell that it runs through, a quad across each edge of the grid that it
+//! cuts.
 //!
-//! Gibson, "Constrained elastic surface nets" (1998). With one vertex in a cell, the skin is closed, but two sheets may meet in a
-//! vertex or an edge. They do not if in each cell the nodes inside hang together along the cell's edges, and the nodes outside as
-//! well (Latecki, "3D well-composed pictures", 1997); where they do not, the outer node nearest to the surface is taken inside,
-//! until they do.
+//! Gibson, "Constrained elastic surface nets" (1998). With one vertex in a cell, the mesh is closed, but two sheets may meet in a vertex or
+//! an edge. They cannot if in each cell the inner nodes are connected along the cell's edges, and the outer nodes, too (Latecki, "3D
+//! well-composed pictures", 1997). Where they are not, the outer node nearest to the surface is counted as an inner one until they are.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -187,7 +186,7 @@ fn mask(values: &[f64; 8]) -> usize {
     (0..8).filter(|&k| values[k] > 0.0).map(|k| 1 << k).sum()
 }
 
-/// Whether the corners inside hang together along the edges of a cell, and those outside, too.
+/// Whether the inner corners of a cell are connected along its edges, and the outer ones, too.
 fn is_composed(mask: u32) -> bool {
     let is_one = |mask: u32| {
         let mut reached = mask & mask.wrapping_neg();

@@ -1,4 +1,4 @@
-//! Evens a skin out, and keeps what the points support.
+//! Relaxes the reconstructed mesh along the surface, and drops components that the points do not support.
 
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
@@ -124,8 +124,7 @@ pub(super) fn supported(
     skin.positions.par_iter().map(of_vertex).collect()
 }
 
-/// Leaves out parts of the skin that hang together and have hardly any vertex with points around it: what a function does far from
-/// all points is chance.
+/// Drops connected components with hardly any vertex near points: far from all points the values of the function mean nothing.
 pub(super) fn drop_chance(skin: &mut Skin, supported: &mut Vec<bool>) {
     let parts = parts(skin);
     let n_parts = parts.iter().max().map_or(0, |&last| last as usize + 1);

@@ -1,4 +1,4 @@
-//! Pieces of the surface: the points of each cell as one, with a normal without a side and the area that it stands for.
+//! Surface elements: the points of each cell as one, with an unoriented normal and the area that it stands for.
 //!
 //! Normals are those of the least-squares planes of neighborhoods: Hoppe, DeRose, Duchamp, McDonald and Stuetzle, "Surface
 //! reconstruction from unorganized points" (1992), section 3.1. Neighborhoods are not the k nearest points but weighted by a

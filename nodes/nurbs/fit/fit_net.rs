@@ -105,7 +105,7 @@ pub(crate) fn fit_points(
     Ok(FittedNet { points, unsettled, rounds })
 }
 
-/// What lines of `length` points were missed by before each round of all of them. A line that settled stays where it was.
+/// The residuals of lines of `length` points before each round, over all lines. A line that has converged keeps its last residual.
 fn missed_before_rounds(lines: &[FittedLine], length: usize) -> Vec<[f64; 2]> {
     let count = lines.iter().map(|line| line.rounds.len()).max().unwrap_or(0);
     let of_round = |round: usize| {

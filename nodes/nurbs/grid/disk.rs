@@ -1,11 +1,11 @@
-//! A region as triangles that hang together like a disk.
+//! A region as a triangulated disk.
 //!
-//! Four cells around a corner of the grid make two triangles, three make one. Holes of the region are closed first. What hangs on
-//! the rest by single cells, or by nothing, is left out: of parts that share no edge the largest stays. Such a part is a disk: a
-//! vertex at which its triangles fell apart would lie on a closed chain of cells, and what that surrounds is closed.
+//! Four cells around a corner of the grid make two triangles, three make one. Holes of the region are closed first. Of the
+//! components that are connected by edges, the largest is kept. It is a disk: if several fans of its triangles met in a vertex, a closed
+//! chain of cells would run through that vertex, and what such a chain surrounds has been closed.
 //!
-//! An edge inside of the disk whose ends both lie on the border gets a vertex in its middle. Without that, no map to a square is
-//! one-to-one that lays all of a bay's border on one side of it: Floater, "One-to-one piecewise linear mappings over
+//! An inner edge whose ends both lie on the border gets a vertex in its middle. Otherwise no map to a square could be one-to-one if all
+//! of a bay's border goes to one side of the square: Floater, "One-to-one piecewise linear mappings over
 //! triangulations", Mathematics of Computation 72 (2003), theorem 6.1.
 
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 /// In place of the triangle on the other side of an edge that has none.
 const NONE: u32 = u32::MAX;
 
-/// Triangles that hang together like a disk.
+/// A triangulated disk.
 pub(crate) struct Disk {
     /// (column, row) of each vertex: first all cells of the window, then vertices between two cells.
     pub(crate) places: Vec<[f64; 2]>,
@@ -114,7 +114,7 @@ fn triangles(rows: usize, columns: usize, inside: &[u8]) -> Vec<[u32; 3]> {
     triangles
 }
 
-/// The triangles of the part with the most of them that hangs together by edges; of equals the first.
+/// The triangles of the largest component that is connected by edges; of equals the first.
 fn largest_part(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let neighbors = Sides::new(triangles).neighbors;
     let mut part = vec![NONE; triangles.len()];

@@ -6,7 +6,7 @@
 //! a surface has one tangent plane if the first ring lies in a plane with it, and so it is made to.
 //!
 //! The contour of a region that was found in a picture has steps and teeth, which a spoke may cross more than once. So the last
-//! row is a calm line around all of it ([`super::rays`]), on the region's points continued a little beyond its cells.
+//! row is a smooth line around all of it ([`super::rays`]), on the region's points continued a little beyond its cells.
 
 use maquette::Progress;
 use maquette::value::{self, RangeImage, Region};
@@ -282,7 +282,7 @@ mod tests {
         let range = hill();
         for teeth in [0.0, 1.0, 2.0, 3.0] {
             let disk = jagged(&range, teeth);
-            // Teeth may leave cells behind that hang on by nothing.
+            // Teeth may leave cells behind that are no longer connected.
             let net = match control_net(&disk, &range, POLAR, 0, 0, &Progress::none()) {
                 Err(NetError::Parts) => continue,
                 net => net.unwrap(),

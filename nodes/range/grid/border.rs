@@ -11,7 +11,7 @@ pub(crate) struct Border {
 }
 
 /// Shares of the way to the middle of both neighbors, in turn: Taubin, "A signal processing approach to fair surface design" (1995).
-/// What is shorter than some eight cells goes, what is longer stays.
+/// Waves shorter than some eight cells are removed, longer ones stay.
 const SHARES: [f64; 2] = [0.5, -0.53];
 
 impl Border {

@@ -12,11 +12,11 @@ const RIGHT: usize = 0;
 const LEFT: usize = 4;
 
 /// The borders of the cells with entry 1 in a `width` x `height` grid: the outer one first, then those of holes (parts of the
-/// rest that hang together by sides and do not reach the rim of the grid), in the order in which they are met row by row from
+/// rest that are connected by sides and do not reach the border of the grid), in the order in which they are met row by row from
 /// the top. Seen with y up, the outer border runs counter-clockwise and the others clockwise. A cell may come twice in a
 /// border where the part is one cell wide.
 ///
-/// The cells must hang together; otherwise each part has an outer border, not only the first.
+/// The cells must be connected; otherwise each component has an outer border, not only the first.
 ///
 /// # Panics
 /// If `inside` does not have `width * height` entries.

@@ -12,7 +12,7 @@ pub(crate) const JUMP: f64 = 6.0;
 /// Largest angle between a surface's normal and the line of sight in degrees, unless something else is asked for.
 pub(crate) const GRAZING: f64 = 85.0;
 
-/// Tells triangles on a surface from those that bridge the gap to what is behind it.
+/// Tells triangles on a surface from those that bridge a step in depth.
 pub(crate) struct Joins {
     spacing_sq: f64,
     longest_sq: f64,

@@ -12,8 +12,8 @@ use crate::range::grid::grid_triangles::quad_triangles;
 /// Cells of the largest shadow that is filled unless something else is asked for: what is larger is taken for a gap in the object.
 pub(crate) const LARGEST_SHADOW: usize = 1000;
 
-/// The cells of a grid without a point, in parts that hang together by sides; in each, cells in raster order. Parts that reach the rim of
-/// the grid are none: nothing surrounds the background.
+/// The shadows of a grid: the components of cells without a point, connected by sides, each with its cells in raster order. Components that
+/// reach the border of the grid are background, not shadows.
 pub(crate) fn shadows(width: usize, height: usize, points: &[Point3<f64>]) -> Vec<Vec<u32>> {
     let empty = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
     let parts = label(&Mask::new(width, height, empty).expect("a cell each"), Connectivity::Four);

@@ -20,7 +20,7 @@ pub(super) struct Block {
     pub(super) graph: String,
     pub(super) folder: String,
     pub(super) watched: usize,
-    /// Why files are looked at again and again; none if the system tells of changes.
+    /// Why files are polled; none if the system reports changes.
     pub(super) polled: Option<String>,
     /// What is wrong now.
     pub(super) problems: Vec<Problem>,

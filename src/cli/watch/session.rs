@@ -44,7 +44,7 @@ pub(super) struct Session<'a> {
     subgraphs: Vec<PathBuf>,
     /// Whether it wants to read files outside of its project.
     outside: bool,
-    /// What was last said to be watched, and why it is looked at again and again.
+    /// The files that were last reported as watched, and why they are polled.
     told: Option<(Vec<PathBuf>, Option<String>)>,
     contents: Contents,
     batch: Batch,

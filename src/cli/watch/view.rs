@@ -319,7 +319,7 @@ mod tests {
             note: None,
             uses: Vec::new(),
         };
-        let doubt = || problem(Severity::Warning, "it is thin");
+        let warning = || problem(Severity::Warning, "it is thin");
         let error = || problem(Severity::Error, "it is torn");
         let mut lines = Lines::default();
         let mut told = |problems: Vec<Problem>| {
@@ -327,11 +327,11 @@ mod tests {
             (Vec::from_iter(news.into_iter().map(|problem| problem.message)), known)
         };
         assert_eq!(
-            told(vec![doubt(), error()]),
+            told(vec![warning(), error()]),
             (vec!["it is thin".into(), "it is torn".into()], 0)
         );
-        assert_eq!(told(vec![doubt(), error()]), (vec!["it is torn".into()], 1));
+        assert_eq!(told(vec![warning(), error()]), (vec!["it is torn".into()], 1));
         assert_eq!(told(vec![]), (vec![], 0));
-        assert_eq!(told(vec![doubt()]), (vec!["it is thin".into()], 0));
+        assert_eq!(told(vec![warning()]), (vec!["it is thin".into()], 0));
     }
 }

@@ -24,7 +24,7 @@ const KEPT: usize = 192 << 20;
 pub(super) struct Job {
     pub(super) run: usize,
     pub(super) graph: Arc<Graph>,
-    /// What the check has doubts about.
+    /// The warnings of the check.
     pub(super) problems: Vec<Problem>,
     pub(super) cancel: CancelToken,
     /// Whether to compute everything, whatever is known.
@@ -34,7 +34,7 @@ pub(super) struct Job {
 /// What became of a job.
 pub(super) struct Report {
     pub(super) run: usize,
-    /// It was stopped; the rest says nothing then.
+    /// It was stopped; the other fields mean nothing then.
     pub(super) cancelled: bool,
     pub(super) trace: RunTrace,
     pub(super) problems: Vec<Problem>,
@@ -101,8 +101,8 @@ fn evaluate(job: &Job, session: &mut Session, wishes: &Wishes, observer: &dyn Ob
     let folder = &wishes.folder;
     let mut problems = job.problems.clone();
     session.use_memory(session.memory());
-    let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, doubts)| {
-        problems.extend(doubts);
+    let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, warnings)| {
+        problems.extend(warnings);
         let produced = session.produce(&graph, &wishes.only, folder, observer, &job.cancel);
         produced.map_err(|why| vec![graph.problem(code::UNKNOWN_LINK, why)])
     });

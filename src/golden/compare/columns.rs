@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::{Measure, Tolerance, in_unit, six, unit};
 use crate::golden::parts::{Class, GoldenColumn};
 
-/// What is allowed where nothing is said, as a share of the diagonal of all places or numbers: a billionth. The same program
+/// The default tolerance, as a share of the diagonal of all places or numbers: a billionth. The same program
 /// gives the same bits, so only the last digits of sums that are taken in another order are forgiven, some 1e-13; above that
 /// a fault hides, below a harmless change of code fails.
 const DEFAULT_SHARE: f64 = 1e-9;

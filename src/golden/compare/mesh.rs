@@ -120,12 +120,12 @@ struct Search {
 }
 
 impl Search {
-    /// Measures all vertices. Of very many that are so far away that each search looks into half of the other mesh, only some, if
-    /// these alone are farther than the limit: they tell the same.
+    /// Measures all vertices. If there are very many, and each search is long because the meshes are far from each other, only some are
+    /// measured, provided that one of these is beyond the limit already.
     fn new(from: &Mesh, to: &TriangleTree, limit: f64) -> Self {
-        /// So many tell what a surface is like, and how long the others would take.
+        /// So many vertices are measured first: they tell how far apart the surfaces are, and how long the others would take.
         const SOME: usize = 1 << 15;
-        /// A search near the surface looks into some 40 boxes.
+        /// Boxes that a long search visits; one near the surface visits some 40.
         const LONG: usize = 200;
         let all = from.positions();
         let stride = all.len() / SOME;
@@ -242,7 +242,7 @@ fn attributes(
     (measures, reasons)
 }
 
-/// What attributes are of.
+/// The elements on which attributes lie.
 #[derive(Clone, Copy)]
 enum Of {
     Vertex,

@@ -1,7 +1,7 @@
 //! A value beside what was kept of one: the same, the same but reordered, near enough, or different and where.
 //!
-//! Every entry is looked at. Its number was kept rounded, so each difference is known to some error, which is far below what is
-//! allowed: nothing passes that would not have passed otherwise, and what is only rounded does not differ.
+//! Every entry is compared. Numbers were kept rounded, so each difference is known up to an error that is far below the tolerance: rounding
+//! makes no value pass that would fail otherwise, and a difference within the error does not count.
 
 use super::pack::{Column, FACES, Kept, mark};
 use super::summary::{Line, SKETCH, summary};
@@ -78,13 +78,13 @@ impl Golden {
         let (told, mut measures) = self.measure(value, &parts, &same, tolerance);
         reasons.extend(told);
         if !reasons.is_empty() && !tolerance.remeshed {
-            // The faces say already that it is another mesh; that its surface may be so near, too, says nothing.
+            // It is known to be another mesh by its faces; that its surface is within the tolerance is not worth a line.
             let is_near =
                 |m: &&mut Measure| m.name.starts_with("surface,") && m.max - m.error <= m.allowed;
             measures.iter_mut().filter(is_near).for_each(|m| m.broken.clear());
         }
         if self.stride() > 1 {
-            // The range of a column says nothing more where all of its numbers were judged by sums over them.
+            // Where sums over all numbers of a column were judged, its range tells nothing more.
             let lax = |name: &str| parts.column(name).is_some_and(|part| is_lax(part, tolerance));
             let says_more = |line: &&Line| {
                 let column = line
@@ -221,7 +221,7 @@ impl Golden {
         measure
     }
 
-    /// Decides on a column of which only some was kept, and of which nothing may differ but the last digits.
+    /// Decides on a column of which only some numbers were kept, and which may differ in the last digits alone.
     fn judge_by_sums(&self, part: &GoldenColumn, measure: &mut Measure) {
         let Some(sketch) = self.sketch(part) else { return };
         let apart = sketch.apart(&Sketch::of(&part.numbers));
@@ -271,7 +271,7 @@ impl Golden {
         };
         let lax = |label: &str| tolerance.remeshed && about_faces(label);
         let old = self.lines.iter().filter(|(label, text)| {
-            // The numbers of a column that is gone are told with the column.
+            // A column that is gone is reported as a whole, without its numbers.
             !by_itself(label) && !is_number(label) && !lax(label) && !text.contains(" .. ")
         });
         let new = now
@@ -301,7 +301,7 @@ impl Golden {
     }
 }
 
-/// What is said where the hash is another one, but no number.
+/// The reason where the hash differs, but nothing that is compared.
 const NOTHING_COMPARED: &str = "its hash is another one, but nothing that is compared";
 
 /// Whether a test file allows some difference of a column.
@@ -407,7 +407,7 @@ mod tests {
         AnyValue::new(mesh.with_positions(positions).unwrap())
     }
 
-    /// What is kept of a value if only some of it is to be.
+    /// A tolerance with which only some of a value is kept.
     fn sampled() -> Tolerance {
         Tolerance { keep: Keep::Sampled { every: 9 }, ..Tolerance::default() }
     }

@@ -34,7 +34,7 @@ const MOVES: [(f64, Verdict); 5] = [
     (1e7, Verdict::Different),
 ];
 
-/// So many places are tried of all, among them the first and the last; `PLACES` says how many.
+/// How many of all places are tried, the first and the last among them: the environment variable `PLACES`, or 9.
 fn places_tried(count: usize) -> usize {
     let said = std::env::var("PLACES").ok().and_then(|text| text.parse().ok());
     said.unwrap_or(9).clamp(2, count.max(2))

@@ -1,4 +1,5 @@
-//! All numbers of a value in few bytes: rounded below what can be judged, without what their neighbors foretell, and coded.
+//! All numbers of a value in few bytes: rounded to far below the tolerance, reduced to residuals of a prediction from their neighbors, and
+//! entropy-coded.
 
 use std::cell::OnceCell;
 

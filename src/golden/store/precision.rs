@@ -1,10 +1,10 @@
-//! How exactly the numbers of a column are kept: so that what may be asked of them can be answered.
+//! How exactly the numbers of a column are kept: exactly enough to decide whether a new value is within the tolerance.
 //!
-//! A number is rounded to a step that is a small part of what is allowed, so that rounding decides nothing. Where little is
-//! allowed, these would be many digits, and all of them as good as random. Then the number is kept in two parts. A rough one
-//! tells where something is, how it looks, and how far it moved. The last digits of the fine one tell how far it moved if it
-//! hardly moved at all: the old number is the one with these digits that is nearest to the new one. Whether that is so for all
-//! numbers of the column, their mark says: if any moved farther, it is another one.
+//! A number is rounded to a step that is a small part of the tolerance, so that rounding does not decide. With a small tolerance these
+//! would be many digits, which cannot be compressed. Then two things are kept instead: the number on a coarse step, which tells where
+//! something is and about how far it moved; and the last digits of the number on the fine step. From these the old number follows if it has
+//! hardly changed: it is the one with the same last digits that is nearest to the new one. A checksum of all numbers of the column (its
+//! mark) confirms this; if any number has changed more, the mark is another one.
 
 use crate::golden::compare::{Tolerance, allowed, given, size};
 use crate::golden::parts::{Class, GoldenColumn};
@@ -22,7 +22,7 @@ const SHOWN_ANGLE: f64 = 0.01;
 /// So many steps are in what a test file allows. An element's three numbers are then off by a seventieth of it together.
 const STEPS_GIVEN: f64 = 64.0;
 
-/// So many are in what is allowed where nothing is said, which is a guess at what a harmless change of code does.
+/// So many steps are in the default tolerance, which is a guess at what a harmless change of code does.
 const STEPS: f64 = 24.0;
 
 /// Last digits for these: some more than what is allowed must fit into them in both directions.

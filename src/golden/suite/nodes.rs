@@ -1,4 +1,4 @@
-//! What the nodes of a graph were when a golden was accepted, and which of them are others now: why a result changed.
+//! The nodes of a graph as they were when its golden was accepted, and how they differ now: why a result changed.
 
 use crate::eval::Evaluation;
 use crate::graph::{Graph, Link};

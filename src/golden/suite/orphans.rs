@@ -1,5 +1,5 @@
-//! Goldens that nothing asks for. The summary of a golden names the files that belong to it: whatever else lies in the folders of
-//! goldens is somebody's, and is left alone. Links are not followed.
+//! Goldens that no test asks for any more. The summary of a golden names the files that belong to it; other files in the folders of goldens
+//! are not ours and are left alone. Links are not followed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

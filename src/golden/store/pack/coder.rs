@@ -10,7 +10,7 @@ pub(super) struct Bit {
     slow: u16,
 }
 
-/// A decision of which nothing is known yet.
+/// The state before a decision has been coded: both outcomes are equally likely.
 pub(super) const EVEN: Bit = Bit { fast: 1 << 15, slow: 1 << 15 };
 
 impl Bit {
@@ -36,7 +36,7 @@ pub(super) trait Coder {
     /// A decision: the given one where it is written, that of the bytes where it is read.
     fn bit(&mut self, bit: &mut Bit, yes: bool) -> bool;
 
-    /// The lowest bits of a number, of which nothing is known; at most 64.
+    /// The lowest bits of a number, at most 64, each as likely 0 as 1.
     fn plain(&mut self, count: u32, number: u64) -> u64;
 }
 

@@ -1,4 +1,4 @@
-//! The corners of faces: each is told by its place among the vertices that are likely there.
+//! The corners of faces: each is coded by its rank among the vertices that are likely there.
 //!
 //! Where two faces meet at an edge, one of them runs through it in the other direction. So what follows a vertex in a face is
 //! mostly the start of an edge towards it that had no partner yet. Gumhold and Strasser, "Real time compression of triangle mesh
@@ -6,7 +6,7 @@
 
 use super::coder::{Bit, Coder, EVEN, Numbers};
 
-/// How many likely vertices are looked at.
+/// How many likely vertices are tried.
 const LIKELY: usize = 12;
 
 /// Edges of a vertex that are remembered as long as they have no partner.
@@ -61,7 +61,7 @@ impl Open {
     }
 }
 
-/// Codes the corners of faces with so many sides each; where they are read, the given ones say nothing but their number.
+/// Codes the corners of faces with so many sides each. When they are read, only the number of the given ones counts.
 pub(super) fn code(coder: &mut impl Coder, sides: &[usize], corners: &[u32]) -> Option<Vec<u32>> {
     let mut read: Vec<u32> = Vec::new();
     // Edges towards a vertex and away from it.

@@ -1,4 +1,4 @@
-//! Whole numbers for each element: what those around it foretell is taken off, and the small rest is coded.
+//! Whole numbers for each element: each is predicted from its neighbors, and the small residual is coded.
 
 use super::coder::{Bit, Coder, EVEN, Numbers, length};
 
@@ -12,7 +12,7 @@ pub(super) enum Layout<'a> {
     Mesh(&'a MeshNeighbors),
 }
 
-/// For each vertex, what comes before it: neighbors, and corners of parallelograms of which it is the fourth.
+/// For each vertex the earlier vertices that predict it: neighbors, and corners of parallelograms of which it is the fourth.
 pub(super) struct MeshNeighbors {
     /// Where those of a vertex begin.
     starts: Vec<u32>,
@@ -124,7 +124,7 @@ impl Whole {
     }
 }
 
-/// Codes so many elements; where they are read, the given ones say nothing but their width.
+/// Codes so many elements. When they are read, only the width of the given ones counts.
 pub(super) fn code(
     coder: &mut impl Coder,
     layout: &Layout<'_>,
