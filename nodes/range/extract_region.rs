@@ -15,7 +15,7 @@ use crate::linear::laplace::Unsolved;
 /// Takes one labelled part of a picture as a region of the range grid, ready to be redesigned.
 ///
 /// A range cell belongs to the region if at least half of what it sees of the picture does, or if the part surrounds it. Cells inside for
-/// which the scanner has no point are filled smoothly from those around them; where it saw nothing up to the rim of the grid, they are
+/// which the scanner has no point are filled smoothly from those around them; where it saw nothing up to the border of the grid, they are
 /// left out instead. If the region falls apart, its largest piece is taken.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ExtractRegion {
@@ -184,9 +184,9 @@ pub struct Taken {
 /// A cell is inside if at least half of the area that it sees of the picture is; then gaps are closed with a square of radius
 /// `close_radius` in cells, and with `enclosed` what no way by sides leads to from outside, if most of its cells with a point beside
 /// the part are at most six times the grid's median spacing away from their neighbors there. With `fill` the invalid cells that hang
-/// together by sides and touch no cell outside the region, or neither the rim of the grid nor a thousand others, get points by
+/// together by sides and touch no cell outside the region, or neither the border of the grid nor a thousand others, get points by
 /// Laplace's equation, coordinate by coordinate, from the cells of the region around them; they are flagged, as are the cells that
-/// `range` has as filled. Other invalid cells leave the region. Beyond the grid's rim is outside. Of what remains the largest part that
+/// `range` has as filled. Other invalid cells leave the region. Beyond the grid's border is outside. Of what remains the largest part that
 /// is connected by sides is taken, of several the first.
 ///
 /// # Errors

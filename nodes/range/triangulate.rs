@@ -31,7 +31,7 @@ pub struct Triangulate {
     #[serde(default = "grazing")]
     pub grazing: f64,
     /// How often borders are smoothed; 0 leaves them the steps of the grid. No vertex moves by more than one cell, none along the
-    /// rim of the grid.
+    /// border of the grid.
     #[schemars(range(max = 1000))]
     #[serde(default = "twenty")]
     pub smooth_border: u32,
@@ -333,7 +333,7 @@ mod tests {
 
     #[test]
     fn borders_lose_their_steps_and_keep_their_place() {
-        // A slanted edge, and the rim of the grid.
+        // A slanted edge, and the border of the grid.
         let rows: Vec<String> = (0..24)
             .map(|y| (0..30).map(|x| if 5 * x < 40 + 2 * y { '#' } else { '.' }).collect())
             .collect();

@@ -36,7 +36,7 @@ impl Border {
     }
 
     /// Smooths the borders `rounds` times: the vertices' positions, and with them their `places`, column and row in a grid of
-    /// `size` = (width, height). No place moves by more than one cell, none on the rim of the grid at all.
+    /// `size` = (width, height). No place moves by more than one cell, none on the border of the grid at all.
     pub(crate) fn smooth(
         &self,
         rounds: u32,

@@ -28,7 +28,7 @@ pub(crate) fn shadows(width: usize, height: usize, points: &[Point3<f64>]) -> Ve
     shadows
 }
 
-/// The cells around each of `cells`, none of which is on the rim of the grid, and the cells themselves.
+/// The cells around each of `cells`, none of which is on the border of the grid, and the cells themselves.
 pub(crate) fn around(width: usize, cells: &[u32]) -> impl Iterator<Item = usize> {
     cells.iter().flat_map(move |&cell| {
         let cell = cell as usize;
@@ -36,7 +36,7 @@ pub(crate) fn around(width: usize, cells: &[u32]) -> impl Iterator<Item = usize>
     })
 }
 
-/// Marks all triangles at `cells`, none of which is on the rim of the grid, as parts of the surface.
+/// Marks all triangles at `cells`, none of which is on the border of the grid, as parts of the surface.
 pub(crate) fn join_around(width: usize, cells: &[u32], points: &[Point3<f64>], joined: &mut [u8]) {
     for &cell in cells {
         let cell = cell as usize;
