@@ -7,7 +7,7 @@
 use divan::{Bencher, black_box};
 use maquette::Progress;
 use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, Points};
-use maquette_nodes::deform::{Deforming, Drag, ffd};
+use maquette_nodes::deform::{Deforming, Drag, Mode, ffd};
 use maquette_nodes::mesh::Movable;
 use nalgebra::{Point3, Vector3};
 
@@ -70,7 +70,9 @@ fn grid(count: usize) -> [usize; 3] {
 }
 
 fn deform(bencher: Bencher<'_, '_>, what: &Movable, handles: &Handles, how: Deforming) {
-    bencher.bench(|| ffd(black_box(what), black_box(handles), how, &Progress::none()));
+    bencher.bench(|| {
+        ffd(black_box(what), black_box(handles), Mode::default(), how, &Progress::none())
+    });
 }
 
 #[divan::bench(args = [64, 256])]
@@ -93,7 +95,8 @@ fn surface(bencher: Bencher<'_, '_>, count: usize) {
 #[divan::bench(args = ["points", "mesh"])]
 fn drag(bencher: Bencher<'_, '_>, what: &str) {
     let what = if what == "points" { cloud() } else { sheet() };
-    let drag = Drag::new(&what, &handles([4, 4, 4], 0.55), &[21], Deforming::default());
+    let drag =
+        Drag::new(&what, &handles([4, 4, 4], 0.55), &[21], Mode::default(), Deforming::default());
     let drag = drag.expect("a well conditioned layout");
     let to = [(21, Point3::new(0.4, 0.4, 0.5))];
     bencher.bench(|| drag.to(black_box(&to), &Progress::none()));

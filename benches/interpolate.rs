@@ -66,7 +66,7 @@ fn sizes(table: &Table) {
 }
 
 fn interpolated(mesh: &Mesh, scheme: Scheme) -> Mesh {
-    let found = interpolate(mesh, scheme, &InterpolateOptions::default(), &Progress::none());
+    let found = interpolate(mesh, scheme, &InterpolateOptions::default(), &[], &Progress::none());
     let found = found.expect("a surface");
     assert!(found.settled, "the surface passes through the vertices");
     found.shape
@@ -82,7 +82,7 @@ fn published(table: &Table) {
         (options.how.foot, options.how.solver) = (Foot::Closest, Solver::Plain);
         options.how.tolerance = 1e-5;
         let run = || {
-            let found = interpolate(&mesh, scheme, &options, &Progress::none());
+            let found = interpolate(&mesh, scheme, &options, &[], &Progress::none());
             let found = found.expect("a surface");
             assert!(found.settled, "the surface passes through the vertices");
             found.shape

@@ -17,7 +17,7 @@ use maquette::value::{
     Attribute, ControlNet, Faces, Handle, HandleSpace, Handles, Image, KnotVector, Mesh, Points,
     Rgb, Surface,
 };
-use maquette_nodes::deform::{Deforming, Drag, ffd};
+use maquette_nodes::deform::{Deforming, Drag, Mode, ffd};
 use maquette_nodes::fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
@@ -186,7 +186,8 @@ fn four_steps(scheme: Scheme) -> Subdivision {
 fn pass_through(folder: &Path, name: &str, scheme: Scheme) {
     let mesh = mesh(folder, name);
     let options = InterpolateOptions::default();
-    let run = || interpolate(&mesh, scheme, &options, &Progress::none()).expect("a surface").shape;
+    let run =
+        || interpolate(&mesh, scheme, &options, &[], &Progress::none()).expect("a surface").shape;
     serve(run, squares);
 }
 
@@ -211,14 +212,18 @@ const NARROW: f64 = 1.0 / 3.0;
 fn deform(folder: &Path, count: usize, narrower: f64, accuracy: f64) {
     let (what, handles) = (cloud(folder), handles(folder, count, narrower));
     let how = Deforming { accuracy, ..Deforming::default() };
-    let run = || ffd(&what, &handles, how, &Progress::none()).expect("a well conditioned layout").0;
+    let run = || {
+        ffd(&what, &handles, Mode::default(), how, &Progress::none())
+            .expect("a well conditioned layout")
+            .0
+    };
     serve(run, sum);
 }
 
 /// The 22nd handle, by a little more than its own move.
 fn drag(folder: &Path) {
     let handles = handles(folder, 64, 1.0);
-    let drag = Drag::new(&cloud(folder), &handles, &[21], Deforming::default());
+    let drag = Drag::new(&cloud(folder), &handles, &[21], Mode::default(), Deforming::default());
     let drag = drag.expect("a well conditioned layout");
     let to = [(21, handles.to()[21] + nalgebra::Vector3::new(0.01, 0.02, 0.03))];
     serve(|| drag.to(&to, &Progress::none()).expect("finite points").0, sum);

@@ -46,21 +46,9 @@ pub struct Ffd {
     /// The space of `handles` and `targets`; those of `layout` have their own.
     #[serde(default)]
     pub space: HandleSpace,
-    /// How much stays where it is, as a weight beside those of the handles: with more than 0 their pull ends at some deviations
-    /// from them. Only for displacements.
-    #[schemars(range(min = 0.0))]
-    #[serde(default)]
-    pub background: f64,
-    /// With more than 0, handles may miss their targets to keep the deformation calm: the weight of the coefficients beside
-    /// that of the misses, squared. For handles so close together that they could not be met otherwise.
-    #[schemars(range(min = 0.0))]
-    #[serde(default)]
-    pub regularize: f64,
-    /// How far a point may land from where it should, in diagonals of the box. With more than 0, handles too far from a point
-    /// to matter are left out, which is faster for small deviations; with 0 all of them count everywhere.
-    #[schemars(range(min = 0.0, max = 0.001))]
-    #[serde(default)]
-    pub accuracy: f64,
+    /// How far the handles' pull goes, and how well they are met.
+    #[serde(flatten)]
+    pub how: Deforming,
 }
 
 /// Another target for a handle.
@@ -81,17 +69,11 @@ impl Node for Ffd {
         let what = cx.get(&self.mesh);
         let frame = self.frame.as_ref().and_then(|frame| bounds(&cx.get(frame)));
         let Some(frame) = frame.or_else(|| bounds(&what)) else { return Ok((what,)) };
-        let how = Deforming {
-            mode: self.mode,
-            background: self.background,
-            regularize: self.regularize,
-            accuracy: self.accuracy,
-            frame: Some(frame),
-        };
+        let how = Deforming { frame: Some(frame), ..self.how };
         let layout = self.layout.as_ref().map(|layout| cx.get(layout));
         let handles = self.all_handles(layout, frame)?;
         let (deformed, report) = if self.targets.is_empty() {
-            let prepared = prepared(&handles, frame, how)?;
+            let prepared = prepared(&handles, frame, self.mode, how)?;
             let system = |layout: &_| cx.memo(layout, System::memo);
             deform(&what, &prepared, how, system, cx.progress())?
         } else {
@@ -99,7 +81,7 @@ impl Node for Ffd {
             let dragged = Vec::from_iter(targets.iter().map(|(handle, _)| *handle));
             let system = |layout: &_| cx.memo(layout, System::memo);
             let keep = |part: &_| cx.memo(part, drag::memo);
-            let drag = Drag::with(&what, &handles, &dragged, how, system, keep)?;
+            let drag = Drag::with(&what, &handles, &dragged, self.mode, how, system, keep)?;
             drag.to(&targets, cx.progress())?
         };
         report.warn(&what, frame, cx);

@@ -57,17 +57,21 @@ pub(super) fn in_world(handles: &[Handle]) -> Handles {
 }
 
 /// In the unit cube.
-pub(super) fn how(mode: Mode) -> Deforming {
-    Deforming { mode, frame: Some(UNIT), ..Deforming::default() }
+pub(super) fn how(mode: Mode) -> (Mode, Deforming) {
+    (mode, in_unit())
+}
+
+pub(super) fn in_unit() -> Deforming {
+    Deforming { frame: Some(UNIT), ..Deforming::default() }
 }
 
 pub(super) fn try_move(
     points: &[Point3<f64>],
     handles: &[Handle],
-    how: Deforming,
+    (mode, how): (Mode, Deforming),
 ) -> Result<(Vec<Point3<f64>>, Report), FfdError> {
     let what = Movable::Points(Points::new(points.to_vec()).unwrap());
-    let (moved, report) = ffd(&what, &in_world(handles), how, &Progress::none())?;
+    let (moved, report) = ffd(&what, &in_world(handles), mode, how, &Progress::none())?;
     let Movable::Points(moved) = moved else { panic!("points stay points") };
     Ok((moved.positions().to_vec(), report))
 }
@@ -75,7 +79,7 @@ pub(super) fn try_move(
 pub(super) fn moved(
     points: &[Point3<f64>],
     handles: &[Handle],
-    how: Deforming,
+    how: (Mode, Deforming),
 ) -> Vec<Point3<f64>> {
     try_move(points, handles, how).unwrap().0
 }

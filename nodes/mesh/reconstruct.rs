@@ -39,36 +39,9 @@ pub struct Reconstruct {
     /// Whether captures are moved from their cameras' places to the world's.
     #[serde(default)]
     pub poses: Poses,
-    /// Length of the skin's edges; 0 is as fine as the points and their noise allow. Large ones make a first control mesh.
-    #[schemars(range(min = 0.0), extend("unit" = "mm"))]
-    #[serde(default)]
-    pub spacing: f64,
-    /// How strongly the skin is held to the points: less is smoother.
-    #[schemars(range(min = 0.0, max = 100.0))]
-    #[serde(default = "four")]
-    pub screening: f64,
-    /// Which normals tell the outside.
-    #[serde(default)]
-    pub normals: Normals,
-    /// Whether the skin is closed, or ends where the points do.
-    #[serde(default)]
-    pub skin: SkinKind,
-    /// How far from the nearest point the skin still belongs to the points, in multiples of the points' distance from each other
-    /// (or of the skin's edges, if these are longer).
-    #[schemars(range(min = 0.5, max = 1000.0))]
-    #[serde(default = "two")]
-    pub reach: f64,
-    /// What the skin is made of.
-    #[serde(default)]
-    pub faces: FaceKind,
-}
-
-fn four() -> f64 {
-    4.0
-}
-
-fn two() -> f64 {
-    2.0
+    /// How the skin is made.
+    #[serde(flatten)]
+    pub how: Options,
 }
 
 /// Which normals tell the outside of points.
@@ -188,33 +161,43 @@ impl Node for Reconstruct {
                 "only {known} of {all} sources have a pose, so that all stay as they lie"
             ));
         }
-        let options = Options {
-            spacing: self.spacing,
-            screening: self.screening,
-            normals: self.normals,
-            skin: self.skin,
-            reach: self.reach,
-            faces: self.faces,
-        };
-        Ok((reconstruct(&sources, self.poses, &options, cx.progress())?,))
+        Ok((reconstruct(&sources, self.poses, &self.how, cx.progress())?,))
     }
 }
 
 /// How a skin is made; see [`Reconstruct`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Options {
-    /// Length of its edges in mm; 0 chooses it.
+    /// Length of the skin's edges; 0 is as fine as the points and their noise allow. Large ones make a first control mesh.
+    #[schemars(range(min = 0.0), extend("unit" = "mm"))]
+    #[serde(default)]
     pub spacing: f64,
-    /// How strongly it is held to the points, 0 to 100.
+    /// How strongly the skin is held to the points: less is smoother.
+    #[schemars(range(min = 0.0, max = 100.0))]
+    #[serde(default = "four")]
     pub screening: f64,
-    /// Which normals are used.
+    /// Which normals tell the outside.
+    #[serde(default)]
     pub normals: Normals,
-    /// Whether it has borders.
+    /// Whether the skin is closed, or ends where the points do.
+    #[serde(default)]
     pub skin: SkinKind,
-    /// How far it goes beyond the points, in distances of points.
+    /// How far from the nearest point the skin still belongs to the points, in multiples of the points' distance from each other
+    /// (or of the skin's edges, if these are longer).
+    #[schemars(range(min = 0.5, max = 1000.0))]
+    #[serde(default = "two")]
     pub reach: f64,
-    /// What it is made of.
+    /// What the skin is made of.
+    #[serde(default)]
     pub faces: FaceKind,
+}
+
+fn four() -> f64 {
+    4.0
+}
+
+fn two() -> f64 {
+    2.0
 }
 
 impl Default for Options {

@@ -16,6 +16,14 @@ use super::grid::grid_triangles::Rays;
 pub struct Denoise {
     /// The range image.
     pub range: In<RangeImage>,
+    /// How it is smoothed.
+    #[serde(flatten)]
+    pub how: Denoising,
+}
+
+/// How a range image is smoothed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Denoising {
     /// How far around a cell its neighbors count.
     #[schemars(range(min = 1, max = 16), extend("unit" = "cells"))]
     #[serde(default = "two")]
@@ -43,25 +51,12 @@ fn once() -> u32 {
     1
 }
 
-/// How a range image is smoothed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Denoising {
-    /// How far around a cell its neighbors count, in cells.
-    pub radius: u32,
-    /// The least difference in depth that is an edge, in mm.
-    pub depth: f64,
-    /// How many times it is smoothed.
-    pub iterations: u32,
-}
-
 impl Node for Denoise {
     type Outputs = (RangeImage,);
     const OUTPUTS: [&'static str; 1] = ["range"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let Self { radius, depth, iterations, .. } = *self;
-        let how = Denoising { radius, depth, iterations };
-        Ok((denoise(cx.get(&self.range), how, cx.progress())?,))
+        Ok((denoise(cx.get(&self.range), self.how, cx.progress())?,))
     }
 }
 

@@ -36,15 +36,9 @@ pub struct Interpolate {
     pub mesh: In<Mesh>,
     /// The rules of the subdivision.
     pub scheme: Scheme,
-    /// What happens at the border of an open mesh.
-    #[serde(default)]
-    pub boundary: Boundary,
-    /// How control points are found.
+    /// How they are met.
     #[serde(flatten)]
-    pub how: Interpolation,
-    /// What to do if no control mesh has a surface through all vertices.
-    #[serde(default)]
-    pub on_singular: OnSingular,
+    pub options: InterpolateOptions,
     /// A vertex attribute of flags: the control points where it is set stay on their vertices, which the surface then misses. None
     /// if left empty.
     #[serde(default)]
@@ -110,17 +104,18 @@ pub enum InterpolateError {
     Cancelled(#[from] Cancelled),
 }
 
-/// Vertices to meet, apart from their places.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct InterpolateOptions<'a> {
-    /// What happens at the border.
+/// How vertices are met.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct InterpolateOptions {
+    /// What happens at the border of an open mesh.
+    #[serde(default)]
     pub boundary: Boundary,
     /// How control points are found.
+    #[serde(flatten)]
     pub how: Interpolation,
-    /// What to do if there are none.
+    /// What to do if no control mesh has a surface through all vertices.
+    #[serde(default)]
     pub on_singular: OnSingular,
-    /// Marks the control points that stay where they are; empty for none.
-    pub fixed: &'a [bool],
 }
 
 impl Node for Interpolate {
@@ -130,10 +125,9 @@ impl Node for Interpolate {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
         let fixed = fixed_vertices(mesh, &self.fixed)?;
-        let Self { boundary, how, on_singular, .. } = *self;
-        let options = InterpolateOptions { boundary, how, on_singular, fixed: &fixed };
         let limit = |topology: &Topology| cx.memo(topology, LimitPlaces::memo);
-        let found = interpolate_with::<Error>(mesh, self.scheme, &options, cx.progress(), limit)?;
+        let (scheme, options) = (self.scheme, &self.options);
+        let found = interpolate_with::<Error>(mesh, scheme, options, &fixed, cx.progress(), limit)?;
         Ok(found.outputs(cx, "surface"))
     }
 }
@@ -148,7 +142,8 @@ fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, InterpolateError
     }
 }
 
-/// The control mesh whose limit surface passes through the vertices of `mesh`.
+/// The control mesh whose limit surface passes through the vertices of `mesh`, but for those whose flags in `fixed`, if there are
+/// any, say that their control points stay on them.
 ///
 /// With `foot: Vertex` the distances are those of each vertex from its control point's limit, and the problem is linear: Halstead,
 /// Kass and DeRose, "Efficient, fair interpolation using Catmull-Clark surfaces" (1993), solved by conjugate gradients or by the
@@ -163,18 +158,20 @@ fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, InterpolateError
 pub fn interpolate(
     mesh: &Mesh,
     scheme: Scheme,
-    options: &InterpolateOptions<'_>,
+    options: &InterpolateOptions,
+    fixed: &[bool],
     progress: &Progress<'_>,
 ) -> Result<Interpolated<Mesh>, InterpolateError> {
     let limit = |topology: &Topology| LimitPlaces::new(topology).map_err(InterpolateError::from);
-    interpolate_with(mesh, scheme, options, progress, limit)
+    interpolate_with(mesh, scheme, options, fixed, progress, limit)
 }
 
 /// [`interpolate`] with limits from `limit`.
 fn interpolate_with<E: From<InterpolateError>>(
     mesh: &Mesh,
     scheme: Scheme,
-    options: &InterpolateOptions<'_>,
+    options: &InterpolateOptions,
+    fixed: &[bool],
     progress: &Progress<'_>,
     limit: impl Fn(&Topology) -> Result<LimitPlaces, E>,
 ) -> Result<Interpolated<Mesh>, E> {
@@ -199,13 +196,13 @@ fn interpolate_with<E: From<InterpolateError>>(
             .check("solving for the control points by factors", products)
             .map_err(InterpolateError::from)?;
     }
-    let matrix = || limit_matrix(&limits, mesh.faces(), options.fixed);
+    let matrix = || limit_matrix(&limits, mesh.faces(), fixed);
     let solved = match how.foot {
         Foot::Closest => {
             let feet = ClosestFeet::new(mesh, subdivision, &limits.positions);
             let mut feet = feet.map_err(InterpolateError::from)?;
             let feet = |control: &[Point3<f64>], look: Look<'_>| feet.of(control, look.own);
-            control_points(points, how, options.fixed, progress, feet, matrix)
+            control_points(points, how, fixed, progress, feet, matrix)
         }
         Foot::Vertex => {
             let normals = how.direction == Direction::Normal;
@@ -215,7 +212,7 @@ fn interpolate_with<E: From<InterpolateError>>(
             let feet = |control: &[Point3<f64>], look: Look<'_>| {
                 vertex_feet(rows, facing.as_ref(), control, look.own)
             };
-            control_points(points, how, options.fixed, progress, feet, matrix)
+            control_points(points, how, fixed, progress, feet, matrix)
         }
     };
     let solved = solved.map_err(InterpolateError::from)?;
@@ -225,8 +222,7 @@ fn interpolate_with<E: From<InterpolateError>>(
             return refined_once(mesh, subdivision, how, progress, limit);
         }
         None => {
-            let nearest =
-                least_squares(&limits.positions, points, points, options.fixed, how, progress);
+            let nearest = least_squares(&limits.positions, points, points, fixed, how, progress);
             let nearest = nearest.map_err(InterpolateError::from)?;
             if options.on_singular != OnSingular::LeastSquares && nearest.unreachable {
                 return Err(not_interpolable(&limits, points, &nearest).into());

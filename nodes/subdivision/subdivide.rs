@@ -8,15 +8,11 @@ use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::boundary::Boundary;
-use super::corners::Corners;
-use super::creases::Creases;
 use super::limit::limit_rows::Limit;
 use super::options::Subdivision;
 use super::refine::manifold::manifold;
 use super::refine::plan::{Before, EndLimit, Plan};
 use super::refine::step::{LastLimit, Step};
-use super::scheme::Scheme;
 use super::subdivide_error::SubdivideError;
 
 /// Refines a mesh towards a smooth surface.
@@ -30,32 +26,13 @@ use super::subdivide_error::SubdivideError;
 pub struct Subdivide {
     /// What is refined: a surface, of triangles only for `Loop`. Its creases stay sharp, or soften by 1 a step.
     pub mesh: In<Mesh>,
-    /// The rules.
-    pub scheme: Scheme,
-    /// How often each face is split; each step makes four times as many faces.
-    #[schemars(range(max = 8))]
-    #[serde(default = "two")]
-    pub levels: u32,
-    /// Moves the vertices on to where they would be after endless steps, and adds the surface's normals.
-    #[serde(default)]
-    pub limit: bool,
-    /// What happens at the border of an open mesh.
-    #[serde(default)]
-    pub boundary: Boundary,
-    /// How creases are treated.
-    #[serde(default)]
-    pub creases: Creases,
-    /// How data at corners run, texture coordinates among them.
-    #[serde(default)]
-    pub corners: Corners,
+    /// How it is refined.
+    #[serde(flatten)]
+    pub how: Subdivision,
     /// Cuts a mesh apart where it is no surface: at edges with more than two faces or with faces that disagree about their side,
     /// and at vertices that join fans of faces. If left out, these are an error.
     #[serde(default)]
     pub split: bool,
-}
-
-fn two() -> u32 {
-    2
 }
 
 impl Node for Subdivide {
@@ -65,7 +42,7 @@ impl Node for Subdivide {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let split = self.split.then(|| manifold(cx.get(&self.mesh))).transpose()?;
         let mesh = split.as_ref().unwrap_or(cx.get(&self.mesh));
-        let Self { scheme, levels, limit, boundary, creases, corners, .. } = *self;
+        let Subdivision { scheme, levels, limit, .. } = self.how;
         if scheme.is_dual() && mesh.creases().len() > 0 {
             cx.warn("the scheme of Doo and Sabin knows no creases; they are dropped");
         }
@@ -91,8 +68,7 @@ impl Node for Subdivide {
                 Ok(EndLimit::Refined(cx.memo(step, LastLimit::memo)?))
             }
         };
-        let how = Subdivision { scheme, levels, limit, boundary, creases, corners };
-        let plan = Plan::with::<Error>(mesh, how, step, end)?;
+        let plan = Plan::with::<Error>(mesh, self.how, step, end)?;
         Ok((plan.apply_within(mesh, cx.progress())?,))
     }
 }

@@ -15,6 +15,7 @@ use crate::deform::gaussian::deformation::{Base, Deformation};
 use crate::deform::gaussian::field::{CHUNK, Wanted, field};
 use crate::deform::gaussian::layout::{Layout, Prepared};
 use crate::deform::gaussian::system::System;
+use crate::deform::mode::Mode;
 use crate::mesh::Movable;
 
 /// Fields that are kept together: as many as a point has coordinates, so that a group of them is computed like a deformation.
@@ -61,9 +62,10 @@ impl Drag {
         what: &Movable,
         handles: &Handles,
         dragged: &[usize],
+        mode: Mode,
         how: Deforming,
     ) -> Result<Self, FfdError> {
-        Self::with(what, handles, dragged, how, System::new, FieldInputs::make)
+        Self::with(what, handles, dragged, mode, how, System::new, FieldInputs::make)
     }
 
     /// [`Drag::new`] with what `system` and `keep` compute, or remember.
@@ -71,13 +73,14 @@ impl Drag {
         what: &Movable,
         handles: &Handles,
         dragged: &[usize],
+        mode: Mode,
         how: Deforming,
         system: impl FnOnce(&Layout) -> Result<System, E>,
         keep: impl Fn(&FieldInputs) -> Result<Kept, E>,
     ) -> Result<Self, E> {
         let origin = (Point3::origin(), Point3::origin());
         let frame = how.frame.or_else(|| bounds(what)).unwrap_or(origin);
-        let prepared = prepared(handles, frame, how)?;
+        let prepared = prepared(handles, frame, mode, how)?;
         let mut places = Vec::new();
         for &handle in dragged {
             let place = prepared.place(handle)?;

@@ -3,6 +3,8 @@
 use maquette::value::{Column, Handles};
 use maquette::{Cancelled, Progress};
 use nalgebra::{Matrix3, Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use super::object::{bounds, points, rebuilt, wanted};
 use super::report::Report;
@@ -15,26 +17,34 @@ use crate::deform::gaussian::system::System;
 use crate::deform::mode::Mode;
 use crate::mesh::Movable;
 
-/// How an object is deformed, beside its handles.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// How an object is deformed, beside its handles and what these share out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Deforming {
-    /// What handles share out.
-    pub mode: Mode,
-    /// How much stays where it is; see [`Ffd::background`](crate::deform::Ffd::background).
+    /// How much stays where it is, as a weight beside those of the handles: with more than 0 their pull ends at some deviations
+    /// from them. Only for displacements.
+    #[schemars(range(min = 0.0))]
+    #[serde(default)]
     pub background: f64,
-    /// How much handles may miss; see [`Ffd::regularize`](crate::deform::Ffd::regularize).
+    /// With more than 0, handles may miss their targets to keep the deformation calm: the weight of the coefficients beside
+    /// that of the misses, squared. For handles so close together that they could not be met otherwise.
+    #[schemars(range(min = 0.0))]
+    #[serde(default)]
     pub regularize: f64,
-    /// How far a point may land from where it should, in diagonals of the box.
+    /// How far a point may land from where it should, in diagonals of the box. With more than 0, handles too far from a point
+    /// to matter are left out, which is faster for small deviations; with 0 all of them count everywhere.
+    #[schemars(range(min = 0.0, max = 0.001))]
+    #[serde(default)]
     pub accuracy: f64,
     /// The box that the handles' space is of, in mm; the object's own if none.
+    #[serde(skip)]
     pub frame: Option<Bounds>,
 }
 
 /// Moves each handle to its target, and `what` along; see [`Ffd`](crate::deform::Ffd).
 ///
-/// Handles are in mm or in the box `how.frame`. Yoshida, Kanou and Kitajima, free-form deformation by rational Gaussian
-/// functions (equations 4 to 7); the other forms than the absolute one are as for radial basis functions. Positions have the
-/// unit of the object, mm. With `how.accuracy` above 0, a point is off by less than that many diagonals of the box.
+/// Handles share out what `mode` says, and are in mm or in the box `how.frame`. Yoshida, Kanou and Kitajima, free-form
+/// deformation by rational Gaussian functions (equations 4 to 7); the other forms than the absolute one are as for radial basis
+/// functions. Positions have the unit of the object, mm. With `how.accuracy` above 0, a point is off by less than that many diagonals of the box.
 ///
 /// # Errors
 /// If handles conflict, are too close together to be solved for, or too many; if a number is not one; if a place becomes
@@ -42,13 +52,14 @@ pub struct Deforming {
 pub fn ffd(
     what: &Movable,
     handles: &Handles,
+    mode: Mode,
     how: Deforming,
     progress: &Progress<'_>,
 ) -> Result<(Movable, Report), FfdError> {
     let Some(frame) = how.frame.or_else(|| bounds(what)) else {
         return Ok((what.clone(), Report::NOTHING));
     };
-    let prepared = prepared(handles, frame, how)?;
+    let prepared = prepared(handles, frame, mode, how)?;
     deform(what, &prepared, how, System::new, progress)
 }
 
@@ -56,12 +67,13 @@ pub fn ffd(
 pub(crate) fn prepared(
     handles: &Handles,
     frame: Bounds,
+    mode: Mode,
     how: Deforming,
 ) -> Result<Prepared, FfdError> {
     if !(0.0..1.0).contains(&how.accuracy) {
         return Err(FfdError::Accuracy { accuracy: how.accuracy });
     }
-    prepare(handles, frame, how.mode, how.background, how.regularize)
+    prepare(handles, frame, mode, how.background, how.regularize)
 }
 
 /// Deforms with a system from `system`.

@@ -15,7 +15,7 @@ fn handles_meet_their_targets_in_every_form() {
             assert!(farthest(&there, &to) <= 1e-10, "{mode:?}: {}", farthest(&there, &to));
             assert!(report.residual <= 1e-10);
         }
-        let with_background = Deforming { background: 0.1, ..how(Mode::Displacement) };
+        let with_background = (Mode::Displacement, Deforming { background: 0.1, ..in_unit() });
         assert!(farthest(&moved(&at, &handles, with_background), &to) <= 1e-10);
     }
 }
@@ -118,7 +118,7 @@ fn the_affine_form_reproduces_affine_motions_of_handles() {
     for (count, regularize) in [(4, 0.0), (5, 0.0), (30, 0.0), (30, 0.01)] {
         let places = random.points(count);
         let handles: Vec<_> = places.iter().map(|&at| handle(at, map(at), [0.2; 3])).collect();
-        let there = moved(&points, &handles, Deforming { regularize, ..how(Mode::Affine) });
+        let there = moved(&points, &handles, (Mode::Affine, Deforming { regularize, ..in_unit() }));
         assert!(farthest(&there, &expected) <= 1e-10, "{count}: {}", farthest(&there, &expected));
     }
 }
@@ -152,9 +152,12 @@ fn leaving_handles_out_changes_less_than_the_accuracy() {
     ] {
         for reach in [0.2, 0.35, 0.7] {
             let handles = scattered(&mut random, 4, reach);
-            let exact = Deforming { background, ..how(mode) };
+            let exact = Deforming { background, ..in_unit() };
             let fast = Deforming { accuracy: 1e-7, ..exact };
-            let off = farthest(&moved(&points, &handles, exact), &moved(&points, &handles, fast));
+            let off = farthest(
+                &moved(&points, &handles, (mode, exact)),
+                &moved(&points, &handles, (mode, fast)),
+            );
             assert!(off <= 1e-7, "{mode:?} {background} {reach}: {off:e}");
         }
     }
@@ -184,7 +187,8 @@ fn regularization_solves_what_is_singular_and_says_how_far_handles_are_off() {
     let singular = try_move(&points, &handles, how(Mode::Displacement));
     assert!(matches!(singular, Err(FfdError::Singular { .. })), "{singular:?}");
     let with = |regularize: f64| {
-        try_move(&points, &handles, Deforming { regularize, ..how(Mode::Displacement) }).unwrap()
+        try_move(&points, &handles, (Mode::Displacement, Deforming { regularize, ..in_unit() }))
+            .unwrap()
     };
     let ((calm, some), (_, more)) = (with(0.01), with(1.0));
     assert!(0.0 < some.residual && some.residual < more.residual && more.residual < 0.3);
@@ -232,7 +236,7 @@ fn a_wider_ninth_handle_moves_more_points() {
         let mut handles = corners([0.5; 3]);
         let at = Point3::new(0.5, 0.3, 0.9);
         handles.push(handle(at, at + Vector3::new(0.0, 0.0, 0.15), [sigma; 3]));
-        let how = Deforming { background: 0.01, ..how(Mode::Displacement) };
+        let how = (Mode::Displacement, Deforming { background: 0.01, ..in_unit() });
         let there = moved(&points, &handles, how);
         points.iter().zip(&there).filter(|(a, b)| (*b - *a).norm() > 0.0015).count()
     };
@@ -242,17 +246,20 @@ fn a_wider_ninth_handle_moves_more_points() {
 
 #[test]
 fn only_displacements_have_a_background_and_numbers_are_checked() {
-    let check = |how: Deforming| try_move(&[Point3::origin()], &corners([1.0; 3]), how).map(|_| ());
+    let base = in_unit();
+    let check = |mode: Mode, how: Deforming| {
+        try_move(&[Point3::origin()], &corners([1.0; 3]), (mode, how)).map(|_| ())
+    };
     for mode in [Mode::Absolute, Mode::Affine] {
-        let wrong = Deforming { background: 0.1, ..how(mode) };
-        assert_eq!(check(wrong), Err(FfdError::Background { background: 0.1 }));
+        let wrong = Deforming { background: 0.1, ..base };
+        assert_eq!(check(mode, wrong), Err(FfdError::Background { background: 0.1 }));
     }
-    let base = how(Mode::Displacement);
-    assert!(check(Deforming { background: -1.0, ..base }).is_err());
-    assert!(check(Deforming { regularize: f64::NAN, ..base }).is_err());
-    assert!(check(Deforming { accuracy: 1.0, ..base }).is_err());
+    let mode = Mode::Displacement;
+    assert!(check(mode, Deforming { background: -1.0, ..base }).is_err());
+    assert!(check(mode, Deforming { regularize: f64::NAN, ..base }).is_err());
+    assert!(check(mode, Deforming { accuracy: 1.0, ..base }).is_err());
     let many = vec![corners([1.0; 3])[0]; 2001];
-    let error = try_move(&[Point3::origin()], &many, base).unwrap_err();
+    let error = try_move(&[Point3::origin()], &many, (mode, base)).unwrap_err();
     assert_eq!(error, FfdError::TooMany { handles: 2001, most: 2000 });
 }
 

@@ -5,8 +5,8 @@ use maquette::value::{Attribute, ControlNet, Curve, Faces, KnotVector, Mesh, Ran
 use super::super::Drag;
 use super::*;
 
-fn apply(what: &Movable, handles: &[Handle], how: Deforming) -> (Movable, Report) {
-    ffd(what, &in_world(handles), how, &Progress::none()).unwrap()
+fn apply(what: &Movable, handles: &[Handle], (mode, how): (Mode, Deforming)) -> (Movable, Report) {
+    ffd(what, &in_world(handles), mode, how, &Progress::none()).unwrap()
 }
 
 /// A sheet of quads in the unit square at this height, with normals up.
@@ -76,7 +76,7 @@ fn folds_are_counted_and_marked_and_their_marks_do_not_stay() {
         handles.push(handle(at, at + Vector3::new(far, 0.0, 0.0), [0.15; 3]));
         handles
     };
-    let how = Deforming { background: 0.01, ..how(Mode::Displacement) };
+    let how = (Mode::Displacement, Deforming { background: 0.01, ..in_unit() });
     let (calm, report) = apply(&Movable::Mesh(sheet(40, 0.5)), &pulled(0.05), how);
     assert_eq!(report.folded, 0);
     assert!(0.0 < report.least && report.least < 1.0, "{}", report.least);
@@ -146,7 +146,7 @@ fn the_box_is_that_of_the_object_or_of_another() {
     let what = Movable::Points(Points::new(points.to_vec()).unwrap());
     let first = |frame| {
         let how = Deforming { frame, ..Deforming::default() };
-        let (moved, _) = ffd(&what, &handles, how, &Progress::none()).unwrap();
+        let (moved, _) = ffd(&what, &handles, Mode::default(), how, &Progress::none()).unwrap();
         let Movable::Points(moved) = moved else { panic!("points stay points") };
         moved.positions()[0]
     };
@@ -160,7 +160,7 @@ fn any_number_of_threads_gives_the_same_bits() {
     let handles = scattered(&mut random, 3, 0.6);
     let mesh = Movable::Mesh(sheet(150, 0.4));
     for accuracy in [0.0, 1e-7] {
-        let how = Deforming { accuracy, ..how(Mode::Affine) };
+        let how = (Mode::Affine, Deforming { accuracy, ..in_unit() });
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let (moved, _) = pool.install(|| apply(&mesh, &handles, how));
@@ -182,7 +182,7 @@ fn a_drag_gives_what_a_deformation_gives() {
     for (handles, mode) in
         [(&handles, MODES[0]), (&handles, MODES[1]), (&handles, MODES[2]), (&at_rest, MODES[0])]
     {
-        let drag = Drag::new(&mesh, &in_world(handles), &dragged, how(mode)).unwrap();
+        let drag = Drag::new(&mesh, &in_world(handles), &dragged, mode, in_unit()).unwrap();
         let targets: Vec<_> = dragged.iter().map(|&k| (k, random.point())).collect();
         let (there, report) = drag.to(&targets, &Progress::none()).unwrap();
         let mut now = handles.clone();
@@ -198,7 +198,7 @@ fn a_drag_gives_what_a_deformation_gives() {
         assert!((report.least - direct.least).abs() <= 1e-9 * direct.least.abs().max(1.0));
         assert!(report.residual <= 1e-10);
     }
-    let error = Drag::new(&mesh, &in_world(&handles), &[27], how(MODES[0])).err();
+    let error = Drag::new(&mesh, &in_world(&handles), &[27], MODES[0], in_unit()).err();
     assert_eq!(error, Some(FfdError::NoHandle { handle: 27, handles: 27 }));
 }
 
@@ -206,7 +206,7 @@ fn a_drag_gives_what_a_deformation_gives() {
 fn a_drag_of_nothing_changes_nothing() {
     let mesh = Movable::Mesh(sheet(3, 0.4));
     let handles = corners([0.5; 3]);
-    let drag = Drag::new(&mesh, &in_world(&handles), &[2], how(Mode::Displacement)).unwrap();
+    let drag = Drag::new(&mesh, &in_world(&handles), &[2], Mode::Displacement, in_unit()).unwrap();
     let (there, _) = drag.to(&[(2, Point3::from(handles[2].at))], &Progress::none()).unwrap();
     assert_eq!(mesh_of(there), sheet(3, 0.4));
 }

@@ -34,7 +34,7 @@ fn errors(data: &Mesh, bent: &BentMesh) -> [f64; 2] {
 fn interpolated(data: &Mesh, scheme: Scheme) -> BentMesh {
     let mut options = InterpolateOptions::default();
     options.how.tolerance = 1e-12;
-    let control = interpolate(data, scheme, &options, &Progress::none()).unwrap().shape;
+    let control = interpolate(data, scheme, &options, &[], &Progress::none()).unwrap().shape;
     curvature(&control, CurvatureMethod::Limit, scheme, Boundary::default()).unwrap()
 }
 

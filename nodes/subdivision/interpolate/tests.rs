@@ -23,13 +23,13 @@ fn limits(mesh: &Mesh, scheme: Scheme) -> LimitPlaces {
     LimitPlaces::new(&Topology::of(mesh, how)).unwrap()
 }
 
-fn options(solver: Solver, tolerance: f64) -> InterpolateOptions<'static> {
+fn options(solver: Solver, tolerance: f64) -> InterpolateOptions {
     let how = Interpolation { solver, tolerance, iterations: 1000, ..Interpolation::default() };
     InterpolateOptions { how, ..InterpolateOptions::default() }
 }
 
-fn found(mesh: &Mesh, scheme: Scheme, options: &InterpolateOptions<'_>) -> Interpolated<Mesh> {
-    interpolate(mesh, scheme, options, &Progress::none()).unwrap()
+fn found(mesh: &Mesh, scheme: Scheme, options: &InterpolateOptions) -> Interpolated<Mesh> {
+    interpolate(mesh, scheme, options, &[], &Progress::none()).unwrap()
 }
 
 /// The largest distance of a limit point from the vertex that it should be.
@@ -178,8 +178,13 @@ fn a_cube_is_interpolated_but_not_a_cube_with_one_vertex_moved() {
     places[3].x += 0.1;
     let moved = cube().with_positions(places).unwrap();
     for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
-        let refused =
-            interpolate(&moved, Scheme::CatmullClark, &options(solver, 1e-9), &Progress::none());
+        let refused = interpolate(
+            &moved,
+            Scheme::CatmullClark,
+            &options(solver, 1e-9),
+            &[],
+            &Progress::none(),
+        );
         match refused {
             Err(InterpolateError::NotInterpolable { residual, mode, .. }) => {
                 assert!((residual - 0.0125).abs() <= 1e-6, "{solver:?} {residual} {mode:?}");
@@ -291,8 +296,9 @@ fn fixed_control_points_stay_and_the_others_still_interpolate() {
     let mesh = noisy(&bumpy(&sphere(2)), 0.02);
     let fixed = Vec::from_iter((0..mesh.positions().len()).map(|vertex| vertex % 5 == 0));
     for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
-        let options = InterpolateOptions { fixed: &fixed, ..options(solver, 1e-11) };
-        let control = found(&mesh, Scheme::Loop, &options).shape;
+        let options = options(solver, 1e-11);
+        let control = interpolate(&mesh, Scheme::Loop, &options, &fixed, &Progress::none());
+        let control = control.unwrap().shape;
         let surface = limits(&mesh, Scheme::Loop).positions.apply(control.positions());
         for vertex in 0..fixed.len() {
             let point = mesh.positions()[vertex];
@@ -332,8 +338,8 @@ fn the_bytes_do_not_depend_on_the_number_of_threads() {
 
 #[test]
 fn what_cannot_be_interpolated_is_refused() {
-    let refused = |options: &InterpolateOptions<'_>| {
-        interpolate(&cube(), Scheme::DooSabin, options, &Progress::none()).unwrap_err()
+    let refused = |options: &InterpolateOptions| {
+        interpolate(&cube(), Scheme::DooSabin, options, &[], &Progress::none()).unwrap_err()
     };
     let none = InterpolateOptions { boundary: Boundary::None, ..InterpolateOptions::default() };
     assert_eq!(refused(&none), InterpolateError::NoBorder);
@@ -341,7 +347,7 @@ fn what_cannot_be_interpolated_is_refused() {
     let closest = InterpolateOptions { how, ..InterpolateOptions::default() };
     assert!(matches!(refused(&closest), InterpolateError::NotLinear(_)));
     let loops =
-        interpolate(&cube(), Scheme::Loop, &InterpolateOptions::default(), &Progress::none());
+        interpolate(&cube(), Scheme::Loop, &InterpolateOptions::default(), &[], &Progress::none());
     assert!(matches!(loops, Err(InterpolateError::Subdivide(_))));
 }
 
@@ -359,8 +365,13 @@ fn triangulated(mesh: &Mesh) -> Mesh {
 fn factors_that_memory_does_not_hold_are_refused_with_numbers() {
     // A prism over a polygon of 1500 corners: each limit hangs on all corners of both.
     let mesh = prism(1500);
-    let error =
-        interpolate(&mesh, Scheme::DooSabin, &options(Solver::Direct, 1e-6), &Progress::none());
+    let error = interpolate(
+        &mesh,
+        Scheme::DooSabin,
+        &options(Solver::Direct, 1e-6),
+        &[],
+        &Progress::none(),
+    );
     let error = error.unwrap_err().to_string();
     assert!(
         error.starts_with("solving for the control points by factors would need about"),

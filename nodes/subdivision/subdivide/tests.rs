@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::*;
 use crate::subdivision::refine::plan::apply;
 use crate::subdivision::refine::topology::Topology;
+use crate::subdivision::{Boundary, Corners, Creases, Scheme};
 
 mod creases;
 mod limit_surface;

@@ -64,7 +64,7 @@ fn check(name: &str, mesh: &Mesh, scheme: Scheme, foot: Foot, direction: Directi
     let mesh = prepared(mesh, scheme);
     let how = Interpolation { foot, direction, solver: Solver::Plain, ..Interpolation::default() };
     let options = InterpolateOptions { how, ..InterpolateOptions::default() };
-    let found = interpolate(&mesh, scheme, &options, &Progress::none());
+    let found = interpolate(&mesh, scheme, &options, &[], &Progress::none());
     let found = found.unwrap_or_else(|error| panic!("{name} {scheme:?} {foot:?}: {error}"));
     let steps = found.trace.steps();
     let missed = steps[steps.len() - 1].max / diagonal(mesh.positions());
@@ -153,7 +153,7 @@ fn what_no_control_points_reach_is_an_error_and_no_monster() {
                 let how =
                     Interpolation { foot, direction, solver, iterations, ..Default::default() };
                 let options = InterpolateOptions { how, ..InterpolateOptions::default() };
-                match interpolate(&mesh, Scheme::CatmullClark, &options, &Progress::none()) {
+                match interpolate(&mesh, Scheme::CatmullClark, &options, &[], &Progress::none()) {
                     Ok(found) => assert!(moved(&mesh, &found.shape) <= 1.0),
                     Err(
                         InterpolateError::RanAway(_) | InterpolateError::NotInterpolable { .. },

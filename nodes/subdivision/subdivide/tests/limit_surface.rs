@@ -8,6 +8,7 @@ use super::with;
 use crate::subdivision::surface::face_point::FacePoint;
 use crate::subdivision::surface::limit_point::LimitPoint;
 use crate::subdivision::surface::limit_surface::LimitSurface;
+use crate::subdivision::{Boundary, Scheme};
 
 fn surface(mesh: &Mesh, scheme: Scheme) -> LimitSurface {
     LimitSurface::new(mesh, with(scheme, 0, true, Boundary::EdgeAndCorner)).unwrap()

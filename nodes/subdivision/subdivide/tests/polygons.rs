@@ -9,6 +9,7 @@ use super::shapes::*;
 use super::{farthest, with};
 use crate::subdivision::refine::plan::apply;
 use crate::subdivision::refine::topology::Topology;
+use crate::subdivision::{Boundary, Creases, Scheme};
 
 const BOTH: [Scheme; 2] = [Scheme::CatmullClark, Scheme::DooSabin];
 const BOUNDARIES: [Boundary; 2] = [Boundary::EdgeAndCorner, Boundary::EdgeOnly];
