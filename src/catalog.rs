@@ -19,6 +19,7 @@ use crate::value::{AnyValue, TYPES, ValueType};
 /// What the packs of a program offer, by name.
 ///
 /// Where two packs have a node of the same name, the first one has it; [`conformance`](crate::conformance) reports that.
+#[derive(Clone)]
 pub struct Catalog {
     entries: IndexMap<String, Entry>,
     values: Vec<&'static ValueType>,
@@ -27,6 +28,7 @@ pub struct Catalog {
 }
 
 /// One node of a catalog.
+#[derive(Clone)]
 pub(crate) struct Entry {
     pub(crate) name: String,
     pub(crate) pack: &'static str,

@@ -15,6 +15,7 @@ use crate::catalog::Catalog;
 use crate::error::{MOST_TOLD, Problem};
 use crate::graph::{Checked, Graph, Options};
 use crate::pack::Pack;
+use crate::session::{Finished, Run, Session, Wanted};
 use crate::telling::{escaped, harmless, in_full};
 
 mod cache;
@@ -243,6 +244,21 @@ fn report(problems: &[Problem]) {
     }
     if rest > 0 {
         eprint(&format!("and {} more\n\n", counted(rest, "problem")));
+    }
+}
+
+/// Evaluates all outputs of a graph, whatever it expects of them, and reports what is wrong; none if nothing could be run.
+fn all_outputs(session: &mut Session, graph: &Graph) -> Option<Finished> {
+    let wanted = Wanted::Named(graph.output_names().map(str::to_owned).collect());
+    match session.run(graph, &Run { wanted, ..Run::default() }) {
+        Ok(finished) => {
+            report(&finished.problems());
+            Some(finished)
+        }
+        Err(problems) => {
+            report(&problems);
+            None
+        }
     }
 }
 

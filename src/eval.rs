@@ -175,6 +175,14 @@ impl Evaluation {
         self.value(node, output)
     }
 
+    /// The values that were asked for and computed, by what [`Graph::value_named`] understands.
+    pub(crate) fn by_name<'v>(&'v self, graph: &Graph) -> impl Fn(&str) -> Option<&'v AnyValue> {
+        move |name| {
+            let (node, output) = graph.value_named(name)?;
+            self.value(node, output)
+        }
+    }
+
     /// The files of one of the graph's outputs; none if its node failed.
     pub(crate) fn files(&self, output: &GraphOutput) -> Option<Result<Vec<NewFile>, Error>> {
         let value = self.value(output.node, output.output)?;

@@ -94,6 +94,7 @@ mod plain;
 mod reading;
 mod session;
 mod stamp;
+mod suite;
 mod telling;
 mod text;
 mod watch;
@@ -105,7 +106,7 @@ pub use eval::{
     Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, RunTrace, State,
     ThreadsError, Usage,
 };
-pub use golden::{Comparison, Keep, Measure, TestRun, Tolerance, Verdict, compare, test_graphs};
+pub use golden::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
 pub use graph::{
     Change, Checked, Difference, Edit, Edited, Files, Graph, GraphInput, GraphPort, InputValues,
     Options, Put, ReadFile,
@@ -121,6 +122,7 @@ pub use session::{
     CacheFolder, Finished, OutputFolder, Produced, Run, Session, SessionError, Settings, Wanted,
     Written,
 };
+pub use suite::{TestRun, test_graphs};
 pub use text::Reader;
 pub use value::{
     AnyValue, DecodeError, Decoder, Encoder, Hash, Memo, Summary, Value, ValueType, hash_of,

@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::catalog::Catalog;
-use crate::error::{Problem, code};
+use crate::error::{Error, Problem, code};
 use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace};
 use crate::golden::{self, Violation};
 use crate::graph::{Checked, Graph, GraphOutput, InputValues, Options};
 use crate::node::CancelToken;
-use crate::pack::Pack;
+use crate::pack::{NewFile, Pack};
 use crate::text::{unknown, with_article};
 use crate::value::{AnyValue, Value};
 
@@ -71,6 +71,9 @@ pub enum Wanted {
     Outputs,
     /// Those of these outputs, nodes (`node`) or outputs of nodes (`node.output`).
     Named(Vec<String>),
+    /// Those of all outputs of these nodes, or of all nodes that make what a use of a graph gives, whatever outputs of the graph are
+    /// called the same.
+    Nodes(Vec<String>),
     /// Those of every node.
     Everything,
 }
@@ -122,27 +125,22 @@ impl Session {
     /// If an input gets a value of another type, or something is named that the graph does not have; nothing has been run then.
     pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<Finished, Vec<Problem>> {
         let graph = self.fed(graph, &run.inputs)?;
-        self.run_fed(graph, run)
-    }
-
-    /// The same for a graph that has its inputs.
-    pub(crate) fn run_fed(
-        &mut self,
-        graph: Graph,
-        run: &Run<'_>,
-    ) -> Result<Finished, Vec<Problem>> {
         let expectations = match &run.wanted {
-            Wanted::Named(_) => Vec::new(),
+            Wanted::Named(_) | Wanted::Nodes(_) => Vec::new(),
             Wanted::Outputs | Wanted::Everything => graph.expectations(),
         };
         let mut nodes = match &run.wanted {
             Wanted::Outputs => graph.outputs.iter().map(|output| output.node).collect(),
             Wanted::Everything => (0..graph.nodes.len()).collect(),
-            Wanted::Named(names) => named(&graph, names)?,
+            Wanted::Named(names) => places(&graph, names, |name| match graph.value_named(name) {
+                Some((node, _)) => vec![node],
+                None => graph.nodes_of(name),
+            })?,
+            Wanted::Nodes(names) => places(&graph, names, |name| graph.nodes_of(name))?,
         };
         nodes.extend(golden::nodes_of(&graph, &expectations));
         let evaluation = self.evaluator.evaluate(&graph, &nodes, &nodes, run.observer, &run.cancel);
-        let violations = golden::violations(&graph, &evaluation, &expectations);
+        let violations = golden::violations(&graph, evaluation.by_name(&graph), &expectations);
         Ok(Finished { graph, evaluation, violations })
     }
 
@@ -171,7 +169,7 @@ impl Session {
         let (written, unwritten) = folder.write(&outputs, &evaluation, graph, evaluator, cancel);
         folder.keep(evaluator);
         let mut problems = evaluation.problems();
-        let violations = golden::violations(graph, &evaluation, &expectations);
+        let violations = golden::violations(graph, evaluation.by_name(graph), &expectations);
         problems.extend(violations.into_iter().map(|violation| violation.problem));
         let complete = unwritten.is_empty();
         problems.extend(unwritten);
@@ -211,22 +209,33 @@ impl Session {
         self.evaluator.forecast(graph, nodes)
     }
 
-    /// The graph with values at its inputs.
-    pub(crate) fn fed(&self, graph: &Graph, inputs: &InputValues) -> Result<Graph, Vec<Problem>> {
+    /// The graph with values at its inputs, to be run any number of times: inputs without one are no error, but what hangs on them
+    /// fails. Its outputs become files in the preferred formats of their types.
+    ///
+    /// # Errors
+    /// If an input gets a value of another type, or a value is for no input.
+    pub fn fed(&self, graph: &Graph, inputs: &InputValues) -> Result<Graph, Vec<Problem>> {
         if inputs.is_empty() && graph.inputs().is_empty() {
             return Ok(graph.clone());
         }
         graph.with_inputs(inputs, &self.catalog)
     }
 
-    /// The evaluator, for what is more than a run.
-    pub(crate) fn evaluator(&mut self) -> &mut Evaluator {
-        &mut self.evaluator
+    /// Runs something on the session's threads.
+    pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        self.evaluator.install(work)
     }
 
-    /// The evaluator alone.
-    pub(crate) fn into_evaluator(self) -> Evaluator {
-        self.evaluator
+    /// What was last noted on disk of a file or folder, by this build of the program.
+    pub(crate) fn note(&self, of: &Path) -> Option<Vec<u8>> {
+        self.evaluator.disk()?.note(of)
+    }
+
+    /// Notes something of a file or folder on disk, if results are kept there.
+    pub(crate) fn keep_note(&self, of: &Path, note: impl FnOnce() -> Vec<u8>) {
+        if let Some(disk) = self.evaluator.disk() {
+            disk.keep_note(of, note());
+        }
     }
 
     /// How many bytes results may hold.
@@ -283,14 +292,15 @@ pub(crate) fn outputs_of<'g>(
     only.iter().map(find).collect()
 }
 
-/// The nodes that give what these names mean.
-fn named(graph: &Graph, names: &[String]) -> Result<Vec<usize>, Vec<Problem>> {
+/// The nodes that give what these names mean, each of which `find` looks up.
+fn places(
+    graph: &Graph,
+    names: &[String],
+    find: impl Fn(&str) -> Vec<usize>,
+) -> Result<Vec<usize>, Vec<Problem>> {
     let (mut nodes, mut problems) = (Vec::new(), Vec::new());
     for name in names {
-        let found = match graph.value_named(name) {
-            Some((node, _)) => vec![node],
-            None => graph.nodes_of(name),
-        };
+        let found = find(name);
         if found.is_empty() {
             let known = Vec::from_iter(graph.output_names().chain(graph.node_names()));
             let message = format!("the graph has no output or node `{name}`");
@@ -324,6 +334,21 @@ impl Finished {
         let value = self.value(name).ok_or_else(|| format!("there is no value `{name}`"))?;
         let kind = with_article(value.kind().name);
         value.get().ok_or_else(|| format!("`{name}` is {kind}, not {}", with_article(T::NAME)))
+    }
+
+    /// The value of this output of this node, or of a use of a graph, whatever outputs of the graph are called the same; if it was
+    /// wanted and did not fail.
+    pub fn value_of(&self, node: &str, output: &str) -> Option<&AnyValue> {
+        self.evaluation.find(&self.graph, node, output)
+    }
+
+    /// The files that an output of the graph would be written to, all in one folder; none if its value is not there.
+    ///
+    /// # Errors
+    /// If the value cannot be written in the output's format.
+    pub fn files(&self, output: &str) -> Option<Result<Vec<NewFile>, Error>> {
+        let output = self.graph.outputs.iter().find(|known| known.name == output)?;
+        self.evaluation.files(output)
     }
 
     /// What happened to each node, each after those that it hangs on.

@@ -8,7 +8,7 @@ use clap::Args;
 use serde_json::Value as Json;
 
 use super::caching::CacheOptions;
-use super::{Exit, eprint, print, report};
+use super::{Exit, all_outputs, eprint, print, report};
 use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
 use crate::format::png;
 use crate::golden::mesh_of;
@@ -61,7 +61,7 @@ impl Gallery {
     fn make(&self, catalog: &Arc<Catalog>) -> Result<Exit, String> {
         let mut page = String::from(HEAD);
         let mut used: Vec<Subgraph> = Vec::new();
-        let mut evaluator = None;
+        let mut session = None;
         let mut complete = true;
         let (mut pictures, mut sources) = (Vec::new(), Sources::default());
         let graphs = graphs(&self.graphs)?;
@@ -77,11 +77,11 @@ impl Gallery {
             if self.check {
                 complete &= file.is_file();
             } else {
-                let evaluator = match &mut evaluator {
-                    Some(evaluator) => evaluator,
+                let session = match &mut session {
+                    Some(session) => session,
                     none => none.insert(self.cache.session(0, catalog)?),
                 };
-                let bytes = picture_of(&graph, evaluator)
+                let bytes = picture_of(&graph, session)
                     .ok_or_else(|| format!("{} gives nothing to be seen", path.display()))?;
                 pictures.push((file, bytes));
             }
@@ -239,10 +239,8 @@ fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
 
 /// The first output that has faces, as it looks.
 fn picture_of(graph: &Graph, session: &mut Session) -> Option<Vec<u8>> {
-    let evaluation = session.evaluator().evaluate_all(graph);
-    report(&evaluation.problems());
-    let mut values = graph.outputs.iter().filter_map(|it| evaluation.value(it.node, it.output));
-    let mesh = values.find_map(mesh_of)?;
+    let finished = all_outputs(session, graph)?;
+    let mesh = graph.output_names().filter_map(|name| finished.value(name)).find_map(mesh_of)?;
     png::encode_rgb(&render(&mesh, &VIEW)).ok()
 }
 

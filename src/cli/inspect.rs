@@ -15,10 +15,10 @@ use crate::catalog::Catalog;
 use crate::error::{Error, Problem};
 use crate::format::png;
 use crate::graph::Graph;
-use crate::node::CancelToken;
 use crate::pack::NewFile;
 use crate::plain::ending;
 use crate::render::{View, render_layers};
+use crate::session::{Run, Wanted};
 use crate::text::{unknown, with_article};
 use crate::value::{AnyValue, Image, Layer, On, Picture, Summary};
 use crate::writing::{Destination, Sources};
@@ -99,17 +99,25 @@ impl Inspect {
             Err(exit) => return exit,
         };
         let progress = Progress::new(graph.nodes.len());
-        let mut nodes = Vec::from_iter(outputs.iter().map(|(_, (node, _))| *node));
-        nodes.sort_unstable();
-        nodes.dedup();
-        let cancel = CancelToken::default();
-        let evaluation = session.evaluator().evaluate(&graph, &nodes, &nodes, &progress, &cancel);
+        let node = |&(_, (node, _)): &Found| graph.nodes[node].name.clone();
+        let wanted = Wanted::Nodes(outputs.iter().map(node).collect());
+        let run = Run { wanted, observer: &progress, ..Run::default() };
+        let finished = session.run(&graph, &run);
         progress.end();
+        let finished = match finished {
+            Ok(finished) => finished,
+            Err(problems) => {
+                report(&problems);
+                return Exit::Failed;
+            }
+        };
+        let problems = finished.problems();
         if !self.json {
-            report(&evaluation.problems());
+            report(&problems);
         }
-        let found = outputs.iter().filter_map(|(name, (node, output))| {
-            Some((&name[..], evaluation.value(*node, *output)?))
+        let found = outputs.iter().filter_map(|&(ref name, (node, output))| {
+            let node = &graph.nodes[node];
+            Some((&name[..], finished.value_of(&node.name, node.outputs[output])?))
         });
         let found = Vec::from_iter(found);
         let node = self.node.split_once('.').map_or(&self.node[..], |(node, _)| node);
@@ -124,7 +132,7 @@ impl Inspect {
             },
             _ => None,
         };
-        self.print(node, &found, &evaluation.problems());
+        self.print(node, &found, &problems);
         let (Some(path), Some((name, value))) = (&self.out, chosen) else {
             return if found.is_empty() { Exit::Failed } else { Exit::Done };
         };

@@ -117,7 +117,7 @@ impl Render {
         let progress = Progress::new(graph.nodes.len());
         let wanted = Wanted::Named(vec![name.into_owned()]);
         let run = Run { wanted, observer: &progress, ..Run::default() };
-        let finished = session.run_fed(graph, &run).map_err(|problems| {
+        let finished = session.run(&graph, &run).map_err(|problems| {
             report(&problems);
             Exit::Failed
         })?;

@@ -8,7 +8,7 @@ use serde_json::Value as Json;
 
 use super::caching::CacheOptions;
 use super::render::size;
-use super::{Exit, GraphOptions, print, report};
+use super::{Exit, GraphOptions, all_outputs, print, report};
 use crate::catalog::{Catalog, inside};
 use crate::format::png;
 use crate::golden::mesh_of;
@@ -106,10 +106,8 @@ impl Sheet {
         let checked = Graph::load(path, catalog, &options);
         report(&checked.problems);
         let graph = checked.graph?;
-        let evaluation = session.evaluator().evaluate_all(&graph);
-        report(&evaluation.problems());
-        let mut values = graph.outputs.iter().filter_map(|it| evaluation.value(it.node, it.output));
-        values.find_map(mesh_of)
+        let finished = all_outputs(session, &graph)?;
+        graph.output_names().filter_map(|name| finished.value(name)).find_map(mesh_of)
     }
 
     fn draw(&self, rows: &[Option<Mesh>]) -> Image {

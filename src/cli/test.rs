@@ -18,9 +18,7 @@ use crate::eval::State as NodeState;
 use crate::golden::case;
 use crate::golden::compare::{Comparison, Verdict, six};
 use crate::golden::store::Golden;
-use crate::golden::suite::{self, Case, Compared, Report, Settings, State};
-use crate::golden::{html, junit};
-use crate::session::Session;
+use crate::suite::{self, Case, Compared, Report, Settings, State, html, junit};
 use crate::writing::{Destination, Refused, Sources, remove};
 
 #[derive(Args)]
@@ -99,9 +97,9 @@ impl Test {
             graphs: &graphs,
             cold: self.cold,
             threads,
-            evaluator: &|| match self.cold {
-                true => crate::eval::Evaluator::new(1, 1 << 30).map_err(|error| error.to_string()),
-                false => self.cache.session(1, catalog).map(Session::into_evaluator),
+            session: &|| match self.cold {
+                true => suite::cold_session(catalog),
+                false => self.cache.session(1, catalog),
             },
         };
         let report = match suite::run(&files, &settings) {

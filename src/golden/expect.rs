@@ -12,7 +12,6 @@ use super::looks;
 use super::store::mesh_of;
 use super::topology::Topology;
 use crate::error::{Problem, Severity, Source, Span, code};
-use crate::eval::Evaluation;
 use crate::graph::{Expectation, Graph};
 use crate::text::nearest_or_all;
 use crate::value::{AnyValue, Fact, FactValue, Items, Meaning, Mesh, On, Part, Parts, Region};
@@ -112,16 +111,16 @@ impl Graph {
     }
 }
 
-/// Expectations that do not hold. Those whose values could not be computed are not judged.
-pub(crate) fn violations(
+/// Expectations that do not hold, of the values that `value` gives by their names. Those whose values could not be computed are not
+/// judged.
+pub(crate) fn violations<'v>(
     graph: &Graph,
-    evaluation: &Evaluation,
+    value: impl Fn(&str) -> Option<&'v AnyValue>,
     expectations: &[(Expectation, ExpectationPlace)],
 ) -> Vec<Violation> {
     let mut violations = Vec::new();
     for (expectation, place) in expectations {
         let names = expectation.values();
-        let targets: Vec<_> = names.iter().map(|name| graph.value_named(name)).collect();
         let problem = |message: String| Problem {
             severity: Severity::Error,
             code: code::EXPECTED,
@@ -132,7 +131,7 @@ pub(crate) fn violations(
             note: None,
             uses: Vec::new(),
         };
-        if let Some(unknown) = targets.iter().position(Option::is_none) {
+        if let Some(unknown) = names.iter().position(|name| graph.value_named(name).is_none()) {
             let message = format!("there is no output or node `{}`", names[unknown]);
             let known = graph.outputs.iter().map(|output| &output.name[..]);
             let known = known.chain(graph.nodes.iter().map(|node| &node.name[..]));
@@ -142,9 +141,7 @@ pub(crate) fn violations(
             violations.push(Violation { problem, value: None, places: Vec::new() });
             continue;
         }
-        let values =
-            targets.iter().flatten().filter_map(|&(node, output)| evaluation.value(node, output));
-        let values: Vec<&AnyValue> = values.collect();
+        let values = Vec::from_iter(names.iter().filter_map(|name| value(name)));
         if values.len() < names.len() {
             continue;
         }

@@ -177,7 +177,7 @@ pub(crate) fn picture_of(value: &AnyValue) -> Option<Image> {
 }
 
 /// Every n-th pixel of every n-th row.
-pub(super) fn every(picture: &Image, stride: usize) -> Image {
+pub(crate) fn every(picture: &Image, stride: usize) -> Image {
     let (columns, rows) =
         ((0..picture.width()).step_by(stride), (0..picture.height()).step_by(stride));
     let size = [columns.len(), rows.len()];
@@ -265,14 +265,14 @@ impl Golden {
     }
 
     /// The numbers that were kept.
-    pub(super) fn kept(&self) -> Option<&Kept> {
+    pub(crate) fn kept(&self) -> Option<&Kept> {
         let read = || unpack(self.bin.as_ref().filter(|_| !self.is_earlier())?);
         self.kept.get_or_init(read).as_ref()
     }
 
     /// How far each vertex of a mesh is from where it was, judged by the vertex that was kept nearest to it: in the list if this
     /// is as long as it was, else in space.
-    pub(super) fn differences(&self, mesh: &Mesh) -> Option<Vec<f64>> {
+    pub(crate) fn differences(&self, mesh: &Mesh) -> Option<Vec<f64>> {
         let position = &self.kept()?.column("position")?.part;
         let kept: Vec<Point3<f64>> =
             position.numbers.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2])).collect();

@@ -25,14 +25,14 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 25] = [
+const ROOMS: [(&str, &[&str]); 26] = [
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
     (
         "cli",
         &[
             "catalog", "draw", "error", "eval", "format", "golden", "graph", "memory", "node",
-            "pack", "paths", "plain", "render", "session", "telling", "text", "value", "watch",
-            "writing",
+            "pack", "paths", "plain", "render", "session", "suite", "telling", "text", "value",
+            "watch", "writing",
         ],
     ),
     (
@@ -52,8 +52,8 @@ const ROOMS: [(&str, &[&str]); 25] = [
     (
         "golden",
         &[
-            "catalog", "error", "eval", "format", "graph", "node", "pack", "paths", "plain",
-            "render", "text", "value", "writing",
+            "catalog", "error", "format", "graph", "pack", "paths", "plain", "render", "text",
+            "value",
         ],
     ),
     ("graph", &["catalog", "error", "node", "pack", "paths", "plain", "reading", "text", "value"]),
@@ -74,6 +74,13 @@ const ROOMS: [(&str, &[&str]); 25] = [
     ),
     ("simd", &[]),
     ("stamp", &[]),
+    (
+        "suite",
+        &[
+            "catalog", "error", "eval", "format", "golden", "graph", "pack", "plain", "render",
+            "session", "text", "value", "writing",
+        ],
+    ),
     ("telling", &["error"]),
     ("text", &["error", "plain", "value"]),
     ("value", &["memory", "simd"]),

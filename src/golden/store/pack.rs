@@ -26,9 +26,9 @@ pub(super) const EARLIER: &[u8] = b"golden1\n";
 
 /// A column as it was kept.
 #[derive(Clone, Debug)]
-pub(in crate::golden) struct Column {
+pub(crate) struct Column {
     /// Its numbers, rounded.
-    pub(in crate::golden) part: GoldenColumn,
+    pub(crate) part: GoldenColumn,
     pub(super) precision: Precision,
     /// Which elements are as they were, to the last bit; none if all are.
     pub(super) odd: Vec<bool>,
@@ -40,15 +40,15 @@ pub(in crate::golden) struct Column {
 
 /// Everything that was kept of a value's numbers.
 #[derive(Clone, Debug, Default)]
-pub(in crate::golden) struct Kept {
-    pub(in crate::golden) columns: Vec<Column>,
+pub(crate) struct Kept {
+    pub(crate) columns: Vec<Column>,
     /// Elements in a row, where the elements are pixels or control points.
-    pub(in crate::golden) row: Option<usize>,
+    pub(crate) row: Option<usize>,
 }
 
 impl Kept {
     /// The column of this name.
-    pub(in crate::golden) fn column(&self, name: &str) -> Option<&Column> {
+    pub(crate) fn column(&self, name: &str) -> Option<&Column> {
         self.columns.iter().find(|column| column.part.name == name)
     }
 

@@ -2,25 +2,28 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use super::case::{self, TestFile};
-use super::compare::Comparison;
-use super::expect::Violation;
-use super::store::{Golden, NoGolden, because};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
-use crate::eval::{Evaluator, RunTrace};
+use crate::eval::RunTrace;
+use crate::golden::case::{self, TestFile};
+use crate::golden::store::{Golden, NoGolden, because};
+use crate::golden::{Comparison, Violation};
 use crate::pack::NewFile;
 use crate::plain;
+use crate::session::{self, CacheFolder, Session};
 use crate::value::AnyValue;
 use crate::writing::{Destination, Refused, Sources};
 
+pub(crate) mod html;
 mod job;
+pub(crate) mod junit;
 mod nodes;
 mod orphans;
+mod picture;
 
 use job::Job;
 use nodes::{changed_lines, changed_warnings};
@@ -186,8 +189,8 @@ pub(crate) struct Settings<'a> {
     /// Nothing may come from the cache.
     pub(crate) cold: bool,
     pub(crate) threads: usize,
-    /// Makes an evaluator for one thread.
-    pub(crate) evaluator: &'a (dyn Fn() -> Result<Evaluator, String> + Sync),
+    /// Makes a session of one thread: each case is run by one, and each that runs beside others needs its own.
+    pub(crate) session: &'a (dyn Fn() -> Result<Session, String> + Sync),
 }
 
 /// What came out of all tests.
@@ -247,19 +250,17 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
     let next = AtomicUsize::new(0);
     let done: Mutex<Vec<(usize, Case)>> = Mutex::new(Vec::new());
     let failed: Mutex<Option<String>> = Mutex::new(None);
-    let work = || match (settings.evaluator)() {
+    let work = || match (settings.session)() {
         Err(why) => *failed.lock().unwrap_or_else(|broken| broken.into_inner()) = Some(why),
-        Ok(mut evaluator) => {
+        Ok(mut session) => {
             while let Some((index, job)) = next_job(&next, &jobs) {
                 if settings.cold {
-                    evaluator.forget();
+                    session.forget();
                 }
-                let case = job.run(&mut evaluator, settings.catalog);
+                let case = job.run(&mut session);
                 done.lock().unwrap_or_else(|broken| broken.into_inner()).push((index, case));
             }
-            if let Some(disk) = evaluator.disk() {
-                disk.finish();
-            }
+            session.finish();
         }
     };
     std::thread::scope(|scope| {
@@ -275,6 +276,57 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
     let cases = cases.into_iter().map(|(_, case)| case).collect();
     let (seconds, threads) = (start.elapsed().as_secs_f64(), settings.threads);
     Ok(Report { cases, problems, orphans, seconds, threads })
+}
+
+/// What came out of the tests of a folder.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TestRun {
+    /// How many cases passed.
+    pub passed: usize,
+    /// The graphs that were tested.
+    pub graphs: Vec<PathBuf>,
+    /// What is wrong, one thing each.
+    pub failures: Vec<String>,
+}
+
+/// Runs all tests of graphs in a folder, as `maquette test --cold` does, so many at once.
+///
+/// # Errors
+/// If threads cannot be started.
+pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<TestRun, String> {
+    let catalog = &Arc::new(catalog.clone());
+    let settings = Settings {
+        catalog,
+        filter: None,
+        graphs: &BTreeMap::new(),
+        cold: true,
+        threads,
+        session: &|| cold_session(catalog),
+    };
+    let report = run(&case::find(folder), &settings)?;
+    let mut failures =
+        Vec::from_iter(report.problems.iter().map(|problem| problem.message.clone()));
+    for case in report.cases.iter().filter(|case| case.failed()) {
+        failures.extend(case.reasons().iter().map(|why| format!("{}: {why}", case.title())));
+    }
+    let orphans = report.orphans.iter();
+    failures.extend(orphans.map(|path| format!("{} belongs to no test", path.display())));
+    let mut graphs = Vec::from_iter(report.cases.iter().map(|case| case.graph.clone()));
+    graphs.dedup();
+    let passed = report.count(|case| case.state == State::Passed);
+    Ok(TestRun { passed, graphs, failures })
+}
+
+/// A session of one thread that keeps nothing from one process to the next.
+///
+/// # Errors
+/// If the thread cannot be started.
+pub(crate) fn cold_session(catalog: &Arc<Catalog>) -> Result<Session, String> {
+    /// Results of one case are small; this is plenty.
+    const MEMORY: usize = 1 << 30;
+    let cache = CacheFolder::None;
+    let settings = session::Settings { threads: 1, memory: MEMORY, cache, verify: 0.0 };
+    Session::with_catalog(catalog.clone(), &settings).map_err(|error| error.to_string())
 }
 
 /// What is said where no case is meant, with those that may have been.

@@ -2,12 +2,12 @@
 
 use std::fmt::Write as _;
 
-use super::compare::{Measure, Verdict, six};
 use super::junit::escape;
 use super::picture::{self, Figure};
-use super::suite::{Case, Compared, Report, State};
+use super::{Case, Compared, Report, State};
 use crate::error::Severity;
 use crate::eval::NodeTrace;
+use crate::golden::compare::{Measure, Verdict, six};
 
 const STYLE: &str = include_str!("report.css");
 

@@ -1,6 +1,6 @@
 //! The nodes of a graph as they were when its golden was accepted, and how they differ now: why a result changed.
 
-use crate::eval::Evaluation;
+use crate::eval::RunTrace;
 use crate::graph::{Graph, Link};
 use crate::text::FILE;
 
@@ -68,9 +68,8 @@ fn short(text: &str) -> String {
 }
 
 /// Each node's type, parameters and links on a line, sorted; then each warning.
-pub(super) fn nodes_of(graph: &Graph, evaluation: &Evaluation) -> String {
+pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
     let mut lines = Vec::new();
-    let needed = evaluation.trace();
     for node in
         graph.nodes.iter().filter(|node| needed.0.iter().any(|trace| trace.name == node.name))
     {

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::compare::{Comparison, six};
-use super::suite::{Report, State};
+use super::{Report, State};
+use crate::golden::compare::{Comparison, six};
 
 /// The document.
 pub(crate) fn document(report: &Report) -> String {

@@ -6,17 +6,15 @@ use std::time::Instant;
 use super::nodes::nodes_of;
 use super::orphans::goldens;
 use super::{Case, Compared, State, beside};
-use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Span, code};
-use crate::eval::{Disk, Evaluation, Evaluator, RunTrace};
+use crate::eval::RunTrace;
 use crate::golden::case::{Allowed, TestFile};
 use crate::golden::compare::{Comparison, Measure, Tolerance, Verdict, limit_of, six};
-use crate::golden::expect::{ExpectationPlace, nodes_of as expected_nodes, violations};
 use crate::golden::parts::GoldenParts;
 use crate::golden::store::{self, Golden, NoGolden, Written};
-use crate::graph::Expectation;
-use crate::graph::{Graph, GraphOutput, Options};
-use crate::node::CancelToken;
+use crate::golden::{ExpectationPlace, violations};
+use crate::graph::{Expectation, Graph, GraphOutput, Options};
+use crate::session::{Finished, Run, Session, Wanted};
 use crate::value::AnyValue;
 use crate::writing::{self, Sources};
 
@@ -52,7 +50,7 @@ impl Job<'_> {
         format!("{} {}", self.graph.display(), self.test.cases[self.case].0)
     }
 
-    pub(super) fn run(&self, evaluator: &mut Evaluator, catalog: &Catalog) -> Case {
+    pub(super) fn run(&self, session: &mut Session) -> Case {
         let start = Instant::now();
         let (name, test_case) = &self.test.cases[self.case];
         let mut case = Case {
@@ -89,11 +87,11 @@ impl Job<'_> {
             None => {}
         }
         let options = Options { set: test_case.set.clone(), ..Options::default() };
-        let checked = Graph::load(&self.graph, catalog, &options);
+        let checked = session.load(&self.graph, &options);
         case.sources = Sources::of_checked(&self.graph, &checked);
         case.problems = checked.problems;
         let Some(graph) = checked.graph else { return case };
-        let graph = match self.fed(graph, &test_case.inputs, catalog) {
+        let graph = match self.fed(graph, &test_case.inputs, session) {
             Ok(graph) => graph,
             Err(problems) => {
                 case.problems.extend(problems);
@@ -102,17 +100,25 @@ impl Job<'_> {
         };
         case.problems.extend(self.misfits(&graph));
         let expectations = self.expectations(&graph);
-        let mut wanted: Vec<usize> = graph.outputs.iter().map(|output| output.node).collect();
-        wanted.extend(expected_nodes(&graph, &expectations));
+        let outputs = graph.output_names().map(str::to_owned);
+        let expected = expectations.iter().flat_map(|(expectation, _)| expectation.values());
+        let expected = expected.filter(|name| graph.value_named(name).is_some());
+        let wanted = Wanted::Named(outputs.chain(expected.map(str::to_owned)).collect());
         let broken = !case.problems.is_empty();
-        let evaluation = evaluator.evaluate(&graph, &wanted, &wanted, &(), &CancelToken::default());
-        case.problems.extend(evaluation.problems());
-        case.nodes = Some(nodes_of(&graph, &evaluation));
-        let disk = evaluator.disk();
-        case.outputs = evaluator.install(|| self.outputs(&graph, &evaluation, disk, &mut case));
-        case.violations = violations(&graph, &evaluation, &expectations);
+        let finished = match session.run(&graph, &Run { wanted, ..Run::default() }) {
+            Ok(finished) => finished,
+            Err(problems) => {
+                case.problems.extend(problems);
+                return case;
+            }
+        };
+        case.problems.extend(finished.problems());
+        case.trace = finished.trace();
+        case.nodes = Some(nodes_of(&graph, &case.trace));
+        let session = &*session;
+        case.outputs = session.install(|| self.outputs(&graph, &finished, session, &mut case));
+        case.violations = violations(&graph, |name| finished.value(name), &expectations);
         case.orphans = self.orphans(&case.outputs);
-        case.trace = evaluation.trace();
         case.notes = self.wide(&case.outputs);
         case.notes.extend(outdated(&case.outputs));
         self.judge_budget(&mut case);
@@ -136,13 +142,13 @@ impl Job<'_> {
         &self,
         graph: Graph,
         inputs: &[(String, PathBuf)],
-        catalog: &Catalog,
+        session: &Session,
     ) -> Result<Graph, Vec<Problem>> {
         if inputs.is_empty() {
             return Ok(graph);
         }
-        let (values, _) = graph.read_inputs(inputs, catalog)?;
-        graph.with_inputs(&values, catalog)
+        let (values, _) = session.read_inputs(&graph, inputs)?;
+        session.fed(&graph, &values)
     }
 
     fn problem(&self, code: &'static str, span: Span, message: String) -> Problem {
@@ -200,8 +206,8 @@ impl Job<'_> {
     fn outputs(
         &self,
         graph: &Graph,
-        evaluation: &Evaluation,
-        disk: Option<&Disk>,
+        finished: &Finished,
+        session: &Session,
         case: &mut Case,
     ) -> Vec<Compared> {
         let mut places: Vec<(usize, usize)> =
@@ -210,12 +216,12 @@ impl Job<'_> {
         places.dedup();
         let mut compared = Vec::new();
         for (node, output) in places {
-            let Some(value) = evaluation.value(node, output) else { continue };
             let mine = graph.outputs.iter().filter(|o| (o.node, o.output) == (node, output));
             let mine: Vec<&GraphOutput> = mine.collect();
+            let Some(value) = finished.value(&mine[0].name) else { continue };
             let names: Vec<String> = mine.iter().map(|output| output.name.clone()).collect();
             let start = Instant::now();
-            let files = self.written(&mine, value, evaluation, disk, (graph, &mut case.problems));
+            let files = self.written(&mine, value, finished, session, &mut case.problems);
             case.file_seconds += start.elapsed().as_secs_f64();
             let tolerance =
                 self.allowed(&names).map(|allowed| allowed.tolerance.clone()).unwrap_or_default();
@@ -237,33 +243,33 @@ impl Job<'_> {
         &self,
         outputs: &[&GraphOutput],
         value: &AnyValue,
-        evaluation: &Evaluation,
-        disk: Option<&Disk>,
-        (graph, problems): (&Graph, &mut Vec<Problem>),
+        finished: &Finished,
+        session: &Session,
+        problems: &mut Vec<Problem>,
     ) -> Vec<Written> {
         let names = outputs.iter().map(|output| format!("/{}", output.name));
         let key = PathBuf::from(format!("written/{}{}", value.hash(), String::from_iter(names)));
-        let known = disk.and_then(|disk| Written::read(&disk.note(&key)?));
+        let known = session.note(&key).and_then(|note| Written::read(&note));
         if let Some(known) = known {
             return known;
         }
         let (mut files, mut complete) = (Vec::new(), true);
         for output in outputs {
-            match evaluation.files(output) {
+            match finished.files(&output.name) {
                 Some(Ok(written)) => files.extend(written.iter().map(Written::of)),
                 Some(Err(error)) => {
                     complete = false;
                     let message = format!("cannot write `{}`: {error}", output.name);
                     problems.push(Problem {
-                        source: graph.source.clone(),
+                        source: finished.graph().source.clone(),
                         ..self.problem(code::FAILED, output.span, message)
                     });
                 }
                 None => complete = false,
             }
         }
-        if let Some(disk) = disk.filter(|_| complete) {
-            disk.keep_note(&key, Written::note(&files));
+        if complete {
+            session.keep_note(&key, || Written::note(&files));
         }
         files
     }

@@ -2,11 +2,11 @@
 
 use nalgebra::Point3;
 
-use super::compare::{distances, six};
-use super::parts::{Class, GoldenColumn, GoldenParts};
-use super::store::{Golden, mesh_of, picture_of};
-use super::suite::Compared;
+use super::Compared;
 use crate::format::png;
+use crate::golden::compare::{distances, six};
+use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
+use crate::golden::store::{Golden, every, mesh_of, picture_of};
 use crate::render::{View, render};
 use crate::value::{AnyValue, Attribute, Image, Mesh, Rgb};
 
@@ -154,7 +154,7 @@ fn difference(old: &Image, new: &Image) -> (Image, f64) {
 /// The same picture with as many pixels as one of which only some are known.
 fn shrunk(picture: &Image, size: [usize; 2]) -> Image {
     let stride = picture.width().div_ceil(size[0].max(1)).max(1);
-    if stride == 1 { picture.clone() } else { super::store::every(picture, stride) }
+    if stride == 1 { picture.clone() } else { every(picture, stride) }
 }
 
 /// The first column that fills a grid.
