@@ -24,6 +24,11 @@ pub trait FileReader {
     /// # Errors
     /// If the bytes are no such file; the message says where and what.
     fn read(file: &Reading<'_>) -> Result<Self::Value, Error>;
+
+    /// Asks for every file that [`read`](Self::read) may ask for ([`Reading::companion`]), if such files name others. What a node reads
+    /// is a part of the file then, as materials are of an OBJ file: results are computed again when it changes, and a watch listens
+    /// to it. As `read`, it never panics.
+    const COMPANIONS: Option<fn(&Reading<'_>)> = None;
 }
 
 /// Finds a file that another one names, or says why not.
@@ -84,6 +89,7 @@ pub struct AnyReader {
     pub endings: &'static [&'static str],
     kind: fn() -> &'static ValueType,
     read: fn(&Reading<'_>) -> Result<AnyValue, Error>,
+    companions: Option<fn(&Reading<'_>)>,
 }
 
 /// The description of the reader `R` for the engine.
@@ -92,6 +98,7 @@ pub const fn reader<R: FileReader>() -> AnyReader {
         endings: R::ENDINGS,
         kind: value_type::<R::Value>,
         read: |file| R::read(file).map(AnyValue::new),
+        companions: R::COMPANIONS,
     }
 }
 
@@ -160,6 +167,19 @@ impl Readers {
         first.unwrap_or_else(|| Err(NoReader { what: "value", ending, known }.into()))
     }
 
+    /// Whether files of this ending may name others.
+    pub(crate) fn may_name(&self, ending: &str) -> bool {
+        let names = |reader: &AnyReader| reader.companions.is_some();
+        self.0.iter().any(|reader| names(reader) && reader.endings.contains(&ending))
+    }
+
+    /// Asks for all files that a file names, whatever type of values is read from it.
+    pub(crate) fn ask_companions(&self, file: &Reading<'_>) {
+        let ending = file.ending();
+        let fits = |reader: &&AnyReader| reader.endings.contains(&&ending[..]);
+        self.0.iter().filter(fits).for_each(|reader| reader.ask_companions(file));
+    }
+
     /// The value of this type, or of any, in the file at a path, and what is to be doubted of it. Files that it names are read, too, if
     /// they lie in its project.
     ///
@@ -196,6 +216,13 @@ impl AnyReader {
     /// Reads a file, whatever its name is.
     pub(crate) fn call(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
         (self.read)(file)
+    }
+
+    /// Asks for the files that a file names.
+    pub(crate) fn ask_companions(&self, file: &Reading<'_>) {
+        if let Some(ask) = self.companions {
+            ask(file);
+        }
     }
 }
 

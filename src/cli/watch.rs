@@ -125,7 +125,7 @@ impl Watch {
         let checked = self.options.load(&self.graph, catalog);
         report(&checked.problems);
         let outside = reads_outside(&checked.problems);
-        let list = self.watch_list(&checked.files, &checked.subgraphs, outside);
+        let list = self.watch_list(&checked.files, &checked.subgraphs, outside, catalog);
         let here = std::env::current_dir().unwrap_or_default();
         for file in list.files() {
             let path = file.path.strip_prefix(&here).unwrap_or(&file.path);
@@ -137,7 +137,14 @@ impl Watch {
 
     /// Everything that the outcome depends on: the graph, those that it uses, the files that their nodes read (`files`), and what
     /// says which files they may read.
-    fn watch_list(&self, files: &[ReadFile], subgraphs: &[PathBuf], outside: bool) -> WatchList {
+    fn watch_list(
+        &self,
+        files: &[ReadFile],
+        subgraphs: &[PathBuf],
+        outside: bool,
+        catalog: &Catalog,
+    ) -> WatchList {
+        let readers = catalog.readers();
         let path = std::path::absolute(&self.graph).unwrap_or_else(|_| self.graph.clone());
         let folder = path.parent().unwrap_or(&path);
         let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
@@ -153,7 +160,7 @@ impl Watch {
         for path in self.inputs.files() {
             let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
             let beside = iter::once(path.with_file_name(camera::NAME));
-            let named = beside.chain(named_in(&path, &roots));
+            let named = beside.chain(named_in(&path, &roots, readers));
             let why = || "read with an input if it is there".into();
             wishes.extend(named.map(|path| Wish { path, why: why() }));
             wishes.push(Wish { path, why: "an input".into() });
@@ -161,7 +168,7 @@ impl Watch {
         for file in files {
             let name = file.path.file_name().unwrap_or_default().to_string_lossy();
             let why = format!("named by {name}");
-            let named = named_in(&file.path, &roots).into_iter();
+            let named = named_in(&file.path, &roots, readers).into_iter();
             wishes.extend(named.map(|path| Wish { path, why: why.clone() }));
         }
         // A marker that appears nearer, or goes away, makes another root. Where there is none it matters only to a graph that reads

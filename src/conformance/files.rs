@@ -25,7 +25,11 @@ pub(super) fn check(reader: &AnyReader, catalog: &Catalog, broken: &mut Vec<Stri
         let damaged = files.iter().flat_map(|file| damaged(file));
         let reads = |bytes: &[u8]| {
             let file = Reading::alone(&name, bytes);
-            catch_unwind(AssertUnwindSafe(|| drop(reader.call(&file)))).is_ok()
+            let read = || {
+                reader.ask_companions(&file);
+                drop(reader.call(&file));
+            };
+            catch_unwind(AssertUnwindSafe(read)).is_ok()
         };
         let is_bad = |bytes: &Vec<u8>| !reads(bytes);
         if let Some(bytes) = files.iter().cloned().chain(damaged).find(is_bad) {

@@ -1,7 +1,9 @@
 //! The contents of the files that nodes read: each file read once an evaluation, and not at all if it is as it was. Files that a file
 //! names, as an OBJ file does its materials and their picture, are parts of it: they are read with it, and its hash is that of all.
 
+use std::cell::RefCell;
 use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -9,13 +11,12 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::lock;
-use crate::format::obj;
+use super::{in_words, lock};
 use crate::graph::NodeFile;
 use crate::node::{Companions, File, ReadError};
 use crate::plain;
 use crate::plain::ending;
-use crate::reading::read_companion;
+use crate::reading::{Readers, Reading, read_companion};
 use crate::stamp::Stamp;
 use crate::value::Hash;
 
@@ -83,6 +84,7 @@ impl Known {
 /// The files of one evaluation.
 pub(super) struct Reads<'a> {
     known: &'a Known,
+    readers: &'a Readers,
     read: Mutex<HashMap<PathBuf, Arc<Slot>>>,
     /// How long reading took, on all threads together.
     nanoseconds: AtomicU64,
@@ -91,8 +93,8 @@ pub(super) struct Reads<'a> {
 type Slot = OnceLock<Option<File>>;
 
 impl<'a> Reads<'a> {
-    pub(super) fn new(known: &'a Known) -> Self {
-        Self { known, read: Mutex::default(), nanoseconds: AtomicU64::new(0) }
+    pub(super) fn new(known: &'a Known, readers: &'a Readers) -> Self {
+        Self { known, readers, read: Mutex::default(), nanoseconds: AtomicU64::new(0) }
     }
 
     /// How long reading took, on all threads together.
@@ -143,7 +145,9 @@ impl<'a> Reads<'a> {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return failed(error),
         };
-        let (companions, stamps) = companions(file, &bytes);
+        let found = companions(file, &bytes, self.readers);
+        let (companions, stamps) =
+            found.map_err(|reason| ReadError { name: file.given.clone(), reason })?;
         let hash = hash(&bytes, &companions);
         let all = stamp.into_iter().chain(stamps.iter().filter_map(|(_, stamp)| *stamp));
         if let Some(stamp) = stamp.filter(|_| all.clone().all(|stamp| stamp.is_settled())) {
@@ -155,32 +159,46 @@ impl<'a> Reads<'a> {
 }
 
 /// Where the files are that a file names, which lie in these folders or are said not to.
-pub(crate) fn named_in(path: &Path, roots: &[PathBuf]) -> Vec<PathBuf> {
+pub(crate) fn named_in(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBuf> {
+    // Only such files are read for what they name.
+    if !readers.may_name(&ending(path)) {
+        return Vec::new();
+    }
     let file = NodeFile {
         given: String::new(),
         path: path.to_owned(),
         needed: false,
         roots: roots.into(),
     };
-    // Only such files are read for what they name.
-    let bytes = if ending(path) == "obj" { plain::read(path).unwrap_or_default() } else { vec![] };
-    companions(&file, &bytes).1.into_iter().map(|(path, _)| path).collect()
+    let found = companions(&file, &plain::read(path).unwrap_or_default(), readers);
+    found.map_or(Vec::new(), |(_, stamps)| stamps.into_iter().map(|(path, _)| path).collect())
 }
 
 /// The files that a file names, and what the system says of each before it is read.
-fn companions(file: &NodeFile, bytes: &[u8]) -> (Companions, Vec<(PathBuf, Option<Stamp>)>) {
-    let (mut companions, mut stamps) = (Companions::new(), Vec::new());
-    if ending(&file.path) == "obj" {
-        let folder = file.path.parent().unwrap_or(Path::new(""));
-        obj::picture(bytes, &mut |name| {
+type Named = (Companions, Vec<(PathBuf, Option<Stamp>)>);
+
+/// Asks the readers of a file which others it names.
+///
+/// # Errors
+/// In words, if a reader panics.
+fn companions(file: &NodeFile, bytes: &[u8], readers: &Readers) -> Result<Named, String> {
+    let folder = file.path.parent().unwrap_or(Path::new(""));
+    let named = RefCell::new(Named::default());
+    let beside = |name: &str| {
+        let (companions, stamps) = &mut *named.borrow_mut();
+        let find = || {
             let path = folder.join(name);
             stamps.push((path.clone(), Stamp::of(&path)));
-            let found = read_companion(name, &path, &file.roots);
-            companions.insert(name.to_owned(), found.clone());
-            found
-        });
-    }
-    (companions, stamps)
+            read_companion(name, &path, &file.roots)
+        };
+        companions.entry(name.to_owned()).or_insert_with(find).clone()
+    };
+    let name = file.path.to_string_lossy();
+    let reading = Reading::new(&name, bytes, &beside);
+    catch_unwind(AssertUnwindSafe(|| readers.ask_companions(&reading)))
+        .map_err(|panic| format!("its reader panicked: {}", in_words(&*panic)))?;
+    drop(reading);
+    Ok(named.into_inner())
 }
 
 /// The hash of a file's content, and of that of the files that it names.
@@ -205,6 +223,11 @@ mod tests {
     use std::time::{Duration, SystemTime};
 
     use super::*;
+    use crate::format::READERS;
+
+    fn readers() -> Readers {
+        Readers::new(READERS.iter().copied())
+    }
 
     fn at(path: PathBuf) -> NodeFile {
         let roots = path.parent().map(|root| std::fs::canonicalize(root).unwrap_or(root.into()));
@@ -217,7 +240,7 @@ mod tests {
         let file = at(folder.path().join("a.txt"));
         std::fs::write(&file.path, "new").unwrap();
         let known = Known::default();
-        assert_eq!(Reads::new(&known).hash(&file).unwrap(), Some(Hash::of(b"new")));
+        assert_eq!(Reads::new(&known, &readers()).hash(&file).unwrap(), Some(Hash::of(b"new")));
         assert_eq!(known.look(&file.path), None, "a second write may have the same stamp");
 
         let old = SystemTime::now() - Duration::from_secs(60);
@@ -243,7 +266,7 @@ mod tests {
         write("a.obj", "mtllib a.mtl\nv 0 0 0\n");
         let file = NodeFile { path: folder.path().join("a.obj"), ..at(folder.path().join("a")) };
         let known = Known::default();
-        let read = || Reads::new(&known).file(&file).unwrap().unwrap();
+        let read = || Reads::new(&known, &readers()).file(&file).unwrap().unwrap();
         let missing = read();
         assert_eq!(missing.companion("a.mtl"), Err("there is no file `a.mtl`".into()));
         let stamp = Stamp::of(&file.path).unwrap();
@@ -268,8 +291,11 @@ mod tests {
     fn a_file_that_is_not_there_is_an_error_only_if_it_is_needed() {
         let file = at("/no/such/folder/a.txt".into());
         let known = Known::default();
-        let error = Reads::new(&known).hash(&file).unwrap_err();
+        let error = Reads::new(&known, &readers()).hash(&file).unwrap_err();
         assert_eq!(error.to_string(), "cannot read a.txt: there is no such file");
-        assert_eq!(Reads::new(&known).hash(&NodeFile { needed: false, ..file }).unwrap(), None);
+        assert_eq!(
+            Reads::new(&known, &readers()).hash(&NodeFile { needed: false, ..file }).unwrap(),
+            None
+        );
     }
 }

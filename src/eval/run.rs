@@ -117,7 +117,7 @@ impl<'a> Run<'a> {
             observer,
             cancel,
             start: Instant::now(),
-            files: Reads::new(&evaluator.files),
+            files: Reads::new(&evaluator.files, &graph.readers),
             places,
             slots,
             news: Mutex::default(),

@@ -25,7 +25,7 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 26] = [
+const ROOMS: [(&str, &[&str]); 27] = [
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
     (
         "cli",
@@ -37,23 +37,26 @@ const ROOMS: [(&str, &[&str]); 26] = [
     ),
     (
         "conformance",
-        &["catalog", "error", "eval", "graph", "node", "pack", "reading", "text", "value"],
+        &[
+            "catalog", "error", "eval", "graph", "node", "pack", "random", "reading", "text",
+            "value",
+        ],
     ),
     ("draw", &["catalog", "graph"]),
     ("error", &[]),
     (
         "eval",
         &[
-            "catalog", "error", "format", "graph", "node", "pack", "paths", "plain", "reading",
-            "stamp", "text", "value", "writing",
+            "catalog", "error", "graph", "node", "pack", "paths", "plain", "reading", "stamp",
+            "text", "value", "writing",
         ],
     ),
     ("format", &["error", "memory", "pack", "reading", "render", "text", "value"]),
     (
         "golden",
         &[
-            "catalog", "error", "format", "graph", "pack", "paths", "plain", "render", "text",
-            "value",
+            "catalog", "error", "format", "graph", "pack", "paths", "plain", "random", "render",
+            "text", "value",
         ],
     ),
     ("graph", &["catalog", "error", "node", "pack", "paths", "plain", "reading", "text", "value"]),
@@ -63,6 +66,7 @@ const ROOMS: [(&str, &[&str]); 26] = [
     ("pack", &["error", "node", "reading", "value"]),
     ("paths", &["text"]),
     ("plain", &[]),
+    ("random", &[]),
     ("reading", &["error", "paths", "plain", "value"]),
     ("render", &["simd", "value"]),
     (

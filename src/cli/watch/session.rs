@@ -284,8 +284,9 @@ impl<'a> Session<'a> {
     /// Watches what the outcome depends on now.
     fn rewatch(&mut self) {
         let (command, outside) = (self.command, self.outside);
-        let (files, subgraphs) = (&self.files, &self.subgraphs);
-        for file in self.sources.update(|| command.watch_list(files, subgraphs, outside)) {
+        let (files, subgraphs, catalog) = (&self.files, &self.subgraphs, self.catalog);
+        let list = || command.watch_list(files, subgraphs, outside, catalog);
+        for file in self.sources.update(list) {
             self.reread(&file);
         }
         self.contents.keep(self.sources.paths());

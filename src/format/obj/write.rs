@@ -180,6 +180,9 @@ impl FileReader for MeshObj {
         doubts.into_iter().for_each(|doubt| file.doubt(doubt));
         Ok(mesh)
     }
+
+    const COMPANIONS: Option<fn(&Reading<'_>)> =
+        Some(|file| drop(super::picture(file.bytes(), &mut |name| file.companion(name))));
 }
 
 #[cfg(test)]

@@ -54,7 +54,8 @@ impl Value for Palette {
     }
 }
 
-/// The palette files of GIMP and Inkscape.
+/// The palette files of GIMP and Inkscape. With a line `#Include: NAME`, a comment to these, one has the colors of another file beside it,
+/// too, before its own.
 pub struct GimpPalette;
 
 /// Bytes are no palette file.
@@ -76,22 +77,45 @@ impl FileReader for GimpPalette {
     const ENDINGS: &'static [&'static str] = &["gpl"];
 
     fn read(file: &Reading<'_>) -> Result<Palette, Error> {
-        let text = String::from_utf8_lossy(file.bytes());
-        let mut lines = text.lines().enumerate();
-        if lines.next().is_none_or(|(_, line)| line.trim() != "GIMP Palette") {
-            return Err(GimpPaletteError::Start.into());
+        let mut colors = Vec::new();
+        for name in included(file.bytes()) {
+            match file.companion(&name) {
+                Ok(bytes) => colors.extend(colors_of(&bytes)?),
+                Err(why) => file.doubt(format!("{why}: its colors are left out")),
+            }
         }
-        let is_color = |line: &str| line.trim_start().starts_with(|c: char| c.is_ascii_digit());
-        let colors = lines.filter(|(_, line)| is_color(line)).map(|(index, line)| {
-            let mut numbers = line.split_whitespace().map_while(|word| word.parse::<u8>().ok());
-            let color = [numbers.next(), numbers.next(), numbers.next()];
-            let [Some(r), Some(g), Some(b)] = color else {
-                return Err(GimpPaletteError::Color { line: index + 1 });
-            };
-            Ok([r, g, b])
-        });
-        Ok(Palette(colors.collect::<Result<Vec<Rgb>, _>>()?.into()))
+        colors.extend(colors_of(file.bytes())?);
+        Ok(Palette(colors.into()))
     }
+
+    const COMPANIONS: Option<fn(&Reading<'_>)> =
+        Some(|file| included(file.bytes()).iter().for_each(|name| drop(file.companion(name))));
+}
+
+/// The names of the files that a palette file includes.
+fn included(bytes: &[u8]) -> Vec<String> {
+    let text = String::from_utf8_lossy(bytes);
+    let names = text.lines().filter_map(|line| line.strip_prefix("#Include:"));
+    names.map(|name| name.trim().to_owned()).collect()
+}
+
+/// The colors that stand in a palette file itself.
+fn colors_of(bytes: &[u8]) -> Result<Vec<Rgb>, GimpPaletteError> {
+    let text = String::from_utf8_lossy(bytes);
+    let mut lines = text.lines().enumerate();
+    if lines.next().is_none_or(|(_, line)| line.trim() != "GIMP Palette") {
+        return Err(GimpPaletteError::Start);
+    }
+    let is_color = |line: &str| line.trim_start().starts_with(|c: char| c.is_ascii_digit());
+    let colors = lines.filter(|(_, line)| is_color(line)).map(|(index, line)| {
+        let mut numbers = line.split_whitespace().map_while(|word| word.parse::<u8>().ok());
+        let color = [numbers.next(), numbers.next(), numbers.next()];
+        let [Some(r), Some(g), Some(b)] = color else {
+            return Err(GimpPaletteError::Color { line: index + 1 });
+        };
+        Ok([r, g, b])
+    });
+    colors.collect()
 }
 
 impl FileFormat for GimpPalette {

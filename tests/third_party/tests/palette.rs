@@ -4,7 +4,9 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use maquette::value::{Layer, Meaning, Parts};
-use maquette::{AnyValue, Catalog, test_graphs, value_type};
+use maquette::{
+    AnyValue, Catalog, Options, Run, Session, Settings, State, Wanted, test_graphs, value_type,
+};
 use maquette_third_party::{PACK, Palette};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
@@ -67,4 +69,35 @@ fn it_is_made_of_an_array() {
     let palette = Palette(vec![[1, 2, 3]].into());
     assert_eq!(made.hash(), AnyValue::new(palette).hash());
     assert!(matches!(&made.show()[..], [Layer::Picture(_)]));
+}
+
+#[test]
+fn a_palette_is_read_again_when_one_that_it_includes_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["ReadPalette.ron", "color.png", "doll.gpl", "grays.gpl"] {
+        std::fs::copy(format!("{GRAPHS}/{name}"), folder.path().join(name)).unwrap();
+    }
+    let packs = [maquette_nodes::PACKS, &[PACK]].concat();
+    let mut session = Session::new(&packs, &Settings::in_memory()).unwrap();
+    let mut run = || {
+        let checked = session.load(&folder.path().join("ReadPalette.ron"), &Options::default());
+        let everything = Run { wanted: Wanted::Everything, ..Run::default() };
+        let Ok(done) = session.run(&checked.graph.unwrap(), &everything) else { panic!() };
+        let trace = done.trace();
+        let node = trace.0.iter().find(|node| node.name == "colors").unwrap();
+        let colors = done.get::<Palette>("colors").unwrap().0.to_vec();
+        let warnings = Vec::from_iter(done.problems().iter().map(|it| it.message.clone()));
+        (node.state, colors, warnings)
+    };
+    let first = run();
+    assert_eq!((first.0, first.1.len(), first.2.len()), (State::Computed, 5, 0));
+    assert_eq!(run().0, State::Cached);
+    let grays = folder.path().join("grays.gpl");
+    std::fs::write(&grays, "GIMP Palette\n1 2 3\n").unwrap();
+    let second = run();
+    assert_eq!((second.0, &second.1[0], second.1.len()), (State::Computed, &[1, 2, 3], 3));
+    std::fs::remove_file(&grays).unwrap();
+    let third = run();
+    assert_eq!((third.0, third.1.len()), (State::Computed, 2));
+    assert_eq!(third.2, ["`colors`: there is no file `grays.gpl`: its colors are left out"]);
 }
