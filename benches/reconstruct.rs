@@ -10,6 +10,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use maquette::Progress;
+use maquette::random::Random;
 use maquette::value::{Attribute, Mesh, Points};
 use maquette_nodes::mesh::{Options, Poses, reconstruct};
 use maquette_nodes::subdivision::Scattered;
@@ -92,19 +93,12 @@ fn torus(count: usize, noise: f64, normals: bool) -> Points {
     points.with_attribute("normal", Attribute::Vector(outwards.into())).expect("one for each")
 }
 
-/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
-struct Random(u64);
+/// Normal noise.
+trait Noise {
+    fn normal(&mut self, deviation: f64) -> f64;
+}
 
-impl Random {
-    /// Evenly between 0 and 1.
-    fn even(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut bits = self.0;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
+impl Noise for Random {
     /// Normal, with this deviation: Box and Muller (1958).
     fn normal(&mut self, deviation: f64) -> f64 {
         let angle = std::f64::consts::TAU * self.even();

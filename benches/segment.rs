@@ -6,6 +6,7 @@
 use std::sync::LazyLock;
 
 use divan::{Bencher, black_box};
+use maquette::random::Random;
 use maquette::value::{Image, Labels, Mask, Rgb};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, ThinMethod, edges, label, thin, threshold,
@@ -43,19 +44,14 @@ const COLORS: [[f64; 3]; 5] = [
     [150.0, 60.0, 160.0],
 ];
 
-/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
-struct Random(u64);
+/// Numbers in a range, and normal ones.
+trait Spread {
+    fn between(&mut self, low: f64, high: f64) -> f64;
 
-impl Random {
-    /// Evenly between 0 and 1.
-    fn even(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut bits = self.0;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((bits ^ (bits >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
+    fn normal(&mut self, deviation: f64) -> f64;
+}
 
+impl Spread for Random {
     fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.even()
     }

@@ -10,8 +10,10 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use thiserror::Error;
 
+use crate::error::Error;
 use crate::pack::{Format, format};
-use crate::reading::{AnyReader, reader};
+use crate::reading::{AnyReader, NoReader, Readers, Reading, reader};
+use crate::value::{Value, value_type};
 
 pub mod abs;
 pub mod camera;
@@ -94,6 +96,18 @@ pub const READERS: &[AnyReader] = &[
     reader::<handles::HandlesCsv>(),
 ];
 
+/// The value in a file, by the engine's own reader of such values and its ending.
+///
+/// # Errors
+/// [`NoReader`](crate::NoReader) if there is none, or those of the reader.
+pub fn read<T: Value>(file: &Reading<'_>) -> Result<T, Error> {
+    let value = Readers::new(READERS.iter().copied()).read(value_type::<T>(), file)?;
+    value.get().cloned().ok_or_else(|| {
+        let (what, ending) = (T::NAME, file.ending());
+        NoReader { what, ending, known: Vec::new() }.into()
+    })
+}
+
 /// A place in a file: a line of a text, or a byte of anything else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum At {
@@ -162,6 +176,8 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
 mod hostile {
     //! Files that lie: valid ones, cut and bent.
 
+    use crate::random::{STEP, mix};
+
     /// Calls `read` with `file` cut at every length, and with some thousand versions of it in which a few bytes are others:
     /// by any result but a panic the reader passes.
     pub(super) fn survive<T>(file: &[u8], read: impl Fn(&[u8]) -> T) {
@@ -179,12 +195,7 @@ mod hostile {
         }
     }
 
-    /// The output function of the generator SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number
-    /// generators", 2014).
     fn scramble(counter: u64) -> u64 {
-        let z = counter.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        mix(counter.wrapping_add(1).wrapping_mul(STEP))
     }
 }

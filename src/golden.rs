@@ -13,4 +13,3 @@ mod topology;
 pub(crate) use compare::six;
 pub use compare::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
 pub(crate) use expect::{ExpectationPlace, Violation, nodes_of, violations};
-pub(crate) use store::mesh_of;

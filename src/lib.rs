@@ -76,6 +76,8 @@ pub mod cli;
 pub mod conformance;
 pub mod format;
 pub mod memory;
+#[doc(hidden)]
+pub mod random;
 pub mod render;
 pub mod simd;
 pub mod value;

@@ -129,6 +129,15 @@ pub trait Value: Clone + Send + Sync + 'static {
         Vec::new()
     }
 
+    /// The faces that it shows, as one mesh; nothing if it shows none. These are the first of [`show`](Value::show), unless a type that
+    /// has none, or has them as they are, says so without drawing the rest.
+    fn as_mesh(&self) -> Option<Mesh> {
+        self.show().into_iter().find_map(|layer| match layer {
+            Layer::Triangles(mesh) => Some(*mesh),
+            _ => None,
+        })
+    }
+
     /// Values that the type allows and that are hard to treat: empty, tiny, degenerate, enormous. They are what
     /// [`conformance`](crate::conformance) tries nodes on, and tell which tolerances a test may give.
     fn hostile() -> Vec<Self> {
@@ -240,6 +249,7 @@ pub struct ValueType {
     parts: fn(&(dyn Any + Send + Sync)) -> Parts<'_>,
     from_parts: fn(&Parts<'_>) -> Result<AnyValue, PartsError>,
     show: fn(&(dyn Any + Send + Sync)) -> Vec<Layer>,
+    as_mesh: fn(&(dyn Any + Send + Sync)) -> Option<Mesh>,
     hostile: fn() -> Vec<AnyValue>,
 }
 
@@ -296,6 +306,7 @@ impl<T: Value> TypeOf<T> {
         parts: |value| downcast::<T>(value).parts(),
         from_parts: |parts| T::from_parts(parts).map(AnyValue::new),
         show: |value| downcast::<T>(value).show(),
+        as_mesh: |value| downcast::<T>(value).as_mesh(),
         hostile: || T::hostile().into_iter().map(AnyValue::new).collect(),
     };
 }
@@ -374,6 +385,11 @@ impl AnyValue {
     /// How it can be looked at.
     pub fn show(&self) -> Vec<Layer> {
         (self.kind.show)(&*self.value)
+    }
+
+    /// The faces that it shows, as one mesh; nothing if it shows none.
+    pub fn as_mesh(&self) -> Option<Mesh> {
+        (self.kind.as_mesh)(&*self.value)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use maquette::random;
 use maquette::value::{Faces, Mesh};
 use maquette_nodes::mesh::read_mesh;
 use nalgebra::{Point3, Vector3};
@@ -158,10 +159,7 @@ fn mean_edge(mesh: &Mesh) -> f64 {
 
 /// A number between 0 and 1 that looks random.
 fn noise(seed: u64) -> f64 {
-    let mut x = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    random::even(random::mix(seed.wrapping_mul(random::STEP)))
 }
 
 /// The data moved along its normals; `share` of the mean edge is one sigma.

@@ -1,6 +1,7 @@
 //! What must hold of deformations, with exact answers; the identifiers are those of algorithms.md, section 13.
 
 use maquette::Progress;
+use maquette::random::Random;
 use maquette::value::{Handle, HandleSpace, Handles, Points};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
@@ -15,26 +16,19 @@ mod forms;
 mod objects;
 mod tables;
 
-/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
-pub(super) struct Random(pub(super) u64);
+/// Places in the unit cube.
+pub(super) trait Places {
+    fn point(&mut self) -> Point3<f64>;
 
-impl Random {
-    /// Evenly between 0 and 1.
-    pub(super) fn even(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut bits = self.0;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    fn points(&mut self, count: usize) -> Vec<Point3<f64>> {
+        (0..count).map(|_| self.point()).collect()
     }
+}
 
-    pub(super) fn point(&mut self) -> Point3<f64> {
+impl Places for Random {
+    fn point(&mut self) -> Point3<f64> {
         let mut next = || self.even();
         Point3::new(next(), next(), next())
-    }
-
-    pub(super) fn points(&mut self, count: usize) -> Vec<Point3<f64>> {
-        (0..count).map(|_| self.point()).collect()
     }
 }
 

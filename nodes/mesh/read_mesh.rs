@@ -1,8 +1,7 @@
 //! Reads a mesh from a file.
 
-use maquette::format::{glb, obj, ply, stl};
 use maquette::value::Mesh;
-use maquette::{Context, Error, FilePath, Node};
+use maquette::{Context, Error, FilePath, NoReader, Node, Reading, format};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -20,17 +19,6 @@ pub struct ReadMesh {
     pub path: FilePath,
 }
 
-/// Why there is no mesh.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ReadMeshError {
-    /// A file of another format.
-    #[error("no mesh can be read from `.{ending}`; known are {}", endings())]
-    Ending {
-        /// The ending of the file's name, without the dot.
-        ending: String,
-    },
-}
-
 impl Node for ReadMesh {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
@@ -40,28 +28,18 @@ impl Node for ReadMesh {
     }
 }
 
-type Reader = fn(&[u8]) -> Result<Mesh, Error>;
-
-/// What reads the files of each ending.
-const READERS: &[(&str, Reader)] = &[
-    ("obj", |bytes| Ok(obj::read(bytes)?)),
-    ("ply", |bytes| Ok(ply::read(bytes)?)),
-    ("stl", |bytes| Ok(stl::read(bytes)?)),
-    ("glb", |bytes| Ok(glb::read(bytes)?)),
-];
-
-/// The mesh in a file whose name ends in `ending`: `obj`, `ply`, `stl` or `glb`; without what stands in other files.
+/// The mesh in a file whose name ends in `ending`, of those that the engine reads; without what stands in other files.
 ///
 /// # Errors
 /// If the ending is another one, or the bytes are no such file.
 pub fn read_mesh(bytes: &[u8], ending: &str) -> Result<Mesh, Error> {
-    let reader = READERS.iter().find(|reader| reader.0 == ending);
-    let (_, read) = reader.ok_or_else(|| ReadMeshError::Ending { ending: ending.to_owned() })?;
-    read(bytes)
-}
-
-fn endings() -> String {
-    READERS.iter().map(|reader| reader.0).collect::<Vec<_>>().join(", ")
+    let name = format!("mesh.{ending}");
+    format::read(&Reading::alone(&name, bytes)).map_err(|error| match error.downcast() {
+        Some(NoReader { ending, known, .. }) => {
+            NoReader { what: "mesh", ending: ending.clone(), known: known.clone() }.into()
+        }
+        None => error,
+    })
 }
 
 #[cfg(test)]
@@ -86,6 +64,6 @@ mod tests {
             error.to_string(),
             "no mesh can be read from `.fbx`; known are obj, ply, stl, glb"
         );
-        assert!(matches!(error.downcast(), Some(ReadMeshError::Ending { .. })));
+        assert!(matches!(error.downcast(), Some(NoReader { .. })));
     }
 }

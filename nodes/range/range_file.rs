@@ -111,12 +111,6 @@ pub(super) fn check_view(
     }
 }
 
-/// The grid with its camera, and the pose of the camera file or else of its own.
-pub(super) fn with_camera(range: RangeImage, camera: &CameraFile) -> RangeImage {
-    let pose = camera.world_from_camera.or(range.world_from_camera().copied());
-    range.with_camera(Some(camera.range.pinhole)).with_world_from_camera(pose)
-}
-
 /// Where a node finds the camera of a range file.
 pub(super) struct CameraSource<'a> {
     /// The range file.

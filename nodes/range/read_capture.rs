@@ -7,7 +7,7 @@ use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{self, Axes, CameraSource, Unit, check_view, is_unknown, with_camera};
+use super::range_file::{self, Axes, CameraSource, Unit, check_view, is_unknown};
 
 /// Reads a capture: a picture and a range grid that were taken together.
 ///
@@ -101,10 +101,8 @@ fn registered(
     };
     check_view("picture", &camera.color, picture)?;
     check_view("range grid", &camera.range, grid)?;
-    let (color_camera, range_camera) = (camera.color.pinhole, camera.range.pinhole);
-    let registration = Registration::pinholes(&range_camera, &color_camera, picture);
-    let range = with_camera(range.with_registration(registration), camera);
-    Ok((image.with_camera(Some(color_camera)), range))
+    let range = camera.over(range, Some(picture));
+    Ok((image.with_camera(Some(camera.color.pinhole)), range))
 }
 
 #[cfg(test)]

@@ -6,9 +6,7 @@ use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::range_file::{
-    self, Axes, CameraFileError, CameraSource, Unit, check_view, is_unknown, with_camera,
-};
+use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_view, is_unknown};
 
 /// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map, PNG of 16 bits or TIFF of
 /// floats.
@@ -96,7 +94,7 @@ fn with_colors(
     let found = [range.width(), range.height()];
     if let Some(camera) = camera {
         check_view("range grid", &camera.range, found)?;
-        range = with_camera(range, camera);
+        range = camera.over(range, None);
     }
     let pixels = match range.colors() {
         Some(colors) => colors.to_vec(),

@@ -11,12 +11,12 @@ use super::caching::CacheOptions;
 use super::{Exit, all_outputs, eprint, print, report};
 use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
 use crate::format::png;
-use crate::golden::mesh_of;
 use crate::graph::{Graph, Options, Subgraph};
 use crate::plain;
 use crate::render::{View, render};
 use crate::session::Session;
 use crate::text::any_of;
+use crate::value::AnyValue;
 use crate::writing::{Destination, Refused, Sources};
 
 #[derive(Args)]
@@ -240,7 +240,8 @@ fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
 /// The first output that has faces, as it looks.
 fn picture_of(graph: &Graph, session: &mut Session) -> Option<Vec<u8>> {
     let finished = all_outputs(session, graph)?;
-    let mesh = graph.output_names().filter_map(|name| finished.value(name)).find_map(mesh_of)?;
+    let mesh =
+        graph.output_names().filter_map(|name| finished.value(name)).find_map(AnyValue::as_mesh)?;
     png::encode_rgb(&render(&mesh, &VIEW)).ok()
 }
 

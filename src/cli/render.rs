@@ -12,7 +12,6 @@ use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
 use crate::format::png;
-use crate::golden::mesh_of;
 use crate::plain::ending;
 use crate::render::{Projection, View, render};
 use crate::session::{Run, Wanted};
@@ -76,7 +75,7 @@ impl Render {
         if ending(picture) != "png" {
             return Exit::Usage(format!("{} is no name of a PNG file", picture.display()));
         }
-        let Some(mesh) = mesh_of(&value) else {
+        let Some(mesh) = value.as_mesh() else {
             return Exit::Usage(format!(
                 "{} has no faces to be seen",
                 with_article(value.kind().name)

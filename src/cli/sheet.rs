@@ -11,11 +11,10 @@ use super::render::size;
 use super::{Exit, GraphOptions, all_outputs, print, report};
 use crate::catalog::{Catalog, inside};
 use crate::format::png;
-use crate::golden::mesh_of;
 use crate::graph::{Graph, Options};
 use crate::render::{View, render};
 use crate::session::Session;
-use crate::value::{Image, Mesh, Rgb};
+use crate::value::{AnyValue, Image, Mesh, Rgb};
 use crate::writing::{Destination, Sources};
 
 /// A row for the defaults, and one for each end of each parameter that has a least and a greatest value.
@@ -107,7 +106,7 @@ impl Sheet {
         report(&checked.problems);
         let graph = checked.graph?;
         let finished = all_outputs(session, &graph)?;
-        graph.output_names().filter_map(|name| finished.value(name)).find_map(mesh_of)
+        graph.output_names().filter_map(|name| finished.value(name)).find_map(AnyValue::as_mesh)
     }
 
     fn draw(&self, rows: &[Option<Mesh>]) -> Image {

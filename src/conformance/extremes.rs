@@ -9,6 +9,7 @@ use super::{Hostile, Values, call, inputs};
 use crate::catalog::Entry;
 use crate::graph::Graph;
 use crate::node::{CancelToken, Progress};
+use crate::random::Random;
 use crate::text::{inside_option, resolve, variants};
 use crate::value::AnyValue;
 
@@ -54,7 +55,7 @@ pub(super) fn check(
         ends.iter().for_each(|to| tell(&[(path.clone(), to.clone())], good.clone()));
     }
     let ports = case.entry.ports();
-    let mut dice = Dice(0);
+    let mut dice = Random(0);
     for _ in 0..MIXTURES {
         let mut set = Vec::new();
         for (path, ends) in &numbers {
@@ -152,20 +153,6 @@ fn ends(schema: &Json) -> Vec<String> {
         .filter(is_allowed)
         .map(|x| if is_whole { x.to_string() } else { format!("{x:e}") })
         .collect()
-}
-
-/// Numbers below a bound, the same in every run.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, bound: usize) -> usize {
-        // Steele, Lea, Flood, *Fast splittable pseudorandom number generators* (2014): SplitMix64.
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % bound as u64) as usize
-    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix4};
 use serde_json::Value;
 use thiserror::Error;
 
-use crate::value::Pinhole;
+use crate::value::{Pinhole, RangeImage, Registration};
 
 /// The name of the camera file of the captures in its folder.
 pub const NAME: &str = "camera.json";
@@ -31,6 +31,21 @@ pub struct View {
     pub pinhole: Pinhole,
     /// What it gives, if the file says so: width, height.
     pub size: Option<[usize; 2]>,
+}
+
+impl CameraFile {
+    /// The grid with its camera, the pose of this file or else its own, and, if the picture of the same capture has a known size, its
+    /// place in it: K_color K_range^-1.
+    #[must_use]
+    pub fn over(&self, range: RangeImage, picture: Option<[usize; 2]>) -> RangeImage {
+        let pose = self.world_from_camera.or(range.world_from_camera().copied());
+        let [own, color] = [self.range.pinhole, self.color.pinhole];
+        let range = range.with_camera(Some(own)).with_world_from_camera(pose);
+        match picture {
+            Some(size) => range.with_registration(Registration::pinholes(&own, &color, size)),
+            None => range,
+        }
+    }
 }
 
 /// Why bytes are not a camera file.

@@ -7,7 +7,7 @@ use super::camera::{self, CameraFile};
 use super::{abs, depth, pcd, ply, ptx};
 use crate::error;
 use crate::reading::{FileReader, Reading};
-use crate::value::{RangeImage, Registration, SizeError};
+use crate::value::{RangeImage, SizeError};
 
 /// How the coordinates of a range file lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -159,20 +159,9 @@ impl FileReader for RangeFiles {
             camera.range.size.is_none_or(|size| size == [range.width(), range.height()])
         };
         Ok(match camera.filter(is_its_own) {
-            Some(camera) => registered(range, &camera),
+            Some(camera) => camera.over(range, camera.color.size),
             None => range,
         })
-    }
-}
-
-/// The grid with its camera, the pose of the camera file or else of its own, and its place in the picture that was taken with it.
-fn registered(range: RangeImage, camera: &CameraFile) -> RangeImage {
-    let pose = camera.world_from_camera.or(range.world_from_camera().copied());
-    let [own, color] = [camera.range.pinhole, camera.color.pinhole];
-    let range = range.with_camera(Some(own)).with_world_from_camera(pose);
-    match camera.color.size {
-        Some(picture) => range.with_registration(Registration::pinholes(&own, &color, picture)),
-        None => range,
     }
 }
 

@@ -9,7 +9,6 @@ use nalgebra::Point3;
 use super::compare::{distances, six};
 use super::intersect::intersections;
 use super::looks;
-use super::store::mesh_of;
 use super::topology::Topology;
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::graph::{Expectation, Graph};
@@ -45,7 +44,7 @@ impl Expectation {
                 bounds(value, [low.0, low.1, low.2], [high.0, high.1, high.2])
             }
             _ => {
-                let Some(mesh) = mesh_of(value) else {
+                let Some(mesh) = value.as_mesh() else {
                     return Some((
                         format!("is a {}, which has no faces", value.kind().name),
                         Vec::new(),
@@ -75,7 +74,7 @@ impl Expectation {
                         }
                     }
                     Self::Near { max, rms, to, .. } => {
-                        match values.get(1).and_then(|to| mesh_of(to)) {
+                        match values.get(1).and_then(|to| to.as_mesh()) {
                             Some(other) => near(&mesh, &other, *max, *rms, to),
                             None => Some((
                                 format!("cannot be near `{to}`, which has no faces"),
@@ -228,7 +227,7 @@ fn count(
     min: Option<f64>,
     max: Option<f64>,
 ) -> Option<(String, Vec<Point3<f64>>)> {
-    let counts: Vec<(Cow<'static, str>, i64)> = match mesh_of(value) {
+    let counts: Vec<(Cow<'static, str>, i64)> = match value.as_mesh() {
         Some(mesh) => {
             let loops = [("border loops", looks::border_loops(&mesh) as i64)];
             let facts = Topology::of(&mesh).facts().into_iter().chain(loops);
@@ -275,7 +274,7 @@ fn counts(parts: &Parts<'_>) -> Vec<(Cow<'static, str>, i64)> {
 }
 
 fn bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Option<(String, Vec<Point3<f64>>)> {
-    let points = match mesh_of(value) {
+    let points = match value.as_mesh() {
         Some(mesh) => Some(mesh.positions().to_vec()),
         None => {
             let parts = value.parts();

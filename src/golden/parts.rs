@@ -32,9 +32,19 @@ impl From<Meaning> for Class {
 impl From<&value::Part<'_>> for GoldenColumn {
     fn from(part: &value::Part<'_>) -> Self {
         let numbers = part.items.numbers().into_owned();
-        Self::new(&part.name, part.meaning.into(), part.width.max(1), numbers)
+        let faces = match (&part.name[..], part.on, part.meaning) {
+            (SIDES, On::Face, Meaning::Exact) => true,
+            (CORNERS, on, Meaning::Index) => on == On::Face || on == On::Corner,
+            _ => false,
+        };
+        Self { faces, ..Self::new(&part.name, part.meaning.into(), part.width.max(1), numbers) }
     }
 }
+
+/// What the columns are called that are the faces of a mesh, where they lie on faces and are numbers of vertices: how many corners each
+/// face has, if not all have as many, and which these are.
+pub(crate) const SIDES: &str = "sides";
+pub(crate) const CORNERS: &str = "corners";
 
 /// One column: `width` numbers for each element.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,13 +55,15 @@ pub(crate) struct GoldenColumn {
     /// Elements of the value; the column holds every `stride`-th of them.
     pub(crate) count: usize,
     pub(crate) stride: usize,
+    /// Whether it is the faces of a mesh, and no other column that is called the same.
+    pub(crate) faces: bool,
     pub(crate) numbers: Vec<f64>,
 }
 
 impl GoldenColumn {
     pub(crate) fn new(name: &str, class: Class, width: usize, numbers: Vec<f64>) -> Self {
         let count = numbers.len() / width;
-        Self { name: name.to_owned(), class, width, count, stride: 1, numbers }
+        Self { name: name.to_owned(), class, width, count, stride: 1, faces: false, numbers }
     }
 
     /// The numbers of the element at this place of the column.

@@ -5,6 +5,7 @@
 //! space" (1984). So a handful tells of a million numbers whether any changed, and by how much all of them together, where only
 //! some of the numbers were kept, and those rounded.
 
+use crate::random::{STEP, mix};
 use rayon::prelude::*;
 
 /// How many sums: one would tell whether anything changed, four tell by how much within a factor of about two.
@@ -67,19 +68,11 @@ impl Sketch {
 }
 
 /// The next weight of a row of them, even between the two roots of 3, so that its square is 1 in the mean.
-///
-/// Steele, Lea, Flood, "Fast splittable pseudorandom number generators" (2014).
 fn weight(state: &mut u64) -> f64 {
     const ROOT_OF_3: f64 = 1.732_050_807_568_877_2;
     const HALF: f64 = (1u64 << 52) as f64;
-    *state = state.wrapping_mul(0xd134_2543_de82_ef95).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    *state = state.wrapping_mul(0xd134_2543_de82_ef95).wrapping_add(STEP);
     (mix(*state) >> 11) as f64 * (ROOT_OF_3 / HALF) - ROOT_OF_3
-}
-
-fn mix(state: u64) -> u64 {
-    let z = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }
 
 #[cfg(test)]

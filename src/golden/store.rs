@@ -17,8 +17,8 @@ use crate::format::png;
 use crate::pack::NewFile;
 use crate::render::{View, render};
 use crate::value::{
-    AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Layer, Meaning, Mesh,
-    On, Rgb, Surface,
+    AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Meaning, Mesh, On, Rgb,
+    Surface,
 };
 
 mod judge;
@@ -92,7 +92,7 @@ pub(crate) fn files(
         files.push(NewFile { name: ".bin".into(), bytes: pack(parts, tolerance, stride) });
         let view = View { size: [160, 120], ..View::front() };
         // All of a mesh shows how it looked.
-        let mesh = (stride > 1).then(|| mesh_of(value)).flatten();
+        let mesh = (stride > 1).then(|| value.as_mesh()).flatten();
         let look = mesh.and_then(|mesh| png::encode_rgb(&render(&mesh, &view)).ok());
         files.extend(look.map(|bytes| NewFile { name: ".view.png".into(), bytes }));
     }
@@ -152,15 +152,7 @@ fn line(label: &str, text: &str) -> String {
     format!("{label:<28}  {text}\n")
 }
 
-/// What has faces, as a mesh: a surface, too.
-pub(crate) fn mesh_of(value: &AnyValue) -> Option<Mesh> {
-    value.show().into_iter().find_map(|layer| match layer {
-        Layer::Triangles(mesh) => Some(*mesh),
-        _ => None,
-    })
-}
-
-/// A value that consists of colors or flags of pixels alone, as the picture that is kept of it; none for others.
+/// What is nothing but colors of pixels, or flags of pixels, is kept as a picture.
 pub(crate) fn picture_of(value: &AnyValue) -> Option<Image> {
     let parts = value.parts();
     let mut compared = parts.columns.iter().filter(|part| !part.aside);

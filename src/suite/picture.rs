@@ -6,7 +6,7 @@ use super::Compared;
 use crate::format::png;
 use crate::golden::compare::{distances, six};
 use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
-use crate::golden::store::{Golden, every, mesh_of, picture_of};
+use crate::golden::store::{Golden, every, picture_of};
 use crate::render::{View, render};
 use crate::value::{AnyValue, Attribute, Image, Mesh, Rgb};
 
@@ -35,7 +35,7 @@ impl Figure {
 /// The pictures of an output that is not as it was.
 pub(crate) fn figures(output: &Compared) -> Vec<Figure> {
     let golden = output.golden.as_ref().ok();
-    if let Some(mesh) = mesh_of(&output.value) {
+    if let Some(mesh) = output.value.as_mesh() {
         return of_mesh(&mesh, golden);
     }
     let (old, new) = pictures(&output.value, golden);
@@ -107,7 +107,7 @@ fn of_mesh(new: &Mesh, golden: Option<&Golden>) -> Vec<Figure> {
 
 /// A mesh or surface with the vertices near some places in red.
 pub(crate) fn marked(value: &AnyValue, places: &[Point3<f64>]) -> Option<Vec<Figure>> {
-    let mesh = mesh_of(value)?;
+    let mesh = value.as_mesh()?;
     let (low, high) = mesh.bounds()?;
     let near_sq = (high - low).norm_squared() * 1e-4;
     let is_near = |vertex: &Point3<f64>| {

@@ -3,8 +3,8 @@
 use super::hostile::SIZES;
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, Encoder, Image, Items, Layer, Meaning, On, Parts, PartsError,
-    Picture, Rgb, Summary, Value,
+    Column, DecodeError, Decoder, Encoder, Image, Items, Layer, Meaning, Mesh, On, Parts,
+    PartsError, Picture, Rgb, Summary, Value,
 };
 
 /// A number per pixel, such as a gradient's length; row 0 on top. Numbers may be NaN, which means: not known there.
@@ -111,6 +111,10 @@ impl Value for Field {
         let gray = |&x: &f32| [((f64::from(x) - least) * scale).round() as u8; 3];
         let pixels: Vec<Rgb> = self.pixels.iter().map(gray).collect();
         Picture::own(Image::new(self.width, self.height, pixels))
+    }
+
+    fn as_mesh(&self) -> Option<Mesh> {
+        None
     }
 
     fn hostile() -> Vec<Self> {

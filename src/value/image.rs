@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use thiserror::Error;
 
 use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Pinhole, Summary, Value,
+    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole, Summary, Value,
 };
 
 mod parts;
@@ -167,6 +167,10 @@ impl Value for Image {
 
     fn show(&self) -> Vec<Layer> {
         parts::show(self)
+    }
+
+    fn as_mesh(&self) -> Option<Mesh> {
+        None
     }
 
     fn hostile() -> Vec<Self> {

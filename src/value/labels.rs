@@ -6,7 +6,9 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::image::{SizeError, check_size};
-use super::{Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Summary, Value};
+use super::{
+    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Summary, Value,
+};
 use crate::memory::huge_vec;
 
 mod parts;
@@ -282,6 +284,10 @@ impl Value for Labels {
 
     fn show(&self) -> Vec<Layer> {
         parts::show(self)
+    }
+
+    fn as_mesh(&self) -> Option<Mesh> {
+        None
     }
 
     fn hostile() -> Vec<Self> {

@@ -5,8 +5,8 @@ use rayon::prelude::*;
 use super::hostile::SIZES;
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, Encoder, Image, Layer, Meaning, On, Parts, PartsError, Picture,
-    Rgb, Summary, Value,
+    Column, DecodeError, Decoder, Encoder, Image, Layer, Meaning, Mesh, On, Parts, PartsError,
+    Picture, Rgb, Summary, Value,
 };
 
 /// Which pixels of a picture belong to something; row 0 on top.
@@ -139,6 +139,10 @@ impl Value for Mask {
     fn show(&self) -> Vec<Layer> {
         let pixels: Vec<Rgb> = self.pixels.iter().map(|&inside| [255 * inside; 3]).collect();
         Picture::own(Image::new(self.width, self.height, pixels))
+    }
+
+    fn as_mesh(&self) -> Option<Mesh> {
+        None
     }
 
     fn hostile() -> Vec<Self> {

@@ -37,6 +37,7 @@ impl<T: Memo> TypeOf<T> {
         parts: |_| Parts::default(),
         from_parts: |_| Err(PartsError::Never { kind: T::NAME }),
         show: |_| Vec::new(),
+        as_mesh: |_| None,
         hostile: Vec::new,
     };
 }

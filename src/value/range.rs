@@ -7,7 +7,7 @@ use thiserror::Error;
 use super::frame::{decode_pose, encode_pose};
 use super::image::{SizeError, check_size};
 use super::{
-    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Pinhole,
+    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole,
     Registration, Rgb, Summary, Value,
 };
 
@@ -289,6 +289,10 @@ impl Value for RangeImage {
 
     fn show(&self) -> Vec<Layer> {
         parts::show(self)
+    }
+
+    fn as_mesh(&self) -> Option<Mesh> {
+        None
     }
 
     fn hostile() -> Vec<Self> {

@@ -3,7 +3,9 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::{Column, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Summary, Value};
+use super::{
+    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Summary, Value,
+};
 
 mod parts;
 
@@ -208,6 +210,10 @@ impl Value for Region {
 
     fn show(&self) -> Vec<Layer> {
         parts::show(self)
+    }
+
+    fn as_mesh(&self) -> Option<Mesh> {
+        None
     }
 
     fn hostile() -> Vec<Self> {

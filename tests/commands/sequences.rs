@@ -5,6 +5,7 @@
 //!
 //! `SEQUENCES` says how many sequences there are, `SEED` which; a failure prints what was done.
 
+use maquette::random::Random;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -53,18 +54,12 @@ fn a_living_watch_comes_to_what_is_true() {
     }
 }
 
-/// Pseudorandom numbers: SplitMix64 (Steele, Lea and Flood 2014).
-struct Random(u64);
+/// Chooses among some.
+trait Pick {
+    fn pick<'a, T: ?Sized>(&mut self, among: &[&'a T]) -> &'a T;
+}
 
-impl Random {
-    fn below(&mut self, limit: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut x = self.0;
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((x ^ (x >> 31)) % limit as u64) as usize
-    }
-
+impl Pick for Random {
     fn pick<'a, T: ?Sized>(&mut self, among: &[&'a T]) -> &'a T {
         among[self.below(among.len())]
     }

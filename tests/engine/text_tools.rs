@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use expect_test::{Expect, expect};
+use maquette::random::Random;
+use maquette::{Catalog, Graph, Options, Problem, Source};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use ron::Value;
-
-use maquette::{Catalog, Graph, Options, Problem, Source};
 
 use crate::beside::beside;
 
@@ -45,22 +45,8 @@ fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// Numbers below a bound, the same in every run.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, bound: usize) -> usize {
-        // Steele, Lea, Flood, *Fast splittable pseudorandom number generators* (2014): SplitMix64.
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % bound as u64) as usize
-    }
-}
-
 /// The text with some bytes taken out, doubled, or replaced by pieces that graphs are made of.
-fn spoiled(text: &str, dice: &mut Dice) -> String {
+fn spoiled(text: &str, dice: &mut Random) -> String {
     const PIECES: [&str; 18] = [
         "(", ")", "[", "]", "{", "}", ",", ":", "\"", "\\", "// a\n", "/* b", "*/", "\r\n", "\n\n",
         "ä", "#", "-1.",
@@ -138,7 +124,7 @@ fn the_graphs_of_the_project_are_in_their_canonical_form() {
 
 #[test]
 fn spoiled_graphs_are_printed_as_they_stand_and_those_that_can_be_read_are_formatted() {
-    let mut dice = Dice(6);
+    let mut dice = Random(6);
     for (path, text) in corpus() {
         for round in 0..100 {
             check_text(&spoiled(&text, &mut dice), &format!("{} {round}", path.display()));
@@ -148,7 +134,7 @@ fn spoiled_graphs_are_printed_as_they_stand_and_those_that_can_be_read_are_forma
 
 #[test]
 fn the_form_does_not_hang_on_how_lines_are_broken() {
-    let mut dice = Dice(7);
+    let mut dice = Random(7);
     for (path, text) in corpus() {
         let Some(form) = formatted(&text) else { continue };
         // Comments end lines, and blank lines are kept.

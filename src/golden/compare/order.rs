@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::golden::parts::{GoldenColumn, GoldenParts};
+use crate::random::{self, STEP};
 use crate::value::{AnyValue, Attributes, Mesh, Points};
 
 /// The sum of the marks of all faces and vertices, or of all points; none for values in which the order matters.
@@ -86,10 +87,7 @@ fn sum(marks: &[u64]) -> u128 {
     marks.par_iter().map(spread).reduce(|| 0, u128::wrapping_add)
 }
 
-/// Steele, Lea, Flood, "Fast splittable pseudorandom number generators" (2014), with the earlier mark as its state.
+/// The mark with some bits more, in this order.
 fn mix(mark: u64, bits: u64) -> u64 {
-    let z = (mark ^ bits).wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    (z ^ (z >> 31)).wrapping_add(mark.rotate_left(23))
+    random::mix((mark ^ bits).wrapping_add(STEP)).wrapping_add(mark.rotate_left(23))
 }

@@ -3,14 +3,14 @@
 //! Every entry is compared. Numbers were kept rounded, so each difference is known up to an error that is far below the tolerance: rounding
 //! makes no value pass that would fail otherwise, and a difference within the error does not count.
 
-use super::pack::{Column, FACES, Kept, mark};
+use super::pack::{Column, Kept, mark};
 use super::summary::{Line, SKETCH, summary};
 use super::{BECAUSE, FORM, Golden, KEPT_FOR, KEPT_IN, Written, every, picture_of};
 use crate::golden::compare::{
     Comparison, Measure, Rounding, Tolerance, Verdict, allowed, compare_columns, compare_meshes,
     compare_parts, different_facts, given, in_unit, measure, unit, without_order,
 };
-use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
+use crate::golden::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 use crate::golden::sketch::Sketch;
 use crate::value::{AnyValue, Image, Mesh};
 
@@ -115,7 +115,7 @@ impl Golden {
         let Some(kept) = self.kept() else {
             return (vec!["nothing was kept by which it could be judged".into()], Vec::new());
         };
-        let other_faces = FACES
+        let other_faces = [SIDES, CORNERS]
             .iter()
             .any(|name| kept.numbers(name) != parts.column(name).map(|part| &part.numbers[..]));
         if let (true, Some(old), Some(new)) =
@@ -134,7 +134,7 @@ impl Golden {
         let mut measures = Vec::new();
         for (part, same) in parts.columns.iter().zip(same) {
             match kept.column(&part.name) {
-                None if FACES.contains(&&part.name[..]) && self.stride() > 1 => {
+                None if part.faces && self.stride() > 1 => {
                     if !same {
                         told.push(format!("`{}` differs where nothing was kept", part.name));
                     }

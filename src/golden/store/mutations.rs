@@ -4,17 +4,15 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Golden, files, read};
 use crate::golden::compare::{Tolerance, Verdict};
+use crate::random::{STEP, even, mix};
 use crate::value::{
     AnyValue, Attribute, ControlNet, Curve, Faces, Field, Image, KnotVector, Labels, Mask, Mesh,
     Points, RangeImage, Surface,
 };
 
-/// Pseudo-random, from 0 to 1: Steele, Lea, Flood, "Fast splittable pseudorandom number generators" (2014).
+/// Pseudo-random, from 0 to 1.
 fn chance(seed: usize) -> f64 {
-    let z = (seed as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    even(mix((seed as u64).wrapping_mul(STEP)))
 }
 
 fn kept(value: &AnyValue, tolerance: &Tolerance) -> Golden {

@@ -9,7 +9,7 @@ use self::coder::{Coder, EVEN, Reader, Writer};
 use self::numbers::{Layout, MeshNeighbors, Whole};
 use super::precision::{FEW, Last, Precision, precision};
 use crate::golden::compare::Tolerance;
-use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
+use crate::golden::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 use crate::value::Hash;
 
 mod coder;
@@ -17,7 +17,7 @@ mod faces;
 mod numbers;
 
 /// The columns that are the faces of a mesh, in the order in which they are needed.
-pub(super) const FACES: [&str; 2] = ["sides", "corners"];
+const FACES: [&str; 2] = [SIDES, CORNERS];
 
 const MAGIC: &[u8; 8] = b"golden2\n";
 
@@ -117,13 +117,13 @@ fn sides_of(sides: Option<&[f64]>, width: usize, count: usize) -> Vec<usize> {
 /// The numbers of all columns, or of every n-th of their elements.
 pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) -> Vec<u8> {
     // Some corners say nothing of a mesh, whose counts and mark without order are in the summary.
-    let is_kept = |part: &&GoldenColumn| stride == 1 || !FACES.contains(&&part.name[..]);
+    let is_kept = |part: &&GoldenColumn| stride == 1 || !part.faces;
     let mut columns: Vec<&GoldenColumn> = parts.columns.iter().filter(is_kept).collect();
     columns.sort_by_key(|part| FACES.iter().position(|name| part.name == *name).unwrap_or(2));
     let (mut head, mut body) = (Vec::new(), Vec::new());
     let mut mesh = Mesh::default();
     if let Some(corners) = columns.iter().find(|part| is_faces(part)) {
-        let sides = parts.column("sides").map(|part| &part.numbers[..]);
+        let sides = parts.column(SIDES).filter(|part| part.faces).map(|part| &part.numbers[..]);
         mesh.sides = sides_of(sides, corners.width, corners.count);
         mesh.corners = corners.numbers.iter().map(|&x| x as u32).collect();
         mesh.vertices = parts.column("position").map_or(0, |part| part.count);
@@ -152,10 +152,14 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
             let whole = rounded(part, &fine);
             json!({"step": last.step, "bits": last.bits, "error": last.error, "mark": mark(whole.numbers.into_iter())})
         });
-        head.push(json!({
+        let mut column = json!({
             "name": part.name, "class": class_word(part.class), "width": part.width, "count": part.count,
             "stride": part.stride, "step": precision.step, "error": precision.error, "last": last, "bytes": bytes.len(),
-        }));
+        });
+        if !part.faces && FACES.contains(&&part.name[..]) {
+            column[NO_FACES] = true.into();
+        }
+        head.push(column);
         body.extend(bytes);
     }
     let head = json!({"row": parts.row, "columns": head}).to_string();
@@ -167,9 +171,12 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
     bytes
 }
 
+/// Says of a column that is called like the faces of a mesh that it is none.
+const NO_FACES: &str = "no faces";
+
 /// The corners of faces have a way of their own, as long as all of them are kept.
 fn is_faces(part: &GoldenColumn) -> bool {
-    part.name == "corners" && part.stride == 1
+    part.faces && part.name == CORNERS && part.stride == 1
 }
 
 fn packed(part: &GoldenColumn, layout: &Layout<'_>, precision: &Precision) -> Vec<u8> {
@@ -264,11 +271,13 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
         };
         let (step, error) = (column["step"].as_f64()?, column["error"].as_f64()?);
         let precision = Precision { step, error, last, shortest: 0.0 };
-        let mut part = GoldenColumn { name, class, width, count, stride, numbers: Vec::new() };
+        let faces = FACES.contains(&&name[..]) && column[NO_FACES] != true;
+        let mut part = GoldenColumn { name, class, width, count, stride, faces, numbers: Vec::new() };
         let mut reader = Reader::new(own);
         let (mut odd, mut digits) = (Vec::new(), Vec::new());
         if is_faces(&part) {
-            mesh.sides = sides_of(kept.numbers("sides"), width, count);
+            let sides = kept.column(SIDES).map(|column| &column.part).filter(|part| part.faces);
+            mesh.sides = sides_of(sides.map(|part| &part.numbers[..]), width, count);
             let is_position = |column: &&Json| column["name"] == "position";
             let position = head["columns"].as_array()?.iter().find(is_position)?;
             mesh.vertices = position["count"].as_u64()? as usize;

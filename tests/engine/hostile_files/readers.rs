@@ -4,6 +4,7 @@ use maquette::format::camera::CameraFile;
 use maquette::format::{
     abs, camera, depth, glb, jpeg, obj, pcd, picture_file, ply, png, ptx, stl, tiff, xyz,
 };
+use maquette::random::Random;
 
 /// A reader, called for what it does to itself, not for what it gives.
 pub(crate) struct Reader {
@@ -137,7 +138,7 @@ pub(crate) fn spoiled(reader: &Reader, case: u64) -> Vec<u8> {
         let at = random.below(file.len());
         let length = (1 + random.below(16)).min(file.len() - at);
         match random.below(9) {
-            0 => file[at] = random.next() as u8,
+            0 => file[at] = random.bits() as u8,
             1 => file[at] ^= 1 << random.below(8),
             2 => file[at] = b'0' + random.below(10) as u8,
             3 => file.truncate(at),
@@ -176,21 +177,12 @@ pub(crate) fn spoiled(reader: &Reader, case: u64) -> Vec<u8> {
     file
 }
 
-/// The generator SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
-struct Random(u64);
+/// Chooses among some.
+trait Pick {
+    fn of<'a, T>(&mut self, items: &'a [T]) -> &'a T;
+}
 
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn below(&mut self, count: usize) -> usize {
-        (self.next() % count as u64) as usize
-    }
-
+impl Pick for Random {
     fn of<'a, T>(&mut self, items: &'a [T]) -> &'a T {
         &items[self.below(items.len())]
     }
