@@ -69,7 +69,7 @@ impl Sketch {
 }
 
 /// What stands between commas that are in no bracket and no quotes.
-fn parts(text: &str) -> Vec<String> {
+pub(crate) fn parts(text: &str) -> Vec<String> {
     let (mut parts, mut depth, mut in_text) = (vec![String::new()], 0_usize, false);
     for c in text.chars() {
         in_text ^= c == '"';
@@ -89,7 +89,7 @@ fn parts(text: &str) -> Vec<String> {
 }
 
 /// The same as names and values.
-fn named(text: &str) -> Vec<(String, String)> {
+pub(crate) fn named(text: &str) -> Vec<(String, String)> {
     let pair = |part: String| {
         let colon = match part.strip_prefix('"') {
             Some(rest) => 2 + rest.find('"')?,

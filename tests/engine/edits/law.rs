@@ -1,0 +1,348 @@
+//! Random edits of all graphs, and what must be true of each: `LAW_EDITS` says how many are tried on each graph,
+//! `PROPTEST_RNG_SEED` which.
+
+use std::collections::{BTreeMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use maquette::{Change, Difference, Edit, Edited, Files, Graph, Options, Problem};
+use proptest::prelude::*;
+use proptest::sample::Index;
+use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
+use rayon::prelude::*;
+
+use super::sketch::{self, Sketch};
+use super::{catalog, differences, edit, schemas};
+use crate::beside::beside;
+
+/// How many edits are tried on each graph, unless `LAW_EDITS` says otherwise.
+const EDITS: u32 = 40;
+
+/// So many follow each other before the next ones begin with the graph as it is.
+const WALK: usize = 8;
+
+/// All graphs of the project, and those of the folder beside it if it is there.
+fn graphs() -> Vec<(PathBuf, String)> {
+    let mut files = Vec::new();
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs");
+    [own].into_iter().chain(beside("graphs")).for_each(|folder| collect(&folder, &mut files));
+    files.sort();
+    let read = |path: PathBuf| {
+        let text = std::fs::read_to_string(&path).unwrap();
+        (path, text)
+    };
+    let graphs = files.into_iter().map(read).filter(|(_, text)| text.contains("Graph("));
+    graphs.collect()
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|ending| ending == "ron") {
+            files.push(path);
+        }
+    }
+}
+
+fn problems(path: &Path, text: &str) -> Vec<(&'static str, String)> {
+    let options = Options { files: Files::Ignored, ..Options::default() };
+    let problems = Graph::load_text(path, text.to_owned(), catalog(), &options).problems;
+    problems.into_iter().map(|problem| (problem.code, problem.message)).collect()
+}
+
+/// An edit of a graph, of what it has; many are wrong.
+fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
+    const NEW: [&str; 6] = ["new", "zz-top", "b-2", "nose", "grow", "Wrong"];
+    let [a, b, c, d] = dice;
+    let nodes = Vec::from_iter(sketch.nodes.iter().map(|node| node.name.clone()));
+    let name = |from: &[String], dice: &Index| match from {
+        [] => "nothing".to_owned(),
+        from => dice.get(from).clone(),
+    };
+    let link = |dice: &Index| match (sketch.links.is_empty(), dice.index(4)) {
+        (false, 0..3) => dice.get(&sketch.links).1.clone(),
+        _ => name(&nodes, dice),
+    };
+    let output = |dice: &Index| match (sketch.outputs.is_empty(), dice.index(3)) {
+        (false, 0 | 1) => dice.get(&sketch.outputs).clone(),
+        _ => dice.get(&["new.ply", "new.png", "x.json", "mesh", "../x.ply"]).to_string(),
+    };
+    match kind {
+        0 => {
+            let node = (!sketch.nodes.is_empty()).then(|| a.get(&sketch.nodes));
+            let mut fields = node.map_or_else(Vec::new, |node| node.fields.clone());
+            if d.index(3) == 0 && !fields.is_empty() {
+                fields.remove(d.index(fields.len()));
+            }
+            Edit::Add {
+                name: b.get(&NEW).to_string(),
+                node: node.map_or("ReadMesh".to_owned(), |node| node.kind.clone()),
+                fields,
+                after: (c.index(2) == 0).then(|| name(&nodes, c)),
+            }
+        }
+        1 => {
+            // Half of the time one that no other needs.
+            let needed = |name: &str| {
+                let is_it = |link: &str| link.split('.').next() == Some(name);
+                sketch.links.iter().any(|(_, link)| is_it(link))
+            };
+            let ends = sketch.nodes.iter().map(|node| &node.name).filter(|name| !needed(name));
+            let ends = Vec::from_iter(ends.map(|name| format!("nodes.{name}")));
+            let among = if c.index(2) == 0 { &ends } else { &sketch.names };
+            Edit::Remove { name: name(among, a), and_links: b.index(3) > 0 }
+        }
+        2 => {
+            let to = match b.index(8) {
+                0 => name(&sketch.names, c),
+                _ => c.get(&NEW).to_string(),
+            };
+            Edit::Rename { from: name(&sketch.names, a), to }
+        }
+        3 if sketch.links.is_empty() => Edit::Unlink { port: "nothing.at-all".into() },
+        3 => {
+            let (port, _) = a.get(&sketch.links);
+            // Most ports are of the same type as those of the same name.
+            let field = |port: &str| port.split('.').nth(1).map(str::to_owned);
+            let alike = sketch.links.iter().filter(|(other, _)| field(other) == field(port));
+            let alike = Vec::from_iter(alike.map(|(_, link)| link.clone()));
+            let to = if b.index(2) == 0 { name(&alike, c) } else { link(c) };
+            Edit::Link { port: port.clone(), to }
+        }
+        4 => {
+            let free = schemas::free_ports(sketch);
+            match d.index(8) {
+                0 if !sketch.links.is_empty() => {
+                    Edit::Unlink { port: a.get(&sketch.links).0.clone() }
+                }
+                _ if !free.is_empty() => Edit::Unlink { port: a.get(&free).clone() },
+                // A graph all of whose links are needed.
+                _ => random_edit(sketch, 5, dice),
+            }
+        }
+        5 => {
+            const ANY: [&str; 5] = ["2.5", "\"#123456\"", "None", "(1, 2, 3)", "Param(\"levels\")"];
+            let Some((target, old)) = (!sketch.fields.is_empty()).then(|| a.get(&sketch.fields))
+            else {
+                return Edit::Set { target: "nothing".into(), value: "1".into() };
+            };
+            let fitting = schemas::values(sketch, target, old);
+            let value = if d.index(4) > 0 { &c.get(&fitting)[..] } else { b.get(&ANY) };
+            Edit::Set { target: target.clone(), value: value.to_owned() }
+        }
+        _ => Edit::Output { name: output(a), to: (b.index(2) > 0).then(|| link(c)) },
+    }
+}
+
+const KINDS: [&str; 7] = ["add", "remove", "rename", "link", "unlink", "set", "output"];
+
+fn kind_of(edit: &Edit) -> &'static str {
+    KINDS[match edit {
+        Edit::Add { .. } => 0,
+        Edit::Remove { .. } => 1,
+        Edit::Rename { .. } => 2,
+        Edit::Link { .. } => 3,
+        Edit::Unlink { .. } => 4,
+        Edit::Set { .. } => 5,
+        Edit::Output { .. } => 6,
+    }]
+}
+
+/// Whether all of `part` stands in `whole`, in order.
+fn is_within(part: &str, whole: &str) -> bool {
+    let mut whole = whole.bytes();
+    part.bytes().all(|byte| whole.any(|other| other == byte))
+}
+
+/// The bytes at the beginning and the end that two texts have in common, at most as many as the shorter one has.
+fn in_common(old: &str, new: &str) -> usize {
+    let start = old.bytes().zip(new.bytes()).take_while(|(a, b)| a == b).count();
+    let end = old.bytes().rev().zip(new.bytes().rev()).take_while(|(a, b)| a == b).count();
+    (start + end).min(old.len()).min(new.len())
+}
+
+/// The text with all literals empty.
+fn skeleton(text: &str) -> String {
+    let pieces = text.split('"').enumerate();
+    let outside = pieces.filter(|(index, _)| index % 2 == 0);
+    Vec::from_iter(outside.map(|(_, piece)| piece)).join("\"\"")
+}
+
+macro_rules! holds {
+    ($what:expr, $($words:tt)*) => {
+        if !$what {
+            return Err(TestCaseError::fail(format!($($words)*)));
+        }
+    };
+}
+
+/// What must be true of an edit that was done.
+fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), TestCaseError> {
+    let new = &edited.text;
+    holds!(edited.before == old, "the old text is another one");
+    let known = problems(path, old);
+    let found = problems(path, new);
+    // The same may be said of another name.
+    let renames = matches!(edit, Edit::Rename { .. }) && found.len() <= known.len();
+    let is_known = |(code, message): &(&str, String)| {
+        known.iter().any(|known| known.0 == *code && (renames || known.1 == *message))
+    };
+    holds!(found.iter().all(is_known), "new problems: {found:?}\n{new}");
+    let comments = (sketch::comments(old), sketch::comments(new));
+    match edit {
+        Edit::Remove { .. } | Edit::Unlink { .. } | Edit::Output { to: None, .. } => {
+            holds!(is_within(new, old), "more than taken away:\n{new}");
+            let kept = HashSet::<&str>::from_iter(comments.1);
+            let lines = HashSet::<&str>::from_iter(new.lines());
+            for gone in comments.0.iter().filter(|comment| !kept.contains(*comment)) {
+                let whole = old.lines().any(|line| line.trim() == *gone && lines.contains(line));
+                let own = old.lines().any(|line| line.trim() == *gone);
+                let is_inside = matches!(edit, Edit::Remove { .. });
+                holds!(!whole && (is_inside || !own), "a comment is gone: {gone}\n{new}");
+            }
+        }
+        Edit::Rename { .. } => {
+            holds!(skeleton(old) == skeleton(new), "more than names:\n{new}");
+        }
+        Edit::Add { .. } | Edit::Output { .. } | Edit::Link { .. } | Edit::Set { .. } => {
+            holds!(comments.0 == comments.1, "other comments:\n{new}");
+            let is_new = matches!(edit, Edit::Add { .. });
+            if is_new {
+                let common = in_common(old, new);
+                // A comma before a comment, and the entry behind it.
+                let comma = || is_within(old, new) && in_common(&old[common..], new) > 0;
+                holds!(common == old.len() || comma(), "more than added:\n{new}");
+            }
+        }
+    }
+    // What stands on lines of its own stays in the canonical form.
+    let form = |text: &str| Graph::formatted(path, text).ok();
+    let of_nodes = match edit {
+        Edit::Add { .. } => true,
+        Edit::Remove { and_links, .. } => !and_links,
+        _ => false,
+    };
+    if of_nodes && form(old).as_deref() == Some(old) && !old.contains("params: { ") {
+        holds!(form(new).as_deref() == Some(new), "no longer canonical:\n{new}");
+    }
+    judge_meaning(edit, old, &differences(path, old, new))
+}
+
+/// What the edit changes of what the graph says.
+fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), TestCaseError> {
+    let told = Vec::from_iter(found.iter().map(ToString::to_string)).join("\n");
+    let plain = |name: &str| name.rsplit('.').next().unwrap_or_default().to_owned();
+    // Expectations are compared as texts, which name what they speak of.
+    let is_expected = |found: &&Difference| found.field == "expect" && old.contains("expect:");
+    let found = Vec::from_iter(found.iter().filter(|found| !is_expected(found)));
+    let is_one = |change: Change, name: &str| match &found[..] {
+        [one] => one.change == change && one.name == name,
+        _ => false,
+    };
+    let is_right = match edit {
+        Edit::Add { name, .. } => is_one(Change::Added, name) && found[0].what == "node",
+        Edit::Remove { name, and_links } => {
+            let name = plain(name);
+            let (own, others): (Vec<_>, Vec<_>) = found
+                .iter()
+                .partition(|f| f.what != "output" && f.change == Change::Removed && f.name == name);
+            let go_along = |f: &&&&Difference| {
+                f.change == Change::Rewired || (f.what, f.change) == ("output", Change::Removed)
+            };
+            let others_go = others.iter().filter(go_along).count() == others.len();
+            own.len() == 1 && if *and_links { others_go } else { others.is_empty() }
+        }
+        Edit::Rename { from, to } => {
+            plain(from) == *to && found.is_empty() || is_one(Change::Renamed, to)
+        }
+        Edit::Link { port, .. } | Edit::Unlink { port } => {
+            let (node, field) = port.split_once('.').unwrap_or_default();
+            let field = field.split('.').next().unwrap_or_default();
+            found.is_empty() && matches!(edit, Edit::Link { .. })
+                || is_one(Change::Rewired, node) && found[0].field.contains(field)
+        }
+        Edit::Set { target, .. } => {
+            let (node, field) = target.split_once('.').unwrap_or((target, "default"));
+            let field = field.split('.').next().unwrap_or_default();
+            let is_own = |f: &&Difference| f.name == node && f.field.starts_with(field);
+            found.iter().all(is_own)
+        }
+        Edit::Output { name, .. } => {
+            found.is_empty()
+                || found.len() == 1 && found[0].what == "output" && found[0].name == *name
+        }
+    };
+    holds!(is_right, "the graph says something else:\n{told}");
+    Ok(())
+}
+
+/// Follows some edits of a graph, each of what the one before has made.
+fn follow(
+    path: &Path,
+    text: &str,
+    steps: &[(usize, [Index; 4])],
+    counts: &Mutex<BTreeMap<(&str, bool), usize>>,
+) -> Result<(), TestCaseError> {
+    let mut text = text.to_owned();
+    for (kind, dice) in steps {
+        let next = random_edit(&Sketch::of(&text), *kind, dice);
+        let told = |error: TestCaseError| {
+            TestCaseError::fail(format!("{next:?} of {}: {error}\n--- was\n{text}", path.display()))
+        };
+        let done = edit(path, &text, std::slice::from_ref(&next));
+        *counts.lock().unwrap().entry((kind_of(&next), done.is_ok())).or_default() += 1;
+        match done {
+            Ok(edited) => {
+                judge(path, &text, &next, &edited).map_err(told)?;
+                text = edited.text;
+            }
+            Err(problems) => {
+                let has_reason = |problem: &Problem| {
+                    !problem.message.is_empty()
+                        && problem.code.starts_with('G')
+                        && problem.span.end <= problem.source.text.len()
+                };
+                let all = !problems.is_empty() && problems.iter().all(has_reason);
+                if !all {
+                    return Err(told(TestCaseError::fail(format!("no reason: {problems:?}"))));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn a_random_edit_does_what_it_says_and_nothing_else_or_is_refused() {
+    let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
+    let edits = number("LAW_EDITS").unwrap_or(EDITS.into());
+    let seed = number("PROPTEST_RNG_SEED").unwrap_or(20_070_115);
+    let graphs = graphs();
+    assert!(graphs.len() > 80, "{}", graphs.len());
+    let counts = Mutex::new(BTreeMap::new());
+    let failures = graphs.par_iter().enumerate().filter_map(|(index, (path, text))| {
+        let mut bytes = [0; 32];
+        bytes[..8].copy_from_slice(&(seed + index as u64).to_le_bytes());
+        let rng = TestRng::from_seed(RngAlgorithm::ChaCha, &bytes);
+        let cases = edits.div_ceil(WALK as u64) as u32;
+        let config = Config { cases, failure_persistence: None, ..Config::default() };
+        let step = (0..KINDS.len(), any::<[Index; 4]>());
+        let walk = prop::collection::vec(step, WALK);
+        let mut runner = TestRunner::new_with_rng(config, rng);
+        runner.run(&walk, |steps| follow(path, text, &steps, &counts)).err()
+    });
+    // The last edit tells all; those before it have only led to the text.
+    let told = |failure: String| failure.split("minimal failing").next().map(str::to_owned);
+    let failures: Vec<String> = failures.filter_map(|failure| told(failure.to_string())).collect();
+    assert!(failures.is_empty(), "{} graphs:\n{}", failures.len(), failures.join("\n"));
+    let counts = counts.into_inner().unwrap();
+    for kind in KINDS {
+        let [done, refused] =
+            [true, false].map(|done| counts.get(&(kind, done)).copied().unwrap_or(0));
+        let told = format!("{kind}: {done} done, {refused} refused");
+        assert!(done > graphs.len() / 8 && refused > 0, "{told}");
+        assert!(3 * done >= done + refused, "fewer than a third: {told}");
+    }
+}

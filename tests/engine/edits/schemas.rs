@@ -1,0 +1,101 @@
+//! What may be said of a graph's nodes and parameters, as their descriptions have it.
+
+use std::sync::OnceLock;
+
+use serde_json::Value as Json;
+
+use super::catalog;
+use super::sketch::{Sketch, named, parts};
+
+/// The description of a type of nodes; nothing for graphs that are used.
+fn node_type(kind: &str) -> Option<&'static Json> {
+    static NODES: OnceLock<Json> = OnceLock::new();
+    let nodes = NODES.get_or_init(|| catalog().to_json()["nodes"].take());
+    nodes.as_array()?.iter().find(|node| node["name"] == kind)
+}
+
+/// The description of a node's type, and the rest of a target: its field, and what follows.
+fn of_target<'t>(sketch: &Sketch, target: &'t str) -> Option<(&'static Json, &'t str)> {
+    let (name, field) = target.split_once('.')?;
+    let node = sketch.nodes.iter().find(|node| node.name == name)?;
+    Some((node_type(&node.kind)?, field))
+}
+
+/// The linked ports that may be left without their link: those that need none, and those of lists that have another.
+pub(crate) fn free_ports(sketch: &Sketch) -> Vec<String> {
+    let is_free = |port: &str| {
+        let (node, field) = of_target(sketch, port)?;
+        let (field, in_list) = field.split_once('.').map_or((field, false), |it| (it.0, true));
+        let ports = node["inputs"].as_array()?;
+        let found = ports.iter().find(|port| port["name"] == field)?;
+        let start = port.rsplit_once('.')?.0;
+        let siblings = sketch.links.iter().filter(|(other, _)| {
+            other.strip_prefix(start).is_some_and(|rest| rest.starts_with('.'))
+        });
+        Some(match in_list {
+            true => siblings.count() > 1,
+            false => found["optional"] == true && found["many"] == false,
+        })
+    };
+    let free = sketch.links.iter().filter(|(port, _)| is_free(port) == Some(true));
+    free.map(|(port, _)| port.clone()).collect()
+}
+
+/// Values that fit where `old` stands: that itself where nothing else is known.
+pub(crate) fn values(sketch: &Sketch, target: &str, old: &str) -> Vec<String> {
+    let found = match target.contains('.') {
+        true => of_field(sketch, target),
+        false => of_parameter(old),
+    };
+    found.filter(|values| !values.is_empty()).unwrap_or_else(|| vec![old.to_owned()])
+}
+
+fn of_field(sketch: &Sketch, target: &str) -> Option<Vec<String>> {
+    let (node, field) = of_target(sketch, target)?;
+    let root = &node["parameters"];
+    let field = &root["properties"][field];
+    let schema = match field["$ref"].as_str() {
+        Some(path) => root.pointer(path.trim_start_matches('#'))?,
+        None => field,
+    };
+    let bound = |name: &str| field[name].as_f64();
+    match schema["type"].as_str() {
+        Some("boolean") => Some(vec!["true".into(), "false".into()]),
+        Some("number") => Some(numbers(bound("minimum"), bound("maximum"), false)),
+        Some("integer") => Some(numbers(bound("minimum"), bound("maximum"), true)),
+        _ => {
+            let words = schema["enum"].as_array().into_iter().flatten();
+            let choices = schema["oneOf"].as_array().into_iter().flatten();
+            let words = words.chain(choices.map(|choice| &choice["const"]));
+            Some(words.filter_map(Json::as_str).map(str::to_owned).collect())
+        }
+    }
+}
+
+/// Defaults that a declaration allows: `Number(default: 1.0, min: 0.0)`.
+fn of_parameter(declaration: &str) -> Option<Vec<String>> {
+    let (kind, inside) = declaration.split_once('(')?;
+    let fields = named(inside.strip_suffix(')')?);
+    let field = |name: &str| {
+        let found = fields.iter().find(|(field, _)| field == name);
+        found.map(|(_, value)| value.clone())
+    };
+    let bound = |name: &str| field(name)?.parse::<f64>().ok();
+    match kind {
+        "Number" | "Integer" => Some(numbers(bound("min"), bound("max"), kind == "Integer")),
+        "Toggle" => Some(vec!["true".into(), "false".into()]),
+        "Choice" => Some(parts(field("of")?.trim_start_matches('[').trim_end_matches(']'))),
+        _ => Some(vec![field("default")?]),
+    }
+}
+
+/// Some numbers between two bounds.
+fn numbers(least: Option<f64>, most: Option<f64>, whole: bool) -> Vec<String> {
+    let inside =
+        |x: &f64| least.is_none_or(|least| least <= *x) && most.is_none_or(|most| *x <= most);
+    let ends = [least, most].into_iter().flatten().filter(|end| end.abs() < 1e6);
+    let numbers =
+        ends.chain([0.5_f64, 1.0, 2.0, 5.0].into_iter().filter(|x| !whole || x.fract() == 0.0));
+    let text = |x: f64| if whole { format!("{x}") } else { format!("{x:?}") };
+    numbers.filter(inside).map(text).collect()
+}

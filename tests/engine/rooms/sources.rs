@@ -1,0 +1,431 @@
+//! The modules of a crate, read as far as is needed to tell who names whom.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+/// A file that names something in another file of its crate.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Arrow {
+    pub(crate) from: String,
+    pub(crate) to: String,
+    /// What is named, as it was written there.
+    pub(crate) path: String,
+    pub(crate) line: usize,
+}
+
+/// All modules of a crate but those of its unit tests; the first is its root.
+pub(crate) struct Sources {
+    modules: Vec<Module>,
+}
+
+#[derive(Default)]
+struct Module {
+    file: String,
+    parent: usize,
+    children: BTreeMap<String, usize>,
+    /// What `use` brings in: name and path.
+    uses: BTreeMap<String, Vec<String>>,
+    /// The names of the items that stand here.
+    items: BTreeSet<String>,
+    /// All paths of at least two names.
+    paths: Vec<Mention>,
+    words: Vec<String>,
+}
+
+struct Mention {
+    path: Vec<String>,
+    line: usize,
+    kind: Kind,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Use,
+    PublicUse,
+    Inline,
+}
+
+struct Token {
+    text: String,
+    line: usize,
+}
+
+/// What a path leads to.
+enum Resolved {
+    Module(usize),
+    Item(usize),
+}
+
+impl Sources {
+    /// Reads the crate whose `lib.rs` stands in `folder`.
+    pub(crate) fn read(folder: &Path) -> Self {
+        Self::of(&|name| fs::read_to_string(folder.join(name)).ok())
+    }
+
+    /// Reads the crate whose `lib.rs` and other files `text` gives by their names in the crate.
+    pub(crate) fn of(text: &dyn Fn(&str) -> Option<String>) -> Self {
+        let mut sources = Self { modules: Vec::new() };
+        sources.add_file("lib.rs", "", 0, text);
+        sources
+    }
+
+    fn add_file(
+        &mut self,
+        file: &str,
+        folder: &str,
+        parent: usize,
+        text: &dyn Fn(&str) -> Option<String>,
+    ) -> usize {
+        let source = text(file).unwrap_or_else(|| panic!("{file} cannot be read"));
+        let tokens = without_tests(tokens(&source));
+        self.add_module(file, folder, parent, &tokens, text)
+    }
+
+    fn add_module(
+        &mut self,
+        file: &str,
+        folder: &str,
+        parent: usize,
+        tokens: &[Token],
+        text: &dyn Fn(&str) -> Option<String>,
+    ) -> usize {
+        let module = self.modules.len();
+        let words = tokens.iter().map(|token| token.text.clone()).collect();
+        self.modules.push(Module { file: file.to_owned(), parent, words, ..Module::default() });
+        let mut depth = 0;
+        let mut is_public = false;
+        let mut at = 0;
+        while at < tokens.len() {
+            let Token { text: word, line } = &tokens[at];
+            let after = |n: usize| tokens.get(at + n).map_or("", |token| &token.text);
+            match word.as_str() {
+                "{" => depth += 1,
+                "}" => depth -= 1,
+                ";" => is_public = false,
+                "pub" => is_public = true,
+                "mod" if depth == 0 => {
+                    let name = after(1).to_owned();
+                    let inside = format!("{folder}{name}/");
+                    let child = if after(2) == ";" {
+                        let file = format!("{folder}{name}.rs");
+                        self.add_file(&file, &inside, module, text)
+                    } else {
+                        let end = closing(tokens, at + 2);
+                        let tokens = &tokens[at + 3..end];
+                        at = end;
+                        self.add_module(file, &inside, module, tokens, text)
+                    };
+                    self.modules[module].children.insert(name, child);
+                    is_public = false;
+                }
+                "fn" | "struct" | "enum" | "union" | "trait" | "type" | "const" | "static"
+                | "macro_rules" | "impl"
+                    if depth == 0 =>
+                {
+                    self.modules[module].items.insert(after(1).to_owned());
+                    is_public = false;
+                }
+                "use" => {
+                    let mut all = Vec::new();
+                    at = tree(tokens, at + 1, &[], &mut all);
+                    for (path, name, line) in all {
+                        let module = &mut self.modules[module];
+                        module.paths.push(Mention {
+                            path: path.clone(),
+                            line,
+                            kind: if is_public && depth == 0 { Kind::PublicUse } else { Kind::Use },
+                        });
+                        module.uses.insert(name, path);
+                    }
+                    is_public = false;
+                }
+                _ if is_name(word) && at.checked_sub(1).is_none_or(|k| tokens[k].text != "::") => {
+                    let mut path = vec![word.clone()];
+                    while after(2 * path.len() - 1) == "::" && is_name(after(2 * path.len())) {
+                        path.push(after(2 * path.len()).to_owned());
+                    }
+                    // `pub(in crate::pack)` says who may look, not what is needed.
+                    let says_who =
+                        at > 1 && tokens[at - 1].text == "in" && tokens[at - 2].text == "(";
+                    if path.len() > 1 && !says_who {
+                        at += 2 * (path.len() - 1);
+                        self.modules[module].paths.push(Mention {
+                            path,
+                            line: *line,
+                            kind: Kind::Inline,
+                        });
+                    }
+                }
+                _ => {}
+            }
+            at += 1;
+        }
+        module
+    }
+
+    /// Who names whom. What only hands on (`pub use`) needs nothing itself; who uses it needs what it stands for.
+    pub(crate) fn arrows(&self) -> impl Iterator<Item = Arrow> {
+        self.find(|module, mention| mention.kind != Kind::PublicUse || !module.only_hands_on())
+    }
+
+    /// Who names whom, with those who only hand it on.
+    pub(crate) fn arrows_with_reexports(&self) -> impl Iterator<Item = Arrow> {
+        self.find(|_, _| true)
+    }
+
+    fn find(&self, wanted: impl Fn(&Module, &Mention) -> bool) -> impl Iterator<Item = Arrow> {
+        let mut found = BTreeSet::new();
+        for (index, module) in self.modules.iter().enumerate() {
+            for mention in module.paths.iter().filter(|mention| wanted(module, mention)) {
+                // A type whose `use` is told need not be told for each of its variants and functions.
+                let first = module.uses.get(&mention.path[0]);
+                let is_told = mention.kind == Kind::Inline
+                    && first.is_some_and(|path| {
+                        matches!(self.resolve(index, path, true, 0), Some(Resolved::Item(_)))
+                    });
+                if is_told {
+                    continue;
+                }
+                // A module is told by what is named in it.
+                let Some(Resolved::Item(to)) = self.resolve(index, &mention.path, false, 0) else {
+                    continue;
+                };
+                let to = &self.modules[to].file;
+                if *to != module.file {
+                    found.insert(Arrow {
+                        from: module.file.clone(),
+                        to: to.clone(),
+                        path: mention.path.join("::"),
+                        line: mention.line,
+                    });
+                }
+            }
+        }
+        found.into_iter()
+    }
+
+    /// The files in which `words` stand one after the other.
+    pub(crate) fn files_with(
+        &self,
+        words: &'static [&'static str],
+    ) -> impl Iterator<Item = String> {
+        let has = move |module: &&Module| module.words.windows(words.len()).any(|at| at == words);
+        self.modules.iter().filter(has).map(|module| module.file.clone())
+    }
+
+    /// What `path`, written in the module `from`, leads to; none if that is no part of the crate. Where a module and something
+    /// else have one name, `to_module` says which is meant.
+    fn resolve(
+        &self,
+        from: usize,
+        path: &[String],
+        to_module: bool,
+        depth: usize,
+    ) -> Option<Resolved> {
+        assert!(depth < 100, "{}: {} leads round", self.modules[from].file, path.join("::"));
+        let mut at = from;
+        for (k, name) in path.iter().enumerate() {
+            let module = &self.modules[at];
+            let is_last = k + 1 == path.len();
+            at = match name.as_str() {
+                "crate" => 0,
+                "self" => at,
+                "super" => module.parent,
+                _ => {
+                    let child = module.children.get(name).copied();
+                    let is_item = module.items.contains(name);
+                    // A first name that is brought in by itself (`use serde::Serialize`) is no name of this crate.
+                    let brought = module.uses.get(name).filter(|used| k > 0 || used[0] != *name);
+                    match (child, brought) {
+                        _ if is_item && is_last && !to_module => return Some(Resolved::Item(at)),
+                        (Some(child), _) if !is_last || to_module => child,
+                        (_, Some(used)) => {
+                            match self.resolve(at, used, !is_last || to_module, depth + 1)? {
+                                Resolved::Module(found) => found,
+                                item => return Some(item),
+                            }
+                        }
+                        (Some(child), None) => child,
+                        (None, None) if k > 0 => return Some(Resolved::Item(at)),
+                        (None, None) => return None,
+                    }
+                }
+            };
+        }
+        Some(Resolved::Module(at))
+    }
+}
+
+impl Module {
+    /// Whether nothing stands here but `mod` and `use`.
+    fn only_hands_on(&self) -> bool {
+        self.items.is_empty()
+    }
+}
+
+/// Reads what stands after `use` from `at` on; adds each path with the name that it gets and its line, and gives the place of what
+/// ends it.
+fn tree(
+    tokens: &[Token],
+    mut at: usize,
+    before: &[String],
+    all: &mut Vec<(Vec<String>, String, usize)>,
+) -> usize {
+    let mut path = before.to_vec();
+    let line = tokens[at].line;
+    loop {
+        match tokens[at].text.as_str() {
+            "{" => {
+                while tokens[at].text != "}" {
+                    at += 1;
+                    if tokens[at].text != "}" {
+                        at = tree(tokens, at, &path, all);
+                    }
+                }
+                return at + 1;
+            }
+            "as" => {
+                all.push((path, tokens[at + 1].text.clone(), line));
+                return at + 2;
+            }
+            "," | "}" | ";" => {
+                let name = path[path.len() - 1].clone();
+                all.push((path, name, line));
+                return at;
+            }
+            "::" => {}
+            "self" if !path.is_empty() => {}
+            name => path.push(name.to_owned()),
+        }
+        at += 1;
+    }
+}
+
+/// `tokens` without what only tests see.
+fn without_tests(tokens: Vec<Token>) -> Vec<Token> {
+    let mut kept = Vec::new();
+    let mut at = 0;
+    let is = |at: usize, words: &[&str]| {
+        words
+            .iter()
+            .enumerate()
+            .all(|(k, word)| tokens.get(at + k).is_some_and(|t| t.text == *word))
+    };
+    while at < tokens.len() {
+        if is(at, &["#", "[", "cfg", "(", "test", ")", "]"]) {
+            while is(at, &["#"]) {
+                at = closing(&tokens, at + 1) + 1;
+            }
+            let is_use = (at..at + 6).take_while(|&k| !is(k, &["{"])).any(|k| is(k, &["use"]));
+            while !is(at, &[";"]) && (is_use || !is(at, &["{"])) {
+                at += 1;
+            }
+            at = if is_use || is(at, &[";"]) { at } else { closing(&tokens, at) };
+        } else {
+            kept.push(at);
+        }
+        at += 1;
+    }
+    let mut kept = kept.into_iter().peekable();
+    let numbered = tokens.into_iter().enumerate();
+    numbered.filter(|(k, _)| kept.next_if_eq(k).is_some()).map(|(_, token)| token).collect()
+}
+
+/// The place of the bracket that closes the one at `open`.
+fn closing(tokens: &[Token], open: usize) -> usize {
+    let mut depth = 0;
+    for (k, token) in tokens.iter().enumerate().skip(open) {
+        match token.text.as_str() {
+            "(" | "[" | "{" => depth += 1,
+            ")" | "]" | "}" => depth -= 1,
+            _ => {}
+        }
+        if depth == 0 {
+            return k;
+        }
+    }
+    panic!("line {}: a bracket is not closed", tokens[open].line)
+}
+
+fn is_name(text: &str) -> bool {
+    text.starts_with(|c: char| c.is_alphabetic() || c == '_')
+}
+
+/// The names and signs of Rust code: no comments, texts, characters, lifetimes or numbers.
+fn tokens(source: &str) -> Vec<Token> {
+    let mut tokens = Vec::new();
+    let chars = Vec::from_iter(source.chars());
+    let starts = |at: usize, text: &str| {
+        text.chars().enumerate().all(|(k, c)| chars.get(at + k) == Some(&c))
+    };
+    let mut at = 0;
+    let mut line = 1;
+    while at < chars.len() {
+        let start = at;
+        let c = chars[at];
+        if starts(at, "//") {
+            while at < chars.len() && chars[at] != '\n' {
+                at += 1;
+            }
+        } else if starts(at, "/*") {
+            let mut depth = 0;
+            loop {
+                if starts(at, "/*") {
+                    depth += 1;
+                    at += 2;
+                } else if starts(at, "*/") {
+                    depth -= 1;
+                    at += 2;
+                } else {
+                    at += 1;
+                }
+                if depth == 0 || at >= chars.len() {
+                    break;
+                }
+            }
+        } else if c == '"' {
+            at += 1;
+            while chars[at] != '"' {
+                at += if chars[at] == '\\' { 2 } else { 1 };
+            }
+            at += 1;
+        } else if c == '\'' {
+            let is_char = chars[at + 1] == '\\' || chars.get(at + 2) == Some(&'\'');
+            at += if is_char && chars[at + 1] == '\\' { 3 } else { 1 };
+            while is_char && chars[at] != '\'' {
+                at += 1;
+            }
+            while !is_char && (chars[at].is_alphanumeric() || chars[at] == '_') {
+                at += 1;
+            }
+            at += usize::from(is_char);
+        } else if c.is_alphanumeric() || c == '_' {
+            while at < chars.len() && (chars[at].is_alphanumeric() || chars[at] == '_') {
+                at += 1;
+            }
+            let text = String::from_iter(&chars[start..at]);
+            let hashes = chars[at..].iter().take_while(|c| **c == '#').count();
+            if ["r", "br"].contains(&&*text) && chars.get(at + hashes) == Some(&'"') {
+                let end = format!("\"{}", "#".repeat(hashes));
+                at += hashes + 1;
+                while !starts(at, &end) {
+                    at += 1;
+                }
+                at += end.len();
+            } else if is_name(&text) {
+                tokens.push(Token { text, line });
+            }
+        } else if starts(at, "::") {
+            tokens.push(Token { text: "::".to_owned(), line });
+            at += 2;
+        } else {
+            if !c.is_whitespace() {
+                tokens.push(Token { text: c.to_string(), line });
+            }
+            at += 1;
+        }
+        line += chars[start..at].iter().filter(|c| **c == '\n').count();
+    }
+    tokens
+}
