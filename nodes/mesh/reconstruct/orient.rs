@@ -13,6 +13,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::surfels::{Pyramid, Surfel, place};
+use crate::topology::lists::Lists;
 
 /// Turns the normals of all surfels outwards: from those whose side is known; of other parts, so that they are outside where the
 /// part reaches farthest.
@@ -48,8 +49,8 @@ pub(super) fn orient(
 /// Costs, as bits of floats that are not negative, from where, and to where.
 type Queue = BinaryHeap<Reverse<(u32, u32, u32)>>;
 
-fn push(surfels: &[Surfel], neighbors: &[Vec<u32>], done: &[bool], from: usize, queue: &mut Queue) {
-    for &to in &neighbors[from] {
+fn push(surfels: &[Surfel], neighbors: &Lists, done: &[bool], from: usize, queue: &mut Queue) {
+    for &to in neighbors.of(from) {
         if !done[to as usize] {
             let (cost, _) = bend(&surfels[from], &surfels[to as usize]);
             queue.push(Reverse(((cost as f32).to_bits(), from as u32, to)));
@@ -60,7 +61,7 @@ fn push(surfels: &[Surfel], neighbors: &[Vec<u32>], done: &[bool], from: usize, 
 /// Takes over what the cheapest edges reach, and gives it.
 fn grow(
     surfels: &mut [Surfel],
-    neighbors: &[Vec<u32>],
+    neighbors: &Lists,
     done: &mut [bool],
     queue: &mut Queue,
     progress: &Progress<'_>,
@@ -102,7 +103,7 @@ fn bend(from: &Surfel, to: &Surfel) -> (f64, bool) {
 const BLUR: f64 = 0.1;
 
 /// Both ways, without doubles.
-fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Vec<Vec<u32>> {
+fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Lists {
     let cube = &pyramid.cube;
     let near = |(from, surfel): (usize, &Surfel)| -> Vec<u32> {
         if surfel.normal == Vector3::zeros() {
@@ -125,7 +126,7 @@ fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Vec<Vec<u32>> {
         near.sort_unstable();
         near.dedup();
     });
-    neighbors
+    Lists::collect(neighbors.iter())
 }
 
 /// Turns a part round if its normals point inwards where it reaches farthest.

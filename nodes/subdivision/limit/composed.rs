@@ -76,7 +76,8 @@ fn refinement(topology: &Topology) -> Result<Stencils, SubdivideError> {
     let creases = creases(topology, &mesh);
     let rules = topology.rules;
     let sharpness = Sharpness::new(&mesh, rules, &creases);
-    let stars = Stars { mesh: &mesh, sharpness: &sharpness, rules, masks: LoopMasks };
+    let stars =
+        Stars { mesh: &mesh, sharpness: &sharpness, rules: rules.of_edges(), masks: LoopMasks };
     let count = starts.len() + mesh.halves.len();
     let (rows, _) = Stencils::build(count, |scratch: &mut Scratch, row, rows| {
         match row.checked_sub(starts.len()) {

@@ -9,13 +9,13 @@ use rayon::prelude::*;
 
 use super::limit_rows::side_normals;
 use crate::linear::stencils::Stencils;
-use crate::subdivision::Scheme;
 use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
 use crate::subdivision::masks::loop_masks::LoopMasks;
 use crate::subdivision::masks::sharpness::Sharpness;
 use crate::subdivision::masks::stars::{Masks, Scratch, Stars};
 use crate::subdivision::refine::level::{BLOCK, Level};
 use crate::subdivision::refine::split::{Corners, Split, Triangles};
+use crate::subdivision::scheme::PrimalScheme;
 
 /// Where the vertices of a level go, and which way the surface faces there.
 #[derive(Debug)]
@@ -34,15 +34,15 @@ type Regular = [Vector3<f64>; 3];
 impl FinerLimit {
     pub(crate) fn new(level: Arc<Level>) -> Self {
         match level.rules.scheme {
-            Scheme::Loop => Self::of(level, LoopMasks),
-            Scheme::CatmullClark | Scheme::DooSabin => Self::of(level, CatmullClarkMasks),
+            PrimalScheme::Loop => Self::of(level, LoopMasks),
+            PrimalScheme::CatmullClark => Self::of(level, CatmullClarkMasks),
         }
     }
 
     fn of(level: Arc<Level>, masks: impl Masks) -> Self {
         let Level { rules, mesh, creases, odd, .. } = &*level;
         let sharpness = Sharpness::new(mesh, *rules, creases);
-        let stars = Stars { mesh, sharpness: &sharpness, rules: *rules, masks };
+        let stars = Stars { mesh, sharpness: &sharpness, rules: rules.of_edges(), masks };
         let (positions, _) = Stencils::build(odd.len(), |scratch: &mut Scratch, item, rows| {
             stars.limit(scratch, odd[item][0], odd[item][1], rows);
             rows.end();
@@ -61,8 +61,8 @@ impl FinerLimit {
         let control = &mesh.positions()[..];
         let mut regular: Vec<[[f64; 3]; 2]> = huge_vec(control.len());
         match self.level.rules.scheme {
-            Scheme::Loop => self.at_regular(control, &mut regular, Triangles, box_spline),
-            Scheme::CatmullClark | Scheme::DooSabin => {
+            PrimalScheme::Loop => self.at_regular(control, &mut regular, Triangles, box_spline),
+            PrimalScheme::CatmullClark => {
                 self.at_regular(control, &mut regular, Corners, b_spline);
             }
         }

@@ -215,7 +215,7 @@ impl<M: Masks + Copy> MaskedMesh<M> {
         let Self { mesh, starts, creases, rules, masks } = self;
         let (rules, masks) = (*rules, *masks);
         let sharpness = &Sharpness::new(mesh, rules, creases);
-        let stars = Stars { mesh, sharpness, rules, masks };
+        let stars = Stars { mesh, sharpness, rules: rules.of_edges(), masks };
         let (rows, _) = Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
             stars.limit(scratch, vertex as u32, starts[vertex], rows);
             rows.end();
@@ -228,7 +228,7 @@ impl<M: Masks + Copy> MaskedMesh<M> {
         let Self { mesh, starts, creases, rules, masks } = self;
         let (rules, masks) = (*rules, *masks);
         let sharpness = &Sharpness::new(mesh, rules, creases);
-        let stars = Stars { mesh, sharpness, rules, masks };
+        let stars = Stars { mesh, sharpness, rules: rules.of_edges(), masks };
         Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
             stars.tangents(scratch, vertex as u32, starts[vertex], rows);
         })

@@ -13,7 +13,7 @@ const FOREVER: f64 = 10.0;
 /// How sharp the edges of a mesh are.
 pub(crate) struct Sharpness<'a> {
     mesh: &'a Connectivity,
-    rules: Rules,
+    rules: Rules<()>,
     /// The creased edges, sorted; a boundary edge is sharp whether it is here or not.
     creases: &'a [(u32, f64)],
     /// The vertices at creases that soften, sorted, with the number of such creases and the sum of their sharpness; only
@@ -42,7 +42,12 @@ pub(crate) struct Edges {
 }
 
 impl<'a> Sharpness<'a> {
-    pub(crate) fn new(mesh: &'a Connectivity, rules: Rules, creases: &'a [(u32, f64)]) -> Self {
+    pub(crate) fn new<S>(
+        mesh: &'a Connectivity,
+        rules: Rules<S>,
+        creases: &'a [(u32, f64)],
+    ) -> Self {
+        let rules = rules.of_edges();
         let mut softening: Vec<(u32, u32, f64)> = Vec::new();
         if rules.creases == Creases::Chaikin {
             let soft = creases.iter().filter(|&&(edge, sharpness)| {

@@ -91,7 +91,7 @@ impl Weights {
 pub(crate) struct Stars<'a, M> {
     pub(crate) mesh: &'a Connectivity,
     pub(crate) sharpness: &'a Sharpness<'a>,
-    pub(crate) rules: Rules,
+    pub(crate) rules: Rules<()>,
     pub(crate) masks: M,
 }
 

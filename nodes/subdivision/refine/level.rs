@@ -14,9 +14,10 @@ use rayon::prelude::*;
 use super::connectivity::{Connectivity, NONE, Ring};
 use super::split::{Corners, Split, Triangles, split_halves};
 use super::topology::Topology;
+use crate::subdivision::SubdivideError;
 use crate::subdivision::masks::sharpness::Sharpness;
 use crate::subdivision::rules::Rules;
-use crate::subdivision::{Scheme, SubdivideError};
+use crate::subdivision::scheme::PrimalScheme;
 
 /// Vertices that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.
 pub(crate) const BLOCK: usize = 4096;
@@ -24,7 +25,7 @@ pub(crate) const BLOCK: usize = 4096;
 /// A mesh among those that the steps make of one.
 #[derive(Debug)]
 pub(crate) struct Level {
-    pub(crate) rules: Rules,
+    pub(crate) rules: Rules<PrimalScheme>,
     /// The mesh of which this one is the refinement; none for the first one.
     coarser: Option<Arc<Self>>,
     pub(crate) mesh: Connectivity,
@@ -37,26 +38,30 @@ pub(crate) struct Level {
 }
 
 impl Level {
-    /// The first mesh.
+    /// The first mesh, by the scheme that is that of `topology`.
     ///
     /// # Errors
     /// If a face is no triangle though the scheme wants them, or the mesh is not manifold.
-    pub(crate) fn first(topology: &Topology) -> Result<Self, SubdivideError> {
-        let rules = topology.rules;
+    pub(crate) fn first(topology: &Topology, scheme: PrimalScheme) -> Result<Self, SubdivideError> {
+        let rules = topology.rules.of(scheme);
         if rules.scheme.needs_triangles() {
             check_triangles(&topology.faces)?;
         }
         let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
         let creases = creases(topology, &mesh);
         let (rings, odd) = match rules.scheme {
-            Scheme::Loop => rings(&mesh, &starts, &creases, Triangles),
-            Scheme::CatmullClark | Scheme::DooSabin => rings(&mesh, &starts, &creases, Corners),
+            PrimalScheme::Loop => rings(&mesh, &starts, &creases, Triangles),
+            PrimalScheme::CatmullClark => rings(&mesh, &starts, &creases, Corners),
         };
         Ok(Self { rules, coarser: None, mesh, creases, odd, rings })
     }
 
     /// A part of a mesh, all of whose vertices are odd; the rows of those are wrong whose faces are not all there.
-    pub(crate) fn piece(rules: Rules, mesh: Connectivity, creases: Vec<(u32, f64)>) -> Self {
+    pub(crate) fn piece(
+        rules: Rules<PrimalScheme>,
+        mesh: Connectivity,
+        creases: Vec<(u32, f64)>,
+    ) -> Self {
         let mut starts = vec![NONE; mesh.vertices];
         for (half, &vertex) in (0u32..).zip(mesh.corners()) {
             if starts[vertex as usize] == NONE || mesh.twin(half) == NONE {
@@ -72,8 +77,8 @@ impl Level {
     /// The mesh after `coarser`, whose faces are known.
     pub(crate) fn after(coarser: &Arc<Self>, faces: &Faces) -> Self {
         match coarser.rules.scheme {
-            Scheme::Loop => Self::split(coarser, faces, Triangles),
-            Scheme::CatmullClark | Scheme::DooSabin => Self::split(coarser, faces, Corners),
+            PrimalScheme::Loop => Self::split(coarser, faces, Triangles),
+            PrimalScheme::CatmullClark => Self::split(coarser, faces, Corners),
         }
     }
 

@@ -11,10 +11,10 @@ use super::level::{BLOCK, Level};
 use super::split::{Corners, Split, Triangles, split_faces};
 use crate::linear::mix::Mix;
 use crate::linear::stencils::Stencils;
-use crate::subdivision::Scheme;
 use crate::subdivision::masks::regular_rules::{Quads, RegularRules, ThreeSided, Walk};
 use crate::subdivision::masks::sharpness::Sharpness;
 use crate::subdivision::masks::stars::{Scratch, Stars};
+use crate::subdivision::scheme::PrimalScheme;
 
 /// How to refine a mesh once.
 #[derive(Debug)]
@@ -33,16 +33,20 @@ impl Primal {
     /// How to refine `level`.
     pub(crate) fn new(level: Arc<Level>) -> Self {
         match level.rules.scheme {
-            Scheme::Loop => Self::of(level, Triangles),
-            Scheme::CatmullClark | Scheme::DooSabin => Self::of(level, Corners),
+            PrimalScheme::Loop => Self::of(level, Triangles),
+            PrimalScheme::CatmullClark => Self::of(level, Corners),
         }
     }
 
     fn of<K: RegularRules>(level: Arc<Level>, kind: K) -> Self {
         let Level { rules, mesh, creases, odd, .. } = &*level;
         let sharpness = Sharpness::new(mesh, *rules, creases);
-        let stars =
-            Stars { mesh, sharpness: &sharpness, rules: *rules, masks: K::Masks::default() };
+        let stars = Stars {
+            mesh,
+            sharpness: &sharpness,
+            rules: rules.of_edges(),
+            masks: K::Masks::default(),
+        };
         let items = odd.len() + creases.len();
         let (stencils, _) = Stencils::build(items, |scratch: &mut Scratch, item, rows| {
             match odd.get(item) {
@@ -66,8 +70,8 @@ impl Primal {
     /// Number of vertices of the refined mesh.
     pub(crate) fn n_finer(&self) -> usize {
         match self.level.rules.scheme {
-            Scheme::Loop => Triangles.vertices(&self.level.mesh),
-            Scheme::CatmullClark | Scheme::DooSabin => Corners.vertices(&self.level.mesh),
+            PrimalScheme::Loop => Triangles.vertices(&self.level.mesh),
+            PrimalScheme::CatmullClark => Corners.vertices(&self.level.mesh),
         }
     }
 
@@ -89,8 +93,8 @@ impl Primal {
     /// The refined vertices' places.
     pub(crate) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
         match self.level.rules.scheme {
-            Scheme::Loop => self.refine(old, Triangles),
-            Scheme::CatmullClark | Scheme::DooSabin => self.refine(old, Corners),
+            PrimalScheme::Loop => self.refine(old, Triangles),
+            PrimalScheme::CatmullClark => self.refine(old, Corners),
         }
     }
 
@@ -139,8 +143,8 @@ impl Primal {
     pub(crate) fn at_start(&self, half: u32) -> [u32; 2] {
         let vertex = self.level.mesh.corners()[half as usize];
         match self.level.rules.scheme {
-            Scheme::Loop => [vertex, Triangles.first(half)],
-            Scheme::CatmullClark | Scheme::DooSabin => [vertex, Corners.first(half)],
+            PrimalScheme::Loop => [vertex, Triangles.first(half)],
+            PrimalScheme::CatmullClark => [vertex, Corners.first(half)],
         }
     }
 
@@ -149,8 +153,8 @@ impl Primal {
         let mesh = &self.level.mesh;
         let vertex = mesh.vertices as u32 + mesh.edge_of[half as usize];
         match self.level.rules.scheme {
-            Scheme::Loop => [vertex, Triangles.second(mesh, half)],
-            Scheme::CatmullClark | Scheme::DooSabin => [vertex, Corners.second(mesh, half)],
+            PrimalScheme::Loop => [vertex, Triangles.second(mesh, half)],
+            PrimalScheme::CatmullClark => [vertex, Corners.second(mesh, half)],
         }
     }
 
@@ -171,8 +175,8 @@ impl Primal {
         new: &[Point3<f64>],
     ) -> Point3<f64> {
         match self.level.rules.scheme {
-            Scheme::Loop => self.place_by(vertex, old, new, Triangles),
-            Scheme::CatmullClark | Scheme::DooSabin => self.place_by(vertex, old, new, Corners),
+            PrimalScheme::Loop => self.place_by(vertex, old, new, Triangles),
+            PrimalScheme::CatmullClark => self.place_by(vertex, old, new, Corners),
         }
     }
 
@@ -279,8 +283,8 @@ impl Primal {
     /// The old face of each new one.
     pub(crate) fn parents(&self) -> Vec<u32> {
         match self.level.rules.scheme {
-            Scheme::Loop => (0..self.finer.len() as u32).map(|face| face / 4).collect(),
-            Scheme::CatmullClark | Scheme::DooSabin => {
+            PrimalScheme::Loop => (0..self.finer.len() as u32).map(|face| face / 4).collect(),
+            PrimalScheme::CatmullClark => {
                 (0..self.finer.len() as u32).map(|half| self.level.mesh.face_of(half)).collect()
             }
         }

@@ -14,9 +14,9 @@ use super::level::Level;
 use super::primal::Primal;
 use super::topology::Topology;
 use crate::linear::mix::Mix;
+use crate::subdivision::SubdivideError;
 use crate::subdivision::limit::finer_dual_limit::FinerDualLimit;
 use crate::subdivision::limit::finer_limit::FinerLimit;
-use crate::subdivision::{Scheme, SubdivideError};
 
 /// One step of a subdivision.
 #[derive(Clone, Debug)]
@@ -57,10 +57,10 @@ impl Step {
     /// # Errors
     /// Those of the scheme: faces that it cannot refine, or a mesh that is not manifold.
     pub(crate) fn first(topology: &Topology) -> Result<Self, SubdivideError> {
-        let rules = match topology.rules.scheme {
-            Scheme::DooSabin => Kind::Dual(Dual::first(topology)?.into()),
-            Scheme::Loop | Scheme::CatmullClark => {
-                Kind::Primal(Primal::new(Level::first(topology)?.into()).into())
+        let rules = match topology.rules.scheme.primal() {
+            None => Kind::Dual(Dual::first(topology)?.into()),
+            Some(scheme) => {
+                Kind::Primal(Primal::new(Level::first(topology, scheme)?.into()).into())
             }
         };
         Ok(Self { root: topology.clone().into(), depth: 0, rules })

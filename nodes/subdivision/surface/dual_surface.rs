@@ -8,10 +8,9 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::face_point::FacePoint;
+use super::face_point::{FacePoint, QUAD};
 use super::limit_point::LimitPoint;
 use super::patches::Jet;
-use crate::subdivision::Scheme;
 use crate::subdivision::masks::turns::turn;
 use crate::subdivision::refine::connectivity::{Connectivity, NONE};
 use crate::subdivision::refine::doo_sabin::Inside;
@@ -39,13 +38,13 @@ pub(crate) fn at_corner(
         if let Some(quads) = quads(&net) {
             return place.point(biquadratic(&quads, place.at));
         }
-        if place.is_corner(Scheme::DooSabin).is_some() {
+        if place.is_corner(QUAD).is_some() {
             break;
         }
         let corner = place.halve_quad();
         net = child(&net, corner);
     }
-    middle(&net[place.nearest_corner(Scheme::DooSabin)])
+    middle(&net[place.nearest_corner(QUAD)])
 }
 
 /// Where one step puts each corner.
@@ -151,7 +150,7 @@ mod tests {
     use super::*;
     use crate::subdivision::limit::dual_limit::DualLimit;
     use crate::subdivision::shapes::{cube, noisy, prism, sphere, torus};
-    use crate::subdivision::{Boundary, Plan, Subdivision};
+    use crate::subdivision::{Boundary, Plan, Scheme, Subdivision};
 
     #[test]
     fn limit_points_of_finer_meshes_lie_where_their_parameters_are() {

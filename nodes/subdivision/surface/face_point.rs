@@ -2,7 +2,12 @@
 
 use super::limit_point::LimitPoint;
 use super::patches::Jet;
-use crate::subdivision::Scheme;
+
+/// The corners of a part that is a triangle.
+pub(crate) const TRIANGLE: &[[f64; 2]] = &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+
+/// The corners of a part that is a quad.
+pub(crate) const QUAD: &[[f64; 2]] = &[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
 
 /// A place in a part of a face, and how the part lies in the face.
 pub(crate) struct FacePoint {
@@ -62,22 +67,13 @@ impl FacePoint {
         corner as usize
     }
 
-    fn corners(scheme: Scheme) -> &'static [[f64; 2]] {
-        match scheme {
-            Scheme::Loop => &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
-            Scheme::CatmullClark | Scheme::DooSabin => {
-                &[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
-            }
-        }
+    pub(crate) fn is_corner(&self, corners: &[[f64; 2]]) -> Option<usize> {
+        corners.iter().position(|corner| *corner == self.at)
     }
 
-    pub(crate) fn is_corner(&self, scheme: Scheme) -> Option<usize> {
-        Self::corners(scheme).iter().position(|corner| *corner == self.at)
-    }
-
-    pub(crate) fn nearest_corner(&self, scheme: Scheme) -> usize {
+    pub(crate) fn nearest_corner(&self, corners: &[[f64; 2]]) -> usize {
         let distance = |[x, y]: [f64; 2]| (x - self.at[0]).abs() + (y - self.at[1]).abs();
-        let corners = Self::corners(scheme).iter().enumerate();
+        let corners = corners.iter().enumerate();
         let nearest = corners.min_by(|a, b| distance(*a.1).total_cmp(&distance(*b.1)));
         nearest.map_or(0, |(corner, _)| corner)
     }

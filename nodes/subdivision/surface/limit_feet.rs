@@ -13,6 +13,7 @@ use crate::subdivision::refine::connectivity::{Connectivity, Ring};
 use crate::subdivision::refine::level::Level;
 use crate::subdivision::refine::primal::Primal;
 use crate::subdivision::refine::topology::Topology;
+use crate::subdivision::scheme::PrimalScheme;
 use crate::subdivision::solve::geometric::{FootPoint, Perpendicular};
 use crate::subdivision::{LimitPoint, LimitSurface, Scheme, SubdivideError, Subdivision};
 
@@ -132,7 +133,8 @@ impl Shape {
     fn dual(mesh: &Mesh, how: Subdivision, starts: &[u32]) -> Result<Self, SubdivideError> {
         let bare = Mesh::new(mesh.positions().clone(), mesh.faces().clone())?;
         let how = Subdivision { scheme: Scheme::CatmullClark, ..how };
-        let parts = Primal::new(Level::first(&Topology::of(&bare, how))?.into()).next();
+        let level = Level::first(&Topology::of(&bare, how), PrimalScheme::CatmullClark)?;
+        let parts = Primal::new(level.into()).next();
         let (control, _) = Connectivity::new(mesh.faces(), mesh.positions().len())?;
         let mut ring = Ring::default();
         let is_inside = |&start: &u32| {

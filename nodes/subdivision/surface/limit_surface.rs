@@ -11,7 +11,7 @@ use std::sync::Arc;
 use maquette::value::{Faces, Mesh};
 use nalgebra::Point3;
 
-use super::face_point::FacePoint;
+use super::face_point::{FacePoint, QUAD, TRIANGLE};
 use super::limit_point::LimitPoint;
 use super::patches::Jet;
 use super::piece::Piece;
@@ -22,7 +22,8 @@ use crate::subdivision::refine::level::Level;
 use crate::subdivision::refine::primal::Primal;
 use crate::subdivision::refine::topology::Topology;
 use crate::subdivision::rules::Rules;
-use crate::subdivision::{Scheme, SubdivideError, Subdivision};
+use crate::subdivision::scheme::PrimalScheme;
+use crate::subdivision::{SubdivideError, Subdivision};
 
 /// So many steps bring a place as near to a corner as its coordinates can tell.
 const DEEPEST: usize = 40;
@@ -37,7 +38,7 @@ pub struct LimitSurface {
 
 /// What of a limit surface does not depend on places.
 struct SurfaceFrame {
-    rules: Rules,
+    rules: Rules<PrimalScheme>,
     /// The faces of the control mesh.
     faces: Faces,
     /// The steps to the parts: one, but two if there are polygons other than quads to be made quads first.
@@ -52,18 +53,17 @@ impl LimitSurface {
     /// The limit surface of `mesh` by the scheme and the rules of `how`; its number of levels does not matter.
     ///
     /// # Errors
-    /// If the scheme cannot refine a face, or is [`Scheme::DooSabin`], or the mesh is not manifold.
+    /// If the scheme cannot refine a face, or is [`Scheme::DooSabin`](crate::subdivision::Scheme::DooSabin), or the mesh is not manifold.
     pub fn new(mesh: &Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
-        if how.scheme.is_dual() {
-            return Err(SubdivideError::NoPatches);
-        }
-        let mut steps = vec![Primal::new(Level::first(&Topology::of(mesh, how))?.into())];
-        if how.scheme.has_middles() && mesh.faces().sides() != Some(4) {
+        let rules = how.rules().primal().ok_or(SubdivideError::NoPatches)?;
+        let first = Level::first(&Topology::of(mesh, how), rules.scheme)?;
+        let mut steps = vec![Primal::new(first.into())];
+        if rules.scheme.has_middles() && mesh.faces().sides() != Some(4) {
             steps.push(Primal::new(steps[0].next().into()));
         }
         let parts = steps[steps.len() - 1].next();
         let smooth = smooth_valences(&parts);
-        let (rules, faces) = (how.rules(), mesh.faces().clone());
+        let faces = mesh.faces().clone();
         let frame = Arc::new(SurfaceFrame { rules, faces, steps, mesh: parts, smooth });
         Ok(Self { points: frame.points(mesh.positions()), frame })
     }
@@ -93,9 +93,9 @@ impl LimitSurface {
         let (first, sides) = (faces.first_corner(face), faces.face(face).len());
         let mut place = FacePoint::new(u, v);
         let part = match self.frame.rules.scheme {
-            Scheme::Loop => 4 * face + place.halve_triangle(),
-            Scheme::CatmullClark | Scheme::DooSabin if sides == 4 => first + place.halve_quad(),
-            Scheme::CatmullClark | Scheme::DooSabin => first + place.corner(sides),
+            PrimalScheme::Loop => 4 * face + place.halve_triangle(),
+            PrimalScheme::CatmullClark if sides == 4 => first + place.halve_quad(),
+            PrimalScheme::CatmullClark => first + place.corner(sides),
         };
         let later = 1..self.n_steps();
         let part = later.fold(part, |part, _| 4 * part + place.halve_quad());
@@ -116,14 +116,12 @@ impl LimitSurface {
     pub(crate) fn face_of(&self, part: u32) -> u32 {
         let control = &self.frame.steps[0].level.mesh;
         match self.frame.rules.scheme {
-            Scheme::Loop => part / 4,
-            Scheme::CatmullClark | Scheme::DooSabin => {
-                control.face_of(part >> (2 * (self.n_steps() - 1)))
-            }
+            PrimalScheme::Loop => part / 4,
+            PrimalScheme::CatmullClark => control.face_of(part >> (2 * (self.n_steps() - 1))),
         }
     }
 
-    pub(crate) fn scheme(&self) -> Scheme {
+    pub(crate) fn scheme(&self) -> PrimalScheme {
         self.frame.rules.scheme
     }
 
@@ -141,14 +139,14 @@ impl LimitSurface {
         let valence = |half: u32| smooth[mesh.corners()[half as usize] as usize];
         let is_known = |n: u8| (3..=MOST).contains(&usize::from(n));
         match rules.scheme {
-            Scheme::Loop => {
+            PrimalScheme::Loop => {
                 let half = 3 * part;
                 let [n, second, third] = [half, half + 1, half + 2].map(valence);
                 let is_one = second == 6 && third == 6 && is_known(n);
                 is_one
                     .then(|| SmoothTriangle::around(mesh, &self.points, half, n.into()).jet(u, v))?
             }
-            Scheme::CatmullClark | Scheme::DooSabin => {
+            PrimalScheme::CatmullClark => {
                 let half = 4 * part;
                 let quad =
                     |half: u32, n: u8| SmoothQuad::around(mesh, &self.points, half, n.into());
@@ -168,21 +166,25 @@ impl LimitSurface {
     pub(crate) fn by_pieces(&self, part: u32, mut place: FacePoint) -> LimitPoint {
         let SurfaceFrame { rules, mesh: Level { mesh, creases, .. }, .. } = &*self.frame;
         let rules = *rules;
+        let corners = match rules.scheme {
+            PrimalScheme::Loop => TRIANGLE,
+            PrimalScheme::CatmullClark => QUAD,
+        };
         let mut piece = Piece::around(mesh, creases, &self.points, part);
         for _ in 0..DEEPEST {
             if let Some(jet) = piece.regular(rules, place.at) {
                 return place.point(jet);
             }
-            if let Some(corner) = place.is_corner(rules.scheme) {
+            if let Some(corner) = place.is_corner(corners) {
                 return piece.corner(rules, corner);
             }
             let part = match rules.scheme {
-                Scheme::Loop => place.halve_triangle(),
-                Scheme::CatmullClark | Scheme::DooSabin => place.halve_quad(),
+                PrimalScheme::Loop => place.halve_triangle(),
+                PrimalScheme::CatmullClark => place.halve_quad(),
             };
             piece = piece.refined(rules, part);
         }
-        piece.corner(rules, place.nearest_corner(rules.scheme))
+        piece.corner(rules, place.nearest_corner(corners))
     }
 }
 

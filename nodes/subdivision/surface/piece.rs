@@ -9,7 +9,6 @@ use nalgebra::{Point3, Vector3};
 use super::limit_point::LimitPoint;
 use super::patches::{Jet, bicubic, quartic};
 use crate::linear::stencils::Stencils;
-use crate::subdivision::Scheme;
 use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
 use crate::subdivision::masks::loop_masks::LoopMasks;
 use crate::subdivision::masks::sharpness::{Class, Edges, Sharpness};
@@ -18,6 +17,7 @@ use crate::subdivision::refine::connectivity::{Connectivity, Ring};
 use crate::subdivision::refine::level::Level;
 use crate::subdivision::refine::primal::Primal;
 use crate::subdivision::rules::Rules;
+use crate::subdivision::scheme::PrimalScheme;
 
 /// A face with the faces around it.
 pub(crate) struct Piece {
@@ -73,12 +73,12 @@ impl Piece {
     }
 
     /// What lies around a part of the face after one step.
-    pub(crate) fn refined(self, rules: Rules, part: usize) -> Self {
+    pub(crate) fn refined(self, rules: Rules<PrimalScheme>, part: usize) -> Self {
         let level = Level::piece(rules, self.mesh, self.creases);
         let first = level.mesh.faces.first_corner(self.face as usize);
         let face = match rules.scheme {
-            Scheme::Loop => 4 * self.face as usize + part,
-            Scheme::CatmullClark | Scheme::DooSabin => first + part,
+            PrimalScheme::Loop => 4 * self.face as usize + part,
+            PrimalScheme::CatmullClark => first + part,
         };
         let step = Primal::new(level.into());
         let points = step.positions(&self.points);
@@ -87,10 +87,10 @@ impl Piece {
     }
 
     /// The surface at a place of the face, if this is regular.
-    pub(crate) fn regular(&self, rules: Rules, [u, v]: [f64; 2]) -> Option<Jet> {
+    pub(crate) fn regular(&self, rules: Rules<PrimalScheme>, [u, v]: [f64; 2]) -> Option<Jet> {
         let sharpness = Sharpness::new(&self.mesh, rules, &self.creases);
         match rules.scheme {
-            Scheme::Loop => {
+            PrimalScheme::Loop => {
                 let [h, i, j] = std::array::from_fn(|k| 3 * self.face + k as u32);
                 let rings = [
                     self.triangles_around(&sharpness, h)?,
@@ -99,7 +99,7 @@ impl Piece {
                 ];
                 Some(quartic(&[h, i, j].map(|half| self.at(half)), &rings, u, v))
             }
-            Scheme::CatmullClark | Scheme::DooSabin => {
+            PrimalScheme::CatmullClark => {
                 let halves: [u32; 4] = std::array::from_fn(|k| 4 * self.face + k as u32);
                 let is_regular = |&half: &u32| self.is_regular_corner(&sharpness, half);
                 halves.iter().all(is_regular).then(|| bicubic(&self.net(&sharpness, halves), u, v))
@@ -220,21 +220,20 @@ impl Piece {
     }
 
     /// The limit of a corner of the face, and its tangents on this side.
-    pub(crate) fn corner(&self, rules: Rules, corner: usize) -> LimitPoint {
+    pub(crate) fn corner(&self, rules: Rules<PrimalScheme>, corner: usize) -> LimitPoint {
         match rules.scheme {
-            Scheme::Loop => self.masked(rules, corner, LoopMasks),
-            Scheme::CatmullClark | Scheme::DooSabin => {
-                self.masked(rules, corner, CatmullClarkMasks)
-            }
+            PrimalScheme::Loop => self.masked(rules, corner, LoopMasks),
+            PrimalScheme::CatmullClark => self.masked(rules, corner, CatmullClarkMasks),
         }
     }
 
-    fn masked(&self, rules: Rules, corner: usize, masks: impl Masks) -> LimitPoint {
+    fn masked(&self, rules: Rules<PrimalScheme>, corner: usize, masks: impl Masks) -> LimitPoint {
         let sharpness = Sharpness::new(&self.mesh, rules, &self.creases);
         let half = self.mesh.faces.first_corner(self.face as usize) as u32 + corner as u32;
         let (_, edges, _, place) = self.star(&sharpness, half);
         let (vertex, start) = (self.mesh.corners()[half as usize], self.mesh.first(half));
-        let stars = Stars { mesh: &self.mesh, sharpness: &sharpness, rules, masks };
+        let stars =
+            Stars { mesh: &self.mesh, sharpness: &sharpness, rules: rules.of_edges(), masks };
         let (rows, _) = Stencils::build(1, |scratch: &mut Scratch, _, rows| {
             stars.limit(scratch, vertex, start, rows);
             rows.end();
