@@ -3,9 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-use super::place::{Found, field, find};
+use super::place::field;
 use super::references::{Names, Reference, References};
-use super::splice::{Splice, added, apply, behind, newline, parts, put_entry, quoted, without};
+use super::splice::{Splice, added, apply, newline, parts, put_entry, quoted, without};
 use super::{Edit, Judge, Refusal};
 use crate::error::{Problem, Span, code};
 use crate::graph::expression::named_parameters;
@@ -13,6 +13,8 @@ use crate::graph::format::entry_form;
 use crate::graph::is_name;
 use crate::graph::meaning::{entries, named_node};
 use crate::text::{Body, Kind, Tree, nearest_or_all, parse, with_article};
+
+mod links;
 
 /// The text of a graph, and what stands in it.
 pub(super) struct Structure<'j> {
@@ -429,168 +431,6 @@ impl<'j> Structure<'j> {
 
     fn spliced(&self, gone: &Gone<'_>) -> Vec<Splice> {
         gone.values().flat_map(|(tree, gone)| without(self.text, tree, gone)).collect()
-    }
-
-    /// A node, and the way to a port in its call, as the text has it.
-    fn port<'p>(&self, given: &'p str) -> Result<(&'p str, &Tree, Vec<&'p str>), Refusal> {
-        let Some((node, port)) = given.split_once('.') else {
-            let message = format!("`{given}` is no port");
-            return Err(refusal(code::UNKNOWN_FIELD, Span::default(), message, "write NODE.PORT"));
-        };
-        let call = self.node(node)?;
-        let mut steps = Vec::from_iter(port.split('.'));
-        let kind = call.name().map_or_else(String::new, |kind| kind.text);
-        match &kind[..] {
-            "Switch" if steps[0] != "cases" => steps.insert(0, "cases"),
-            "ForEach" if !["links", "carry", "with", "over"].contains(&steps[0]) => {
-                let has = |group: &&str| {
-                    field(call, group).is_some_and(|group| field(&group.value, steps[0]).is_some())
-                };
-                let group = ["carry", "with"].into_iter().find(has).unwrap_or("links");
-                steps.insert(0, group);
-            }
-            _ => {}
-        }
-        Ok((node, call, steps))
-    }
-
-    fn link(&self, port: &str, to: &str) -> Result<String, Refusal> {
-        let (node, call, steps) = self.port(port)?;
-        let (splices, way) = self.linked(node, call, &steps, &quoted(to))?;
-        let text = apply(self.text, splices);
-        // Only the check knows which texts are links.
-        let (tree, _) = parse(&text);
-        let references = References::of(self.judge, &text, &tree);
-        let way = Vec::from_iter(way.iter().map(String::as_str));
-        let is_link = match call_of(&tree, node).map(|call| find(call, &way)) {
-            Some(Ok(Found::Value(link))) => references.is_ok_and(|all| all.is_link(link.span)),
-            _ => false,
-        };
-        if is_link { Ok(text) } else { Err(self.no_port(node, call, port)) }
-    }
-
-    fn no_port(&self, node: &str, call: &Tree, given: &str) -> Refusal {
-        let ports = self.references.ports.get(node).into_iter().flatten();
-        let ports = Vec::from_iter(ports.map(|port| &port.name[..]));
-        let port = given.split_once('.').map_or(given, |(_, port)| port);
-        let message = format!("`{node}` has no port `{port}`");
-        let help = nearest_or_all(port, "its ports", &ports);
-        refusal(code::UNKNOWN_FIELD, call.span, message, help)
-    }
-
-    /// The edits that put a link to a port, and the way to it in the new text.
-    fn linked(
-        &self,
-        node: &str,
-        call: &Tree,
-        steps: &[&str],
-        link: &str,
-    ) -> Result<(Vec<Splice>, Vec<String>), Refusal> {
-        let (steps, index) = match steps.split_last() {
-            Some((last, before)) if !before.is_empty() && before != ["cases"] => {
-                let index = last.parse::<usize>().ok();
-                (if index.is_some() { before } else { steps }, index)
-            }
-            _ => (steps, None),
-        };
-        let way = |index: Option<usize>| {
-            let index = index.map(|index| index.to_string());
-            Vec::from_iter(steps.iter().map(|&step| step.to_owned()).chain(index))
-        };
-        if let ["cases", case] = steps
-            && let Some(Tree { kind: Kind::Map(entries), .. }) =
-                field(call, "cases").map(|field| &field.value)
-            && entries.iter().all(|(key, _)| key.text() != Some(case))
-            && let Some(cases) = field(call, "cases")
-        {
-            let entry = format!("{}: {link}", quoted(case));
-            let splices = put_entry(self.text, &cases.value, None, false, |_| entry.clone());
-            return Ok((splices, way(None)));
-        }
-        let port = steps.last().copied().unwrap_or_default();
-        let known = self.references.ports.get(node).into_iter().flatten();
-        let many = known.into_iter().any(|known| known.name == port && known.many);
-        let no_item = |span: Span, count: usize| {
-            let message = format!("port `{port}` of `{node}` has no link {}", index.unwrap_or(0));
-            let help = match (many, count) {
-                (false, _) => "it takes one link".to_owned(),
-                (true, 0) => "it has none: the first one has the number 0".to_owned(),
-                (true, count) => format!("the next one has the number {count}"),
-            };
-            refusal(code::UNKNOWN_FIELD, span, message, help)
-        };
-        let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
-        let listed = || format!("[{link}]");
-        match find(call, steps)? {
-            Found::Value(list @ Tree { kind: Kind::List(items), .. }) => {
-                let index = index.unwrap_or(items.len());
-                let places = parts(list);
-                let splices = match places.get(index) {
-                    Some(&place) => vec![(place, link.to_owned())],
-                    None if index > items.len() => return Err(no_item(list.span, items.len())),
-                    None => match &places[..] {
-                        [] => vec![(list.span, listed())],
-                        [before @ .., last] => {
-                            let before = before.last().map(|before| before.end);
-                            behind(self.text, list.span, before, *last, link)
-                        }
-                    },
-                };
-                Ok((splices, way(Some(index))))
-            }
-            Found::Value(value) if many => {
-                let one = matches!(value.kind, Kind::Text(_));
-                match index {
-                    Some(0) if one => Ok((vec![(value.span, link.to_owned())], way(None))),
-                    None | Some(1) if one => {
-                        let open = insert(value.span.start, "[".into());
-                        let close = insert(value.span.end, format!(", {link}]"));
-                        Ok((vec![open, close], way(Some(1))))
-                    }
-                    None | Some(0) => Ok((vec![(value.span, listed())], way(Some(0)))),
-                    Some(_) => Err(no_item(value.span, usize::from(one))),
-                }
-            }
-            Found::Value(value) => match index {
-                None => Ok((vec![(value.span, link.to_owned())], way(None))),
-                Some(_) => Err(no_item(value.span, 1)),
-            },
-            Found::Missing(owner, rest) => {
-                if index.is_some_and(|index| index > 0 || !many) {
-                    return Err(no_item(owner.span, 0));
-                }
-                let value = if many { listed() } else { link.to_owned() };
-                let within = |value, name: &String| format!("({name}: {value})");
-                let value = rest[1..].iter().rev().fold(value, within);
-                let splices = added(self.text, owner, &rest[0], &value);
-                Ok((splices, way(many.then_some(0))))
-            }
-        }
-    }
-
-    fn unlink(&self, given: &str) -> Result<Vec<Splice>, Vec<Refusal>> {
-        let (node, call, steps) = self.port(given).map_err(one)?;
-        let is_link = |tree: &Tree| self.references.is_link(tree.span);
-        let found = find(call, &steps).map_err(one)?;
-        let value = match found {
-            Found::Value(value) => value.call_of("Some").unwrap_or(value),
-            Found::Missing(owner, _) => owner,
-        };
-        let has_links = match (&found, &value.kind) {
-            (Found::Missing(..), _) => false,
-            (_, Kind::List(items)) => !items.is_empty() && items.iter().all(is_link),
-            _ => is_link(value),
-        };
-        if !has_links {
-            let port = given.split_once('.').map_or(given, |(_, port)| port);
-            let message = format!("port `{port}` of `{node}` has no link");
-            let refused = refusal(code::UNKNOWN_FIELD, value.span, message, "");
-            return Err(one(refused));
-        }
-        let mut gone = Gone::new();
-        self.let_link_go(&self.holders(value.span), value.span, &mut gone).map_err(one)?;
-        let refusals = self.let_lists_go(&mut gone);
-        if refusals.is_empty() { Ok(self.spliced(&gone)) } else { Err(refusals) }
     }
 
     fn output(&self, name: &str, to: Option<&str>) -> Result<Vec<Splice>, Vec<Refusal>> {
