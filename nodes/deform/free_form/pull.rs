@@ -44,7 +44,8 @@ pub struct Deforming {
 ///
 /// Handles share out what `mode` says, and are in mm or in the box `how.frame`. Yoshida, Kanou and Kitajima, free-form
 /// deformation by rational Gaussian functions (equations 4 to 7); the other forms than the absolute one are as for radial basis
-/// functions. Positions have the unit of the object, mm. With `how.accuracy` above 0, a point is off by less than that many diagonals of the box.
+/// functions. Positions have the unit of the object, mm. With `how.accuracy` above 0, a point is off by less than that many
+/// diagonals of the box.
 ///
 /// # Errors
 /// If handles conflict, are too close together to be solved for, or too many; if a number is not one; if a place becomes

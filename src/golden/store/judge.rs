@@ -367,7 +367,10 @@ mod tests {
     use super::*;
     use crate::golden::compare::Keep;
     use crate::golden::store::{files, read};
-    use crate::value::{CaptureFrame, ControlNet, Faces, KnotVector, Mask, Surface};
+    use crate::value::{
+        CaptureFrame, Column, ControlNet, Encoder, Faces, KnotVector, Mask, Meaning, On, Parts,
+        Summary, Surface, Value,
+    };
 
     /// What is kept of a value.
     fn kept(value: &AnyValue) -> Golden {
@@ -527,5 +530,46 @@ mod tests {
         let surface = Surface::new(net, knots(3), knots(4)).unwrap();
         let mesh = surface.tessellate(0, 0).unwrap();
         assert_eq!(kept(&AnyValue::new(surface)).mesh().unwrap(), mesh);
+    }
+
+    /// Bends of a sheet of metal, whose columns are called as those of a mesh.
+    #[derive(Clone)]
+    struct Bends(Column<f64>);
+
+    impl Value for Bends {
+        const NAME: &'static str = "Bends";
+
+        fn encode(&self, to: &mut Encoder) {
+            to.column(&self.0);
+        }
+
+        fn size(&self) -> usize {
+            self.0.size()
+        }
+
+        fn describe(&self) -> Summary {
+            Summary::default()
+        }
+
+        fn parts(&self) -> Parts<'_> {
+            let mut parts = Parts::default();
+            parts.push("sides", On::Entry, Meaning::Number, 1, &self.0[..]);
+            parts.push("corners", On::Entry, Meaning::Number, 1, &self.0[..]);
+            parts
+        }
+    }
+
+    #[test]
+    fn columns_that_are_only_called_like_faces_are_numbers() {
+        let bends = |first: f64| AnyValue::new(Bends(vec![first, -7.25, 1e9].into()));
+        for tolerance in [Tolerance::default(), sampled()] {
+            let golden = kept_by(&bends(0.5), &tolerance);
+            let column = &golden.kept().unwrap().column("corners").unwrap().part;
+            assert_eq!((column.faces, column.count), (false, 3));
+            assert!((column.numbers[1] + 7.25).abs() < 1e-3, "{column:?}");
+            let verdict = |value| golden.compare(&value, &[], &tolerance).verdict;
+            assert_eq!(verdict(bends(0.5)), Verdict::Identical);
+            assert_eq!(verdict(bends(1e8)), Verdict::Different);
+        }
     }
 }
