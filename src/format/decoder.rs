@@ -4,6 +4,7 @@
 //! 0 to 1 and put on the curve of sRGB; what is no number is black.
 
 use std::error::Error as _;
+use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ::image::error::{ImageError, LimitErrorKind};
@@ -58,6 +59,9 @@ impl File<'_> {
 
     /// What an error says without the words that `image` puts before it, which name the format again.
     fn wrong(&self, error: &ImageError) -> DecodeError {
+        if matches!(error, ImageError::IoError(error) if error.kind() == ErrorKind::UnexpectedEof) {
+            return self.broken("it ends too early");
+        }
         match error.source() {
             Some(reason) => self.broken(reason),
             None => self.broken(error),
@@ -322,6 +326,13 @@ mod tests {
         check(seed!("light.exr"), expect!["[[0, 0, 255], [188, 137, 255], [248, 245, 255]]"]);
         check(seed!("alpha.exr"), expect!["[[0, 0, 255], [188, 137, 255], [248, 245, 255]]"]);
         check(seed!("light.hdr"), expect!["[[0, 0, 255], [188, 137, 255], [248, 244, 255]]"]);
+    }
+
+    #[test]
+    fn a_file_that_is_cut_off_ends_too_early() {
+        let file = seed!("rgb.bmp");
+        let text = "this is not a readable BMP file: it ends too early";
+        assert_eq!(picture_file::read(&file[..file.len() / 2]).unwrap_err().to_string(), text);
     }
 
     #[test]

@@ -83,6 +83,7 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
     if mistakes.is_empty() {
         mistakes.extend(wrong_separators(&document.root()));
     }
+    let is_in_order = mistakes.is_empty();
     mistakes.extend(strange_spaces(text));
     let mut reader = TreeReader::default();
     for node in document.root().children() {
@@ -111,7 +112,7 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
             Tree::new(Span::default(), Kind::Broken)
         }
     };
-    if mistakes.is_empty() {
+    if is_in_order {
         mistakes.extend(reader.misplaced);
     }
     mistakes.extend(reader.mistakes);

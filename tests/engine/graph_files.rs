@@ -259,6 +259,14 @@ fn a_missing_comma_and_a_missing_choice_are_named() {
             1:58-61 G001 there is no comma before `"b"` (put one between this and what stands before it)
         "#]],
     );
+    // A strange space elsewhere hides nothing; what only follows from a forgotten comma is not told.
+    check(
+        "Graph(format: 1, nodes: {\"b\"},\u{2003}outputs: {})",
+        expect![[r#"
+            1:26-29 G001 this key of a map has no value (write `key: value`)
+            1:31-32 G001 RON knows no such space (write a plain one)
+        "#]],
+    );
     check_nodes(
         r#""doll": ReadMesh(path: "doll.obj"), "soft": Subdivide(mesh: "doll"),"#,
         r#""soft.ply": "soft""#,

@@ -272,7 +272,8 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
         let (step, error) = (column["step"].as_f64()?, column["error"].as_f64()?);
         let precision = Precision { step, error, last, shortest: 0.0 };
         let faces = FACES.contains(&&name[..]) && column[NO_FACES] != true;
-        let mut part = GoldenColumn { name, class, width, count, stride, faces, numbers: Vec::new() };
+        let mut part =
+            GoldenColumn { name, class, width, count, stride, faces, numbers: Vec::new() };
         let mut reader = Reader::new(own);
         let (mut odd, mut digits) = (Vec::new(), Vec::new());
         if is_faces(&part) {
