@@ -1,7 +1,6 @@
 //! The engine as the packs and a host see it: one program, because each of them is linked anew.
 
 mod cache;
-mod cancel;
 mod conformance;
 mod doll;
 mod edits;
