@@ -99,7 +99,7 @@ pub const READERS: &[AnyReader] = &[
 /// The value in a file, by the engine's own reader of such values and its ending.
 ///
 /// # Errors
-/// [`NoReader`](crate::NoReader) if there is none, or those of the reader.
+/// [`NoReader`] if there is none, or those of the reader.
 pub fn read<T: Value>(file: &Reading<'_>) -> Result<T, Error> {
     let value = Readers::new(READERS.iter().copied()).read(value_type::<T>(), file)?;
     value.get().cloned().ok_or_else(|| {

@@ -79,10 +79,10 @@ const PLANNING: f64 = 0.7;
 /// Refines `mesh`. New vertices and faces have a fixed order, in terms of the old vertices, the faces, and the edges as
 /// [`Mesh::edges`] gives them; n steps at once give the same as n steps one after the other.
 ///
-/// - [`Scheme::Loop`], [`Scheme::CatmullClark`]: the old vertices, those on the edges, and with the latter those in the faces.
+/// - `Scheme::Loop`, `Scheme::CatmullClark`: the old vertices, those on the edges, and with the latter those in the faces.
 ///   Loop makes four faces of each: those at corners 0, 1 and 2, each beginning there, then the one in the middle; Catmull and
-///   Clark one at each corner, beginning there. With [`Boundary::None`] the vertices and faces that are left out are skipped.
-/// - [`Scheme::DooSabin`]: a vertex at each corner of each face; then for each edge of the border, as its face runs, those at
+///   Clark one at each corner, beginning there. With `Boundary::None` the vertices and faces that are left out are skipped.
+/// - `Scheme::DooSabin`: a vertex at each corner of each face; then for each edge of the border, as its face runs, those at
 ///   1/4 and 3/4 of it. The faces inside the old ones, those across the edges, those around the vertices.
 ///
 /// Positions have the mesh's unit. With `limit` the vertex attribute `normal` holds unit normals, the mean of both sides on
