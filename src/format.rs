@@ -7,7 +7,7 @@
 use std::fmt;
 
 use nalgebra::Point3;
-use rayon::prelude::*;
+use crate::parallel::*;
 use thiserror::Error;
 
 use crate::error::Error;

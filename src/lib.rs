@@ -76,6 +76,7 @@ pub mod cli;
 pub mod conformance;
 pub mod format;
 pub mod memory;
+pub mod parallel;
 #[doc(hidden)]
 pub mod random;
 pub mod render;

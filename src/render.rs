@@ -7,7 +7,7 @@
 //!
 //! Polygons are drawn as fans of triangles from their first corner.
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use crate::value::{Image, Mesh, Rgb};
 

@@ -3,7 +3,7 @@
 use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
 use maquette::{Context, Error, Node, TooMuch};
 use nalgebra::{Matrix3, Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use maquette::value::{self, Attribute, Handle, HandleSpace, HandlesError};
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use maquette::value::{Attribute, Faces, Mesh, MeshError, Trace};
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

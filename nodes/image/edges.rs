@@ -3,7 +3,7 @@
 use maquette::memory::huge_vec;
 use maquette::value::{Field, Image, Mask};
 use maquette::{Context, Error, In, Node};
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -2,7 +2,7 @@
 
 use maquette::value::Mask;
 use maquette::{Context, Error, In, Node};
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

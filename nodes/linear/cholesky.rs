@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use maquette::{Cancelled, Progress};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 pub(crate) use dissection::{Dissection, Links};
 use front::Front;

@@ -2,7 +2,7 @@
 
 use maquette::value::Column;
 use nalgebra::Point3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::mix::Mix;
 

@@ -2,7 +2,7 @@
 
 use maquette::value::{ControlNetError, CurveError, MeshError, PointsError, SizeError};
 use nalgebra::{Matrix3, Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 /// Why something cannot be moved.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

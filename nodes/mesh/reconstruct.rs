@@ -3,7 +3,7 @@
 use maquette::value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
 use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress, TooMuch};
 use nalgebra::{Matrix4, Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -3,7 +3,7 @@
 use maquette::value::{Mask, RangeImage, Region, Surface};
 use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -3,7 +3,7 @@
 use maquette::value::RangeImage;
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use nalgebra::Point3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -2,7 +2,7 @@
 
 use maquette::value::{Color, Image, Mask, RangeImage};
 use maquette::{Context, Error, In, Node};
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

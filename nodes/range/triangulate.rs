@@ -3,7 +3,7 @@
 use maquette::value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
 use maquette::{Context, Error, In, Node};
 use nalgebra::Point3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -5,7 +5,7 @@ use maquette::value::{
 };
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use nalgebra::Point3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, Once, OnceLock};
 
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::key::Parts;
 use super::{Disk, Evaluation, Evaluator, Observer, lock};

@@ -9,7 +9,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ::image::error::{ImageError, LimitErrorKind};
 use ::image::{DynamicImage, ImageDecoder, Limits};
-use rayon::prelude::*;
+use crate::parallel::*;
 use thiserror::Error;
 
 use super::most_memory;

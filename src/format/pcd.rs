@@ -4,7 +4,7 @@
 //! there are colors, `rgb` packed into a fourth one. Units and axes are the file's own; whoever reads it must know them.
 
 use nalgebra::Point3;
-use rayon::prelude::*;
+use crate::parallel::*;
 use thiserror::Error;
 
 use super::rows::{fill_blocks, fill_column};

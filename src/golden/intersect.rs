@@ -1,7 +1,7 @@
 //! Self-intersections: faces of a mesh that intersect each other.
 
 use nalgebra::Point3;
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use crate::value::Mesh;
 

@@ -6,7 +6,7 @@
 //! some of the numbers were kept, and those rounded.
 
 use crate::random::{STEP, mix};
-use rayon::prelude::*;
+use crate::parallel::*;
 
 /// How many sums: one would tell whether anything changed, four tell by how much within a factor of about two.
 const SUMS: usize = 4;

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use nalgebra::Point3;
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::compare::{Tolerance, distances_of, six};
 use super::parts::{Class, GoldenColumn, GoldenParts};

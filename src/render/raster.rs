@@ -4,7 +4,7 @@
 //! edge that two triangles share belongs to exactly one of them: Pineda, "A parallel algorithm for polygon rasterization"
 //! (1988), with the top-left rule.
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::camera::PARTS;
 use super::light::{self, Light};

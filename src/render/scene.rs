@@ -1,7 +1,7 @@
 //! A mesh as one picture needs it: places in the picture, normals and colors.
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::camera::{Camera, Spot};
 use super::light::{self, Light};

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use rayon::prelude::*;
+use crate::parallel::*;
 use thiserror::Error;
 
 use super::{Column, DecodeError, Decoder, Encoder, Items, Meaning, On, Part, PartsError, Rgb};

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use rayon::prelude::*;
+use crate::parallel::*;
 use thiserror::Error;
 
 use super::image::{SizeError, check_size};

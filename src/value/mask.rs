@@ -1,6 +1,6 @@
 //! Which pixels belong to something.
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::hostile::SIZES;
 use super::image::{SizeError, check_size};

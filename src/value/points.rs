@@ -1,7 +1,7 @@
 //! Points in space that nothing connects.
 
 use nalgebra::Point3;
-use rayon::prelude::*;
+use crate::parallel::*;
 use thiserror::Error;
 
 use super::hostile::clouds;

@@ -1,7 +1,7 @@
 //! A grid of points, as a range finder gives it.
 
 use nalgebra::{Matrix4, Point3};
-use rayon::prelude::*;
+use crate::parallel::*;
 use thiserror::Error;
 
 use super::frame::{decode_pose, encode_pose};

@@ -3,7 +3,7 @@
 use maquette::simd::{Kernel, widest};
 use maquette::value::{Attribute, Mesh, Points};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use crate::deform::FfdError;
 use crate::deform::gaussian::field::{Field, Wanted, turned};

@@ -6,7 +6,7 @@
 
 use maquette::simd::{Kernel, ROUGHLY, widest};
 use nalgebra::{Matrix3, Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::deformation::{Deformation, NONE_NEAR, Term};
 use super::layout::Bounds;

@@ -3,7 +3,7 @@
 use maquette::memory::huge_vec;
 use maquette::{Cancelled, Progress};
 use nalgebra::{Matrix3, Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 /// Where the points from a first one on go, and the derivatives there if they are wanted.
 pub(crate) type Evaluate<'a> =

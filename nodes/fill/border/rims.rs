@@ -2,7 +2,7 @@
 
 use maquette::value::{Faces, Mesh};
 use nalgebra::Vector3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use crate::fill::triangles::triangulation::{NONE, next, previous};
 use crate::topology::lists::Lists;
@@ -108,17 +108,16 @@ impl<'a> VertexFaces<'a> {
     fn border(&self) -> Result<Vec<u32>, NotManifold> {
         let vertices = 0..self.by_vertex.len() as u32;
         let blocks = vertices.into_par_iter().with_min_len(BLOCK);
-        let found = blocks.fold(Found::default, |mut found, vertex| {
+        let parts = blocks.fold_parts(Found::default, |mut found, vertex| {
             self.inspect(vertex, &mut found);
             found
         });
-        let all = found.reduce(Found::default, |mut all, found| {
-            all.edges.extend(found.edges);
-            all.vertices.extend(found.vertices);
-            all.border.extend(found.border);
-            all
-        });
-        let Found { mut edges, mut vertices, mut border, .. } = all;
+        let (mut edges, mut vertices, mut border) = (Vec::new(), Vec::new(), Vec::new());
+        for found in parts {
+            edges.extend(found.edges);
+            vertices.extend(found.vertices);
+            border.extend(found.border);
+        }
         if edges.is_empty() && vertices.is_empty() {
             border.sort_unstable();
             return Ok(border);

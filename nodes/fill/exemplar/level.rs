@@ -2,7 +2,7 @@
 
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::best_match::Match;
 use super::compare::PatchSamples;

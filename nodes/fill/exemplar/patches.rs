@@ -1,7 +1,7 @@
 //! The patches of a level: which points are compared, and which of them move.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::surface::{Marks, NONE, Surface};
 use crate::topology::lists::Lists;

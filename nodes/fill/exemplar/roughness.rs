@@ -1,7 +1,7 @@
 //! How rough a part of a surface is.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::surface::{NONE, Surface};
 use crate::topology::lists::Lists;

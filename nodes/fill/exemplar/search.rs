@@ -5,7 +5,7 @@
 //! compared with all exemplars.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::best_match::Match;
 use super::compare::PatchSamples;

@@ -2,7 +2,7 @@
 
 use maquette::{Limit, Progress};
 use nalgebra::Point3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
 use super::boxes::{Bounds, Boxed, Boxes, Triangle};

@@ -1,7 +1,7 @@
 //! Repairs or replaces fills whose triangles intersect each other or the data.
 
 use maquette::{Cancelled, Progress};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::boxes::Triangle;
 use super::detect::Intersections;

@@ -1,6 +1,6 @@
 //! Blurs levels with a Gaussian.
 
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::gradient::Levels;
 

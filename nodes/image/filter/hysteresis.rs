@@ -6,7 +6,7 @@
 //! through it. The result does not depend on the order of the sweeps. The time is about that of three passes over the bits;
 //! a spiral needs a pass for each of its turns.
 
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 /// Pixels in a word.
 pub(crate) const WORD: usize = u64::BITS as usize;

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 /// Numbers that one thread counts at a time.
 const CHUNK: usize = 1 << 20;
@@ -38,7 +38,7 @@ fn upper_bits(number: f32) -> usize {
 fn inside<'a>(
     numbers: &'a [f32],
     within: Option<&'a [u8]>,
-) -> impl ParallelIterator<Item = Cow<'a, [f32]>> {
+) -> impl Parallel<Item = Cow<'a, [f32]>> {
     numbers.par_chunks(CHUNK).enumerate().map(move |(chunk, numbers)| match within {
         None => Cow::Borrowed(numbers),
         Some(within) => {

@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use maquette::value::{LabelRun, Labels, Mask};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use crate::image::connectivity::Connectivity;
 

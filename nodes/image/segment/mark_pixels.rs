@@ -2,7 +2,7 @@
 
 use maquette::memory::huge_vec;
 use maquette::value::{Image, Mask};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::select::{Select, measure};
 use crate::image::picture_error::{PictureError, check_size};

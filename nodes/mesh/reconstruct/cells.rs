@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use nalgebra::Point3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 /// A place in a cube of cells or nodes: x, y, z.
 pub(super) type CellIndex = [i32; 3];

@@ -10,7 +10,7 @@ use std::collections::BinaryHeap;
 
 use maquette::{Cancelled, Progress};
 use nalgebra::Vector3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::surfels::{Pyramid, Surfel, place};
 use crate::topology::lists::Lists;

@@ -12,7 +12,7 @@
 
 use maquette::{Cancelled, Limit, Progress, TooMuch};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::cells::{CellIndex, Cube, Places, bell, corner_weights};
 use super::surfels::{Pyramid, Surfel};
@@ -105,7 +105,8 @@ impl Field {
                     .map(move |k| [0, 1, 2].map(|axis| (2 * place[axis] + (k >> axis & 1)) as u16))
             })
         };
-        (0..grid.nodes.len()).into_par_iter().filter_map(halves).flatten_iter().collect()
+        let nodes = (0..grid.nodes.len()).into_par_iter();
+        nodes.flat_map_iter(|node| halves(node).into_iter().flatten()).collect()
     }
 
     /// The function at the nodes of a depth, from the coarser grids.

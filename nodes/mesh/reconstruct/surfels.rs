@@ -7,7 +7,7 @@
 use maquette::value::Rgb;
 use maquette::{Cancelled, Progress};
 use nalgebra::{Matrix3, Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::cells::{CellIndex, Cube, Places, bell};
 use super::cloud::Cloud;
@@ -180,9 +180,9 @@ impl Pyramid {
     fn flatness(&self, depth: u32) -> Option<[f64; 2]> {
         let layer = self.finest();
         let step = layer.moments.len().div_ceil(SAMPLES).max(1);
-        let samples = layer.moments.par_iter().step_by(step);
+        let samples = layer.moments.par_chunks(step);
         let mut spreads: Vec<[f64; 2]> = samples
-            .filter_map(|moments| self.plane(moments.mean(), depth))
+            .filter_map(|moments| self.plane(moments[0].mean(), depth))
             .map(|plane| [plane.flatness(), plane.spread[0]])
             .collect();
         let middle = spreads.len() / 2;
@@ -326,7 +326,8 @@ pub(super) fn surfels(
     let mut surfels = Vec::with_capacity(pyramid.finest().moments.len());
     let cells: Vec<usize> = (0..pyramid.finest().moments.len()).collect();
     for part in cells.chunks(1 << 14) {
-        surfels.par_extend(part.par_iter().map(|&cell| surfel(pyramid, cloud, flat, cell)));
+        let of_part = part.par_iter().map(|&cell| surfel(pyramid, cloud, flat, cell));
+        of_part.collect_into(&mut surfels);
         progress.tick(surfels.len() as f64 / cells.len() as f64)?;
     }
     // What has no neighborhood of its own stands for as much as its cell, so that it is not lost.

@@ -3,7 +3,7 @@
 use maquette::value::{self, Along, KnotVector, Surface, Trace, TraceStep};
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::fit_line::{FittedLine, LineFit, Missed};
 use crate::nurbs::fit_error::FitError;

@@ -5,7 +5,7 @@
 
 use maquette::value::{Pinhole, RangeImage, Registration, SizeError};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::canvas::{Canvas, Target};
 

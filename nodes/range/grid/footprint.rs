@@ -4,7 +4,7 @@
 //! share of that rectangle that it fills.
 
 use maquette::value::{Labels, Mask, RangeImage};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 /// What a cell sees along one axis of the picture.
 struct Footprint {

@@ -10,7 +10,7 @@
 
 use maquette::value::RangeImage;
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 /// One of the four triangles that a quad may have; two that share the diagonal fill it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use maquette::value::RangeImage;
 use nalgebra::Point3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::grid_triangles::{Rays, double_area};
 
@@ -70,18 +70,17 @@ fn middle([a, b, c]: [Point3<f64>; 3]) -> Point3<f64> {
 /// In two passes over the grid, because a list of all distances would be twice as large as the grid itself: the first counts
 /// them by their leading bits, whose order is that of the numbers; the second collects those that share the median's.
 fn median_spacing_sq(range: &RangeImage) -> f64 {
-    let buckets = rows_of(range)
-        .fold(
-            || vec![0u32; 1 << 16],
-            |mut counts, row| {
-                each_spacing_sq(range, row, |spacing| counts[bucket(spacing)] += 1);
-                counts
-            },
-        )
-        .reduce_with(|mut counts, others| {
-            counts.iter_mut().zip(others).for_each(|(count, other)| *count += other);
+    let of_parts = rows_of(range).fold_parts(
+        || vec![0_u32; 1 << 16],
+        |mut counts, row| {
+            each_spacing_sq(range, row, |spacing| counts[bucket(spacing)] += 1);
             counts
-        });
+        },
+    );
+    let buckets = of_parts.into_iter().reduce(|mut counts, others| {
+        counts.iter_mut().zip(others).for_each(|(count, other)| *count += other);
+        counts
+    });
     let buckets = buckets.unwrap_or_default();
     let middle = buckets.iter().map(|&count| count as usize).sum::<usize>() / 2;
     let mut before = 0;
@@ -90,19 +89,15 @@ fn median_spacing_sq(range: &RangeImage) -> f64 {
         middle < before
     });
     let Some(found) = found else { return 0.0 };
-    let mut candidates: Vec<f64> = rows_of(range)
-        .fold(Vec::new, |mut kept, row| {
-            each_spacing_sq(range, row, |spacing| {
-                if bucket(spacing) == found {
-                    kept.push(spacing);
-                }
-            });
-            kept
-        })
-        .reduce(Vec::new, |mut kept, others| {
-            kept.extend(others);
-            kept
+    let candidates = rows_of(range).fold_parts(Vec::new, |mut kept, row| {
+        each_spacing_sq(range, row, |spacing| {
+            if bucket(spacing) == found {
+                kept.push(spacing);
+            }
         });
+        kept
+    });
+    let mut candidates = candidates.concat();
     let place = middle - (before - buckets[found] as usize);
     *candidates.select_nth_unstable_by(place, f64::total_cmp).1
 }
@@ -112,7 +107,7 @@ fn bucket(spacing: f64) -> usize {
     (spacing.to_bits() >> 48) as usize
 }
 
-fn rows_of(range: &RangeImage) -> impl ParallelIterator<Item = usize> {
+fn rows_of(range: &RangeImage) -> impl Parallel<Item = usize> {
     (0..range.height()).into_par_iter().with_min_len(64)
 }
 

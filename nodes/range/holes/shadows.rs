@@ -3,7 +3,7 @@
 use maquette::value::Mask;
 use maquette::{Cancelled, Progress};
 use nalgebra::Point3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use crate::image::{Connectivity, label};
 use crate::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};

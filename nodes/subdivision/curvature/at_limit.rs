@@ -6,7 +6,7 @@
 
 use maquette::value::{Mesh, NearestPlace, TriangleTree};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
 use super::bending::Bending;

@@ -2,7 +2,7 @@
 
 use maquette::value::{Edges, Faces, Mesh, MeshError};
 use nalgebra::Vector3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::bending::Bending;
 use crate::topology::lists::Lists;

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use maquette::Progress;
 use maquette::value::Mesh;
 use nalgebra::Point3;
-use rayon::prelude::*;
+use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@
 use maquette::memory::huge_vec;
 use maquette::value::{Attribute, Column, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::dual_limit::DualLimit;
 use super::limit_rows::side_normals;

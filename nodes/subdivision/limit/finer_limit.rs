@@ -5,7 +5,7 @@ use std::sync::Arc;
 use maquette::memory::huge_vec;
 use maquette::value::{Attribute, Column, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::limit_rows::side_normals;
 use crate::linear::stencils::Stencils;

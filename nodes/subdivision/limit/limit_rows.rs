@@ -5,7 +5,7 @@ use std::ops::Range;
 use maquette::value::{Attribute, Column, Encoder, Mesh, MeshError};
 use maquette::{Error, Limit as Most, Memo};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::dual_limit::DualLimit;
 use crate::linear::stencils::Stencils;

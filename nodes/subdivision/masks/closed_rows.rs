@@ -3,7 +3,7 @@
 //! Most meshes are such ones. Each vertex looks at its own faces: if they close to one ring, and this is so at all vertices, the mesh is
 //! manifold; no edge is ever looked for. Whatever is different is left to the general rules, which also say what is wrong.
 
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::catmull_clark::CatmullClarkMasks;
 use super::loop_masks::LoopMasks;

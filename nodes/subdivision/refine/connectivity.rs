@@ -8,7 +8,7 @@
 use std::ops::Range;
 
 use maquette::value::{Edges, Faces};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use crate::subdivision::SubdivideError;
 

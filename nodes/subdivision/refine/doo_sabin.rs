@@ -13,7 +13,7 @@ use std::sync::Arc;
 use maquette::memory::huge_vec;
 use maquette::value::Faces;
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::connectivity::{Connectivity, NONE, Ring};
 use super::dual_halves::DualFaces;

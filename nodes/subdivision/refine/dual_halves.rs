@@ -6,7 +6,7 @@
 
 use maquette::memory::huge_vec;
 use maquette::value::Faces;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::connectivity::{Connectivity, NONE};
 

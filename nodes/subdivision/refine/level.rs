@@ -9,7 +9,7 @@
 use std::sync::Arc;
 
 use maquette::value::Faces;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::connectivity::{Connectivity, NONE, Ring};
 use super::split::{Corners, Split, Triangles, split_halves};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use maquette::memory::huge_vec;
 use maquette::value::Faces;
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::level::{BLOCK, Level};
 use super::split::{Corners, Split, Triangles, split_faces};
@@ -235,19 +235,21 @@ impl Primal {
         let mut new = Vec::with_capacity(self.n_finer());
         new.extend_from_slice(old);
         let halves = self.level.mesh.halves.par_iter().with_min_len(BLOCK);
-        new.par_extend(halves.map(|[owner, _]| {
+        let middles = halves.map(|[owner, _]| {
             let mut ends = [*owner, self.level.mesh.next(*owner)]
                 .map(|half| self.level.mesh.corners()[half as usize]);
             ends.sort_unstable();
             T::mix(ends.into_iter().map(|end| (0.5, old[end as usize])))
-        }));
+        });
+        middles.collect_into(&mut new);
         if self.level.rules.scheme.has_middles() {
             let faces = (0..self.level.mesh.faces.len()).into_par_iter().with_min_len(BLOCK);
-            new.par_extend(faces.map(|face| {
+            let middles = faces.map(|face| {
                 let face = self.level.mesh.faces.face(face);
                 let weight = 1.0 / face.len() as f64;
                 T::mix(face.iter().map(|&corner| (weight, old[corner as usize])))
-            }));
+            });
+            middles.collect_into(&mut new);
         }
         new
     }

@@ -1,7 +1,7 @@
 //! Which limit points depend on which control points alone: the order in which they are solved for.
 
 use maquette::value::Faces;
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::limit_matrix::LimitMatrix;
 use crate::subdivision::Scheme;

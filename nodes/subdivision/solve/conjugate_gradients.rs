@@ -3,7 +3,7 @@
 //! Three coordinates are solved side by side, in lists of four numbers each, which one instruction loads, multiplies or adds.
 
 use maquette::simd::{Kernel, widest};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use crate::linear::columns::{CHUNK, Column};
 use crate::linear::missed::Missed;

@@ -11,7 +11,7 @@ use std::borrow::Cow;
 
 use maquette::{Cancelled, Limit, Progress};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::conjugate_gradients::Search;
 use super::extent::diagonal;

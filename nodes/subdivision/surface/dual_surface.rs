@@ -6,7 +6,7 @@
 //! place is in such a patch.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::face_point::{FacePoint, QUAD};
 use super::limit_point::LimitPoint;

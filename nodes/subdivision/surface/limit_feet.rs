@@ -2,7 +2,7 @@
 
 use maquette::value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use maquette::parallel::*;
 
 use super::downhill::{Nearest, Parts, Spot, downhill};
 use super::dual_surface;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::path::Path;
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use crate::error::Error;
 use crate::format::corners::split;

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::header::{Element, Encoding, Header, Scalar};
 use super::{Column, PlyError};

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use bytemuck::NoUninit;
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::header::Kind;
 use crate::error::Error;

@@ -1,6 +1,6 @@
 //! Two columns, element by element.
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::{Measure, Tolerance, in_unit, six, unit};
 use crate::golden::parts::{Class, GoldenColumn};

@@ -1,7 +1,7 @@
 //! Two meshes: face by face if they have the same faces, else by the distance of their surfaces.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::columns::{difference, in_words, judge, measure, worst};
 use super::{Comparison, Measure, Tolerance, Verdict, allowed, compare_parts, order, six};
@@ -298,8 +298,8 @@ fn middles_of(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
         let sum: Vector3<f64> = corners.map(|&v| mesh.positions()[v as usize].coords).sum();
         (face, Point3::from(sum / 3.0))
     };
-    let faces = (0..mesh.faces().len()).into_par_iter().step_by(stride);
-    faces.map(middle).collect()
+    let count = mesh.faces().len().div_ceil(stride);
+    (0..count).into_par_iter().map(|index| middle(index * stride)).collect()
 }
 
 fn at_middles(
@@ -332,7 +332,7 @@ fn judged(
     part: &GoldenColumn,
     what: &str,
     stride: usize,
-    differences: impl ParallelIterator<Item = f64>,
+    differences: impl Parallel<Item = f64>,
     tolerance: &Tolerance,
     off: f64,
 ) -> Measure {

@@ -1,6 +1,6 @@
 //! A mark of meshes and points that does not change when their elements change places.
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use crate::golden::parts::{GoldenColumn, GoldenParts};
 use crate::random::{self, STEP};

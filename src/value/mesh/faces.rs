@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::{BLOCK, MeshError, check_count};
 use crate::value::{Column, DecodeError, Decoder, Encoder};
@@ -111,7 +111,7 @@ impl Faces {
                 })
             }
         });
-        needed.try_reduce(|| 0, |a, b| Some(u32::max(a, b)))
+        needed.collect::<Vec<_>>().into_iter().try_fold(0, |most, of_block| Some(of_block?.max(most)))
     }
 
     /// Number of faces.

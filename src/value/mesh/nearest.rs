@@ -4,7 +4,7 @@
 //! Morton codes is taken: the tree is a complete binary one over equally long runs of it, so that it needs no pointers.
 
 use nalgebra::Point3;
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::Mesh;
 use crate::simd::{Kernel, Lanes, widest};

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::{BLOCK, Mesh};
 

@@ -6,7 +6,7 @@
 //! once. All sums run in the order of [`Surface::point`], whose bits they have.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
+use crate::parallel::*;
 
 use super::super::knots::Basis;
 use super::Surface;

@@ -1,0 +1,75 @@
+//! Lists of what loops make.
+
+#![allow(unsafe_code, reason = "a list is told its length when all of its places are written")]
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::sources::ItemsMut;
+use super::{Parallel, Zip, each_part, of_parts};
+
+/// What a loop's items can be gathered in, in their order.
+pub trait FromParallel<T: Send>: Sized {
+    /// All items.
+    fn from_parallel<P: Parallel<Item = T>>(items: P) -> Self;
+}
+
+impl<T: Send> FromParallel<T> for Vec<T> {
+    fn from_parallel<P: Parallel<Item = T>>(items: P) -> Self {
+        let mut list = Self::new();
+        append(items, &mut list);
+        list
+    }
+}
+
+/// The first error, if there is one.
+impl<T: Send, E: Send> FromParallel<Result<T, E>> for Result<Vec<T>, E> {
+    fn from_parallel<P: Parallel<Item = Result<T, E>>>(items: P) -> Self {
+        let failed = AtomicUsize::new(usize::MAX);
+        let of_part = |index: usize, part: P| {
+            if failed.load(Ordering::Relaxed) < index {
+                return Ok(Vec::new());
+            }
+            let list: Self = part.part().collect();
+            if list.is_err() {
+                failed.fetch_min(index, Ordering::Relaxed);
+            }
+            list
+        };
+        let lists: Result<Vec<_>, E> = of_parts(items, &of_part).into_iter().collect();
+        lists.map(|parts| {
+            let mut all = Vec::new();
+            append_all(parts, &mut all);
+            all
+        })
+    }
+}
+
+/// Appends all items, in order.
+pub(super) fn append<P: Parallel>(items: P, list: &mut Vec<P::Item>) {
+    if !P::EXACT {
+        let parts = of_parts(items, &|_, part: P| part.part().collect());
+        return append_all(parts, list);
+    }
+    // Each item is written where it stays.
+    let count = items.places();
+    list.reserve_exact(count);
+    let written = AtomicUsize::new(0);
+    let places = ItemsMut(&mut list.spare_capacity_mut()[..count]);
+    each_part(Zip(items, places), &|_, part: Zip<_, _>| {
+        let mut here = 0;
+        part.part().for_each(|(item, place)| {
+            place.write(item);
+            here += 1;
+        });
+        written.fetch_add(here, Ordering::Relaxed);
+    });
+    assert_eq!(written.into_inner(), count, "items for some places are missing");
+    // SAFETY: the first `count` places of the spare capacity were handed out once each, as parts of one slice, and as many
+    // were written.
+    unsafe { list.set_len(list.len() + count) };
+}
+
+fn append_all<T>(parts: Vec<Vec<T>>, list: &mut Vec<T>) {
+    list.reserve_exact(parts.iter().map(Vec::len).sum());
+    parts.into_iter().for_each(|mut part| list.append(&mut part));
+}

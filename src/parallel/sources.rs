@@ -1,0 +1,324 @@
+//! What loops go over: parts of slices, numbers in a row, lists that are used up.
+
+use std::ops::Range;
+use std::{slice, vec};
+
+use super::Parallel;
+
+/// What can be gone over in parts.
+pub trait IntoParallel {
+    /// Its items.
+    type Items: Parallel;
+
+    /// Its items, for a loop on all threads.
+    fn into_par_iter(self) -> Self::Items;
+}
+
+impl<P: Parallel> IntoParallel for P {
+    type Items = P;
+
+    fn into_par_iter(self) -> P {
+        self
+    }
+}
+
+/// Loops over what a slice holds.
+pub trait ParallelSlice<T: Sync> {
+    /// Its items.
+    fn par_iter(&self) -> Items<'_, T>;
+    /// So many items at once, fewer at the end.
+    ///
+    /// # Panics
+    /// If `size` is 0.
+    fn par_chunks(&self, size: usize) -> Chunks<'_, T>;
+    /// So many items at once, without a rest at the end.
+    ///
+    /// # Panics
+    /// If `size` is 0.
+    fn par_chunks_exact(&self, size: usize) -> Chunks<'_, T>;
+    /// So many neighbors at once, from each item on that has them.
+    ///
+    /// # Panics
+    /// If `size` is 0.
+    fn par_windows(&self, size: usize) -> Windows<'_, T>;
+}
+
+/// Loops that change what a slice holds.
+pub trait ParallelSliceMut<T: Send> {
+    /// Its items.
+    fn par_iter_mut(&mut self) -> ItemsMut<'_, T>;
+    /// So many items at once, fewer at the end.
+    ///
+    /// # Panics
+    /// If `size` is 0.
+    fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T>;
+    /// Sorts; equal items change places.
+    fn par_sort_unstable(&mut self)
+    where
+        T: Ord;
+    /// Sorts by keys; items with equal keys change places.
+    fn par_sort_unstable_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync);
+}
+
+impl<T: Sync> ParallelSlice<T> for [T] {
+    fn par_iter(&self) -> Items<'_, T> {
+        Items(self)
+    }
+
+    fn par_chunks(&self, size: usize) -> Chunks<'_, T> {
+        assert!(size > 0, "chunks without items");
+        Chunks { items: self, size }
+    }
+
+    fn par_chunks_exact(&self, size: usize) -> Chunks<'_, T> {
+        self[..self.len() - self.len() % size].par_chunks(size)
+    }
+
+    fn par_windows(&self, size: usize) -> Windows<'_, T> {
+        assert!(size > 0, "windows without items");
+        Windows { items: self, size }
+    }
+}
+
+impl<T: Send> ParallelSliceMut<T> for [T] {
+    fn par_iter_mut(&mut self) -> ItemsMut<'_, T> {
+        ItemsMut(self)
+    }
+
+    fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T> {
+        assert!(size > 0, "chunks without items");
+        ChunksMut { items: self, size }
+    }
+
+    fn par_sort_unstable(&mut self)
+    where
+        T: Ord,
+    {
+        rayon::slice::ParallelSliceMut::par_sort_unstable(self);
+    }
+
+    fn par_sort_unstable_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync) {
+        rayon::slice::ParallelSliceMut::par_sort_unstable_by_key(self, key);
+    }
+}
+
+impl<'a, T: Sync> IntoParallel for &'a [T] {
+    type Items = Items<'a, T>;
+
+    fn into_par_iter(self) -> Items<'a, T> {
+        Items(self)
+    }
+}
+
+impl<'a, T: Sync> IntoParallel for &'a Vec<T> {
+    type Items = Items<'a, T>;
+
+    fn into_par_iter(self) -> Items<'a, T> {
+        Items(self)
+    }
+}
+
+impl<'a, T: Send> IntoParallel for &'a mut [T] {
+    type Items = ItemsMut<'a, T>;
+
+    fn into_par_iter(self) -> ItemsMut<'a, T> {
+        ItemsMut(self)
+    }
+}
+
+impl<'a, T: Send> IntoParallel for &'a mut Vec<T> {
+    type Items = ItemsMut<'a, T>;
+
+    fn into_par_iter(self) -> ItemsMut<'a, T> {
+        ItemsMut(self)
+    }
+}
+
+impl<T: Send> IntoParallel for Vec<T> {
+    type Items = Owned<T>;
+
+    fn into_par_iter(self) -> Owned<T> {
+        Owned(self)
+    }
+}
+
+/// The items of a slice.
+#[derive(Clone, Debug)]
+pub struct Items<'a, T>(&'a [T]);
+
+impl<'a, T: Sync> Parallel for Items<'a, T> {
+    type Item = &'a T;
+    type Part = slice::Iter<'a, T>;
+
+    fn places(&self) -> usize {
+        self.0.len()
+    }
+
+    fn split_at(self, place: usize) -> (Self, Self) {
+        let (before, after) = self.0.split_at(place);
+        (Self(before), Self(after))
+    }
+
+    fn part(self) -> slice::Iter<'a, T> {
+        self.0.iter()
+    }
+}
+
+/// The items of a slice, to be changed.
+#[derive(Debug)]
+pub struct ItemsMut<'a, T>(pub(super) &'a mut [T]);
+
+impl<'a, T: Send> Parallel for ItemsMut<'a, T> {
+    type Item = &'a mut T;
+    type Part = slice::IterMut<'a, T>;
+
+    fn places(&self) -> usize {
+        self.0.len()
+    }
+
+    fn split_at(self, place: usize) -> (Self, Self) {
+        let (before, after) = self.0.split_at_mut(place);
+        (Self(before), Self(after))
+    }
+
+    fn part(self) -> slice::IterMut<'a, T> {
+        self.0.iter_mut()
+    }
+}
+
+/// Some items of a slice at once.
+#[derive(Clone, Debug)]
+pub struct Chunks<'a, T> {
+    items: &'a [T],
+    size: usize,
+}
+
+impl<'a, T: Sync> Parallel for Chunks<'a, T> {
+    type Item = &'a [T];
+    type Part = slice::Chunks<'a, T>;
+
+    fn places(&self) -> usize {
+        self.items.len().div_ceil(self.size)
+    }
+
+    fn split_at(self, place: usize) -> (Self, Self) {
+        let (before, after) = self.items.split_at(self.items.len().min(place * self.size));
+        (Self { items: before, ..self }, Self { items: after, ..self })
+    }
+
+    fn part(self) -> slice::Chunks<'a, T> {
+        self.items.chunks(self.size)
+    }
+}
+
+/// Some items of a slice at once, to be changed.
+#[derive(Debug)]
+pub struct ChunksMut<'a, T> {
+    items: &'a mut [T],
+    size: usize,
+}
+
+impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
+    type Item = &'a mut [T];
+    type Part = slice::ChunksMut<'a, T>;
+
+    fn places(&self) -> usize {
+        self.items.len().div_ceil(self.size)
+    }
+
+    fn split_at(self, place: usize) -> (Self, Self) {
+        let Self { items, size } = self;
+        let (before, after) = items.split_at_mut(items.len().min(place * size));
+        (Self { items: before, size }, Self { items: after, size })
+    }
+
+    fn part(self) -> slice::ChunksMut<'a, T> {
+        self.items.chunks_mut(self.size)
+    }
+}
+
+/// Neighbors in a slice.
+#[derive(Clone, Debug)]
+pub struct Windows<'a, T> {
+    items: &'a [T],
+    size: usize,
+}
+
+impl<'a, T: Sync> Parallel for Windows<'a, T> {
+    type Item = &'a [T];
+    type Part = slice::Windows<'a, T>;
+
+    fn places(&self) -> usize {
+        (self.items.len() + 1).saturating_sub(self.size)
+    }
+
+    fn split_at(self, place: usize) -> (Self, Self) {
+        let before = self.items.len().min(place + self.size - 1);
+        (
+            Self { items: &self.items[..before], ..self },
+            Self { items: &self.items[place..], ..self },
+        )
+    }
+
+    fn part(self) -> slice::Windows<'a, T> {
+        self.items.windows(self.size)
+    }
+}
+
+/// A list that is used up.
+#[derive(Debug)]
+pub struct Owned<T>(Vec<T>);
+
+impl<T: Send> Parallel for Owned<T> {
+    type Item = T;
+    type Part = vec::IntoIter<T>;
+
+    fn places(&self) -> usize {
+        self.0.len()
+    }
+
+    fn split_at(mut self, place: usize) -> (Self, Self) {
+        let after = self.0.split_off(place);
+        (self, Self(after))
+    }
+
+    fn part(self) -> vec::IntoIter<T> {
+        self.0.into_iter()
+    }
+}
+
+/// Whole numbers in a row.
+#[derive(Clone, Debug)]
+pub struct Numbers<N>(Range<N>);
+
+macro_rules! numbers {
+    ($($number:ty)+) => {$(
+        impl IntoParallel for Range<$number> {
+            type Items = Numbers<$number>;
+
+            fn into_par_iter(self) -> Numbers<$number> {
+                Numbers(self.start..self.end.max(self.start))
+            }
+        }
+
+        impl Parallel for Numbers<$number> {
+            type Item = $number;
+            type Part = Range<$number>;
+
+            fn places(&self) -> usize {
+                (self.0.end - self.0.start) as usize
+            }
+
+            fn split_at(self, place: usize) -> (Self, Self) {
+                let middle = self.0.start + place as $number;
+                (Self(self.0.start..middle), Self(middle..self.0.end))
+            }
+
+            fn part(self) -> Range<$number> {
+                self.0
+            }
+        }
+    )+};
+}
+
+numbers!(i32 u32 u64 usize);
