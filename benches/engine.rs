@@ -19,7 +19,7 @@ fn main() {
 
 const CHAIN: usize = 10_000;
 
-fn load(text: &str, packs: &[Pack]) -> Graph {
+fn load(text: &str, packs: &[&Pack]) -> Graph {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.keep().join("graph.ron");
     std::fs::write(&path, text).expect("a file");
@@ -38,7 +38,7 @@ fn chain(changed: Option<(usize, u32)>) -> Graph {
     let nodes = (0..CHAIN).map(|k| format!("\"n{k}\": Add({}number: {:?}),\n", link(k), number(k)));
     let text =
         format!("Graph(format: 1, nodes: {{ {} }}, outputs: {{}})", String::from_iter(nodes));
-    load(&text, &[PACK])
+    load(&text, &[&PACK])
 }
 
 fn evaluator() -> Evaluator {

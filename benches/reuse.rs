@@ -68,7 +68,7 @@ fn project() -> PathBuf {
 
 fn load(path: &std::path::Path) -> Graph {
     let Checked { graph, problems, .. } =
-        Graph::load(path, &Catalog::new(&[PACK]), &Options::default());
+        Graph::load(path, &Catalog::new(&[&PACK]), &Options::default());
     graph.unwrap_or_else(|| panic!("{}", problems[0].message))
 }
 

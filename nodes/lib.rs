@@ -1,26 +1,20 @@
-//! The built-in node packs of maquette, written with its public API alone.
+//! The built-in node packs of maquette, each a crate of its own that is written with maquette's public API alone.
 
 use maquette::Pack;
 
-pub mod deform;
-pub mod fill;
-pub mod image;
-pub mod mesh;
-pub mod nurbs;
-pub mod range;
-pub mod subdivision;
-
-mod limits;
-mod linear;
-mod topology;
+pub use {
+    maquette_deform as deform, maquette_fill as fill, maquette_image as image,
+    maquette_mesh as mesh, maquette_nurbs as nurbs, maquette_range as range,
+    maquette_subdivision as subdivision,
+};
 
 /// All built-in packs, in pipeline order.
-pub static PACKS: &[Pack] = &[
-    image::PACK,
-    range::PACK,
-    nurbs::PACK,
-    subdivision::PACK,
-    deform::PACK,
-    fill::PACK,
-    mesh::PACK,
+pub static PACKS: &[&Pack] = &[
+    &image::PACK,
+    &range::PACK,
+    &nurbs::PACK,
+    &subdivision::PACK,
+    &deform::PACK,
+    &fill::PACK,
+    &mesh::PACK,
 ];

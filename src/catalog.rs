@@ -169,7 +169,7 @@ struct NoFormat {
 
 impl Catalog {
     /// What these packs offer, beside the engine's own file formats.
-    pub fn new(packs: &[Pack]) -> Self {
+    pub fn new(packs: &[&Pack]) -> Self {
         let brought = packs.iter().flat_map(|pack| pack.readers);
         let readers = Arc::new(Readers::new(READERS.iter().chain(brought).copied()));
         let mut entries = IndexMap::new();

@@ -133,7 +133,7 @@ enum Exit {
 }
 
 /// The whole program, with these packs.
-pub fn main(packs: &[Pack]) -> ExitCode {
+pub fn main(packs: &[&Pack]) -> ExitCode {
     crate::memory::keep_freed();
     crate::eval::this_is_a_program();
     let cli = Cli::parse();

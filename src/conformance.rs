@@ -41,10 +41,10 @@ const MEMORY: usize = 1 << 30;
 ///
 /// # Errors
 /// Every law that is broken, in words.
-pub fn check(pack: &Pack, others: &[Pack], examples: &Path) -> Result<(), Vec<String>> {
+pub fn check(pack: &Pack, others: &[&Pack], examples: &Path) -> Result<(), Vec<String>> {
     let mut broken = Vec::new();
     names(pack, others, &mut broken);
-    let packs: Vec<Pack> = std::iter::once(*pack).chain(others.iter().copied()).collect();
+    let packs: Vec<&Pack> = std::iter::once(pack).chain(others.iter().copied()).collect();
     let catalog = Catalog::new(&packs);
     pack.values.iter().for_each(|kind| values::check(kind, &mut broken));
     pack.readers.iter().for_each(|reader| files::check(reader, &catalog, &mut broken));
@@ -63,10 +63,10 @@ fn is_camel_case(name: &str) -> bool {
         && name.chars().all(|c| c.is_ascii_alphanumeric())
 }
 
-fn names(pack: &Pack, others: &[Pack], broken: &mut Vec<String>) {
+fn names(pack: &Pack, others: &[&Pack], broken: &mut Vec<String>) {
     let mut seen = BTreeSet::new();
     let strangers = others.iter().filter(|other| other.name != pack.name);
-    for (pack, is_own) in strangers.map(|other| (other, false)).chain([(pack, true)]) {
+    for (pack, is_own) in strangers.map(|other| (*other, false)).chain([(pack, true)]) {
         let nodes = pack.nodes.iter().map(|node| (node.name)().into_owned());
         let values = pack.values.iter().map(|value| value.name.to_owned());
         // A node may be called like the value that it makes: ControlNet is both.

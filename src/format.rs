@@ -7,11 +7,11 @@
 use std::fmt;
 
 use nalgebra::Point3;
-use crate::parallel::*;
 use thiserror::Error;
 
 use crate::error::Error;
 use crate::pack::{Format, format};
+use crate::parallel::*;
 use crate::reading::{AnyReader, NoReader, Readers, Reading, reader};
 use crate::value::{Value, value_type};
 

@@ -274,3 +274,6 @@ fn each_part<P: Parallel>(items: P, f: &(dyn Fn(usize, P) + Sync)) {
 fn on_threads(count: usize, f: &(dyn Fn(usize) + Sync)) {
     rayon::iter::IntoParallelIterator::into_par_iter(0..count).for_each(f);
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,7 +8,6 @@
 //! Polygons are drawn as fans of triangles from their first corner.
 
 use crate::parallel::*;
-
 use crate::value::{Image, Mesh, Rgb};
 
 mod camera;

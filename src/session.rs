@@ -83,7 +83,7 @@ impl Session {
     ///
     /// # Errors
     /// If the threads cannot be started, or the folder that was named for results cannot be used.
-    pub fn new(packs: &[Pack], settings: &Settings) -> Result<Self, SessionError> {
+    pub fn new(packs: &[&Pack], settings: &Settings) -> Result<Self, SessionError> {
         Self::with_catalog(Arc::new(Catalog::new(packs)), settings)
     }
 

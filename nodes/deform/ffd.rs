@@ -13,7 +13,7 @@ use super::free_form::pull::{Deforming, deform, prepared};
 use super::gaussian::layout::Bounds;
 use super::gaussian::system::System;
 use super::mode::Mode;
-use crate::mesh::Movable;
+use maquette_mesh::Movable;
 
 /// Pulls an object by handles: each goes to its target, and takes along what is around it.
 ///

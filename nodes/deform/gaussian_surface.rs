@@ -1,9 +1,9 @@
 //! Rational Gaussian surfaces.
 
+use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
 use maquette::{Context, Error, Node, TooMuch};
 use nalgebra::{Matrix3, Point3, Vector3};
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +11,7 @@ use super::gaussian::deformation::{Base, Deformation};
 use super::gaussian::layout::{Bounds, chosen, prepare};
 use super::gaussian::system::System;
 use super::{FfdError, Mode};
-use crate::limits::VERTICES;
+use maquette_base::limits::VERTICES;
 
 /// Makes a surface of control points with rational Gaussian functions.
 ///

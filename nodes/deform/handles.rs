@@ -2,16 +2,16 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use maquette::parallel::*;
 use maquette::value::{self, Attribute, Handle, HandleSpace, HandlesError};
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::free_form::object::{bounds, points};
 use super::gaussian::layout::{Bounds, MOST_HANDLES};
-use crate::mesh::Movable;
+use maquette_mesh::Movable;
 
 /// Places handles on an object by a rule, all at rest. `Ffd` takes them as its `layout`, and drags some of them by its
 /// `targets`.

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::free_form::object::bounds;
 use super::gaussian::layout::Bounds;
-use crate::limits::POINTS;
-use crate::mesh::Movable;
+use maquette_base::limits::POINTS;
+use maquette_mesh::Movable;
 
 /// Draws the lines of a lattice in an object's box as one polyline, to be deformed beside the object and seen: `Ffd` with
 /// the object as its `frame`, then `Tube`.

@@ -10,7 +10,7 @@ use super::gaussian::gaussians::Gaussians;
 use super::gaussian::layout::{Layout, prepare};
 use super::gaussian::system::System;
 use super::{Deforming, FfdError, Mode, Report, ffd};
-use crate::mesh::Movable;
+use maquette_mesh::Movable;
 
 mod forms;
 mod objects;

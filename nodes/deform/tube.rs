@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::limits::VERTICES;
+use maquette_base::limits::VERTICES;
 
 /// Makes a tube of a curve: a mesh to be seen and printed. An open curve's tube is closed at both ends.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

@@ -2,9 +2,9 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Mesh, MeshError, Trace};
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

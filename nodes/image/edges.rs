@@ -1,9 +1,9 @@
 //! Marks the edges of a picture: where its levels change steeply.
 
 use maquette::memory::huge_vec;
+use maquette::parallel::*;
 use maquette::value::{Field, Image, Mask};
 use maquette::{Context, Error, In, Node};
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! Fills closed contours.
 
+use maquette::parallel::*;
 use maquette::value::Mask;
 use maquette::{Context, Error, In, Node};
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -78,7 +78,7 @@ mod tests {
     use expect_test::{Expect, expect};
 
     use super::*;
-    use crate::image::segment::select::{Channel, Space};
+    use crate::segment::select::{Channel, Space};
 
     /// A picture drawn with letters: r, g, b, w (white), k (black), p (pink).
     fn picture(rows: &[&str]) -> Image {

@@ -1,8 +1,8 @@
 //! A move, a turn and a scaling in one.
 
+use maquette::parallel::*;
 use maquette::value::{ControlNetError, CurveError, MeshError, PointsError, SizeError};
 use nalgebra::{Matrix3, Point3, Vector3};
-use maquette::parallel::*;
 
 /// Why something cannot be moved.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

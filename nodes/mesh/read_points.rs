@@ -5,7 +5,7 @@ use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::range::Unit;
+use maquette_range::Unit;
 
 /// Reads points that nothing connects: the vertices of a PLY file, or an XYZ text of a point a line.
 ///

@@ -1,19 +1,19 @@
 //! Reconstructs a surface from points.
 
+use maquette::parallel::*;
 use maquette::value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
 use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress, TooMuch};
 use nalgebra::{Matrix4, Point3, Vector3};
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Poses;
 use super::common_frame::common_frame;
 use super::merge_error::MergeError;
-use crate::subdivision::Scattered;
 use cells::Cube;
 use cloud::Cloud;
 use contour::{Skin, contour};
+use maquette_subdivision::Scattered;
 use poisson::{Field, SolveError};
 use surfels::{Pyramid, Surfel, surfels};
 

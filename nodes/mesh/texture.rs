@@ -1,9 +1,9 @@
 //! Puts a picture on a mesh.
 
+use maquette::parallel::*;
 use maquette::value::{Attribute, CaptureFrame, Image, Mesh, MeshError, RangeError, RangeImage};
 use maquette::{Context, Error, In, Node};
 use nalgebra::Point3;
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,9 @@
 //! Writes a surface back to the range grid that it came from.
 
+use maquette::parallel::*;
 use maquette::value::{Mask, RangeImage, Region, Surface};
 use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -13,8 +13,8 @@ use super::grid::canvas::{Canvas, Target};
 use super::grid::fold::folded_cells;
 use super::grid::refine::{refine, refined_range};
 use super::grid::seam::{Seam, seam};
-use crate::image::dilate;
-use crate::range::{
+use maquette_image::dilate;
+use maquette_range::{
     GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles, longest_edge,
 };
 

@@ -9,7 +9,7 @@ use super::grid::window::{GridWindow, placed};
 use super::net::charted::charted;
 use super::net::{harmonic, polar, rows};
 use super::net_error::NetError;
-use crate::limits::POINTS;
+use maquette_base::limits::POINTS;
 
 /// Makes a rectangular net of control points of a region of a range grid. Points on the region's border are fixed: an offset
 /// leaves them where they are.

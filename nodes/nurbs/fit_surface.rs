@@ -125,9 +125,9 @@ mod tests {
     use super::super::control_net::tests::{range, region};
     use super::super::control_net::{NetMethod, control_net};
     use super::*;
-    use crate::nurbs::blend_mode::BlendMode;
-    use crate::nurbs::knot_vectors::even_knots::even;
-    use crate::nurbs::knot_vectors::parameters::parameters;
+    use crate::blend_mode::BlendMode;
+    use crate::knot_vectors::even_knots::even;
+    use crate::knot_vectors::parameters::parameters;
 
     const ALL_PARAMETERS: [FitParameters; 3] =
         [FitParameters::Uniform, FitParameters::Chord, FitParameters::Centripetal];

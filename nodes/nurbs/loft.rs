@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::knot_vectors::even_knots::is_even;
 use super::net::rows::{resampled, shares};
-use crate::limits::POINTS;
+use maquette_base::limits::POINTS;
 
 /// Makes a control net of sections that follow each other, such as the ribs of a hull. Each becomes a row of the net.
 ///

@@ -3,7 +3,7 @@
 use maquette::TooMuch;
 use maquette::value::ControlNetError;
 
-use crate::linear::laplace::Unsolved;
+use maquette_base::linear::laplace::Unsolved;
 
 /// Why a region does not make a net.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -5,7 +5,7 @@ use maquette::{Context, Error, In, Node, TooMuch};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::limits::VERTICES;
+use maquette_base::limits::VERTICES;
 
 /// Makes a mesh of quads of a surface, with its exact normals and its parameters, scaled to 0..1, as `uv`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

@@ -1,9 +1,9 @@
 //! Smooths the depth of a range image where it is noise, not where it is an edge.
 
+use maquette::parallel::*;
 use maquette::value::RangeImage;
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use nalgebra::Point3;
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

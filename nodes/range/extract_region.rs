@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use super::grid::contour::contours;
 use super::grid::footprint::covered_cells;
 use super::holes::range_holes::{fill_points, usable_cells, with_enclosed};
-use crate::image::{Connectivity, close, label};
-use crate::linear::laplace::Unsolved;
+use maquette_base::linear::laplace::Unsolved;
+use maquette_image::{Connectivity, close, label};
 
 /// Takes one labelled part of a picture as a region of the range grid, ready to be redesigned.
 ///

@@ -88,7 +88,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::range::triangulate;
+    use crate::triangulate;
 
     /// A ball before a wall, seen from the left with a light from the right, so that a shadow lies at the ball's left.
     fn scan() -> RangeImage {

@@ -1,12 +1,12 @@
 //! Tells the object from its background.
 
+use maquette::parallel::*;
 use maquette::value::{Color, Image, Mask, RangeImage};
 use maquette::{Context, Error, In, Node};
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::image::{Channel, Connectivity, Select, close, label, level, threshold};
+use maquette_image::{Channel, Connectivity, Select, close, label, level, threshold};
 
 /// Marks the pixels of the picture on which the object is seen.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

@@ -1,9 +1,9 @@
 //! Makes a mesh of a range image.
 
+use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
 use maquette::{Context, Error, In, Node};
 use nalgebra::Point3;
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,11 +1,11 @@
 //! Finds the control net of a B-spline surface through a grid of points.
 
+use maquette::parallel::*;
 use maquette::value::{
     Along, ControlNet, ControlNetError, KnotVector, KnotVectorError, Surface, SurfaceError, Trace,
 };
 use maquette::{Cancelled, Context, Error, In, Node, Progress};
 use nalgebra::Point3;
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -14,8 +14,8 @@ use super::solve::geometric::{FootPoint, Look, Perpendicular};
 use super::solve::interpolation::{Foot, Interpolation, NotLinear};
 use super::solve::limit_matrix::LimitMatrix;
 use super::solve::solution::{Interpolated, RanAway};
-use crate::linear::stencils::Stencils;
-use crate::nurbs::parameters;
+use maquette_base::linear::stencils::Stencils;
+use maquette_nurbs::parameters;
 
 /// Finds the control net of a B-spline surface through a grid of points.
 ///
@@ -209,7 +209,7 @@ impl<'a> Feet<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::subdivision::solve::interpolation::{Direction, Norm, Solver};
+    use crate::solve::interpolation::{Direction, Norm, Solver};
 
     fn waves(rows: usize, columns: usize) -> ControlNet {
         let point = |k: usize| {
@@ -260,7 +260,7 @@ mod tests {
                 };
                 let found = found(&net, [4, 4], &how);
                 assert!(found.settled, "{norm:?} {direction:?}");
-                let allowed = 1e-5 * crate::subdivision::solve::extent::diagonal(net.points());
+                let allowed = 1e-5 * crate::solve::extent::diagonal(net.points());
                 let distances: Vec<f64> =
                     net.points().iter().map(|&point| found.shape.closest(point).distance).collect();
                 let max = distances.iter().copied().fold(0.0, f64::max);

@@ -12,13 +12,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, Once, OnceLock};
 
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
-use crate::parallel::*;
 
 use super::key::Parts;
 use super::{Disk, Evaluation, Evaluator, Observer, lock};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, Options};
 use crate::node::CancelToken;
+use crate::parallel::*;
 use crate::value::Hash;
 
 mod pack;
@@ -65,7 +65,7 @@ fn whatever_is_done_in_whatever_order_what_is_remembered_is_true() {
     };
     // More threads than cores: sequences often wait, for files to become older and for the disk.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(16).build().unwrap();
-    let failure = pool.install(|| (0..shards).into_par_iter().find_map_any(follow_shard));
+    let failure = pool.install(|| (0..shards).into_par_iter().find_map_first(follow_shard));
     if let Some(failure) = failure {
         panic!("after some {} sequences: {failure}", broken.into_inner());
     }
@@ -134,7 +134,7 @@ impl World {
         std::fs::create_dir(&project).unwrap();
         let mut world = Self {
             project: Project::new(&project),
-            catalog: Catalog::new(&[pack::PACK]),
+            catalog: Catalog::new(&[&pack::PACK]),
             processes: Vec::new(),
             cache: folder.path().join("cache"),
             kept: HashSet::new(),

@@ -9,10 +9,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ::image::error::{ImageError, LimitErrorKind};
 use ::image::{DynamicImage, ImageDecoder, Limits};
-use crate::parallel::*;
 use thiserror::Error;
 
 use super::most_memory;
+use crate::parallel::*;
 use crate::value::{Image, srgb_from_linear};
 
 /// Why a decoder gives no picture.

@@ -4,13 +4,13 @@
 //! there are colors, `rgb` packed into a fourth one. Units and axes are the file's own; whoever reads it must know them.
 
 use nalgebra::Point3;
-use crate::parallel::*;
 use thiserror::Error;
 
 use super::rows::{fill_blocks, fill_column};
 use super::{At, TooFar, check_single, excerpt, most_memory, parse, words};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
+use crate::parallel::*;
 use crate::value::{RangeImage, Rgb};
 use header::{Encoding, Field, Header, Scalar};
 

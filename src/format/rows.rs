@@ -1,6 +1,7 @@
 //! Tables of bytes, filled column by column: what binary formats store.
 
 use bytemuck::{NoUninit, bytes_of};
+
 use crate::parallel::*;
 
 /// Rows that one task fills: few enough to stay in a core's cache from column to column.

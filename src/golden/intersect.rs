@@ -1,8 +1,8 @@
 //! Self-intersections: faces of a mesh that intersect each other.
 
 use nalgebra::Point3;
-use crate::parallel::*;
 
+use crate::parallel::*;
 use crate::value::Mesh;
 
 struct Triangle {

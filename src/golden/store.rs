@@ -9,12 +9,12 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use nalgebra::Point3;
-use crate::parallel::*;
 
 use super::compare::{Tolerance, distances_of, six};
 use super::parts::{Class, GoldenColumn, GoldenParts};
 use crate::format::png;
 use crate::pack::NewFile;
+use crate::parallel::*;
 use crate::render::{View, render};
 use crate::value::{
     AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Meaning, Mesh, On, Rgb,

@@ -4,12 +4,11 @@
 //! edge that two triangles share belongs to exactly one of them: Pineda, "A parallel algorithm for polygon rasterization"
 //! (1988), with the top-left rule.
 
-use crate::parallel::*;
-
 use super::camera::PARTS;
 use super::light::{self, Light};
 use super::scene::{Facet, Scene, Triangle};
 use super::{BAND, SAMPLES, each, four};
+use crate::parallel::*;
 use crate::simd::{Kernel, widest};
 use crate::value::Rgb;
 

@@ -1,11 +1,11 @@
 //! A mesh as one picture needs it: places in the picture, normals and colors.
 
 use nalgebra::Vector3;
-use crate::parallel::*;
 
 use super::camera::{Camera, Spot};
 use super::light::{self, Light};
 use super::{each, four, padded};
+use crate::parallel::*;
 use crate::value::{Image, Mesh, Rgb};
 
 /// Vertices that one task transforms.

@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
-use crate::parallel::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -15,6 +14,7 @@ use crate::eval::{Evaluation, Evaluator};
 use crate::graph::{Graph, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
+use crate::parallel::*;
 use crate::plain;
 use crate::stamp::Stamp;
 use crate::value::Hash;

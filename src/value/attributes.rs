@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::parallel::*;
 use thiserror::Error;
+
+use crate::parallel::*;
 
 use super::{Column, DecodeError, Decoder, Encoder, Items, Meaning, On, Part, PartsError, Rgb};
 

@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 
-use crate::parallel::*;
 use thiserror::Error;
 
 use super::image::{SizeError, check_size};
@@ -10,6 +9,7 @@ use super::{
     Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Summary, Value,
 };
 use crate::memory::huge_vec;
+use crate::parallel::*;
 
 mod parts;
 

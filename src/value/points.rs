@@ -1,8 +1,9 @@
 //! Points in space that nothing connects.
 
 use nalgebra::Point3;
-use crate::parallel::*;
 use thiserror::Error;
+
+use crate::parallel::*;
 
 use super::hostile::clouds;
 use super::{

@@ -1,8 +1,9 @@
 //! A grid of points, as a range finder gives it.
 
 use nalgebra::{Matrix4, Point3};
-use crate::parallel::*;
 use thiserror::Error;
+
+use crate::parallel::*;
 
 use super::frame::{decode_pose, encode_pose};
 use super::image::{SizeError, check_size};

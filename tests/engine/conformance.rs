@@ -7,7 +7,7 @@ use maquette::{Catalog, Graph, Options, Pack};
 
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs/nodes");
 
-fn holds(pack: &Pack, others: &[Pack], examples: &str) {
+fn holds(pack: &Pack, others: &[&Pack], examples: &str) {
     if let Err(broken) = check(pack, others, Path::new(examples)) {
         panic!("pack {} breaks {} laws:\n{}", pack.name, broken.len(), broken.join("\n"));
     }
@@ -30,7 +30,7 @@ fn an_outsiders_pack_keeps_the_laws() {
 fn a_pack_that_breaks_laws_is_found() {
     // Two packs with the same nodes, and examples that are not there.
     let broken = Pack { name: "twin", ..maquette_third_party::PACK };
-    let laws = check(&broken, &[maquette_third_party::PACK], Path::new("nowhere")).unwrap_err();
+    let laws = check(&broken, &[&maquette_third_party::PACK], Path::new("nowhere")).unwrap_err();
     assert!(laws.contains(&"there are two nodes `ExtractPalette`".to_owned()), "{laws:?}");
     assert!(laws.contains(&"there are two values `Palette`".to_owned()), "{laws:?}");
     assert!(laws.iter().any(|law| law.contains("ApplyPalette.ron does not check")), "{laws:?}");

@@ -168,7 +168,7 @@ fn load(nodes: &str) -> Graph {
     let path = folder.path().join("graph.ron");
     std::fs::write(&path, format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{}})"))
         .unwrap();
-    let checked = Graph::load(&path, &Catalog::new(&[PACK]), &Options::default());
+    let checked = Graph::load(&path, &Catalog::new(&[&PACK]), &Options::default());
     checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
 }
 

@@ -334,7 +334,7 @@ fn the_node_of_a_strangers_pack_says_which_files_it_reads() {
     for (file, expected) in [("a.cloud", 0), ("a.ply", 1)] {
         std::fs::write(folder.path().join(file), "").unwrap();
         std::fs::write(&path, text(file)).unwrap();
-        let checked = Graph::load(&path, &Catalog::new(&[PACK]), &Options::default());
+        let checked = Graph::load(&path, &Catalog::new(&[&PACK]), &Options::default());
         assert_eq!(checked.problems.len(), expected, "{:?}", checked.problems);
     }
 }

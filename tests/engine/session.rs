@@ -155,7 +155,7 @@ fn texts_that_nobody_saved_stand_in_place_of_files() {
 
 #[test]
 fn a_stranger_s_format_becomes_an_input_and_can_be_compared() {
-    let packs = [PACKS, &[maquette_third_party::PACK]].concat();
+    let packs = [PACKS, &[&maquette_third_party::PACK]].concat();
     let session = Session::new(&packs, &Settings::in_memory()).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let [path, colors] = ["recolor.ron", "two.gpl"].map(|name| folder.path().join(name));

@@ -29,8 +29,8 @@ MUTATIONS = [
     ("nodes/range/range_file.rs", "Self::Inch => 25.4,", "Self::Inch => 25.0,", "weight"),
     ("nodes/range/grid/joins.rs", "normal.dot(&ray).abs() >= self.least_cosine", "normal.dot(&ray) >= self.least_cosine", "dropped"),
     ("nodes/range/grid/contour.rs", "let mut to = (from + 1) % 8;", "let mut to = (from + 2) % 8;", "off by one"),
-    ("nodes/linear/laplace.rs", "const TOLERANCE: f64 = 1e-12;", "const TOLERANCE: f64 = 1e-6;", "default"),
-    ("nodes/linear/laplace.rs", "(row + 1 < height).then(|| cell + width),", "(row + 2 < height).then(|| cell + width),", "off by one"),
+    ("nodes/base/linear/laplace.rs", "const TOLERANCE: f64 = 1e-12;", "const TOLERANCE: f64 = 1e-6;", "default"),
+    ("nodes/base/linear/laplace.rs", "(row + 1 < height).then(|| cell + width),", "(row + 2 < height).then(|| cell + width),", "off by one"),
     # Nets and surfaces
     ("nodes/nurbs/net/rays.rs", "const SMOOTHING: f64 = 2.0;", "const SMOOTHING: f64 = 1.0;", "default"),
     ("nodes/nurbs/net/rays.rs", "|[x, y]| libm::atan2(-y, *x)", "|[x, y]| libm::atan2(*y, *x)", "sign"),

@@ -10,13 +10,13 @@ use nalgebra::{Matrix3, Point3};
 use super::object::{bounds, points, rebuilt, wanted};
 use super::pull::{Deforming, column, deformation, deformed_field, prepared, report};
 use super::report::Report;
-use crate::deform::FfdError;
-use crate::deform::gaussian::deformation::{Base, Deformation};
-use crate::deform::gaussian::field::{CHUNK, Wanted, field};
-use crate::deform::gaussian::layout::{Layout, Prepared};
-use crate::deform::gaussian::system::System;
-use crate::deform::mode::Mode;
-use crate::mesh::Movable;
+use crate::FfdError;
+use crate::gaussian::deformation::{Base, Deformation};
+use crate::gaussian::field::{CHUNK, Wanted, field};
+use crate::gaussian::layout::{Layout, Prepared};
+use crate::gaussian::system::System;
+use crate::mode::Mode;
+use maquette_mesh::Movable;
 
 /// Fields that are kept together: as many as a point has coordinates, so that a group of them is computed like a deformation.
 const GROUP: usize = 3;
@@ -54,10 +54,10 @@ pub(crate) struct Kept {
 }
 
 impl Drag {
-    /// Prepares an object for drags of the handles with these numbers, counted from 0; see [`ffd`](crate::deform::ffd()).
+    /// Prepares an object for drags of the handles with these numbers, counted from 0; see [`ffd`](crate::ffd()).
     ///
     /// # Errors
-    /// As [`ffd`](crate::deform::ffd()), and if there is no such handle.
+    /// As [`ffd`](crate::ffd()), and if there is no such handle.
     pub fn new(
         what: &Movable,
         handles: &Handles,

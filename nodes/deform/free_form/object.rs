@@ -1,14 +1,14 @@
 //! What can be deformed, as points and back.
 
+use maquette::parallel::*;
 use maquette::simd::{Kernel, widest};
 use maquette::value::{Attribute, Mesh, Points};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
-use crate::deform::FfdError;
-use crate::deform::gaussian::field::{Field, Wanted, turned};
-use crate::deform::gaussian::layout::Bounds;
-use crate::mesh::Movable;
+use crate::FfdError;
+use crate::gaussian::field::{Field, Wanted, turned};
+use crate::gaussian::layout::Bounds;
+use maquette_mesh::Movable;
 
 /// All points of an object.
 pub(crate) fn points(what: &Movable) -> &[Point3<f64>] {

@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 
 use super::object::{bounds, points, rebuilt, wanted};
 use super::report::Report;
-use crate::deform::ffd_error::FfdError;
-use crate::deform::gaussian::cells::Cells;
-use crate::deform::gaussian::deformation::{Base, Deformation};
-use crate::deform::gaussian::field::{CHUNK, Field, Wanted, field};
-use crate::deform::gaussian::layout::{Bounds, Prepared, prepare};
-use crate::deform::gaussian::system::System;
-use crate::deform::mode::Mode;
-use crate::mesh::Movable;
+use crate::ffd_error::FfdError;
+use crate::gaussian::cells::Cells;
+use crate::gaussian::deformation::{Base, Deformation};
+use crate::gaussian::field::{CHUNK, Field, Wanted, field};
+use crate::gaussian::layout::{Bounds, Prepared, prepare};
+use crate::gaussian::system::System;
+use crate::mode::Mode;
+use maquette_mesh::Movable;
 
 /// How an object is deformed, beside its handles and what these share out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -40,7 +40,7 @@ pub struct Deforming {
     pub frame: Option<Bounds>,
 }
 
-/// Moves each handle to its target, and `what` along; see [`Ffd`](crate::deform::Ffd).
+/// Moves each handle to its target, and `what` along; see [`Ffd`](crate::Ffd).
 ///
 /// Handles share out what `mode` says, and are in mm or in the box `how.frame`. Yoshida, Kanou and Kitajima, free-form
 /// deformation by rational Gaussian functions (equations 4 to 7); the other forms than the absolute one are as for radial basis
@@ -82,7 +82,7 @@ pub(crate) fn deform<E: From<FfdError>>(
     what: &Movable,
     prepared: &Prepared,
     how: Deforming,
-    system: impl FnOnce(&crate::deform::gaussian::layout::Layout) -> Result<System, E>,
+    system: impl FnOnce(&crate::gaussian::layout::Layout) -> Result<System, E>,
     progress: &Progress<'_>,
 ) -> Result<(Movable, Report), E> {
     if prepared.rests() {

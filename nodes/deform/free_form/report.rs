@@ -3,8 +3,8 @@
 use maquette::Context;
 
 use super::object::points;
-use crate::deform::gaussian::layout::Bounds;
-use crate::mesh::Movable;
+use crate::gaussian::layout::Bounds;
+use maquette_mesh::Movable;
 
 /// What is to be known of a deformation.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,9 +1,9 @@
 //! A deformation on all points of an object: where they go, how their normals turn, where space is turned inside out.
 
 use maquette::memory::huge_vec;
+use maquette::parallel::*;
 use maquette::{Cancelled, Progress};
 use nalgebra::{Matrix3, Point3, Vector3};
-use maquette::parallel::*;
 
 /// Where the points from a first one on go, and the derivatives there if they are wanted.
 pub(crate) type Evaluate<'a> =

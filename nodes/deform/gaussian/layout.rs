@@ -5,7 +5,7 @@ use maquette::value::{Encoder, Handle, HandleSpace, Handles};
 use nalgebra::{Point3, Vector3};
 
 use super::gaussians::Gaussians;
-use crate::deform::{FfdError, Mode};
+use crate::{FfdError, Mode};
 
 /// The lowest and the highest corner of a box.
 pub type Bounds = (Point3<f64>, Point3<f64>);

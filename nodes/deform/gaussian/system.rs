@@ -8,8 +8,8 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::deformation::Affine;
 use super::layout::Layout;
-use crate::deform::{FfdError, Mode};
-use crate::linear::lu::Lu;
+use crate::{FfdError, Mode};
+use maquette_base::linear::lu::Lu;
 
 /// The factored system of a layout.
 ///

@@ -5,10 +5,10 @@ use std::cell::OnceCell;
 use maquette::value::{Attribute, Mesh, MeshError};
 use nalgebra::Vector3;
 
-use crate::fill::exemplar::{Copies, Sources};
-use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::triangulation::{NONE, area_vector};
-use crate::linear::cholesky::{Cholesky, Symmetric};
+use crate::exemplar::{Copies, Sources};
+use crate::triangles::filling::Filling;
+use crate::triangles::triangulation::{NONE, area_vector};
+use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 
 /// How the filled vertices are connected with each other and the data, and what they copy.
 pub(crate) struct Carry<'a> {

@@ -3,8 +3,8 @@
 use maquette::value::{Color, Image, Mesh};
 
 use super::carry::Carry;
-use crate::fill::exemplar::Shown;
-use crate::fill::triangles::filling::Filling;
+use crate::exemplar::Shown;
+use crate::triangles::filling::Filling;
 
 /// A color of each vertex in CIE L*a*b*: of the data's vertices that of the picture, if an exemplar fill copies it, else their own; of the
 /// filled ones that of the nearest one at the rim. None without colors.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::rim::OneRings;
 use super::rims::{NotManifold, has_closed_fan_beside_others};
-use crate::fill::triangles::filling::Filling;
+use crate::triangles::filling::Filling;
 
 /// Checks the edges and the fans of faces at the vertices of `holes`.
 ///

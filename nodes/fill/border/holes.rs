@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::regions::{HoleRegion, cut};
 use super::rims::enclosed;
-use crate::fill::triangles::triangulation::area_vector;
-use crate::topology::union_find::UnionFind;
+use crate::triangles::triangulation::area_vector;
+use maquette_base::topology::union_find::UnionFind;
 
 /// Which holes are filled.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]

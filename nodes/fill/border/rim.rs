@@ -2,9 +2,9 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::triangulation::{NONE, area_vector};
-use crate::topology::lists::Lists;
+use crate::triangles::filling::Filling;
+use crate::triangles::triangulation::{NONE, area_vector};
+use maquette_base::topology::lists::Lists;
 
 /// The one-ring of each vertex of some rims: the data's triangles around it.
 pub(crate) struct OneRings {

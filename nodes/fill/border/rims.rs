@@ -1,11 +1,11 @@
 //! The rims of a mesh: the boundary loops into which its border is cut, none of which visits a vertex twice.
 
+use maquette::parallel::*;
 use maquette::value::{Faces, Mesh};
 use nalgebra::Vector3;
-use maquette::parallel::*;
 
-use crate::fill::triangles::triangulation::{NONE, next, previous};
-use crate::topology::lists::Lists;
+use crate::triangles::triangulation::{NONE, next, previous};
+use maquette_base::topology::lists::Lists;
 
 /// Places where a mesh is no surface, some of them.
 #[derive(Clone, Debug, PartialEq)]

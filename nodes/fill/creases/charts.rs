@@ -4,10 +4,10 @@ use nalgebra::{Point3, Vector3};
 
 use super::chart::Chart;
 use super::segmentation::{Band, segment};
-use crate::fill::border::rim::Rim;
-use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::triangulation::{NONE, area_vector};
-use crate::topology::union_find::UnionFind;
+use crate::border::rim::Rim;
+use crate::triangles::filling::Filling;
+use crate::triangles::triangulation::{NONE, area_vector};
+use maquette_base::topology::union_find::UnionFind;
 
 /// Rows of faces around the rim that are segmented: with fewer a crease or a plane is found by chance, with more a segment that bends
 /// farther out is no plane any more.

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Point3, Vector3};
 
 use super::chart::Chart;
-use crate::fill::triangles::triangulation::NONE;
+use crate::triangles::triangulation::NONE;
 
 /// Cosine of the largest angle between a face and the flat piece to which it is added: 12 degrees.
 const FLAT: f64 = 0.9781476007338057;

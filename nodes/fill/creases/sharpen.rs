@@ -8,10 +8,10 @@ use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
 use super::charts::{Charts, Edge};
-use crate::fill::border::rim::Rim;
-use crate::fill::plain::sizes::Sizes;
-use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::triangulation::{NONE, Triangulation, area_vector, next, previous};
+use crate::border::rim::Rim;
+use crate::plain::sizes::Sizes;
+use crate::triangles::filling::Filling;
+use crate::triangles::triangulation::{NONE, Triangulation, area_vector, next, previous};
 
 /// How often vertices slide and go back to their surfaces before creases are cut into them. Where faces are folded in the end, another
 /// number is tried: then other edges cross the creases.

@@ -12,7 +12,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::hole::Hole;
 use super::surface::Surface;
-use crate::linear::cholesky::{Cholesky, Symmetric};
+use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 
 /// How strongly vertices stay where they are, over the squared length of the data's edges: with 1, to move by an edge counts as much as an
 /// angle that is off by a radian. With a fifth of it, crests over curls become spikes.

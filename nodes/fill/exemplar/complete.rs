@@ -10,14 +10,14 @@ use super::options::ExemplarOptions;
 use super::surface::Surface;
 use super::tints::Color;
 use super::turns::Turns;
-use crate::fill::triangles::filling::Filling;
+use crate::triangles::filling::Filling;
 
 /// Moves the filled vertices of `filling`, which is triangulated as finely as its data and has the positions of the start, to where
 /// their exemplars have them.
 ///
 /// # Errors
 /// If the evaluation is told to stop.
-pub(in crate::fill) fn complete(
+pub(crate) fn complete(
     filling: &mut Filling,
     options: &ExemplarOptions,
     given: &Given,

@@ -19,38 +19,38 @@ use super::{bends, smoothness};
 
 /// What a completion is given beside the mesh.
 #[derive(Default)]
-pub(in crate::fill) struct Given {
+pub(crate) struct Given {
     /// Marks the data vertices around which exemplars may be; all, if left out.
-    pub(in crate::fill) allowed: Option<Vec<bool>>,
+    pub(crate) allowed: Option<Vec<bool>>,
     /// The colors of all vertices in CIE L*a*b*; those of filled vertices are estimated from the rim.
-    pub(in crate::fill) colors: Option<Vec<[f64; 3]>>,
+    pub(crate) colors: Option<Vec<[f64; 3]>>,
     /// Marks the filled vertices of holes across which the start extends creases of the data; none, if empty.
-    pub(in crate::fill) sharp: Vec<bool>,
+    pub(crate) sharp: Vec<bool>,
 }
 
 /// How a completion went.
-pub(in crate::fill) struct Completed {
+pub(crate) struct Completed {
     /// The iterations that were better than all before them on their level: `rms` is the root of the energy, `max` the root of the
     /// largest mean square of a patch's distances, both in mm. They compare within a level alone.
-    pub(in crate::fill) trace: Vec<TraceStep>,
-    pub(in crate::fill) copies: Copies,
+    pub(crate) trace: Vec<TraceStep>,
+    pub(crate) copies: Copies,
     /// Whether no part of the data can be an exemplar; the start is left as it is then.
-    pub(in crate::fill) no_exemplar: bool,
+    pub(crate) no_exemplar: bool,
 }
 
 /// What a completion copies from where.
-pub(in crate::fill) struct Copies {
+pub(crate) struct Copies {
     /// The data vertex that each filled vertex copies; [`u32::MAX`] if none.
-    pub(in crate::fill) exemplar: Vec<u32>,
+    pub(crate) exemplar: Vec<u32>,
     /// The data vertices whose attributes are averaged for each filled vertex.
-    pub(in crate::fill) votes: Votes,
+    pub(crate) votes: Votes,
     /// Which part of a picture belongs on each filled face.
-    pub(in crate::fill) sources: Sources,
+    pub(crate) sources: Sources,
 }
 
 impl Copies {
     /// Nothing, for so many filled vertices.
-    pub(in crate::fill) fn none(count: usize) -> Self {
+    pub(crate) fn none(count: usize) -> Self {
         let (votes, sources) = (Votes::none(count), Sources::none());
         Self { exemplar: vec![NONE; count], votes, sources }
     }
@@ -68,23 +68,23 @@ impl Copies {
 
 /// The radius within which normals are averaged for a patch's frame, in radii of the patch. With less, a single rough triangle turns the
 /// frame; with more, frames lag behind the surface where it curves.
-pub(in crate::fill) const NORMAL_RADIUS: f64 = 0.4;
+pub(crate) const NORMAL_RADIUS: f64 = 0.4;
 
 /// With fewer exemplars a level is left out.
-pub(in crate::fill) const FEWEST: usize = 32;
+pub(crate) const FEWEST: usize = 32;
 
 /// Samples along a patch's radius, at most: some 200 in all, whatever distance is wished.
-pub(in crate::fill) const MOST_SAMPLES: f64 = 8.0;
+pub(crate) const MOST_SAMPLES: f64 = 8.0;
 
 /// Samples are chosen among vertices if they are to be so many edges apart.
-pub(in crate::fill) const SPARSE: f64 = 1.3;
+pub(crate) const SPARSE: f64 = 1.3;
 
 /// The same where the publication is followed, in which all vertices move. With less, few vertices of a hole some 7 edges across move
 /// on the coarsest level; with more, coarse levels of larger holes compare more samples.
-pub(in crate::fill) const SPARSE_PUBLISHED: f64 = 2.0;
+pub(crate) const SPARSE_PUBLISHED: f64 = 2.0;
 
 /// How far each data vertex is from the nearest missing one; infinite if farther than `most`.
-pub(in crate::fill) fn distances(
+pub(crate) fn distances(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
     data: usize,
@@ -100,7 +100,7 @@ pub(in crate::fill) fn distances(
 
 /// Twice the sum of the area vectors of the faces around each vertex. As published, the start does not count for the normals of the data:
 /// it may be a cone.
-pub(in crate::fill) fn areas(
+pub(crate) fn areas(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
     data: usize,
@@ -117,7 +117,7 @@ pub(in crate::fill) fn areas(
 }
 
 /// What a completion works with on all levels.
-pub(in crate::fill) struct Completion<'a> {
+pub(crate) struct Completion<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) data: usize,
     pub(super) kept: usize,
@@ -137,7 +137,7 @@ pub(in crate::fill) struct Completion<'a> {
 }
 
 /// The lengths of a level.
-pub(in crate::fill) struct Size {
+pub(crate) struct Size {
     pub(super) radius: f64,
     /// The distance between samples.
     sample: f64,

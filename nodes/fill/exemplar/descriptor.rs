@@ -1,7 +1,7 @@
 //! Descriptors of height fields: their principal components, in a few numbers.
 
-use nalgebra::{DMatrix, SymmetricEigen};
 use maquette::parallel::*;
+use nalgebra::{DMatrix, SymmetricEigen};
 
 use super::frame::Turn;
 use super::heights::height_at;

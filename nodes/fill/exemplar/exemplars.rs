@@ -1,8 +1,8 @@
 //! The exemplars, of which the missing surface is made: the surroundings of data vertices, as height fields.
 
+use maquette::parallel::*;
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::best_match::Match;
 use super::descriptor::{Basis, Descriptor, Polar, Rings};

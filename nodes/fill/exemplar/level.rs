@@ -1,8 +1,8 @@
 //! One level: finds a match for each patch, moves the missing vertices to the weighted mean of the matches, and repeats.
 
+use maquette::parallel::*;
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::best_match::Match;
 use super::compare::PatchSamples;

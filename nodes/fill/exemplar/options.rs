@@ -66,12 +66,12 @@ pub struct ExemplarOptions {
 
 impl ExemplarOptions {
     /// Whether colors count when exemplars are compared; in the publication they do not.
-    pub(in crate::fill) fn counts_colors(&self) -> bool {
+    pub(crate) fn counts_colors(&self) -> bool {
         self.color > 0.0 && self.update == Update::Exact
     }
 
     /// Iterations of a level, at most.
-    pub(in crate::fill) fn most_iterations(&self) -> u32 {
+    pub(crate) fn most_iterations(&self) -> u32 {
         self.iterations.unwrap_or(match self.update {
             Update::Exact => 20,
             Update::Published => 400,

@@ -9,12 +9,11 @@ use super::hole::{Hole, SAMPLES};
 use super::options::ExemplarOptions;
 use super::surface::Surface;
 use super::turns::Turns;
-use crate::fill::triangles::density::Stop;
-use crate::fill::triangles::filling::Filling;
+use crate::triangles::density::Stop;
+use crate::triangles::filling::Filling;
 
 /// Gives what is filled edges of at least this length, or those of the data where these are longer.
-pub(in crate::fill) type Density<'a> =
-    dyn FnMut(&mut Filling, f64, &Progress<'_>) -> Result<(), Stop> + 'a;
+pub(crate) type Density<'a> = dyn FnMut(&mut Filling, f64, &Progress<'_>) -> Result<(), Stop> + 'a;
 
 /// Moves the filled vertices of `filling` to where their exemplars have them, and remeshes them to the density of each level.
 ///
@@ -23,7 +22,7 @@ pub(in crate::fill) type Density<'a> =
 ///
 /// # Errors
 /// If there would be too many triangles, or the evaluation is told to stop.
-pub(in crate::fill) fn complete_as_published(
+pub(crate) fn complete_as_published(
     filling: &mut Filling,
     density: &mut Density<'_>,
     options: &ExemplarOptions,

@@ -4,8 +4,8 @@
 //! the best: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here with all patches at once. Those that stay worst are
 //! compared with all exemplars.
 
-use nalgebra::{Point3, Vector3};
 use maquette::parallel::*;
+use nalgebra::{Point3, Vector3};
 
 use super::best_match::Match;
 use super::compare::PatchSamples;

@@ -2,7 +2,7 @@
 
 use super::exemplars::Exemplars;
 use super::heights::{NODES, SIDE};
-use crate::linear::cholesky::{Cholesky, Symmetric};
+use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 
 /// Exemplars that are tried.
 const MOST: usize = 512;

@@ -1,7 +1,7 @@
 //! Which part of a picture on the data belongs on each filled face.
 
-use nalgebra::{Point3, Vector3};
 use maquette::parallel::*;
+use nalgebra::{Point3, Vector3};
 
 use super::exemplars::Exemplars;
 use super::level::Outcome;

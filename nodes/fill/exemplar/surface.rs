@@ -5,7 +5,7 @@ use std::collections::BinaryHeap;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::topology::lists::Lists;
+use maquette_base::topology::lists::Lists;
 
 /// In place of a face or vertex that does not exist.
 pub(super) const NONE: u32 = u32::MAX;

@@ -10,7 +10,7 @@ use super::search::{Scene, Search};
 use super::surface::{NONE, Surface};
 use super::turns::Turns;
 use super::*;
-use crate::fill::triangles::filling::Filling;
+use crate::triangles::filling::Filling;
 
 mod shapes;
 

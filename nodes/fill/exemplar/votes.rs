@@ -1,7 +1,7 @@
 //! The attributes of filled vertices, as means over the exemplars of the patches around them.
 
-use nalgebra::Point3;
 use maquette::parallel::*;
+use nalgebra::Point3;
 
 use super::exemplars::Exemplars;
 use super::level::Outcome;

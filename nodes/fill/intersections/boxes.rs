@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::fill::triangles::filling::Filling;
+use crate::triangles::filling::Filling;
 
 /// A triangle of a mesh whose holes are being filled.
 #[derive(Clone, Copy)]
@@ -163,7 +163,7 @@ fn grow(nodes: &mut Vec<Node>, own: &mut [(Bounds, u32)], first: u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fill::shapes::random;
+    use crate::shapes::random;
 
     #[test]
     fn outcodes_tell_which_triangles_have_boxes_that_overlap() {

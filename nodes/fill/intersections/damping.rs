@@ -4,8 +4,8 @@ use maquette::Progress;
 use nalgebra::Point3;
 
 use super::detect::Intersections;
-use crate::fill::fill_error::FillError;
-use crate::fill::triangles::filling::Filling;
+use crate::fill_error::FillError;
+use crate::triangles::filling::Filling;
 
 /// Rounds that halve displacements, and the rounds after them, which set them to 0.
 const HALVES: usize = 4;
@@ -73,7 +73,7 @@ fn grow(near: &mut [bool], faces: &[[u32; 3]], rings: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fill::shapes::{grid, of};
+    use crate::shapes::{grid, of};
 
     #[test]
     fn only_what_intersects_goes_back_and_no_farther_than_it_must() {

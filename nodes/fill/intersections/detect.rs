@@ -1,14 +1,14 @@
 //! Where filled triangles intersect each other or the data, decided by exact predicates.
 
+use maquette::parallel::*;
 use maquette::{Limit, Progress};
 use nalgebra::Point3;
-use maquette::parallel::*;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
 use super::boxes::{Bounds, Boxed, Boxes, Triangle};
-use crate::fill::fill_error::FillError;
-use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::triangulation::area_vector;
+use crate::fill_error::FillError;
+use crate::triangles::filling::Filling;
+use crate::triangles::triangulation::area_vector;
 
 /// The most pairs of a filled triangle and another one whose boxes overlap, beyond [`PAIRS_OF_EACH`]: testing them takes some tenths of a
 /// second, and at worst all of them intersect. Triangles as long as the fill overlap all others.
@@ -291,7 +291,7 @@ fn is_folded(one: &Triangle, other: &Triangle) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fill::shapes::{grid, random};
+    use crate::shapes::{grid, random};
 
     #[test]
     fn an_update_finds_the_same_as_a_test_of_all() {

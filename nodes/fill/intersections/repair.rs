@@ -9,8 +9,8 @@ use std::ops::Range;
 
 use super::boxes::{Boxes, Triangle};
 use super::detect::{Intersections, intersect};
-use crate::fill::border::rim::Rim;
-use crate::fill::triangles::triangulation::{NONE, Triangulation, previous};
+use crate::border::rim::Rim;
+use crate::triangles::triangulation::{NONE, Triangulation, previous};
 
 /// As many changes are made at most: what intersects in more places needs another surface altogether.
 const MOST_CHANGES: usize = 100;

@@ -1,20 +1,20 @@
 //! Repairs or replaces fills whose triangles intersect each other or the data.
 
-use maquette::{Cancelled, Progress};
 use maquette::parallel::*;
+use maquette::{Cancelled, Progress};
 
 use super::boxes::Triangle;
 use super::detect::Intersections;
 use super::repair::{Obstacles, repair};
-use crate::fill::border::holes::Components;
-use crate::fill::border::rim::{OneRings, Rim};
-use crate::fill::fill_error::FillError;
-use crate::fill::plain::hole_fill::{Fallback, HoleFill};
-use crate::fill::plain::options::{PlainMethod, PlainOptions};
-use crate::fill::plain::plain_fill::fill_hole;
-use crate::fill::triangles::density::Stop;
-use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::triangulation::NONE;
+use crate::border::holes::Components;
+use crate::border::rim::{OneRings, Rim};
+use crate::fill_error::FillError;
+use crate::plain::hole_fill::{Fallback, HoleFill};
+use crate::plain::options::{PlainMethod, PlainOptions};
+use crate::plain::plain_fill::fill_hole;
+use crate::triangles::density::Stop;
+use crate::triangles::filling::Filling;
+use crate::triangles::triangulation::NONE;
 
 /// The fills of some holes, and their intersections.
 pub(crate) struct HoleFills<'a> {

@@ -8,10 +8,10 @@
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
 
-use crate::fill::border::rim::Rim;
-use crate::fill::triangles::triangulation::{NONE, Triangulation, area_vector};
-use crate::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
-use crate::topology::lists::Lists;
+use crate::border::rim::Rim;
+use crate::triangles::triangulation::{NONE, Triangulation, area_vector};
+use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
+use maquette_base::topology::lists::Lists;
 
 /// Which energy is minimized.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

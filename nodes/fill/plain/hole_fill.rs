@@ -1,6 +1,6 @@
 //! What fills one hole.
 
-use crate::fill::triangles::triangulation::Triangulation;
+use crate::triangles::triangulation::Triangulation;
 
 /// Why a hole has another surface than was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -1,7 +1,7 @@
 //! Which plain fill a method asks for.
 
-use crate::fill::exemplar::{Start, Update};
-use crate::fill::method::FillMethod;
+use crate::exemplar::{Start, Update};
+use crate::method::FillMethod;
 
 /// Which surface a plain fill is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

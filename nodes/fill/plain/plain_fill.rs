@@ -7,12 +7,12 @@ use super::fairing::{Energy, fair};
 use super::hole_fill::{Fallback, HoleFill};
 use super::options::{PlainMethod, PlainOptions};
 use super::sizes::Sizes;
-use crate::fill::border::rim::Rim;
-use crate::fill::creases::sharpen;
-use crate::fill::triangles::density::{Stop, refine};
-use crate::fill::triangles::filling::Filling;
-use crate::fill::triangles::triangulate::triangulate;
-use crate::fill::triangles::triangulation::Triangulation;
+use crate::border::rim::Rim;
+use crate::creases::sharpen;
+use crate::triangles::density::{Stop, refine};
+use crate::triangles::filling::Filling;
+use crate::triangles::triangulate::triangulate;
+use crate::triangles::triangulation::Triangulation;
 
 /// How far a fill may go from the centroid of the rim, in the largest distance of the rim from there. A ball's opening of less than a
 /// tenth of its width is still filled; a plate that a rough rim throws off is not.

@@ -6,9 +6,9 @@ use nalgebra::Point3;
 use super::fairing::{Energy, fair};
 use super::hole_fill::HoleFill;
 use super::sizes::Sizes;
-use crate::fill::border::rim::{OneRings, Rim};
-use crate::fill::triangles::density::{Stop, refine};
-use crate::fill::triangles::filling::Filling;
+use crate::border::rim::{OneRings, Rim};
+use crate::triangles::density::{Stop, refine};
+use crate::triangles::filling::Filling;
 
 /// The fills of some holes, as triangulations whose edges can be split and collapsed.
 pub(crate) struct Remesh<'a> {

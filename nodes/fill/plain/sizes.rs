@@ -2,9 +2,9 @@
 
 use nalgebra::Point3;
 
-use crate::fill::border::rim::Rim;
-use crate::fill::triangles::density::{Stop, TRIANGLES, estimate};
-use crate::fill::triangles::triangulation::Triangulation;
+use crate::border::rim::Rim;
+use crate::triangles::density::{Stop, TRIANGLES, estimate};
+use crate::triangles::triangulation::Triangulation;
 
 /// How long edges should be: the mean of the lengths of the data's edges at the rim, weighed by the inverse fourth power of the distance.
 pub(crate) struct Sizes {

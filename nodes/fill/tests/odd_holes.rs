@@ -108,8 +108,8 @@ fn more_triangles_than_can_be_made_are_refused_with_numbers_before_they_are() {
 
 #[test]
 fn the_number_of_triangles_is_known_before() {
-    use crate::fill::triangles::density::{estimate, refine};
-    use crate::fill::triangles::triangulation::Triangulation;
+    use crate::triangles::density::{estimate, refine};
+    use crate::triangles::triangulation::Triangulation;
 
     let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
     let corners = corners.map(|[x, y]| Point3::new(x, y, 0.0));

@@ -4,7 +4,7 @@ use maquette::value::Mesh;
 use nalgebra::Point3;
 
 use super::triangulation::Triangulation;
-use crate::fill::plain::hole_fill::HoleFill;
+use crate::plain::hole_fill::HoleFill;
 
 /// A mesh of triangles whose holes are being filled.
 #[derive(Clone, Debug)]

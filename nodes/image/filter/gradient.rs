@@ -5,7 +5,7 @@
 
 use maquette::value::{Image, Mask, Rgb};
 
-use crate::image::operator::Operator;
+use crate::operator::Operator;
 
 /// A picture as one number a pixel.
 #[derive(Clone, Copy)]

@@ -140,7 +140,7 @@ mod tests {
     use maquette::value::Mask;
 
     use super::*;
-    use crate::image::{Connectivity, label};
+    use crate::{Connectivity, label};
 
     fn bits(width: usize, pixels: &[u8]) -> Bits {
         let mut bits = Bits::new(width, pixels.len() / width);

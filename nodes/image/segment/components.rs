@@ -6,10 +6,10 @@
 
 use std::ops::Range;
 
-use maquette::value::{LabelRun, Labels, Mask};
 use maquette::parallel::*;
+use maquette::value::{LabelRun, Labels, Mask};
 
-use crate::image::connectivity::Connectivity;
+use crate::connectivity::Connectivity;
 
 /// Rows in a strip: enough work to be worth waking a thread.
 const STRIP_ROWS: usize = 64;

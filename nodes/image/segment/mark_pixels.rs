@@ -1,11 +1,11 @@
 //! Marks the pixels of a picture by their color.
 
 use maquette::memory::huge_vec;
-use maquette::value::{Image, Mask};
 use maquette::parallel::*;
+use maquette::value::{Image, Mask};
 
 use super::select::{Select, measure};
-use crate::image::picture_error::{PictureError, check_size};
+use crate::picture_error::{PictureError, check_size};
 
 /// Marks the pixels of `image`, inside `within` if given, that `select` takes; with `invert` all the others.
 ///

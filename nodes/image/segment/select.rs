@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::otsu::otsu;
-use crate::image::picture_error::{PictureError, check_inside};
+use crate::picture_error::{PictureError, check_inside};
 
 /// Which pixels a threshold marks.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -210,7 +210,7 @@ fn hsv(pixel: Rgb) -> Option<[f32; 3]> {
 }
 
 /// The level of a color.
-pub(crate) fn level(channel: Channel, [r, g, b]: Rgb) -> u32 {
+pub fn level(channel: Channel, [r, g, b]: Rgb) -> u32 {
     let [red, green, blue] = [r, g, b].map(u32::from);
     match channel {
         Channel::Luma => (299 * red + 587 * green + 114 * blue + 500) / 1000,

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use nalgebra::Point3;
 use maquette::parallel::*;
+use nalgebra::Point3;
 
 /// A place in a cube of cells or nodes: x, y, z.
 pub(super) type CellIndex = [i32; 3];

@@ -3,8 +3,8 @@
 use maquette::value::{Attributes, Column, Mesh, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
 
-use crate::mesh::painted_colors::painted_colors;
-use crate::subdivision::Scattered;
+use crate::painted_colors::painted_colors;
+use maquette_subdivision::Scattered;
 
 /// Points of several sources in one frame.
 #[derive(Clone, Debug, Default)]

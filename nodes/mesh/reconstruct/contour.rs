@@ -7,9 +7,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use maquette::parallel::*;
 use maquette::{Cancelled, Limit, Progress};
 use nalgebra::Point3;
-use maquette::parallel::*;
 
 use super::cells::{CellIndex, Places};
 use super::poisson::{Field, SURFACE, SolveError};

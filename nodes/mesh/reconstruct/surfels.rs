@@ -4,10 +4,10 @@
 //! reconstruction from unorganized points" (1992), section 3.1. Neighborhoods are not the k nearest points but weighted by a
 //! B-spline on sums over cells, so that any size costs the same, and so large that noise does not hide the plane.
 
+use maquette::parallel::*;
 use maquette::value::Rgb;
 use maquette::{Cancelled, Progress};
 use nalgebra::{Matrix3, Point3, Vector3};
-use maquette::parallel::*;
 
 use super::cells::{CellIndex, Cube, Places, bell};
 use super::cloud::Cloud;

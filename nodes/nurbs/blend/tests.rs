@@ -9,9 +9,9 @@ use super::super::control_net::{NetMethod, control_net};
 use super::super::nurbs::nurbs;
 use super::super::offset_net::{OffsetStep, offset_net};
 use super::*;
-use crate::nurbs::grid::distance::from_border;
-use crate::nurbs::net::profile::Profile;
-use crate::range::triangulate;
+use crate::grid::distance::from_border;
+use crate::net::profile::Profile;
+use maquette_range::triangulate;
 
 const ALL_MODES: [BlendMode; 3] =
     [BlendMode::Displacement, BlendMode::Replace, BlendMode::Feather { band: 3.0 }];

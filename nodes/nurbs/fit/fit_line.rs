@@ -4,7 +4,7 @@ use maquette::value::KnotVector;
 use maquette::{Cancelled, Progress};
 use nalgebra::Vector3;
 
-use crate::linear::banded::{Banded, Factors};
+use maquette_base::linear::banded::{Banded, Factors};
 
 /// A fit of lines of points that all have the same parameters.
 pub(crate) struct LineFit {

@@ -1,16 +1,16 @@
 //! The control points of a fitted surface, one direction after the other, and how far it misses the points.
 
+use maquette::parallel::*;
 use maquette::value::{self, Along, KnotVector, Surface, Trace, TraceStep};
 use maquette::{Cancelled, Progress};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::fit_line::{FittedLine, LineFit, Missed};
-use crate::nurbs::fit_error::FitError;
-use crate::nurbs::fit_method::FitMethod;
-use crate::nurbs::fit_parameters::FitParameters;
-use crate::nurbs::knot_vectors::even_knots::even;
-use crate::nurbs::knot_vectors::parameters::parameters;
+use crate::fit_error::FitError;
+use crate::fit_method::FitMethod;
+use crate::fit_parameters::FitParameters;
+use crate::knot_vectors::even_knots::even;
+use crate::knot_vectors::parameters::parameters;
 
 /// The fit along one direction.
 pub(crate) struct Direction {

@@ -4,8 +4,8 @@ use maquette::value::{Chart, RangeImage, Region, Surface};
 use nalgebra::Point3;
 
 use super::distance::from_border;
-use crate::nurbs::blend_error::BlendError;
-use crate::nurbs::blend_mode::BlendMode;
+use crate::blend_error::BlendError;
+use crate::blend_mode::BlendMode;
 
 /// The cells that a surface is written to, and what lies under them.
 pub(crate) struct Canvas {

@@ -37,7 +37,7 @@ const FAR: u32 = u32::MAX;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nurbs::control_net::tests::{range, region};
+    use crate::control_net::tests::{range, region};
 
     #[test]
     fn distances_are_those_to_the_nearest_cell_outside() {

@@ -60,7 +60,7 @@ pub(crate) fn seam(region: &Region, before: &[Point3<f64>], points: &[Point3<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nurbs::control_net::tests::{range, region};
+    use crate::control_net::tests::{range, region};
 
     #[test]
     fn only_cells_at_the_border_make_a_seam() {

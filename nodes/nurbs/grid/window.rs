@@ -6,7 +6,7 @@ use maquette::Progress;
 use maquette::value::{RangeImage, Region};
 use nalgebra::Point3;
 
-use crate::linear::laplace::{self, Unsolved};
+use maquette_base::linear::laplace::{self, Unsolved};
 
 /// The cells of a range grid in the rectangle around a region, padded, with a point each.
 pub(crate) struct GridWindow {

@@ -4,8 +4,8 @@ use maquette::value::{self, Along, KnotVector};
 
 use super::even_knots::even;
 use super::parameters::parameters;
-use crate::nurbs::knots_error::KnotsError;
-use crate::nurbs::knots_kind::KnotsKind;
+use crate::knots_error::KnotsError;
+use crate::knots_kind::KnotsKind;
 
 /// The knots of a surface with this net, along one direction. The domain of the averaged kinds is 0 to 1.
 ///

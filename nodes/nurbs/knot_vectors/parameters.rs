@@ -9,11 +9,7 @@ use super::even_knots::even;
 /// the parameters are spaced evenly.
 ///
 /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), algorithm A9.3.
-pub(crate) fn parameters(
-    net: &value::ControlNet,
-    along: Along,
-    measure: fn(f64) -> f64,
-) -> Vec<f64> {
+pub fn parameters(net: &value::ControlNet, along: Along, measure: fn(f64) -> f64) -> Vec<f64> {
     let columns = net.columns();
     let (count, lines) = match along {
         Along::U => (net.rows(), columns),

@@ -3,7 +3,7 @@
 use maquette::value::{self, Chart, RangeImage};
 use nalgebra::Point3;
 
-use crate::nurbs::net_error::NetError;
+use crate::net_error::NetError;
 
 /// The net of so many rows and columns of points, with the flag `fixed` by row and column, and a net coordinate for each of
 /// `cells` of the range.

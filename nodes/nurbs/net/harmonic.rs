@@ -13,9 +13,9 @@ use nalgebra::Point3;
 use super::charted::{charted, on_border};
 use super::mean_value::relax;
 use super::rows::resampled;
-use crate::nurbs::grid::disk::Disk;
-use crate::nurbs::grid::window::GridWindow;
-use crate::nurbs::net_error::NetError;
+use crate::grid::disk::Disk;
+use crate::grid::window::GridWindow;
+use crate::net_error::NetError;
 
 /// Fewest rows and columns that are chosen: enough for a cubic.
 const LEAST: usize = 4;

@@ -4,7 +4,7 @@
 //! Floater, "Mean value coordinates", Computer Aided Geometric Design 20 (2003), eq. 2.1. They are positive, so that the map is
 //! one-to-one (Tutte, "How to draw a graph", 1963), and reproduce an affine map if the border has one.
 
-use crate::nurbs::grid::disk::Disk;
+use crate::grid::disk::Disk;
 
 /// Residual, as a share of the size of the polygon, at which the equations count as solved: rounding leaves some 1e-15.
 const TOLERANCE: f64 = 1e-13;

@@ -14,9 +14,9 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::charted::charted;
 use super::rays::{NotAStar, Rays, turn};
-use crate::nurbs::grid::window::GridWindow;
-use crate::nurbs::net_error::NetError;
-use crate::range::contours;
+use crate::grid::window::GridWindow;
+use crate::net_error::NetError;
+use maquette_range::contours;
 
 /// Most spokes that are chosen; a contour has some hundred cells, half of which would only follow its steps.
 const MOST_SPOKES: usize = 64;
@@ -178,11 +178,11 @@ mod tests {
     use maquette::value::Surface;
 
     use super::*;
-    use crate::nurbs::control_net::tests::{range, region};
-    use crate::nurbs::control_net::{NetMethod, control_net};
-    use crate::nurbs::knot_vectors::knot_vector::knots;
-    use crate::nurbs::knots_kind::KnotsKind;
-    use crate::nurbs::nurbs::nurbs;
+    use crate::control_net::tests::{range, region};
+    use crate::control_net::{NetMethod, control_net};
+    use crate::knot_vectors::knot_vector::knots;
+    use crate::knots_kind::KnotsKind;
+    use crate::nurbs::nurbs;
 
     const POLAR: NetMethod = NetMethod::Polar { order: 3 };
 

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::round::Round;
-use crate::linear::laplace::{self, Unsolved};
+use maquette_base::linear::laplace::{self, Unsolved};
 
 /// How an offset fades towards the points that stay. `d` is 0 at those and 1 at the innermost point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -8,7 +8,7 @@ use maquette::value::{self, RangeImage, Region};
 use nalgebra::Point3;
 
 use super::charted::{charted, on_border};
-use crate::nurbs::net_error::NetError;
+use crate::net_error::NetError;
 
 /// Fewest lines, and points of a line, that are chosen: enough for a cubic. Fewer would be an error for many orders, more would
 /// invent points.
@@ -206,8 +206,8 @@ pub(crate) fn resampled(points: &[Point3<f64>], shares: &[f64], count: usize) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nurbs::control_net::tests::{range, region};
-    use crate::nurbs::control_net::{NetMethod, control_net};
+    use crate::control_net::tests::{range, region};
+    use crate::control_net::{NetMethod, control_net};
     use maquette::Progress;
 
     fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {

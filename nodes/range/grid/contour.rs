@@ -20,7 +20,7 @@ const LEFT: usize = 4;
 ///
 /// # Panics
 /// If `inside` does not have `width * height` entries.
-pub(crate) fn contours(width: usize, height: usize, inside: &[u8]) -> Vec<Contour> {
+pub fn contours(width: usize, height: usize, inside: &[u8]) -> Vec<Contour> {
     assert_eq!(inside.len(), width * height, "one entry per cell");
     let mut borders = Borders::new(width, height, inside);
     let mut contours = Vec::new();
@@ -124,7 +124,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::image::{Connectivity, label};
+    use maquette_image::{Connectivity, label};
 
     fn cells_of(rows: &[&str]) -> Vec<(bool, Vec<u32>)> {
         let mask = Mask::drawn(rows);

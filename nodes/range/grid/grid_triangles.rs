@@ -8,13 +8,13 @@
 //!     d---c
 //! ```
 
+use maquette::parallel::*;
 use maquette::value::RangeImage;
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 /// One of the four triangles that a quad may have; two that share the diagonal fill it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Half {
+pub enum Half {
     /// Below the diagonal from a to c.
     Adc,
     /// Above the diagonal from a to c.
@@ -27,16 +27,16 @@ pub(crate) enum Half {
 
 /// A triangle between cells of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct GridTriangle {
+pub struct GridTriangle {
     /// The upper left cell of its quad.
-    pub(crate) quad: u32,
+    pub quad: u32,
     /// Which part of the quad it fills.
-    pub(crate) half: Half,
+    pub half: Half,
 }
 
 impl Half {
     /// Its bit in [`RangeImage::joined`].
-    pub(crate) fn bit(self) -> u8 {
+    pub fn bit(self) -> u8 {
         match self {
             Self::Adc => 1 << 0,
             Self::Acb => 1 << 1,
@@ -48,7 +48,7 @@ impl Half {
 
 impl GridTriangle {
     /// Its three cells, counter-clockwise seen from the sensor, by index in a grid of this width.
-    pub(crate) fn cells(self, width: usize) -> [usize; 3] {
+    pub fn cells(self, width: usize) -> [usize; 3] {
         let a = self.quad as usize;
         let (b, c, d) = (a + 1, a + width + 1, a + width);
         match self.half {
@@ -64,7 +64,7 @@ impl GridTriangle {
     ///
     /// Two triangles at one cell share an edge if and only if wedges of theirs lie side by side: the two wedges of a cell in one
     /// quad belong to one triangle or to two that share the diagonal, and between wedges of two quads lies the quads' edge.
-    pub(crate) fn wedges(self) -> [u8; 3] {
+    pub fn wedges(self) -> [u8; 3] {
         const A: [u8; 2] = [1 << 0, 1 << 1];
         const B: [u8; 2] = [1 << 2, 1 << 3];
         const C: [u8; 2] = [1 << 4, 1 << 5];
@@ -89,7 +89,7 @@ const SHORTER: f64 = 1.0 - 1e-12;
 ///
 /// # Panics
 /// If there are more or fewer points than cells.
-pub(crate) fn grid_triangles(
+pub fn grid_triangles(
     width: usize,
     height: usize,
     points: &[Point3<f64>],

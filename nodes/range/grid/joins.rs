@@ -1,19 +1,19 @@
 //! Which neighboring cells of a range image lie on one surface.
 
+use maquette::parallel::*;
 use maquette::value::RangeImage;
 use nalgebra::Point3;
-use maquette::parallel::*;
 
 use super::grid_triangles::{Rays, double_area};
 
 /// Longest edge on one surface, in multiples of the grid's median spacing, unless something else is asked for.
-pub(crate) const JUMP: f64 = 6.0;
+pub const JUMP: f64 = 6.0;
 
 /// Largest angle between a surface's normal and the line of sight in degrees, unless something else is asked for.
-pub(crate) const GRAZING: f64 = 85.0;
+pub const GRAZING: f64 = 85.0;
 
 /// Tells triangles on a surface from those that bridge a step in depth.
-pub(crate) struct Joins {
+pub struct Joins {
     spacing_sq: f64,
     longest_sq: f64,
     least_cosine: f64,
@@ -21,14 +21,14 @@ pub(crate) struct Joins {
 }
 
 /// The longest edge of a surface: so many times the median distance of valid cells that share a side.
-pub(crate) fn longest_edge(range: &RangeImage, jump: f64) -> f64 {
+pub fn longest_edge(range: &RangeImage, jump: f64) -> f64 {
     jump * median_spacing_sq(range).sqrt()
 }
 
 impl Joins {
     /// For triangles with edges up to `jump` times the median distance of valid cells that share a side, whose normals make angles
     /// up to `grazing` degrees with the line of sight.
-    pub(crate) fn new(range: &RangeImage, jump: f64, grazing: f64) -> Self {
+    pub fn new(range: &RangeImage, jump: f64, grazing: f64) -> Self {
         let own = Self {
             spacing_sq: median_spacing_sq(range),
             longest_sq: 0.0,
@@ -39,7 +39,7 @@ impl Joins {
     }
 
     /// The same grid judged by other bounds.
-    pub(crate) fn allowing(&self, jump: f64, grazing: f64) -> Self {
+    pub fn allowing(&self, jump: f64, grazing: f64) -> Self {
         Self {
             longest_sq: jump * jump * self.spacing_sq,
             least_cosine: libm::cos(grazing.to_radians()),
@@ -48,7 +48,7 @@ impl Joins {
     }
 
     /// Whether the triangle between these cells is part of a surface, on whichever side it is seen.
-    pub(crate) fn holds(&self, corners: [Point3<f64>; 3]) -> bool {
+    pub fn holds(&self, corners: [Point3<f64>; 3]) -> bool {
         let [a, b, c] = corners;
         let (ray, normal) = (self.rays.at(middle(corners)), double_area(corners));
         [b - a, c - b, a - c].iter().all(|edge| edge.norm_squared() <= self.longest_sq)
@@ -56,7 +56,7 @@ impl Joins {
     }
 
     /// Whether a triangle's back is towards the sensor.
-    pub(crate) fn looks_away(&self, corners: [Point3<f64>; 3]) -> bool {
+    pub fn looks_away(&self, corners: [Point3<f64>; 3]) -> bool {
         double_area(corners).dot(&self.rays.at(middle(corners))) > 0.0
     }
 }

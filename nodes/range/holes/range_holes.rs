@@ -5,9 +5,9 @@ use maquette::value::{Mask, RangeImage};
 use nalgebra::Point3;
 
 use super::shadows::{LARGEST_SHADOW, shadows};
-use crate::image::{Connectivity, label};
-use crate::linear::laplace::{Unsolved, solve};
-use crate::range::grid::joins::{JUMP, longest_edge};
+use crate::grid::joins::{JUMP, longest_edge};
+use maquette_base::linear::laplace::{Unsolved, solve};
+use maquette_image::{Connectivity, label};
 
 /// The cells of `region` that have a point, or will have one: with `fill` the invalid ones whose part lies wholly inside, or in a shadow
 /// that the scan surrounds.

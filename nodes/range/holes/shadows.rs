@@ -1,16 +1,16 @@
 //! Cells without a point that the scan surrounds: where a laser's light or its reflection was blocked, and dark or shiny spots.
 
+use maquette::parallel::*;
 use maquette::value::Mask;
 use maquette::{Cancelled, Progress};
 use nalgebra::Point3;
-use maquette::parallel::*;
 
-use crate::image::{Connectivity, label};
-use crate::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
-use crate::range::grid::grid_triangles::quad_triangles;
+use crate::grid::grid_triangles::quad_triangles;
+use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
+use maquette_image::{Connectivity, label};
 
 /// Cells of the largest shadow that is filled unless something else is asked for: what is larger is taken for a gap in the object.
-pub(crate) const LARGEST_SHADOW: usize = 1000;
+pub const LARGEST_SHADOW: usize = 1000;
 
 /// The shadows of a grid: the components of cells without a point, connected by sides, each with its cells in raster order. Components that
 /// reach the border of the grid are background, not shadows.
@@ -29,7 +29,7 @@ pub(crate) fn shadows(width: usize, height: usize, points: &[Point3<f64>]) -> Ve
 }
 
 /// The cells around each of `cells`, none of which is on the border of the grid, and the cells themselves.
-pub(crate) fn around(width: usize, cells: &[u32]) -> impl Iterator<Item = usize> {
+pub fn around(width: usize, cells: &[u32]) -> impl Iterator<Item = usize> {
     cells.iter().flat_map(move |&cell| {
         let cell = cell as usize;
         [cell - width, cell, cell + width].into_iter().flat_map(|it| [it - 1, it, it + 1])
@@ -55,7 +55,7 @@ pub(crate) fn join_around(width: usize, cells: &[u32], points: &[Point3<f64>], j
 ///
 /// # Errors
 /// If the evaluation is told to stop.
-pub(crate) fn fill_shadows(
+pub fn fill_shadows(
     width: usize,
     points: &mut [Point3<f64>],
     longest: f64,

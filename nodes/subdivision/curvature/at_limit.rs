@@ -4,20 +4,20 @@
 //! differences of them. Elsewhere the limit has no curvature, or none that means anything: it vanishes or grows without bound. There
 //! the surface close by is taken: a quadratic surface through the limit points of the mesh refined three times.
 
+use maquette::parallel::*;
 use maquette::value::{Mesh, NearestPlace, TriangleTree};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
 use super::bending::Bending;
 use super::bent_mesh::BentMesh;
 use super::curvature_error::CurvatureError;
 use super::discrete::Neighbors;
-use crate::subdivision::limit::limit_rows::Limit;
-use crate::subdivision::refine::connectivity::{Connectivity, NONE, Ring};
-use crate::subdivision::refine::manifold::manifold;
-use crate::subdivision::refine::topology::Topology;
-use crate::subdivision::refine::without_border::select_faces;
+use crate::limit::limit_rows::Limit;
+use crate::refine::connectivity::{Connectivity, NONE, Ring};
+use crate::refine::manifold::manifold;
+use crate::refine::topology::Topology;
+use crate::refine::without_border::select_faces;
 
 /// Steps after which the surface around an extraordinary vertex is looked at.
 const LEVELS: u32 = 3;

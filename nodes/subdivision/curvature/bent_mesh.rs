@@ -8,7 +8,7 @@ use super::curvature_ramp::CurvatureRamp;
 /// A mesh whose bending is known.
 #[derive(Clone, Debug)]
 pub struct BentMesh {
-    /// The mesh; for [`CurvatureMethod::Limit`](crate::subdivision::CurvatureMethod::Limit) with its vertices on the surface.
+    /// The mesh; for [`CurvatureMethod::Limit`](crate::CurvatureMethod::Limit) with its vertices on the surface.
     pub mesh: Mesh,
     /// How it bends at each vertex; none where nothing can be told.
     pub bending: Vec<Option<Bending>>,

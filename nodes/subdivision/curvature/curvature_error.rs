@@ -2,7 +2,7 @@
 
 use maquette::value::MeshError;
 
-use crate::subdivision::SubdivideError;
+use crate::SubdivideError;
 
 /// Why there is no curvature.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

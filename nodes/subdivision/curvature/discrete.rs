@@ -1,11 +1,11 @@
 //! The curvature of a mesh itself: of its angles, and of fitted quadratic surfaces.
 
+use maquette::parallel::*;
 use maquette::value::{Edges, Faces, Mesh, MeshError};
 use nalgebra::Vector3;
-use maquette::parallel::*;
 
 use super::bending::Bending;
-use crate::topology::lists::Lists;
+use maquette_base::topology::lists::Lists;
 
 /// Who is whose neighbor in a mesh.
 pub(super) struct Neighbors(Lists);

@@ -4,9 +4,9 @@ use maquette::value::{Mesh, NearestPlace, TriangleTree};
 use nalgebra::Point3;
 
 use super::scan::Foot;
-use crate::linear::columns::Column;
-use crate::linear::missed::Missed;
-use crate::linear::stencils::Stencils;
+use maquette_base::linear::columns::Column;
+use maquette_base::linear::missed::Missed;
+use maquette_base::linear::stencils::Stencils;
 
 /// Steps of subdivision after which the surface is measured; its limit is met at the vertices of that mesh.
 pub(super) const LEVELS: u32 = 2;

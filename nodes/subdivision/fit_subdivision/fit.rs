@@ -9,7 +9,7 @@ use super::feet::{Feet, LEVELS, Nearest};
 use super::fit_subdivision_error::FitSubdivisionError;
 use super::folds::folds;
 use super::scan::Scan;
-use crate::subdivision::limit::composed::{Composed, laplacian};
+use crate::limit::composed::{Composed, laplacian};
 
 /// A fitted control mesh.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use maquette::Cancelled;
 use maquette::value::MeshError;
 
-use crate::subdivision::SubdivideError;
+use crate::SubdivideError;
 
 /// Why no surface was fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

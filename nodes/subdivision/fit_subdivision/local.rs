@@ -8,8 +8,8 @@ use super::folds::folds;
 use super::net::{Change, Net, set, with_sharp};
 use super::scan::Scan;
 use super::surroundings::Surroundings;
-use crate::subdivision::limit::composed::{Composed, laplacian};
-use crate::subdivision::refine::manifold::manifold;
+use crate::limit::composed::{Composed, laplacian};
+use crate::refine::manifold::manifold;
 
 /// Steps of subdivision after which the surface is measured where a move is judged, before and after it alike.
 const LEVELS: u32 = 1;

@@ -3,9 +3,9 @@
 use std::collections::VecDeque;
 
 use maquette::Progress;
+use maquette::parallel::*;
 use maquette::value::Mesh;
 use nalgebra::Point3;
-use maquette::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ use super::local::Local;
 use super::net::{Change, Move, Net, SHARP};
 use super::scan::Scan;
 use super::surroundings::Surroundings;
-use crate::subdivision::sharp_edges::crease;
+use crate::sharp_edges::crease;
 
 /// What vertices and creases must be worth.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -6,9 +6,9 @@ use super::super::shapes::{sphere, torus};
 use super::super::simplify::simplify;
 use super::net::{Move, Net};
 use super::*;
-use crate::subdivision::limit::composed::Composed;
-use crate::subdivision::refine::connectivity::{Connectivity, NONE};
-use crate::subdivision::sharp_edges::crease;
+use crate::limit::composed::Composed;
+use crate::refine::connectivity::{Connectivity, NONE};
+use crate::sharp_edges::crease;
 
 fn fitted(mesh: &Mesh, points: &[Point3<f64>]) -> FittedSubdivision {
     fit_subdivision(mesh, points, 1e-3, 12, &Progress::none()).unwrap()

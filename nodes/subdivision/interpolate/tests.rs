@@ -3,8 +3,8 @@ use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use super::super::shapes::{bumpy, cube, noisy, octahedron, prism, sphere, tetrahedron, torus};
 use super::super::subdivide::subdivide;
 use super::*;
-use crate::subdivision::refine::without_border::select_faces;
-use crate::subdivision::solve::interpolation::{Norm, Solver};
+use crate::refine::without_border::select_faces;
+use crate::solve::interpolation::{Norm, Solver};
 
 mod given;
 mod published;
@@ -253,7 +253,7 @@ fn the_published_iteration_comes_nearer_and_begins_at_the_vertices() {
             found(&mesh, Scheme::Loop, &InterpolateOptions { how, ..InterpolateOptions::default() })
         };
         assert_eq!(closest(0, Norm::Max).shape.positions(), mesh.positions());
-        let allowed = 1e-5 * crate::subdivision::solve::extent::diagonal(mesh.positions());
+        let allowed = 1e-5 * crate::solve::extent::diagonal(mesh.positions());
         for norm in [Norm::Max, Norm::Mean] {
             let found = closest(60, norm);
             let steps = Vec::from_iter(found.trace.steps().iter().map(|step| match norm {

@@ -2,7 +2,7 @@ use std::f64::consts::TAU;
 
 use super::super::subdivide_curve::{CurveScheme, subdivide_curve};
 use super::*;
-use crate::subdivision::solve::interpolation::{Direction, Norm, Solver};
+use crate::solve::interpolation::{Direction, Norm, Solver};
 
 fn ring(radius: impl Fn(usize) -> [f64; 2]) -> Curve {
     let point = |k: usize| {
@@ -40,7 +40,7 @@ fn interpolated(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> Interp
 
 /// How many iterations bring the largest distance under 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal.
 fn counts(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> [u64; 4] {
-    let size = crate::subdivision::solve::extent::diagonal(curve.points());
+    let size = crate::solve::extent::diagonal(curve.points());
     let trace = interpolated(curve, basis, how).trace;
     [1e-3, 1e-4, 1e-5, 1e-6].map(|tolerance| {
         let under = trace.steps().iter().find(|step| step.max < tolerance * size);
@@ -127,7 +127,7 @@ fn both_norms_stop_where_they_say() {
     for norm in [Norm::Max, Norm::Mean] {
         let how = Interpolation { norm, tolerance: 1e-4, ..plain(Foot::Vertex) };
         let trace = interpolated(&star(), CurveBasis::Cubic, &how).trace;
-        let allowed = 1e-4 * crate::subdivision::solve::extent::diagonal(star().points());
+        let allowed = 1e-4 * crate::solve::extent::diagonal(star().points());
         let distances = Vec::from_iter(trace.steps().iter().map(|step| match norm {
             Norm::Max => step.max,
             Norm::Mean => step.rms,

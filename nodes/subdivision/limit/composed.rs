@@ -4,16 +4,16 @@ use maquette::value::{Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
 use super::limit_rows::LimitPlaces;
-use crate::linear::stencils::Stencils;
-use crate::subdivision::masks::loop_masks::LoopMasks;
-use crate::subdivision::masks::sharpness::Sharpness;
-use crate::subdivision::masks::stars::{Scratch, Stars};
-use crate::subdivision::refine::connectivity::Connectivity;
-use crate::subdivision::refine::level::{check_triangles, creases};
-use crate::subdivision::refine::step::Step;
-use crate::subdivision::refine::topology::Topology;
-use crate::subdivision::rules::Rules;
-use crate::subdivision::{Boundary, Creases, Scheme, SubdivideError};
+use crate::masks::loop_masks::LoopMasks;
+use crate::masks::sharpness::Sharpness;
+use crate::masks::stars::{Scratch, Stars};
+use crate::refine::connectivity::Connectivity;
+use crate::refine::level::{check_triangles, creases};
+use crate::refine::step::Step;
+use crate::refine::topology::Topology;
+use crate::rules::Rules;
+use crate::{Boundary, Creases, Scheme, SubdivideError};
+use maquette_base::linear::stencils::Stencils;
 
 /// Some steps of Loop's scheme, and then the limit, for any control points of one mesh.
 pub(crate) struct Composed {

@@ -2,10 +2,10 @@
 
 use maquette::value::Column;
 
-use crate::linear::stencils::{Rows, Stencils, push_merged};
-use crate::subdivision::Boundary;
-use crate::subdivision::masks::turns::turn;
-use crate::subdivision::refine::connectivity::{Connectivity, Ring};
+use crate::Boundary;
+use crate::masks::turns::turn;
+use crate::refine::connectivity::{Connectivity, Ring};
+use maquette_base::linear::stencils::{Rows, Stencils, push_merged};
 
 /// The limit of each vertex of a mesh.
 #[derive(Debug)]

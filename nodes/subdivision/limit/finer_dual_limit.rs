@@ -2,17 +2,17 @@
 //! around a vertex, and rows are made for the vertices on the border alone.
 
 use maquette::memory::huge_vec;
+use maquette::parallel::*;
 use maquette::value::{Attribute, Column, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::dual_limit::DualLimit;
 use super::limit_rows::side_normals;
-use crate::linear::stencils::Stencils;
-use crate::subdivision::SubdivideError;
-use crate::subdivision::masks::turns::turn;
-use crate::subdivision::refine::connectivity::Ring;
-use crate::subdivision::refine::doo_sabin::{Dual, Inside};
+use crate::SubdivideError;
+use crate::masks::turns::turn;
+use crate::refine::connectivity::Ring;
+use crate::refine::doo_sabin::{Dual, Inside};
+use maquette_base::linear::stencils::Stencils;
 
 /// Vertices that one task looks at.
 const BLOCK: usize = 4096;

@@ -3,19 +3,19 @@
 use std::sync::Arc;
 
 use maquette::memory::huge_vec;
+use maquette::parallel::*;
 use maquette::value::{Attribute, Column, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::limit_rows::side_normals;
-use crate::linear::stencils::Stencils;
-use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
-use crate::subdivision::masks::loop_masks::LoopMasks;
-use crate::subdivision::masks::sharpness::Sharpness;
-use crate::subdivision::masks::stars::{Masks, Scratch, Stars};
-use crate::subdivision::refine::level::{BLOCK, Level};
-use crate::subdivision::refine::split::{Corners, Split, Triangles};
-use crate::subdivision::scheme::PrimalScheme;
+use crate::masks::catmull_clark::CatmullClarkMasks;
+use crate::masks::loop_masks::LoopMasks;
+use crate::masks::sharpness::Sharpness;
+use crate::masks::stars::{Masks, Scratch, Stars};
+use crate::refine::level::{BLOCK, Level};
+use crate::refine::split::{Corners, Split, Triangles};
+use crate::scheme::PrimalScheme;
+use maquette_base::linear::stencils::Stencils;
 
 /// Where the vertices of a level go, and which way the surface faces there.
 #[derive(Debug)]

@@ -2,23 +2,23 @@
 
 use std::ops::Range;
 
+use maquette::parallel::*;
 use maquette::value::{Attribute, Column, Encoder, Mesh, MeshError};
 use maquette::{Error, Limit as Most, Memo};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::dual_limit::DualLimit;
-use crate::linear::stencils::Stencils;
-use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
-use crate::subdivision::masks::closed_rows::closed_rows;
-use crate::subdivision::masks::loop_masks::LoopMasks;
-use crate::subdivision::masks::sharpness::Sharpness;
-use crate::subdivision::masks::stars::{Masks, Scratch, Stars};
-use crate::subdivision::refine::connectivity::Connectivity;
-use crate::subdivision::refine::level::{check_triangles, creases};
-use crate::subdivision::refine::topology::Topology;
-use crate::subdivision::rules::Rules;
-use crate::subdivision::{Scheme, SubdivideError};
+use crate::masks::catmull_clark::CatmullClarkMasks;
+use crate::masks::closed_rows::closed_rows;
+use crate::masks::loop_masks::LoopMasks;
+use crate::masks::sharpness::Sharpness;
+use crate::masks::stars::{Masks, Scratch, Stars};
+use crate::refine::connectivity::Connectivity;
+use crate::refine::level::{check_triangles, creases};
+use crate::refine::topology::Topology;
+use crate::rules::Rules;
+use crate::{Scheme, SubdivideError};
+use maquette_base::linear::stencils::Stencils;
 
 /// Vertices that one task looks at.
 const BLOCK: usize = 4096;

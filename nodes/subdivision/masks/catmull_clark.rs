@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use super::stars::{Masks, Weights};
 use super::turns::turn;
-use crate::subdivision::refine::connectivity::Connectivity;
+use crate::refine::connectivity::Connectivity;
 
 /// The rules of Catmull and Clark.
 #[derive(Clone, Copy, Default)]

@@ -8,10 +8,10 @@ use maquette::parallel::*;
 use super::catmull_clark::CatmullClarkMasks;
 use super::loop_masks::LoopMasks;
 use super::stars::Masks;
-use crate::linear::stencils::Stencils;
-use crate::subdivision::Scheme;
-use crate::subdivision::limit::dual_limit::alpha;
-use crate::subdivision::refine::topology::Topology;
+use crate::Scheme;
+use crate::limit::dual_limit::alpha;
+use crate::refine::topology::Topology;
+use maquette_base::linear::stencils::Stencils;
 
 /// Most corners at a vertex; the search for the next one in a ring looks at all of them.
 const MOST: usize = 64;
@@ -150,11 +150,11 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::subdivision::limit::limit_rows::Limit;
-    use crate::subdivision::refine::without_border::select_faces;
-    use crate::subdivision::rules::Rules;
-    use crate::subdivision::shapes::{cube, octahedron, prism, sphere, tetrahedron, torus};
-    use crate::subdivision::{Boundary, Creases};
+    use crate::limit::limit_rows::Limit;
+    use crate::refine::without_border::select_faces;
+    use crate::rules::Rules;
+    use crate::shapes::{cube, octahedron, prism, sphere, tetrahedron, torus};
+    use crate::{Boundary, Creases};
 
     fn topology(mesh: &Mesh, scheme: Scheme) -> Topology {
         let (boundary, creases) = (Boundary::EdgeAndCorner, Creases::OpenSubdiv);

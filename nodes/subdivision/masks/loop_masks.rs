@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 use super::stars::{Masks, Weights};
 use super::turns::turn;
-use crate::subdivision::refine::connectivity::Connectivity;
+use crate::refine::connectivity::Connectivity;
 
 /// Loop's rules.
 #[derive(Clone, Copy, Default)]

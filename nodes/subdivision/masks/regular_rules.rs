@@ -6,8 +6,8 @@ use nalgebra::Point3;
 use super::catmull_clark::CatmullClarkMasks;
 use super::loop_masks::LoopMasks;
 use super::stars::Masks;
-use crate::subdivision::refine::connectivity::{Connectivity, NONE};
-use crate::subdivision::refine::split::{Corners, Split, Triangles};
+use crate::refine::connectivity::{Connectivity, NONE};
+use crate::refine::split::{Corners, Split, Triangles};
 
 /// The formulas of a scheme, and its masks for everything else.
 pub(crate) trait RegularRules: Split {

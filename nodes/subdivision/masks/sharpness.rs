@@ -3,9 +3,9 @@
 //! The rules of OpenSubdiv ("Subdivision surfaces", section "Semi-sharp creases"), after DeRose, Kass and Truong, "Subdivision
 //! surfaces in character animation" (1998): each step takes 1 off an edge's sharpness; a boundary edge is sharp forever.
 
-use crate::subdivision::refine::connectivity::{Connectivity, Ring};
-use crate::subdivision::rules::Rules;
-use crate::subdivision::{Boundary, Creases};
+use crate::refine::connectivity::{Connectivity, Ring};
+use crate::rules::Rules;
+use crate::{Boundary, Creases};
 
 /// Edges at least this sharp stay so.
 const FOREVER: f64 = 10.0;

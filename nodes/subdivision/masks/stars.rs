@@ -10,10 +10,10 @@
 //! `e_{j + 1}`, `d_j` the corner of that face across from `v`, if it has four.
 
 use super::sharpness::{Class, Edges, Sharpness};
-use crate::linear::stencils::{Rows, push_merged};
-use crate::subdivision::Creases;
-use crate::subdivision::refine::connectivity::{Connectivity, Ring};
-use crate::subdivision::rules::Rules;
+use crate::Creases;
+use crate::refine::connectivity::{Connectivity, Ring};
+use crate::rules::Rules;
+use maquette_base::linear::stencils::{Rows, push_merged};
 
 /// What is particular to a scheme.
 pub(crate) trait Masks: Sync {

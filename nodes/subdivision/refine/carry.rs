@@ -2,7 +2,7 @@
 
 use maquette::value::Attribute;
 
-use crate::linear::mix::Mix;
+use maquette_base::linear::mix::Mix;
 
 /// A way from old elements to new ones, the same for every type of data.
 pub(crate) trait Carry {

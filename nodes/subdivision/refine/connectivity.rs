@@ -7,10 +7,10 @@
 
 use std::ops::Range;
 
-use maquette::value::{Edges, Faces};
 use maquette::parallel::*;
+use maquette::value::{Edges, Faces};
 
-use crate::subdivision::SubdivideError;
+use crate::SubdivideError;
 
 /// In place of a half-edge that does not exist.
 pub(crate) const NONE: u32 = u32::MAX;

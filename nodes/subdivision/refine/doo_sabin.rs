@@ -11,16 +11,16 @@
 use std::sync::Arc;
 
 use maquette::memory::huge_vec;
+use maquette::parallel::*;
 use maquette::value::Faces;
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::connectivity::{Connectivity, NONE, Ring};
 use super::dual_halves::DualFaces;
 use super::topology::Topology;
-use crate::linear::mix::Mix;
-use crate::subdivision::masks::turns::turn;
-use crate::subdivision::{Boundary, SubdivideError};
+use crate::masks::turns::turn;
+use crate::{Boundary, SubdivideError};
+use maquette_base::linear::mix::Mix;
 
 /// Elements that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.
 const BLOCK: usize = 4096;

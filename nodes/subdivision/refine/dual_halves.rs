@@ -5,8 +5,8 @@
 //! the border; 1 and 3 run along the faces around the ends. The first of two half-edges in this order is the owner of their edge.
 
 use maquette::memory::huge_vec;
-use maquette::value::Faces;
 use maquette::parallel::*;
+use maquette::value::Faces;
 
 use super::connectivity::{Connectivity, NONE};
 
@@ -116,12 +116,12 @@ fn starts(faces: &Faces, halves: &[[u32; 2]], inner: usize, vertices: usize) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::subdivision::refine::doo_sabin::Dual;
-    use crate::subdivision::refine::topology::Topology;
-    use crate::subdivision::refine::without_border::select_faces;
-    use crate::subdivision::rules::Rules;
-    use crate::subdivision::shapes::{cube, prism, sphere, torus};
-    use crate::subdivision::{Boundary, Creases, Scheme};
+    use crate::refine::doo_sabin::Dual;
+    use crate::refine::topology::Topology;
+    use crate::refine::without_border::select_faces;
+    use crate::rules::Rules;
+    use crate::shapes::{cube, prism, sphere, torus};
+    use crate::{Boundary, Creases, Scheme};
 
     #[test]
     fn the_half_edges_are_those_of_a_search() {

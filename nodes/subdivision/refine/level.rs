@@ -8,16 +8,16 @@
 
 use std::sync::Arc;
 
-use maquette::value::Faces;
 use maquette::parallel::*;
+use maquette::value::Faces;
 
 use super::connectivity::{Connectivity, NONE, Ring};
 use super::split::{Corners, Split, Triangles, split_halves};
 use super::topology::Topology;
-use crate::subdivision::SubdivideError;
-use crate::subdivision::masks::sharpness::Sharpness;
-use crate::subdivision::rules::Rules;
-use crate::subdivision::scheme::PrimalScheme;
+use crate::SubdivideError;
+use crate::masks::sharpness::Sharpness;
+use crate::rules::Rules;
+use crate::scheme::PrimalScheme;
 
 /// Vertices that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.
 pub(crate) const BLOCK: usize = 4096;

@@ -3,7 +3,7 @@
 use maquette::value::{Faces, Mesh, MeshError};
 
 use super::connectivity::{Connectivity, NONE};
-use crate::topology::union_find::UnionFind;
+use maquette_base::topology::union_find::UnionFind;
 
 /// The same mesh as a surface: each vertex once for each fan of faces around it, and so each edge with more than two faces once
 /// for each pair of faces that fans join, else once for each face. Nothing moves; the first fan keeps the vertex, the others get

@@ -8,11 +8,11 @@ use super::smooth_corners::smooth_corners;
 use super::step::{LastLimit, Step};
 use super::topology::Topology;
 use super::without_border::without_border;
-use crate::subdivision::boundary::Boundary;
-use crate::subdivision::corners::Corners;
-use crate::subdivision::limit::limit_rows::Limit;
-use crate::subdivision::options::Subdivision;
-use crate::subdivision::subdivide_error::SubdivideError;
+use crate::boundary::Boundary;
+use crate::corners::Corners;
+use crate::limit::limit_rows::Limit;
+use crate::options::Subdivision;
+use crate::subdivide_error::SubdivideError;
 
 /// Corners of a result: some 90 million triangles, which with their plan take about 6 GB.
 const CORNERS: Most = Most { most: 1 << 28, of: "corners", help: "choose fewer `levels`" };
@@ -71,7 +71,7 @@ impl Plan {
         Ok(Self { how, topology, steps, limit })
     }
 
-    /// Refines `mesh` as [`subdivide`](crate::subdivision::subdivide()) does.
+    /// Refines `mesh` as [`subdivide`](crate::subdivide()) does.
     ///
     /// # Errors
     /// If its topology is not that of the plan, or a place becomes infinite.

@@ -3,18 +3,18 @@
 use std::sync::Arc;
 
 use maquette::memory::huge_vec;
+use maquette::parallel::*;
 use maquette::value::Faces;
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::level::{BLOCK, Level};
 use super::split::{Corners, Split, Triangles, split_faces};
-use crate::linear::mix::Mix;
-use crate::linear::stencils::Stencils;
-use crate::subdivision::masks::regular_rules::{Quads, RegularRules, ThreeSided, Walk};
-use crate::subdivision::masks::sharpness::Sharpness;
-use crate::subdivision::masks::stars::{Scratch, Stars};
-use crate::subdivision::scheme::PrimalScheme;
+use crate::masks::regular_rules::{Quads, RegularRules, ThreeSided, Walk};
+use crate::masks::sharpness::Sharpness;
+use crate::masks::stars::{Scratch, Stars};
+use crate::scheme::PrimalScheme;
+use maquette_base::linear::mix::Mix;
+use maquette_base::linear::stencils::Stencils;
 
 /// How to refine a mesh once.
 #[derive(Debug)]

@@ -7,10 +7,10 @@ use super::connectivity::Connectivity;
 use super::manifold::cut;
 use super::step::Step;
 use super::topology::Topology;
-use crate::subdivision::boundary::Boundary;
-use crate::subdivision::options::Subdivision;
-use crate::subdivision::rules::Rules;
-use crate::subdivision::subdivide_error::SubdivideError;
+use crate::boundary::Boundary;
+use crate::options::Subdivision;
+use crate::rules::Rules;
+use crate::subdivide_error::SubdivideError;
 
 /// `refined`, which has been made of `mesh`, with its corner data by the rules of `how`.
 ///

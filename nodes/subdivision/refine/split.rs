@@ -10,8 +10,8 @@
 //! are as many as the first edge of that face says. So each face knows where its edges are written.
 
 use maquette::memory::huge_vec;
-use maquette::value::Faces;
 use maquette::parallel::*;
+use maquette::value::Faces;
 
 use super::connectivity::{Connectivity, NONE};
 

@@ -13,10 +13,10 @@ use super::doo_sabin::Dual;
 use super::level::Level;
 use super::primal::Primal;
 use super::topology::Topology;
-use crate::linear::mix::Mix;
-use crate::subdivision::SubdivideError;
-use crate::subdivision::limit::finer_dual_limit::FinerDualLimit;
-use crate::subdivision::limit::finer_limit::FinerLimit;
+use crate::SubdivideError;
+use crate::limit::finer_dual_limit::FinerDualLimit;
+use crate::limit::finer_limit::FinerLimit;
+use maquette_base::linear::mix::Mix;
 
 /// One step of a subdivision.
 #[derive(Clone, Debug)]

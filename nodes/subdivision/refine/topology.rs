@@ -3,8 +3,8 @@
 use maquette::Memo;
 use maquette::value::{Encoder, Faces, Mesh};
 
-use crate::subdivision::Subdivision;
-use crate::subdivision::rules::Rules;
+use crate::Subdivision;
+use crate::rules::Rules;
 
 /// A mesh without places, and the rules.
 #[derive(Clone, Debug)]

@@ -6,8 +6,8 @@ use maquette::value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3, center};
 
 use super::quadric::Quadric;
-use crate::linear::mix::Mix;
-use crate::subdivision::refine::carry::Carry;
+use crate::refine::carry::Carry;
+use maquette_base::linear::mix::Mix;
 
 /// Weight of the planes that hold borders and creases, beside those of faces.
 const HOLD: f64 = 1000.0;

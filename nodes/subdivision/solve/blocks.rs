@@ -1,11 +1,11 @@
 //! Which limit points depend on which control points alone: the order in which they are solved for.
 
-use maquette::value::Faces;
 use maquette::parallel::*;
+use maquette::value::Faces;
 
 use super::limit_matrix::LimitMatrix;
-use crate::subdivision::Scheme;
-use crate::subdivision::limit::limit_rows::LimitPlaces;
+use crate::Scheme;
+use crate::limit::limit_rows::LimitPlaces;
 
 /// The masks of corners and of vertices on borders and creases have at most so many entries: fewer than those of smooth vertices
 /// with three neighbors.

@@ -2,12 +2,12 @@
 //!
 //! Three coordinates are solved side by side, in lists of four numbers each, which one instruction loads, multiplies or adds.
 
-use maquette::simd::{Kernel, widest};
 use maquette::parallel::*;
+use maquette::simd::{Kernel, widest};
 
-use crate::linear::columns::{CHUNK, Column};
-use crate::linear::missed::Missed;
-use crate::linear::stencils::Stencils;
+use maquette_base::linear::columns::{CHUNK, Column};
+use maquette_base::linear::missed::Missed;
+use maquette_base::linear::stencils::Stencils;
 
 /// Three coordinates and a zero.
 type Four = [f64; 4];

@@ -3,8 +3,8 @@
 use maquette::value::{Curve, CurveError, KnotVector, KnotVectorError};
 use nalgebra::Point3;
 
-use crate::linear::stencils::Stencils;
-use crate::subdivision::curve_basis::CurveBasis;
+use crate::curve_basis::CurveBasis;
+use maquette_base::linear::stencils::Stencils;
 
 /// The curves of some number of control points.
 ///

@@ -15,7 +15,7 @@ use super::extent::{diagonal, is_far};
 use super::interpolation::{Direction, Interpolation};
 use super::record::{Record, STALL};
 use super::solution::{End, Found, RanAway, Solution};
-use crate::linear::missed::Missed;
+use maquette_base::linear::missed::Missed;
 
 /// A point of a curve or surface, and which way is perpendicular there.
 #[derive(Clone, Copy, Debug)]

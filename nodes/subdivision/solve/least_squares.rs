@@ -11,8 +11,8 @@ use super::extent::diagonal;
 use super::interpolation::Interpolation;
 use super::record::Record;
 use super::solution::{End, Found, Solution};
-use crate::linear::columns::{self, Column};
-use crate::linear::stencils::Stencils;
+use maquette_base::linear::columns::{self, Column};
+use maquette_base::linear::stencils::Stencils;
 
 /// A slope that is so much smaller than the residual is rounding: what is left is beyond the reach of the matrix.
 const LEVEL: f64 = 1e-10;

@@ -9,9 +9,9 @@
 
 use std::borrow::Cow;
 
+use maquette::parallel::*;
 use maquette::{Cancelled, Limit, Progress};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::conjugate_gradients::Search;
 use super::extent::diagonal;
@@ -19,10 +19,10 @@ use super::interpolation::{Interpolation, Solver};
 use super::least_squares::least_squares;
 use super::record::Record;
 use super::solution::{End, Found, Solution};
-use crate::linear::cholesky::Cholesky;
-use crate::linear::columns::{self, Column};
-use crate::linear::missed::Missed;
-use crate::linear::stencils::Stencils;
+use maquette_base::linear::cholesky::Cholesky;
+use maquette_base::linear::columns::{self, Column};
+use maquette_base::linear::missed::Missed;
+use maquette_base::linear::stencils::Stencils;
 
 /// After so many steps the residual is computed anew: the one of the recurrence drifts away from it by rounding.
 const RESTART: u32 = 50;

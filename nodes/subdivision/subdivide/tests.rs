@@ -2,9 +2,9 @@ use maquette::value::{Attribute, Column, Faces};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::*;
-use crate::subdivision::refine::plan::apply;
-use crate::subdivision::refine::topology::Topology;
-use crate::subdivision::{Boundary, Corners, Creases, Scheme};
+use crate::refine::plan::apply;
+use crate::refine::topology::Topology;
+use crate::{Boundary, Corners, Creases, Scheme};
 
 mod creases;
 mod limit_surface;

@@ -6,7 +6,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::limit_point::LimitPoint;
-use crate::subdivision::refine::connectivity::{Connectivity, NONE};
+use crate::refine::connectivity::{Connectivity, NONE};
 
 /// A surface over the faces of a mesh that are all triangles or all quads.
 pub(crate) trait Parts {

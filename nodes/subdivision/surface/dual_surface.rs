@@ -5,15 +5,15 @@
 //! `(1, 1)`. Where the four faces are quads it is a biquadratic B-spline; else it is refined, with nothing but these faces, until the
 //! place is in such a patch.
 
-use nalgebra::{Point3, Vector3};
 use maquette::parallel::*;
+use nalgebra::{Point3, Vector3};
 
 use super::face_point::{FacePoint, QUAD};
 use super::limit_point::LimitPoint;
 use super::patches::Jet;
-use crate::subdivision::masks::turns::turn;
-use crate::subdivision::refine::connectivity::{Connectivity, NONE};
-use crate::subdivision::refine::doo_sabin::Inside;
+use crate::masks::turns::turn;
+use crate::refine::connectivity::{Connectivity, NONE};
+use crate::refine::doo_sabin::Inside;
 
 /// So many steps bring a place as near to a corner as its coordinates can tell.
 const DEEPEST: usize = 40;
@@ -148,9 +148,9 @@ fn biquadratic(net: &Quads, [u, v]: [f64; 2]) -> Jet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::subdivision::limit::dual_limit::DualLimit;
-    use crate::subdivision::shapes::{cube, noisy, prism, sphere, torus};
-    use crate::subdivision::{Boundary, Plan, Scheme, Subdivision};
+    use crate::limit::dual_limit::DualLimit;
+    use crate::shapes::{cube, noisy, prism, sphere, torus};
+    use crate::{Boundary, Plan, Scheme, Subdivision};
 
     #[test]
     fn limit_points_of_finer_meshes_lie_where_their_parameters_are() {

@@ -1,21 +1,21 @@
 //! The feet of given vertices on a subdivision surface.
 
+use maquette::parallel::*;
 use maquette::value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
-use maquette::parallel::*;
 
 use super::downhill::{Nearest, Parts, Spot, downhill};
 use super::dual_surface;
 use super::face_point::FacePoint;
-use crate::linear::stencils::Stencils;
-use crate::subdivision::limit::limit_rows::Limit;
-use crate::subdivision::refine::connectivity::{Connectivity, Ring};
-use crate::subdivision::refine::level::Level;
-use crate::subdivision::refine::primal::Primal;
-use crate::subdivision::refine::topology::Topology;
-use crate::subdivision::scheme::PrimalScheme;
-use crate::subdivision::solve::geometric::{FootPoint, Perpendicular};
-use crate::subdivision::{LimitPoint, LimitSurface, Scheme, SubdivideError, Subdivision};
+use crate::limit::limit_rows::Limit;
+use crate::refine::connectivity::{Connectivity, Ring};
+use crate::refine::level::Level;
+use crate::refine::primal::Primal;
+use crate::refine::topology::Topology;
+use crate::scheme::PrimalScheme;
+use crate::solve::geometric::{FootPoint, Perpendicular};
+use crate::{LimitPoint, LimitSurface, Scheme, SubdivideError, Subdivision};
+use maquette_base::linear::stencils::Stencils;
 
 /// The limit point of each control point, and the normal there if it is needed, which `facing` tells, and it is not marked as `own`.
 pub(crate) fn vertex_feet(
@@ -206,10 +206,10 @@ mod tests {
     use maquette::value::TriangleTree;
 
     use super::*;
-    use crate::subdivision::Plan;
-    use crate::subdivision::limit::limit_rows::LimitPlaces;
-    use crate::subdivision::refine::without_border::select_faces;
-    use crate::subdivision::shapes::{bumpy, sphere, torus};
+    use crate::Plan;
+    use crate::limit::limit_rows::LimitPlaces;
+    use crate::refine::without_border::select_faces;
+    use crate::shapes::{bumpy, sphere, torus};
 
     fn how(scheme: Scheme, levels: u32) -> Subdivision {
         let (boundary, creases, corners) = Default::default();

@@ -17,13 +17,13 @@ use super::patches::Jet;
 use super::piece::Piece;
 use super::smooth_quad::SmoothQuad;
 use super::smooth_triangle::{MOST, SmoothTriangle, scaled};
-use crate::subdivision::refine::connectivity::Connectivity;
-use crate::subdivision::refine::level::Level;
-use crate::subdivision::refine::primal::Primal;
-use crate::subdivision::refine::topology::Topology;
-use crate::subdivision::rules::Rules;
-use crate::subdivision::scheme::PrimalScheme;
-use crate::subdivision::{SubdivideError, Subdivision};
+use crate::refine::connectivity::Connectivity;
+use crate::refine::level::Level;
+use crate::refine::primal::Primal;
+use crate::refine::topology::Topology;
+use crate::rules::Rules;
+use crate::scheme::PrimalScheme;
+use crate::{SubdivideError, Subdivision};
 
 /// So many steps bring a place as near to a corner as its coordinates can tell.
 const DEEPEST: usize = 40;
@@ -53,7 +53,7 @@ impl LimitSurface {
     /// The limit surface of `mesh` by the scheme and the rules of `how`; its number of levels does not matter.
     ///
     /// # Errors
-    /// If the scheme cannot refine a face, or is [`Scheme::DooSabin`](crate::subdivision::Scheme::DooSabin), or the mesh is not manifold.
+    /// If the scheme cannot refine a face, or is [`Scheme::DooSabin`](crate::Scheme::DooSabin), or the mesh is not manifold.
     pub fn new(mesh: &Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
         let rules = how.rules().primal().ok_or(SubdivideError::NoPatches)?;
         let first = Level::first(&Topology::of(mesh, how), rules.scheme)?;

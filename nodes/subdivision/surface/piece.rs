@@ -8,16 +8,16 @@ use nalgebra::{Point3, Vector3};
 
 use super::limit_point::LimitPoint;
 use super::patches::{Jet, bicubic, quartic};
-use crate::linear::stencils::Stencils;
-use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
-use crate::subdivision::masks::loop_masks::LoopMasks;
-use crate::subdivision::masks::sharpness::{Class, Edges, Sharpness};
-use crate::subdivision::masks::stars::{Masks, Scratch, Stars};
-use crate::subdivision::refine::connectivity::{Connectivity, Ring};
-use crate::subdivision::refine::level::Level;
-use crate::subdivision::refine::primal::Primal;
-use crate::subdivision::rules::Rules;
-use crate::subdivision::scheme::PrimalScheme;
+use crate::masks::catmull_clark::CatmullClarkMasks;
+use crate::masks::loop_masks::LoopMasks;
+use crate::masks::sharpness::{Class, Edges, Sharpness};
+use crate::masks::stars::{Masks, Scratch, Stars};
+use crate::refine::connectivity::{Connectivity, Ring};
+use crate::refine::level::Level;
+use crate::refine::primal::Primal;
+use crate::rules::Rules;
+use crate::scheme::PrimalScheme;
+use maquette_base::linear::stencils::Stencils;
 
 /// A face with the faces around it.
 pub(crate) struct Piece {

@@ -12,9 +12,9 @@ use nalgebra::{Point3, Vector3};
 
 use super::patches::{Jet, bicubic};
 use super::smooth_triangle::{MOST, scaled};
-use crate::subdivision::masks::catmull_clark::CatmullClarkMasks;
-use crate::subdivision::masks::stars::Masks;
-use crate::subdivision::refine::connectivity::Connectivity;
+use crate::masks::catmull_clark::CatmullClarkMasks;
+use crate::masks::stars::Masks;
+use crate::refine::connectivity::Connectivity;
 
 /// Steps that bring a place as near to a corner as its coordinates can tell.
 const DEEPEST: usize = 40;

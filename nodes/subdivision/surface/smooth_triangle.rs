@@ -16,9 +16,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::patches::{Jet, quartic};
-use crate::subdivision::masks::loop_masks::LoopMasks;
-use crate::subdivision::masks::stars::Masks;
-use crate::subdivision::refine::connectivity::Connectivity;
+use crate::masks::loop_masks::LoopMasks;
+use crate::masks::stars::Masks;
+use crate::refine::connectivity::Connectivity;
 
 /// Most neighbors of the first corner.
 pub(crate) const MOST: usize = 16;

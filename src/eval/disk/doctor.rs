@@ -4,11 +4,10 @@ use std::collections::{HashMap, HashSet};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::parallel::*;
-
 use super::folder::{self, Found, What, contents};
 use super::seal::unsealed;
 use super::{Disk, DiskError, entry, program};
+use crate::parallel::*;
 use crate::plain;
 use crate::value::Hash;
 use crate::writing::{is_abandoned, remove};

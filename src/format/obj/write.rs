@@ -4,14 +4,13 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::path::Path;
 
-use crate::parallel::*;
-
 use crate::error::Error;
 use crate::format::corners::split;
 use crate::format::upright::upright;
 use crate::format::{check_single, png};
 use crate::memory::huge_vec;
 use crate::pack::{FileFormat, NewFile};
+use crate::parallel::*;
 use crate::reading::{FileReader, Reading};
 use crate::value::{Column, Mesh, Rgb};
 

@@ -2,11 +2,10 @@
 
 use std::borrow::Cow;
 
-use crate::parallel::*;
-
 use super::header::{Element, Encoding, Header, Scalar};
 use super::{Column, PlyError};
 use crate::format::{At, excerpt, parse};
+use crate::parallel::*;
 
 /// Reads numbers one after the other.
 pub(super) struct Body<'a> {

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 
 use bytemuck::NoUninit;
-use crate::parallel::*;
 
 use super::header::Kind;
 use crate::error::Error;
@@ -11,6 +10,7 @@ use crate::format::rows::{fill_blocks, fill_column, floats, indices};
 use crate::format::upright::{upright, upright_points};
 use crate::format::{TooFar, check_single};
 use crate::pack::{FileFormat, NewFile};
+use crate::parallel::*;
 use crate::reading::{FileReader, Reading};
 use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, Rgb};
 

@@ -1,12 +1,12 @@
 //! Two meshes: face by face if they have the same faces, else by the distance of their surfaces.
 
 use nalgebra::{Point3, Vector3};
-use crate::parallel::*;
 
 use super::columns::{difference, in_words, judge, measure, worst};
 use super::{Comparison, Measure, Tolerance, Verdict, allowed, compare_parts, order, six};
 use crate::golden::parts::{Class, GoldenColumn, GoldenParts};
 use crate::golden::topology::Topology;
+use crate::parallel::*;
 use crate::value::{AnyValue, Attributes, Mesh};
 use crate::value::{NearestPlace, TriangleTree};
 

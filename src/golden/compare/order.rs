@@ -1,8 +1,7 @@
 //! A mark of meshes and points that does not change when their elements change places.
 
-use crate::parallel::*;
-
 use crate::golden::parts::{GoldenColumn, GoldenParts};
+use crate::parallel::*;
 use crate::random::{self, STEP};
 use crate::value::{AnyValue, Attributes, Mesh, Points};
 

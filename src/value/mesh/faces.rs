@@ -3,9 +3,8 @@
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use crate::parallel::*;
-
 use super::{BLOCK, MeshError, check_count};
+use crate::parallel::*;
 use crate::value::{Column, DecodeError, Decoder, Encoder};
 
 /// The faces of a mesh: corners by vertex index, counter-clockwise seen from outside.
@@ -111,7 +110,10 @@ impl Faces {
                 })
             }
         });
-        needed.collect::<Vec<_>>().into_iter().try_fold(0, |most, of_block| Some(of_block?.max(most)))
+        needed
+            .collect::<Vec<_>>()
+            .into_iter()
+            .try_fold(0, |most, of_block| Some(of_block?.max(most)))
     }
 
     /// Number of faces.

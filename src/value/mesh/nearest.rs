@@ -4,9 +4,9 @@
 //! Morton codes is taken: the tree is a complete binary one over equally long runs of it, so that it needs no pointers.
 
 use nalgebra::Point3;
-use crate::parallel::*;
 
 use super::Mesh;
+use crate::parallel::*;
 use crate::simd::{Kernel, Lanes, widest};
 
 /// Triangles of a leaf: with fewer there are more boxes to visit, with more there are more triangles to measure.

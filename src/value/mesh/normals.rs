@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use nalgebra::Vector3;
+
 use crate::parallel::*;
 
 use super::{BLOCK, Mesh};

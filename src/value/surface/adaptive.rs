@@ -6,6 +6,7 @@
 //! the edge of another face.
 
 use nalgebra::{Point3, Unit, Vector3};
+
 use crate::parallel::*;
 
 use super::super::{Attribute, Faces, Mesh, MeshError};

@@ -6,13 +6,13 @@
 //! once. All sums run in the order of [`Surface::point`], whose bits they have.
 
 use nalgebra::{Point3, Vector3};
-use crate::parallel::*;
 
 use super::super::knots::Basis;
 use super::Surface;
 use super::differentiate::{LEAST_SINE, NOISE, steepness};
 use super::evaluate::table;
 use crate::memory::huge_vec;
+use crate::parallel::*;
 use crate::simd::{Kernel, widest};
 
 /// Parameters of one block: its sums stay in the first cache.

@@ -19,7 +19,7 @@ fn inspect(arguments: &[&str]) -> Output {
 
 #[test]
 fn its_golden_passes_within_its_tolerance() {
-    let packs = [maquette_nodes::PACKS, &[PACK]].concat();
+    let packs = [maquette_nodes::PACKS, &[&PACK]].concat();
     let run = test_graphs(Path::new(GRAPHS), &Catalog::new(&packs), 1).unwrap();
     assert!(run.failures.is_empty(), "{:?}", run.failures);
     assert_eq!(run.passed, 1);
@@ -33,7 +33,7 @@ fn its_tolerances_are_those_of_colors() {
     std::fs::copy(format!("{GRAPHS}/ExtractPalette.ron"), graph).unwrap();
     let test = "Test(graph: \"ExtractPalette.ron\", compare: {\"doll.gpl\": Palette(rms: 1.0)})";
     std::fs::write(folder.path().join("ExtractPalette.test.ron"), test).unwrap();
-    let packs = [maquette_nodes::PACKS, &[PACK]].concat();
+    let packs = [maquette_nodes::PACKS, &[&PACK]].concat();
     let run = test_graphs(folder.path(), &Catalog::new(&packs), 1).unwrap();
     assert_eq!(run.failures, ["Palette has no tolerance `rms`"]);
 }
@@ -77,7 +77,7 @@ fn a_palette_is_read_again_when_one_that_it_includes_changes() {
     for name in ["ReadPalette.ron", "color.png", "doll.gpl", "grays.gpl"] {
         std::fs::copy(format!("{GRAPHS}/{name}"), folder.path().join(name)).unwrap();
     }
-    let packs = [maquette_nodes::PACKS, &[PACK]].concat();
+    let packs = [maquette_nodes::PACKS, &[&PACK]].concat();
     let mut session = Session::new(&packs, &Settings::in_memory()).unwrap();
     let mut run = || {
         let checked = session.load(&folder.path().join("ReadPalette.ron"), &Options::default());

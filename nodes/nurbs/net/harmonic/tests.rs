@@ -1,8 +1,8 @@
 //! Tests of `harmonic`.
 
 use super::*;
-use crate::nurbs::control_net::tests::{range, region};
-use crate::nurbs::control_net::{NetMethod, control_net};
+use crate::control_net::tests::{range, region};
+use crate::control_net::{NetMethod, control_net};
 
 const HARMONIC: NetMethod = NetMethod::Harmonic { corners: None };
 

@@ -5,30 +5,35 @@
 use std::path::{Path, PathBuf};
 
 use maquette::value::{Faces, TriangleTree};
+use maquette::{Reading, format};
 
 use super::*;
-use crate::subdivision::solve::extent::diagonal;
+use crate::solve::extent::diagonal;
 
 /// The meshes of the shared data; none where it is not beside the project.
 fn shared() -> Vec<(String, Mesh)> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/meshes");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/meshes");
     let inside = |path: &Path| std::fs::read_dir(path).into_iter().flatten().flatten();
     let files = inside(&folder).flat_map(|entry| inside(&entry.path()).map(|file| file.path()));
     let mut files = Vec::from_iter(files);
     files.sort();
     let mesh = |path: PathBuf| {
-        let format = path.extension()?.to_str().filter(|format| ["obj", "ply"].contains(format))?;
+        path.extension()?.to_str().filter(|format| ["obj", "ply"].contains(format))?;
         let name = path.file_stem()?.to_str()?.to_owned();
-        let mesh = crate::mesh::read_mesh(&std::fs::read(&path).unwrap(), format).unwrap();
+        let mesh = read(&path);
         Some((name, mesh)).filter(|(_, mesh)| !mesh.faces().is_empty())
     };
     files.into_iter().filter_map(mesh).collect()
 }
 
+fn read(path: &Path) -> Mesh {
+    format::read(&Reading::alone(&path.to_string_lossy(), &std::fs::read(path).unwrap())).unwrap()
+}
+
 /// A file of the doll of the example graphs.
 fn example(name: &str) -> Mesh {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/doll");
-    crate::mesh::read_mesh(&std::fs::read(folder.join(name)).unwrap(), "obj").unwrap()
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/doll");
+    read(&folder.join(name))
 }
 
 /// A torus of quads with some long thin spikes.

@@ -8,7 +8,7 @@ fn counts(mesh: &Mesh, foot: Foot) -> [u64; 4] {
     options.how.foot = foot;
     let found = found(mesh, Scheme::Loop, &options);
     assert!(found.settled);
-    let diagonal = crate::subdivision::solve::extent::diagonal(mesh.positions());
+    let diagonal = crate::solve::extent::diagonal(mesh.positions());
     [1e-3, 1e-4, 1e-5, 1e-6].map(|share| {
         let steps = found.trace.steps();
         steps.iter().find(|step| step.max <= share * diagonal).map_or(0, |step| step.iteration)

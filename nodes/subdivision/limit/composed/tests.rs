@@ -1,7 +1,7 @@
 use super::*;
-use crate::subdivision::shapes::torus;
-use crate::subdivision::sharp_edges::crease;
-use crate::subdivision::{Corners, Subdivision, subdivide};
+use crate::shapes::torus;
+use crate::sharp_edges::crease;
+use crate::{Corners, Subdivision, subdivide};
 
 /// The sharp edges of a refined mesh follow no order of their own: each must be found again in the next step.
 #[test]

@@ -6,8 +6,8 @@ use nalgebra::Point3;
 use super::super::*;
 use super::shapes::*;
 use super::with;
-use crate::subdivision::refine::manifold::manifold;
-use crate::subdivision::{Boundary, Corners, Creases, Scheme};
+use crate::refine::manifold::manifold;
+use crate::{Boundary, Corners, Creases, Scheme};
 
 fn triangulated(faces: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
     let cut = |face: Vec<u32>| (2..face.len()).map(move |k| vec![face[0], face[k - 1], face[k]]);

@@ -5,10 +5,10 @@ use nalgebra::Vector3;
 use super::super::*;
 use super::shapes::*;
 use super::with;
-use crate::subdivision::surface::face_point::FacePoint;
-use crate::subdivision::surface::limit_point::LimitPoint;
-use crate::subdivision::surface::limit_surface::LimitSurface;
-use crate::subdivision::{Boundary, Scheme};
+use crate::surface::face_point::FacePoint;
+use crate::surface::limit_point::LimitPoint;
+use crate::surface::limit_surface::LimitSurface;
+use crate::{Boundary, Scheme};
 
 fn surface(mesh: &Mesh, scheme: Scheme) -> LimitSurface {
     LimitSurface::new(mesh, with(scheme, 0, true, Boundary::EdgeAndCorner)).unwrap()

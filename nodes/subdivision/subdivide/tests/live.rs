@@ -3,7 +3,7 @@
 use super::super::*;
 use super::shapes::*;
 use super::with;
-use crate::subdivision::{Boundary, Scheme};
+use crate::{Boundary, Scheme};
 
 #[test]
 fn what_follows_some_control_points_has_the_bits_of_the_whole_product() {

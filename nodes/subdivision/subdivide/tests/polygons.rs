@@ -7,9 +7,9 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::super::*;
 use super::shapes::*;
 use super::{farthest, with};
-use crate::subdivision::refine::plan::apply;
-use crate::subdivision::refine::topology::Topology;
-use crate::subdivision::{Boundary, Creases, Scheme};
+use crate::refine::plan::apply;
+use crate::refine::topology::Topology;
+use crate::{Boundary, Creases, Scheme};
 
 const BOTH: [Scheme; 2] = [Scheme::CatmullClark, Scheme::DooSabin];
 const BOUNDARIES: [Boundary; 2] = [Boundary::EdgeAndCorner, Boundary::EdgeOnly];

@@ -30,7 +30,7 @@ pub use read_handles::{ReadHandles, ReadHandlesError, read_handles};
 pub use tube::{Tube, TubeError, tube};
 
 /// Nodes that deform by handles.
-pub const PACK: Pack = Pack {
+pub static PACK: Pack = Pack {
     name: "deform",
     nodes: &[
         node::<ReadHandles>(),

@@ -2,18 +2,18 @@
 
 /// Numbers in sets, each of which is known by its lowest number: Tarjan, "Efficiency of a good but not linear set union algorithm" (1975),
 /// with paths halved.
-pub(crate) struct UnionFind {
+pub struct UnionFind {
     parents: Vec<u32>,
 }
 
 impl UnionFind {
     /// Each number below `count` alone.
-    pub(crate) fn new(count: usize) -> Self {
+    pub fn new(count: usize) -> Self {
         Self { parents: (0..count as u32).collect() }
     }
 
     /// The lowest number of the set that this one is in.
-    pub(crate) fn first(&mut self, mut number: u32) -> u32 {
+    pub fn first(&mut self, mut number: u32) -> u32 {
         while self.parents[number as usize] != number {
             let parent = self.parents[number as usize];
             self.parents[number as usize] = self.parents[parent as usize];
@@ -23,7 +23,7 @@ impl UnionFind {
     }
 
     /// Makes one set of those that `a` and `b` are in.
-    pub(crate) fn join(&mut self, a: u32, b: u32) {
+    pub fn join(&mut self, a: u32, b: u32) {
         // Nearly always both are in one set already, and have the same parent.
         if self.parents[a as usize] != self.parents[b as usize] {
             let [a, b] = [self.first(a), self.first(b)];
@@ -32,7 +32,7 @@ impl UnionFind {
     }
 
     /// The set of each number, where sets are numbered in the order of their lowest numbers; and these lowest numbers.
-    pub(crate) fn numbered(mut self) -> (Vec<u32>, Vec<u32>) {
+    pub fn numbered(mut self) -> (Vec<u32>, Vec<u32>) {
         let mut firsts = Vec::new();
         let mut numbers = vec![0; self.parents.len()];
         for number in 0..self.parents.len() as u32 {

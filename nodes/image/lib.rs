@@ -31,13 +31,13 @@ pub use read_image::ReadImage;
 pub use segment::components::label;
 pub use segment::mark_pixels::threshold;
 pub use segment::otsu::otsu;
-pub(crate) use segment::select::level;
+pub use segment::select::level;
 pub use segment::select::{Channel, Select, Space};
 pub use thin::{Thin, ThinError, ThinMethod, thin};
 pub use threshold::Threshold;
 
 /// Nodes on pictures.
-pub const PACK: Pack = Pack {
+pub static PACK: Pack = Pack {
     name: "image",
     nodes: &[
         node::<ReadImage>(),

@@ -4,9 +4,11 @@
 
 /// Which unknowns are linked: both directions given, an unknown may be its own neighbor.
 #[derive(Clone, Copy)]
-pub(crate) struct Links<'a> {
-    pub(crate) starts: &'a [u32],
-    pub(crate) neighbors: &'a [u32],
+pub struct Links<'a> {
+    /// Where the neighbors of each unknown begin, with the end behind the last.
+    pub starts: &'a [u32],
+    /// The neighbors of one unknown after those of another.
+    pub neighbors: &'a [u32],
 }
 
 impl Links<'_> {
@@ -18,10 +20,11 @@ impl Links<'_> {
 
 /// Unknowns in the order of their elimination, cut into groups.
 #[derive(Clone, Debug)]
-pub(crate) struct Dissection {
-    pub(crate) order: Vec<u32>,
+pub struct Dissection {
+    /// The unknowns, the first to be eliminated first.
+    pub order: Vec<u32>,
     /// Where each group begins in the order, with the end behind the last.
-    pub(crate) groups: Vec<u32>,
+    pub groups: Vec<u32>,
 }
 
 /// Parts of at most so many unknowns are not divided further. Smaller groups cost lists of rows, larger ones zeros that are computed with;
@@ -30,7 +33,7 @@ const SMALL: usize = 24;
 
 impl Dissection {
     /// Two halves, each ordered alike, and then what separates them. Equations may link unknowns that are `reach` links apart.
-    pub(crate) fn new(links: Links<'_>, reach: usize) -> Self {
+    pub fn new(links: Links<'_>, reach: usize) -> Self {
         let count = links.starts.len() - 1;
         let mut order = vec![0u32; count];
         let mut groups = vec![count as u32];

@@ -4,7 +4,7 @@ use maquette::value::Rgb;
 use nalgebra::Point3;
 
 /// Data of which weighted means can be taken.
-pub(crate) trait Mix: Copy + PartialEq + Send + Sync {
+pub trait Mix: Copy + PartialEq + Send + Sync {
     /// The mean of some values with weights that add up to 1; there is at least one.
     fn mix(parts: impl Iterator<Item = (f64, Self)>) -> Self;
 }

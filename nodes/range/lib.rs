@@ -21,17 +21,17 @@ pub use denoise::{Denoise, Denoising, denoise};
 pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, Taken, extract_region};
 pub use fill_range::{FillRange, FillRangeError, fill_range};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
-pub(crate) use grid::contour::contours;
-pub(crate) use grid::grid_triangles::grid_triangles;
-pub(crate) use grid::joins::{GRAZING, JUMP, Joins, longest_edge};
-pub(crate) use holes::shadows::{LARGEST_SHADOW, around, fill_shadows};
+pub use grid::contour::contours;
+pub use grid::grid_triangles::{GridTriangle, Half, grid_triangles};
+pub use grid::joins::{GRAZING, JUMP, Joins, longest_edge};
+pub use holes::shadows::{LARGEST_SHADOW, around, fill_shadows};
 pub use range_file::{Axes, CameraFileError, Unit};
 pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
 pub use read_range::{ReadRange, read_range};
 pub use triangulate::{Triangulate, TriangulateError, triangulate};
 
 /// Nodes on range images.
-pub const PACK: Pack = Pack {
+pub static PACK: Pack = Pack {
     name: "range",
     nodes: &[
         node::<ReadCapture>(),

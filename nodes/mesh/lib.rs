@@ -32,7 +32,7 @@ pub use texture::{Mapping, Texture, TextureError, Window, texture};
 pub use transform::{Transform, transform};
 
 /// Nodes on meshes, points and curves.
-pub const PACK: Pack = Pack {
+pub static PACK: Pack = Pack {
     name: "mesh",
     nodes: &[
         node::<ReadMesh>(),

@@ -7,20 +7,23 @@
 
 use std::collections::BTreeMap;
 
-use maquette::{Cancelled, Progress};
 use maquette::parallel::*;
+use maquette::{Cancelled, Progress};
 
-pub(crate) use dissection::{Dissection, Links};
+pub use dissection::{Dissection, Links};
 use front::Front;
 
 mod dissection;
 mod front;
 
 /// A symmetric matrix: each row's entries, both halves given.
-pub(crate) struct Symmetric {
-    pub(crate) starts: Vec<u32>,
-    pub(crate) indices: Vec<u32>,
-    pub(crate) entries: Vec<f64>,
+pub struct Symmetric {
+    /// Where each row begins in the other two lists, with the end behind the last.
+    pub starts: Vec<u32>,
+    /// The columns of entries.
+    pub indices: Vec<u32>,
+    /// The entries.
+    pub entries: Vec<f64>,
 }
 
 impl Symmetric {
@@ -36,7 +39,7 @@ impl Symmetric {
 }
 
 /// The factors of a matrix.
-pub(crate) struct Cholesky {
+pub struct Cholesky {
     /// The unknown that is eliminated at each place.
     order: Vec<u32>,
     factors: Vec<Factor>,
@@ -64,7 +67,7 @@ const ALONE: usize = 500;
 
 impl Cholesky {
     /// The factors; none if the matrix is not positive definite.
-    pub(crate) fn new(matrix: &Symmetric) -> Option<Self> {
+    pub fn new(matrix: &Symmetric) -> Option<Self> {
         let links = Links { starts: &matrix.starts, neighbors: &matrix.indices };
         Self::ordered(matrix, &Dissection::new(links, 1), &Progress::none()).ok().flatten()
     }
@@ -73,7 +76,7 @@ impl Cholesky {
     ///
     /// # Errors
     /// If the evaluation is told to stop.
-    pub(crate) fn ordered(
+    pub fn ordered(
         matrix: &Symmetric,
         dissection: &Dissection,
         progress: &Progress<'_>,
@@ -100,7 +103,7 @@ impl Cholesky {
     }
 
     /// Turns right sides into solutions, three at once.
-    pub(crate) fn solve(&self, right: &mut [[f64; 3]]) {
+    pub fn solve(&self, right: &mut [[f64; 3]]) {
         let mut x: Vec<[f64; 3]> = self.order.iter().map(|&k| right[k as usize]).collect();
         let mut own = Vec::new();
         for factor in &self.factors {

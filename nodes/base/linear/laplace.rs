@@ -36,7 +36,7 @@ const TOLERANCE: f64 = 1e-12;
 ///
 /// # Panics
 /// If `free` or `values` does not have `width * height` entries.
-pub(crate) fn solve(
+pub fn solve(
     width: usize,
     height: usize,
     free: &[u8],

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 /// A square matrix with entries within `half` of the diagonal.
-pub(crate) struct Banded {
+pub struct Banded {
     n: usize,
     half: usize,
     /// Row by row, from `half` before the diagonal to `half` after it.
@@ -14,12 +14,13 @@ pub(crate) struct Banded {
 const LEAST_PIVOT: f64 = 1e-13;
 
 impl Banded {
-    pub(crate) fn new(n: usize, half: usize) -> Self {
+    /// Zeros: `n` rows, with `half` entries on each side of the diagonal.
+    pub fn new(n: usize, half: usize) -> Self {
         Self { n, half, entries: vec![0.0; n * (2 * half + 1)] }
     }
 
     /// Adds to the entry in a row and a column, which must lie within the band.
-    pub(crate) fn add(&mut self, row: usize, column: usize, x: f64) {
+    pub fn add(&mut self, row: usize, column: usize, x: f64) {
         let at = self.at(row, column);
         self.entries[at] += x;
     }
@@ -30,7 +31,7 @@ impl Banded {
 
     /// Factors the matrix into L U without exchanging rows, which is stable for the matrices of B-splines, whose minors are not
     /// negative: de Boor and Pinkus, "Backward error analysis for totally positive linear systems" (1977). None if it is singular.
-    pub(crate) fn factor(mut self) -> Option<Factors> {
+    pub fn factor(mut self) -> Option<Factors> {
         let width = 2 * self.half + 1;
         let row_size = |row: &[f64]| row.iter().map(|x| x.abs()).fold(0.0, f64::max);
         let sizes: Vec<f64> = self.entries.chunks(width).map(row_size).collect();
@@ -59,11 +60,11 @@ impl Banded {
 }
 
 /// A factored matrix.
-pub(crate) struct Factors(Banded);
+pub struct Factors(Banded);
 
 impl Factors {
     /// Turns the right side into the solution.
-    pub(crate) fn solve(&self, right: &mut [Vector3<f64>]) {
+    pub fn solve(&self, right: &mut [Vector3<f64>]) {
         let matrix = &self.0;
         let near =
             |row: usize| (row.saturating_sub(matrix.half), (row + matrix.half + 1).min(matrix.n));

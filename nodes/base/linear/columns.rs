@@ -7,13 +7,13 @@ use maquette::parallel::*;
 use super::missed::Missed;
 
 /// A right side, an unknown or a residual: three coordinates, solved side by side.
-pub(crate) type Column = [f64; 3];
+pub type Column = [f64; 3];
 
 /// Entries of a chunk.
-pub(crate) const CHUNK: usize = 1024;
+pub const CHUNK: usize = 1024;
 
 /// `to + direction * step`, coordinate by coordinate.
-pub(crate) fn add(to: &mut [Column], direction: &[Column], step: Column) {
+pub fn add(to: &mut [Column], direction: &[Column], step: Column) {
     to.par_chunks_mut(CHUNK).zip(direction.par_chunks(CHUNK)).for_each(|(to, direction)| {
         for (to, direction) in to.iter_mut().zip(direction) {
             (0..3).for_each(|k| to[k] += direction[k] * step[k]);
@@ -22,7 +22,7 @@ pub(crate) fn add(to: &mut [Column], direction: &[Column], step: Column) {
 }
 
 /// `direction * ratio + residual`, coordinate by coordinate: the next direction of conjugate gradients.
-pub(crate) fn follow(direction: &mut [Column], residual: &[Column], ratio: Column) {
+pub fn follow(direction: &mut [Column], residual: &[Column], ratio: Column) {
     direction.par_chunks_mut(CHUNK).zip(residual.par_chunks(CHUNK)).for_each(
         |(direction, residual)| {
             for (direction, residual) in direction.iter_mut().zip(residual) {
@@ -33,7 +33,7 @@ pub(crate) fn follow(direction: &mut [Column], residual: &[Column], ratio: Colum
 }
 
 /// The sums of `scale a b`, coordinate by coordinate; without `scale` it is 1.
-pub(crate) fn dot(a: &[Column], b: &[Column], scale: &[f64]) -> Column {
+pub fn dot(a: &[Column], b: &[Column], scale: &[f64]) -> Column {
     let parts = a.par_chunks(CHUNK).zip(b.par_chunks(CHUNK)).zip(scale.par_chunks(CHUNK)).map(
         |((a, b), scale)| {
             let mut sum = [0.0; 3];
@@ -48,7 +48,7 @@ pub(crate) fn dot(a: &[Column], b: &[Column], scale: &[f64]) -> Column {
 }
 
 /// How long the entries are as vectors.
-pub(crate) fn missed(residual: &[Column]) -> Missed {
+pub fn missed(residual: &[Column]) -> Missed {
     let parts = residual.par_chunks(CHUNK).map(|chunk| {
         let lengths_sq = chunk.iter().map(|[x, y, z]| x * x + y * y + z * z);
         lengths_sq.fold(Missed::none(), Missed::and_by)

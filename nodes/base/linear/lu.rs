@@ -10,7 +10,7 @@ use maquette::value::{Column, Encoder};
 
 /// A matrix and its factors: `rows` of `matrix` in order = `L U`.
 #[derive(Clone, Debug)]
-pub(crate) struct Lu {
+pub struct Lu {
     size: usize,
     /// Row by row.
     matrix: Column<f64>,
@@ -28,7 +28,7 @@ impl Lu {
     ///
     /// # Panics
     /// If the matrix is not square.
-    pub(crate) fn new(size: usize, matrix: Vec<f64>) -> Self {
+    pub fn new(size: usize, matrix: Vec<f64>) -> Self {
         assert_eq!(matrix.len(), size * size, "the matrix is square");
         let mut factors = matrix.clone();
         let mut rows: Vec<u32> = (0..size as u32).collect();
@@ -66,12 +66,12 @@ impl Lu {
     }
 
     /// An estimate of the condition in the 1-norm, hardly ever below a third of it.
-    pub(crate) fn condition(&self) -> f64 {
+    pub fn condition(&self) -> f64 {
         self.condition
     }
 
     /// The solution for one right side, with one step of refinement.
-    pub(crate) fn solve(&self, right: &[f64]) -> Vec<f64> {
+    pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let mut solution = self.eliminate(right);
         let rows = self.matrix.chunks_exact(self.size.max(1));
         let missing: Vec<f64> =

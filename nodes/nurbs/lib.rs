@@ -27,7 +27,6 @@ mod revolve;
 mod tessellate;
 mod weights;
 
-pub use crate::linear::laplace::Unsolved;
 pub use blend::{Blend, Blended, blend};
 pub use blend_error::BlendError;
 pub use blend_mode::BlendMode;
@@ -39,11 +38,12 @@ pub use fit_surface::{FitSurface, Fitted, fit_surface};
 pub use grid::seam::Seam;
 pub use grid::within::WithinError;
 pub use knot_vectors::knot_vector::knots;
-pub(crate) use knot_vectors::parameters::parameters;
+pub use knot_vectors::parameters::parameters;
 pub use knots::Knots;
 pub use knots_error::KnotsError;
 pub use knots_kind::KnotsKind;
 pub use loft::{Loft, LoftError, Section, loft};
+pub use maquette_base::linear::laplace::Unsolved;
 pub use net::profile::{Profile, ProfileError};
 pub use net_error::NetError;
 pub use nurbs::{Nurbs, NurbsError, nurbs};
@@ -54,7 +54,7 @@ pub use tessellate::{Tessellate, TessellateError, tessellate};
 pub use weights::{Weights, WeightsError, weights, weights_inside};
 
 /// Nodes that redesign a region as a rational B-spline surface.
-pub const PACK: Pack = Pack {
+pub static PACK: Pack = Pack {
     name: "nurbs",
     nodes: &[
         node::<ControlNet>(),

@@ -25,5 +25,5 @@ pub use fill_holes::{FillHoles, Filled, fill_holes};
 pub use method::FillMethod;
 
 /// Nodes that close the holes of surfaces.
-pub const PACK: Pack =
+pub static PACK: Pack =
     Pack { name: "fill", nodes: &[node::<FillHoles>()], values: &[], formats: &[], readers: &[] };

@@ -1,4 +1,4 @@
 //! Connectivity: disjoint sets, and lists of neighbors in one piece of memory.
 
-pub(crate) mod lists;
-pub(crate) mod union_find;
+pub mod lists;
+pub mod union_find;

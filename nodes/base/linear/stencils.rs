@@ -1,8 +1,8 @@
 //! Sparse matrices from old to new vertices.
 
+use maquette::parallel::*;
 use maquette::value::Column;
 use nalgebra::Point3;
-use maquette::parallel::*;
 
 use super::mix::Mix;
 
@@ -11,7 +11,7 @@ const BLOCK: usize = 4096;
 
 /// A sparse matrix by rows: row `r` has the entries `starts[r]..starts[r + 1]`.
 #[derive(Clone, Debug)]
-pub(crate) struct Stencils {
+pub struct Stencils {
     starts: Column<u32>,
     indices: Column<u32>,
     weights: Column<f64>,
@@ -19,7 +19,7 @@ pub(crate) struct Stencils {
 
 /// Rows of a sparse matrix while they are written.
 #[derive(Default)]
-pub(crate) struct Rows {
+pub struct Rows {
     ends: Vec<u32>,
     indices: Vec<u32>,
     weights: Vec<f64>,
@@ -27,28 +27,28 @@ pub(crate) struct Rows {
 
 impl Rows {
     /// Adds an entry to the current row.
-    pub(crate) fn push(&mut self, index: u32, weight: f64) {
+    pub fn push(&mut self, index: u32, weight: f64) {
         self.indices.push(index);
         self.weights.push(weight);
     }
 
     /// Number of entries of all rows.
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.indices.len()
     }
 
     /// Multiplies the entries from the one at `first` on.
-    pub(crate) fn scale_from(&mut self, first: usize, factor: f64) {
+    pub fn scale_from(&mut self, first: usize, factor: f64) {
         self.weights[first..].iter_mut().for_each(|weight| *weight *= factor);
     }
 
     /// Takes all entries away.
-    pub(crate) fn take_entries(&mut self) -> Vec<(u32, f64)> {
+    pub fn take_entries(&mut self) -> Vec<(u32, f64)> {
         self.indices.drain(..).zip(self.weights.drain(..)).collect()
     }
 
     /// Ends the current row.
-    pub(crate) fn end(&mut self) {
+    pub fn end(&mut self) {
         self.ends.push(self.indices.len() as u32);
     }
 }
@@ -56,7 +56,7 @@ impl Rows {
 impl Stencils {
     /// The rows that `write` writes for each of `items`, in their order, and the first row of each item (with the number of
     /// rows behind the last). `write` gets a scratch space, an item, and where to write its rows.
-    pub(crate) fn build<S: Default>(
+    pub fn build<S: Default>(
         items: usize,
         write: impl Fn(&mut S, usize, &mut Rows) + Sync,
     ) -> (Self, Column<u32>) {
@@ -94,30 +94,30 @@ impl Stencils {
     }
 
     /// The rows that end where the next one of `starts` is; the first one starts at 0.
-    pub(crate) fn from_parts(starts: Vec<u32>, indices: Vec<u32>, weights: Vec<f64>) -> Self {
+    pub fn from_parts(starts: Vec<u32>, indices: Vec<u32>, weights: Vec<f64>) -> Self {
         Self { starts: starts.into(), indices: indices.into(), weights: weights.into() }
     }
 
     /// Number of rows.
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// How many products of two entries of one row there are.
-    pub(crate) fn products(&self) -> f64 {
+    pub fn products(&self) -> f64 {
         let lengths = self.starts.windows(2).map(|ends| f64::from(ends[1] - ends[0]));
         lengths.map(|length| length * length).sum()
     }
 
     /// The entries of a row: indices and weights.
-    pub(crate) fn row(&self, row: usize) -> (&[u32], &[f64]) {
+    pub fn row(&self, row: usize) -> (&[u32], &[f64]) {
         let entries = self.starts[row] as usize..self.starts[row + 1] as usize;
         (&self.indices[entries.clone()], &self.weights[entries])
     }
 
     /// The rows from one on, with their numbers.
     #[inline(always)]
-    pub(crate) fn rows_from(&self, first: usize) -> impl Iterator<Item = (usize, &[u32], &[f64])> {
+    pub fn rows_from(&self, first: usize) -> impl Iterator<Item = (usize, &[u32], &[f64])> {
         let (indices, weights) = (&self.indices[..], &self.weights[..]);
         self.starts[first..].windows(2).zip(first..).map(move |(ends, row)| {
             let entries = ends[0] as usize..ends[1] as usize;
@@ -126,7 +126,7 @@ impl Stencils {
     }
 
     /// One row times a column.
-    pub(crate) fn apply_row<T: Mix>(&self, row: usize, column: &[T]) -> T {
+    pub fn apply_row<T: Mix>(&self, row: usize, column: &[T]) -> T {
         let (indices, weights) = self.row(row);
         T::mix(
             weights.iter().zip(indices).map(|(&weight, &index)| (weight, column[index as usize])),
@@ -134,25 +134,26 @@ impl Stencils {
     }
 
     /// One row times the places that `column` gives.
-    pub(crate) fn point(&self, row: usize, column: impl Fn(u32) -> Point3<f64>) -> Point3<f64> {
+    pub fn point(&self, row: usize, column: impl Fn(u32) -> Point3<f64>) -> Point3<f64> {
         let (indices, weights) = self.row(row);
         let terms = indices.iter().zip(weights);
         terms.fold(Point3::origin(), |sum, (&index, &weight)| sum + column(index).coords * weight)
     }
 
     /// The matrix times a column, row by row in parallel; each row adds its terms in their order.
-    pub(crate) fn apply<T: Mix>(&self, column: &[T]) -> Vec<T> {
+    pub fn apply<T: Mix>(&self, column: &[T]) -> Vec<T> {
         let rows = (0..self.len()).into_par_iter().with_min_len(BLOCK);
         rows.map(|row| self.apply_row(row, column)).collect()
     }
 
-    pub(crate) fn size(&self) -> usize {
+    /// Bytes of memory.
+    pub fn size(&self) -> usize {
         self.starts.size() + self.indices.size() + self.weights.size()
     }
 }
 
 /// Adds entries to the current row, those of the same column as one; sorts them.
-pub(crate) fn push_merged(rows: &mut Rows, row: &mut [(u32, f64)]) {
+pub fn push_merged(rows: &mut Rows, row: &mut [(u32, f64)]) {
     row.sort_by_key(|(column, _)| *column);
     for group in row.chunk_by(|a, b| a.0 == b.0) {
         let weight: f64 = group.iter().map(|entry| entry.1).sum();

@@ -2,7 +2,7 @@
 
 /// Lists, one after the other in one piece of memory.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Lists<T = u32> {
+pub struct Lists<T = u32> {
     /// Where each list begins in `items`, with the end behind the last.
     starts: Vec<u32>,
     items: Vec<T>,
@@ -10,7 +10,7 @@ pub(crate) struct Lists<T = u32> {
 
 impl Lists {
     /// One list after the other.
-    pub(crate) fn collect(lists: impl Iterator<Item = impl AsRef<[u32]>>) -> Self {
+    pub fn collect(lists: impl Iterator<Item = impl AsRef<[u32]>>) -> Self {
         let mut all = Self { starts: vec![0], items: Vec::new() };
         for list in lists {
             all.items.extend(list.as_ref());
@@ -22,7 +22,7 @@ impl Lists {
 
 impl<T: Copy + Default> Lists<T> {
     /// A list for each number below `count`: the items that are paired with it, in their order.
-    pub(crate) fn group<I: Iterator<Item = (u32, T)>>(count: usize, pairs: impl Fn() -> I) -> Self {
+    pub fn group<I: Iterator<Item = (u32, T)>>(count: usize, pairs: impl Fn() -> I) -> Self {
         let mut starts = vec![0u32; count + 1];
         pairs().for_each(|(list, _)| starts[list as usize + 1] += 1);
         for list in 0..count {
@@ -41,22 +41,22 @@ impl<T: Copy + Default> Lists<T> {
 
 impl<T> Lists<T> {
     /// The number of lists.
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// Where the items of a list are among all.
-    pub(crate) fn range(&self, list: usize) -> std::ops::Range<usize> {
+    pub fn range(&self, list: usize) -> std::ops::Range<usize> {
         self.starts[list] as usize..self.starts[list + 1] as usize
     }
 
     /// The items of a list.
-    pub(crate) fn of(&self, list: usize) -> &[T] {
+    pub fn of(&self, list: usize) -> &[T] {
         &self.items[self.range(list)]
     }
 
     /// The items of all lists.
-    pub(crate) fn all(&self) -> &[T] {
+    pub fn all(&self) -> &[T] {
         &self.items
     }
 }

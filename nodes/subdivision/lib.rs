@@ -63,7 +63,7 @@ pub use surface::limit_point::LimitPoint;
 pub use surface::limit_surface::LimitSurface;
 
 /// Nodes on subdivision surfaces and curves.
-pub const PACK: Pack = Pack {
+pub static PACK: Pack = Pack {
     name: "subdivision",
     nodes: &[
         node::<ReadCreases>(),

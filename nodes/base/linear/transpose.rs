@@ -6,7 +6,7 @@ use crate::topology::lists::Lists;
 
 impl Stencils {
     /// The same matrix with rows and columns exchanged; it has this many columns.
-    pub(crate) fn transposed(&self, columns: usize) -> Self {
+    pub fn transposed(&self, columns: usize) -> Self {
         let all = || {
             (0..self.len()).flat_map(|row| {
                 let (indices, weights) = self.row(row);
@@ -24,7 +24,7 @@ impl Stencils {
     }
 
     /// The first rows.
-    pub(crate) fn head(&self, count: usize) -> Self {
+    pub fn head(&self, count: usize) -> Self {
         let (head, _) = Self::build(count, |_: &mut (), row, rows| {
             let (indices, weights) = self.row(row);
             indices.iter().zip(weights).for_each(|(&index, &weight)| rows.push(index, weight));
@@ -34,7 +34,7 @@ impl Stencils {
     }
 
     /// These rows, and below them others, so many times.
-    pub(crate) fn above(&self, others: &Self, factor: f64) -> Self {
+    pub fn above(&self, others: &Self, factor: f64) -> Self {
         let (rows, _) = Self::build(self.len() + others.len(), |_: &mut (), row, rows| {
             let ((indices, weights), factor) = match row.checked_sub(self.len()) {
                 None => (self.row(row), 1.0),
@@ -50,7 +50,7 @@ impl Stencils {
     }
 
     /// The rows times these factors, which make them a symmetric matrix.
-    pub(crate) fn scaled(&self, scale: &[f64]) -> Symmetric {
+    pub fn scaled(&self, scale: &[f64]) -> Symmetric {
         let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
         for (row, scale) in scale.iter().enumerate() {
             let (indices, weights) = self.row(row);
@@ -62,7 +62,7 @@ impl Stencils {
     }
 
     /// These rows of rows: the product with a matrix that is applied before.
-    pub(crate) fn times(&self, before: &Self) -> Self {
+    pub fn times(&self, before: &Self) -> Self {
         let (rows, _) = Self::build(self.len(), |terms: &mut Vec<(u32, f64)>, row, rows| {
             terms.clear();
             let (indices, weights) = self.row(row);
@@ -77,12 +77,12 @@ impl Stencils {
     }
 
     /// `A^T A` of this matrix `A` with so many columns.
-    pub(crate) fn squared(&self, columns: usize) -> Symmetric {
+    pub fn squared(&self, columns: usize) -> Symmetric {
         self.squared_with(&self.transposed(columns))
     }
 
     /// The same, where the transposed matrix is known. Terms are added in the order of the rows, so that both halves are equal sums.
-    pub(crate) fn squared_with(&self, transposed: &Self) -> Symmetric {
+    pub fn squared_with(&self, transposed: &Self) -> Symmetric {
         let columns = transposed.len();
         let (rows, _) = Self::build(columns, |sums: &mut Sums, column, rows| {
             sums.entries.resize(columns, 0.0);

@@ -3,26 +3,26 @@
 use maquette::{Cancelled, Progress};
 
 /// The lower half of a symmetric matrix, by columns, of which the first ones are eliminated.
-pub(crate) struct Front {
+pub(super) struct Front {
     /// The length of a column.
-    pub(crate) height: usize,
-    pub(crate) entries: Vec<f64>,
+    pub height: usize,
+    pub entries: Vec<f64>,
     /// How many rows were eliminated before the first column.
     skipped: usize,
 }
 
 impl Front {
     /// Zeros.
-    pub(crate) fn new(height: usize) -> Self {
+    pub(super) fn new(height: usize) -> Self {
         Self { height, entries: vec![0.0; height * height], skipped: 0 }
     }
 
-    pub(crate) fn column(&mut self, column: usize) -> &mut [f64] {
+    pub(super) fn column(&mut self, column: usize) -> &mut [f64] {
         &mut self.entries[column * self.height..][..self.height]
     }
 
     /// Adds the update of another front: the entries that its elimination has left. `local` maps their rows to those of this front.
-    pub(crate) fn add(&mut self, left: &Self, rows: &[u32], local: &[u32]) {
+    pub(super) fn add(&mut self, left: &Self, rows: &[u32], local: &[u32]) {
         for (k, (column, &place)) in left.entries.chunks_exact(left.height).zip(rows).enumerate() {
             let own = self.column(local[place as usize] as usize);
             for (&row, entry) in rows[k..].iter().zip(&column[left.skipped + k..]) {
@@ -36,7 +36,7 @@ impl Front {
     ///
     /// # Errors
     /// If the evaluation is told to stop.
-    pub(crate) fn eliminate(
+    pub(super) fn eliminate(
         &mut self,
         least: &[f64],
         progress: &Progress<'_>,
@@ -46,7 +46,7 @@ impl Front {
     }
 
     /// Takes off all columns behind the first ones.
-    pub(crate) fn split(&mut self, count: usize) -> Self {
+    pub(super) fn split(&mut self, count: usize) -> Self {
         let entries = self.entries.split_off(count * self.height);
         Self { height: self.height, entries, skipped: count }
     }

@@ -1,0 +1,11 @@
+//! Linear equations: direct and iterative solvers, and the lists and sparse matrices that they work on.
+
+pub mod banded;
+pub mod cholesky;
+pub mod columns;
+pub mod laplace;
+pub mod lu;
+pub mod missed;
+pub mod mix;
+pub mod stencils;
+pub mod transpose;

@@ -1,0 +1,141 @@
+//! Loops on all threads against the iterators of the standard library.
+
+use std::sync::Arc;
+
+use super::*;
+
+const LENGTHS: [usize; 8] = [0, 1, 2, 127, 128, 129, 1000, 4099];
+
+/// What `f` gives for each length on some numbers of threads: always the same.
+fn on_any_threads<T: PartialEq + std::fmt::Debug + Send>(f: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let results = [1, 2, 7].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| Vec::from_iter(LENGTHS.iter().map(|&length| f(length))))
+    });
+    let [one, two, seven] = results;
+    assert_eq!(one, two);
+    assert_eq!(one, seven);
+    one
+}
+
+fn random(length: usize) -> Vec<u32> {
+    let mut random = crate::random::Random(length as u64);
+    (0..length).map(|_| random.below(1000) as u32).collect()
+}
+
+#[test]
+fn lists_are_those_of_loops_on_one_thread() {
+    on_any_threads(|length| {
+        let list = random(length);
+        let odd = |x: &&u32| **x % 2 == 1;
+        let halves = |&x: &u32| (0..x % 5).map(move |k| x + k);
+        let whole: Vec<u64> = list.par_iter().map(|&x| u64::from(x) + 1).collect();
+        assert_eq!(whole, Vec::from_iter(list.iter().map(|&x| u64::from(x) + 1)));
+        let some: Vec<&u32> = list.par_iter().filter(odd).collect();
+        assert_eq!(some, Vec::from_iter(list.iter().filter(odd)));
+        let more: Vec<u32> = list.par_iter().with_min_len(16).flat_map_iter(halves).collect();
+        assert_eq!(more, Vec::from_iter(list.iter().flat_map(halves)));
+        let text: Vec<String> =
+            list.clone().into_par_iter().filter_map(|x| (x > 500).then(|| x.to_string())).collect();
+        let expected = list.iter().filter(|&&x| x > 500).map(u32::to_string);
+        assert_eq!(text, Vec::from_iter(expected));
+        let (places, copies): (Vec<usize>, Vec<u32>) = list.par_iter().copied().enumerate().unzip();
+        assert_eq!((places, &copies), ((0..length).collect(), &list));
+        let longer = list.len() + 3;
+        let pairs: Vec<(usize, u32)> =
+            (0..longer).into_par_iter().zip(&list).map(|(a, b)| (a, *b)).collect();
+        assert_eq!(pairs, Vec::from_iter((0..longer).zip(list.iter().copied())));
+        let mut all = vec![7];
+        list.par_iter().copied().collect_into(&mut all);
+        list.par_iter().filter(odd).copied().collect_into(&mut all);
+        assert_eq!(all.len(), 1 + length + some.len());
+        assert_eq!((all[0], &all[1..=length]), (7, &list[..]));
+    });
+}
+
+#[test]
+fn chunks_and_windows_are_those_of_the_slice() {
+    on_any_threads(|length| {
+        let list = random(length);
+        for size in [1, 3, 100, 5000] {
+            let chunks: Vec<&[u32]> = list.par_chunks(size).collect();
+            assert_eq!(chunks, Vec::from_iter(list.chunks(size)));
+            let exact: Vec<&[u32]> = list.par_chunks_exact(size).collect();
+            assert_eq!(exact, Vec::from_iter(list.chunks_exact(size)));
+            let windows: Vec<&[u32]> = list.par_windows(size).collect();
+            assert_eq!(windows, Vec::from_iter(list.windows(size)));
+            let mut marked = list.clone();
+            let strips = marked.par_chunks_mut(size).enumerate();
+            strips.for_each(|(strip, strip_of)| strip_of.fill(strip as u32));
+            assert!(marked.iter().enumerate().all(|(place, &mark)| mark == (place / size) as u32));
+        }
+        let mut sorted = list.clone();
+        sorted.par_sort_unstable();
+        sorted.par_sort_unstable_by_key(|&x| std::cmp::Reverse(x));
+        assert!(sorted.is_sorted_by(|a, b| a >= b));
+        sorted
+    });
+}
+
+#[test]
+fn ends_of_loops_do_not_depend_on_threads() {
+    let all = on_any_threads(|length| {
+        let list = random(length);
+        let numbers = || list.par_iter().map(|&x| 0.1 * f64::from(x));
+        let sum: f64 = numbers().sum();
+        let folded = numbers().reduce(|| 0.0, |a, b| a + b);
+        let enumerated = || list.par_iter().copied().enumerate();
+        let rank = |(place, x): (usize, u32)| (x / 10, place);
+        assert_eq!(enumerated().map(rank).max(), list.iter().copied().enumerate().map(rank).max());
+        assert_eq!(enumerated().map(rank).min(), list.iter().copied().enumerate().map(rank).min());
+        let first = list.par_iter().position_first(|&x| x > 900);
+        assert_eq!(first, list.iter().position(|&x| x > 900));
+        assert_eq!(list.par_iter().any(|&x| x > 990), list.iter().any(|&x| x > 990));
+        assert_eq!(list.par_iter().all(|&x| x < 990), list.iter().all(|&x| x < 990));
+        assert_eq!(
+            list.par_iter().filter(|x| **x < 9).count(),
+            list.iter().filter(|x| **x < 9).count()
+        );
+        let fails = |&x: &u32| if x > 900 { Err(x) } else { Ok(x) };
+        let gathered: Result<Vec<u32>, u32> = list.par_iter().map(fails).collect();
+        assert_eq!(gathered, list.iter().map(fails).collect());
+        [sum, folded].map(f64::to_bits)
+    });
+    assert_eq!(all.len(), LENGTHS.len());
+}
+
+#[test]
+fn memory_is_made_once_for_each_part() {
+    let made = AtomicUsize::new(0);
+    let init = || made.fetch_add(1, Ordering::Relaxed);
+    let list: Vec<usize> = (0..1000_usize).into_par_iter().map_init(init, |_, x| x).collect();
+    assert!(list.into_iter().eq(0..1000));
+    assert_eq!(made.into_inner(), INITIALIZED_PARTS);
+}
+
+#[test]
+fn what_is_not_reached_is_dropped_once() {
+    let item = Arc::new(());
+    for length in LENGTHS {
+        let list = vec![item.clone(); length];
+        let kept: Vec<Arc<()>> = list.into_par_iter().collect();
+        assert_eq!(Arc::strong_count(&item), length + 1);
+        let found = kept.into_par_iter().find_map_first(Some);
+        assert_eq!(
+            (found.is_some(), Arc::strong_count(&item)),
+            (length > 0, 1 + usize::from(length > 0))
+        );
+    }
+}
+
+#[test]
+fn a_panic_reaches_the_caller() {
+    let item = Arc::new(());
+    let bad = |x: usize| {
+        assert!(x != 700, "seven hundred");
+        item.clone()
+    };
+    let caught =
+        std::panic::catch_unwind(|| (0..1000_usize).into_par_iter().map(bad).collect::<Vec<_>>());
+    assert_eq!(caught.unwrap_err().downcast_ref(), Some(&"seven hundred"));
+}
