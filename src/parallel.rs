@@ -157,7 +157,7 @@ pub trait Parallel: Sized + Send {
     where
         Self: Parallel<Item = (A, B)>,
     {
-        self.collect::<Vec<_>>().into_iter().unzip()
+        collect::unzipped(self)
     }
 
     /// How many items there are.

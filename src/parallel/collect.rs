@@ -53,20 +53,51 @@ pub(super) fn append<P: Parallel>(items: P, list: &mut Vec<P::Item>) {
     // Each item is written where it stays.
     let count = items.places();
     list.reserve_exact(count);
-    let written = AtomicUsize::new(0);
     let places = ItemsMut(&mut list.spare_capacity_mut()[..count]);
-    each_part(Zip(items, places), &|_, part: Zip<_, _>| {
-        let mut here = 0;
-        part.part().for_each(|(item, place)| {
-            place.write(item);
-            here += 1;
-        });
-        written.fetch_add(here, Ordering::Relaxed);
+    let written = each_item(Zip(items, places), |(item, place)| {
+        place.write(item);
     });
-    assert_eq!(written.into_inner(), count, "items for some places are missing");
+    assert_eq!(written, count, "items for some places are missing");
     // SAFETY: the first `count` places of the spare capacity were handed out once each, as parts of one slice, and as many
     // were written.
     unsafe { list.set_len(list.len() + count) };
+}
+
+/// The two lists of the pairs' first and second items.
+pub(super) fn unzipped<A: Send, B: Send, P: Parallel<Item = (A, B)>>(items: P) -> (Vec<A>, Vec<B>) {
+    if !P::EXACT {
+        return items.collect::<Vec<_>>().into_iter().unzip();
+    }
+    let count = items.places();
+    let (mut firsts, mut seconds) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    let first_places = ItemsMut(&mut firsts.spare_capacity_mut()[..count]);
+    let second_places = ItemsMut(&mut seconds.spare_capacity_mut()[..count]);
+    let places = Zip(first_places, second_places);
+    let written = each_item(Zip(items, places), |((a, b), (first, second))| {
+        first.write(a);
+        second.write(b);
+    });
+    assert_eq!(written, count, "items for some places are missing");
+    // SAFETY: as in `append`, for both lists.
+    unsafe {
+        firsts.set_len(count);
+        seconds.set_len(count);
+    }
+    (firsts, seconds)
+}
+
+/// Calls `f` with each item; how many there were.
+fn each_item<P: Parallel>(items: P, f: impl Fn(P::Item) + Sync) -> usize {
+    let all = AtomicUsize::new(0);
+    each_part(items, &|_, part: P| {
+        let mut count = 0;
+        part.part().for_each(|item| {
+            f(item);
+            count += 1;
+        });
+        all.fetch_add(count, Ordering::Relaxed);
+    });
+    all.into_inner()
 }
 
 fn append_all<T>(parts: Vec<Vec<T>>, list: &mut Vec<T>) {
