@@ -6,6 +6,8 @@ use crate::catalog::Catalog;
 use crate::graph::{Graph, GraphUse};
 
 mod dot;
+#[cfg(feature = "cli")]
+mod json;
 mod layout;
 mod svg;
 

@@ -92,6 +92,8 @@ mod graph;
 mod limit;
 mod node;
 mod pack;
+#[cfg(feature = "cli")]
+mod page;
 mod paths;
 mod plain;
 mod reading;

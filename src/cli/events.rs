@@ -16,7 +16,7 @@
 //! A reader must skip events and fields that it does not know.
 
 use std::collections::HashMap;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value as Json, json};
@@ -46,8 +46,51 @@ impl Ending<'_> {
     }
 }
 
-/// Prints events.
+/// Whoever events are told to.
+#[derive(Clone)]
+pub(super) struct Listener(Arc<dyn Fn(&Json) + Send + Sync>);
+
+impl Listener {
+    pub(super) fn new(hear: impl Fn(&Json) + Send + Sync + 'static) -> Self {
+        Self(Arc::new(hear))
+    }
+
+    /// The reader of stdout: one event a line.
+    pub(super) fn of_stdout() -> Self {
+        Self::new(|event| print_as_it_is(&escaped(&format!("{event}\n"))))
+    }
+
+    /// Tells one event; `fields` is an object.
+    pub(super) fn tell(&self, event: &str, fields: Json) {
+        let mut all = serde_json::Map::new();
+        all.insert("event".into(), event.into());
+        if let Json::Object(fields) = fields {
+            all.extend(fields);
+        }
+        self.0(&Json::Object(all));
+    }
+
+    /// Tells what was written, and that it is over.
+    pub(super) fn tell_end(&self, ending: &Ending<'_>) {
+        for file in ending.written {
+            let mut event = file.to_json();
+            event["unchanged"] = file.unchanged.into();
+            self.tell("written", event);
+        }
+        self.tell("done", done(ending));
+    }
+
+    /// Tells which problems there are now.
+    pub(super) fn tell_problems(&self, problems: &[Problem]) {
+        let mut fields = json!({});
+        put_problems(&mut fields, problems);
+        self.tell("problems", fields);
+    }
+}
+
+/// Tells what happens to nodes.
 pub(super) struct Events {
+    listener: Listener,
     cancel: CancelToken,
     /// When the progress of each node was last told.
     told: Mutex<HashMap<String, Instant>>,
@@ -55,21 +98,15 @@ pub(super) struct Events {
 
 impl Events {
     /// Events of an evaluation that this token stops; then nothing more is said of its nodes.
-    pub(super) fn new(cancel: CancelToken) -> Self {
-        Self { cancel, told: Mutex::default() }
+    pub(super) fn new(listener: Listener, cancel: CancelToken) -> Self {
+        Self { listener, cancel, told: Mutex::default() }
     }
 }
 
-/// Says what was written, and that it is over.
-pub(super) fn end(ending: &Ending<'_>) {
-    for file in ending.written {
-        let mut event = file.to_json();
-        event["unchanged"] = file.unchanged.into();
-        say("written", event);
-    }
+fn done(ending: &Ending<'_>) -> Json {
     let count = |state| ending.trace.map_or(0, |trace| trace.count(state));
     let nodes = ending.trace.iter().flat_map(|trace| &trace.0);
-    let done = json!({
+    json!({
         "nodes": nodes.map(NodeTrace::to_json).collect::<Vec<_>>(),
         "run": ending.run,
         "ok": ending.is_ok(),
@@ -79,31 +116,13 @@ pub(super) fn end(ending: &Ending<'_>) {
         "failed": count(State::Failed),
         "skipped": count(State::Skipped),
         "seconds": ending.seconds,
-    });
-    say("done", done);
-}
-
-/// Says which problems there are now.
-pub(super) fn problems(problems: &[Problem]) {
-    let mut fields = json!({});
-    put_problems(&mut fields, problems);
-    say("problems", fields);
-}
-
-/// Prints one event; `fields` is an object.
-pub(super) fn say(event: &str, fields: Json) {
-    let mut line = serde_json::Map::new();
-    line.insert("event".into(), event.into());
-    if let Json::Object(fields) = fields {
-        line.extend(fields);
-    }
-    print_as_it_is(&escaped(&format!("{}\n", Json::Object(line))));
+    })
 }
 
 impl Observer for Events {
     fn started(&self, node: &str) {
         if !self.cancel.is_cancelled() {
-            say("started", json!({ "node": node }));
+            self.listener.tell("started", json!({ "node": node }));
         }
     }
 
@@ -118,13 +137,14 @@ impl Observer for Events {
         }
         told.insert(node.to_owned(), now);
         drop(told);
-        say("progress", json!({ "node": node, "share": share }));
+        self.listener.tell("progress", json!({ "node": node, "share": share }));
     }
 
     fn finished(&self, node: &str, state: State, seconds: f64) {
         if !self.cancel.is_cancelled() {
             let state = state.word();
-            say("finished", json!({ "node": node, "state": state, "seconds": seconds }));
+            self.listener
+                .tell("finished", json!({ "node": node, "state": state, "seconds": seconds }));
         }
     }
 }

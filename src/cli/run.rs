@@ -9,7 +9,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::caching::{self, CacheOptions};
-use super::events::{self, Ending, Events};
+use super::events::{Ending, Events, Listener};
 use super::inputs::InputOptions;
 use super::profile;
 use super::progress::Progress;
@@ -64,7 +64,7 @@ impl Run {
         let start = Instant::now();
         let cancel = CancelToken::default();
         interrupt::cancels(&cancel);
-        let events = self.events.then(|| Events::new(cancel.clone()));
+        let events = self.events.then(|| Events::new(Listener::of_stdout(), cancel.clone()));
         let checked = self.options.load(&self.graph, catalog);
         let reading_graph = start.elapsed().as_secs_f64();
         let mut problems = checked.problems;
@@ -144,9 +144,10 @@ impl Run {
         let traces = &trace.0;
         let seconds = start.elapsed().as_secs_f64();
         if self.events {
-            events::problems(problems);
+            let listener = Listener::of_stdout();
+            listener.tell_problems(problems);
             let trace = produced.map(|_| &trace);
-            return events::end(&Ending { run: 1, trace, written, problems, seconds });
+            return listener.tell_end(&Ending { run: 1, trace, written, problems, seconds });
         }
         if self.json {
             let outputs = written.iter().map(Written::to_json);

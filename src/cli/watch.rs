@@ -6,19 +6,22 @@
 use std::iter;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{Sender, channel};
 
 use clap::Args;
+use serde_json::json;
 
 use super::caching::CacheOptions;
+use super::events::Listener;
 use super::inputs::InputOptions;
 use super::terminal::{Input, Screen};
-use super::{Exit, GraphOptions, interrupt, print, report};
+use super::{Exit, GraphOptions, eprint, interrupt, print, report};
 use crate::catalog::Catalog;
 use crate::error::{Problem, code};
 use crate::eval::named_in;
 use crate::format::camera;
 use crate::graph::ReadFile;
+use crate::page::{Page, Views};
 use crate::paths::{MARKER, project_root};
 use crate::session::OutputFolder;
 use crate::watch::{Event, Sources, WatchList, Wish};
@@ -31,7 +34,7 @@ mod worker;
 
 use on_done::{Ended, OnDone};
 use session::Session;
-use view::{Lines, Program, Terminal, View};
+use view::{Lines, Program, Terminal, View, WithPage};
 use worker::{Report, Wishes, Worker};
 
 #[derive(Args)]
@@ -69,12 +72,18 @@ pub(super) struct Watch {
     /// Print what happens as it happens, one JSON object a line.
     #[arg(long)]
     events: bool,
+    /// Serve a live page of the graph to browsers on this machine, and print its link. The link is for your eyes: who has it sees
+    /// the graph.
+    #[arg(long, conflicts_with_all = ["once", "list"])]
+    preview: bool,
 }
 
 /// What the listening thread hears.
 enum Message {
     Files(Event),
     Input(Input),
+    /// Somebody looks at these values on the live page.
+    Views(Views),
     /// An evaluation ended.
     Evaluated(Report),
     /// The user's command ended.
@@ -99,8 +108,16 @@ impl Watch {
         let quiet = terminal.is_some();
         let view: Box<dyn View> = match terminal {
             Some(terminal) => Box::new(terminal),
-            None if self.events => Box::new(Program),
+            None if self.events => Box::new(Program(Listener::of_stdout())),
             None => Box::new(Lines::default()),
+        };
+        let view = match self.preview.then(|| self.open_page(&sender)) {
+            None => view,
+            Some(Ok(page)) => {
+                self.tell_link(&page.link());
+                Box::new(WithPage::new(page, catalog.clone(), view))
+            }
+            Some(Err(why)) => return Exit::Usage(format!("there can be no live page: {why}")),
         };
         let done = sender.clone();
         let session = match self.cache.session(self.threads, catalog) {
@@ -119,6 +136,19 @@ impl Watch {
         let on_done = self.on_done.clone();
         let on_done = on_done.map(|command| OnDone::new(command, folder, quiet));
         Session::new(self, catalog, sources, worker, view, on_done, sender).run(&receiver)
+    }
+
+    fn open_page(&self, sender: &Sender<Message>) -> std::io::Result<Page> {
+        let sender = sender.clone();
+        Page::open(&self.graph, move |views| drop(sender.send(Message::Views(views))))
+    }
+
+    fn tell_link(&self, link: &str) {
+        if self.events {
+            Listener::of_stdout().tell("page", json!({ "link": link }));
+        } else {
+            eprint(&format!("live page: {link}\n"));
+        }
     }
 
     fn print_list(&self, catalog: &Catalog) -> Exit {

@@ -4,7 +4,7 @@
 
 use std::fmt::Write;
 
-use super::layout::{End, Layout, Link, Node, Slot, layout};
+use super::layout::{End, Layout, Link, Node, layout};
 use super::{Block, Drawing};
 
 /// Width of a character of the fonts below, in their sizes: 0.602 in most, less in some.
@@ -47,6 +47,11 @@ struct Measure {
 impl Drawing {
     /// The graph as an SVG picture.
     pub(crate) fn to_svg(&self) -> String {
+        self.placed().draw()
+    }
+
+    /// The graph with places for all that is drawn of it.
+    pub(super) fn placed(&self) -> Picture<'_> {
         let measures: Vec<Measure> = (0..self.boxes.len()).map(|k| self.measure(k)).collect();
         let node = |(block, measure): (&Block, &Measure)| Node {
             height: measure.height,
@@ -56,7 +61,7 @@ impl Drawing {
         let end = |[node, port]: [usize; 2]| End { node, port, below: self.port_below(node, port) };
         let link = |wire: &super::Wire| Link { from: end(wire.from), to: end(wire.to) };
         let links: Vec<Link> = self.wires.iter().map(link).collect();
-        Picture { drawing: self, layout: layout(&nodes, &links), measures }.draw()
+        Picture { drawing: self, layout: layout(&nodes, &links), measures }
     }
 
     fn measure(&self, index: usize) -> Measure {
@@ -83,7 +88,7 @@ impl Drawing {
     }
 
     /// How far below its box's top a port is.
-    fn port_below(&self, node: usize, port: usize) -> f64 {
+    pub(super) fn port_below(&self, node: usize, port: usize) -> f64 {
         match self.boxes[node].node {
             Some(_) => HEADER + ROW * (port as f64 + 0.5),
             None => FILE_HEIGHT / 2.0,
@@ -111,8 +116,8 @@ struct Style<'a> {
 }
 
 /// A drawing with places.
-struct Picture<'a> {
-    drawing: &'a Drawing,
+pub(super) struct Picture<'a> {
+    pub(super) drawing: &'a Drawing,
     layout: Layout,
     measures: Vec<Measure>,
 }
@@ -120,27 +125,25 @@ struct Picture<'a> {
 impl Picture<'_> {
     fn draw(&self) -> String {
         let columns = self.columns();
-        let right = columns.last().map_or(0.0, |[_, right]| *right);
+        let [right, bottom] = self.size(&columns);
         let legend = self.drawing.packs.iter().map(|pack| label_width(&pack.name) + 14.0);
-        let (width, height) = (
-            (right.max(MARGIN + legend.sum::<f64>()) + MARGIN).ceil(),
-            (self.layout.height + 2.0 * MARGIN + LEGEND).ceil(),
-        );
+        let (width, height) =
+            (right.max(2.0 * MARGIN + legend.sum::<f64>()).ceil(), (bottom + LEGEND).ceil());
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\" role=\"img\" font-family=\"{FONTS}\">\n"
         );
         let _ = writeln!(svg, "<title>{}</title>", escaped(&self.drawing.doc));
         self.links(&columns, &mut svg);
-        for (index, slot) in self.layout.slots[..self.drawing.boxes.len()].iter().enumerate() {
-            self.block(index, slot, columns[slot.column][0], &mut svg);
+        for index in 0..self.drawing.boxes.len() {
+            self.block(index, self.place(index, &columns), &mut svg);
         }
-        self.legend(self.layout.height + 2.0 * MARGIN, &mut svg);
+        self.legend(bottom, &mut svg);
         svg + "</svg>\n"
     }
 
     /// The left and the right end of each column, types on the links included.
-    fn columns(&self) -> Vec<[f64; 2]> {
+    pub(super) fn columns(&self) -> Vec<[f64; 2]> {
         let mut widths = vec![0f64; self.layout.columns];
         for (slot, measure) in self.layout.slots.iter().zip(&self.measures) {
             widths[slot.column] = widths[slot.column].max(measure.width + measure.label);
@@ -154,33 +157,53 @@ impl Picture<'_> {
         widths.into_iter().map(column).collect()
     }
 
-    /// The links: curves between columns, straight through passages and to the right of narrow boxes.
-    fn links(&self, columns: &[[f64; 2]], svg: &mut String) {
-        for segment in &self.layout.segments {
+    /// The links, each by the box that it comes from and its path: curves between columns, straight through passages and to the right
+    /// of narrow boxes.
+    pub(super) fn paths(&self, columns: &[[f64; 2]]) -> impl Iterator<Item = (usize, String)> {
+        self.layout.segments.iter().map(|segment| {
             let [from, to] = [segment.from, segment.to].map(|slot| &self.layout.slots[slot]);
             let [y, end] = self.layout.ends(segment).map(|y| y + MARGIN);
             let [left, right] = columns[from.column];
             let begin = from.node.map_or(left, |node| left + self.measures[node].width);
             let next = columns[to.column][0];
             let middle = (right + next) / 2.0;
-            let pack = self.drawing.boxes[segment.source[0]].node.as_ref().map(|node| node.pack);
+            let path = format!(
+                "M{begin:.1} {y:.1}H{right:.1}C{middle:.1} {y:.1} {middle:.1} {end:.1} {next:.1} {end:.1}"
+            );
+            (segment.source[0], path)
+        })
+    }
+
+    fn links(&self, columns: &[[f64; 2]], svg: &mut String) {
+        for (from, path) in self.paths(columns) {
+            let pack = self.drawing.boxes[from].node.as_ref().map(|node| node.pack);
             let _ = writeln!(
                 svg,
-                "<path d=\"M{begin:.1} {y:.1}H{right:.1}C{middle:.1} {y:.1} {middle:.1} {end:.1} {next:.1} {end:.1}\" \
-                 fill=\"none\" stroke=\"{}\" stroke-width=\"1.6\"/>",
+                "<path d=\"{path}\" fill=\"none\" stroke=\"{}\" stroke-width=\"1.6\"/>",
                 self.color(pack)
             );
         }
     }
 
-    fn color(&self, pack: Option<usize>) -> &'static str {
+    /// Left, top, width and height of a box.
+    pub(super) fn place(&self, index: usize, columns: &[[f64; 2]]) -> [f64; 4] {
+        let (slot, measure) = (&self.layout.slots[index], &self.measures[index]);
+        [columns[slot.column][0], slot.top + MARGIN, measure.width, measure.height]
+    }
+
+    /// Width and height of all boxes and links.
+    pub(super) fn size(&self, columns: &[[f64; 2]]) -> [f64; 2] {
+        let right = columns.last().map_or(0.0, |[_, right]| *right);
+        [right + MARGIN, self.layout.height + 2.0 * MARGIN]
+    }
+
+    pub(super) fn color(&self, pack: Option<usize>) -> &'static str {
         let pack = pack.and_then(|pack| self.drawing.packs.get(pack));
         pack.map_or("#767676", |pack| color(pack.place))
     }
 
-    fn block(&self, index: usize, slot: &Slot, x: f64, svg: &mut String) {
-        let (block, measure) = (&self.drawing.boxes[index], &self.measures[index]);
-        let (y, width, height) = (slot.top + MARGIN, measure.width, measure.height);
+    fn block(&self, index: usize, place: [f64; 4], svg: &mut String) {
+        let (block, [x, y, width, height]) = (&self.drawing.boxes[index], place);
         let Some(node) = &block.node else {
             rectangle([x, y, width, height], 12.0, "fill=\"#f3f3f3\" stroke=\"#767676\"", svg);
             let at = [x + PADDING, y + height / 2.0 + 3.6];

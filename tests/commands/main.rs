@@ -5,6 +5,7 @@ mod command_line;
 mod doctor;
 mod faults;
 mod nothing_is_lost;
+mod preview;
 mod reuse;
 mod sequences;
 mod sheet;

@@ -20,6 +20,7 @@ use crate::cli::{Exit, stdout_is_closed};
 use crate::error::{Problem, Severity, code};
 use crate::graph::{Checked, Graph, ReadFile};
 use crate::node::CancelToken;
+use crate::page::Views;
 use crate::watch::{Batch, Contents, Event, Sources};
 use crate::writing::is_writable;
 
@@ -55,6 +56,10 @@ pub(super) struct Session<'a> {
     wanted: Option<Vec<PathBuf>>,
     /// The run under way.
     running: Option<Running>,
+    /// What somebody looks at on the live page.
+    views: Views,
+    /// Whether values for them have to be found.
+    look: bool,
     /// How many runs there have been.
     runs: usize,
     /// Whether the last run had errors.
@@ -109,6 +114,8 @@ impl<'a> Session<'a> {
             recompute: false,
             wanted: None,
             running: None,
+            views: Views::new(),
+            look: false,
             runs: 0,
             failed: false,
             unwritten: None,
@@ -179,6 +186,10 @@ impl<'a> Session<'a> {
             Message::Input(Input::Key('p')) => self.view.toggle_profile(),
             Message::Input(Input::Resized) => self.view.resized(),
             Message::Input(_) | Message::Files(_) => {}
+            Message::Views(views) => {
+                self.look = !views.is_empty();
+                self.views = views;
+            }
             Message::Evaluated(report) => self.evaluated(report),
             Message::CommandEnded(ended) => {
                 if let Some(why) = ended.failure() {
@@ -261,6 +272,7 @@ impl<'a> Session<'a> {
         }
         self.check = match graph {
             Some(graph) => {
+                self.view.graph(&graph);
                 self.view.checked(self.runs + 1, &problems);
                 Check::Good { graph: Arc::new(graph), problems }
             }
@@ -331,25 +343,39 @@ impl<'a> Session<'a> {
         if self.running.is_some() || self.batch.due().is_some() {
             return;
         }
-        let Some(changed) = self.wanted.take() else { return };
-        self.runs += 1;
-        self.view.begin(self.runs, &changed);
+        let changed = self.wanted.take();
+        let outputs = changed.is_some();
+        if let Some(changed) = changed {
+            self.runs += 1;
+            self.view.begin(self.runs, &changed);
+        } else if !self.look {
+            return;
+        }
+        self.look = false;
         let (graph, problems, cancel) = (graph.clone(), problems.clone(), CancelToken::default());
         self.running = Some(Running { graph: graph.clone(), cancel: cancel.clone() });
-        let recompute = std::mem::take(&mut self.recompute);
-        self.worker.start(Job { run: self.runs, graph, problems, cancel, recompute });
+        let recompute = outputs && std::mem::take(&mut self.recompute);
+        let (run, views) = (self.runs, self.views.clone());
+        self.worker.start(Job { run, graph, problems, cancel, recompute, outputs, views });
     }
 
     fn evaluated(&mut self, report: Report) {
         self.running = None;
         if report.cancelled {
-            return self.view.cancelled(report.run);
+            self.look = !self.views.is_empty();
+            return if report.outputs {
+                self.view.cancelled(report.run)
+            };
+        }
+        self.view.values(report.run, &report.values);
+        if !report.outputs {
+            return;
         }
         let failed = report.problems.iter().any(|problem| problem.severity == Severity::Error);
         // If it can be written to, something else was wrong, and would be again.
         let folder = report.unwritten.clone().filter(|folder| !is_writable(folder));
         self.unwritten = folder.map(|folder| (folder, Instant::now() + RETRY));
-        self.view.end(report);
+        self.view.end(&report);
         if !failed && !self.command.once {
             self.run_command();
         }

@@ -9,12 +9,16 @@ use serde_json::json;
 
 use super::block::Block;
 use super::worker::{Observe, Report};
-use crate::cli::events::{self, Ending, Events};
+use crate::catalog::Catalog;
+use crate::cli::events::{Ending, Events, Listener};
 use crate::cli::run::counts;
 use crate::cli::terminal::{Input, Screen};
 use crate::cli::{counted, eprint, print, print_as_it_is, report, shows_color};
 use crate::error::{Problem, Severity};
 use crate::eval::{Observer, State};
+use crate::graph::Graph;
+use crate::page::{Page, Viewed};
+use crate::value::AnyValue;
 
 /// Tells the user, or a program, how the watch goes.
 pub(super) trait View {
@@ -29,6 +33,9 @@ pub(super) trait View {
     /// A run begins.
     fn begin(&mut self, run: usize, changed: &[PathBuf]);
 
+    /// The graph can be evaluated, and will be.
+    fn graph(&mut self, _: &Graph) {}
+
     /// The graph was checked. If there are errors no node is run.
     fn checked(&mut self, run: usize, problems: &[Problem]);
 
@@ -39,7 +46,10 @@ pub(super) trait View {
     fn cancelled(&mut self, run: usize);
 
     /// A run is over.
-    fn end(&mut self, report: Report);
+    fn end(&mut self, report: &Report);
+
+    /// Values that somebody looks at.
+    fn values(&mut self, _run: usize, _: &[(Viewed, AnyValue)]) {}
 
     /// The user's command failed.
     fn command_failed(&mut self, why: &str) {
@@ -56,39 +66,140 @@ pub(super) trait View {
     fn toggle_profile(&mut self) {}
 }
 
-/// One JSON object a line.
-pub(super) struct Program;
+/// Events, for a program or the live page.
+pub(super) struct Program(pub(super) Listener);
 
 impl View for Program {
     fn observe(&self) -> Observe {
-        Box::new(|cancel| Box::new(Events::new(cancel.clone())))
+        let listener = self.0.clone();
+        Box::new(move |cancel| Box::new(Events::new(listener.clone(), cancel.clone())))
     }
 
     fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
-        events::say("watching", json!({ "files": files, "polled": polled }));
+        self.0.tell("watching", json!({ "files": files, "polled": polled }));
     }
 
     fn begin(&mut self, run: usize, changed: &[PathBuf]) {
-        events::say("run", json!({ "run": run, "changed": changed }));
+        self.0.tell("run", json!({ "run": run, "changed": changed }));
     }
 
     fn checked(&mut self, _: usize, problems: &[Problem]) {
-        events::problems(problems);
+        self.0.tell_problems(problems);
     }
 
     fn end_broken(&mut self, run: usize, problems: &[Problem]) {
-        events::end(&Ending { run, trace: None, written: &[], problems, seconds: 0.0 });
+        self.0.tell_end(&Ending { run, trace: None, written: &[], problems, seconds: 0.0 });
     }
 
     fn cancelled(&mut self, run: usize) {
-        events::say("cancelled", json!({ "run": run }));
+        self.0.tell("cancelled", json!({ "run": run }));
     }
 
-    fn end(&mut self, report: Report) {
-        let Report { run, trace, problems, written, seconds, .. } = &report;
-        events::problems(problems);
+    fn end(&mut self, report: &Report) {
+        let Report { run, trace, problems, written, seconds, .. } = report;
+        self.0.tell_problems(problems);
         let (trace, seconds) = (Some(trace), *seconds);
-        events::end(&Ending { run: *run, trace, written, problems, seconds });
+        self.0.tell_end(&Ending { run: *run, trace, written, problems, seconds });
+    }
+
+    /// What is heard besides is not for programs.
+    fn command_failed(&mut self, _: &str) {}
+}
+
+/// The live page beside another view.
+pub(super) struct WithPage {
+    page: Page,
+    program: Program,
+    catalog: Arc<Catalog>,
+    other: Box<dyn View>,
+}
+
+impl WithPage {
+    pub(super) fn new(page: Page, catalog: Arc<Catalog>, other: Box<dyn View>) -> Self {
+        let program = Program(Listener::new(page.teller()));
+        Self { page, program, catalog, other }
+    }
+}
+
+impl View for WithPage {
+    fn observe(&self) -> Observe {
+        let (page, other) = (self.program.observe(), self.other.observe());
+        Box::new(move |cancel| Box::new(Both(page(cancel), other(cancel))))
+    }
+
+    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
+        self.program.watching(files, polled);
+        self.other.watching(files, polled);
+    }
+
+    fn begin(&mut self, run: usize, changed: &[PathBuf]) {
+        self.program.begin(run, changed);
+        self.other.begin(run, changed);
+    }
+
+    fn graph(&mut self, graph: &Graph) {
+        self.page.show(graph, &self.catalog);
+        self.other.graph(graph);
+    }
+
+    fn checked(&mut self, run: usize, problems: &[Problem]) {
+        self.program.checked(run, problems);
+        self.other.checked(run, problems);
+    }
+
+    fn end_broken(&mut self, run: usize, problems: &[Problem]) {
+        self.program.end_broken(run, problems);
+        self.other.end_broken(run, problems);
+    }
+
+    fn cancelled(&mut self, run: usize) {
+        self.program.cancelled(run);
+        self.other.cancelled(run);
+    }
+
+    fn end(&mut self, report: &Report) {
+        self.program.end(report);
+        self.other.end(report);
+    }
+
+    fn values(&mut self, run: usize, values: &[(Viewed, AnyValue)]) {
+        self.page.show_values(run, values);
+    }
+
+    fn command_failed(&mut self, why: &str) {
+        self.other.command_failed(why);
+    }
+
+    fn refresh(&mut self) {
+        self.other.refresh();
+    }
+
+    fn resized(&mut self) {
+        self.other.resized();
+    }
+
+    fn toggle_profile(&mut self) {
+        self.other.toggle_profile();
+    }
+}
+
+/// Two that follow one evaluation.
+struct Both(Box<dyn Observer>, Box<dyn Observer>);
+
+impl Observer for Both {
+    fn started(&self, node: &str) {
+        self.0.started(node);
+        self.1.started(node);
+    }
+
+    fn progress(&self, node: &str, share: f64) {
+        self.0.progress(node, share);
+        self.1.progress(node, share);
+    }
+
+    fn finished(&self, node: &str, state: State, seconds: f64) {
+        self.0.finished(node, state, seconds);
+        self.1.finished(node, state, seconds);
     }
 }
 
@@ -140,8 +251,8 @@ impl View for Lines {
 
     fn cancelled(&mut self, _: usize) {}
 
-    fn end(&mut self, done: Report) {
-        let (news, known) = self.news(done.problems);
+    fn end(&mut self, done: &Report) {
+        let (news, known) = self.news(done.problems.clone());
         report(&news);
         let written = done.written.iter().filter(|file| !file.unchanged).count();
         let (counts, seconds) = (counts(&done.trace), done.seconds);
@@ -241,16 +352,16 @@ impl View for Terminal {
         self.began = None;
     }
 
-    fn end(&mut self, mut report: Report) {
+    fn end(&mut self, report: &Report) {
         self.began = None;
         self.block.running = false;
         self.block.command = None;
         self.block.run = report.run;
-        self.block.problems = std::mem::take(&mut report.problems);
+        self.block.problems = report.problems.clone();
         if !has_errors(&self.block.problems) {
             self.block.good = Some(report.run);
         }
-        self.block.report = Some(report);
+        self.block.report = Some(report.clone());
         self.draw();
     }
 

@@ -11,7 +11,9 @@ use crate::error::{Problem, Severity, code};
 use crate::eval::{Observer, RunTrace, in_words};
 use crate::graph::Graph;
 use crate::node::CancelToken;
-use crate::session::{OutputFolder, Session, Written};
+use crate::page::{Viewed, Views};
+use crate::session::{OutputFolder, Run, Session, Wanted, Written};
+use crate::value::AnyValue;
 
 /// Results of several runs are kept, so that a change that is taken back costs nothing; but no more than this many times what
 /// one run needs, so that a day of changes does not fill the memory.
@@ -29,9 +31,14 @@ pub(super) struct Job {
     pub(super) cancel: CancelToken,
     /// Whether to compute everything, whatever is known.
     pub(super) recompute: bool,
+    /// Whether outputs are made; otherwise nothing but what somebody looks at.
+    pub(super) outputs: bool,
+    /// What somebody looks at.
+    pub(super) views: Views,
 }
 
 /// What became of a job.
+#[derive(Clone)]
 pub(super) struct Report {
     pub(super) run: usize,
     /// It was stopped; the other fields mean nothing then.
@@ -42,6 +49,10 @@ pub(super) struct Report {
     /// The folder of the outputs, if a file could not be written.
     pub(super) unwritten: Option<PathBuf>,
     pub(super) seconds: f64,
+    /// What somebody looks at.
+    pub(super) values: Vec<(Viewed, AnyValue)>,
+    /// Whether outputs were made; otherwise all but the values means nothing.
+    pub(super) outputs: bool,
 }
 
 /// What every run of the watch is to make.
@@ -100,18 +111,24 @@ fn evaluate(job: &Job, session: &mut Session, wishes: &Wishes, observer: &dyn Ob
     let start = Instant::now();
     let folder = &wishes.folder;
     let mut problems = job.problems.clone();
+    let mut values = Vec::new();
     session.use_memory(session.memory());
     let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, warnings)| {
         problems.extend(warnings);
-        let produced = session.produce(&graph, &wishes.only, folder, observer, &job.cancel);
-        produced.map_err(|why| vec![graph.problem(code::UNKNOWN_LINK, why)])
+        let produced = match job.outputs {
+            true => Some(session.produce(&graph, &wishes.only, folder, observer, &job.cancel)),
+            false => None,
+        };
+        values = viewed(&graph, job, session, observer);
+        produced.transpose().map_err(|why| vec![graph.problem(code::UNKNOWN_LINK, why)])
     });
     let (trace, written, complete) = match produced {
-        Ok(produced) => {
+        Ok(Some(produced)) => {
             let trace = produced.trace();
             problems.extend(produced.problems);
             (trace, produced.written, produced.complete)
         }
+        Ok(None) => Default::default(),
         Err(wrong) => {
             problems.extend(wrong);
             (RunTrace::default(), Vec::new(), true)
@@ -123,7 +140,7 @@ fn evaluate(job: &Job, session: &mut Session, wishes: &Wishes, observer: &dyn Ob
         problems.push(Problem { severity: Severity::Warning, ..problem });
     }
     let cancelled = job.cancel.is_cancelled();
-    if !cancelled {
+    if !cancelled && job.outputs {
         let bytes: usize = trace.0.iter().map(|node| node.bytes).sum();
         session.use_memory(bytes.saturating_mul(RUNS_KEPT).max(KEPT).min(session.memory()));
     }
@@ -135,7 +152,28 @@ fn evaluate(job: &Job, session: &mut Session, wishes: &Wishes, observer: &dyn Ob
         written,
         unwritten: (!complete).then(|| folder.path().to_owned()),
         seconds: start.elapsed().as_secs_f64(),
+        values,
+        outputs: job.outputs,
     }
+}
+
+/// The values that somebody looks at, as far as there are such. What the outputs needed, too, is known already.
+fn viewed(
+    graph: &Graph,
+    job: &Job,
+    session: &mut Session,
+    observer: &dyn Observer,
+) -> Vec<(Viewed, AnyValue)> {
+    let is_there = |viewed: &&Viewed| !graph.nodes_of(&viewed.node).is_empty();
+    let there = Vec::from_iter(job.views.iter().filter(is_there));
+    if there.is_empty() || job.cancel.is_cancelled() {
+        return Vec::new();
+    }
+    let wanted = Wanted::Nodes(there.iter().map(|viewed| viewed.node.clone()).collect());
+    let run = Run { wanted, observer, cancel: job.cancel.clone(), ..Run::default() };
+    let Ok(finished) = session.run(graph, &run) else { return Vec::new() };
+    let value = |viewed: &Viewed| finished.value_of(&viewed.node, &viewed.output).cloned();
+    there.into_iter().filter_map(|viewed| Some((viewed.clone(), value(viewed)?))).collect()
 }
 
 /// The report of a run that a fault of the engine ended.
@@ -152,6 +190,8 @@ fn panicked(job: &Job, words: &str) -> Report {
         written: Vec::new(),
         unwritten: None,
         seconds: 0.0,
+        values: Vec::new(),
+        outputs: job.outputs,
     }
 }
 
@@ -186,7 +226,8 @@ mod tests {
         let worker = Worker::new(session, wishes, observe, sink);
         let messages = [1, 2].map(|run| {
             let (graph, problems, cancel) = (graph.clone(), Vec::new(), CancelToken::default());
-            worker.start(Job { run, graph, problems, cancel, recompute: false });
+            let (recompute, outputs, views) = (false, true, Views::new());
+            worker.start(Job { run, graph, problems, cancel, recompute, outputs, views });
             let report: Report = reports.recv().unwrap();
             Vec::from_iter(report.problems.into_iter().map(|problem| problem.message))
         });

@@ -1,0 +1,98 @@
+// The graph as a picture: boxes for nodes and files, links between them, and the state of each node.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** The heights of a box's head and of one letter above the line. */
+const [HEAD, BASE] = [38, 4];
+
+function shape(name, attributes = {}, text = "") {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.textContent = text;
+  return made;
+}
+
+export class Graph {
+  /**
+   * @param {HTMLElement} place where the graph is drawn
+   * @param {(name: string) => void} choose is called with the node that somebody chooses
+   */
+  constructor(place, choose) {
+    this.place = place;
+    this.tell = choose;
+    this.boxes = new Map();
+    this.parts = new Map();
+  }
+
+  /** What is known of a box. */
+  box(name) {
+    return this.boxes.get(name);
+  }
+
+  /** Draws the graph of a message. */
+  draw(message) {
+    const [width, height] = message.size;
+    const picture = shape("svg", { width, height, viewBox: `0 0 ${width} ${height}` });
+    picture.setAttribute("aria-label", message.doc || "graph");
+    const color = (pack) => message.packs[pack]?.color ?? "#767676";
+    for (const link of message.links) {
+      const pack = message.boxes[link.from].pack;
+      picture.append(shape("path", { class: "link", d: link.path, stroke: color(pack) }));
+    }
+    this.boxes.clear();
+    this.parts.clear();
+    for (const box of message.boxes) {
+      const part = this.#part(box, color(box.pack));
+      this.boxes.set(box.name, box);
+      this.parts.set(box.name, part);
+      picture.append(part);
+    }
+    this.place.replaceChildren(picture);
+  }
+
+  #part(box, color) {
+    const [x, y, width, height] = box.place;
+    const part = shape("g", { class: "node", tabindex: 0, role: "button", "aria-label": `${box.name}, ${box.node ?? "file"}` });
+    part.append(shape("rect", { class: "body", x, y, width, height, rx: 5 }));
+    if (box.node === null) {
+      part.append(shape("text", { x: x + 10, y: y + height / 2 + BASE }, box.name));
+    } else {
+      part.append(shape("rect", { x, y, width: 5, height, rx: 2, fill: color }));
+      part.append(shape("text", { class: "name", x: x + 11, y: y + 16 }, box.name));
+      part.append(shape("text", { class: "kind", x: x + 11, y: y + 30 }, box.node));
+      part.append(shape("circle", { class: "state", cx: x + width - 10, cy: y + 11, r: 4.5 }));
+      part.append(shape("text", { class: "time", x: x + width - 2, y: y + height + 11, "text-anchor": "end" }));
+      part.append(shape("line", { x1: x + 5, y1: y + HEAD - 2, x2: x + width, y2: y + HEAD - 2, stroke: color, "stroke-opacity": 0.4 }));
+    }
+    for (const port of box.inputs) {
+      part.append(shape("circle", { cx: x, cy: port.y, r: 3.4, fill: color }));
+      part.append(shape("text", { class: "port", x: x + 10, y: port.y + BASE }, port.name));
+    }
+    for (const port of box.outputs) {
+      part.append(shape("circle", { cx: x + width, cy: port.y, r: 3.4, fill: color }));
+      part.append(shape("text", { class: "port", x: x + width - 10, y: port.y + BASE, "text-anchor": "end" }, port.name));
+    }
+    const choose = () => this.tell(box.name);
+    part.addEventListener("click", choose);
+    part.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter" && event.key !== " ") return;
+      event.preventDefault();
+      choose();
+    });
+    return part;
+  }
+
+  /** Shows the state of a node and how long it took. */
+  mark(name, { state, seconds }) {
+    const part = this.parts.get(name);
+    if (part === undefined) return;
+    part.setAttribute("data-state", state);
+    const time = part.querySelector(".time");
+    if (time !== null) time.textContent = seconds > 0 ? `${(1000 * seconds).toFixed(seconds < 0.01 ? 1 : 0)} ms` : "";
+  }
+
+  /** Marks the chosen node. */
+  choose(name) {
+    for (const [other, part] of this.parts) part.setAttribute("aria-current", String(other === name));
+  }
+}

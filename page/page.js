@@ -1,0 +1,129 @@
+// The live page: keeps what the watch says, and shows it.
+
+import { Graph } from "/graph.js";
+import { connect } from "/socket.js";
+import { Viewer } from "/viewer.js";
+
+const by = (id) => document.getElementById(id);
+
+/** A new element with a text and attributes. */
+function element(name, text = "", attributes = {}) {
+  const made = document.createElement(name);
+  made.textContent = text;
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+}
+
+const viewer = new Viewer(by("viewer"), (views) => connection.send({ ask: "views", views }));
+const graph = new Graph(by("graph"), (node) => showNode(node));
+
+/** What is known of nodes: by name what `done` and `finished` say. */
+const nodes = new Map();
+let chosen = null;
+
+const hear = {
+  hello(message) {
+    const file = message.graph.split(/[\\/]/).at(-1);
+    document.title = `${file} - maquette`;
+    by("title").textContent = file;
+    by("title").title = `${message.graph}, ${message.program}`;
+  },
+  graph(message) {
+    graph.draw(message);
+    for (const [name, node] of nodes) graph.mark(name, node);
+    showNode(chosen);
+  },
+  run(message) {
+    showRun("running ...", "running");
+    viewer.at(message.run);
+  },
+  value(message) {
+    viewer.hear(message);
+  },
+  started(message) {
+    note(message.node, { state: "started" });
+  },
+  progress(message) {
+    showRun(`running ${message.node}, ${Math.round(100 * message.share)} %`, "running");
+  },
+  finished(message) {
+    note(message.node, message);
+  },
+  problems(message) {
+    showProblems(message.problems, message.more_problems ?? 0);
+  },
+  done(message) {
+    for (const node of message.nodes) note(node.name, node);
+    const counts = ["computed", "cached", "failed", "skipped"];
+    const said = counts.filter((state) => message[state]).map((state) => `${message[state]} ${state}`);
+    viewer.at(message.run);
+    const took = `${message.seconds.toFixed(2)} s`;
+    showRun(message.ok ? `${said.join(", ")}; ${took}` : "errors: the outputs stay as they are", message.ok ? "good" : "failed");
+  },
+};
+
+function note(name, node) {
+  nodes.set(name, node);
+  graph.mark(name, node);
+  if (name === chosen) showNode(name);
+}
+
+function showRun(text, state) {
+  by("run").textContent = text;
+  by("run").dataset.state = state;
+}
+
+function showProblems(problems, more) {
+  const items = problems.map((problem) => {
+    const item = element("li", "", { "data-severity": problem.severity });
+    item.append(element("b", `${problem.severity}: ${problem.message}`));
+    item.append(element("span", `${problem.file}:${problem.line}:${problem.column}  ${problem.code}`, { class: "place" }));
+    if (problem.help) item.append(element("span", problem.help, { class: "help" }));
+    return item;
+  });
+  if (more > 0) items.push(element("li", `and ${more} more`));
+  if (items.length === 0) items.push(element("li", "none"));
+  by("problems").replaceChildren(...items);
+}
+
+function showNode(name) {
+  chosen = name;
+  graph.choose(name);
+  const box = name === null ? undefined : graph.box(name);
+  if (!box) {
+    by("node").replaceChildren(element("p", "Choose a node in the graph."));
+    return;
+  }
+  const known = nodes.get(name) ?? {};
+  const rows = [
+    ["name", name],
+    ["type", box.node ?? "a file"],
+    ["state", known.state ?? "not run yet"],
+    ["time", known.seconds === undefined ? "" : `${(1000 * known.seconds).toFixed(1)} ms`],
+    ["takes", box.inputs.map((port) => port.name).join(", ")],
+    ["gives", box.outputs.map((port) => `${port.name}: ${port.type}`).join(", ")],
+  ];
+  const table = element("table");
+  for (const [label, value] of rows.filter(([, value]) => value)) {
+    const row = element("tr");
+    row.append(element("th", label, { scope: "row" }), element("td", value));
+    table.append(row);
+  }
+  by("node").replaceChildren(table);
+  viewer.show(name, box.outputs);
+}
+
+document.addEventListener("keydown", (event) => {
+  const isTyping = event.target instanceof HTMLInputElement;
+  if (event.key === "?" && !isTyping && !by("help").open) by("help").showModal();
+});
+
+showNode(null);
+const connection = connect(
+  (message) => hear[message.event]?.(message),
+  (state, text) => {
+    by("link").textContent = text;
+    by("link").dataset.state = state;
+    if (state === "live") viewer.askAgain();
+  },
+);

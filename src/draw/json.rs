@@ -1,0 +1,46 @@
+//! A drawing as data, for viewers that draw it themselves.
+
+use serde_json::{Value as Json, json};
+
+use super::svg::Picture;
+use super::{Block, Drawing};
+
+impl Drawing {
+    /// Boxes with their places and ports, links as paths of SVG, and the packs with their colors. Places are in pixels from the upper left
+    /// corner.
+    pub(crate) fn to_json(&self) -> Json {
+        let picture = self.placed();
+        let columns = picture.columns();
+        let block = |(index, block): (usize, &Block)| {
+            let place = picture.place(index, &columns);
+            boxed(&picture, index, block, place)
+        };
+        let link = |(from, path)| json!({ "from": from, "path": path });
+        let pack = |(index, pack): (usize, &super::Pack)| json!({ "name": pack.name, "color": picture.color(Some(index)) });
+        json!({
+            "doc": self.doc,
+            "size": picture.size(&columns),
+            "packs": Vec::from_iter(self.packs.iter().enumerate().map(pack)),
+            "boxes": Vec::from_iter(self.boxes.iter().enumerate().map(block)),
+            "links": Vec::from_iter(picture.paths(&columns).map(link)),
+        })
+    }
+}
+
+/// A box: a node, or an output file, which has no `node`.
+fn boxed(picture: &Picture<'_>, index: usize, block: &Block, place: [f64; 4]) -> Json {
+    let below = |port: usize| place[1] + picture.drawing.port_below(index, port);
+    let inputs = block.inputs.iter().enumerate();
+    let inputs = inputs.map(|(port, name)| json!({ "name": name, "y": below(port) }));
+    let outputs = block.outputs.iter().enumerate().map(
+        |(port, output)| json!({ "name": output.name, "type": output.kind, "y": below(port) }),
+    );
+    json!({
+        "name": block.name,
+        "node": block.node.as_ref().map(|node| &node.kind),
+        "pack": block.node.as_ref().map(|node| node.pack),
+        "place": place,
+        "inputs": Vec::from_iter(inputs),
+        "outputs": Vec::from_iter(outputs),
+    })
+}

@@ -1,0 +1,265 @@
+//! The live page of a watch: a server that this machine alone reaches, and what it tells the browsers that look at it.
+//!
+//! Whatever is told is one JSON object with its kind in `event`, as `maquette watch --events` prints them, and some more:
+//!
+//! | event | says |
+//! |---|---|
+//! | `hello` | the `program` and the file of the `graph`: first of all |
+//! | `graph` | `boxes` with their places and ports, `links`, `packs` and the `size` of the whole picture |
+//! | `value` | the value of the `output` of a `node` as of a `run`: its `type`, `hash`, `bytes`, `facts`, and whether it `lies` in space or is
+//! `flat` |
+//!
+//! A page says which values it shows, `{"ask": "views", "views": [{"node": .., "output": ..}]}`, and is told of them whenever they
+//! change. Pictures of them are at `/picture/HASH`: who was told the hash may see the value.
+//!
+//! Who connects is told all that is true at that moment first, so that a page which was opened late knows as much as one that was
+//! there from the start. A page that is too slow for what happens is told everything anew instead.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use serde::Deserialize;
+use serde_json::{Value as Json, json};
+use tokio::sync::broadcast;
+
+use crate::catalog::Catalog;
+use crate::draw::Drawing;
+use crate::graph::Graph;
+use crate::value::{AnyValue, Layer};
+
+mod server;
+
+/// Messages that a slow page may be behind before it is told everything anew.
+const BEHIND: usize = 1024;
+
+/// The live page, served until the program ends.
+pub(crate) struct Page {
+    shared: Arc<Shared>,
+}
+
+/// An output of a node that somebody looks at, or of a use of a graph.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+pub(crate) struct Viewed {
+    pub(crate) node: String,
+    pub(crate) output: String,
+}
+
+/// All that anybody looks at.
+pub(crate) type Views = BTreeSet<Viewed>;
+
+/// What the server and the watch both know.
+struct Shared {
+    address: SocketAddr,
+    /// What a browser has to know before it is told anything.
+    token: String,
+    feed: Mutex<Feed>,
+    news: broadcast::Sender<Arc<str>>,
+    /// What each page looks at, by the number of its socket.
+    looks: Mutex<BTreeMap<u64, Views>>,
+    /// Is told what all of them look at, when it changes.
+    views: Box<dyn Fn(Views) + Send + Sync>,
+    /// The last good values that pages look at.
+    values: Mutex<BTreeMap<Viewed, AnyValue>>,
+}
+
+/// What is true now, told in this order.
+#[derive(Default)]
+struct Feed {
+    hello: Option<Arc<str>>,
+    graph: Option<Arc<str>>,
+    problems: Option<Arc<str>>,
+    /// The end of the last run.
+    done: Option<Arc<str>>,
+    /// The beginning of the run under way.
+    run: Option<Arc<str>>,
+    /// The last that was said of each node in this run.
+    nodes: BTreeMap<String, Arc<str>>,
+    values: BTreeMap<Viewed, Arc<str>>,
+}
+
+impl Page {
+    /// Starts the server on a free port of this machine. `views` is told what the pages look at.
+    ///
+    /// # Errors
+    /// If no port can be listened on, or the system gives no random numbers.
+    pub(crate) fn open(
+        graph: &Path,
+        views: impl Fn(Views) + Send + Sync + 'static,
+    ) -> io::Result<Self> {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
+        let mut secret = [0; 16];
+        getrandom::fill(&mut secret).map_err(io::Error::other)?;
+        let shared = Arc::new(Shared {
+            address: listener.local_addr()?,
+            token: format!("{:032x}", u128::from_le_bytes(secret)),
+            feed: Mutex::default(),
+            news: broadcast::Sender::new(BEHIND),
+            looks: Mutex::default(),
+            views: Box::new(views),
+            values: Mutex::default(),
+        });
+        server::start(listener, shared.clone())?;
+        let program = concat!("maquette ", env!("CARGO_PKG_VERSION"));
+        shared.tell(&json!({ "event": "hello", "program": program, "graph": graph }));
+        Ok(Self { shared })
+    }
+
+    /// What opens the page in a browser. Who has it may see the graph: it is for the user alone.
+    pub(crate) fn link(&self) -> String {
+        format!("http://{}/#{}", self.shared.address, self.shared.token)
+    }
+
+    /// Shows a graph: where its boxes are, and what links them.
+    pub(crate) fn show(&self, graph: &Graph, catalog: &Catalog) {
+        let mut message = Drawing::new(graph, catalog).to_json();
+        message["event"] = "graph".into();
+        self.shared.tell(&message);
+    }
+
+    /// Values that pages look at, as of a run; those that are not among them stay as they were.
+    pub(crate) fn show_values(&self, run: usize, values: &[(Viewed, AnyValue)]) {
+        for (viewed, value) in values {
+            let facts: serde_json::Map<String, Json> = value.describe().0.into_iter().collect();
+            let layers = value.show();
+            let is_flat = |layer: &Layer| matches!(layer, Layer::Picture(_));
+            let message = json!({
+                "event": "value",
+                "node": viewed.node,
+                "output": viewed.output,
+                "run": run,
+                "type": value.kind().name,
+                "hash": value.hash().to_string(),
+                "bytes": value.size(),
+                "facts": facts,
+                "flat": layers.iter().any(is_flat),
+                "lies": layers.iter().any(|layer| !is_flat(layer)),
+            });
+            unpoisoned(&self.shared.values).insert(viewed.clone(), value.clone());
+            self.shared.tell(&message);
+        }
+    }
+
+    /// What tells all pages something, and those that come later as long as it is true.
+    pub(crate) fn teller(&self) -> impl Fn(&Json) + Send + Sync + 'static {
+        let shared = self.shared.clone();
+        move |message| shared.tell(message)
+    }
+}
+
+/// What a thread that panicked has left is whole: every change of it is one step.
+fn unpoisoned<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Shared {
+    /// A page looks at something else now; at nothing when it is gone.
+    fn look(&self, socket: u64, views: Views) {
+        let mut looks = unpoisoned(&self.looks);
+        let union =
+            |looks: &BTreeMap<u64, Views>| Views::from_iter(looks.values().flatten().cloned());
+        let before = union(&looks);
+        if views.is_empty() {
+            looks.remove(&socket);
+        } else {
+            looks.insert(socket, views);
+        }
+        let now = union(&looks);
+        drop(looks);
+        if now != before {
+            unpoisoned(&self.values).retain(|viewed, _| now.contains(viewed));
+            unpoisoned(&self.feed).values.retain(|viewed, _| now.contains(viewed));
+            (self.views)(now);
+        }
+    }
+
+    /// The value with this hash, if somebody looks at it.
+    fn value(&self, hash: &str) -> Option<AnyValue> {
+        let values = unpoisoned(&self.values);
+        values.values().find(|value| value.hash().to_string() == hash).cloned()
+    }
+
+    fn tell(&self, message: &Json) {
+        let text: Arc<str> = message.to_string().into();
+        let mut feed = unpoisoned(&self.feed);
+        feed.note(message, &text);
+        // Nobody looks: then nobody has to be told.
+        let _ = self.news.send(text);
+    }
+
+    /// All that is true, and what comes after it.
+    fn listen(&self) -> (Vec<Arc<str>>, broadcast::Receiver<Arc<str>>) {
+        let feed = unpoisoned(&self.feed);
+        (feed.all(), self.news.subscribe())
+    }
+}
+
+impl Feed {
+    fn note(&mut self, message: &Json, text: &Arc<str>) {
+        let text = || Some(text.clone());
+        match message["event"].as_str() {
+            Some("hello") => self.hello = text(),
+            Some("graph") => self.graph = text(),
+            Some("problems") => self.problems = text(),
+            Some("run") => {
+                self.run = text();
+                self.nodes.clear();
+            }
+            Some("done") => {
+                self.done = text();
+                self.run = None;
+                self.nodes.clear();
+            }
+            Some("cancelled") => {
+                self.run = None;
+                self.nodes.clear();
+            }
+            Some("value") => {
+                let viewed = Viewed::deserialize(message).ok();
+                self.values.extend(viewed.zip(text()));
+            }
+            Some("started" | "progress" | "finished") => {
+                let node = message["node"].as_str().unwrap_or_default();
+                self.nodes.extend(text().map(|text| (node.to_owned(), text)));
+            }
+            _ => {}
+        }
+    }
+
+    fn all(&self) -> Vec<Arc<str>> {
+        let once = [&self.hello, &self.graph, &self.problems, &self.done, &self.run];
+        let once = once.into_iter().flatten();
+        once.chain(self.nodes.values()).chain(self.values.values()).cloned().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_comes_late_is_told_what_is_true() {
+        let mut feed = Feed::default();
+        let mut note = |message: Json| {
+            feed.note(&message, &message.to_string().into());
+            Vec::from_iter(feed.all().iter().map(|text| {
+                let message: Json = serde_json::from_str(text).unwrap();
+                message["event"].as_str().unwrap().to_owned()
+            }))
+        };
+        note(json!({ "event": "problems", "problems": [] }));
+        note(json!({ "event": "graph" }));
+        assert_eq!(note(json!({ "event": "hello" })), ["hello", "graph", "problems"]);
+        note(json!({ "event": "run", "run": 1 }));
+        note(json!({ "event": "started", "node": "a" }));
+        note(json!({ "event": "finished", "node": "a" }));
+        let told = note(json!({ "event": "started", "node": "b" }));
+        assert_eq!(told, ["hello", "graph", "problems", "run", "finished", "started"]);
+        let told = note(json!({ "event": "done", "run": 1 }));
+        assert_eq!(told, ["hello", "graph", "problems", "done"]);
+        note(json!({ "event": "run", "run": 2 }));
+        assert_eq!(note(json!({ "event": "cancelled", "run": 2 })), told);
+    }
+}

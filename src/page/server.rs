@@ -1,0 +1,231 @@
+//! The server: the page's own files, and one socket for each page that is open.
+//!
+//! A program that shows a user's files to any browser that asks would show them to every site that the user visits. So it listens on this
+//! machine's own address alone; answers only requests that were made to that address by name, which a site that had its name
+//! rebound cannot; and opens a socket only to its own page, which knows the token of the link.
+
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use std::{io, thread};
+
+use axum::Router;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Path, Query, Request, State};
+use axum::http::{HeaderMap, HeaderName, StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use serde::Deserialize;
+use tokio::sync::broadcast::error::RecvError;
+
+use super::{Shared, Views};
+use crate::format::png;
+use crate::render::{View, render_layers};
+use crate::value::Layer;
+
+/// The files of the page: path, type, content.
+const FILES: [(&str, &str, &str); 7] = [
+    ("/", "text/html; charset=utf-8", include_str!("../../page/index.html")),
+    ("/icon.svg", "image/svg+xml", include_str!("../../page/icon.svg")),
+    ("/page.css", "text/css; charset=utf-8", include_str!("../../page/page.css")),
+    ("/page.js", SCRIPT, include_str!("../../page/page.js")),
+    ("/graph.js", SCRIPT, include_str!("../../page/graph.js")),
+    ("/viewer.js", SCRIPT, include_str!("../../page/viewer.js")),
+    ("/socket.js", SCRIPT, include_str!("../../page/socket.js")),
+];
+
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// What the page may do: nothing but what it brings.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
+                      worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; \
+                      require-trusted-types-for 'script'; trusted-types 'none'";
+
+const HEADERS: [(HeaderName, &str); 7] = [
+    (header::CONTENT_SECURITY_POLICY, POLICY),
+    (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+    (HeaderName::from_static("cross-origin-embedder-policy"), "require-corp"),
+    (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (header::CACHE_CONTROL, "no-store"),
+];
+
+/// The name of what is spoken over the socket; the token is offered beside it.
+const PROTOCOL: &str = "maquette";
+
+/// The largest message that a page may send.
+const LARGEST: usize = 1 << 20;
+
+/// The most values that a page can look at.
+const MOST_VIEWS: usize = 16;
+
+/// The longest side of a picture.
+const MOST_PIXELS: usize = 4096;
+
+/// A page that takes no message for so long is gone.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Serves until the program ends.
+pub(super) fn start(listener: TcpListener, shared: Arc<Shared>) -> io::Result<()> {
+    listener.set_nonblocking(true)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let serve = async move {
+        let listener = tokio::net::TcpListener::from_std(listener)?;
+        axum::serve(listener, router(shared)).await
+    };
+    thread::Builder::new().name("page".into()).spawn(move || runtime.block_on(serve))?;
+    Ok(())
+}
+
+fn router(shared: Arc<Shared>) -> Router {
+    let mut router =
+        Router::new().route("/socket", get(open)).route("/picture/{hash}", get(picture));
+    for (path, kind, content) in FILES {
+        router = router
+            .route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], content) }));
+    }
+    router.layer(middleware::from_fn_with_state(shared.clone(), guard)).with_state(shared)
+}
+
+/// Refuses what was not asked of this machine by its own name, and adds the headers that every answer has.
+async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
+    let host = text_of(request.headers(), &header::HOST);
+    let is_own = host.is_some_and(|host| shared.names().iter().any(|name| name == host));
+    let mut response = match is_own {
+        true => next.run(request).await,
+        false => {
+            (StatusCode::FORBIDDEN, "this page is served to this machine alone\n").into_response()
+        }
+    };
+    for (name, value) in HEADERS {
+        response.headers_mut().insert(name, value.parse().expect("a constant of visible letters"));
+    }
+    response
+}
+
+/// Opens the socket of a page, if it is this server's own and knows the token.
+async fn open(
+    State(shared): State<Arc<Shared>>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    let origin =
+        text_of(&headers, &header::ORIGIN).and_then(|origin| origin.strip_prefix("http://"));
+    let is_own = origin.is_some_and(|origin| shared.names().iter().any(|name| name == origin));
+    let offered = text_of(&headers, &header::SEC_WEBSOCKET_PROTOCOL).unwrap_or_default();
+    let knows = offered.split(',').any(|word| is_same(word.trim(), &shared.token));
+    if !is_own || !knows {
+        return (StatusCode::FORBIDDEN, "open the link that the watch has printed\n")
+            .into_response();
+    }
+    let upgrade = upgrade.protocols([PROTOCOL]).max_message_size(LARGEST).max_frame_size(LARGEST);
+    upgrade.on_upgrade(move |socket| async move {
+        static SOCKETS: AtomicU64 = AtomicU64::new(0);
+        let number = SOCKETS.fetch_add(1, Ordering::Relaxed);
+        let _gone = serve(socket, number, &shared).await;
+        shared.look(number, Views::new());
+    })
+}
+
+/// From where a picture is wanted.
+#[derive(Deserialize)]
+struct Asked {
+    width: usize,
+    height: usize,
+    yaw: f64,
+    pitch: f64,
+    zoom: f64,
+    /// Whether a value that is a picture is seen as one, not in space.
+    flat: bool,
+}
+
+/// A picture of a value, as `maquette render` makes it.
+async fn picture(
+    State(shared): State<Arc<Shared>>,
+    Path(hash): Path<String>,
+    Query(asked): Query<Asked>,
+) -> Response {
+    let Some(value) = shared.value(&hash) else {
+        return (StatusCode::NOT_FOUND, "nobody looks at such a value\n").into_response();
+    };
+    let side = |size: usize| size.clamp(1, MOST_PIXELS);
+    let Asked { yaw, pitch, zoom, flat, .. } = asked;
+    let size = [side(asked.width), side(asked.height)];
+    let view = View { size, yaw, pitch, zoom, ..View::front() };
+    let draw = move || {
+        let layers = value.show();
+        let own = layers.iter().find_map(|layer| match layer {
+            Layer::Picture(picture) if flat => Some(picture.image.clone()),
+            _ => None,
+        });
+        let picture = own.or_else(|| render_layers(&layers, &view))?;
+        png::encode_rgb(&picture).ok()
+    };
+    match tokio::task::spawn_blocking(draw).await {
+        Ok(Some(bytes)) => ([(header::CONTENT_TYPE, "image/png")], bytes).into_response(),
+        _ => (StatusCode::NOT_FOUND, "there is nothing to be seen of it\n").into_response(),
+    }
+}
+
+/// Tells a page what is true and then what happens, until it goes away or takes nothing any more.
+async fn serve(mut socket: WebSocket, number: u64, shared: &Shared) -> Result<(), Gone> {
+    let (mut due, mut news) = shared.listen();
+    loop {
+        for text in due.drain(..) {
+            let sent = socket.send(Message::Text((*text).into()));
+            tokio::time::timeout(PATIENCE, sent).await.map_err(|_| Gone)?.map_err(|_| Gone)?;
+        }
+        tokio::select! {
+            told = news.recv() => match told {
+                Ok(text) => due.push(text),
+                Err(RecvError::Lagged(_)) => (due, news) = shared.listen(),
+                Err(RecvError::Closed) => return Ok(()),
+            },
+            heard = socket.recv() => match heard {
+                None | Some(Err(_) | Ok(Message::Close(_))) => return Ok(()),
+                Some(Ok(Message::Text(text))) => hear(&text, number, shared),
+                Some(Ok(_)) => {}
+            },
+        }
+    }
+}
+
+/// What a page says. What is not understood may be of a newer page, and is skipped.
+#[derive(Deserialize)]
+#[serde(tag = "ask", rename_all = "lowercase")]
+enum Said {
+    /// It shows these values now.
+    Views { views: Views },
+}
+
+fn hear(text: &str, socket: u64, shared: &Shared) {
+    if let Ok(Said::Views { mut views }) = serde_json::from_str(text) {
+        while views.len() > MOST_VIEWS {
+            views.pop_last();
+        }
+        shared.look(socket, views);
+    }
+}
+
+/// A page is not there any more.
+struct Gone;
+
+impl Shared {
+    /// The names by which this server is asked.
+    fn names(&self) -> [String; 2] {
+        let port = self.address.port();
+        [format!("127.0.0.1:{port}"), format!("localhost:{port}")]
+    }
+}
+
+fn text_of<'h>(headers: &'h HeaderMap, name: &HeaderName) -> Option<&'h str> {
+    headers.get(name)?.to_str().ok()
+}
+
+/// Whether two texts are the same, in a time that does not tell where they differ.
+fn is_same(a: &str, b: &str) -> bool {
+    a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |all, (a, b)| all | (a ^ b)) == 0
+}

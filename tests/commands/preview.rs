@@ -1,0 +1,335 @@
+//! The live page's server as browsers and others meet it: what it tells, and whom it tells nothing.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
+use serde_json::{Value as Json, json};
+use tungstenite::client::IntoClientRequest;
+use tungstenite::http::HeaderValue;
+use tungstenite::{Message, WebSocket};
+
+use crate::project::{Project, Watch};
+
+/// Longer than anything takes on a busy machine; only a failing test waits that long.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A watch with a live page.
+struct Served {
+    watch: Watch,
+    /// 127.0.0.1 and the port.
+    host: String,
+    token: String,
+}
+
+impl Served {
+    fn new(project: &Project) -> Self {
+        let mut watch = project.start(&["--preview"]);
+        let page = watch.wait(|event| event["event"] == "page");
+        let link = page["link"].as_str().unwrap();
+        let (host, token) = link.strip_prefix("http://").unwrap().split_once("/#").unwrap();
+        Self { host: host.to_owned(), token: token.to_owned(), watch }
+    }
+
+    /// The head and the body of the answer to a request with these headers.
+    fn ask(&self, path: &str, headers: &[(&str, &str)]) -> (String, Vec<u8>) {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let headers = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n"));
+        let headers: String = headers.collect();
+        write!(stream, "GET {path} HTTP/1.1\r\n{headers}Connection: close\r\n\r\n").unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        let end = answer.windows(4).position(|four| four == b"\r\n\r\n").unwrap();
+        (String::from_utf8(answer[..end].to_vec()).unwrap(), answer[end + 4..].to_vec())
+    }
+
+    fn status(&self, path: &str, headers: &[(&str, &str)]) -> u16 {
+        let (head, _) = self.ask(path, headers);
+        head.split(' ').nth(1).unwrap().parse().unwrap()
+    }
+
+    /// A page: its socket.
+    fn page(&self) -> Page {
+        let origin = format!("http://{}", self.host);
+        self.socket(&self.host, &origin, &self.token).unwrap()
+    }
+
+    /// The same of whoever says so; or the status of the refusal.
+    fn socket(&self, host: &str, origin: &str, token: &str) -> Result<Page, u16> {
+        let mut request = format!("ws://{}/socket", self.host).into_client_request().unwrap();
+        let mut set = |name: &'static str, value: &str| {
+            request.headers_mut().insert(name, HeaderValue::from_str(value).unwrap());
+        };
+        set("Host", host);
+        set("Origin", origin);
+        set("Sec-WebSocket-Protocol", &format!("maquette, {token}"));
+        let stream = TcpStream::connect(&self.host).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        match tungstenite::client(request, stream) {
+            Ok((socket, answer)) => {
+                assert_eq!(answer.headers()["sec-websocket-protocol"], "maquette");
+                Ok(Page(socket))
+            }
+            Err(tungstenite::HandshakeError::Failure(tungstenite::Error::Http(answer))) => {
+                Err(answer.status().as_u16())
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+}
+
+struct Page(WebSocket<TcpStream>);
+
+impl Page {
+    fn next(&mut self) -> Json {
+        loop {
+            if let Message::Text(text) = self.0.read().unwrap() {
+                return serde_json::from_str(&text).unwrap();
+            }
+        }
+    }
+
+    /// The next message of a kind; those before it are dropped.
+    fn wait(&mut self, event: &str) -> Json {
+        loop {
+            let message = self.next();
+            if message["event"] == event {
+                return message;
+            }
+        }
+    }
+
+    fn say(&mut self, message: &Json) {
+        self.0.send(Message::text(message.to_string())).unwrap();
+    }
+
+    fn look_at(&mut self, node: &str, output: &str) {
+        self.say(&json!({ "ask": "views", "views": [{ "node": node, "output": output }] }));
+    }
+}
+
+#[test]
+fn the_page_is_whole_and_may_do_nothing_but_what_it_brings() {
+    let project = Project::doll();
+    let served = Served::new(&project);
+    let own = [("Host", &served.host[..])];
+    let (head, body) = served.ask("/", &own);
+    let (head, body) = (head.to_lowercase(), String::from_utf8(body).unwrap());
+    assert!(head.starts_with("http/1.1 200"), "{head}");
+    for header in [
+        "content-security-policy: default-src 'none'",
+        "cross-origin-opener-policy: same-origin",
+        "cross-origin-embedder-policy: require-corp",
+        "cross-origin-resource-policy: same-origin",
+        "x-content-type-options: nosniff",
+        "referrer-policy: no-referrer",
+    ] {
+        assert!(head.contains(header), "{header} is missing in\n{head}");
+    }
+    let named = body.split(['"', '\'']).filter(|text| text.starts_with('/') && text.len() > 1);
+    let files = Vec::from_iter(named);
+    assert!(files.len() >= 3, "{body}");
+    for file in files {
+        assert_eq!(served.status(file, &own), 200, "{file}");
+    }
+    let port = served.host.rsplit(':').next().unwrap();
+    assert_eq!(served.status("/", &[("Host", &format!("localhost:{port}"))]), 200);
+}
+
+#[test]
+fn no_other_site_is_told_anything() {
+    let project = Project::doll();
+    let served = Served::new(&project);
+    let port = served.host.rsplit(':').next().unwrap().to_owned();
+    for host in ["evil.example", &format!("evil.example:{port}"), "127.0.0.1", "127.0.0.1:1", ""] {
+        assert_eq!(served.status("/", &[("Host", host)]), 403, "{host}");
+        let (head, _) = served.ask("/page.js", &[("Host", host)]);
+        assert!(head.starts_with("HTTP/1.1 403"), "{host}: {head}");
+    }
+    let own = format!("http://{}", served.host);
+    let refused = |host: &str, origin: &str, token: &str| {
+        served.socket(host, origin, token).err().unwrap_or(101)
+    };
+    assert_eq!(refused(&served.host, &own, &served.token), 101);
+    let rebound = format!("evil.example:{port}");
+    assert_eq!(refused(&rebound, &format!("http://{rebound}"), &served.token), 403);
+    for origin in ["http://evil.example", "null", "", "https://evil.example", "http://127.0.0.1:1"]
+    {
+        assert_eq!(refused(&served.host, origin, &served.token), 403, "{origin}");
+    }
+    assert_eq!(refused(&served.host, &format!("{own}/"), &served.token), 403);
+    for token in ["none", &served.token[1..], &"0".repeat(32)] {
+        assert_eq!(refused(&served.host, &own, token), 403, "{token}");
+    }
+}
+
+#[test]
+fn nothing_but_the_page_is_served() {
+    let project = Project::doll();
+    let served = Served::new(&project);
+    let own = [("Host", &served.host[..])];
+    for path in [
+        "/doll.ron",
+        "/../doll.ron",
+        "/%2e%2e/doll.ron",
+        "/..%2fdoll.ron",
+        "//etc/passwd",
+        "/picture/..%2f..%2fdoll.ron?width=8&height=8&yaw=0&pitch=0&zoom=1&flat=true",
+        "/picture/0?width=8&height=8&yaw=0&pitch=0&zoom=1&flat=true",
+        "/page.js/",
+        "/socket/x",
+    ] {
+        let status = served.status(path, &own);
+        assert!((400..=404).contains(&status), "{path}: {status}");
+    }
+    // Without an upgrade the socket is no page either.
+    assert!((400..=426).contains(&served.status("/socket", &own)));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn this_machine_alone_is_listened_to() {
+    let project = Project::doll();
+    let served = Served::new(&project);
+    let port: u16 = served.host.rsplit(':').next().unwrap().parse().unwrap();
+    let tables = ["/proc/net/tcp", "/proc/net/tcp6"].map(|table| std::fs::read_to_string(table));
+    let lines = tables.iter().flatten().flat_map(|table| table.lines());
+    // Local address and state; 0A listens.
+    let listening = lines.filter_map(|line| {
+        let words = Vec::from_iter(line.split_whitespace());
+        let here = words.get(1)?.strip_suffix(&format!(":{port:04X}"))?;
+        (words.get(3)? == &"0A").then(|| here.to_owned())
+    });
+    assert_eq!(Vec::from_iter(listening), ["0100007F"]);
+}
+
+#[test]
+fn a_page_is_told_what_is_true_and_then_what_happens() {
+    let project = Project::doll();
+    let mut served = Served::new(&project);
+    served.watch.run_until_ok();
+    let mut page = served.page();
+    let hello = page.next();
+    assert_eq!((&hello["event"], &hello["graph"]), (&json!("hello"), &json!("doll.ron")));
+    let graph = page.wait("graph");
+    let boxes = graph["boxes"].as_array().unwrap();
+    let nose = boxes.iter().find(|block| block["name"] == "nose").unwrap();
+    assert_eq!(nose["node"], "ExtractRegion");
+    assert!(nose["place"].as_array().unwrap().iter().all(|x| x.as_f64().unwrap() > 0.0));
+    assert_eq!(page.wait("problems")["problems"], json!([]));
+    assert_eq!(page.wait("done")["ok"], true);
+    project.save(&project.doll_text(20.0));
+    let run = page.wait("run");
+    assert_eq!(run["changed"].as_array().unwrap().len(), 1, "{run}");
+    assert_eq!(page.wait("done")["run"], run["run"]);
+    served.watch.end();
+}
+
+#[test]
+fn values_are_looked_at_and_outlive_an_error() {
+    let project = Project::doll();
+    let mut served = Served::new(&project);
+    served.watch.run_until_ok();
+    let mut page = served.page();
+    page.wait("done");
+    page.look_at("raised", "net");
+    let first = page.wait("value");
+    assert_eq!((&first["type"], &first["lies"]), (&json!("ControlNet"), &json!(true)), "{first}");
+    let hash = first["hash"].as_str().unwrap();
+    let asked = format!("/picture/{hash}?width=64&height=48&yaw=30&pitch=10&zoom=1&flat=false");
+    let (head, picture) = served.ask(&asked, &[("Host", &served.host)]);
+    assert!(head.starts_with("HTTP/1.1 200") && picture.starts_with(b"\x89PNG"), "{head}");
+    // Huge sides are cut off, and what is no number is refused.
+    let silly = asked.replace("width=64", "width=-1");
+    assert_eq!(served.status(&silly, &[("Host", &served.host)]), 400);
+    project.save(&project.doll_text(20.0));
+    let second = page.wait("value");
+    assert_ne!(second["hash"], first["hash"]);
+    project.save(&project.doll_text(20.0).replace("Nurbs(", "Nurb("));
+    while page.wait("problems")["problems"] == json!([]) {}
+    // A page that is opened now knows the error and the last good value.
+    let mut late = served.page();
+    let problems = late.wait("problems");
+    assert_eq!(problems["problems"][0]["severity"], "error", "{problems}");
+    let value = late.wait("value");
+    assert_eq!((&value["hash"], &value["run"]), (&second["hash"], &second["run"]));
+    drop(late);
+    project.save(&project.doll_text(12.0));
+    let third = page.wait("value");
+    assert_eq!(third["hash"], first["hash"]);
+    assert!(third["run"].as_u64() > second["run"].as_u64());
+    // Nobody looks any more: nothing is kept for it.
+    drop(page);
+    let mut other = served.page();
+    other.say(&json!({ "ask": "views", "views": [] }));
+    project.save(&project.doll_text(13.0));
+    other.wait("run");
+    other.wait("done");
+    assert_eq!(served.status(&asked, &[("Host", &served.host)]), 404);
+    served.watch.end();
+}
+
+#[test]
+fn looking_computes_what_no_output_needs_and_writes_nothing() {
+    let text = "Graph(format: 1, nodes: { \"scan\": ReadCapture(color: \"doll/color.png\", range: \"doll/range.pcd\"), \
+                \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 30.0)) }, \
+                outputs: { \"color.png\": \"scan.color\" })";
+    let project = Project::doll();
+    project.save(text);
+    let mut served = Served::new(&project);
+    let run = served.watch.run_until_ok();
+    assert_eq!(run.state("red"), "", "it was computed before anybody looked");
+    let before = project.output_times();
+    let mut page = served.page();
+    page.look_at("red", "mask");
+    let value = page.wait("value");
+    assert_eq!((&value["type"], &value["flat"]), (&json!("Mask"), &json!(true)));
+    assert_eq!(value["run"].as_u64(), Some(run.number()));
+    assert_eq!(project.output_times(), before);
+    // What is not there is no reason to stop.
+    page.look_at("blue", "mask");
+    page.say(&json!({ "ask": "something newer" }));
+    page.0.send(Message::text("no JSON at all")).unwrap();
+    page.look_at("scan", "color");
+    assert_eq!(page.wait("value")["type"], "Image");
+    served.watch.end();
+}
+
+#[test]
+fn eight_pages_are_told_and_one_that_says_too_much_is_left() {
+    let project = Project::doll();
+    let mut served = Served::new(&project);
+    served.watch.run_until_ok();
+    let mut pages = Vec::from_iter((0..8).map(|_| served.page()));
+    pages.iter_mut().for_each(|page| drop(page.wait("done")));
+    let mut loud = served.page();
+    let _ = loud.0.send(Message::text("x".repeat(3 << 20)));
+    let end = loop {
+        match loud.0.read() {
+            Ok(Message::Close(_)) | Err(_) => break true,
+            Ok(_) => {}
+        }
+    };
+    assert!(end);
+    project.save(&project.doll_text(21.0));
+    for page in &mut pages {
+        assert_eq!(page.wait("done")["ok"], true);
+    }
+    served.watch.end();
+}
+
+#[test]
+fn a_page_that_did_not_listen_comes_to_what_is_true() {
+    let project = Project::doll();
+    let mut served = Served::new(&project);
+    served.watch.run_until_ok();
+    let mut slow = served.page();
+    let mut last = 0;
+    for growth in 0..12 {
+        project.save(&project.doll_text(20.0 + f64::from(growth)));
+        last = served.watch.run_until_ok().number();
+    }
+    while slow.wait("done")["run"].as_u64() != Some(last) {}
+    served.watch.end();
+}
