@@ -1,6 +1,7 @@
 // The live page: keeps what the watch says, and shows it.
 
 import { Graph } from "/graph.js";
+import { Parameters } from "/parameters.js";
 import { connect } from "/socket.js";
 import { Viewer } from "/viewer.js";
 
@@ -17,6 +18,11 @@ function element(name, text = "", attributes = {}) {
 const viewer = new Viewer(by("viewer"), (views) => connection.send({ ask: "views", views }));
 const graph = new Graph(by("graph"), (node) => showNode(node));
 
+const parameters = new Parameters(by("parameters"), (name, value) => {
+  by("refused").textContent = "";
+  connection.send({ ask: "set", values: [[name, value]] });
+});
+
 /** What is known of nodes: by name what `done` and `finished` say. */
 const nodes = new Map();
 let chosen = null;
@@ -30,12 +36,16 @@ const hear = {
   },
   graph(message) {
     graph.draw(message);
+    parameters.show(message.schema);
     for (const [name, node] of nodes) graph.mark(name, node);
     showNode(chosen);
   },
   run(message) {
     showRun("running ...", "running");
     viewer.at(message.run);
+  },
+  refused(message) {
+    by("refused").textContent = message.why;
   },
   value(message) {
     viewer.hear(message);
@@ -114,7 +124,11 @@ function showNode(name) {
 }
 
 document.addEventListener("keydown", (event) => {
-  const isTyping = event.target instanceof HTMLInputElement;
+  const isTyping = event.target instanceof HTMLInputElement && event.target.type !== "range";
+  if (event.key === "z" && (event.ctrlKey || event.metaKey) && !isTyping) {
+    event.preventDefault();
+    connection.send({ ask: "undo" });
+  }
   if (event.key === "?" && !isTyping && !by("help").open) by("help").showModal();
 });
 

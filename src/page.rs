@@ -5,12 +5,14 @@
 //! | event | says |
 //! |---|---|
 //! | `hello` | the `program` and the file of the `graph`: first of all |
-//! | `graph` | `boxes` with their places and ports, `links`, `packs` and the `size` of the whole picture |
+//! | `graph` | `boxes` with their places and ports, `links`, `packs` and the `size` of the whole picture; its parameters as a JSON `schema` |
+//! | `refused` | values were not put into the file, and `why` |
 //! | `value` | the value of the `output` of a `node` as of a `run`: its `type`, `hash`, `bytes`, `facts`, and whether it `lies` in space or is
 //! `flat` |
 //!
 //! A page says which values it shows, `{"ask": "views", "views": [{"node": .., "output": ..}]}`, and is told of them whenever they
-//! change. Pictures of them are at `/picture/HASH`: who was told the hash may see the value.
+//! change. `{"ask": "set", "values": [["growth", "20.0"]]}` puts values into the file of the graph, `{"ask": "undo"}` takes the last of
+//! these changes back. Pictures of values are at `/picture/HASH`: who was told the hash may see the value.
 //!
 //! Who connects is told all that is true at that moment first, so that a page which was opened late knows as much as one that was
 //! there from the start. A page that is too slow for what happens is told everything anew instead.
@@ -50,6 +52,17 @@ pub(crate) struct Viewed {
 /// All that anybody looks at.
 pub(crate) type Views = BTreeSet<Viewed>;
 
+/// What pages want of the watch.
+#[derive(Clone, Debug)]
+pub(crate) enum Wish {
+    /// These are all values that are looked at now.
+    Look(Views),
+    /// Values are to be put into the file of the graph: for each a parameter, or a field `node.field`, and RON.
+    Set(Vec<(String, String)>),
+    /// The last such change is to be taken back.
+    Undo,
+}
+
 /// What the server and the watch both know.
 struct Shared {
     address: SocketAddr,
@@ -59,8 +72,8 @@ struct Shared {
     news: broadcast::Sender<Arc<str>>,
     /// What each page looks at, by the number of its socket.
     looks: Mutex<BTreeMap<u64, Views>>,
-    /// Is told what all of them look at, when it changes.
-    views: Box<dyn Fn(Views) + Send + Sync>,
+    /// Is told what pages want.
+    wish: Box<dyn Fn(Wish) + Send + Sync>,
     /// The last good values that pages look at.
     values: Mutex<BTreeMap<Viewed, AnyValue>>,
 }
@@ -81,13 +94,13 @@ struct Feed {
 }
 
 impl Page {
-    /// Starts the server on a free port of this machine. `views` is told what the pages look at.
+    /// Starts the server on a free port of this machine. `wish` is told what pages want.
     ///
     /// # Errors
     /// If no port can be listened on, or the system gives no random numbers.
     pub(crate) fn open(
         graph: &Path,
-        views: impl Fn(Views) + Send + Sync + 'static,
+        wish: impl Fn(Wish) + Send + Sync + 'static,
     ) -> io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
         let mut secret = [0; 16];
@@ -98,7 +111,7 @@ impl Page {
             feed: Mutex::default(),
             news: broadcast::Sender::new(BEHIND),
             looks: Mutex::default(),
-            views: Box::new(views),
+            wish: Box::new(wish),
             values: Mutex::default(),
         });
         server::start(listener, shared.clone())?;
@@ -116,6 +129,7 @@ impl Page {
     pub(crate) fn show(&self, graph: &Graph, catalog: &Catalog) {
         let mut message = Drawing::new(graph, catalog).to_json();
         message["event"] = "graph".into();
+        message["schema"] = graph.schema().clone();
         self.shared.tell(&message);
     }
 
@@ -171,7 +185,7 @@ impl Shared {
         if now != before {
             unpoisoned(&self.values).retain(|viewed, _| now.contains(viewed));
             unpoisoned(&self.feed).values.retain(|viewed, _| now.contains(viewed));
-            (self.views)(now);
+            (self.wish)(Wish::Look(now));
         }
     }
 

@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 
 use super::{Exit, assignment, eprint, print, print_document, report};
 use crate::catalog::Catalog;
-use crate::error::Source;
+use crate::error::{Problem, Source};
 use crate::graph::{Edit as GraphEdit, Edited, Files, Graph, Options};
 use crate::plain;
 use crate::writing::rewrite;
@@ -128,19 +128,60 @@ pub(super) struct GraphFile<'a> {
 impl GraphFile<'_> {
     /// The text after some edits; none if they failed, for reasons that have been printed.
     pub(super) fn edit(&self, edits: &[GraphEdit], catalog: &Catalog) -> Option<Edited> {
-        let failed = |what: &str, error: std::io::Error| {
-            eprint(&format!("error: cannot {what} {}: {error}\n", self.graph.display()));
-        };
-        let text = plain::read_text(self.graph).map_err(|error| failed("read", error)).ok()?;
+        let edited = self.edited(edits, catalog).and_then(|edited| match self.dry_run {
+            true => Ok(edited),
+            false => self.write(&edited).map(|()| edited),
+        });
+        match edited {
+            Ok(edited) => Some(edited),
+            Err(EditError::Refused(problems)) => {
+                report(&problems);
+                None
+            }
+            Err(error) => {
+                eprint(&format!("error: {error}\n"));
+                None
+            }
+        }
+    }
+
+    /// The text after some edits, which is not yet in the file.
+    pub(super) fn edited(
+        &self,
+        edits: &[GraphEdit],
+        catalog: &Catalog,
+    ) -> Result<Edited, EditError> {
+        let failed = |error| EditError::Read(self.graph.to_owned(), error);
+        let text = plain::read_text(self.graph).map_err(failed)?;
         let options =
             Options { roots: self.roots.to_vec(), files: Files::Ignored, ..Options::default() };
-        let edited = Graph::edit(self.graph, &text, edits, catalog, &options);
-        let edited = edited.map_err(|problems| report(&problems)).ok()?;
-        if !self.dry_run && edited.text != text {
-            rewrite(self.graph, &edited.text).map_err(|error| failed("write", error)).ok()?;
-        }
-        Some(edited)
+        Graph::edit(self.graph, &text, edits, catalog, &options).map_err(EditError::Refused)
     }
+
+    /// Puts an edited text into the file.
+    pub(super) fn write(&self, edited: &Edited) -> Result<(), EditError> {
+        if edited.text == edited.before {
+            return Ok(());
+        }
+        let failed = |error| EditError::Write(self.graph.to_owned(), error);
+        rewrite(self.graph, &edited.text).map_err(failed)
+    }
+}
+
+/// Why a graph file was not edited.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum EditError {
+    #[error("cannot read {}: {}", .0.display(), .1)]
+    Read(PathBuf, std::io::Error),
+    #[error("cannot write {}: {}", .0.display(), .1)]
+    Write(PathBuf, std::io::Error),
+    /// The edits would leave mistakes.
+    #[error("{}", in_words(.0))]
+    Refused(Vec<Problem>),
+}
+
+fn in_words(problems: &[Problem]) -> String {
+    Vec::from_iter(problems.iter().map(|problem| &problem.message[..])).join("; ")
 }
 
 /// The lines that only one of two texts has, as `diff` prints them: their numbers, and `-` or `+` before each.

@@ -21,10 +21,10 @@ use crate::error::{Problem, code};
 use crate::eval::named_in;
 use crate::format::camera;
 use crate::graph::ReadFile;
-use crate::page::{Page, Views};
+use crate::page::{Page, Wish};
 use crate::paths::{MARKER, project_root};
 use crate::session::OutputFolder;
-use crate::watch::{Event, Sources, WatchList, Wish};
+use crate::watch::{self, Event, Sources, WatchList};
 
 mod block;
 mod on_done;
@@ -82,8 +82,8 @@ pub(super) struct Watch {
 enum Message {
     Files(Event),
     Input(Input),
-    /// Somebody looks at these values on the live page.
-    Views(Views),
+    /// Somebody wants something on the live page.
+    Page(Wish),
     /// An evaluation ended.
     Evaluated(Report),
     /// The user's command ended.
@@ -140,7 +140,7 @@ impl Watch {
 
     fn open_page(&self, sender: &Sender<Message>) -> std::io::Result<Page> {
         let sender = sender.clone();
-        Page::open(&self.graph, move |views| drop(sender.send(Message::Views(views))))
+        Page::open(&self.graph, move |wish| drop(sender.send(Message::Page(wish))))
     }
 
     fn tell_link(&self, link: &str) {
@@ -179,12 +179,16 @@ impl Watch {
         let folder = path.parent().unwrap_or(&path);
         let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let root = project_root(&folder);
-        let mut wishes = vec![Wish { path, why: "the graph".into() }];
-        let used = |path: &PathBuf| Wish { path: path.clone(), why: "a graph that it uses".into() };
+        let mut wishes = vec![watch::Wish { path, why: "the graph".into() }];
+        let used =
+            |path: &PathBuf| watch::Wish { path: path.clone(), why: "a graph that it uses".into() };
         wishes.extend(subgraphs.iter().map(used));
         wishes.extend(files.iter().map(|file| {
             let optional = if file.optional { " if it is there" } else { "" };
-            Wish { path: file.path.clone(), why: format!("read by `{}`{optional}", file.node) }
+            watch::Wish {
+                path: file.path.clone(),
+                why: format!("read by `{}`{optional}", file.node),
+            }
         }));
         let roots = [root.clone()];
         for path in self.inputs.files() {
@@ -192,20 +196,20 @@ impl Watch {
             let beside = iter::once(path.with_file_name(camera::NAME));
             let named = beside.chain(named_in(&path, &roots, readers));
             let why = || "read with an input if it is there".into();
-            wishes.extend(named.map(|path| Wish { path, why: why() }));
-            wishes.push(Wish { path, why: "an input".into() });
+            wishes.extend(named.map(|path| watch::Wish { path, why: why() }));
+            wishes.push(watch::Wish { path, why: "an input".into() });
         }
         for file in files {
             let name = file.path.file_name().unwrap_or_default().to_string_lossy();
             let why = format!("named by {name}");
             let named = named_in(&file.path, &roots, readers).into_iter();
-            wishes.extend(named.map(|path| Wish { path, why: why.clone() }));
+            wishes.extend(named.map(|path| watch::Wish { path, why: why.clone() }));
         }
         // A marker that appears nearer, or goes away, makes another root. Where there is none it matters only to a graph that reads
         // outside of its folder.
         if outside || root.join(MARKER).is_file() {
             let above = folder.ancestors().take_while(|above| outside || above.starts_with(&root));
-            wishes.extend(above.map(|above| Wish {
+            wishes.extend(above.map(|above| watch::Wish {
                 path: above.join(MARKER),
                 why: "marks the root of the project".into(),
             }));

@@ -20,18 +20,19 @@ use axum::routing::get;
 use serde::Deserialize;
 use tokio::sync::broadcast::error::RecvError;
 
-use super::{Shared, Views};
+use super::{Shared, Views, Wish};
 use crate::format::png;
 use crate::render::{View, render_layers};
 use crate::value::Layer;
 
 /// The files of the page: path, type, content.
-const FILES: [(&str, &str, &str); 7] = [
+const FILES: [(&str, &str, &str); 8] = [
     ("/", "text/html; charset=utf-8", include_str!("../../page/index.html")),
     ("/icon.svg", "image/svg+xml", include_str!("../../page/icon.svg")),
     ("/page.css", "text/css; charset=utf-8", include_str!("../../page/page.css")),
     ("/page.js", SCRIPT, include_str!("../../page/page.js")),
     ("/graph.js", SCRIPT, include_str!("../../page/graph.js")),
+    ("/parameters.js", SCRIPT, include_str!("../../page/parameters.js")),
     ("/viewer.js", SCRIPT, include_str!("../../page/viewer.js")),
     ("/socket.js", SCRIPT, include_str!("../../page/socket.js")),
 ];
@@ -198,15 +199,26 @@ async fn serve(mut socket: WebSocket, number: u64, shared: &Shared) -> Result<()
 #[serde(tag = "ask", rename_all = "lowercase")]
 enum Said {
     /// It shows these values now.
-    Views { views: Views },
+    Views {
+        views: Views,
+    },
+    Set {
+        values: Vec<(String, String)>,
+    },
+    Undo,
 }
 
 fn hear(text: &str, socket: u64, shared: &Shared) {
-    if let Ok(Said::Views { mut views }) = serde_json::from_str(text) {
-        while views.len() > MOST_VIEWS {
-            views.pop_last();
+    match serde_json::from_str(text) {
+        Ok(Said::Views { mut views }) => {
+            while views.len() > MOST_VIEWS {
+                views.pop_last();
+            }
+            shared.look(socket, views);
         }
-        shared.look(socket, views);
+        Ok(Said::Set { values }) => (shared.wish)(Wish::Set(values)),
+        Ok(Said::Undo) => (shared.wish)(Wish::Undo),
+        Err(_) => {}
     }
 }
 

@@ -333,3 +333,39 @@ fn a_page_that_did_not_listen_comes_to_what_is_true() {
     while slow.wait("done")["run"].as_u64() != Some(last) {}
     served.watch.end();
 }
+
+#[test]
+fn a_value_is_put_into_the_file_and_taken_back_byte_by_byte() {
+    let project = Project::doll();
+    let mut served = Served::new(&project);
+    served.watch.run_until_ok();
+    let mut page = served.page();
+    let graph = page.wait("graph");
+    assert_eq!(graph["schema"]["properties"]["growth"]["default"], 12.0, "{graph}");
+    page.wait("done");
+    let before = std::fs::read_to_string(project.graph()).unwrap();
+    page.say(&json!({ "ask": "set", "values": [["growth", "20.5"]] }));
+    assert_eq!(page.wait("graph")["schema"]["properties"]["growth"]["default"], 20.5);
+    let after = std::fs::read_to_string(project.graph()).unwrap();
+    assert_eq!(after, before.replace("default: 12.0", "default: 20.5"));
+    assert_eq!(page.wait("done")["ok"], true);
+    page.say(&json!({ "ask": "undo" }));
+    assert_eq!(page.wait("done")["ok"], true);
+    assert_eq!(std::fs::read_to_string(project.graph()).unwrap(), before);
+    // What is out of range or not there is refused, and the file stays.
+    for (name, value) in [("growth", "100.0"), ("growth", "[1"), ("girth", "1.0")] {
+        page.say(&json!({ "ask": "set", "values": [[name, value]] }));
+        let refused = page.wait("refused");
+        assert!(!refused["why"].as_str().unwrap().is_empty(), "{refused}");
+    }
+    assert_eq!(std::fs::read_to_string(project.graph()).unwrap(), before);
+    // Nobody's later change is taken back.
+    page.say(&json!({ "ask": "set", "values": [["growth", "20.5"]] }));
+    page.wait("done");
+    project.save(&before.replace("default: 12.0", "default: 30.0"));
+    page.wait("done");
+    page.say(&json!({ "ask": "undo" }));
+    assert!(page.wait("refused")["why"].as_str().unwrap().contains("since"));
+    assert_eq!(std::fs::read_to_string(project.graph()).unwrap(), before.replace("12.0", "30.0"));
+    served.watch.end();
+}

@@ -33,14 +33,14 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 28] = [
+const ROOMS: [(&str, &[&str]); 29] = [
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
     (
         "cli",
         &[
             "catalog", "draw", "error", "eval", "format", "golden", "graph", "memory", "node",
-            "pack", "paths", "plain", "render", "session", "suite", "telling", "text", "value",
-            "watch", "writing",
+            "pack", "page", "paths", "plain", "render", "session", "suite", "telling", "text",
+            "value", "watch", "writing",
         ],
     ),
     (
@@ -70,6 +70,7 @@ const ROOMS: [(&str, &[&str]); 28] = [
     ("graph", &["catalog", "error", "node", "pack", "paths", "plain", "reading", "text", "value"]),
     ("limit", &[]),
     ("memory", &[]),
+    ("page", &["catalog", "draw", "format", "graph", "render", "value"]),
     ("parallel", &[]),
     ("node", &["error", "plain", "reading", "text", "value"]),
     ("pack", &["error", "node", "reading", "value"]),

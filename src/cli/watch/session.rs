@@ -15,12 +15,13 @@ use super::view::View;
 use super::worker::{Job, Report, Worker};
 use super::{Message, Watch, reads_outside};
 use crate::catalog::Catalog;
+use crate::cli::edit::GraphFile;
 use crate::cli::terminal::Input;
 use crate::cli::{Exit, stdout_is_closed};
 use crate::error::{Problem, Severity, code};
-use crate::graph::{Checked, Graph, ReadFile};
+use crate::graph::{Checked, Edit, Graph, Put, ReadFile};
 use crate::node::CancelToken;
-use crate::page::Views;
+use crate::page::{Views, Wish};
 use crate::watch::{Batch, Contents, Event, Sources};
 use crate::writing::is_writable;
 
@@ -60,6 +61,8 @@ pub(super) struct Session<'a> {
     views: Views,
     /// Whether values for them have to be found.
     look: bool,
+    /// What was put into the graph's file for pages, the last change last.
+    changes: Vec<Vec<Put>>,
     /// How many runs there have been.
     runs: usize,
     /// Whether the last run had errors.
@@ -116,6 +119,7 @@ impl<'a> Session<'a> {
             running: None,
             views: Views::new(),
             look: false,
+            changes: Vec::new(),
             runs: 0,
             failed: false,
             unwritten: None,
@@ -186,10 +190,12 @@ impl<'a> Session<'a> {
             Message::Input(Input::Key('p')) => self.view.toggle_profile(),
             Message::Input(Input::Resized) => self.view.resized(),
             Message::Input(_) | Message::Files(_) => {}
-            Message::Views(views) => {
+            Message::Page(Wish::Look(views)) => {
                 self.look = !views.is_empty();
                 self.views = views;
             }
+            Message::Page(Wish::Set(values)) => self.set(values),
+            Message::Page(Wish::Undo) => self.undo(),
             Message::Evaluated(report) => self.evaluated(report),
             Message::CommandEnded(ended) => {
                 if let Some(why) = ended.failure() {
@@ -403,6 +409,52 @@ impl<'a> Session<'a> {
             let sender = self.sender.clone();
             on_done.start(move |message| drop(sender.send(message)));
         }
+    }
+
+    /// Puts values into the file of the graph. Its change is noticed like one of anybody else.
+    fn set(&mut self, values: Vec<(String, String)>) {
+        match self.edit(&values, |_| true) {
+            Ok(changes) => self.changes.extend((!changes.is_empty()).then_some(changes)),
+            Err(why) => self.view.refused(&why),
+        }
+    }
+
+    /// Puts the values back that the last change has replaced, if nobody has changed them since.
+    fn undo(&mut self) {
+        let Some(changes) = self.changes.pop() else { return };
+        let old = |put: &Put| Some((put.target.clone(), put.before.clone()?));
+        let stand = |now: &[Put]| {
+            now.iter().zip(&changes).all(|(now, put)| now.before.as_ref() == Some(&put.after))
+        };
+        let back: Option<Vec<_>> = changes.iter().map(old).collect();
+        let Some(back) = back else {
+            return self.view.refused("it was not in the file before: take it out there");
+        };
+        if let Err(why) = self.edit(&back, stand) {
+            self.view.refused(&why);
+        }
+    }
+
+    /// Puts values into the file of the graph, if what would be changed is as it should be. Gives what was changed, or says why not.
+    fn edit(
+        &self,
+        values: &[(String, String)],
+        is_due: impl Fn(&[Put]) -> bool,
+    ) -> Result<Vec<Put>, String> {
+        let Watch { graph, options, .. } = self.command;
+        let file = GraphFile { graph, roots: &options.roots, dry_run: false };
+        let edits = Vec::from_iter(
+            values.iter().cloned().map(|(target, value)| Edit::Set { target, value }),
+        );
+        let edited = file.edited(&edits, self.catalog).map_err(|error| error.to_string())?;
+        let changes = Vec::from_iter(
+            edited.changes.iter().filter(|put| put.before.as_ref() != Some(&put.after)).cloned(),
+        );
+        if !is_due(&edited.changes) {
+            return Err("somebody has changed it since".into());
+        }
+        file.write(&edited).map_err(|error| error.to_string())?;
+        Ok(changes)
     }
 
     /// The user wants a run.

@@ -51,6 +51,9 @@ pub(super) trait View {
     /// Values that somebody looks at.
     fn values(&mut self, _run: usize, _: &[(Viewed, AnyValue)]) {}
 
+    /// Values were not put into the graph's file.
+    fn refused(&mut self, _why: &str) {}
+
     /// The user's command failed.
     fn command_failed(&mut self, why: &str) {
         eprint(&format!("{why}\n"));
@@ -164,6 +167,10 @@ impl View for WithPage {
 
     fn values(&mut self, run: usize, values: &[(Viewed, AnyValue)]) {
         self.page.show_values(run, values);
+    }
+
+    fn refused(&mut self, why: &str) {
+        self.program.0.tell("refused", json!({ "why": why }));
     }
 
     fn command_failed(&mut self, why: &str) {
