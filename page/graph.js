@@ -60,7 +60,7 @@ export class Graph {
       part.append(shape("rect", { x, y, width: 5, height, rx: 2, fill: color }));
       part.append(shape("text", { class: "name", x: x + 11, y: y + 16 }, box.name));
       part.append(shape("text", { class: "kind", x: x + 11, y: y + 30 }, box.node));
-      part.append(shape("circle", { class: "state", cx: x + width - 10, cy: y + 11, r: 4.5 }));
+      part.append(shape("circle", { class: "state", cx: x + width - 1, cy: y + 1, r: 5.5 }));
       part.append(shape("text", { class: "time", x: x + width - 2, y: y + height + 11, "text-anchor": "end" }));
       part.append(shape("line", { x1: x + 5, y1: y + HEAD - 2, x2: x + width, y2: y + HEAD - 2, stroke: color, "stroke-opacity": 0.4 }));
     }
@@ -82,7 +82,19 @@ export class Graph {
     return part;
   }
 
-  /** Shows the state of a node and how long it took. */
+  /** The box of a node: its own, or that of the graph in which it stands. */
+  of(name) {
+    let at = name.length;
+    while (at > 0 && !this.parts.has(name.slice(0, at))) at = name.lastIndexOf("/", at - 1);
+    return at > 0 ? name.slice(0, at) : undefined;
+  }
+
+  /** The last node. */
+  last() {
+    return [...this.boxes.values()].findLast((box) => box.node !== null)?.name ?? null;
+  }
+
+  /** Shows the state of a box and how long it took. */
   mark(name, { state, seconds }) {
     const part = this.parts.get(name);
     if (part === undefined) return;

@@ -25,7 +25,13 @@ const parameters = new Parameters(by("parameters"), (name, value) => {
 
 /** What is known of nodes: by name what `done` and `finished` say. */
 const nodes = new Map();
+
+/** What one state says of a whole graph whose nodes have others: the first of these that one of them has. */
+const STATES = ["failed", "started", "skipped", "computed", "equal", "cached"];
+
+/** The node that is shown, if any: at first the one that the address names. */
 let chosen = null;
+let asked = viewer.address(location.hash);
 
 const hear = {
   hello(message) {
@@ -37,8 +43,10 @@ const hear = {
   graph(message) {
     graph.draw(message);
     parameters.show(message.schema);
-    for (const [name, node] of nodes) graph.mark(name, node);
-    showNode(chosen);
+    for (const name of graph.boxes.keys()) graph.mark(name, known(name));
+    const wanted = asked?.node ?? chosen;
+    showNode(graph.box(wanted) ? wanted : graph.last(), asked?.output);
+    asked = null;
   },
   run(message) {
     showRun("running ...", "running");
@@ -74,8 +82,18 @@ const hear = {
 
 function note(name, node) {
   nodes.set(name, node);
-  graph.mark(name, node);
-  if (name === chosen) showNode(name);
+  const box = graph.of(name);
+  if (box === undefined) return;
+  graph.mark(box, known(box));
+  if (box === chosen) showFacts(box);
+}
+
+/** What is known of a box: of a graph that is used, of all nodes in it. */
+function known(box) {
+  const parts = [...nodes].filter(([name]) => name === box || name.startsWith(`${box}/`)).map(([, node]) => node);
+  const state = STATES.find((state) => parts.some((part) => part.state === state));
+  const timed = parts.filter((part) => part.seconds !== undefined);
+  return { state, seconds: timed.length > 0 ? timed.reduce((sum, part) => sum + part.seconds, 0) : undefined };
 }
 
 function showRun(text, state) {
@@ -96,20 +114,27 @@ function showProblems(problems, more) {
   by("problems").replaceChildren(...items);
 }
 
-function showNode(name) {
+/** Shows a node, and one of its outputs. */
+function showNode(name, output) {
   chosen = name;
   graph.choose(name);
-  const box = name === null ? undefined : graph.box(name);
+  showFacts(name);
+  const box = graph.box(name);
+  if (box) viewer.show(name, box.outputs, output);
+}
+
+function showFacts(name) {
+  const box = graph.box(name);
   if (!box) {
     by("node").replaceChildren(element("p", "Choose a node in the graph."));
     return;
   }
-  const known = nodes.get(name) ?? {};
+  const { state, seconds } = known(name);
   const rows = [
     ["name", name],
     ["type", box.node ?? "a file"],
-    ["state", known.state ?? "not run yet"],
-    ["time", known.seconds === undefined ? "" : `${(1000 * known.seconds).toFixed(1)} ms`],
+    ["state", box.node === null ? "" : state ?? "not needed yet"],
+    ["time", seconds === undefined ? "" : `${(1000 * seconds).toFixed(1)} ms`],
     ["takes", box.inputs.map((port) => port.name).join(", ")],
     ["gives", box.outputs.map((port) => `${port.name}: ${port.type}`).join(", ")],
   ];
@@ -120,7 +145,6 @@ function showNode(name) {
     table.append(row);
   }
   by("node").replaceChildren(table);
-  viewer.show(name, box.outputs);
 }
 
 document.addEventListener("keydown", (event) => {

@@ -10,7 +10,7 @@ function token() {
   const given = location.hash.slice(1);
   if (/^[0-9a-f]{32}$/.test(given)) {
     sessionStorage.setItem(TOKEN, given);
-    history.replaceState(null, "", location.pathname);
+    history.replaceState(null, "", location.pathname + location.search);
   }
   return sessionStorage.getItem(TOKEN) ?? "";
 }

@@ -21,7 +21,10 @@ export class Viewer {
   }
 
   /** Shows an output of a node; the others are one click away. */
-  show(node, outputs, output = outputs[0]?.name) {
+  show(node, outputs, wanted) {
+    const old = this.viewed?.node === node ? this.viewed.output : undefined;
+    const names = outputs.map((port) => port.name);
+    const output = [wanted, old, names[0]].find((name) => names.includes(name));
     this.tabs.replaceChildren(...outputs.map((port) => {
       const tab = document.createElement("button");
       tab.textContent = `${port.name}: ${port.type}`;
@@ -36,6 +39,23 @@ export class Viewer {
       this.ask(this.viewed === null ? [] : [this.viewed]);
     }
     this.#draw();
+  }
+
+  /** What an address names, whose camera is taken over; null if it names nothing. */
+  address(hash) {
+    const [, node, output, camera] = /^#view=([^&]*)&output=([^&]*)&camera=([^&]*)$/.exec(hash) ?? [];
+    if (node === undefined) return null;
+    const [yaw, pitch, zoom] = camera.split(",").map(Number);
+    if ([yaw, pitch, zoom].every(Number.isFinite)) this.camera = { yaw, pitch, zoom };
+    return { node: decodeURIComponent(node), output: decodeURIComponent(output) };
+  }
+
+  // Whoever opens the address again sees the same.
+  #keepAddress() {
+    if (this.viewed === null) return;
+    const [node, output] = [this.viewed.node, this.viewed.output].map(encodeURIComponent);
+    const camera = Object.values(this.camera).map((number) => Number(number.toFixed(3)));
+    history.replaceState(null, "", `#view=${node}&output=${output}&camera=${camera}`);
   }
 
   /** Says again what is looked at, to a watch that may not know it. */
@@ -57,6 +77,7 @@ export class Viewer {
   }
 
   #draw() {
+    this.#keepAddress();
     this.#caption();
     const value = this.value;
     const isSeen = value !== null && (value.flat || value.lies);
