@@ -5,6 +5,7 @@ mod command_line;
 mod doctor;
 mod faults;
 mod nothing_is_lost;
+mod page;
 mod preview;
 mod reuse;
 mod sequences;
@@ -13,5 +14,6 @@ mod telling;
 mod text_commands;
 mod watch;
 
+mod browser;
 mod editors;
 mod project;

@@ -15,20 +15,24 @@ use crate::project::{Project, Watch};
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A watch with a live page.
-struct Served {
-    watch: Watch,
+pub(crate) struct Served {
+    pub(crate) watch: Watch,
     /// 127.0.0.1 and the port.
     host: String,
-    token: String,
+    pub(crate) token: String,
 }
 
 impl Served {
-    fn new(project: &Project) -> Self {
+    pub(crate) fn new(project: &Project) -> Self {
         let mut watch = project.start(&["--preview"]);
         let page = watch.wait(|event| event["event"] == "page");
         let link = page["link"].as_str().unwrap();
         let (host, token) = link.strip_prefix("http://").unwrap().split_once("/#").unwrap();
         Self { host: host.to_owned(), token: token.to_owned(), watch }
+    }
+
+    pub(crate) fn link(&self) -> String {
+        format!("http://{}/#{}", self.host, self.token)
     }
 
     /// The head and the body of the answer to a request with these headers.

@@ -63,6 +63,8 @@ pub(super) struct Session<'a> {
     look: bool,
     /// What was put into the graph's file for pages, the last change last.
     changes: Vec<Vec<Put>>,
+    /// The last graph that could be run, and when it was.
+    good: Option<(usize, Arc<Graph>)>,
     /// How many runs there have been.
     runs: usize,
     /// Whether the last run had errors.
@@ -120,6 +122,7 @@ impl<'a> Session<'a> {
             views: Views::new(),
             look: false,
             changes: Vec::new(),
+            good: None,
             runs: 0,
             failed: false,
             unwritten: None,
@@ -343,25 +346,41 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Starts the run that is wanted, if nothing else runs and nothing more is about to change.
+    /// Starts the run that is wanted, if nothing else runs and nothing more is about to change; or finds what somebody looks at, in
+    /// the last graph that could be run.
     fn start(&mut self) {
-        let Check::Good { graph, problems } = &self.check else { return };
         if self.running.is_some() || self.batch.due().is_some() {
             return;
         }
-        let changed = self.wanted.take();
-        let outputs = changed.is_some();
-        if let Some(changed) = changed {
+        if let Check::Good { graph, problems } = &self.check
+            && let Some(changed) = self.wanted.take()
+        {
+            let (graph, problems) = (graph.clone(), problems.clone());
             self.runs += 1;
             self.view.begin(self.runs, &changed);
-        } else if !self.look {
-            return;
+            self.good = Some((self.runs, graph.clone()));
+            let recompute = std::mem::take(&mut self.recompute);
+            self.give(self.runs, graph, problems, recompute, true);
+        } else if self.look
+            && let Some((run, graph)) = self.good.clone()
+        {
+            self.give(run, graph, Vec::new(), false, false);
         }
-        self.look = false;
-        let (graph, problems, cancel) = (graph.clone(), problems.clone(), CancelToken::default());
+    }
+
+    /// Gives the worker something to do.
+    fn give(
+        &mut self,
+        run: usize,
+        graph: Arc<Graph>,
+        problems: Vec<Problem>,
+        recompute: bool,
+        outputs: bool,
+    ) {
+        let cancel = CancelToken::default();
         self.running = Some(Running { graph: graph.clone(), cancel: cancel.clone() });
-        let recompute = outputs && std::mem::take(&mut self.recompute);
-        let (run, views) = (self.runs, self.views.clone());
+        self.look = false;
+        let views = self.views.clone();
         self.worker.start(Job { run, graph, problems, cancel, recompute, outputs, views });
     }
 

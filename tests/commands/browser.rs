@@ -1,0 +1,156 @@
+//! A real browser without a window, driven by the DevTools protocol.
+
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value as Json, json};
+use tungstenite::{Message, WebSocket};
+
+/// Longer than anything takes on a busy machine; only a failing test waits that long.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Names of the browsers that speak the protocol.
+const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
+
+/// A browser with one tab. It is killed at the end.
+pub(crate) struct Browser {
+    process: Child,
+    socket: WebSocket<TcpStream>,
+    session: String,
+    last: u64,
+    /// What pages have written to the console as errors.
+    pub(crate) complaints: Vec<String>,
+    _profile: tempfile::TempDir,
+}
+
+impl Browser {
+    /// Starts a browser. Where there is none says so and gives nothing; where checks are made for everybody that is a failure.
+    #[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
+    pub(crate) fn start() -> Option<Self> {
+        let profile = tempfile::tempdir().unwrap();
+        let Some(mut process) = BROWSERS.iter().find_map(|name| launch(name, profile.path()))
+        else {
+            assert!(std::env::var_os("CI").is_none(), "there is no browser; install Chromium");
+            println!("skipped: there is no Chromium to show the page");
+            return None;
+        };
+        let lines = BufReader::new(process.stderr.take().unwrap()).lines();
+        let address = lines
+            .map_while(Result::ok)
+            .find_map(|line| line.strip_prefix("DevTools listening on ").map(str::to_owned));
+        let address = address.expect("the browser listens");
+        let host = address.strip_prefix("ws://").unwrap().split('/').next().unwrap();
+        let stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let (socket, _) = tungstenite::client(&address, stream).unwrap();
+        let (session, complaints) = (String::new(), Vec::new());
+        let mut browser = Self { process, socket, session, last: 0, complaints, _profile: profile };
+        let target = browser.call("Target.createTarget", json!({ "url": "about:blank" }));
+        let attach = json!({ "targetId": target["targetId"], "flatten": true });
+        let attached = browser.call("Target.attachToTarget", attach);
+        browser.session = attached["sessionId"].as_str().unwrap().to_owned();
+        browser.call("Runtime.enable", json!({}));
+        browser.call("Log.enable", json!({}));
+        Some(browser)
+    }
+
+    /// The answer to a command.
+    pub(crate) fn call(&mut self, method: &str, parameters: Json) -> Json {
+        self.last += 1;
+        let mut command = json!({ "id": self.last, "method": method, "params": parameters });
+        if !self.session.is_empty() {
+            command["sessionId"] = self.session.clone().into();
+        }
+        self.socket.send(Message::text(command.to_string())).unwrap();
+        loop {
+            let Message::Text(text) = self.socket.read().unwrap() else { continue };
+            let mut message: Json = serde_json::from_str(&text).unwrap();
+            if message["id"] == self.last {
+                assert!(message["error"].is_null(), "{method}: {}", message["error"]);
+                return message["result"].take();
+            }
+            let is_error = message["params"]["type"] == "error"
+                || message["params"]["entry"]["level"] == "error"
+                || message["method"] == "Runtime.exceptionThrown";
+            if is_error {
+                self.complaints.push(message.to_string());
+            }
+        }
+    }
+
+    pub(crate) fn open(&mut self, link: &str) {
+        self.call("Page.navigate", json!({ "url": link }));
+    }
+
+    /// What an expression of JavaScript is.
+    pub(crate) fn ask(&mut self, expression: &str) -> Json {
+        let asked =
+            json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let mut answer = self.call("Runtime.evaluate", asked);
+        assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
+        answer["result"]["value"].take()
+    }
+
+    /// Waits until an expression is true; how long it took.
+    pub(crate) fn wait(&mut self, expression: &str) -> Duration {
+        let start = Instant::now();
+        while self.ask(&format!("Boolean({expression})")) != true {
+            assert!(start.elapsed() < PATIENCE, "this never came true: {expression}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        start.elapsed()
+    }
+
+    /// Presses a key, with the modifiers of the protocol (2 is Ctrl), where the focus is.
+    pub(crate) fn press(&mut self, key: &str, modifiers: u32) {
+        let code = match key {
+            "Enter" => 13,
+            "Tab" => 9,
+            "ArrowRight" => 39,
+            _ => 0,
+        };
+        let text = match key {
+            "Enter" => "\r",
+            _ if key.chars().count() == 1 && modifiers == 0 => key,
+            _ => "",
+        };
+        for kind in ["keyDown", "keyUp"] {
+            let mut event = json!({ "type": kind, "key": key, "modifiers": modifiers, "windowsVirtualKeyCode": code });
+            if kind == "keyDown" && !text.is_empty() {
+                event["text"] = text.into();
+            }
+            self.call("Input.dispatchKeyEvent", event);
+        }
+    }
+
+    /// Writes into a field, as somebody would who selects what stands there first.
+    pub(crate) fn write(&mut self, field: &str, text: &str) {
+        self.ask(&format!(
+            "document.querySelector('{field}').focus(), document.querySelector('{field}').select()"
+        ));
+        self.call("Input.insertText", json!({ "text": text }));
+    }
+}
+
+/// Starts a browser that listens to commands.
+fn launch(name: &str, profile: &std::path::Path) -> Option<Child> {
+    let mut command = Command::new(name);
+    command.args(["--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0"]);
+    command.args([
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+    ]);
+    command.args(["--disable-sync", "--hide-scrollbars", "--force-device-scale-factor=1"]);
+    command.arg(format!("--user-data-dir={}", profile.display())).arg("--window-size=1400,900");
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().ok()
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
