@@ -31,6 +31,7 @@ mod gallery;
 mod inputs;
 mod inspect;
 mod interrupt;
+mod look;
 mod nodes;
 mod profile;
 mod progress;

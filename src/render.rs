@@ -1,4 +1,7 @@
-//! One picture of a mesh, in software: for goldens, `inspect` and documents.
+//! One picture of a value, in software: for goldens, `inspect`, `render` and documents.
+//!
+//! What a value shows is either a picture of its own, which may lie on another one (`flat`), or lies in space, where a camera sees its
+//! faces, lines, points and arrows together.
 //!
 //! Guaranteed: the same bytes on every machine and for any number of threads; no cracks between faces that share an edge.
 //! The picture is made in bands of rows that know nothing of each other. In each band every face is first drawn into a
@@ -7,16 +10,20 @@
 //!
 //! Polygons are drawn as fans of triangles from their first corner.
 
+use nalgebra::Point3;
+
 use crate::parallel::*;
-use crate::value::{Image, Mesh, Rgb};
+use crate::value::{Image, Layer, Mesh, Rgb};
 
 mod camera;
+mod flat;
 mod light;
 mod raster;
 mod scene;
 mod solid;
 
 use camera::Camera;
+pub use flat::{Below, picture_of};
 use raster::{Band, Bins};
 use scene::Scene;
 pub use solid::render_layers;
@@ -27,7 +34,7 @@ const SAMPLES: usize = 3;
 /// Rows of pixels in a band: few enough that a band's samples fit in a core's cache at usual widths.
 const BAND: usize = 8;
 
-/// From where a picture is taken. The mesh is framed by itself.
+/// From where a picture is taken. All that is seen is framed by itself, unless the view aims at a part of it.
 ///
 /// Seen from the front, a mesh with a [`CaptureFrame`](crate::value::CaptureFrame) looks as its sensor saw it; one without
 /// has x to the right, y up, and z towards the viewer.
@@ -43,6 +50,26 @@ pub struct View {
     pub zoom: f64,
     /// Whether far things look smaller.
     pub projection: Projection,
+    /// What is in the middle; all there is without it.
+    pub aim: Option<Aim>,
+}
+
+/// What is in the middle of a picture, in mm, in the axes of what is seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Aim {
+    /// A place. It changes nothing else.
+    Place(Point3<f64>),
+    /// The least and the greatest corner of a box, which just fits into the picture.
+    Box(Point3<f64>, Point3<f64>),
+}
+
+impl Aim {
+    /// Aims at the box around some places, those that are not finite left out; none if there is no other.
+    pub fn around(places: impl IntoIterator<Item = Point3<f64>>) -> Option<Self> {
+        let is_finite = |place: &Point3<f64>| place.coords.iter().all(|x| x.is_finite());
+        let places = Vec::from_iter(places.into_iter().filter(is_finite));
+        crate::value::bounds(places.iter()).map(|(low, high)| Self::Box(low, high))
+    }
 }
 
 /// Whether far things look smaller.
@@ -64,7 +91,53 @@ impl View {
             pitch: 0.0,
             zoom: 1.0,
             projection: Projection::Perspective,
+            aim: None,
         }
+    }
+}
+
+/// How a value is looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look<'a> {
+    /// From where what lies in space is seen.
+    pub view: View,
+    /// Which of the two is drawn.
+    pub kind: Kind,
+    /// What a flat picture lies on.
+    pub below: Option<Below<'a>>,
+}
+
+/// What of a value is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kind {
+    /// The picture that it shows, with the pixels that it has; without one, what lies in space.
+    #[default]
+    Own,
+    /// The same, but a picture fits into the size of the view.
+    Fitted,
+    /// What lies in space.
+    Space,
+}
+
+impl Look<'_> {
+    /// At the picture of a value if it shows one, else from the front.
+    pub fn own() -> Self {
+        Self { view: View::front(), kind: Kind::Own, below: None }
+    }
+}
+
+/// A picture of what a value shows; none if it shows nothing, or nothing of what is asked for.
+pub fn picture(layers: &[Layer], look: &Look<'_>) -> Option<Image> {
+    let flat = || {
+        let picture = picture_of(layers)?;
+        Some(look.below.as_ref().map_or_else(|| picture.image.clone(), |it| it.under(picture)))
+    };
+    match look.kind {
+        Kind::Own => flat().or_else(|| render_layers(layers, &look.view)),
+        Kind::Fitted => flat()
+            .map(|picture| flat::fitted(&picture, look.view.size))
+            .or_else(|| render_layers(layers, &look.view)),
+        Kind::Space => render_layers(layers, &look.view),
     }
 }
 
@@ -73,10 +146,15 @@ impl View {
 /// The inner side of faces is red. The attribute `normal` shades the surface if there is one; otherwise faces that meet at
 /// less than some 100 degrees look smooth.
 pub fn render(mesh: &Mesh, view: &View) -> Image {
+    render_all(&[mesh], view)
+}
+
+/// A picture of meshes that share their axes.
+fn render_all(meshes: &[&Mesh], view: &View) -> Image {
     let [width, height] = view.size;
     let mut pixels: Vec<Rgb> = vec![[0; 3]; width.saturating_mul(height)];
     if !pixels.is_empty() {
-        let scene = Scene::new(mesh, &Camera::new(mesh, view));
+        let scene = Scene::new(meshes, &Camera::new(meshes, view));
         let bins = Bins::new(&scene, height);
         pixels.par_chunks_mut(BAND * width).enumerate().for_each(|(band, pixels)| {
             let samples = Band::draw(&scene, &bins, band, [width, pixels.len() / width]);

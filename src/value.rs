@@ -46,6 +46,7 @@ pub use image::{Color, ColorError, Image, Lab, Rgb, SizeError};
 pub(crate) use image::{linear_from_srgb, srgb_from_linear};
 pub use knots::{KnotChange, KnotVector, KnotVectorError};
 pub use labels::{LabelRun, LabelStatistics, Labels, LabelsError};
+pub(crate) use layer::PLAIN;
 pub use layer::{Arrows, Axes, Cloud, Layer, Lines, Picture, Series};
 pub use mask::Mask;
 pub use memo::Memo;

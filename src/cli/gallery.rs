@@ -42,6 +42,7 @@ const FRONT: View = View {
     pitch: 0.0,
     zoom: 1.0,
     projection: crate::render::Projection::Perspective,
+    aim: None,
 };
 
 const PAGE: &str = "README.md";

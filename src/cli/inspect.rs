@@ -9,6 +9,7 @@ use serde_json::{Value as Json, json};
 
 use super::caching::CacheOptions;
 use super::inputs::InputOptions;
+use super::look::{At, Over, Request, Source, at};
 use super::progress::Progress;
 use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
 use crate::catalog::Catalog;
@@ -17,10 +18,10 @@ use crate::format::png;
 use crate::graph::Graph;
 use crate::pack::NewFile;
 use crate::plain::ending;
-use crate::render::{View, render_layers};
+use crate::render::{Kind, View, picture_of};
 use crate::session::{Run, Wanted};
 use crate::text::{unknown, with_article};
-use crate::value::{AnyValue, Image, Layer, On, Picture, Summary};
+use crate::value::{AnyValue, Layer, On, Picture, Summary};
 use crate::writing::{Destination, Sources};
 
 mod columns;
@@ -32,9 +33,16 @@ pub(super) struct Inspect {
     /// The node, or one of its outputs: NODE.OUTPUT.
     #[arg(value_name = "NODE[.OUTPUT]")]
     node: String,
-    /// What is under this pixel of the capture's picture: color, label, point.
-    #[arg(long, value_name = "X,Y", value_parser = pixel)]
-    at: Option<[usize; 2]>,
+    /// Two numbers: what is under this pixel of the capture's picture: color, label, point. Three numbers, or a name: what is in the
+    /// middle of the picture that is written, a place, in mm, in the value's own axes, or a value, such as a region, which then just
+    /// fits into it.
+    #[arg(
+        long,
+        value_name = "X,Y|X,Y,Z|NODE[.OUTPUT]",
+        value_parser = at,
+        allow_hyphen_values = true
+    )]
+    at: Option<At>,
     /// Print its columns of numbers: what they lie on, what they mean, how many there are, and the least, the greatest and the mean of
     /// each number of an element.
     #[arg(long, conflicts_with = "at")]
@@ -48,6 +56,8 @@ pub(super) struct Inspect {
     #[arg(long, value_name = "YAW,PITCH[,ZOOM]", value_parser = view, allow_hyphen_values = true, requires = "out")]
     view: Option<View>,
     #[command(flatten)]
+    over: Over,
+    #[command(flatten)]
     inputs: InputOptions,
     #[command(flatten)]
     options: GraphOptions,
@@ -59,12 +69,6 @@ pub(super) struct Inspect {
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
-}
-
-fn pixel(text: &str) -> Result<[usize; 2], String> {
-    let parse = |part: &str| part.trim().parse::<usize>().ok();
-    let (x, y) = text.split_once(',').ok_or("write COLUMN,ROW")?;
-    parse(x).zip(parse(y)).map(|(x, y)| [x, y]).ok_or_else(|| "write COLUMN,ROW".into())
 }
 
 pub(super) fn view(text: &str) -> Result<View, String> {
@@ -90,6 +94,9 @@ impl Inspect {
             Ok(found) => found,
             Err(why) => return Exit::Usage(why),
         };
+        if let Err(why) = self.request().check(Some(&graph)).and_then(|()| self.check()) {
+            return Exit::Usage(why);
+        }
         let mut session = match self.cache.session(self.threads, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
@@ -141,7 +148,34 @@ impl Inspect {
         }
         let mut sources = Sources::of(&graph);
         self.inputs.protect(&mut sources);
-        self.write(value, path, catalog, &sources)
+        let from = outputs.iter().find(|(output, _)| output == name).map(|&(_, (node, _))| node);
+        let source = from.map(|node| Source { graph: &graph, node, session: &mut session });
+        self.write(value, path, catalog, &sources, source)
+    }
+
+    /// The pixel that is asked for.
+    fn pixel(&self) -> Option<[usize; 2]> {
+        match self.at {
+            Some(At::Pixel(pixel)) => Some(pixel),
+            Some(At::Place(_) | At::Value(_)) | None => None,
+        }
+    }
+
+    /// What the options say of a picture.
+    fn request(&self) -> Request<'_> {
+        let at = self.at.as_ref().filter(|_| self.pixel().is_none());
+        let is_aimed = self.view.is_some() || at.is_some();
+        let kind = if is_aimed { Kind::Space } else { Kind::Own };
+        Request { view: self.view.unwrap_or_else(View::front), kind, at, over: &self.over }
+    }
+
+    /// Whether there is a picture if the options say something of one.
+    fn check(&self) -> Result<(), String> {
+        let has_picture = self.out.as_ref().is_some_and(|path| ending(path) == "png");
+        if has_picture || !self.request().is_special() {
+            return Ok(());
+        }
+        Err("--at X,Y,Z, --at NODE and --over NODE are for a picture: add --out FILE.png".into())
     }
 
     /// The values that have something to say: of a pixel, if one is asked for.
@@ -150,7 +184,7 @@ impl Inspect {
         node: &str,
         found: Vec<(&'v str, &'v AnyValue)>,
     ) -> Result<Vec<(&'v str, &'v AnyValue)>, String> {
-        let Some(at) = self.at.filter(|_| !found.is_empty()) else { return Ok(found) };
+        let Some(at) = self.pixel().filter(|_| !found.is_empty()) else { return Ok(found) };
         let is_inside = |value: &AnyValue| size(value).is_none_or(|[w, h]| at[0] < w && at[1] < h);
         let answers =
             |(_, value): &&(&str, &AnyValue)| is_inside(value) && !value.probe(at).0.is_empty();
@@ -219,7 +253,7 @@ impl Inspect {
     }
 
     fn print(&self, node: &str, found: &[(&str, &AnyValue)], problems: &[Problem]) {
-        let summary = |value: &AnyValue| match self.at {
+        let summary = |value: &AnyValue| match self.pixel() {
             Some(at) => value.probe(at),
             None => value.describe(),
         };
@@ -244,7 +278,7 @@ impl Inspect {
         let mut text = String::new();
         for (name, value) in found {
             let (kind, size) = (value.kind().name, in_bytes(value.size()));
-            let _ = match self.at {
+            let _ = match self.pixel() {
                 Some([x, y]) => writeln!(text, "{node}.{name}: {kind} at ({x}, {y})"),
                 None => writeln!(text, "{node}.{name}: {kind}, {size}, {}", value.hash().short()),
             };
@@ -260,15 +294,23 @@ impl Inspect {
         path: &Path,
         catalog: &Arc<Catalog>,
         sources: &Sources,
+        source: Option<Source<'_>>,
     ) -> Exit {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let own = catalog.format(value.kind(), &ending(path));
-        let files =
-            if ending(path) == "png" && (self.view.is_some() || own.is_none() || is_drawn(value)) {
-                picture(value, self.view.as_ref(), &name)
-            } else {
-                own.map_or_else(|| Ok(Vec::new()), |format| format.write(value, &name))
+        let request = self.request();
+        let is_asked = self.view.is_some() || request.is_special();
+        let is_seen = is_asked || own.is_none() || is_best_seen(value);
+        if ending(path) == "png" && is_seen {
+            return match request.picture(value, source) {
+                Ok(picture) => {
+                    let bytes = png::encode_rgb(&picture).map_err(Error::from);
+                    write_files(bytes.map(|bytes| NewFile::only(&name, bytes)), path, sources)
+                }
+                Err(exit) => exit,
             };
+        }
+        let files = own.map_or_else(|| Ok(Vec::new()), |format| format.write(value, &name));
         write_files(files, path, sources)
     }
 }
@@ -305,15 +347,20 @@ fn chosen<'v>(
 
 /// The first picture that a value shows.
 fn shown(value: &AnyValue) -> Option<Picture> {
-    value.show().into_iter().find_map(|layer| match layer {
-        Layer::Picture(picture) => Some(picture),
-        _ => None,
-    })
+    picture_of(&value.show()).cloned()
 }
 
 /// Whether a value is best seen as the picture that it shows: in colors that are none of its own.
 fn is_drawn(value: &AnyValue) -> bool {
     shown(value).is_some_and(|picture| picture.drawn)
+}
+
+/// Whether a picture shows what a picture file of the value's own format does not: made-up colors, or more than faces.
+fn is_best_seen(value: &AnyValue) -> bool {
+    match &value.show()[..] {
+        [] | [Layer::Triangles(_)] => false,
+        layers => picture_of(layers).is_none_or(|picture| picture.drawn),
+    }
 }
 
 /// The pixels of what is asked by its own pixels: not of a grid that lies on a picture of other pixels.
@@ -325,19 +372,6 @@ fn size(value: &AnyValue) -> Option<[usize; 2]> {
     let is_registered = shown(value).is_some_and(|picture| picture.registration.is_some());
     parts.size().ok().filter(|_| !is_registered)
 }
-
-/// A value as it is seen: flat, or in space from somewhere.
-fn picture(value: &AnyValue, view: Option<&View>, name: &str) -> Result<Vec<NewFile>, Error> {
-    let flat: Option<Image> = view.is_none().then(|| shown(value)).flatten().map(|it| it.image);
-    let in_space = || render_layers(&value.show(), view.unwrap_or(&View::front()));
-    let picture = flat.or_else(in_space).ok_or(NoShape)?;
-    Ok(NewFile::only(name, png::encode_rgb(&picture)?))
-}
-
-/// A picture was asked for of something that has nothing to be seen from anywhere.
-#[derive(Debug, thiserror::Error)]
-#[error("nothing of it lies in space, where it could be seen from somewhere")]
-struct NoShape;
 
 /// Writes all files, or none if one of them may not be written.
 fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Sources) -> Exit {

@@ -1,4 +1,4 @@
-//! `maquette render`: a picture of a mesh or surface, from a graph or a file.
+//! `maquette render`: a picture of any value, from a graph or a file.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -8,22 +8,22 @@ use clap::Args;
 use super::caching::CacheOptions;
 use super::inputs::InputOptions;
 use super::inspect::view;
+use super::look::{At, Over, Request, Source, at, place};
 use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
 use crate::format::png;
 use crate::plain::ending;
-use crate::render::{Projection, View, render};
+use crate::render::{Kind, Projection, View};
 use crate::session::{Run, Wanted};
-use crate::text::{unknown, with_article};
-use crate::value::AnyValue;
+use crate::value::Image;
 use crate::writing::{Destination, Sources};
 
 #[derive(Args)]
 pub(super) struct Render {
-    /// A graph file, or a file with a mesh: ply, obj, glb, stl.
+    /// A graph file, or a file with a value: a mesh (ply, obj, glb, stl), points, a curve, a range image (pcd), a picture.
     file: PathBuf,
-    /// The output of the graph, or a node of it, NODE[.OUTPUT]; for a mesh file the picture to be written.
+    /// The output of the graph, or a node of it, NODE[.OUTPUT]; for any other file the picture to be written.
     #[arg(value_name = "OUTPUT")]
     output: PathBuf,
     /// The picture to be written, PNG.
@@ -32,9 +32,15 @@ pub(super) struct Render {
     /// From where: how far to the right and above, in degrees, and how much nearer than what just fits.
     #[arg(long, value_name = "YAW,PITCH[,ZOOM]", value_parser = view, allow_hyphen_values = true)]
     camera: Option<View>,
-    /// Width and height in pixels.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "800x600", value_parser = size)]
-    size: [usize; 2],
+    /// What is in the middle: a place, in mm, in the axes of what is shown, or a value of the graph, such as a region, which then just
+    /// fits into the picture. ZOOM goes nearer.
+    #[arg(long, value_name = "X,Y,Z|NODE[.OUTPUT]", value_parser = at_in_space, allow_hyphen_values = true)]
+    at: Option<At>,
+    #[command(flatten)]
+    over: Over,
+    /// Width and height in pixels: 800x600 for what lies in space; as many as it has for what is a flat picture.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
+    size: Option<[usize; 2]>,
     /// Far things look as large as near ones.
     #[arg(long)]
     orthographic: bool,
@@ -55,38 +61,31 @@ pub(super) fn size(text: &str) -> Result<[usize; 2], String> {
     parse(width).zip(parse(height)).map(|(w, h)| [w, h]).ok_or_else(|| "write WIDTHxHEIGHT".into())
 }
 
+/// A place in space or a name.
+fn at_in_space(text: &str) -> Result<At, String> {
+    match at(text)? {
+        At::Pixel(_) => Err("write X,Y,Z for a place, or NODE or NODE.OUTPUT".into()),
+        at => Ok(at),
+    }
+}
+
 impl Render {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let mut sources = Sources::default();
-        let (value, picture) = match &self.picture {
-            None => {
-                sources.add(&self.file, "this is the file that is shown");
-                (compare::read(&self.file, catalog), &self.output)
-            }
-            Some(picture) => match self.evaluate(catalog, &mut sources) {
-                Ok(value) => (value, picture),
-                Err(exit) => return exit,
-            },
-        };
-        let value = match value {
-            Ok(value) => value,
-            Err(why) => return Exit::Usage(why),
-        };
+        let picture = self.picture.as_ref().unwrap_or(&self.output);
         if ending(picture) != "png" {
             return Exit::Usage(format!("{} is no name of a PNG file", picture.display()));
         }
-        let Some(mesh) = value.as_mesh() else {
-            return Exit::Usage(format!(
-                "{} has no faces to be seen",
-                with_article(value.kind().name)
-            ));
+        let mut sources = Sources::default();
+        let made = match &self.picture {
+            None => self.of_file(catalog, &mut sources),
+            Some(_) => self.of_graph(catalog, &mut sources),
         };
-        let mut view = View { size: self.size, ..self.camera.unwrap_or_else(View::front) };
-        if self.orthographic {
-            view.projection = Projection::Orthographic;
-        }
+        let image = match made {
+            Ok(image) => image,
+            Err(exit) => return exit,
+        };
         let destination = Destination::anywhere(&sources);
-        let written = png::encode_rgb(&render(&mesh, &view)).map_err(|error| error.to_string());
+        let written = png::encode_rgb(&image).map_err(|error| error.to_string());
         match written
             .and_then(|bytes| destination.put(picture, &bytes).map_err(|error| error.to_string()))
         {
@@ -95,26 +94,42 @@ impl Render {
         }
     }
 
-    fn evaluate(
-        &self,
-        catalog: &Arc<Catalog>,
-        sources: &mut Sources,
-    ) -> Result<Result<AnyValue, String>, Exit> {
+    /// What the options say of the picture.
+    fn request(&self) -> Request<'_> {
+        let mut view = self.camera.unwrap_or_else(View::front);
+        if self.orthographic {
+            view.projection = Projection::Orthographic;
+        }
+        let is_aimed = self.camera.is_some() || self.at.is_some();
+        let kind = match self.size {
+            _ if is_aimed => Kind::Space,
+            Some(_) => Kind::Fitted,
+            None => Kind::Own,
+        };
+        view.size = self.size.unwrap_or(view.size);
+        Request { view, kind, at: self.at.as_ref(), over: &self.over }
+    }
+
+    fn of_file(&self, catalog: &Arc<Catalog>, sources: &mut Sources) -> Result<Image, Exit> {
+        sources.add(&self.file, "this is the file that is shown");
+        self.request().check(None).map_err(Exit::Usage)?;
+        let value = compare::read(&self.file, catalog).map_err(Exit::Usage)?;
+        self.request().picture(&value, None)
+    }
+
+    fn of_graph(&self, catalog: &Arc<Catalog>, sources: &mut Sources) -> Result<Image, Exit> {
         let checked = self.options.load(&self.file, catalog);
         report(&checked.problems);
         let graph = checked.graph.ok_or(Exit::Failed)?;
         sources.extend(&Sources::of(&graph));
         let name = self.output.to_string_lossy();
-        if graph.value_named(&name).is_none() {
-            let known = Vec::from_iter(graph.output_names().chain(graph.node_names()));
-            let message = format!("the graph has no output or node `{name}`");
-            return Ok(Err(unknown(message, &name, "it has", &known)));
-        }
+        let (node, _) = place(&graph, &name).map_err(Exit::Usage)?;
+        self.request().check(Some(&graph)).map_err(Exit::Usage)?;
         let mut session = self.cache.session(0, catalog).map_err(Exit::Usage)?;
         self.inputs.protect(sources);
         let graph = self.inputs.told(&session, &graph)?;
         let progress = Progress::new(graph.nodes.len());
-        let wanted = Wanted::Named(vec![name.into_owned()]);
+        let wanted = Wanted::Named(vec![name.to_string()]);
         let run = Run { wanted, observer: &progress, ..Run::default() };
         let finished = session.run(&graph, &run).map_err(|problems| {
             report(&problems);
@@ -122,6 +137,8 @@ impl Render {
         })?;
         progress.end();
         report(&finished.problems());
-        finished.value(&self.output.to_string_lossy()).cloned().map(Ok).ok_or(Exit::Failed)
+        let value = finished.value(&name).ok_or(Exit::Failed)?;
+        let source = Source { graph: &graph, node, session: &mut session };
+        self.request().picture(value, Some(source))
     }
 }

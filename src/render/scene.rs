@@ -1,4 +1,6 @@
-//! A mesh as one picture needs it: places in the picture, normals and colors.
+//! Meshes as one picture needs them: places in the picture, normals and colors.
+
+use std::borrow::Cow;
 
 use nalgebra::Vector3;
 
@@ -15,19 +17,26 @@ const CHUNK: usize = 4096;
 /// at less, round things show facets; at more, boxes look like pillows.
 const FLAT: f32 = 0.642_787_6;
 
-/// What is drawn.
+/// What is drawn: the corners, triangles and vertices of all meshes, one mesh after the other.
 pub(super) struct Scene<'a> {
-    corners: &'a [u32],
+    corners: Cow<'a, [u32]>,
     /// Three corners per triangle; none if all faces are triangles.
     fans: Option<Vec<[u32; 3]>>,
     pub(super) spots: Vec<Spot>,
     /// In view space.
     places: Vec<[f32; 3]>,
+    skins: Vec<Skin<'a>>,
+    perspective: bool,
+}
+
+/// How one mesh of a scene looks.
+struct Skin<'a> {
+    /// Where its corners and its vertices begin in the scene.
+    first: [u32; 2],
     normals: Data<[f32; 3]>,
     /// Whether the normals were computed here.
     computed: bool,
     paint: Paint<'a>,
-    perspective: bool,
 }
 
 /// Data at the corners of faces, or at their vertices.
@@ -60,38 +69,28 @@ pub(super) struct Triangle {
 }
 
 impl<'a> Scene<'a> {
-    pub(super) fn new(mesh: &'a Mesh, camera: &Camera) -> Self {
-        let points = mesh.positions().par_iter().with_min_len(CHUNK);
-        let (spots, places) = points
-            .map(|&point| {
-                let view = camera.view(point);
-                (camera.spot(view), <[f32; 3]>::from(view.cast::<f32>()))
-            })
-            .unzip();
-        let turn = |normal: Vector3<f64>| camera.turn(normal).cast::<f32>().into();
-        let turn_all = |normals: &[[f64; 3]]| {
-            let normals = normals.par_iter().with_min_len(CHUNK);
-            normals.map(|&normal| turn(normal.into())).collect()
-        };
-        let given = match (mesh.corner().vectors("normal"), mesh.vertex().vectors("normal")) {
-            (Some(corner), _) => Some(Data::Corner(turn_all(corner))),
-            (None, Some(vertex)) => Some(Data::Vertex(turn_all(vertex))),
-            (None, None) => None,
-        };
-        let computed = given.is_none();
-        let normals = given
-            .unwrap_or_else(|| Data::Vertex(mesh.vertex_normals().into_iter().map(turn).collect()));
-        let fans = mesh.faces().sides() != Some(3);
-        Self {
-            corners: mesh.faces().corners(),
-            fans: fans.then(|| fans_of(mesh)),
-            spots,
-            places,
-            normals,
-            computed,
-            paint: Paint::of(mesh),
-            perspective: camera.weighs_by_nearness(),
+    pub(super) fn new(meshes: &[&'a Mesh], camera: &Camera) -> Self {
+        let perspective = camera.weighs_by_nearness();
+        let (corners, fans) = triangles_of(meshes);
+        let (mut spots, mut places) = (Vec::new(), Vec::new());
+        let (mut skins, mut first) = (Vec::with_capacity(meshes.len()), [0; 2]);
+        for &mesh in meshes {
+            skins.push(Skin::new(mesh, first, camera));
+            first = [
+                first[0] + mesh.faces().corners().len() as u32,
+                first[1] + mesh.positions().len() as u32,
+            ];
+            let points = mesh.positions().par_iter().with_min_len(CHUNK);
+            let seen: (Vec<Spot>, Vec<[f32; 3]>) = points
+                .map(|&point| {
+                    let view = camera.view(point);
+                    (camera.spot(view), <[f32; 3]>::from(view.cast::<f32>()))
+                })
+                .unzip();
+            append(&mut spots, seen.0);
+            append(&mut places, seen.1);
         }
+        Self { corners, fans, spots, places, skins, perspective }
     }
 
     /// Number of triangles.
@@ -110,21 +109,51 @@ impl<'a> Scene<'a> {
     pub(super) fn facet(&self, triangle: Triangle) -> Facet<'_> {
         let [a, b, c] = each(|k| Vector3::from(self.places[triangle.vertices[k] as usize]));
         let flat = unit(padded((b - a).cross(&(c - a)).into()));
+        let (skin, local) = self.skin(triangle);
         let normals = each(|k| {
-            let normal = padded(triangle.corner(k, &self.normals));
-            let leans = self.computed && dot(normal, flat.unwrap_or_default()) < FLAT;
+            let normal = padded(local.corner(k, &skin.normals));
+            let leans = skin.computed && dot(normal, flat.unwrap_or_default()) < FLAT;
             if leans { flat.unwrap_or_default() } else { normal }
         });
-        let color = match &self.paint {
+        let color = match &skin.paint {
             Paint::Clay => Color::Clay,
             Paint::Colors(colors) => Color::Mixed(each(|k| {
-                let [r, g, b] = triangle.corner(k, colors);
+                let [r, g, b] = local.corner(k, colors);
                 light::linear([f64::from(r), f64::from(g), f64::from(b)])
             })),
-            Paint::Texture(image, uv) => Color::Texture(image, each(|k| triangle.corner(k, uv))),
+            Paint::Texture(image, uv) => Color::Texture(image, each(|k| local.corner(k, uv))),
         };
         let near = |k: usize| f64::from(self.spots[triangle.vertices[k] as usize].near);
         Facet { nears: self.perspective.then(|| padded(each(near))), flat, normals, color }
+    }
+
+    /// The mesh of a triangle, and the triangle as that mesh counts its corners and vertices.
+    fn skin(&self, triangle: Triangle) -> (&Skin<'a>, Triangle) {
+        let after = self.skins.partition_point(|skin| skin.first[0] <= triangle.corners[0]);
+        let skin = &self.skins[after - 1];
+        let [corner, vertex] = skin.first;
+        let (corners, vertices) = (triangle.corners, triangle.vertices);
+        let corners = each(|k| corners[k] - corner);
+        (skin, Triangle { corners, vertices: each(|k| vertices[k] - vertex) })
+    }
+}
+
+impl<'a> Skin<'a> {
+    fn new(mesh: &'a Mesh, first: [u32; 2], camera: &Camera) -> Self {
+        let turn = |normal: Vector3<f64>| camera.turn(normal).cast::<f32>().into();
+        let turn_all = |normals: &[[f64; 3]]| {
+            let normals = normals.par_iter().with_min_len(CHUNK);
+            normals.map(|&normal| turn(normal.into())).collect()
+        };
+        let given = match (mesh.corner().vectors("normal"), mesh.vertex().vectors("normal")) {
+            (Some(corner), _) => Some(Data::Corner(turn_all(corner))),
+            (None, Some(vertex)) => Some(Data::Vertex(turn_all(vertex))),
+            (None, None) => None,
+        };
+        let computed = given.is_none();
+        let normals = given
+            .unwrap_or_else(|| Data::Vertex(mesh.vertex_normals().into_iter().map(turn).collect()));
+        Self { first, normals, computed, paint: Paint::of(mesh) }
     }
 }
 
@@ -203,15 +232,40 @@ impl<'a> Paint<'a> {
     }
 }
 
-fn fans_of(mesh: &Mesh) -> Vec<[u32; 3]> {
+/// The vertex of each corner of all meshes, and the corners of each triangle if some faces are none.
+fn triangles_of<'a>(meshes: &[&'a Mesh]) -> (Cow<'a, [u32]>, Option<Vec<[u32; 3]>>) {
+    let fans = meshes.iter().any(|mesh| mesh.faces().sides() != Some(3));
+    let fans = fans.then(|| fans_of(meshes));
+    if let [mesh] = meshes {
+        return (Cow::Borrowed(mesh.faces().corners()), fans);
+    }
+    let (mut corners, mut first) = (Vec::new(), 0);
+    for mesh in meshes {
+        corners.extend(mesh.faces().corners().iter().map(|vertex| first + vertex));
+        first += mesh.positions().len() as u32;
+    }
+    (Cow::Owned(corners), fans)
+}
+
+fn fans_of(meshes: &[&Mesh]) -> Vec<[u32; 3]> {
     let mut first = 0;
-    let mut fans = Vec::with_capacity(mesh.faces().corners().len());
-    for face in mesh.faces().iter() {
+    let corners = meshes.iter().map(|mesh| mesh.faces().corners().len()).sum();
+    let mut fans = Vec::with_capacity(corners);
+    for face in meshes.iter().flat_map(|mesh| mesh.faces().iter()) {
         let sides = face.len() as u32;
         fans.extend((1..sides - 1).map(|k| [first, first + k, first + k + 1]));
         first += sides;
     }
     fans
+}
+
+/// Puts a list behind another, without a copy behind an empty one.
+fn append<T>(all: &mut Vec<T>, mut more: Vec<T>) {
+    if all.is_empty() {
+        *all = more;
+    } else {
+        all.append(&mut more);
+    }
 }
 
 #[inline(always)]

@@ -2,8 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::View;
-use crate::value::{Attribute, Axes, Faces, Layer, Mesh, Rgb, Series};
+use super::{Aim, View};
+use crate::value::{Attribute, Axes, Faces, Image, Layer, Mesh, Rgb, Series, bounds};
 
 /// The radius of lines and the size of points and of arrows' heads, as shares of the diagonal of all there is.
 const LINE: f64 = 0.002;
@@ -19,16 +19,42 @@ const COLORS: [Rgb; 4] = [[214, 170, 60], [60, 110, 180], [190, 80, 40], [70, 14
 /// The height of a plot whose width is 1.
 const PLOT: f64 = 0.7;
 
-/// A picture of what a value shows, if any of it lies in space or is a plot: its faces alone if it has some.
-pub fn render_layers(layers: &[Layer], view: &View) -> Option<crate::value::Image> {
-    let faces = layers.iter().find_map(|layer| match layer {
-        Layer::Triangles(mesh) => Some(mesh),
+/// A picture of what of a value lies in space or is a plot, if there is any: faces, lines, points and arrows together.
+///
+/// It has the axes of the faces, or of the first layer if there are none, and so does what the view aims at.
+pub fn render_layers(layers: &[Layer], view: &View) -> Option<Image> {
+    let faces = layers.iter().filter_map(|layer| match layer {
+        Layer::Triangles(mesh) => Some(&**mesh),
         _ => None,
     });
-    match faces {
-        Some(mesh) => Some(super::render(mesh, view)),
-        None => Solids::of(layers).mesh().map(|mesh| super::render(&mesh, view)),
+    let faces = Vec::from_iter(faces);
+    let Some(first) = faces.first() else {
+        let solids = Solids::of(layers, Axes::Upright).mesh(&[])?;
+        let axes = layers.iter().find_map(axes_of).unwrap_or_default();
+        return Some(super::render(&solids, &View { aim: aim(view, axes), ..*view }));
+    };
+    let axes = if first.frame().is_some() { Axes::Sensor } else { Axes::Upright };
+    let solids = Solids::of(layers, axes).mesh(&faces);
+    Some(super::render_all(&Vec::from_iter(faces.into_iter().chain(&solids)), view))
+}
+
+/// The axes of what is drawn as solids; none for anything else, and for plots.
+fn axes_of(layer: &Layer) -> Option<Axes> {
+    match layer {
+        Layer::Points(cloud) => Some(cloud.axes),
+        Layer::Lines(lines) => Some(lines.axes),
+        Layer::Arrows(arrows) => Some(arrows.axes),
+        Layer::Picture(_) | Layer::Triangles(_) | Layer::Plot(_) => None,
     }
+}
+
+/// What a view aims at, with y up.
+fn aim(view: &View, axes: Axes) -> Option<Aim> {
+    let turn = |place| turned(place, axes, Axes::Upright);
+    view.aim.map(|aim| match aim {
+        Aim::Place(place) => Aim::Place(turn(place)),
+        Aim::Box(low, high) => Aim::Box(turn(low), turn(high)),
+    })
 }
 
 /// What is to be drawn.
@@ -40,7 +66,8 @@ struct Solids {
 }
 
 impl Solids {
-    fn of(layers: &[Layer]) -> Self {
+    /// The layers that are no faces, in these axes.
+    fn of(layers: &[Layer], axes: Axes) -> Self {
         let mut all = Self::default();
         for layer in layers {
             match layer {
@@ -49,20 +76,23 @@ impl Solids {
                     let color = |k: usize| colors.map_or(COLORS[0], |colors| colors[k]);
                     let places = cloud.points.positions().iter().enumerate();
                     let stride = places.len().div_ceil(MOST).max(1);
-                    let place = |(k, &point)| (upright(point, cloud.axes), color(k));
+                    let place = |(k, &point)| (turned(point, cloud.axes, axes), color(k));
                     all.points.extend(places.step_by(stride).map(place));
                 }
                 Layer::Lines(lines) => {
                     let at = |&k: &u32| lines.points.get(k as usize).copied();
                     for ends in lines.chains.iter().flat_map(|chain| chain.windows(2)) {
                         let [Some(a), Some(b)] = [at(&ends[0]), at(&ends[1])] else { continue };
-                        all.lines.push(([a, b].map(|end| upright(end, lines.axes)), COLORS[1]));
+                        all.lines
+                            .push(([a, b].map(|end| turned(end, lines.axes, axes)), COLORS[1]));
                     }
                 }
                 Layer::Arrows(arrows) => {
                     let ends = arrows.from.iter().zip(arrows.to.iter());
                     all.arrows.extend(
-                        ends.map(|(&from, &to)| [from, to].map(|end| upright(end, arrows.axes))),
+                        ends.map(|(&from, &to)| {
+                            [from, to].map(|end| turned(end, arrows.axes, axes))
+                        }),
                     );
                 }
                 Layer::Plot(series) => all.plot(series),
@@ -100,13 +130,16 @@ impl Solids {
         self.lines.extend(frame);
     }
 
-    /// All of it as one mesh; none if there is nothing, or it is too large for numbers.
-    fn mesh(&self) -> Option<Mesh> {
+    /// All of it as one mesh, as large as it must be beside some faces; none if there is nothing, or it is too large for numbers.
+    fn mesh(&self, faces: &[&Mesh]) -> Option<Mesh> {
         let points = self.points.iter().map(|(point, _)| point);
         let ends = self.lines.iter().flat_map(|(ends, _)| ends);
         let ends = ends.chain(self.arrows.iter().flatten());
         let is_somewhere = |point: &&Point3<f64>| point.coords.iter().all(|x| x.is_finite());
-        let (low, high) = crate::value::bounds(points.chain(ends).filter(is_somewhere))?;
+        let mut places = points.chain(ends).filter(is_somewhere).peekable();
+        places.peek()?;
+        let vertices = faces.iter().flat_map(|mesh| mesh.positions().iter());
+        let (low, high) = bounds(places.chain(vertices))?;
         let diagonal = (high - low).norm();
         let size = if diagonal > 0.0 { diagonal } else { 1.0 };
         let mut pieces = Pieces::default();
@@ -133,12 +166,9 @@ impl Solids {
     }
 }
 
-/// A place with y up.
-fn upright(point: Point3<f64>, axes: Axes) -> Point3<f64> {
-    match axes {
-        Axes::Upright => point,
-        Axes::Sensor => Point3::new(point.x, -point.y, -point.z),
-    }
+/// A place in other axes.
+fn turned(point: Point3<f64>, from: Axes, to: Axes) -> Point3<f64> {
+    if from == to { point } else { Point3::new(point.x, -point.y, -point.z) }
 }
 
 /// A mesh that grows. What is not at a finite place is left out.

@@ -7,8 +7,8 @@ use nalgebra::Point3;
 
 use super::{Column, Image, Mesh, Points, Registration, Rgb};
 
-/// The color of the background.
-pub(super) const PLAIN: Rgb = [24, 26, 32];
+/// The color of the background, and so of pixels of a drawn picture that show nothing.
+pub(crate) const PLAIN: Rgb = [24, 26, 32];
 
 /// One drawing of a value. A value gives several if they belong together, the most important one first.
 #[derive(Clone, Debug, PartialEq)]

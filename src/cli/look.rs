@@ -1,0 +1,256 @@
+//! How `inspect` and `render` look at a value: at what the camera aims, and on which picture a flat one lies.
+
+use std::collections::HashSet;
+
+use clap::Args;
+use nalgebra::Point3;
+
+use super::{Exit, report};
+use crate::error::Problem;
+use crate::graph::Graph;
+use crate::render::{Aim, Below, Kind, Look, View, picture, picture_of};
+use crate::session::{Run, Session, Wanted};
+use crate::text::{unknown, with_article};
+use crate::value::{AnyValue, Image, Meaning, Picture, RangeImage, Registration, Value};
+
+/// What `--at` names.
+#[derive(Clone, Debug)]
+pub(super) enum At {
+    /// A pixel.
+    Pixel([usize; 2]),
+    /// A place in space.
+    Place(Point3<f64>),
+    /// A value of the graph.
+    Value(String),
+}
+
+impl At {
+    /// The name of a value.
+    fn name(&self) -> Option<&str> {
+        match self {
+            Self::Value(name) => Some(name),
+            Self::Pixel(_) | Self::Place(_) => None,
+        }
+    }
+}
+
+/// Two numbers are a pixel, three a place, anything else a name.
+pub(super) fn at(text: &str) -> Result<At, String> {
+    const WRITE: &str = "write COLUMN,ROW for a pixel, X,Y,Z for a place, or NODE or NODE.OUTPUT";
+    let parts = Vec::from_iter(text.split(',').map(str::trim));
+    let number = |part: &str| part.parse::<f64>().ok().filter(|number| number.is_finite());
+    match parts[..] {
+        [name] if !name.is_empty() && number(name).is_none() => Ok(At::Value(name.to_owned())),
+        [x, y] => {
+            let pixel = x.parse().ok().zip(y.parse().ok());
+            pixel.map(|(x, y)| At::Pixel([x, y])).ok_or_else(|| WRITE.into())
+        }
+        [x, y, z] => {
+            let place = number(x).zip(number(y)).zip(number(z));
+            place.map(|((x, y), z)| At::Place(Point3::new(x, y, z))).ok_or_else(|| WRITE.into())
+        }
+        _ => Err(WRITE.into()),
+    }
+}
+
+/// The picture that a flat one lies on.
+#[derive(Args)]
+pub(super) struct Over {
+    /// Draw a region, labels or a mask on this picture of the graph. Without it, a region and labels lie on the nearest picture of
+    /// their size that they were made from.
+    #[arg(long, value_name = "NODE[.OUTPUT]")]
+    over: Option<String>,
+}
+
+/// How a picture of a value is to be made.
+pub(super) struct Request<'a> {
+    pub(super) view: View,
+    pub(super) kind: Kind,
+    pub(super) at: Option<&'a At>,
+    pub(super) over: &'a Over,
+}
+
+/// The graph of a value, with the node that gives it.
+pub(super) struct Source<'a> {
+    pub(super) graph: &'a Graph,
+    pub(super) node: usize,
+    pub(super) session: &'a mut Session,
+}
+
+impl Request<'_> {
+    /// Whether the graph has all that is named; without a graph nothing may be.
+    ///
+    /// # Errors
+    /// In words, with a guess at what was meant.
+    pub(super) fn check(&self, graph: Option<&Graph>) -> Result<(), String> {
+        let at = self.at.and_then(At::name);
+        at.into_iter().chain(self.over.over.as_deref()).try_for_each(|name| match graph {
+            Some(graph) => place(graph, name).map(drop),
+            None => Err(format!("`{name}` is a node of no graph: a file is shown alone")),
+        })
+    }
+
+    /// Whether it says at what to aim, or what lies below.
+    pub(super) fn is_special(&self) -> bool {
+        self.at.is_some() || self.over.over.is_some()
+    }
+
+    /// The picture.
+    ///
+    /// # Errors
+    /// If nothing of what is asked for can be seen, or something that is named fails.
+    pub(super) fn picture(
+        &self,
+        value: &AnyValue,
+        source: Option<Source<'_>>,
+    ) -> Result<Image, Exit> {
+        let layers = value.show();
+        let flat = picture_of(&layers).filter(|_| self.kind != Kind::Space);
+        let what = || with_article(value.kind().name);
+        if self.over.over.is_some() && flat.is_none() {
+            return Err(Exit::Usage(format!(
+                "{} is seen in space, not as a flat picture that lies --over another",
+                what()
+            )));
+        }
+        let (mut view, mut ground) = (self.view, None);
+        match (self.at, source) {
+            (Some(At::Value(name)), Some(mut source)) => view.aim = Some(source.aim(name)?),
+            (Some(At::Place(place)), _) => view.aim = Some(Aim::Place(*place)),
+            (_, Some(source)) => {
+                let found = flat.map(|picture| source.ground(picture, self.over)).transpose()?;
+                ground = found.flatten();
+            }
+            (_, None) => {}
+        }
+        let below = ground.as_ref().and_then(Ground::below);
+        picture(&layers, &Look { view, kind: self.kind, below }).ok_or_else(|| {
+            let what = what();
+            Exit::Usage(match picture_of(&layers) {
+                Some(_) => format!("{what} is a flat picture, nothing of which lies in space: leave out from where it is seen"),
+                None => format!("nothing of {what} can be seen: `maquette inspect` prints what it is"),
+            })
+        })
+    }
+}
+
+/// A picture of a graph, and where on it lies what is drawn over it.
+struct Ground {
+    image: AnyValue,
+    registration: Option<Registration>,
+}
+
+impl Ground {
+    fn below(&self) -> Option<Below<'_>> {
+        self.image.get().map(|image| Below { image, registration: self.registration })
+    }
+}
+
+impl Source<'_> {
+    /// Aims at all of a value.
+    fn aim(&mut self, name: &str) -> Result<Aim, Exit> {
+        let target = place(self.graph, name).map_err(Exit::Usage)?;
+        let value = self.values(&[target])?.remove(0);
+        Aim::around(places_of(&value)).ok_or_else(|| {
+            let what = with_article(value.kind().name);
+            Exit::Usage(format!("`{name}` gives {what}, which lies nowhere in space: --at takes meshes, regions, curves, points .."))
+        })
+    }
+
+    /// What a flat picture of the value lies on: what is asked for, or the nearest picture that it was made from, if its colors were
+    /// made up for the drawing.
+    fn ground(mut self, picture: &Picture, over: &Over) -> Result<Option<Ground>, Exit> {
+        let linked = linked(self.graph, self.node);
+        let chosen = match &over.over {
+            Some(name) => vec![place(self.graph, name).map_err(Exit::Usage)?],
+            None if picture.drawn && picture.registration.is_none() => images(self.graph, &linked),
+            None => return Ok(None),
+        };
+        let grids = linked.into_iter().filter(|at| gives::<RangeImage>(self.graph, *at));
+        let grids = self.values(&Vec::from_iter(grids))?;
+        let grids = grids.iter().filter_map(AnyValue::get::<RangeImage>);
+        let size = [picture.image.width(), picture.image.height()];
+        let of_grids =
+            grids.filter(|it| [it.width(), it.height()] == size).map(|it| *it.registration());
+        let known = Vec::from_iter(picture.registration.into_iter().chain(of_grids));
+        for image in self.values(&chosen)? {
+            let Some(given) = image.get::<Image>().map(|it| [it.width(), it.height()]) else {
+                let what = with_article(image.kind().name);
+                return Err(Exit::Usage(format!("--over takes a picture, not {what}")));
+            };
+            let registration = known.iter().copied().find(|known| known.picture == given);
+            if registration.is_some() || given == size || over.over.is_some() {
+                return Ok(Some(Ground { image, registration }));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The values of some outputs of nodes, which take no time if the value was computed from them.
+    fn values(&mut self, targets: &[(usize, usize)]) -> Result<Vec<AnyValue>, Exit> {
+        let name = |&(node, _): &(usize, usize)| self.graph.nodes[node].name.clone();
+        let wanted = Wanted::Nodes(targets.iter().map(name).collect());
+        let run = Run { wanted, ..Run::default() };
+        let failed = |problems: &[Problem]| {
+            report(problems);
+            Exit::Failed
+        };
+        let finished = self.session.run(self.graph, &run).map_err(|problems| failed(&problems))?;
+        let value = |&(node, output): &(usize, usize)| {
+            let node = &self.graph.nodes[node];
+            finished.value_of(&node.name, node.outputs[output]).cloned()
+        };
+        let values: Option<Vec<AnyValue>> = targets.iter().map(value).collect();
+        values.ok_or_else(|| failed(&finished.problems()))
+    }
+}
+
+/// The node and output of this name.
+pub(super) fn place(graph: &Graph, name: &str) -> Result<(usize, usize), String> {
+    graph.value_named(name).ok_or_else(|| {
+        let known = Vec::from_iter(graph.output_names().chain(graph.names()));
+        unknown(format!("the graph has no output or node `{name}`"), name, "it has", &known)
+    })
+}
+
+/// All places of which a value is made.
+fn places_of(value: &AnyValue) -> Vec<Point3<f64>> {
+    let parts = value.parts();
+    let columns = parts.columns.iter().filter(|part| part.meaning == Meaning::Position);
+    columns.filter_map(|part| part.places().ok()).flatten().collect()
+}
+
+/// The outputs of nodes that a node hangs on, the nearest first.
+fn linked(graph: &Graph, node: usize) -> Vec<(usize, usize)> {
+    let (mut found, mut next) = (Vec::new(), 0);
+    let mut visited = HashSet::from([node]);
+    let mut nodes = vec![node];
+    while let Some(&node) = nodes.get(next) {
+        for link in &graph.nodes[node].links {
+            found.push((link.node, link.output));
+            nodes.extend(visited.insert(link.node).then_some(link.node));
+        }
+        next += 1;
+    }
+    found
+}
+
+/// The pictures among some outputs, then those of the same nodes that nothing is linked to.
+fn images(graph: &Graph, linked: &[(usize, usize)]) -> Vec<(usize, usize)> {
+    let all = |&(node, _): &(usize, usize)| {
+        (0..graph.nodes[node].outputs.len()).map(move |output| (node, output))
+    };
+    let beside = linked.iter().flat_map(all);
+    let mut images = Vec::new();
+    for at in linked.iter().copied().chain(beside).filter(|at| gives::<Image>(graph, *at)) {
+        if !images.contains(&at) {
+            images.push(at);
+        }
+    }
+    images
+}
+
+fn gives<T: Value>(graph: &Graph, (node, output): (usize, usize)) -> bool {
+    let kind = graph.nodes[node].types.get(output).copied().flatten();
+    kind.is_some_and(|kind| kind.name == T::NAME)
+}
