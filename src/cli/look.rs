@@ -83,11 +83,17 @@ impl Request<'_> {
     /// # Errors
     /// In words, with a guess at what was meant.
     pub(super) fn check(&self, graph: Option<&Graph>) -> Result<(), String> {
-        let at = self.at.and_then(At::name);
-        at.into_iter().chain(self.over.over.as_deref()).try_for_each(|name| match graph {
-            Some(graph) => place(graph, name).map(drop),
+        let find = |name: &str| match graph {
+            Some(graph) => place(graph, name).map(|at| (graph, at)),
             None => Err(format!("`{name}` is a node of no graph: a file is shown alone")),
-        })
+        };
+        self.at.and_then(At::name).map(find).transpose()?;
+        let Some(name) = &self.over.over else { return Ok(()) };
+        let (graph, below) = find(name)?;
+        match gives::<Image>(graph, below) {
+            true => Ok(()),
+            false => Err(format!("`{name}` gives no Image, which is what --over takes")),
+        }
     }
 
     /// Whether it says at what to aim, or what lies below.
@@ -108,10 +114,8 @@ impl Request<'_> {
         let flat = picture_of(&layers).filter(|_| self.kind != Kind::Space);
         let what = || with_article(value.kind().name);
         if self.over.over.is_some() && flat.is_none() {
-            return Err(Exit::Usage(format!(
-                "{} is seen in space, not as a flat picture that lies --over another",
-                what()
-            )));
+            let why = "is seen in space, not as a flat picture that lies on another";
+            return Err(Exit::Usage(format!("{} {why}: leave --over out", what())));
         }
         let (mut view, mut ground) = (self.view, None);
         match (self.at, source) {
@@ -125,11 +129,14 @@ impl Request<'_> {
         }
         let below = ground.as_ref().and_then(Ground::below);
         picture(&layers, &Look { view, kind: self.kind, below }).ok_or_else(|| {
-            let what = what();
-            Exit::Usage(match picture_of(&layers) {
-                Some(_) => format!("{what} is a flat picture, nothing of which lies in space: leave out from where it is seen"),
-                None => format!("nothing of {what} can be seen: `maquette inspect` prints what it is"),
-            })
+            let (why, help) = match picture_of(&layers) {
+                Some(_) => (
+                    "is a flat picture, which lies nowhere in space",
+                    "leave --at and the camera out",
+                ),
+                None => ("has nothing to be seen", "`maquette inspect` prints what it is"),
+            };
+            Exit::Usage(format!("{} {why}: {help}", what()))
         })
     }
 }
@@ -150,10 +157,11 @@ impl Source<'_> {
     /// Aims at all of a value.
     fn aim(&mut self, name: &str) -> Result<Aim, Exit> {
         let target = place(self.graph, name).map_err(Exit::Usage)?;
-        let value = self.values(&[target])?.remove(0);
+        let value = self.values(&[target])?.pop().ok_or(Exit::Failed)?;
         Aim::around(places_of(&value)).ok_or_else(|| {
             let what = with_article(value.kind().name);
-            Exit::Usage(format!("`{name}` gives {what}, which lies nowhere in space: --at takes meshes, regions, curves, points .."))
+            let help = "--at takes what has points, such as meshes, regions and curves";
+            Exit::Usage(format!("`{name}` gives {what}, which lies nowhere in space: {help}"))
         })
     }
 
@@ -175,8 +183,7 @@ impl Source<'_> {
         let known = Vec::from_iter(picture.registration.into_iter().chain(of_grids));
         for image in self.values(&chosen)? {
             let Some(given) = image.get::<Image>().map(|it| [it.width(), it.height()]) else {
-                let what = with_article(image.kind().name);
-                return Err(Exit::Usage(format!("--over takes a picture, not {what}")));
+                continue;
             };
             let registration = known.iter().copied().find(|known| known.picture == given);
             if registration.is_some() || given == size || over.over.is_some() {
@@ -208,6 +215,13 @@ impl Source<'_> {
 /// The node and output of this name.
 pub(super) fn place(graph: &Graph, name: &str) -> Result<(usize, usize), String> {
     graph.value_named(name).ok_or_else(|| {
+        let node =
+            name.split_once('.').and_then(|(node, output)| Some((graph.find(node)?, output)));
+        if let Some((node, output)) = node {
+            let node = &graph.nodes[node];
+            let message = format!("`{}` has no output `{output}`", node.name);
+            return unknown(message, output, "its outputs", &node.outputs);
+        }
         let known = Vec::from_iter(graph.output_names().chain(graph.names()));
         unknown(format!("the graph has no output or node `{name}`"), name, "it has", &known)
     })

@@ -12,9 +12,9 @@ use super::{Exit, GraphOptions, all_outputs, print, report};
 use crate::catalog::{Catalog, inside};
 use crate::format::png;
 use crate::graph::{Graph, Options};
-use crate::render::{View, render};
+use crate::render::{Kind, Look, View, picture};
 use crate::session::Session;
-use crate::value::{AnyValue, Image, Mesh, Rgb};
+use crate::value::{Image, Layer, Rgb};
 use crate::writing::{Destination, Sources};
 
 /// A row for the defaults, and one for each end of each parameter that has a least and a greatest value.
@@ -82,42 +82,46 @@ impl Sheet {
         let mut rows = Vec::new();
         let mut complete = true;
         for values in rows_of(&graph) {
-            let mesh = self.mesh(path, &values, catalog, session);
-            complete &= mesh.is_some();
+            let layers = self.layers(path, &values, catalog, session);
+            complete &= layers.is_some();
             print(&format!("  row {}: {}\n", rows.len() + 1, title(&values)));
-            rows.push(mesh);
+            rows.push(layers);
         }
         let bytes = png::encode_rgb(&self.draw(&rows)).map_err(|why| refused(&why))?;
         destination.put(&file, &bytes).map_err(|why| refused(&why))?;
         Ok(complete)
     }
 
-    /// The first output that has faces.
-    fn mesh(
+    /// What the first output shows that has faces; without one, the first that shows anything.
+    fn layers(
         &self,
         path: &Path,
         values: &[(String, String)],
         catalog: &Arc<Catalog>,
         session: &mut Session,
-    ) -> Option<Mesh> {
+    ) -> Option<Vec<Layer>> {
         let mut options: Options = self.options.all();
         options.set.extend_from_slice(values);
         let checked = Graph::load(path, catalog, &options);
         report(&checked.problems);
         let graph = checked.graph?;
         let finished = all_outputs(session, &graph)?;
-        graph.output_names().filter_map(|name| finished.value(name)).find_map(AnyValue::as_mesh)
+        let values = || graph.output_names().filter_map(|name| finished.value(name));
+        let solid = values().find(|value| value.as_mesh().is_some());
+        let shown = solid.map(|value| value.show());
+        shown.or_else(|| values().map(|value| value.show()).find(|layers| !layers.is_empty()))
     }
 
-    fn draw(&self, rows: &[Option<Mesh>]) -> Image {
+    fn draw(&self, rows: &[Option<Vec<Layer>>]) -> Image {
         let [width, height] = self.size;
         let full = SIDES.len() * width;
         let mut pixels = vec![NOTHING; full * height * rows.len()];
-        for (row, mesh) in rows.iter().enumerate() {
-            let Some(mesh) = mesh else { continue };
+        for (row, layers) in rows.iter().enumerate() {
+            let Some(layers) = layers else { continue };
             for (column, [yaw, pitch]) in SIDES.into_iter().enumerate() {
                 let view = View { size: self.size, yaw, pitch, zoom: self.zoom, ..View::front() };
-                let picture = render(mesh, &view);
+                let look = Look { view, kind: Kind::Fitted, below: None };
+                let Some(picture) = picture(layers, &look) else { continue };
                 for (y, line) in picture.pixels().chunks(width).enumerate() {
                     let start = (row * height + y) * full + column * width;
                     pixels[start..start + width].copy_from_slice(line);

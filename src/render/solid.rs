@@ -6,15 +6,19 @@ use super::{Aim, View};
 use crate::value::{Attribute, Axes, Faces, Image, Layer, Mesh, Rgb, Series, bounds};
 
 /// The radius of lines and the size of points and of arrows' heads, as shares of the diagonal of all there is.
+///
+/// Lines on faces are half as thick, so that these are seen between them. A few points alone are as large as `FEW`, so that they are seen
+/// at all.
 const LINE: f64 = 0.002;
 const POINT: f64 = 0.004;
+const FEW: f64 = 0.012;
 const HEAD: f64 = 0.03;
 
 /// Of more points than that, every n-th is drawn.
 const MOST: usize = 100_000;
 
 /// Colors of points, lines and arrows, and of the series of a plot.
-const COLORS: [Rgb; 4] = [[214, 170, 60], [60, 110, 180], [190, 80, 40], [70, 140, 90]];
+const COLORS: [Rgb; 4] = [[214, 170, 60], [92, 152, 232], [190, 80, 40], [70, 140, 90]];
 
 /// The height of a plot whose width is 1.
 const PLOT: f64 = 0.7;
@@ -130,6 +134,12 @@ impl Solids {
         self.lines.extend(frame);
     }
 
+    /// The size of points, as a share of the diagonal: the fewer there are, the larger. Beads on lines are small.
+    fn point(&self) -> f64 {
+        let count = self.points.len() + self.arrows.len();
+        if self.lines.is_empty() { (0.1 / (count as f64).sqrt()).clamp(POINT, FEW) } else { POINT }
+    }
+
     /// All of it as one mesh, as large as it must be beside some faces; none if there is nothing, or it is too large for numbers.
     fn mesh(&self, faces: &[&Mesh]) -> Option<Mesh> {
         let points = self.points.iter().map(|(point, _)| point);
@@ -142,22 +152,24 @@ impl Solids {
         let (low, high) = bounds(places.chain(vertices))?;
         let diagonal = (high - low).norm();
         let size = if diagonal > 0.0 { diagonal } else { 1.0 };
+        let line = size * if faces.is_empty() { LINE } else { LINE / 2.0 };
+        let point = size * self.point();
         let mut pieces = Pieces::default();
-        for (point, color) in &self.points {
-            pieces.point(*point, POINT * size, *color);
+        for (place, color) in &self.points {
+            pieces.point(*place, point, *color);
         }
         for ([a, b], color) in &self.lines {
-            pieces.line(*a, *b, LINE * size, *color);
+            pieces.line(*a, *b, line, *color);
         }
         for &[from, to] in &self.arrows {
             let length = (to - from).norm();
             let head = (HEAD * size).min(0.5 * length);
             if length > 0.0 {
                 let neck = to - (to - from) * (head / length);
-                pieces.line(from, neck, LINE * size, COLORS[2]);
+                pieces.line(from, neck, line, COLORS[2]);
                 pieces.tube([neck, to], [head / 3.0, 0.0], COLORS[2]);
             } else {
-                pieces.point(from, POINT * size, COLORS[2]);
+                pieces.point(from, point, COLORS[2]);
             }
         }
         let Pieces { positions, colors, faces } = pieces;

@@ -1,7 +1,9 @@
 use nalgebra::Point3;
 
 use super::*;
-use crate::value::{Attribute, CaptureFrame, Faces};
+use crate::value::{
+    Attribute, Axes, CaptureFrame, Faces, Lines, PLAIN, Picture, Registration, TYPES,
+};
 
 fn mesh(points: &[[f64; 3]], faces: &[[u32; 3]]) -> Mesh {
     let positions: Vec<Point3<f64>> = points.iter().map(|&point| point.into()).collect();
@@ -218,4 +220,142 @@ fn wild_numbers_do_no_harm() {
     let textured = mesh(&triangles[0], &[[0, 1, 2]]).with_vertex("uv", uv).unwrap();
     let image = Image::new(1, 1, vec![GREEN]).unwrap();
     render(&textured.with_texture(Some(image)), &view(9, 9));
+}
+
+/// A line from place to place.
+fn line(ends: [[f64; 3]; 2], axes: Axes) -> Layer {
+    let points = Vec::from(ends.map(Point3::from));
+    Layer::Lines(Lines { points: points.into(), chains: vec![vec![0, 1]], axes })
+}
+
+#[test]
+fn lines_are_drawn_with_the_faces_that_they_belong_to_and_faces_alone_as_ever() {
+    let mesh = squares(&[square([0., 0.], [8., 8.], 0., RED)]);
+    let faces = Layer::Triangles(Box::new(mesh.clone()));
+    let view = view(400, 400);
+    let alone = render_layers(std::slice::from_ref(&faces), &view).unwrap();
+    assert_eq!(alone, render(&mesh, &view));
+    // In front of the square, behind it, and in front of it in the other axes.
+    let line = |z, axes| line([[0., 4., z], [8., 4., z]], axes);
+    let seen = |line| {
+        let picture = render_layers(&[faces.clone(), line], &view).unwrap();
+        picture.pixels().iter().zip(alone.pixels()).filter(|(a, b)| a != b).count()
+    };
+    assert!(seen(line(1., Axes::Upright)) > 300);
+    assert_eq!(seen(line(-1., Axes::Upright)), 0);
+    assert!(seen(self::line([[0., -4., -1.], [8., -4., -1.]], Axes::Sensor)) > 300);
+}
+
+#[test]
+fn a_view_aims_at_a_place_or_fits_a_box() {
+    let middle = |view: &View| {
+        let picture = render(&signpost(), view);
+        draw(&picture).chars().nth(31 * 15 + 15).unwrap()
+    };
+    let share = |view: &View, color: char| {
+        let picture = draw(&render(&signpost(), view));
+        picture.chars().filter(|&c| c == color).count()
+    };
+    for projection in [Projection::Orthographic, Projection::Perspective] {
+        let whole = View { projection, ..view(30, 30) };
+        let at = |aim| View { aim: Some(aim), ..whole };
+        let place = at(Aim::Place(Point3::new(6., 2., 0.)));
+        assert_eq!(middle(&place), 'g');
+        assert!(share(&place, 'g').abs_diff(share(&whole, 'g')) < 20, "no larger than before");
+        let green = Aim::around([[4., 0., 0.], [f64::NAN; 3], [8., 4., 0.]].map(Point3::from));
+        let fits = at(green.unwrap());
+        assert!(share(&fits, 'g') > 700, "{}", draw(&render(&signpost(), &fits)));
+        assert!(share(&View { zoom: 0.5, ..fits }, 'g').abs_diff(share(&fits, 'g') / 4) < 30);
+        // A box behind and before all there is, and nothing at all.
+        for z in [-1e3, 1e3, 1e300, f64::NAN] {
+            let (low, high) = (Point3::new(0., 0., z), Point3::new(1., 1., z));
+            render(&signpost(), &at(Aim::Box(low, high)));
+            render(&mesh(&[], &[]), &at(Aim::Place(low)));
+        }
+    }
+    assert_eq!(Aim::around([Point3::new(0., f64::INFINITY, 0.)]), None);
+}
+
+/// Rows of letters: the background, white, and a color.
+fn drawn(rows: &[&str]) -> Layer {
+    let color = |letter: u8| match letter {
+        b'.' => PLAIN,
+        b'w' => [255; 3],
+        _ => GREEN,
+    };
+    let pixels = Vec::from_iter(rows.iter().flat_map(|row| row.bytes().map(color)));
+    let image = Image::new(rows[0].len(), rows.len(), pixels).unwrap();
+    Layer::Picture(Picture { image, registration: None, drawn: true })
+}
+
+#[test]
+fn a_region_lies_on_its_capture_with_an_outline_and_the_rest_is_dark() {
+    let capture = Image::new(8, 6, vec![[200, 100, 60]; 48]).unwrap();
+    let registration = Some(Registration { scale: [2.0; 2], offset: [2.0; 2], picture: [8, 6] });
+    let on = |layer: Layer, registration| {
+        let below = Some(Below { image: &capture, registration });
+        picture(&[layer], &Look { below, ..Look::own() }).unwrap()
+    };
+    let letters = |image: &Image| {
+        let letter = |pixel: &Rgb| match pixel {
+            [200, 100, 60] => '#',
+            [255, 220, 40] => 'o',
+            [70, 35, 21] => '.',
+            [0, 255, 0] => 'g',
+            _ => '?',
+        };
+        let rows = image.pixels().chunks(image.width());
+        rows.map(|row| row.iter().map(letter).chain(['\n']).collect::<String>()).collect::<String>()
+    };
+    let region = ["....", ".ww.", ".ww."];
+    let expected = ["........", "........", "..oooo..", "..o##o..", "..o##o..", "..o##o.."];
+    assert_eq!(letters(&on(drawn(&region), None)), expected.join("\n") + "\n");
+    let expected = ["........", "........", "........", "...oooo.", "...o##o.", "...o##o."];
+    assert_eq!(letters(&on(drawn(&region), registration)), expected.join("\n") + "\n");
+    // A label has lines of its own color around it, and tints what is inside.
+    let label = letters(&on(drawn(&["....", "gggg", "gggg"]), None));
+    assert_eq!(label.lines().nth(2), Some("gggggggg"), "{label}");
+    assert_eq!(label.lines().nth(4), Some("????????"), "{label}");
+}
+
+#[test]
+fn a_flat_picture_fits_into_a_size() {
+    let fitted = |rows: &[&str], size| {
+        let look = Look { view: View { size, ..View::front() }, kind: Kind::Fitted, below: None };
+        picture(&[drawn(rows)], &look).unwrap()
+    };
+    let wide = fitted(&["wg", "gw"], [8, 4]);
+    assert_eq!(["..wwgg..", "..wwgg..", "..ggww..", "..ggww.."], letters_of(&wide)[..]);
+    let small = fitted(&["ww....", "ww...."], [3, 3]);
+    assert_eq!(["...", "w..", "..."], letters_of(&small)[..]);
+    assert_eq!(fitted(&["w"], [0, 5]).pixels().len(), 0);
+}
+
+fn letters_of(image: &Image) -> Vec<String> {
+    let letter = |&pixel: &Rgb| match pixel {
+        PLAIN => '.',
+        GREEN => 'g',
+        _ => 'w',
+    };
+    image.pixels().chunks(image.width()).map(|row| row.iter().map(letter).collect()).collect()
+}
+
+#[test]
+fn every_type_of_values_has_a_picture_and_none_stops_the_program() {
+    let below = Image::new(3, 2, vec![GREEN; 6]).unwrap();
+    let odd = Registration { scale: [f64::NAN, 0.0], offset: [1e300, -1.0], picture: [3, 2] };
+    for kind in TYPES {
+        let mut seen = 0;
+        for value in kind.hostile() {
+            let layers = value.show();
+            let view = View { size: [12, 9], ..View::front() };
+            let look = Look { view, kind: Kind::Fitted, below: None };
+            seen += usize::from(picture(&layers, &look).is_some());
+            let below = Some(Below { image: &below, registration: Some(odd) });
+            picture(&layers, &Look { below, ..look });
+            let aim = Some(Aim::Place(Point3::new(1e308, -1.0, 0.0)));
+            picture(&layers, &Look { view: View { aim, ..view }, kind: Kind::Space, below: None });
+        }
+        assert!(seen > 0, "{} is never seen", kind.name);
+    }
 }

@@ -7,6 +7,7 @@ mod faults;
 mod nothing_is_lost;
 mod page;
 mod preview;
+mod pictures;
 mod reuse;
 mod sequences;
 mod sheet;

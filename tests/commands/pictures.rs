@@ -1,0 +1,163 @@
+//! Pictures of any value, as `maquette render` and `maquette inspect --out` make them.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use maquette::format::png;
+use maquette::value::Image;
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+/// A folder for pictures and for what was computed before.
+struct Studio(tempfile::TempDir);
+
+impl Studio {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn maquette(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+        command.args(arguments).current_dir(GRAPHS).env("NO_COLOR", "1");
+        command.env("MAQUETTE_CACHE", self.0.path().join("cache")).output().unwrap()
+    }
+
+    /// The picture that a command writes, which has `PICTURE` for its name.
+    fn picture(&self, arguments: &[&str]) -> Image {
+        let path = self.0.path().join("picture.png");
+        let name = path.to_str().unwrap();
+        let given = arguments.iter().map(|&it| if it == "PICTURE" { name } else { it });
+        let output = self.maquette(&Vec::from_iter(given));
+        assert!(output.status.success(), "{arguments:?}: {}", told(&output));
+        png::read(&std::fs::read(path).unwrap()).unwrap()
+    }
+
+    /// The error of a command that is used wrongly.
+    fn refused(&self, arguments: &[&str]) -> String {
+        let output = self.maquette(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", told(&output));
+        told(&output)
+    }
+}
+
+fn told(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn size(image: &Image) -> [usize; 2] {
+    [image.width(), image.height()]
+}
+
+/// How many pixels differ from the one in the corner above on the left.
+fn seen(image: &Image) -> usize {
+    let pixels = image.pixels();
+    pixels.iter().filter(|pixel| **pixel != pixels[0]).count()
+}
+
+#[test]
+fn every_type_of_values_is_rendered() {
+    let studio = Studio::new();
+    let curve = "nodes/InterpolateCurve.ron";
+    let values = [
+        ("doll.ron", "model"),
+        ("doll.ron", "surface"),
+        ("doll.ron", "whole"),
+        ("doll.ron", "raised"),
+        ("doll.ron", "nose"),
+        ("doll.ron", "scan.color"),
+        ("doll.ron", "red"),
+        ("doll.ron", "spots"),
+        ("doll.ron", "knots-u"),
+        ("doll.ron", "normal"),
+        (curve, "control"),
+        (curve, "control.trace"),
+        ("nodes/ReadPoints.ron", "points"),
+        ("nodes/Edges.ron", "edges.magnitude"),
+        ("nodes/ReadHandles.ron", "handles"),
+    ];
+    for (graph, value) in values {
+        let picture = studio.picture(&["render", graph, value, "PICTURE", "--size", "60x45"]);
+        assert_eq!(size(&picture), [60, 45], "{value}");
+        assert!(seen(&picture) > 0, "nothing of {value} is seen");
+    }
+    for file in ["doll/points.xyz", "doll/ellipse.obj", "doll/range.pcd", "doll/color.png"] {
+        assert!(seen(&studio.picture(&["render", file, "PICTURE"])) > 0, "{file}");
+    }
+}
+
+#[test]
+fn a_region_and_labels_lie_on_the_picture_that_they_were_found_in() {
+    let studio = Studio::new();
+    let photo = png::read(&std::fs::read(Path::new(GRAPHS).join("doll/color.png")).unwrap());
+    let photo = photo.unwrap();
+    // The nose is as it was photographed, the forehead is darker.
+    let (nose, forehead) = ([200, 196], [200, 140]);
+    for command in [
+        &["render", "doll.ron", "nose", "PICTURE"][..],
+        &["inspect", "doll.ron", "nose", "--out", "PICTURE"],
+        &["render", "doll.ron", "red", "PICTURE", "--over", "scan.color"],
+        &["inspect", "doll.ron", "red", "--out", "PICTURE", "--over", "scan.color"],
+    ] {
+        let picture = studio.picture(command);
+        assert_eq!(size(&picture), size(&photo), "{command:?}");
+        assert_eq!(picture.at(nose), photo.at(nose), "{command:?}");
+        let [before, after] = [&photo, &picture].map(|it| it.at(forehead).map(u32::from));
+        assert!(2 * after.iter().sum::<u32>() < before.iter().sum(), "{command:?}");
+    }
+    let spots = studio.picture(&["render", "doll.ron", "spots", "PICTURE"]);
+    assert!(size(&spots) == size(&photo) && spots.at(nose) != photo.at(nose));
+    // A mask that is written is data.
+    let mask = studio.picture(&["inspect", "doll.ron", "red", "--out", "PICTURE"]);
+    assert_eq!([mask.at(nose), mask.at(forehead)], [[255; 3], [0; 3]]);
+}
+
+#[test]
+fn a_camera_aims_at_a_place_or_a_value() {
+    let studio = Studio::new();
+    let red = |more: &[&str]| {
+        let command = ["render", "doll.ron", "model", "PICTURE", "--size", "60x45"];
+        let picture = studio.picture(&[&command, more].concat());
+        let is_red = |&&[r, g, b]: &&[u8; 3]| r > 90 && g < r / 2 && b < r / 2;
+        picture.pixels().iter().filter(is_red).count()
+    };
+    let whole = red(&[]);
+    let near = red(&["--at", "nose"]);
+    assert!(near > 700 && 10 * whole < near, "{whole} {near}");
+    assert!(4 * red(&["--at", "nose", "--camera", "0,0,0.4"]) < near);
+    assert!(red(&["--at", "-500,0,600", "--camera", "0,0,9"]) == 0);
+    let command = ["inspect", "doll.ron", "model", "--out", "PICTURE"];
+    let inspected = studio.picture(&[&command[..], &["--at", "nose"]].concat());
+    let rendered = studio.picture(&["render", "doll.ron", "model", "PICTURE", "--at", "nose"]);
+    assert!(inspected == rendered);
+}
+
+#[test]
+fn what_cannot_be_seen_is_refused_with_what_to_do() {
+    let studio = Studio::new();
+    let picture = studio.0.path().join("none.png");
+    let render = |value: &str, more: &[&str]| {
+        let command = ["render", "doll.ron", value, picture.to_str().unwrap()];
+        studio.refused(&[&command, more].concat())
+    };
+    let cases = [
+        (render("model", &["--at", "noose"]), "no output or node `noose`; did you mean `nose`?"),
+        (render("model", &["--at", "red"]), "`red` gives a Mask, which lies nowhere in space"),
+        (render("model", &["--at", "3,4"]), "write X,Y,Z for a place, or NODE"),
+        (render("red", &["--camera", "3,4"]), "a Mask is a flat picture, which lies nowhere"),
+        (render("red", &["--over", "scan.colour"]), "no output `colour`; did you mean `color`?"),
+        (render("red", &["--over", "nose"]), "`nose` gives no Image"),
+        (render("model", &["--over", "scan.color"]), "a Mesh is seen in space"),
+        (
+            studio.refused(&["inspect", "doll.ron", "model", "--at", "nose"]),
+            "are for a picture: add --out FILE.png",
+        ),
+        (
+            studio.refused(&["render", "doll/color.png", "x.png", "--at", "nose"]),
+            "`nose` is a node of no graph",
+        ),
+    ];
+    for (told, expected) in cases {
+        assert!(told.contains(expected), "{told}");
+    }
+    assert!(!picture.exists());
+}
