@@ -74,7 +74,7 @@ enum Command {
     Test(test::Test),
     /// Compare two files by what they mean: meshes, range data, pictures.
     Compare(compare::Compare),
-    /// Render a mesh or surface, of a graph or a file, as a picture.
+    /// Make a picture of any value, of a graph or a file.
     Render(render::Render),
     /// Show what graphs give from five sides, with the least and the greatest of each parameter, in one picture each.
     Sheet(sheet::Sheet),

@@ -8,8 +8,10 @@ use crate::value::{Image, Layer, PLAIN, Picture, Registration, Rgb};
 /// seen at once.
 const DIMMED: f64 = 0.35;
 
-/// How much of a picture is hidden by a color of full saturation on it.
-const HIDDEN: f64 = 0.6;
+/// How much of a picture is hidden by a color on it, and from which saturation on: less, and the color looks like another one;
+/// more, and nothing is left of the picture.
+const HIDDEN: f64 = 0.65;
+const COLORED: f64 = 0.25;
 
 /// Lines around what has no color.
 const OUTLINE: Rgb = [255, 220, 40];
@@ -90,7 +92,7 @@ fn line(color: Rgb) -> Rgb {
 
 /// A pixel with a color on it.
 fn tinted(pixel: Rgb, color: Rgb) -> Rgb {
-    let share = HIDDEN * saturation(color);
+    let share = HIDDEN * (saturation(color) / COLORED).min(1.0);
     let mix = |k: usize| f64::from(pixel[k]) * (1.0 - share) + f64::from(color[k]) * share;
     [0, 1, 2].map(|k| mix(k).round() as u8)
 }
