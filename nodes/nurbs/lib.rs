@@ -19,7 +19,6 @@ mod knots_kind;
 mod loft;
 mod net;
 mod net_error;
-#[expect(clippy::module_inception, reason = "the node `Nurbs` gives the pack its name")]
 mod nurbs;
 mod offset_net;
 mod point_net;

@@ -22,8 +22,7 @@ use tokio::sync::broadcast::error::RecvError;
 
 use super::{Shared, Views, Wish};
 use crate::format::png;
-use crate::render::{View, render_layers};
-use crate::value::Layer;
+use crate::render::{self, Kind, Look, View};
 
 /// The files of the page: path, type, content.
 const FILES: [(&str, &str, &str); 8] = [
@@ -156,13 +155,9 @@ async fn picture(
     let Asked { yaw, pitch, zoom, flat, .. } = asked;
     let size = [side(asked.width), side(asked.height)];
     let view = View { size, yaw, pitch, zoom, ..View::front() };
+    let kind = if flat { Kind::Own } else { Kind::Space };
     let draw = move || {
-        let layers = value.show();
-        let own = layers.iter().find_map(|layer| match layer {
-            Layer::Picture(picture) if flat => Some(picture.image.clone()),
-            _ => None,
-        });
-        let picture = own.or_else(|| render_layers(&layers, &view))?;
+        let picture = render::picture(&value.show(), &Look { view, kind, below: None })?;
         png::encode_rgb(&picture).ok()
     };
     match tokio::task::spawn_blocking(draw).await {

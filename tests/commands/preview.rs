@@ -197,7 +197,7 @@ fn this_machine_alone_is_listened_to() {
     let project = Project::doll();
     let served = Served::new(&project);
     let port: u16 = served.host.rsplit(':').next().unwrap().parse().unwrap();
-    let tables = ["/proc/net/tcp", "/proc/net/tcp6"].map(|table| std::fs::read_to_string(table));
+    let tables = ["/proc/net/tcp", "/proc/net/tcp6"].map(std::fs::read_to_string);
     let lines = tables.iter().flatten().flat_map(|table| table.lines());
     // Local address and state; 0A listens.
     let listening = lines.filter_map(|line| {

@@ -37,6 +37,11 @@ impl Rows {
         self.indices.len()
     }
 
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
     /// Multiplies the entries from the one at `first` on.
     pub fn scale_from(&mut self, first: usize, factor: f64) {
         self.weights[first..].iter_mut().for_each(|weight| *weight *= factor);
@@ -101,6 +106,11 @@ impl Stencils {
     /// Number of rows.
     pub fn len(&self) -> usize {
         self.starts.len() - 1
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
     }
 
     /// How many products of two entries of one row there are.

@@ -293,6 +293,8 @@ mod tests {
             written: vec![written("model.ply", false), written("nose.png", true)],
             unwritten: None,
             seconds: 0.0381,
+            values: Vec::new(),
+            outputs: true,
         };
         Block {
             graph: "doll.ron".into(),

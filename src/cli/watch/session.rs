@@ -388,9 +388,10 @@ impl<'a> Session<'a> {
         self.running = None;
         if report.cancelled {
             self.look = !self.views.is_empty();
-            return if report.outputs {
-                self.view.cancelled(report.run)
-            };
+            if report.outputs {
+                self.view.cancelled(report.run);
+            }
+            return;
         }
         self.view.values(report.run, &report.values);
         if !report.outputs {
