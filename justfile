@@ -49,6 +49,11 @@ verdicts places="100000":
 sequences count="2000":
     SEQUENCES={{count}} cargo test --release -p maquette-nodes --test commands sequences
 
+# Are the types of the live page's scripts right? Installs the checker from npm beside the build.
+page:
+    npm install --silent --prefix target/page typescript
+    target/page/node_modules/.bin/tsc --project page
+
 # Every reader of files, for some seconds each.
 fuzz seconds="5":
     bash .ci/fuzz {{seconds}}

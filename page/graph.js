@@ -5,9 +5,18 @@ const SVG = "http://www.w3.org/2000/svg";
 /** The heights of a box's head and of one letter above the line. */
 const [HEAD, BASE] = [38, 4];
 
+/** @typedef {import("./types").Box} Box */
+
+/**
+ * A new part of the picture.
+ * @template {keyof SVGElementTagNameMap} Name
+ * @param {Name} name
+ * @param {Record<string, string | number>} [attributes]
+ * @param {string} [text]
+ */
 function shape(name, attributes = {}, text = "") {
   const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, String(value));
   made.textContent = text;
   return made;
 }
@@ -20,21 +29,27 @@ export class Graph {
   constructor(place, choose) {
     this.place = place;
     this.tell = choose;
+    /** @type {Map<string, Box>} */
     this.boxes = new Map();
+    /** @type {Map<string, SVGGElement>} */
     this.parts = new Map();
+    this.drawn = "";
   }
 
-  /** What is known of a box. */
-  box(name) {
-    return this.boxes.get(name);
-  }
-
-  /** Draws the graph of a message. */
+  /**
+   * Draws the graph of a message, unless it is there already: then whoever is in it stays where they are.
+   * @param {import("./types").Drawing} message
+   */
   draw(message) {
+    const drawn = JSON.stringify([message.boxes, message.links, message.packs]);
+    if (drawn === this.drawn) return;
+    this.drawn = drawn;
+    const active = document.activeElement;
+    const focused = (this.place.contains(active) && active?.getAttribute("data-name")) || "";
     const [width, height] = message.size;
     const picture = shape("svg", { width, height, viewBox: `0 0 ${width} ${height}` });
     picture.setAttribute("aria-label", message.doc || "graph");
-    const color = (pack) => message.packs[pack]?.color ?? "#767676";
+    const color = (/** @type {number | null} */ pack) => message.packs[pack ?? -1]?.color ?? "#767676";
     for (const link of message.links) {
       const pack = message.boxes[link.from].pack;
       picture.append(shape("path", { class: "link", d: link.path, stroke: color(pack) }));
@@ -48,11 +63,16 @@ export class Graph {
       picture.append(part);
     }
     this.place.replaceChildren(picture);
+    this.parts.get(focused)?.focus();
   }
 
+  /**
+   * @param {Box} box
+   * @param {string} color
+   */
   #part(box, color) {
     const [x, y, width, height] = box.place;
-    const part = shape("g", { class: "node", tabindex: 0, role: "button", "aria-label": `${box.name}, ${box.node ?? "file"}` });
+    const part = shape("g", { class: "node", "data-name": box.name, tabindex: 0, role: "button", "aria-label": `${box.name}, ${box.node ?? "file"}` });
     part.append(shape("rect", { class: "body", x, y, width, height, rx: 5 }));
     if (box.node === null) {
       part.append(shape("text", { x: x + 10, y: y + height / 2 + BASE }, box.name));
@@ -82,7 +102,10 @@ export class Graph {
     return part;
   }
 
-  /** The box of a node: its own, or that of the graph in which it stands. */
+  /**
+   * The name of the box of a node: its own, or that of the graph in which it stands.
+   * @param {string} name
+   */
   of(name) {
     let at = name.length;
     while (at > 0 && !this.parts.has(name.slice(0, at))) at = name.lastIndexOf("/", at - 1);
@@ -94,8 +117,12 @@ export class Graph {
     return [...this.boxes.values()].findLast((box) => box.node !== null)?.name ?? null;
   }
 
-  /** Shows the state of a box and how long it took. */
-  mark(name, { state, seconds }) {
+  /**
+   * Shows the state of a box and how long it took.
+   * @param {string} name
+   * @param {import("./types").NodeState} known
+   */
+  mark(name, { state = "", seconds = 0 }) {
     const part = this.parts.get(name);
     if (part === undefined) return;
     part.setAttribute("data-state", state);
@@ -103,7 +130,10 @@ export class Graph {
     if (time !== null) time.textContent = seconds > 0 ? `${(1000 * seconds).toFixed(seconds < 0.01 ? 1 : 0)} ms` : "";
   }
 
-  /** Marks the chosen node. */
+  /**
+   * Marks the chosen node.
+   * @param {string | null} name
+   */
   choose(name) {
     for (const [other, part] of this.parts) part.setAttribute("aria-current", String(other === name));
   }

@@ -1,19 +1,10 @@
 // The live page: keeps what the watch says, and shows it.
 
-import { Graph } from "/graph.js";
-import { Parameters } from "/parameters.js";
-import { connect } from "/socket.js";
-import { Viewer } from "/viewer.js";
-
-const by = (id) => document.getElementById(id);
-
-/** A new element with a text and attributes. */
-function element(name, text = "", attributes = {}) {
-  const made = document.createElement(name);
-  made.textContent = text;
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  return made;
-}
+import { by, element, find } from "./element.js";
+import { Graph } from "./graph.js";
+import { Parameters } from "./parameters.js";
+import { connect } from "./socket.js";
+import { Viewer } from "./viewer.js";
 
 const viewer = new Viewer(by("viewer"), (views) => connection.send({ ask: "views", views }));
 const graph = new Graph(by("graph"), (node) => showNode(node));
@@ -23,19 +14,37 @@ const parameters = new Parameters(by("parameters"), (name, value) => {
   connection.send({ ask: "set", values: [[name, value]] });
 });
 
-/** What is known of nodes: by name what `done` and `finished` say. */
+/**
+ * What is known of nodes: by name what `done` and `finished` say.
+ * @type {Map<string, import("./types").NodeState>}
+ */
 const nodes = new Map();
+
+/**
+ * The names of the nodes in each box.
+ * @type {Map<string, Set<string>>}
+ */
+const inside = new Map();
 
 /** What one state says of a whole graph whose nodes have others: the first of these that one of them has. */
 const STATES = ["failed", "started", "skipped", "computed", "equal", "cached"];
 
-/** The node that is shown, if any: at first the one that the address names. */
+/**
+ * The node that is shown, if any.
+ * @type {string | null}
+ */
 let chosen = null;
+
+/** What the address names at first. */
 let asked = viewer.address(location.hash);
 
+/**
+ * What is done with each message.
+ * @type {{[Event in import("./types").Message["event"]]?: (message: Extract<import("./types").Message, {event: Event}>) => void}}
+ */
 const hear = {
   hello(message) {
-    const file = message.graph.split(/[\\/]/).at(-1);
+    const file = message.graph.split(/[\\/]/).at(-1) ?? "";
     document.title = `${file} - maquette`;
     by("title").textContent = file;
     by("title").title = `${message.graph}, ${message.program}`;
@@ -43,9 +52,11 @@ const hear = {
   graph(message) {
     graph.draw(message);
     parameters.show(message.schema);
+    inside.clear();
+    for (const name of nodes.keys()) putIn(graph.of(name), name);
     for (const name of graph.boxes.keys()) graph.mark(name, known(name));
     const wanted = asked?.node ?? chosen;
-    showNode(graph.box(wanted) ? wanted : graph.last(), asked?.output);
+    showNode(graph.boxes.has(wanted ?? "") ? wanted : graph.last(), asked?.output);
     asked = null;
   },
   run(message) {
@@ -72,66 +83,111 @@ const hear = {
   },
   done(message) {
     for (const node of message.nodes) note(node.name, node);
-    const counts = ["computed", "cached", "failed", "skipped"];
-    const said = counts.filter((state) => message[state]).map((state) => `${message[state]} ${state}`);
+    const { failed, skipped, computed, cached } = message;
+    const counts = Object.entries({ failed, skipped, computed, cached }).filter(([, count]) => count > 0);
+    const said = counts.map(([state, count]) => `${count} ${state}`);
     viewer.at(message.run);
-    const took = `${message.seconds.toFixed(2)} s`;
-    showRun(message.ok ? `${said.join(", ")}; ${took}` : "errors: the outputs stay as they are", message.ok ? "good" : "failed");
+    const took = `${said.join(", ")}; ${message.seconds.toFixed(2)} s`;
+    showRun(said.length > 0 || message.ok ? took : "the graph has errors: the outputs stay as they are", message.ok ? "good" : "failed");
   },
 };
 
+/**
+ * @param {string} name
+ * @param {import("./types").NodeState} node
+ */
 function note(name, node) {
   nodes.set(name, node);
   const box = graph.of(name);
   if (box === undefined) return;
-  graph.mark(box, known(box));
-  if (box === chosen) showFacts(box);
+  putIn(box, name);
+  if (changed.size === 0) requestAnimationFrame(markChanged);
+  changed.add(box);
 }
 
-/** What is known of a box: of a graph that is used, of all nodes in it. */
+/**
+ * Boxes of which something is known that is not shown yet.
+ * @type {Set<string>}
+ */
+const changed = new Set();
+
+function markChanged() {
+  for (const box of changed) graph.mark(box, known(box));
+  if (chosen !== null && changed.has(chosen)) showFacts(chosen);
+  changed.clear();
+}
+
+/**
+ * @param {string | undefined} box
+ * @param {string} name
+ */
+function putIn(box, name) {
+  if (box === undefined) return;
+  const names = inside.get(box) ?? new Set();
+  inside.set(box, names.add(name));
+}
+
+/**
+ * What is known of a box: of a graph that is used, of all nodes in it.
+ * @param {string} box
+ * @returns {import("./types").NodeState}
+ */
 function known(box) {
-  const parts = [...nodes].filter(([name]) => name === box || name.startsWith(`${box}/`)).map(([, node]) => node);
+  const parts = [...(inside.get(box) ?? [])].map((name) => nodes.get(name) ?? {});
   const state = STATES.find((state) => parts.some((part) => part.state === state));
-  const timed = parts.filter((part) => part.seconds !== undefined);
-  return { state, seconds: timed.length > 0 ? timed.reduce((sum, part) => sum + part.seconds, 0) : undefined };
+  const times = parts.flatMap((part) => part.seconds ?? []);
+  return { state, seconds: times.length > 0 ? times.reduce((sum, time) => sum + time) : undefined };
 }
 
+/**
+ * @param {string} text
+ * @param {string} state
+ */
 function showRun(text, state) {
   by("run").textContent = text;
   by("run").dataset.state = state;
 }
 
+/**
+ * @param {import("./types").Problem[]} problems
+ * @param {number} more how many more there are
+ */
 function showProblems(problems, more) {
   const items = problems.map((problem) => {
-    const item = element("li", "", { "data-severity": problem.severity });
-    item.append(element("b", `${problem.severity}: ${problem.message}`));
-    item.append(element("span", `${problem.file}:${problem.line}:${problem.column}  ${problem.code}`, { class: "place" }));
-    if (problem.help) item.append(element("span", problem.help, { class: "help" }));
+    const item = element("li", { "data-severity": problem.severity });
+    item.append(element("b", {}, `${problem.severity}: ${problem.message}`));
+    item.append(element("span", { class: "place" }, `${problem.file}:${problem.line}:${problem.column}  ${problem.code}`));
+    if (problem.help) item.append(element("span", { class: "help" }, problem.help));
     return item;
   });
-  if (more > 0) items.push(element("li", `and ${more} more`));
-  if (items.length === 0) items.push(element("li", "none"));
+  if (more > 0) items.push(element("li", {}, `and ${more} more`));
+  if (items.length === 0) items.push(element("li", {}, "none"));
   by("problems").replaceChildren(...items);
 }
 
-/** Shows a node, and one of its outputs. */
+/**
+ * Shows a node, and one of its outputs.
+ * @param {string | null} name
+ * @param {string} [output]
+ */
 function showNode(name, output) {
   chosen = name;
   graph.choose(name);
   showFacts(name);
-  const box = graph.box(name);
-  if (box) viewer.show(name, box.outputs, output);
+  const box = graph.boxes.get(name ?? "");
+  if (box) viewer.show(box.name, box.outputs, output);
 }
 
+/** @param {string | null} name */
 function showFacts(name) {
-  const box = graph.box(name);
+  const box = graph.boxes.get(name ?? "");
   if (!box) {
-    by("node").replaceChildren(element("p", "Choose a node in the graph."));
+    by("node").replaceChildren(element("p", {}, "Choose a node in the graph."));
     return;
   }
-  const { state, seconds } = known(name);
+  const { state, seconds } = known(box.name);
   const rows = [
-    ["name", name],
+    ["name", box.name],
     ["type", box.node ?? "a file"],
     ["state", box.node === null ? "" : state ?? "not needed yet"],
     ["time", seconds === undefined ? "" : `${(1000 * seconds).toFixed(1)} ms`],
@@ -141,7 +197,7 @@ function showFacts(name) {
   const table = element("table");
   for (const [label, value] of rows.filter(([, value]) => value)) {
     const row = element("tr");
-    row.append(element("th", label, { scope: "row" }), element("td", value));
+    row.append(element("th", { scope: "row" }, label), element("td", {}, value));
     table.append(row);
   }
   by("node").replaceChildren(table);
@@ -153,12 +209,13 @@ document.addEventListener("keydown", (event) => {
     event.preventDefault();
     connection.send({ ask: "undo" });
   }
-  if (event.key === "?" && !isTyping && !by("help").open) by("help").showModal();
+  const help = find(document.body, "#help", HTMLDialogElement);
+  if (event.key === "?" && !isTyping && !help.open) help.showModal();
 });
 
 showNode(null);
 const connection = connect(
-  (message) => hear[message.event]?.(message),
+  (message) => /** @type {((message: any) => void) | undefined} */ (hear[message.event])?.(message),
   (state, text) => {
     by("link").textContent = text;
     by("link").dataset.state = state;

@@ -1,15 +1,14 @@
 // The graph's parameters as sliders and fields; what is chosen is written into the file of the graph.
 
-/** @typedef {{type: string, default: any, minimum?: number, maximum?: number, unit?: string, enum?: string[], format?: string, description?: string}} Schema */
+import { element } from "./element.js";
 
-function element(name, attributes = {}, text = "") {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.textContent = text;
-  return made;
-}
+/** @typedef {import("./types").Field} Field */
 
-/** A value as RON. */
+/**
+ * A value as RON.
+ * @param {any} value
+ * @returns {string}
+ */
 function ron(value) {
   if (typeof value === "string") return JSON.stringify(value);
   if (Array.isArray(value)) return `(${value.map(ron).join(", ")})`;
@@ -24,11 +23,18 @@ export class Parameters {
   constructor(place, set) {
     this.place = place;
     this.set = set;
-    /** By name: its schema as text, and what shows another value. */
+    /**
+     * By name what shows another value.
+     * @type {Map<string, (value: any) => void>}
+     */
     this.fields = new Map();
+    this.shape = "";
   }
 
-  /** Shows the parameters of a graph. A field that somebody is in stays as it is. */
+  /**
+   * Shows the parameters of a graph. What somebody is typing stays as it is.
+   * @param {import("./types").Drawing["schema"]} schema
+   */
   show(schema) {
     const found = Object.entries(schema.properties ?? {}).filter(([, field]) => field.default !== undefined);
     const shape = JSON.stringify(found.map(([name, field]) => [name, { ...field, default: null }]));
@@ -38,36 +44,45 @@ export class Parameters {
       this.place.replaceChildren(...found.map(([name, field]) => this.#row(name, field)));
       if (found.length === 0) this.place.replaceChildren(element("p", {}, "none"));
     }
-    for (const [name, field] of found) this.fields.get(name)(field.default);
+    for (const [name, field] of found) this.fields.get(name)?.(field.default);
   }
 
+  /**
+   * @param {string} name
+   * @param {Field} field
+   */
   #row(name, field) {
     const row = element("div", { class: "parameter" });
-    const id = `parameter-${name}`;
-    const label = element("label", { for: id }, name);
+    const label = element("label", { for: `parameter-${name}` }, name);
     label.title = field.description ?? "";
     row.append(label);
-    const commit = (value) => this.set(name, ron(value));
-    const put = this.#input(row, id, field, commit);
-    this.fields.set(name, put);
+    this.fields.set(name, this.#input(row, name, field));
     if (field.unit) row.append(element("span", { class: "unit" }, field.unit));
     return row;
   }
 
-  // Adds what a value is chosen with; gives what shows another value.
-  #input(row, id, field, commit) {
+  /**
+   * Adds what a value is chosen with; gives what shows another value.
+   * @param {HTMLElement} row
+   * @param {string} name
+   * @param {Field} field
+   * @returns {(value: any) => void}
+   */
+  #input(row, name, field) {
     const { type, minimum, maximum } = field;
+    const id = `parameter-${name}`;
+    const commit = (/** @type {any} */ value) => this.set(name, ron(value));
     if (type === "boolean") return this.#simple(row, element("input", { id, type: "checkbox" }), "checked", commit);
     if (field.enum) {
       const choice = element("select", { id });
       choice.append(...field.enum.map((word) => element("option", {}, word)));
-      return this.#simple(row, choice, "value", (word) => this.set(id.slice("parameter-".length), word));
+      return this.#simple(row, choice, "value", (word) => this.set(name, word));
     }
     if (field.format === "color") return this.#simple(row, element("input", { id, type: "color" }), "value", commit);
     if (type !== "number" && type !== "integer") {
       const isList = type === "array";
       const text = element("input", { id, type: "text", spellcheck: "false" });
-      const put = this.#simple(row, text, "value", (value) => commit(isList ? value.split(",").map(Number) : value));
+      const put = this.#simple(row, text, "value", (value) => commit(isList ? String(value).split(",").map(Number) : value));
       return (value) => put(isList ? value.join(", ") : value);
     }
     const isWhole = type === "integer";
@@ -79,7 +94,7 @@ export class Parameters {
       if (text !== "" && number.checkValidity()) commit(Number(text));
     });
     if (minimum === undefined || maximum === undefined) return put;
-    const slider = element("input", { type: "range", min: minimum, max: maximum, step: isWhole ? 1 : (maximum - minimum) / 200, "aria-label": id.slice("parameter-".length) });
+    const slider = element("input", { type: "range", min: minimum, max: maximum, step: isWhole ? 1 : (maximum - minimum) / 200, "aria-label": name });
     slider.addEventListener("input", () => {
       number.value = String(Number(Number(slider.value).toPrecision(6)));
     });
@@ -94,22 +109,33 @@ export class Parameters {
     };
   }
 
+  /**
+   * @template {HTMLInputElement | HTMLSelectElement} Input
+   * @param {HTMLElement} row
+   * @param {Input} input
+   * @param {"value" | "checked"} property what of the input is the value
+   * @param {(value: any) => void} commit
+   * @returns {(value: any) => void}
+   */
   #simple(row, input, property, commit) {
+    const read = () => (property === "checked" ? /** @type {HTMLInputElement} */ (input).checked : input.value);
+    const write = (/** @type {any} */ value) => Object.assign(input, { [property]: value });
+    /** @type {string | boolean | null} */
     let last = null;
     input.addEventListener("change", () => {
-      if (input[property] === last) return;
-      last = input[property];
+      if (read() === last) return;
+      last = read();
       commit(last);
     });
-    // What was being typed when another value came is not lost; what was not changed shows the value when it is left.
+    // What is being typed when another value comes is not lost, and can be given up.
     input.addEventListener("keydown", (event) => {
-      if (event.key === "Escape") input[property] = last;
+      if (/** @type {KeyboardEvent} */ (event).key === "Escape") write(last);
     });
     row.append(input);
     return (value) => {
-      const isTyped = document.activeElement === input && input[property] !== last && last !== null;
+      const isTyped = document.activeElement === input && read() !== last && last !== null;
       last = property === "checked" ? value : String(value);
-      if (!isTyped) input[property] = last;
+      if (!isTyped) write(last);
     };
   }
 }

@@ -17,13 +17,14 @@ function token() {
 
 /**
  * Calls `hear` with each message, and `tell` with the state of the connection (`live` or `lost`) and what to say of it.
- * @param {(message: any) => void} hear
+ * @param {(message: import("./types").Message) => void} hear
  * @param {(state: "live" | "lost", text: string) => void} tell
  */
 export function connect(hear, tell) {
   const secret = token();
   let wait = SOON;
   let timer = 0;
+  /** @type {WebSocket | null} */
   let socket = null;
 
   function open() {
@@ -51,7 +52,10 @@ export function connect(hear, tell) {
   addEventListener("online", open);
   open();
   return {
-    /** Says something, if anybody is there to hear it. */
+    /**
+     * Says something, if anybody is there to hear it.
+     * @param {import("./types").Wish} message
+     */
     send(message) {
       if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
     },

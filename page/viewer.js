@@ -3,28 +3,42 @@
 /** Degrees that one pixel of dragging turns, and one press of an arrow key. */
 const [DRAG, KEY] = [0.4, 15];
 
+import { find } from "./element.js";
+
+/** @typedef {import("./types").Viewed} Viewed */
+
 export class Viewer {
   /**
    * @param {HTMLElement} place where the picture is shown
-   * @param {(views: {node: string, output: string}[]) => void} ask says what is looked at
+   * @param {(views: Viewed[]) => void} ask says what is looked at
    */
   constructor(place, ask) {
     this.ask = ask;
+    /** @type {Viewed | null} */
     this.viewed = null;
+    /** @type {import("./types").Value | null} */
     this.value = null;
     this.run = 0;
+    this.wanted = "";
+    this.loading = false;
     this.camera = { yaw: 0, pitch: 0, zoom: 1 };
-    this.tabs = place.querySelector(".tabs");
-    this.caption = place.querySelector(".caption");
-    this.picture = place.querySelector("img");
+    this.tabs = find(place, ".tabs", HTMLElement);
+    this.caption = find(place, ".caption", HTMLElement);
+    this.frame = find(place, ".frame", HTMLElement);
+    this.picture = find(place, "img", HTMLImageElement);
     this.#listen();
   }
 
-  /** Shows an output of a node; the others are one click away. */
+  /**
+   * Shows an output of a node; the others are one click away.
+   * @param {string} node
+   * @param {{name: string, type: string}[]} outputs
+   * @param {string} [wanted] the output; the one that was shown before, or the first, if it has no such
+   */
   show(node, outputs, wanted) {
     const old = this.viewed?.node === node ? this.viewed.output : undefined;
     const names = outputs.map((port) => port.name);
-    const output = [wanted, old, names[0]].find((name) => names.includes(name));
+    const output = [wanted, old, names[0]].find((name) => name !== undefined && names.includes(name));
     this.tabs.replaceChildren(...outputs.map((port) => {
       const tab = document.createElement("button");
       tab.textContent = `${port.name}: ${port.type}`;
@@ -41,7 +55,11 @@ export class Viewer {
     this.#draw();
   }
 
-  /** What an address names, whose camera is taken over; null if it names nothing. */
+  /**
+   * What an address names, whose camera is taken over; null if it names nothing.
+   * @param {string} hash
+   * @returns {Viewed | null}
+   */
   address(hash) {
     const [, node, output, camera] = /^#view=([^&]*)&output=([^&]*)&camera=([^&]*)$/.exec(hash) ?? [];
     if (node === undefined) return null;
@@ -63,14 +81,20 @@ export class Viewer {
     this.ask(this.viewed === null ? [] : [this.viewed]);
   }
 
-  /** A value that is looked at has changed. */
+  /**
+   * A value that is looked at has changed.
+   * @param {import("./types").Value} value
+   */
   hear(value) {
     if (value.node !== this.viewed?.node || value.output !== this.viewed?.output) return;
     this.value = value;
     this.#draw();
   }
 
-  /** Another run has begun or ended: what is seen may be of an earlier one. */
+  /**
+   * Another run has begun or ended: what is seen may be of an earlier one.
+   * @param {number} run
+   */
   at(run) {
     this.run = run;
     this.#caption();
@@ -80,20 +104,24 @@ export class Viewer {
     this.#keepAddress();
     this.#caption();
     const value = this.value;
-    const isSeen = value !== null && (value.flat || value.lies);
-    this.picture.hidden = !isSeen;
-    if (!isSeen) return;
-    const { clientWidth, clientHeight } = this.picture.parentElement;
+    this.picture.hidden = value === null || !(value.flat || value.lies);
+    if (value === null || this.picture.hidden) return;
+    const { clientWidth, clientHeight } = this.frame;
     const scale = Math.min(devicePixelRatio, 2);
     const [width, height] = [clientWidth, clientHeight].map((size) => Math.max(1, Math.round(scale * size)));
-    const asked = new URLSearchParams({ width, height, ...this.camera, flat: value.flat });
-    const source = `/picture/${value.hash}?${asked}`;
+    const { yaw, pitch, zoom } = this.camera;
+    const asked = { width, height, yaw, pitch, zoom, flat: value.flat };
+    const words = Object.entries(asked).map(([name, word]) => `${name}=${word}`);
+    const source = `/picture/${value.hash}?${words.join("&")}`;
     this.wanted = source;
     if (this.loading) return;
     this.#load(source);
   }
 
-  // One picture at a time, and then the last that was asked for.
+  /**
+   * One picture at a time, and then the last that was asked for.
+   * @param {string} source
+   */
   #load(source) {
     this.loading = true;
     const next = new Image();
@@ -121,6 +149,11 @@ export class Viewer {
     this.picture.alt = this.caption.textContent;
   }
 
+  /**
+   * Walks around what is seen, in degrees, and nearer to it.
+   * @param {number} right
+   * @param {number} up
+   */
   #turn(right, up, nearer = 1) {
     if (this.value === null || this.value.flat) return;
     const { yaw, pitch, zoom } = this.camera;
@@ -147,12 +180,14 @@ export class Viewer {
       this.#turn(0, 0, Math.exp(-event.deltaY / 500));
     });
     picture.addEventListener("keydown", (event) => {
+      /** @type {Record<string, [number, number, number?] | null>} */
       const turns = { ArrowLeft: [-KEY, 0], ArrowRight: [KEY, 0], ArrowUp: [0, KEY], ArrowDown: [0, -KEY], "+": [0, 0, 1.25], "-": [0, 0, 0.8], "0": null };
       if (!(event.key in turns)) return;
       event.preventDefault();
-      if (turns[event.key] === null) this.camera = { yaw: 0, pitch: 0, zoom: 1 };
-      this.#turn(...(turns[event.key] ?? [0, 0]));
+      const turn = turns[event.key];
+      if (turn === null) this.camera = { yaw: 0, pitch: 0, zoom: 1 };
+      this.#turn(...(turn ?? [0, 0]));
     });
-    new ResizeObserver(() => this.#draw()).observe(picture.parentElement);
+    new ResizeObserver(() => this.#draw()).observe(this.frame);
   }
 }

@@ -25,11 +25,12 @@ use crate::format::png;
 use crate::render::{self, Kind, Look, View};
 
 /// The files of the page: path, type, content.
-const FILES: [(&str, &str, &str); 8] = [
+const FILES: [(&str, &str, &str); 9] = [
     ("/", "text/html; charset=utf-8", include_str!("../../page/index.html")),
     ("/icon.svg", "image/svg+xml", include_str!("../../page/icon.svg")),
     ("/page.css", "text/css; charset=utf-8", include_str!("../../page/page.css")),
     ("/page.js", SCRIPT, include_str!("../../page/page.js")),
+    ("/element.js", SCRIPT, include_str!("../../page/element.js")),
     ("/graph.js", SCRIPT, include_str!("../../page/graph.js")),
     ("/parameters.js", SCRIPT, include_str!("../../page/parameters.js")),
     ("/viewer.js", SCRIPT, include_str!("../../page/viewer.js")),
