@@ -175,7 +175,8 @@ function showNode(name, output) {
   graph.choose(name);
   showFacts(name);
   const box = graph.boxes.get(name ?? "");
-  if (box) viewer.show(box.name, box.outputs, output);
+  // A file is no value of its own: what is seen stays.
+  if (box && box.node !== null) viewer.show(box.name, box.outputs, output);
 }
 
 /** @param {string | null} name */
