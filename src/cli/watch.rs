@@ -101,23 +101,28 @@ impl Watch {
         let folder = outputs.path().to_owned();
         let stop = sender.clone();
         interrupt::handle(move || drop(stop.send(Message::Input(Input::Stop))));
+        let page = match self.preview.then(|| self.open_page(&sender)).transpose() {
+            Ok(page) => page,
+            Err(why) => return Exit::Usage(format!("there can be no live page: {why}")),
+        };
+        let link = page.as_ref().map(Page::link);
         let screen = !self.events && !self.once && Screen::is_possible();
         let input = sender.clone();
         let sink = move |heard| drop(input.send(Message::Input(heard)));
-        let terminal = screen.then(|| Terminal::open(&self.graph, &folder, sink).ok()).flatten();
+        let open = || Terminal::open(&self.graph, &folder, link.clone(), sink).ok();
+        let terminal = screen.then(open).flatten();
         let quiet = terminal.is_some();
+        if let Some(link) = link.as_ref().filter(|_| !quiet) {
+            self.tell_link(link);
+        }
         let view: Box<dyn View> = match terminal {
             Some(terminal) => Box::new(terminal),
             None if self.events => Box::new(Program(Listener::of_stdout())),
             None => Box::new(Lines::default()),
         };
-        let view = match self.preview.then(|| self.open_page(&sender)) {
+        let view: Box<dyn View> = match page {
+            Some(page) => Box::new(WithPage::new(page, catalog.clone(), view)),
             None => view,
-            Some(Ok(page)) => {
-                self.tell_link(&page.link());
-                Box::new(WithPage::new(page, catalog.clone(), view))
-            }
-            Some(Err(why)) => return Exit::Usage(format!("there can be no live page: {why}")),
         };
         let done = sender.clone();
         let session = match self.cache.session(self.threads, catalog) {

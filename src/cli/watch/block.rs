@@ -19,6 +19,8 @@ pub(super) struct Block {
     /// The graph's file, as given.
     pub(super) graph: String,
     pub(super) folder: String,
+    /// The link of the live page, if there is one.
+    pub(super) link: Option<String>,
     pub(super) watched: usize,
     /// Why files are polled; none if the system reports changes.
     pub(super) polled: Option<String>,
@@ -78,6 +80,7 @@ impl Block {
             None => {}
         }
         status.extend(self.command.as_ref().map(|text| paint.red(text)));
+        status.extend(self.link.as_ref().map(|link| paint.dim(&format!("live page: {link}"))));
         if let Some(why) = &self.polled {
             status.push(paint.dim(&format!("looking at the files twice a second: {why}")));
         }
@@ -341,6 +344,13 @@ mod tests {
             the same  nose.png
             watching 5 files   r run  f recompute  p profile  q quit"#]],
         );
+    }
+
+    #[test]
+    fn the_link_of_the_live_page_stands_above_the_keys() {
+        let block = Block { link: Some("http://127.0.0.1:1/#0".into()), ..after_a_run() };
+        let rows = block.rows((80, 24), false);
+        assert_eq!(rows[rows.len() - 2], "live page: http://127.0.0.1:1/#0");
     }
 
     #[test]

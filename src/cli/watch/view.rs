@@ -295,12 +295,13 @@ impl Terminal {
     pub(super) fn open(
         graph: &Path,
         folder: &Path,
+        link: Option<String>,
         sink: impl Fn(Input) + Send + 'static,
     ) -> std::io::Result<Self> {
         let screen = Screen::open(sink)?;
         let color = shows_color(&std::io::stdout());
         let (graph, folder) = (graph.display().to_string(), folder.display().to_string());
-        let block = Block { graph, folder, ..Block::default() };
+        let block = Block { graph, folder, link, ..Block::default() };
         Ok(Self { screen, color, block, under_way: UnderWay::default(), began: None })
     }
 
