@@ -7,7 +7,7 @@
 //! | `hello` | the `program` and the file of the `graph`: first of all |
 //! | `graph` | `boxes` with their places and ports, `links`, `packs` and the `size` of the whole picture; its parameters as a JSON `schema` |
 //! | `refused` | values were not put into the file, and `why` |
-//! | `value` | the value of the `output` of a `node` as of a `run`: its `type`, `hash`, `bytes`, `facts`, and whether it `lies` in space or is
+//! | `value` | the value of the `output` of a `node` as of a `run`: its `type`, `hash`, and whether it `lies` in space or is
 //! `flat` |
 //!
 //! A page says which values it shows, `{"ask": "views", "views": [{"node": .., "output": ..}]}`, and is told of them whenever they
@@ -136,7 +136,6 @@ impl Page {
     /// Values that pages look at, as of a run; those that are not among them stay as they were.
     pub(crate) fn show_values(&self, run: usize, values: &[(Viewed, AnyValue)]) {
         for (viewed, value) in values {
-            let facts: serde_json::Map<String, Json> = value.describe().0.into_iter().collect();
             let layers = value.show();
             let is_flat = |layer: &Layer| matches!(layer, Layer::Picture(_));
             let message = json!({
@@ -146,8 +145,6 @@ impl Page {
                 "run": run,
                 "type": value.kind().name,
                 "hash": value.hash().to_string(),
-                "bytes": value.size(),
-                "facts": facts,
                 "flat": layers.iter().any(is_flat),
                 "lies": layers.iter().any(|layer| !is_flat(layer)),
             });

@@ -5,6 +5,20 @@ use std::marker::PhantomData;
 
 use super::{INITIALIZED_PARTS, Parallel};
 
+/// The methods of what has a place for each of its `items`, and else nothing that depends on the place.
+macro_rules! cut_where_its_items_are {
+    () => {
+        fn places(&self) -> usize {
+            self.items.places()
+        }
+
+        fn split_at(self, place: usize) -> (Self, Self) {
+            let (before, after) = self.items.split_at(place);
+            (Self { items: before, ..self }, Self { items: after, ..self })
+        }
+    };
+}
+
 /// What a closure makes of each item.
 #[derive(Clone, Debug)]
 pub struct Map<P, F> {
@@ -17,14 +31,7 @@ impl<P: Parallel, T: Send, F: Fn(P::Item) -> T + Copy + Send> Parallel for Map<P
     type Part = iter::Map<P::Part, F>;
     const EXACT: bool = P::EXACT;
 
-    fn places(&self) -> usize {
-        self.items.places()
-    }
-
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.items.split_at(place);
-        (Self { items: before, ..self }, Self { items: after, ..self })
-    }
+    cut_where_its_items_are!();
 
     fn part(self) -> Self::Part {
         self.items.part().map(self.f)
@@ -47,14 +54,7 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Copy + Send> Parallel for Filter<P, 
     type Part = iter::Filter<P::Part, F>;
     const EXACT: bool = false;
 
-    fn places(&self) -> usize {
-        self.items.places()
-    }
-
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.items.split_at(place);
-        (Self { items: before, ..self }, Self { items: after, ..self })
-    }
+    cut_where_its_items_are!();
 
     fn part(self) -> Self::Part {
         self.items.part().filter(self.f)
@@ -82,14 +82,7 @@ where
     type Part = iter::FilterMap<P::Part, F>;
     const EXACT: bool = false;
 
-    fn places(&self) -> usize {
-        self.items.places()
-    }
-
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.items.split_at(place);
-        (Self { items: before, ..self }, Self { items: after, ..self })
-    }
+    cut_where_its_items_are!();
 
     fn part(self) -> Self::Part {
         self.items.part().filter_map(self.f)
@@ -161,14 +154,7 @@ where
     type Part = InitializedPart<P::Part, S, F>;
     const EXACT: bool = P::EXACT;
 
-    fn places(&self) -> usize {
-        self.items.places()
-    }
-
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.items.split_at(place);
-        (Self { items: before, ..self }, Self { items: after, ..self })
-    }
+    cut_where_its_items_are!();
 
     fn part(self) -> Self::Part {
         InitializedPart { items: self.items.part(), state: (self.init)(), f: self.f }
@@ -293,14 +279,7 @@ impl<P: Parallel> Parallel for MinLen<P> {
     type Part = P::Part;
     const EXACT: bool = P::EXACT;
 
-    fn places(&self) -> usize {
-        self.items.places()
-    }
-
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.items.split_at(place);
-        (Self { items: before, ..self }, Self { items: after, ..self })
-    }
+    cut_where_its_items_are!();
 
     fn part(self) -> Self::Part {
         self.items.part()
