@@ -6,13 +6,42 @@ import { Parameters } from "./parameters.js";
 import { connect } from "./socket.js";
 import { Viewer } from "./viewer.js";
 
-const viewer = new Viewer(by("viewer"), (views) => connection.send({ ask: "views", views }));
+const viewer = new Viewer(by("viewer"), (views) => connection.send({ ask: "views", views }), query);
 const graph = new Graph(by("graph"), (node) => showNode(node));
 
 const parameters = new Parameters(by("parameters"), (name, value) => {
   by("refused").textContent = "";
   connection.send({ ask: "set", values: [[name, value]] });
 });
+
+/**
+ * What was asked about places and is not answered yet, by number.
+ * @type {Map<number, (answer: any) => void>}
+ */
+const questions = new Map();
+let asked = 0;
+
+/**
+ * Asks what is at a place; nothing if nobody answers.
+ * @param {import("./types").Question} question
+ */
+function query(question) {
+  const id = (asked += 1);
+  connection.send({ ...question, id });
+  return new Promise((done) => {
+    questions.set(id, done);
+    setTimeout(answer, 2000, id, null);
+  });
+}
+
+/**
+ * @param {number} id
+ * @param {any} found
+ */
+function answer(id, found) {
+  questions.get(id)?.(found);
+  questions.delete(id);
+}
 
 /**
  * What is known of nodes: by name what `done` and `finished` say.
@@ -36,7 +65,7 @@ const STATES = ["failed", "started", "skipped", "computed", "equal", "cached"];
 let chosen = null;
 
 /** What the address names at first. */
-let asked = viewer.address(location.hash);
+let wanted = viewer.address(location.hash);
 
 /**
  * What is done with each message.
@@ -55,9 +84,9 @@ const hear = {
     inside.clear();
     for (const name of nodes.keys()) putIn(graph.of(name), name);
     for (const name of graph.boxes.keys()) graph.mark(name, known(name));
-    const wanted = asked?.node ?? chosen;
-    showNode(graph.boxes.has(wanted ?? "") ? wanted : graph.last(), asked?.output);
-    asked = null;
+    const name = wanted?.node ?? chosen;
+    showNode(graph.boxes.has(name ?? "") ? name : graph.last(), wanted?.output);
+    wanted = null;
   },
   run(message) {
     showRun("running ...", "running");
@@ -68,6 +97,12 @@ const hear = {
   },
   value(message) {
     viewer.hear(message);
+  },
+  probe(message) {
+    answer(message.id, message);
+  },
+  pick(message) {
+    answer(message.id, message);
   },
   started(message) {
     note(message.node, { state: "started" });

@@ -48,7 +48,51 @@ export type Problem = {
 
 export type Viewed = { node: string; output: string };
 
-export type Value = Viewed & { run: number; type: string; hash: string; flat: boolean; lies: boolean };
+/** Pixels, four bytes each. */
+export type Pixels = { column: string; size: [number, number] };
+
+/** Numbers of a shape: on each `vertex`, `corner` or `face`. */
+export type ShapeField = { name: string; on: string; range: [number, number]; usual: [number, number]; column: string };
+
+/** Faces, or the solids that points and lines are drawn as; `Column` is a column or its name. */
+export type ShapeOf<Column> = {
+  solid: boolean;
+  position: Column;
+  normal: Column;
+  triangle: Column;
+  color: Column | null;
+  uv: Column | null;
+  edge: Column | null;
+  parameter: Column | null;
+  texture: { size: [number, number]; pixels: Pixels } | null;
+  fields: ShapeField[];
+  picture: Column | null;
+  field: Column | null;
+};
+
+/** Places are measured from the center in units of the scale, in mm. */
+export type Space = {
+  upright: boolean;
+  center: [number, number, number];
+  scale: number;
+  shapes: Omit<ShapeOf<string>, "picture" | "field">[];
+};
+
+/** What a value is and what is seen of it. */
+export type Value = Viewed & {
+  run: number;
+  live?: boolean;
+  type: string;
+  hash: string;
+  picture: { size: [number, number]; pixels: Pixels; capture: { scale: [number, number]; offset: [number, number] } | null } | null;
+  space: Space | null;
+  series: { name: string; at: [number, number] | null; numbers: [number, number] | null }[] | null;
+};
+
+/** What is asked about a place under the pointer. */
+export type Question =
+  | ({ ask: "probe"; at: [number, number] } & Viewed)
+  | ({ ask: "pick"; origin: number[]; direction: number[]; radius: number } & Viewed);
 
 /** What is said, by its `event`. */
 export type Message =
@@ -62,6 +106,8 @@ export type Message =
   | { event: "cancelled"; run: number }
   | { event: "problems"; problems: Problem[]; more_problems?: number }
   | { event: "refused"; why: string }
+  | { event: "probe"; id: number; facts: [string, any][] | null }
+  | { event: "pick"; id: number; at?: [number, number, number]; face?: number; vertex?: number; attributes?: Record<string, any> }
   | Done;
 
 export type Done = {
@@ -80,4 +126,7 @@ export type Done = {
 export type Wish =
   | { ask: "views"; views: Viewed[] }
   | { ask: "set"; values: [string, string][] }
+  | { ask: "drag"; values: [string, string][] }
+  | { ask: "drop" }
+  | (Question & { id: number })
   | { ask: "undo" };

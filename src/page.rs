@@ -7,17 +7,18 @@
 //! | `hello` | the `program` and the file of the `graph`: first of all |
 //! | `graph` | `boxes` with their places and ports, `links`, `packs` and the `size` of the whole picture; its parameters as a JSON `schema` |
 //! | `refused` | values were not put into the file, and `why` |
-//! | `value` | the value of the `output` of a `node` as of a `run`: its `type`, `hash`, and whether it `lies` in space or is
-//! `flat` |
+//! | `value` | the value of the `output` of a `node` as of a `run`: its `type` and `hash`, and the columns of what is seen of it: in a
+//! `picture`, in `space` and as `series` of numbers |
 //!
 //! A page says which values it shows, `{"ask": "views", "views": [{"node": .., "output": ..}]}`, and is told of them whenever they
 //! change. `{"ask": "set", "values": [["growth", "20.0"]]}` puts values into the file of the graph, `{"ask": "undo"}` takes the last of
-//! these changes back. Pictures of values are at `/picture/HASH`: who was told the hash may see the value.
+//! these changes back. Columns are at `/column/NAME`, and as what has changed in them at `/column/NAME?from=OLD`; pictures of
+//! values at `/picture/HASH`, what is to be known of them at `/facts/HASH`: who was told the names may see the value.
 //!
 //! Who connects is told all that is true at that moment first, so that a page which was opened late knows as much as one that was
 //! there from the start. A page that is too slow for what happens is told everything anew instead.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::Path;
@@ -30,9 +31,12 @@ use tokio::sync::broadcast;
 use crate::catalog::Catalog;
 use crate::draw::Drawing;
 use crate::graph::Graph;
-use crate::value::{AnyValue, Layer};
 
 mod server;
+mod shown;
+
+use shown::Column;
+pub(crate) use shown::Shown;
 
 /// Messages that a slow page may be behind before it is told everything anew.
 const BEHIND: usize = 1024;
@@ -74,8 +78,45 @@ struct Shared {
     looks: Mutex<BTreeMap<u64, Views>>,
     /// Is told what pages want.
     wish: Box<dyn Fn(Wish) + Send + Sync>,
-    /// The last good values that pages look at.
-    values: Mutex<BTreeMap<Viewed, AnyValue>>,
+    values: Mutex<Values>,
+}
+
+/// Bytes of values that nobody looks at any more which are kept.
+const KEPT: usize = 256 << 20;
+
+/// The last good values that pages look at.
+#[derive(Default)]
+struct Values {
+    now: BTreeMap<Viewed, Arc<Shown>>,
+    /// Those of before, the last one last: pages have columns of them, and need no more than what has changed since.
+    before: VecDeque<Arc<Shown>>,
+}
+
+impl Values {
+    fn put(&mut self, viewed: Viewed, shown: Arc<Shown>) {
+        let old = self.now.insert(viewed, shown.clone());
+        self.keep(old.filter(|old| !Arc::ptr_eq(old, &shown)));
+    }
+
+    fn retain(&mut self, views: &Views) {
+        let gone = self.now.extract_if(.., |viewed, _| !views.contains(viewed));
+        let gone = Vec::from_iter(gone.map(|(_, shown)| shown));
+        self.keep(gone);
+    }
+
+    fn keep(&mut self, old: impl IntoIterator<Item = Arc<Shown>>) {
+        self.before.extend(old);
+        let size = |before: &VecDeque<Arc<Shown>>| -> usize {
+            before.iter().map(|shown| shown.size()).sum()
+        };
+        while size(&self.before) > KEPT || self.before.len() > BEHIND {
+            self.before.pop_front();
+        }
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Arc<Shown>> {
+        self.now.values().chain(self.before.iter().rev())
+    }
 }
 
 /// What is true now, told in this order.
@@ -134,21 +175,14 @@ impl Page {
     }
 
     /// Values that pages look at, as of a run; those that are not among them stay as they were.
-    pub(crate) fn show_values(&self, run: usize, values: &[(Viewed, AnyValue)]) {
-        for (viewed, value) in values {
-            let layers = value.show();
-            let is_flat = |layer: &Layer| matches!(layer, Layer::Picture(_));
-            let message = json!({
-                "event": "value",
-                "node": viewed.node,
-                "output": viewed.output,
-                "run": run,
-                "type": value.kind().name,
-                "hash": value.hash().to_string(),
-                "flat": layers.iter().any(is_flat),
-                "lies": layers.iter().any(|layer| !is_flat(layer)),
-            });
-            unpoisoned(&self.shared.values).insert(viewed.clone(), value.clone());
+    pub(crate) fn show_values(&self, run: usize, values: &BTreeMap<Viewed, Arc<Shown>>) {
+        for (viewed, shown) in values {
+            let mut message = shown.about.clone();
+            message["event"] = "value".into();
+            message["node"] = viewed.node.clone().into();
+            message["output"] = viewed.output.clone().into();
+            message["run"] = run.into();
+            unpoisoned(&self.shared.values).put(viewed.clone(), shown.clone());
             self.shared.tell(&message);
         }
     }
@@ -180,16 +214,22 @@ impl Shared {
         let now = union(&looks);
         drop(looks);
         if now != before {
-            unpoisoned(&self.values).retain(|viewed, _| now.contains(viewed));
+            unpoisoned(&self.values).retain(&now);
             unpoisoned(&self.feed).values.retain(|viewed, _| now.contains(viewed));
             (self.wish)(Wish::Look(now));
         }
     }
 
-    /// The value with this hash, if somebody looks at it.
-    fn value(&self, hash: &str) -> Option<AnyValue> {
+    /// The value with this hash, if somebody looks at it or did so not long ago.
+    fn value(&self, hash: &str) -> Option<Arc<Shown>> {
         let values = unpoisoned(&self.values);
-        values.values().find(|value| value.hash().to_string() == hash).cloned()
+        values.all().find(|shown| shown.value.hash().to_string() == hash).cloned()
+    }
+
+    /// The column of this name of such a value.
+    fn column(&self, name: &str) -> Option<Column> {
+        let values = unpoisoned(&self.values);
+        values.all().find_map(|shown| shown.column(name).cloned())
     }
 
     fn tell(&self, message: &Json) {

@@ -20,12 +20,18 @@ mod flat;
 mod light;
 mod raster;
 mod scene;
+#[cfg(feature = "cli")]
+mod shapes;
 mod solid;
 
 use camera::Camera;
-pub use flat::{Below, picture_of};
+#[cfg(feature = "cli")]
+pub(crate) use flat::Ground;
+pub use flat::{Below, fitted, picture_of};
 use raster::{Band, Bins};
 use scene::Scene;
+#[cfg(feature = "cli")]
+pub(crate) use shapes::{Field, Shape, Shapes};
 pub use solid::render_layers;
 
 /// Samples along each side of a pixel.
@@ -135,7 +141,7 @@ pub fn picture(layers: &[Layer], look: &Look<'_>) -> Option<Image> {
     match look.kind {
         Kind::Own => flat().or_else(|| render_layers(layers, &look.view)),
         Kind::Fitted => flat()
-            .map(|picture| flat::fitted(&picture, look.view.size))
+            .map(|picture| fitted(&picture, look.view.size))
             .or_else(|| render_layers(layers, &look.view)),
         Kind::Space => render_layers(layers, &look.view),
     }

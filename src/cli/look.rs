@@ -8,10 +8,10 @@ use nalgebra::Point3;
 use super::{Exit, report};
 use crate::error::Problem;
 use crate::graph::Graph;
-use crate::render::{Aim, Below, Kind, Look, View, picture, picture_of};
+use crate::render::{Aim, Ground, Kind, Look, View, picture, picture_of};
 use crate::session::{Run, Session, Wanted};
 use crate::text::{unknown, with_article};
-use crate::value::{AnyValue, Image, Meaning, Picture, RangeImage, Registration, Value};
+use crate::value::{AnyValue, Image, Meaning, Picture, RangeImage, Value};
 
 /// What `--at` names.
 #[derive(Clone, Debug)]
@@ -141,23 +141,11 @@ impl Request<'_> {
     }
 }
 
-/// A picture of a graph, and where on it lies what is drawn over it.
-struct Ground {
-    image: AnyValue,
-    registration: Option<Registration>,
-}
-
-impl Ground {
-    fn below(&self) -> Option<Below<'_>> {
-        self.image.get().map(|image| Below { image, registration: self.registration })
-    }
-}
-
 impl Source<'_> {
     /// Aims at all of a value.
     fn aim(&mut self, name: &str) -> Result<Aim, Exit> {
         let target = place(self.graph, name).map_err(Exit::Usage)?;
-        let value = self.values(&[target])?.pop().ok_or(Exit::Failed)?;
+        let value = self.values(&[target]).map_err(failed)?.pop().ok_or(Exit::Failed)?;
         Aim::around(places_of(&value)).ok_or_else(|| {
             let what = with_article(value.kind().name);
             let help = "--at takes what has points, such as meshes, regions and curves";
@@ -168,9 +156,23 @@ impl Source<'_> {
     /// What a flat picture of the value lies on: what is asked for, or the nearest picture that it was made from, if its colors were
     /// made up for the drawing.
     fn ground(mut self, picture: &Picture, over: &Over) -> Result<Option<Ground>, Exit> {
+        let chosen = over.over.as_ref().map(|name| place(self.graph, name));
+        let chosen = chosen.transpose().map_err(Exit::Usage)?;
+        self.ground_or(picture, chosen).map_err(failed)
+    }
+
+    /// The same of this output, or of the nearest one.
+    ///
+    /// # Errors
+    /// If what the value was made from cannot be computed.
+    pub(super) fn ground_or(
+        &mut self,
+        picture: &Picture,
+        over: Option<(usize, usize)>,
+    ) -> Result<Option<Ground>, Vec<Problem>> {
         let linked = linked(self.graph, self.node);
-        let chosen = match &over.over {
-            Some(name) => vec![place(self.graph, name).map_err(Exit::Usage)?],
+        let chosen = match over {
+            Some(place) => vec![place],
             None if picture.drawn && picture.registration.is_none() => images(self.graph, &linked),
             None => return Ok(None),
         };
@@ -186,7 +188,7 @@ impl Source<'_> {
                 continue;
             };
             let registration = known.iter().copied().find(|known| known.picture == given);
-            if registration.is_some() || given == size || over.over.is_some() {
+            if registration.is_some() || given == size || over.is_some() {
                 return Ok(Some(Ground { image, registration }));
             }
         }
@@ -194,22 +196,23 @@ impl Source<'_> {
     }
 
     /// The values of some outputs of nodes, which take no time if the value was computed from them.
-    fn values(&mut self, targets: &[(usize, usize)]) -> Result<Vec<AnyValue>, Exit> {
+    fn values(&mut self, targets: &[(usize, usize)]) -> Result<Vec<AnyValue>, Vec<Problem>> {
         let name = |&(node, _): &(usize, usize)| self.graph.nodes[node].name.clone();
         let wanted = Wanted::Nodes(targets.iter().map(name).collect());
         let run = Run { wanted, ..Run::default() };
-        let failed = |problems: &[Problem]| {
-            report(problems);
-            Exit::Failed
-        };
-        let finished = self.session.run(self.graph, &run).map_err(|problems| failed(&problems))?;
+        let finished = self.session.run(self.graph, &run)?;
         let value = |&(node, output): &(usize, usize)| {
             let node = &self.graph.nodes[node];
             finished.value_of(&node.name, node.outputs[output]).cloned()
         };
         let values: Option<Vec<AnyValue>> = targets.iter().map(value).collect();
-        values.ok_or_else(|| failed(&finished.problems()))
+        values.ok_or_else(|| finished.problems())
     }
+}
+
+fn failed(problems: Vec<Problem>) -> Exit {
+    report(&problems);
+    Exit::Failed
 }
 
 /// The node and output of this name.

@@ -18,14 +18,16 @@ use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use serde::Deserialize;
+use serde_json::{Value as Json, json};
 use tokio::sync::broadcast::error::RecvError;
 
+use super::shown::changes;
 use super::{Shared, Views, Wish};
 use crate::format::png;
-use crate::render::{self, Kind, Look, View};
+use crate::render::{self, Ground, Kind, Look, View};
 
 /// The files of the page: path, type, content.
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 15] = [
     ("/", "text/html; charset=utf-8", include_str!("../../page/index.html")),
     ("/icon.svg", "image/svg+xml", include_str!("../../page/icon.svg")),
     ("/page.css", "text/css; charset=utf-8", include_str!("../../page/page.css")),
@@ -34,6 +36,12 @@ const FILES: [(&str, &str, &str); 9] = [
     ("/graph.js", SCRIPT, include_str!("../../page/graph.js")),
     ("/parameters.js", SCRIPT, include_str!("../../page/parameters.js")),
     ("/viewer.js", SCRIPT, include_str!("../../page/viewer.js")),
+    ("/camera.js", SCRIPT, include_str!("../../page/camera.js")),
+    ("/columns.js", SCRIPT, include_str!("../../page/columns.js")),
+    ("/scene.js", SCRIPT, include_str!("../../page/scene.js")),
+    ("/painter.js", SCRIPT, include_str!("../../page/painter.js")),
+    ("/pointer.js", SCRIPT, include_str!("../../page/pointer.js")),
+    ("/tools.js", SCRIPT, include_str!("../../page/tools.js")),
     ("/socket.js", SCRIPT, include_str!("../../page/socket.js")),
 ];
 
@@ -82,8 +90,11 @@ pub(super) fn start(listener: TcpListener, shared: Arc<Shared>) -> io::Result<()
 }
 
 fn router(shared: Arc<Shared>) -> Router {
-    let mut router =
-        Router::new().route("/socket", get(open)).route("/picture/{hash}", get(picture));
+    let mut router = Router::new()
+        .route("/socket", get(open))
+        .route("/picture/{hash}", get(picture))
+        .route("/facts/{hash}", get(facts))
+        .route("/column/{name}", get(column));
     for (path, kind, content) in FILES {
         router = router
             .route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], content) }));
@@ -149,22 +160,70 @@ async fn picture(
     Path(hash): Path<String>,
     Query(asked): Query<Asked>,
 ) -> Response {
-    let Some(value) = shared.value(&hash) else {
-        return (StatusCode::NOT_FOUND, "nobody looks at such a value\n").into_response();
-    };
+    let Some(shown) = shared.value(&hash) else { return nobody_looks() };
     let side = |size: usize| size.clamp(1, MOST_PIXELS);
     let Asked { yaw, pitch, zoom, flat, .. } = asked;
     let size = [side(asked.width), side(asked.height)];
     let view = View { size, yaw, pitch, zoom, ..View::front() };
     let kind = if flat { Kind::Own } else { Kind::Space };
     let draw = move || {
-        let picture = render::picture(&value.show(), &Look { view, kind, below: None })?;
+        let below = shown.ground.as_ref().and_then(Ground::below);
+        let picture = render::picture(&shown.value.show(), &Look { view, kind, below })?;
         png::encode_rgb(&picture).ok()
     };
     match tokio::task::spawn_blocking(draw).await {
         Ok(Some(bytes)) => ([(header::CONTENT_TYPE, "image/png")], bytes).into_response(),
         _ => (StatusCode::NOT_FOUND, "there is nothing to be seen of it\n").into_response(),
     }
+}
+
+/// What is to be known of a value: rows of labels and texts, as `maquette inspect` prints them.
+async fn facts(State(shared): State<Arc<Shared>>, Path(hash): Path<String>) -> Response {
+    let Some(shown) = shared.value(&hash) else { return nobody_looks() };
+    let describe = move || {
+        let facts = shown.value.describe();
+        let row = |(label, fact): &(String, Json)| json!([label, fact]);
+        Json::from_iter(facts.0.iter().map(row)).to_string()
+    };
+    match tokio::task::spawn_blocking(describe).await {
+        Ok(text) => ([(header::CONTENT_TYPE, "application/json")], text).into_response(),
+        Err(_) => (StatusCode::INTERNAL_SERVER_ERROR, "it cannot be described\n").into_response(),
+    }
+}
+
+/// Which column a page has already.
+#[derive(Deserialize)]
+struct Had {
+    from: Option<String>,
+}
+
+/// The bytes of a column; what has changed, if the page has another one and that is less.
+async fn column(
+    State(shared): State<Arc<Shared>>,
+    Path(name): Path<String>,
+    Query(had): Query<Had>,
+) -> Response {
+    let Some(new) = shared.column(&name) else { return nobody_looks() };
+    let old = had.from.and_then(|from| shared.column(&from));
+    let make = move || {
+        let new = new.bytes();
+        let changes = old.and_then(|old| changes(&old.bytes(), &new));
+        match changes {
+            Some(changes) => (CHANGES, changes.into()),
+            None => ("application/octet-stream", new),
+        }
+    };
+    match tokio::task::spawn_blocking(make).await {
+        Ok((kind, bytes)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
+        Err(_) => (StatusCode::INTERNAL_SERVER_ERROR, "it cannot be made\n").into_response(),
+    }
+}
+
+/// The type of an answer that says what has changed in a column.
+const CHANGES: &str = "application/x-maquette-changes";
+
+fn nobody_looks() -> Response {
+    (StatusCode::NOT_FOUND, "nobody looks at such a value\n").into_response()
 }
 
 /// Tells a page what is true and then what happens, until it goes away or takes nothing any more.

@@ -28,6 +28,22 @@ pub struct Below<'a> {
     pub registration: Option<Registration>,
 }
 
+/// A picture of a graph on which another one lies, as [`Below`] without a borrow.
+#[cfg(feature = "cli")]
+#[derive(Clone)]
+pub(crate) struct Ground {
+    /// An [`Image`].
+    pub(crate) image: crate::value::AnyValue,
+    pub(crate) registration: Option<Registration>,
+}
+
+#[cfg(feature = "cli")]
+impl Ground {
+    pub(crate) fn below(&self) -> Option<Below<'_>> {
+        self.image.get().map(|image| Below { image, registration: self.registration })
+    }
+}
+
 /// The first picture of some layers.
 pub fn picture_of(layers: &[Layer]) -> Option<&Picture> {
     layers.iter().find_map(|layer| match layer {
@@ -98,7 +114,7 @@ fn tinted(pixel: Rgb, color: Rgb) -> Rgb {
 }
 
 /// The whole picture in another size, with bars at its sides if its shape is another. Each pixel is the mean of those that it covers.
-pub(super) fn fitted(picture: &Image, size: [usize; 2]) -> Image {
+pub fn fitted(picture: &Image, size: [usize; 2]) -> Image {
     let [width, height] = size;
     let given = [picture.width(), picture.height()];
     let mut pixels = vec![PLAIN; width.saturating_mul(height)];

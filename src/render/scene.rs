@@ -15,7 +15,7 @@ const CHUNK: usize = 4096;
 
 /// Where a computed vertex normal leans away from its face by more than this cosine (50 degrees), the face is drawn flat:
 /// at less, round things show facets; at more, boxes look like pillows.
-const FLAT: f32 = 0.642_787_6;
+pub(super) const FLAT: f32 = 0.642_787_6;
 
 /// What is drawn: the corners, triangles and vertices of all meshes, one mesh after the other.
 pub(super) struct Scene<'a> {
@@ -40,13 +40,13 @@ struct Skin<'a> {
 }
 
 /// Data at the corners of faces, or at their vertices.
-enum Data<T> {
+pub(super) enum Data<T> {
     Vertex(Vec<T>),
     Corner(Vec<T>),
 }
 
 impl<T: Copy> Data<T> {
-    fn at(&self, corner: u32, vertex: u32) -> T {
+    pub(super) fn at(&self, corner: u32, vertex: u32) -> T {
         match self {
             Self::Vertex(data) => data[vertex as usize],
             Self::Corner(data) => data[corner as usize],
@@ -55,7 +55,7 @@ impl<T: Copy> Data<T> {
 }
 
 /// The color of the surface.
-enum Paint<'a> {
+pub(super) enum Paint<'a> {
     Clay,
     Colors(Data<Rgb>),
     Texture(&'a Image, Data<[f64; 2]>),
@@ -214,7 +214,7 @@ impl Facet<'_> {
 }
 
 impl<'a> Paint<'a> {
-    fn of(mesh: &'a Mesh) -> Self {
+    pub(super) fn of(mesh: &'a Mesh) -> Self {
         let picture = mesh.texture().filter(|picture| !picture.pixels().is_empty());
         if let Some(picture) = picture {
             if let Some(uv) = mesh.corner().pairs("uv") {
@@ -228,6 +228,35 @@ impl<'a> Paint<'a> {
             (Some(colors), _) => Self::Colors(Data::Corner(colors.to_vec())),
             (None, Some(colors)) => Self::Colors(Data::Vertex(colors.to_vec())),
             (None, None) => Self::Clay,
+        }
+    }
+
+    /// Whether corners at the same vertex may look different.
+    pub(super) fn is_by_corner(&self) -> bool {
+        matches!(self, Self::Colors(Data::Corner(_)) | Self::Texture(_, Data::Corner(_)))
+    }
+
+    pub(super) fn has_colors(&self) -> bool {
+        matches!(self, Self::Colors(_))
+    }
+
+    pub(super) fn has_uv(&self) -> bool {
+        matches!(self, Self::Texture(..))
+    }
+
+    /// The color of a corner, if it has one of its own.
+    pub(super) fn color(&self, corner: u32, vertex: u32) -> Option<Rgb> {
+        match self {
+            Self::Colors(colors) => Some(colors.at(corner, vertex)),
+            _ => None,
+        }
+    }
+
+    /// Where a corner lies on the texture.
+    pub(super) fn uv(&self, corner: u32, vertex: u32) -> Option<[f32; 2]> {
+        match self {
+            Self::Texture(_, uv) => Some(uv.at(corner, vertex).map(|x| x as f32)),
+            _ => None,
         }
     }
 }
@@ -247,7 +276,7 @@ fn triangles_of<'a>(meshes: &[&'a Mesh]) -> (Cow<'a, [u32]>, Option<Vec<[u32; 3]
     (Cow::Owned(corners), fans)
 }
 
-fn fans_of(meshes: &[&Mesh]) -> Vec<[u32; 3]> {
+pub(super) fn fans_of(meshes: &[&Mesh]) -> Vec<[u32; 3]> {
     let mut first = 0;
     let corners = meshes.iter().map(|mesh| mesh.faces().corners().len()).sum();
     let mut fans = Vec::with_capacity(corners);

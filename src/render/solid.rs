@@ -27,19 +27,30 @@ const PLOT: f64 = 0.7;
 ///
 /// It has the axes of the faces, or of the first layer if there are none, and so does what the view aims at.
 pub fn render_layers(layers: &[Layer], view: &View) -> Option<Image> {
+    let (meshes, axes) = meshes_of(layers, Some(Axes::Upright));
+    let has_faces = meshes.iter().any(|(_, is_solid)| !is_solid);
+    let meshes = Vec::from_iter(meshes.iter().map(|(mesh, _)| mesh));
+    let view = if has_faces { *view } else { View { aim: aim(view, axes), ..*view } };
+    (!meshes.is_empty()).then(|| super::render_all(&meshes, &view))
+}
+
+/// The faces of some layers, and solids for all else that lies in space, with whether they are solids; and the axes of the value: those
+/// of the faces, or of the first layer if there are none, where the solids have them too, unless others are asked for.
+pub(super) fn meshes_of(layers: &[Layer], alone: Option<Axes>) -> (Vec<(Mesh, bool)>, Axes) {
     let faces = layers.iter().filter_map(|layer| match layer {
         Layer::Triangles(mesh) => Some(&**mesh),
         _ => None,
     });
     let faces = Vec::from_iter(faces);
-    let Some(first) = faces.first() else {
-        let solids = Solids::of(layers, Axes::Upright).mesh(&[])?;
-        let axes = layers.iter().find_map(axes_of).unwrap_or_default();
-        return Some(super::render(&solids, &View { aim: aim(view, axes), ..*view }));
+    let axes = match faces.first() {
+        Some(first) if first.frame().is_some() => Axes::Sensor,
+        Some(_) => Axes::Upright,
+        None => layers.iter().find_map(axes_of).unwrap_or_default(),
     };
-    let axes = if first.frame().is_some() { Axes::Sensor } else { Axes::Upright };
-    let solids = Solids::of(layers, axes).mesh(&faces);
-    Some(super::render_all(&Vec::from_iter(faces.into_iter().chain(&solids)), view))
+    let drawn = if faces.is_empty() { alone.unwrap_or(axes) } else { axes };
+    let solids = Solids::of(layers, drawn).mesh(&faces);
+    let faces = faces.into_iter().map(|mesh| (mesh.clone(), false));
+    (faces.chain(solids.map(|mesh| (mesh, true))).collect(), axes)
 }
 
 /// The axes of what is drawn as solids; none for anything else, and for plots.

@@ -296,7 +296,7 @@ mod tests {
             written: vec![written("model.ply", false), written("nose.png", true)],
             unwritten: None,
             seconds: 0.0381,
-            values: Vec::new(),
+            values: Default::default(),
             outputs: true,
         };
         Block {

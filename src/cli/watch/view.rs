@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 
 use super::block::Block;
-use super::worker::{Observe, Report};
+use super::worker::{Observe, Report, Seen};
 use crate::catalog::Catalog;
 use crate::cli::events::{Ending, Events, Listener};
 use crate::cli::run::counts;
@@ -17,8 +17,7 @@ use crate::cli::{counted, eprint, print, print_as_it_is, report, shows_color};
 use crate::error::{Problem, Severity};
 use crate::eval::{Observer, State};
 use crate::graph::Graph;
-use crate::page::{Page, Viewed};
-use crate::value::AnyValue;
+use crate::page::Page;
 
 /// Tells the user, or a program, how the watch goes.
 pub(super) trait View {
@@ -49,7 +48,7 @@ pub(super) trait View {
     fn end(&mut self, report: &Report);
 
     /// Values that somebody looks at.
-    fn values(&mut self, _run: usize, _: &[(Viewed, AnyValue)]) {}
+    fn values(&mut self, _run: usize, _: &Seen) {}
 
     /// Values were not put into the graph's file.
     fn refused(&mut self, _why: &str) {}
@@ -165,7 +164,7 @@ impl View for WithPage {
         self.other.end(report);
     }
 
-    fn values(&mut self, run: usize, values: &[(Viewed, AnyValue)]) {
+    fn values(&mut self, run: usize, values: &Seen) {
         self.page.show_values(run, values);
     }
 

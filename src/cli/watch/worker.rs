@@ -1,5 +1,6 @@
 //! The thread that evaluates while the watch listens.
 
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -7,11 +8,13 @@ use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
 use crate::cli::inputs::InputOptions;
+use crate::cli::look::Source;
 use crate::error::{Problem, Severity, code};
 use crate::eval::{Observer, RunTrace, in_words};
 use crate::graph::Graph;
 use crate::node::CancelToken;
-use crate::page::{Viewed, Views};
+use crate::page::{Shown, Viewed, Views};
+use crate::render::picture_of;
 use crate::session::{OutputFolder, Run, Session, Wanted, Written};
 use crate::value::AnyValue;
 
@@ -50,10 +53,13 @@ pub(super) struct Report {
     pub(super) unwritten: Option<PathBuf>,
     pub(super) seconds: f64,
     /// What somebody looks at.
-    pub(super) values: Vec<(Viewed, AnyValue)>,
+    pub(super) values: Seen,
     /// Whether outputs were made; otherwise all but the values means nothing.
     pub(super) outputs: bool,
 }
+
+/// What somebody looks at, as it is shown.
+pub(super) type Seen = BTreeMap<Viewed, Arc<Shown>>;
 
 /// What every run of the watch is to make.
 pub(super) struct Wishes {
@@ -81,13 +87,14 @@ impl Worker {
         session.recall(&wishes.folder);
         let (jobs, receiver) = channel::<Job>();
         std::thread::spawn(move || {
+            let mut seen = Seen::new();
             for job in receiver {
                 if job.recompute {
                     session.forget();
                 }
                 let report = catch_unwind(AssertUnwindSafe(|| {
                     let observer = observe(&job.cancel);
-                    evaluate(&job, &mut session, &wishes, &*observer)
+                    evaluate(&job, &mut session, &wishes, &*observer, &mut seen)
                 }));
                 sink(report.unwrap_or_else(|panic| {
                     // What it was about to remember may be half of something.
@@ -107,11 +114,17 @@ impl Worker {
     }
 }
 
-fn evaluate(job: &Job, session: &mut Session, wishes: &Wishes, observer: &dyn Observer) -> Report {
+fn evaluate(
+    job: &Job,
+    session: &mut Session,
+    wishes: &Wishes,
+    observer: &dyn Observer,
+    seen: &mut Seen,
+) -> Report {
     let start = Instant::now();
     let folder = &wishes.folder;
     let mut problems = job.problems.clone();
-    let mut values = Vec::new();
+    let mut values = Seen::new();
     session.use_memory(session.memory());
     let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, warnings)| {
         problems.extend(warnings);
@@ -119,7 +132,7 @@ fn evaluate(job: &Job, session: &mut Session, wishes: &Wishes, observer: &dyn Ob
             true => Some(session.produce(&graph, &wishes.only, folder, observer, &job.cancel)),
             false => None,
         };
-        values = viewed(&graph, job, session, observer);
+        values = viewed(&graph, job, session, observer, seen);
         produced.transpose().map_err(|why| vec![graph.problem(code::UNKNOWN_LINK, why)])
     });
     let (trace, written, complete) = match produced {
@@ -157,23 +170,59 @@ fn evaluate(job: &Job, session: &mut Session, wishes: &Wishes, observer: &dyn Ob
     }
 }
 
-/// The values that somebody looks at, as far as there are such. What the outputs needed, too, is known already.
+/// What somebody looks at, as far as there is such. What the outputs needed, too, is known already, and what has not changed since it
+/// was last `seen` is not made anew.
 fn viewed(
     graph: &Graph,
     job: &Job,
     session: &mut Session,
     observer: &dyn Observer,
-) -> Vec<(Viewed, AnyValue)> {
+    seen: &mut Seen,
+) -> Seen {
     let is_there = |viewed: &&Viewed| !graph.nodes_of(&viewed.node).is_empty();
     let there = Vec::from_iter(job.views.iter().filter(is_there));
     if there.is_empty() || job.cancel.is_cancelled() {
-        return Vec::new();
+        return Seen::new();
     }
     let wanted = Wanted::Nodes(there.iter().map(|viewed| viewed.node.clone()).collect());
     let run = Run { wanted, observer, cancel: job.cancel.clone(), ..Run::default() };
-    let Ok(finished) = session.run(graph, &run) else { return Vec::new() };
+    let Ok(finished) = session.run(graph, &run) else { return Seen::new() };
     let value = |viewed: &Viewed| finished.value_of(&viewed.node, &viewed.output).cloned();
-    there.into_iter().filter_map(|viewed| Some((viewed.clone(), value(viewed)?))).collect()
+    let values = there.into_iter().filter_map(|viewed| Some((viewed.clone(), value(viewed)?)));
+    let mut all = Seen::new();
+    for (viewed, value) in Vec::from_iter(values) {
+        let last = seen.get(&viewed).filter(|last| last.value.hash() == value.hash()).cloned();
+        let shown = show(graph, &viewed, value, session, last);
+        all.insert(viewed, shown);
+    }
+    seen.clone_from(&all);
+    all
+}
+
+/// A value as it is shown: as before if that is the same.
+fn show(
+    graph: &Graph,
+    viewed: &Viewed,
+    value: AnyValue,
+    session: &mut Session,
+    last: Option<Arc<Shown>>,
+) -> Arc<Shown> {
+    let layers = if last.is_some() { Vec::new() } else { value.show() };
+    let picture = match &last {
+        Some(last) => last.picture.as_ref(),
+        None => picture_of(&layers),
+    };
+    let place = graph.value_named(&format!("{}.{}", viewed.node, viewed.output));
+    let ground = picture.zip(place).and_then(|(picture, (node, _))| {
+        let found = Source { graph, node, session }.ground_or(picture, None);
+        // Without what it was made from a value is shown alone.
+        found.unwrap_or_default()
+    });
+    match last {
+        Some(last) if last.lies_on(ground.as_ref()) => last,
+        Some(_) => Arc::new(Shown::new(value.clone(), &value.show(), ground)),
+        None => Arc::new(Shown::new(value, &layers, ground)),
+    }
 }
 
 /// The report of a run that a fault of the engine ended.
@@ -190,7 +239,7 @@ fn panicked(job: &Job, words: &str) -> Report {
         written: Vec::new(),
         unwritten: None,
         seconds: 0.0,
-        values: Vec::new(),
+        values: Seen::new(),
         outputs: job.outputs,
     }
 }

@@ -1,0 +1,266 @@
+// What hands do with what is seen: turn, move and enlarge it, by mouse, fingers and keys, and ask what is under the pointer.
+
+/** @typedef {import("./viewer.js").Viewer} Viewer */
+
+/** Degrees that one pixel of dragging turns, and one press of an arrow key; and how much nearer one press of + goes. */
+const [DRAG, KEY, NEARER] = [0.4, 15, 1.25];
+
+/** So many pixels are no drag. */
+const STILL = 4;
+
+export class Pointer {
+  /** @param {Viewer} viewer */
+  constructor(viewer) {
+    this.viewer = viewer;
+    /**
+     * Where each finger or button that is down is.
+     * @type {Map<number, {x: number, y: number}>}
+     */
+    this.down = new Map();
+    this.moved = 0;
+    this.wiping = false;
+    this.asking = false;
+    /** @type {PointerEvent | null} */
+    this.next = null;
+    for (const surface of [viewer.canvas, viewer.picture]) this.#listen(surface);
+  }
+
+  /**
+   * The pane under the pointer, and where in it that is: pixels from its upper left corner.
+   * @param {MouseEvent} event
+   */
+  #at(event) {
+    const { viewer } = this;
+    const area = viewer.surface.getBoundingClientRect();
+    const [x, y] = [event.clientX - area.left, event.clientY - area.top];
+    const boxes = viewer.boxes(area.width, area.height);
+    const found = boxes.find(({ clip }) => x >= clip.x && x < clip.x + clip.width) ?? boxes[boxes.length - 1];
+    return { ...found, x: x - found.box.x, y, width: found.box.width, height: found.box.height };
+  }
+
+  /**
+   * Moves what is flat by pixels, or makes it larger about a place.
+   * @param {{pane: import("./viewer.js").Pane, x: number, y: number, width: number, height: number}} at
+   * @param {number} right
+   * @param {number} down
+   */
+  #moveFlat(at, right, down, nearer = 1) {
+    const { viewer } = this;
+    const value = at.pane.value;
+    if (!value?.picture) return;
+    const box = viewer.flatBox(value, at.width, at.height);
+    const [w, h] = [((box[2] - box[0]) * at.width) / 2, ((box[3] - box[1]) * at.height) / 2];
+    const { x, y, zoom } = viewer.flat;
+    const larger = Math.max(0.1, Math.min(400, zoom * nearer)) / zoom;
+    // What is under the pointer stays there.
+    const from = [(at.x - at.width / 2) / w, (at.y - at.height / 2) / h];
+    viewer.flat = { x: x - right / w + from[0] * (1 - 1 / larger), y: y - down / h + from[1] * (1 - 1 / larger), zoom: zoom * larger };
+    viewer.redraw();
+  }
+
+  /** @param {HTMLElement} surface */
+  #listen(surface) {
+    const { viewer, down } = this;
+    surface.addEventListener("pointerdown", (event) => {
+      surface.setPointerCapture(event.pointerId);
+      event.preventDefault();
+      surface.focus();
+      if (down.size === 0) this.moved = 0;
+      down.set(event.pointerId, { x: event.clientX, y: event.clientY });
+      this.wiping = down.size === 1 && this.#isOnWipe(event);
+    });
+    surface.addEventListener("pointermove", (event) => {
+      if (down.has(event.pointerId)) this.#drag(event);
+      else this.#probe(event);
+    });
+    for (const end of /** @type {const} */ (["pointerup", "pointercancel"])) {
+      surface.addEventListener(end, (event) => {
+        const was = down.delete(event.pointerId);
+        if (was && end === "pointerup" && this.moved < STILL) this.#click(event);
+      });
+    }
+    surface.addEventListener("pointerleave", () => viewer.tools.tell(""));
+    surface.addEventListener("contextmenu", (event) => event.preventDefault());
+    surface.addEventListener("dblclick", (event) => this.#aim(event));
+    surface.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      const nearer = Math.exp(-event.deltaY / 500);
+      if (viewer.isFlat) return this.#moveFlat(this.#at(event), 0, 0, nearer);
+      viewer.camera.turn(0, 0, nearer);
+      viewer.redraw();
+    }, { passive: false });
+    surface.addEventListener("keydown", (event) => this.#key(event));
+  }
+
+  /** @param {PointerEvent} event */
+  #drag(event) {
+    const { viewer, down } = this;
+    const before = [...down.values()];
+    const last = /** @type {{x: number, y: number}} */ (down.get(event.pointerId));
+    const [right, below] = [event.clientX - last.x, event.clientY - last.y];
+    down.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    this.moved += Math.abs(right) + Math.abs(below);
+    const at = this.#at(event);
+    if (this.wiping) {
+      const area = viewer.surface.getBoundingClientRect();
+      viewer.wipe = Math.max(0, Math.min(1, (event.clientX - area.left) / area.width));
+      return viewer.redraw();
+    }
+    let [share, nearer] = [1, 1];
+    if (down.size === 2) {
+      const apart = (/** @type {{x: number, y: number}[]} */ [a, b]) => Math.max(1, Math.hypot(a.x - b.x, a.y - b.y));
+      nearer = apart([...down.values()]) / apart(before);
+      share = 0.5;
+    }
+    if (viewer.isFlat) return this.#moveFlat(at, share * right, share * below, nearer);
+    const isPan = down.size === 2 || event.shiftKey || (event.buttons & 6) !== 0;
+    if (isPan) {
+      const half = Math.min(at.width, at.height) / 2;
+      viewer.camera.pan((share * right) / half, (-share * below) / half);
+      viewer.camera.turn(0, 0, nearer);
+    } else viewer.camera.turn(-DRAG * right, DRAG * below);
+    viewer.redraw();
+  }
+
+  /** @param {PointerEvent} event */
+  #isOnWipe(event) {
+    const { wipe } = this.viewer;
+    const area = this.viewer.surface.getBoundingClientRect();
+    return wipe !== null && Math.abs(event.clientX - area.left - wipe * area.width) < 12;
+  }
+
+  /**
+   * What is to be asked about the place under the pointer; nothing where there is nothing.
+   * @param {MouseEvent} event
+   * @returns {import("./types").Question | null}
+   */
+  #question(event) {
+    const { viewer } = this;
+    const at = this.#at(event);
+    const { viewed, value, scene, held } = at.pane;
+    if (viewed === null || value === null || held) return null;
+    if (viewer.isFlat && value.picture) {
+      const box = viewer.flatBox(value, at.width, at.height);
+      const share = [((2 * at.x) / at.width - 1 - box[0]) / (box[2] - box[0]), (box[3] - 1 + (2 * at.y) / at.height) / (box[3] - box[1])];
+      const pixel = value.picture.size.map((size, k) => Math.floor(size * share[k]));
+      if (pixel.some((at, k) => at < 0 || at >= (value.picture?.size[k] ?? 0))) return null;
+      const { capture } = value.picture;
+      const seen = capture === null ? pixel : pixel.map((cell, k) => Math.round(cell * capture.scale[k] + capture.offset[k]));
+      return { ask: "probe", ...viewed, at: /** @type {[number, number]} */ (seen) };
+    }
+    if (!scene?.space) return null;
+    const place = /** @type {[number, number]} */ ([(2 * at.x) / at.width - 1, 1 - (2 * at.y) / at.height]);
+    const { origin, direction, radius } = viewer.camera.ray(scene.space, place, at.width, at.height);
+    return { ask: "pick", ...viewed, origin, direction, radius: 6 * radius };
+  }
+
+  /**
+   * Tells what is under the pointer; if it is elsewhere before that is known, what is there then.
+   * @param {PointerEvent} event
+   */
+  async #probe(event) {
+    if (this.asking) {
+      this.next = event;
+      return;
+    }
+    const question = this.#question(event);
+    if (question === null) return this.viewer.tools.tell("");
+    this.asking = true;
+    const answer = await this.viewer.query(question);
+    this.asking = false;
+    this.viewer.tools.tell(answer === null ? "" : inWords(question, answer));
+    const { next } = this;
+    this.next = null;
+    if (next !== null) this.#probe(next);
+  }
+
+  /** @param {MouseEvent} event */
+  async #aim(event) {
+    const question = this.#question(event);
+    const answer = question?.ask === "pick" ? await this.viewer.query(question) : null;
+    const space = this.viewer.main.scene?.space;
+    if (!answer?.at || !space) return;
+    this.viewer.camera.aim(/** @type {[number, number, number]} */ (answer.at.map((/** @type {number} */ x, /** @type {number} */ k) => space.up[k] * x)));
+    this.viewer.redraw();
+  }
+
+  /**
+   * A click takes what somebody wants.
+   * @param {MouseEvent} event
+   */
+  async #click(event) {
+    const { wanting } = this.viewer;
+    const question = wanting && this.#question(event);
+    if (!wanting || !question) return;
+    const answer = await this.viewer.query(question);
+    if (answer === null) return;
+    const color = question.ask === "probe" && colorOf(answer.facts);
+    const found = { color, pixel: question.ask === "probe" && question.at, place: answer.at }[wanting.kind];
+    if (!found) return this.viewer.tools.tell({ color: "there is no color: look at a picture", pixel: "there is no pixel: look at a picture", place: "there is no place: look at what lies in space" }[wanting.kind]);
+    this.viewer.stopWanting();
+    wanting.done(found);
+  }
+
+  /** @param {KeyboardEvent} event */
+  #key(event) {
+    const { viewer } = this;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    /** @type {Record<string, [number, number]>} */
+    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+    const arrow = arrows[event.key];
+    if (arrow) {
+      const size = 40;
+      const area = viewer.surface.getBoundingClientRect();
+      if (viewer.isFlat) this.#moveFlat(this.#at(new MouseEvent("key", { clientX: area.left, clientY: area.top })), -size * arrow[0], size * arrow[1]);
+      else if (event.shiftKey) viewer.camera.pan(-0.2 * arrow[0], -0.2 * arrow[1]);
+      else viewer.camera.turn(KEY * arrow[0], KEY * arrow[1]);
+      event.preventDefault();
+      return viewer.redraw();
+    }
+    const nearer = (/** @type {number} */ share) => {
+      if (viewer.isFlat) viewer.flat.zoom *= share;
+      else viewer.camera.turn(0, 0, share);
+      viewer.redraw();
+    };
+    /** @type {Record<string, () => void>} */
+    const keys = {
+      "+": () => nearer(NEARER),
+      "-": () => nearer(1 / NEARER),
+      "0": () => viewer.front(),
+      f: () => viewer.fit(),
+      p: () => viewer.pin(false),
+      h: () => viewer.pin(true),
+      x: () => viewer.toggleWipe(),
+      u: () => viewer.unpin(),
+      Escape: () => viewer.stopWanting(),
+      ...viewer.tools.keys(),
+    };
+    const act = keys[event.key];
+    if (!act) return;
+    event.preventDefault();
+    act();
+  }
+}
+
+/**
+ * @param {[string, any][]} facts
+ * @returns {string | undefined} the color among them
+ */
+function colorOf(facts) {
+  return facts?.map(([, fact]) => String(fact)).find((fact) => /^#[0-9a-f]{6}$/i.test(fact));
+}
+
+/**
+ * @param {import("./types").Question} question
+ * @param {any} answer
+ */
+function inWords(question, answer) {
+  const number = (/** @type {number} */ x) => String(Number(x.toPrecision(6)));
+  if (question.ask === "probe") return [`pixel ${question.at.join(", ")}`, ...(answer.facts ?? []).map((/** @type {[string, any]} */ [label, fact]) => `${label} ${fact}`)].join("   ");
+  if (!answer.at) return "";
+  const parts = [`at ${answer.at.map(number).join(", ")} mm`];
+  if (answer.face !== undefined && answer.face !== null) parts.push(`face ${answer.face}`);
+  if (answer.vertex !== undefined && answer.vertex !== null) parts.push(`vertex ${answer.vertex}`);
+  for (const [name, value] of Object.entries(answer.attributes ?? {})) parts.push(`${name} ${[value].flat().map((x) => (typeof x === "number" ? number(x) : x)).join(", ")}`);
+  return parts.join("   ");
+}

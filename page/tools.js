@@ -1,0 +1,162 @@
+// What can be chosen about what is seen, and what its colors mean.
+
+import { element, find } from "./element.js";
+import { RAMPS, rampColor } from "./painter.js";
+
+/** @typedef {import("./viewer.js").Viewer} Viewer */
+
+/** Colors of series, as they are drawn. */
+const SERIES = ["#5c98e8", "#be5028", "#468c5a", "#d6aa3c"];
+
+const number = (/** @type {number} */ x) => String(Number(x.toPrecision(3)));
+
+export class Tools {
+  /**
+   * @param {HTMLElement} place
+   * @param {Viewer} viewer
+   */
+  constructor(place, viewer) {
+    this.viewer = viewer;
+    this.bar = find(place, ".tools", HTMLElement);
+    this.legend = find(place, ".legend", HTMLElement);
+    this.pin = find(place, ".pin", HTMLElement);
+    this.line = find(place, ".wipe", HTMLElement);
+    this.probe = find(place, ".probe", HTMLElement);
+    this.drawn = "";
+    this.explained = "";
+    this.pins = "";
+  }
+
+  /**
+   * What is under the pointer.
+   * @param {string} text
+   */
+  tell(text) {
+    this.probe.textContent = text;
+  }
+
+  /** What can be chosen about the value: its label, its key, whether it is on, and what it does. */
+  #choices() {
+    const { viewer } = this;
+    const { look } = viewer;
+    const value = viewer.main.value;
+    /** @type {{label: string, key: string, on: boolean, act: () => void, title: string}[]} */
+    const choices = [];
+    const toggle = (/** @type {"wire" | "normals" | "isolines" | "extra"} */ what, /** @type {string} */ key, /** @type {string} */ label, /** @type {string} */ title) =>
+      choices.push({ label, key, on: look[what], act: () => viewer.restyle({ [what]: !look[what] }), title });
+    if (viewer.painter === null || value === null) return choices;
+    const shapes = value.space?.shapes ?? [];
+    if (value.picture && value.space) choices.push({ label: "in space", key: "m", on: !look.flat, act: () => viewer.restyle({ flat: !look.flat }), title: "as a picture, or in space" });
+    if (!viewer.isFlat) {
+      if (shapes.some((shape) => shape.edge)) {
+        toggle("wire", "w", "edges", "the edges of faces");
+        toggle("normals", "n", "normals", "the direction of the surface at each vertex");
+      }
+      if (shapes.some((shape) => shape.parameter) || viewer.range() !== null) toggle("isolines", "i", "isolines", "lines of equal numbers");
+      if (shapes.some((shape) => shape.solid) && shapes.some((shape) => !shape.solid)) toggle("extra", "l", "lines", "what is drawn with the faces: nets, points, arrows");
+    }
+    const isPinned = viewer.pinned !== null;
+    choices.push({ label: "fit", key: "f", on: false, act: () => viewer.fit(), title: "all of it" });
+    choices.push({ label: "pin", key: "p", on: isPinned && !viewer.pinned?.held, act: () => (isPinned ? viewer.unpin() : viewer.pin(false)), title: "keep this output beside the next one" });
+    choices.push({ label: "hold", key: "h", on: Boolean(viewer.pinned?.held), act: () => (isPinned ? viewer.unpin() : viewer.pin(true)), title: "keep this result, to compare later runs with it" });
+    if (isPinned) choices.push({ label: "wipe", key: "x", on: viewer.wipe !== null, act: () => viewer.toggleWipe(), title: "over each other, or side by side" });
+    return choices;
+  }
+
+  /** What keys do, besides those that are always there. */
+  keys() {
+    const own = this.#choices().filter(({ key }) => "mwnil".includes(key));
+    return Object.fromEntries(own.map(({ key, act }) => [key, act]));
+  }
+
+  /** Shows what fits to the value. */
+  show() {
+    const { viewer } = this;
+    const value = viewer.main.value;
+    const choices = this.#choices();
+    const paints = this.#paints();
+    const drawn = JSON.stringify([choices, paints, viewer.look.paint, value?.series]);
+    if (drawn !== this.drawn) {
+      this.drawn = drawn;
+      const active = this.bar.contains(document.activeElement) ? document.activeElement?.getAttribute("data-key") : null;
+      const buttons = choices.map(({ label, key, on, act, title }) => {
+        const button = element("button", { "data-key": key, "aria-pressed": String(on), title: `${title} (${key})` }, label);
+        button.addEventListener("click", act);
+        return button;
+      });
+      this.bar.replaceChildren(...(paints.length > 1 ? [this.#select(paints)] : []), ...buttons);
+      if (active) find(this.bar, `[data-key="${active}"]`, HTMLElement).focus();
+    }
+    this.#explain();
+    this.#showPin();
+  }
+
+  /** What faces can be painted with: the word for it, and the name. */
+  #paints() {
+    const { viewer } = this;
+    const shapes = (viewer.main.value?.space?.shapes ?? []).filter((shape) => !shape.solid);
+    if (viewer.painter === null || viewer.isFlat || shapes.length === 0) return [];
+    const own = shapes.some((shape) => shape.texture) ? "texture" : shapes.some((shape) => shape.color) ? "colors" : "clay";
+    /** @type {[string, string][]} */
+    const paints = [["own", own], ...(own === "clay" ? [] : /** @type {[string, string][]} */ ([["clay", "clay"]])), ["normal", "normals"]];
+    for (const { name, on } of shapes.flatMap((shape) => shape.fields)) paints.push([`${on} ${name}`, on === "vertex" ? name : `${name} (${on})`]);
+    return paints;
+  }
+
+  /** @param {[string, string][]} paints */
+  #select(paints) {
+    const select = element("select", { "aria-label": "colors of faces", "data-key": "paint" });
+    for (const [name, word] of paints) select.append(element("option", { value: name }, word));
+    select.value = paints.some(([name]) => name === this.viewer.look.paint) ? this.viewer.look.paint : "own";
+    select.addEventListener("change", () => this.viewer.restyle({ paint: select.value }));
+    return select;
+  }
+
+  /** Says what colors stand for. */
+  #explain() {
+    const { viewer } = this;
+    const series = viewer.main.value?.series ?? null;
+    const range = viewer.painter === null || viewer.isFlat ? null : viewer.range();
+    const explained = JSON.stringify([range, series]);
+    if (explained === this.explained) return;
+    this.explained = explained;
+    const parts = [];
+    if (range !== null) {
+      const { field, low, high, isSigned } = range;
+      const bar = element("canvas", { width: 160, height: 10, role: "img", "aria-label": `${field.name} from ${number(low)} to ${number(high)}` });
+      const pen = bar.getContext("2d");
+      for (let x = 0; x < 160 && pen; x++) {
+        pen.fillStyle = `rgb(${rampColor(isSigned ? RAMPS.signed : RAMPS.growing, x / 159).join()})`;
+        pen.fillRect(x, 0, 1, 10);
+      }
+      const [least, most] = field.range;
+      const ends = element("p", { class: "ends" });
+      ends.append(element("span", {}, least < low ? `≤ ${number(low)}` : number(low)), element("span", {}, most > high ? `≥ ${number(high)}` : number(high)));
+      parts.push(element("p", {}, field.name), bar, ends);
+    }
+    for (const [k, { name, at, numbers }] of (series ?? []).entries()) {
+      const row = element("p", { class: "series" });
+      const mark = element("span", { class: "mark" });
+      mark.style.background = SERIES[k % SERIES.length];
+      row.append(mark, numbers === null ? `${name}: no numbers` : `${name}: ${number(numbers[0])} to ${number(numbers[1])}${at === null ? "" : `, at ${number(at[0])} to ${number(at[1])}`}`);
+      parts.push(row);
+    }
+    this.legend.hidden = parts.length === 0;
+    this.legend.replaceChildren(...parts);
+  }
+
+  /** Says what is pinned, and shows where it ends. */
+  #showPin() {
+    const { pinned, wipe } = this.viewer;
+    const viewed = pinned?.viewed;
+    const text = !viewed ? "" : pinned.value === null ? `${viewed.node}.${viewed.output}` : `${viewed.node}.${viewed.output} of run ${pinned.value.run}${pinned.held ? ", held" : ""}`;
+    this.line.hidden = pinned === null;
+    this.line.style.left = `${100 * (wipe ?? 0.5)}%`;
+    if (this.pins === text) return;
+    this.pins = text;
+    this.pin.hidden = text === "";
+    const close = element("button", { "aria-label": "no longer pinned", title: "no longer pinned (u)" }, "×");
+    close.addEventListener("click", () => this.viewer.unpin());
+    this.pin.replaceChildren(element("span", {}, text), close);
+  }
+}

@@ -1,0 +1,294 @@
+//! A value as pages show it: what a page is told of it, and the columns of bytes that a graphics card takes.
+//!
+//! A column is named by what is in it, so that nobody takes the same bytes twice.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use axum::body::Bytes;
+use bytemuck::NoUninit;
+use serde_json::{Value as Json, json};
+
+use crate::render::{Field, Ground, Look, Shape, Shapes, fitted, picture, picture_of};
+use crate::value::{AnyValue, Axes, Image, Layer, Picture, Series};
+
+/// The longest side of a picture that every graphics card takes.
+const MOST_PIXELS: usize = 8192;
+
+/// Bytes that are compared at once when a column has changed.
+const BLOCK: usize = 1024;
+
+/// A value that somebody looks at.
+pub(crate) struct Shown {
+    pub(crate) value: AnyValue,
+    /// The picture that it shows, if it is one.
+    pub(crate) picture: Option<Picture>,
+    /// What that lies on.
+    pub(crate) ground: Option<Ground>,
+    /// What a page is told of it.
+    pub(super) about: Json,
+    columns: HashMap<String, Column>,
+    size: usize,
+}
+
+/// The bytes of a column, or what makes them.
+#[derive(Clone)]
+pub(super) enum Column {
+    Ready(Bytes),
+    Made(Arc<dyn Fn() -> Vec<u8> + Send + Sync>),
+}
+
+impl Column {
+    pub(super) fn bytes(&self) -> Bytes {
+        match self {
+            Self::Ready(bytes) => bytes.clone(),
+            Self::Made(make) => make().into(),
+        }
+    }
+}
+
+impl Shown {
+    /// `ground` is what a picture of the value lies on.
+    pub(crate) fn new(value: AnyValue, layers: &[Layer], ground: Option<Ground>) -> Self {
+        let picture = picture_of(layers).cloned();
+        let mut shown =
+            Self { value, picture, ground, about: json!({}), columns: HashMap::new(), size: 0 };
+        let flat = shown.flat(layers);
+        let space = Shapes::of(layers).map(|shapes| shown.space(shapes));
+        let series = layers.iter().find_map(|layer| match layer {
+            Layer::Plot(series) => Some(series.iter().map(about_series).collect::<Vec<_>>()),
+            _ => None,
+        });
+        shown.about = json!({
+            "type": shown.value.kind().name,
+            "hash": shown.value.hash().to_string(),
+            "picture": flat,
+            "space": space,
+            "series": series,
+        });
+        shown
+    }
+
+    /// The bytes of one of its columns.
+    pub(super) fn column(&self, name: &str) -> Option<&Column> {
+        self.columns.get(name)
+    }
+
+    /// Bytes that it holds.
+    pub(super) fn size(&self) -> usize {
+        self.size
+    }
+
+    /// Whether it would be shown the same way on this ground.
+    pub(crate) fn lies_on(&self, ground: Option<&Ground>) -> bool {
+        let about = |ground: &Ground| (ground.image.hash(), ground.registration);
+        self.ground.as_ref().map(about) == ground.map(about)
+    }
+
+    fn flat(&mut self, layers: &[Layer]) -> Option<Json> {
+        let registration = self.picture.as_ref()?.registration.filter(|_| self.ground.is_none());
+        let capture = registration.map(|it| json!({ "scale": it.scale, "offset": it.offset }));
+        let below = self.ground.as_ref().and_then(Ground::below);
+        let image = picture(layers, &Look { below, ..Look::own() })?;
+        let size = [image.width(), image.height()];
+        Some(json!({ "size": size, "pixels": self.image(&image), "capture": capture }))
+    }
+
+    fn space(&mut self, shapes: Shapes) -> Json {
+        let Shapes { axes, center, scale, shapes } = shapes;
+        let shapes = shapes.into_iter().enumerate();
+        let shapes = Vec::from_iter(shapes.map(|(place, shape)| self.shape(place, shape)));
+        let center = [center.x, center.y, center.z];
+        json!({ "upright": axes == Axes::Upright, "center": center, "scale": scale, "shapes": shapes })
+    }
+
+    fn shape(&mut self, place: usize, mut shape: Shape) -> Json {
+        let position = self.keep(std::mem::take(&mut shape.places));
+        let normal = self.keep(std::mem::take(&mut shape.normals));
+        let color = shape.colors.take().map(|colors| self.keep(colors));
+        let texture = shape.texture().cloned();
+        let uv = shape.uv.take().map(|uv| self.keep(uv));
+        let triangle = self.keep(shape.triangles.clone());
+        let texture = texture.map(|image| {
+            json!({ "size": [image.width(), image.height()], "pixels": self.image(&image) })
+        });
+        let (is_solid, fields) = (shape.is_solid, shape.fields());
+        let shape = Arc::new(shape);
+        let value = self.value.hash().to_string();
+        let mut later = |what: &str, make: Box<dyn Fn(&Shape) -> Vec<u8> + Send + Sync>| {
+            let name = name_of(format!("{value} {place} {what}").as_bytes());
+            let shape = shape.clone();
+            self.columns.insert(name.clone(), Column::Made(Arc::new(move || make(&shape))));
+            name
+        };
+        let edge = (!is_solid).then(|| later("edge", Box::new(|shape| bytes_of(&shape.edges()))));
+        let parameter = shape.has_parameters().then(|| {
+            later("parameter", Box::new(|shape| bytes_of(&shape.parameters().unwrap_or_default())))
+        });
+        let fields = fields.into_iter().map(|field| {
+            let Field { name, on, range, usual } = &field;
+            let mut about =
+                json!({ "name": name, "on": on.word(), "range": range, "usual": usual });
+            let what = format!("{} {name}", on.word());
+            let column = later(&what, Box::new(move |shape| bytes_of(&shape.field(&field))));
+            about["column"] = column.into();
+            about
+        });
+        let fields = Vec::from_iter(fields);
+        json!({
+            "solid": is_solid,
+            "position": position,
+            "normal": normal,
+            "color": color,
+            "uv": uv,
+            "triangle": triangle,
+            "texture": texture,
+            "edge": edge,
+            "parameter": parameter,
+            "fields": fields,
+        })
+    }
+
+    /// The pixels of a picture, with 255 behind each.
+    fn image(&mut self, image: &Image) -> Json {
+        let longest = image.width().max(image.height()).max(1);
+        let share = (MOST_PIXELS as f64 / longest as f64).min(1.0);
+        let size = [image.width(), image.height()];
+        let size = size.map(|side| ((side as f64 * share) as usize).max(side.min(1)));
+        let smaller = (share < 1.0).then(|| fitted(image, size));
+        let pixels = smaller.as_ref().unwrap_or(image).pixels();
+        let pixels: Vec<[u8; 4]> = pixels.iter().map(|&[r, g, b]| [r, g, b, 255]).collect();
+        json!({ "column": self.keep(pixels), "size": size })
+    }
+
+    /// Keeps a column, and gives its name.
+    fn keep<T: NoUninit + Send + Sync>(&mut self, items: Vec<T>) -> String {
+        let bytes = Bytes::from_owner(Plain(items));
+        let name = name_of(&bytes);
+        self.size += bytes.len();
+        self.columns.insert(name.clone(), Column::Ready(bytes));
+        name
+    }
+}
+
+/// Items as bytes.
+struct Plain<T>(Vec<T>);
+
+impl<T: NoUninit> AsRef<[u8]> for Plain<T> {
+    fn as_ref(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.0)
+    }
+}
+
+fn bytes_of<T: NoUninit>(items: &[T]) -> Vec<u8> {
+    bytemuck::cast_slice(items).to_vec()
+}
+
+/// The name of a column with these bytes.
+fn name_of(bytes: &[u8]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_rayon(bytes);
+    hasher.finalize().to_hex()[..32].to_owned()
+}
+
+/// What is to be said of a series beside its picture: its name, and where it begins and ends.
+fn about_series(series: &Series) -> Json {
+    let range = |numbers: &[f64]| {
+        let numbers = numbers.iter().filter(|x| x.is_finite());
+        let start = [f64::INFINITY, f64::NEG_INFINITY];
+        let [low, high] = numbers.fold(start, |[low, high], &x| [low.min(x), high.max(x)]);
+        (low <= high).then_some([low, high])
+    };
+    json!({ "name": series.name, "at": range(&series.at), "numbers": range(&series.numbers) })
+}
+
+/// What has changed between two columns of the same length, if that is less than the whole: the length of a block in bytes, the number
+/// of blocks, the number of each, and the blocks, all numbers in 32 bits, the lowest byte first.
+pub(super) fn changes(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
+    if old.len() != new.len() {
+        return None;
+    }
+    let pairs = old.chunks(BLOCK).zip(new.chunks(BLOCK)).enumerate();
+    let changed = Vec::from_iter(pairs.filter(|(_, (old, new))| old != new));
+    let size = 8 + changed.len() * (4 + BLOCK);
+    if size > new.len() {
+        return None;
+    }
+    let mut bytes = Vec::with_capacity(size);
+    let head = [BLOCK as u32, changed.len() as u32];
+    let numbers = head.into_iter().chain(changed.iter().map(|(block, _)| *block as u32));
+    numbers.for_each(|number| bytes.extend(number.to_le_bytes()));
+    changed.iter().for_each(|(_, (_, new))| bytes.extend_from_slice(new));
+    Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::value::TYPES;
+
+    /// A column after its changes.
+    fn changed(old: &[u8], changes: &[u8]) -> Vec<u8> {
+        let number =
+            |k: usize| u32::from_le_bytes(changes[4 * k..][..4].try_into().unwrap()) as usize;
+        let (block, count) = (number(0), number(1));
+        let mut new = old.to_vec();
+        let mut from = 8 + 4 * count;
+        for k in 0..count {
+            let start = block * number(2 + k);
+            let end = new.len().min(start + block);
+            new[start..end].copy_from_slice(&changes[from..][..end - start]);
+            from += end - start;
+        }
+        assert_eq!(from, changes.len());
+        new
+    }
+
+    #[test]
+    fn changes_make_the_new_column_of_the_old_one() {
+        let old = Vec::from_iter((0..100_003u32).map(|k| (k % 251) as u8));
+        let mut new = old.clone();
+        for k in [0, 1, 5000, 99_999, 100_002] {
+            new[k] ^= 255;
+        }
+        let few = changes(&old, &new).unwrap();
+        assert!(few.len() < 5 * BLOCK, "{}", few.len());
+        assert_eq!(changed(&old, &few), new);
+        assert_eq!(changed(&old, &changes(&old, &old).unwrap()), old);
+        assert_eq!(changes(&old, &new[1..]), None);
+        let all = Vec::from_iter(old.iter().map(|byte| !byte));
+        assert_eq!(changes(&old, &all), None);
+    }
+
+    #[test]
+    fn every_type_of_values_is_told_and_its_columns_are_there() {
+        fn names(about: &Json, all: &mut Vec<String>) {
+            match about {
+                Json::Object(fields) => fields.iter().for_each(|(field, value)| {
+                    let named = ["column", "position", "normal", "color", "uv", "triangle"];
+                    let is_name =
+                        named.contains(&&field[..]) || ["edge", "parameter"].contains(&&field[..]);
+                    let name = value.as_str().filter(|_| is_name);
+                    all.extend(name.map(str::to_owned));
+                    names(value, all);
+                }),
+                Json::Array(items) => items.iter().for_each(|item| names(item, all)),
+                _ => {}
+            }
+        }
+        for kind in TYPES {
+            let mut seen = 0;
+            for value in kind.hostile() {
+                let shown = Shown::new(value.clone(), &value.show(), None);
+                let mut all = Vec::new();
+                names(&shown.about, &mut all);
+                seen += all.len();
+                for name in all {
+                    let column = shown.column(&name).expect("a column for each name");
+                    assert!(shown.size() > 0 || column.bytes().is_empty());
+                }
+            }
+            assert!(seen > 0, "{} has no columns", kind.name);
+        }
+    }
+}
