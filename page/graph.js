@@ -25,10 +25,12 @@ export class Graph {
   /**
    * @param {HTMLElement} place where the graph is drawn
    * @param {(name: string) => void} choose is called with the node that somebody chooses
+   * @param {(name: string) => void} open is called with the node whose text somebody wants to see
    */
-  constructor(place, choose) {
+  constructor(place, choose, open) {
     this.place = place;
     this.tell = choose;
+    this.open = open;
     /** @type {Map<string, Box>} */
     this.boxes = new Map();
     /** @type {Map<string, SVGGElement>} */
@@ -95,6 +97,7 @@ export class Graph {
     const choose = () => this.tell(box.name);
     part.addEventListener("click", choose);
     part.addEventListener("keydown", (event) => {
+      if (event.key === "e" && !event.ctrlKey && !event.metaKey && !event.altKey) this.open(box.name);
       if (event.key !== "Enter" && event.key !== " ") return;
       event.preventDefault();
       choose();
@@ -128,6 +131,14 @@ export class Graph {
     part.setAttribute("data-state", state);
     const time = part.querySelector(".time");
     if (time !== null) time.textContent = seconds > 0 ? `${(1000 * seconds).toFixed(seconds < 0.01 ? 1 : 0)} ms` : "";
+  }
+
+  /**
+   * Colors boxes, each by a share from 0 to 1.
+   * @param {Map<string, number>} shares
+   */
+  heat(shares) {
+    for (const [name, share] of shares) this.parts.get(name)?.style.setProperty("--share", `${(100 * share).toFixed(1)}%`);
   }
 
   /**

@@ -3,11 +3,13 @@
 import { by, element, find } from "./element.js";
 import { Graph } from "./graph.js";
 import { Parameters } from "./parameters.js";
-import { connect } from "./socket.js";
+import { Profile, inBytes, inTime } from "./profile.js";
+import { connect, renew } from "./socket.js";
 import { Viewer } from "./viewer.js";
 
 const viewer = new Viewer(by("viewer"), (views) => connection.send({ ask: "views", views }), query);
-const graph = new Graph(by("graph"), (node) => showNode(node));
+const graph = new Graph(by("graph"), (node) => showNode(node), (node) => openEditor({ node }));
+const profile = new Profile(find(document.body, "#profile", HTMLSelectElement), by("legend"), () => showProfile());
 
 const parameters = new Parameters(by("parameters"), (name, value) => {
   by("refused").textContent = "";
@@ -73,6 +75,7 @@ let wanted = viewer.address(location.hash);
  */
 const hear = {
   hello(message) {
+    renew(message.page);
     const file = message.graph.split(/[\\/]/).at(-1) ?? "";
     document.title = `${file} - maquette`;
     by("title").textContent = file;
@@ -87,6 +90,7 @@ const hear = {
     const name = wanted?.node ?? chosen;
     showNode(graph.boxes.has(name ?? "") ? name : graph.last(), wanted?.output);
     wanted = null;
+    showProfile();
   },
   run(message) {
     showRun("running ...", "running");
@@ -118,6 +122,7 @@ const hear = {
   },
   done(message) {
     for (const node of message.nodes) note(node.name, node);
+    showProfile();
     const { failed, skipped, computed, cached } = message;
     const counts = Object.entries({ failed, skipped, computed, cached }).filter(([, count]) => count > 0);
     const said = counts.map(([state, count]) => `${count} ${state}`);
@@ -132,7 +137,8 @@ const hear = {
  * @param {import("./types").NodeState} node
  */
 function note(name, node) {
-  nodes.set(name, node);
+  // What a run has not found out yet is what it was in the last one.
+  nodes.set(name, { ...nodes.get(name), ...node });
   const box = graph.of(name);
   if (box === undefined) return;
   putIn(box, name);
@@ -168,10 +174,50 @@ function putIn(box, name) {
  * @returns {import("./types").NodeState}
  */
 function known(box) {
-  const parts = [...(inside.get(box) ?? [])].map((name) => nodes.get(name) ?? {});
+  const names = [...(inside.get(box) ?? [])];
+  const parts = names.map((name) => nodes.get(name) ?? {});
   const state = STATES.find((state) => parts.some((part) => part.state === state));
-  const times = parts.flatMap((part) => part.seconds ?? []);
-  return { state, seconds: times.length > 0 ? times.reduce((sum, time) => sum + time) : undefined };
+  const which = parts.findIndex((part) => part.state === state);
+  const words = parts[which]?.reason;
+  const reason = words !== undefined && names[which] !== box ? `${names[which]}: ${words}` : words;
+  return { state, reason, seconds: sum(parts.map((part) => part.seconds)), bytes: sum(parts.map((part) => part.bytes)) };
+}
+
+/**
+ * The sum of what is known; nothing if nothing is.
+ * @param {(number | undefined)[]} values
+ */
+function sum(values) {
+  const known = values.filter((value) => value !== undefined);
+  return known.length > 0 ? known.reduce((sum, value) => sum + value) : undefined;
+}
+
+/** Colors boxes by what is measured of them. */
+function showProfile() {
+  const boxes = [...graph.boxes.values()].filter((box) => box.node !== null);
+  by("graph").dataset.profile = profile.select.value;
+  graph.heat(profile.shares(boxes.map((box) => [box.name, known(box.name)])));
+}
+
+/**
+ * Opens the user's editor where a node or a problem stands.
+ * @param {{node: string} | {problem: import("./types").Location}} wanted
+ */
+function openEditor(wanted) {
+  by("refused").textContent = "";
+  connection.send({ ask: "open", ...wanted });
+}
+
+/**
+ * A button that opens the user's editor at a place.
+ * @param {import("./types").Location} place
+ * @param {string} text
+ * @param {() => void} open
+ */
+function placeButton(place, text, open) {
+  const button = element("button", { class: "place", type: "button", title: `Open ${place.file}:${place.line}:${place.column} in the editor` }, text);
+  button.addEventListener("click", open);
+  return button;
 }
 
 /**
@@ -191,7 +237,8 @@ function showProblems(problems, more) {
   const items = problems.map((problem) => {
     const item = element("li", { "data-severity": problem.severity });
     item.append(element("b", {}, `${problem.severity}: ${problem.message}`));
-    item.append(element("span", { class: "place" }, `${problem.file}:${problem.line}:${problem.column}  ${problem.code}`));
+    const { file, line, column, code } = problem;
+    item.append(placeButton(problem, `${file}:${line}:${column}  ${code}`, () => openEditor({ problem: { file, line, column } })));
     if (problem.help) item.append(element("span", { class: "help" }, problem.help));
     return item;
   });
@@ -221,12 +268,15 @@ function showFacts(name) {
     by("node").replaceChildren(element("p", {}, "Choose a node in the graph."));
     return;
   }
-  const { state, seconds } = known(box.name);
+  const { state, reason, seconds, bytes } = known(box.name);
+  /** @type {[string, string][]} */
   const rows = [
     ["name", box.name],
     ["type", box.node ?? "a file"],
     ["state", box.node === null ? "" : state ?? "not needed yet"],
-    ["time", seconds === undefined ? "" : `${(1000 * seconds).toFixed(1)} ms`],
+    ["why", reason ?? ""],
+    ["time", seconds === undefined ? "" : inTime(seconds)],
+    ["bytes", bytes === undefined ? "" : inBytes(bytes)],
     ["takes", box.inputs.map((port) => port.name).join(", ")],
     ["gives", box.outputs.map((port) => `${port.name}: ${port.type}`).join(", ")],
   ];
@@ -236,7 +286,14 @@ function showFacts(name) {
     row.append(element("th", { scope: "row" }, label), element("td", {}, value));
     table.append(row);
   }
+  const hadFocus = by("node").contains(document.activeElement);
   by("node").replaceChildren(table);
+  const { file, line, column } = box;
+  if (file === undefined || line === undefined || column === undefined) return;
+  const text = `${file.split(/[\\/]/).at(-1)}:${line}`;
+  const button = placeButton({ file, line, column }, text, () => openEditor({ node: box.name }));
+  by("node").append(button);
+  if (hadFocus) button.focus();
 }
 
 document.addEventListener("keydown", (event) => {

@@ -3,7 +3,9 @@
 const TOKEN = "maquette-token";
 
 /** The first time and the longest time between two attempts, in milliseconds. */
-const [SOON, LATE] = [200, 2000];
+const [SOON, LATE] = [200, 1000];
+
+const RENEWED = "maquette-renewed";
 
 /** The token of the link, which then no longer stands in the address. */
 function token() {
@@ -13,6 +15,18 @@ function token() {
     history.replaceState(null, "", location.pathname + location.search);
   }
   return sessionStorage.getItem(TOKEN) ?? "";
+}
+
+/**
+ * Loads the page anew if it is that of another program; what is seen stands in the address. Whatever a program says of its page, it is
+ * loaded only once for that.
+ * @param {string} [now] what the page of the program is
+ */
+export function renew(now) {
+  const own = document.querySelector("meta[name=page]")?.getAttribute("content");
+  if (now === undefined || now === own || now === sessionStorage.getItem(RENEWED)) return;
+  sessionStorage.setItem(RENEWED, now);
+  location.reload();
 }
 
 /**

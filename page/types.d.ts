@@ -11,7 +11,10 @@ export type Box = {
   place: [number, number, number, number];
   inputs: Port[];
   outputs: (Port & { type: string })[];
-};
+} & Partial<Location>;
+
+/** A place in a file, from 1. */
+export type Location = { file: string; line: number; column: number };
 
 export type Drawing = {
   doc: string;
@@ -34,7 +37,7 @@ export type Field = {
   description?: string;
 };
 
-export type NodeState = { state?: string; seconds?: number };
+export type NodeState = { state?: string; reason?: string; seconds?: number; bytes?: number };
 
 export type Problem = {
   severity: string;
@@ -96,7 +99,7 @@ export type Question =
 
 /** What is said, by its `event`. */
 export type Message =
-  | { event: "hello"; program: string; graph: string }
+  | { event: "hello"; program: string; graph: string; page?: string }
   | ({ event: "graph" } & Drawing)
   | ({ event: "value" } & Value)
   | { event: "run"; run: number }
@@ -129,4 +132,6 @@ export type Wish =
   | { ask: "drag"; values: [string, string][] }
   | { ask: "drop" }
   | (Question & { id: number })
-  | { ask: "undo" };
+  | { ask: "undo" }
+  | { ask: "open"; node: string }
+  | { ask: "open"; problem: Location };

@@ -1,8 +1,10 @@
 //! A graph as a picture: boxes for nodes and output files, links with the types that they carry.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use crate::catalog::Catalog;
+use crate::error::Source;
 use crate::graph::{Graph, GraphUse};
 
 mod dot;
@@ -40,6 +42,8 @@ struct Block {
     /// The linked ports.
     inputs: Vec<String>,
     outputs: Vec<Port>,
+    /// The file in which it stands, and at which byte.
+    at: Option<(Arc<Source>, usize)>,
 }
 
 /// What only a node has.
@@ -86,7 +90,7 @@ impl Drawing {
         let boxes = boxes(graph);
         let kinds = boxes.iter().map(|part| match part {
             BoxContent::Node(index) => pack_of(graph.nodes[*index].kind()),
-            BoxContent::Use(_) => GRAPHS,
+            BoxContent::Use(..) => GRAPHS,
         });
         let kinds = Vec::from_iter(kinds);
         places.push((places.len(), GRAPHS));
@@ -100,7 +104,7 @@ impl Drawing {
                     let links = graph.nodes[*node].links.iter();
                     links.map(|link| (&link.port[..], (link.node, link.output))).collect()
                 }
-                BoxContent::Use(given) => {
+                BoxContent::Use(given, _) => {
                     given.inputs.iter().map(|(port, target)| (&port[..], *target)).collect()
                 }
             };
@@ -115,7 +119,8 @@ impl Drawing {
             }
             let (name, kind, outputs) = described(graph, part);
             let node = Some(NodeBlock { kind, pack: pack.unwrap_or_default() });
-            drawing.boxes.push(Block { name, node, inputs, outputs });
+            let at = Some(place(graph, part));
+            drawing.boxes.push(Block { name, node, inputs, outputs, at });
         }
         for output in &graph.outputs {
             let to = [drawing.boxes.len(), 0];
@@ -126,6 +131,7 @@ impl Drawing {
                 node: None,
                 inputs: vec![String::new()],
                 outputs: Vec::new(),
+                at: Some((output.source.clone(), output.span.start)),
             });
         }
         drawing
@@ -143,7 +149,8 @@ const GRAPHS: &str = "graphs";
 /// What one box of the drawing stands for: a node, or the use of a graph with all that is in it.
 enum BoxContent<'g> {
     Node(usize),
-    Use(&'g GraphUse),
+    /// With the index of its first node.
+    Use(&'g GraphUse, usize),
 }
 
 /// The boxes of a graph: its own nodes and uses, each where the first of its nodes stands.
@@ -157,8 +164,8 @@ fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
         let ends = node.name.match_indices('/').map(|(at, _)| at);
         let outermost = ends.filter_map(|at| uses.get(&node.name[..at]).copied()).next();
         match (outermost, boxes.last()) {
-            (Some(given), Some(BoxContent::Use(last))) if std::ptr::eq(given, *last) => {}
-            (Some(given), _) => boxes.push(BoxContent::Use(given)),
+            (Some(given), Some(BoxContent::Use(last, _))) if std::ptr::eq(given, *last) => {}
+            (Some(given), _) => boxes.push(BoxContent::Use(given, index)),
             (None, _) => boxes.push(BoxContent::Node(index)),
         }
     }
@@ -174,7 +181,7 @@ fn sources(graph: &Graph, boxes: &[BoxContent<'_>]) -> HashMap<(usize, usize), [
                 let outputs = 0..graph.nodes[*node].outputs.len();
                 sources.extend(outputs.map(|output| ((*node, output), [index, output])));
             }
-            BoxContent::Use(given) => {
+            BoxContent::Use(given, _) => {
                 for (output, (_, targets)) in given.outputs.iter().enumerate() {
                     // What only goes through comes from where it was made.
                     for target in targets {
@@ -185,6 +192,17 @@ fn sources(graph: &Graph, boxes: &[BoxContent<'_>]) -> HashMap<(usize, usize), [
         }
     }
     sources
+}
+
+/// The file in which a box stands, and at which byte.
+fn place(graph: &Graph, part: &BoxContent<'_>) -> (Arc<Source>, usize) {
+    let (BoxContent::Node(index) | BoxContent::Use(_, index)) = part;
+    let node = &graph.nodes[*index];
+    if let (BoxContent::Use(..), Some(outermost)) = (part, node.uses.first()) {
+        return (outermost.source.clone(), outermost.span.start);
+    }
+    let (source, span) = node.sheet.place(node.span);
+    (source, span.start)
 }
 
 /// The name, type and outputs of a box.
@@ -203,7 +221,7 @@ fn described(graph: &Graph, part: &BoxContent<'_>) -> (String, String, Vec<Port>
             };
             (node.name.clone(), node.kind().to_owned(), outputs.map(port).collect())
         }
-        BoxContent::Use(given) => {
+        BoxContent::Use(given, _) => {
             let port = |(name, targets): &(String, Vec<(usize, usize)>)| Port {
                 name: name.clone(),
                 kind: targets.first().map_or_else(String::new, |&(node, at)| kind_of(node, at)),
@@ -228,6 +246,7 @@ mod tests {
                 .iter()
                 .map(|[name, kind]| Port { name: (*name).into(), kind: (*kind).into() })
                 .collect(),
+            at: None,
         };
         let wire = |from, to| Wire { from, to };
         Drawing {

@@ -4,15 +4,18 @@
 //!
 //! | event | says |
 //! |---|---|
-//! | `hello` | the `program` and the file of the `graph`: first of all |
-//! | `graph` | `boxes` with their places and ports, `links`, `packs` and the `size` of the whole picture; its parameters as a JSON `schema` |
+//! | `hello` | the `program`, the file of the `graph` and what the `page` itself is made of, as a hash: first of all |
+//! | `graph` | `boxes` with their places in the picture and in a `file`, and their ports, `links`, `packs` and the `size` of the whole picture; its parameters as a JSON `schema` |
 //! | `refused` | values were not put into the file, and `why` |
 //! | `value` | the value of the `output` of a `node` as of a `run`: its `type` and `hash`, and the columns of what is seen of it: in a
 //! `picture`, in `space` and as `series` of numbers |
 //!
 //! A page says which values it shows, `{"ask": "views", "views": [{"node": .., "output": ..}]}`, and is told of them whenever they
 //! change. `{"ask": "set", "values": [["growth", "20.0"]]}` puts values into the file of the graph, `{"ask": "undo"}` takes the last of
-//! these changes back. Columns are at `/column/NAME`, and as what has changed in them at `/column/NAME?from=OLD`; pictures of
+//! these changes back. `{"ask": "open", "node": ..}` opens the user's editor where a box stands, and `{"ask": "open", "problem": {"file":
+//! .., "line": .., "column": ..}}` where a problem is; only what pages were told of is opened.
+//!
+//! Columns are at `/column/NAME`, and as what has changed in them at `/column/NAME?from=OLD`; pictures of
 //! values at `/picture/HASH`, what is to be known of them at `/facts/HASH`: who was told the names may see the value.
 //!
 //! Who connects is told all that is true at that moment first, so that a page which was opened late knows as much as one that was
@@ -32,11 +35,17 @@ use crate::catalog::Catalog;
 use crate::draw::Drawing;
 use crate::graph::Graph;
 
+mod kept;
+mod location;
 mod server;
 mod shown;
 
 use shown::Column;
 pub(crate) use shown::Shown;
+
+pub(crate) use kept::Redirect;
+use kept::{Keeper, Kept};
+pub(crate) use location::Location;
 
 /// Messages that a slow page may be behind before it is told everything anew.
 const BEHIND: usize = 1024;
@@ -44,6 +53,7 @@ const BEHIND: usize = 1024;
 /// The live page, served until the program ends.
 pub(crate) struct Page {
     shared: Arc<Shared>,
+    keeper: Option<Keeper>,
 }
 
 /// An output of a node that somebody looks at, or of a use of a graph.
@@ -65,6 +75,8 @@ pub(crate) enum Wish {
     Set(Vec<(String, String)>),
     /// The last such change is to be taken back.
     Undo,
+    /// The user's editor is to be opened here.
+    Open(Location),
 }
 
 /// What the server and the watch both know.
@@ -135,7 +147,7 @@ struct Feed {
 }
 
 impl Page {
-    /// Starts the server on a free port of this machine. `wish` is told what pages want.
+    /// Starts the server on a port of this machine: that of the last time if it is free. `wish` is told what pages want.
     ///
     /// # Errors
     /// If no port can be listened on, or the system gives no random numbers.
@@ -143,12 +155,11 @@ impl Page {
         graph: &Path,
         wish: impl Fn(Wish) + Send + Sync + 'static,
     ) -> io::Result<Self> {
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
-        let mut secret = [0; 16];
-        getrandom::fill(&mut secret).map_err(io::Error::other)?;
+        let keeper = Keeper::of(graph);
+        let (listener, token) = listen(keeper.as_ref())?;
         let shared = Arc::new(Shared {
             address: listener.local_addr()?,
-            token: format!("{:032x}", u128::from_le_bytes(secret)),
+            token,
             feed: Mutex::default(),
             news: broadcast::Sender::new(BEHIND),
             looks: Mutex::default(),
@@ -157,13 +168,25 @@ impl Page {
         });
         server::start(listener, shared.clone())?;
         let program = concat!("maquette ", env!("CARGO_PKG_VERSION"));
-        shared.tell(&json!({ "event": "hello", "program": program, "graph": graph }));
-        Ok(Self { shared })
+        let page = server::version();
+        let hello = json!({ "event": "hello", "program": program, "graph": graph, "page": page });
+        shared.tell(&hello);
+        Ok(Self { shared, keeper })
     }
 
     /// What opens the page in a browser. Who has it may see the graph: it is for the user alone.
     pub(crate) fn link(&self) -> String {
         format!("http://{}/#{}", self.shared.address, self.shared.token)
+    }
+
+    /// A file that leads a browser to the page.
+    ///
+    /// # Errors
+    /// If there is no place for such a file.
+    pub(crate) fn redirect(&self) -> io::Result<Redirect> {
+        let none = || io::Error::other("the system has no folder for a user's state");
+        let keeper = self.keeper.as_ref().ok_or_else(none)?;
+        keeper.redirect(self.shared.address.port(), &self.link())
     }
 
     /// Shows a graph: where its boxes are, and what links them.
@@ -192,6 +215,28 @@ impl Page {
         let shared = self.shared.clone();
         move |message| shared.tell(message)
     }
+}
+
+/// Listens on the port that is kept, with the token that is kept; or on a free one with a new token, which are kept if nothing is. If
+/// the port that is kept is taken, another watch of the same graph has it, and what is kept stays its own.
+fn listen(keeper: Option<&Keeper>) -> io::Result<(TcpListener, String)> {
+    let bind = |port: u16| TcpListener::bind((Ipv4Addr::LOCALHOST, port));
+    let kept = keeper.and_then(Keeper::load);
+    if let Some(Kept { port, token }) = &kept
+        && let Ok(listener) = bind(*port)
+    {
+        return Ok((listener, token.clone()));
+    }
+    let listener = bind(0)?;
+    let mut secret = [0; 16];
+    getrandom::fill(&mut secret).map_err(io::Error::other)?;
+    let token = format!("{:032x}", u128::from_le_bytes(secret));
+    if let (Some(keeper), None) = (keeper, kept) {
+        let port = listener.local_addr()?.port();
+        // Where it cannot be kept the link is another one the next time.
+        let _ = keeper.save(&Kept { port, token: token.clone() });
+    }
+    Ok((listener, token))
 }
 
 /// What a thread that panicked has left is whole: every change of it is one step.

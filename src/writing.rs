@@ -185,6 +185,47 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<Option<Stamp>
     write_parts(path, &[bytes])
 }
 
+/// Writes a file that nobody but its user may read, in a folder of the same kind, which is made if it is not there.
+#[cfg(feature = "cli")]
+pub(crate) fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let folder = beside(path);
+    make_private_folder(folder)?;
+    sweep(folder);
+    let mut file = temporary::create_private(folder)?;
+    file.write_all(bytes)?;
+    file.persist(path).map(|_| ()).map_err(|error| error.error)
+}
+
+/// Makes a folder of which others see nothing. One that is there and that others may write to is refused: they could put their
+/// own files into the place of the user's.
+#[cfg(feature = "cli")]
+fn make_private_folder(path: &Path) -> io::Result<()> {
+    let mut builder = fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(path)?;
+    match is_private(&fs::metadata(path)?, 0o022) {
+        true => Ok(()),
+        false => Err(io::ErrorKind::PermissionDenied.into()),
+    }
+}
+
+/// Whether a file or folder is this user's, and others have none of these permissions. Where there are no such permissions the
+/// system keeps a user's folders from others.
+#[cfg(feature = "cli")]
+#[cfg_attr(not(unix), expect(unused_variables, reason = "there is nothing to ask for"))]
+pub(crate) fn is_private(metadata: &Metadata, permissions: u32) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let is_mine = metadata.uid() == rustix::process::geteuid().as_raw();
+        is_mine && metadata.mode() & permissions == 0
+    }
+    #[cfg(not(unix))]
+    true
+}
+
 /// The same for a content in parts.
 pub(crate) fn write_parts(path: &Path, parts: &[&[u8]]) -> io::Result<Option<Stamp>> {
     let folder = beside(path);

@@ -21,12 +21,15 @@ use crate::error::{Problem, code};
 use crate::eval::named_in;
 use crate::format::camera;
 use crate::graph::ReadFile;
-use crate::page::{Page, Wish};
+use crate::page::{Page, Redirect, Wish};
 use crate::paths::{MARKER, project_root};
 use crate::session::OutputFolder;
 use crate::watch::{self, Event, Sources, WatchList};
 
 mod block;
+mod browser;
+mod editor;
+mod launch;
 mod on_done;
 mod session;
 mod view;
@@ -72,10 +75,13 @@ pub(super) struct Watch {
     /// Print what happens as it happens, one JSON object a line.
     #[arg(long)]
     events: bool,
-    /// Serve a live page of the graph to browsers on this machine, and print its link. The link is for your eyes: who has it sees
-    /// the graph.
+    /// Serve a live page of the graph to browsers on this machine, and print its link, which stays the same. The link is for your
+    /// eyes: who has it sees the graph, and changes its parameters.
     #[arg(long, conflicts_with_all = ["once", "list"])]
     preview: bool,
+    /// The same, and open the page in your browser: $BROWSER, or the system's.
+    #[arg(long, conflicts_with_all = ["once", "list"])]
+    open: bool,
 }
 
 /// What the listening thread hears.
@@ -84,6 +90,10 @@ enum Message {
     Input(Input),
     /// Somebody wants something on the live page.
     Page(Wish),
+    /// What somebody wanted on the live page could not be done, and why.
+    Refused(String),
+    /// The page was not opened in a browser, and why.
+    NotOpened(String),
     /// An evaluation ended.
     Evaluated(Report),
     /// The user's command ended.
@@ -101,7 +111,7 @@ impl Watch {
         let folder = outputs.path().to_owned();
         let stop = sender.clone();
         interrupt::handle(move || drop(stop.send(Message::Input(Input::Stop))));
-        let page = match self.preview.then(|| self.open_page(&sender)).transpose() {
+        let page = match (self.preview || self.open).then(|| self.open_page(&sender)).transpose() {
             Ok(page) => page,
             Err(why) => return Exit::Usage(format!("there can be no live page: {why}")),
         };
@@ -115,6 +125,8 @@ impl Watch {
         if let Some(link) = link.as_ref().filter(|_| !quiet) {
             self.tell_link(link);
         }
+        // Gone with the watch.
+        let _redirect = page.as_ref().filter(|_| self.open).map(|page| open_browser(page, &sender));
         let view: Box<dyn View> = match terminal {
             Some(terminal) => Box::new(terminal),
             None if self.events => Box::new(Program(Listener::of_stdout())),
@@ -220,6 +232,25 @@ impl Watch {
             }));
         }
         WatchList::new(&wishes, &root)
+    }
+}
+
+/// Opens the page in a browser, which is given a file that leads there: the link is nothing for lists of processes.
+fn open_browser(page: &Page, sender: &Sender<Message>) -> Option<Redirect> {
+    let (sender, link) = (sender.clone(), page.link());
+    let failed = move |why: &str| {
+        let words = format!("no browser was opened ({why}): open {link} yourself");
+        let _ = sender.send(Message::NotOpened(words));
+    };
+    match page.redirect() {
+        Ok(redirect) => {
+            browser::open(redirect.path(), failed);
+            Some(redirect)
+        }
+        Err(why) => {
+            failed(&why.to_string());
+            None
+        }
     }
 }
 

@@ -1,9 +1,12 @@
 //! A drawing as data, for viewers that draw it themselves.
 
+use std::sync::Arc;
+
 use serde_json::{Value as Json, json};
 
 use super::svg::Picture;
 use super::{Block, Drawing};
+use crate::error::{Place, Source};
 
 impl Drawing {
     /// Boxes with their places and ports, links as paths of SVG, and the packs with their colors. Places are in pixels from the upper left
@@ -11,9 +14,17 @@ impl Drawing {
     pub(crate) fn to_json(&self) -> Json {
         let picture = self.placed();
         let columns = picture.columns();
+        let mut lines = Lines::default();
         let block = |(index, block): (usize, &Block)| {
             let place = picture.place(index, &columns);
-            boxed(&picture, index, block, place)
+            let mut boxed = boxed(&picture, index, block, place);
+            if let Some((source, at)) = &block.at {
+                let Place { line, column } = lines.place(source, *at);
+                boxed["file"] = source.name.display().to_string().into();
+                boxed["line"] = line.into();
+                boxed["column"] = column.into();
+            }
+            boxed
         };
         let link = |(from, path)| json!({ "from": from, "path": path });
         let pack = |(index, pack): (usize, &super::Pack)| json!({ "name": pack.name, "color": picture.color(Some(index)) });
@@ -43,4 +54,45 @@ fn boxed(picture: &Picture<'_>, index: usize, block: &Block, place: [f64; 4]) ->
         "inputs": Vec::from_iter(inputs),
         "outputs": Vec::from_iter(outputs),
     })
+}
+
+/// Finds places in a text without counting its lines anew for each.
+#[derive(Default)]
+struct Lines {
+    source: Option<Arc<Source>>,
+    /// Where each line begins.
+    starts: Vec<usize>,
+}
+
+impl Lines {
+    fn place(&mut self, source: &Arc<Source>, at: usize) -> Place {
+        if self.source.as_ref().is_none_or(|known| !Arc::ptr_eq(known, source)) {
+            let ends = source.text.match_indices('\n').map(|(end, _)| end + 1);
+            self.starts = std::iter::once(0).chain(ends).collect();
+            self.source = Some(source.clone());
+        }
+        let line = self.starts.partition_point(|start| *start <= at);
+        let start = self.starts[line - 1];
+        // Within a line, which is short.
+        let Place { column, .. } = Place::of(&source.text[start..], at - start);
+        Place { line, column }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_those_that_problems_have() {
+        let source = |text: &str| Arc::new(Source { name: "a.ron".into(), text: text.into() });
+        let texts = ["", "\n", "a\n\nb\u{e4}c\n", "\u{e4}\nb"].map(source);
+        let mut lines = Lines::default();
+        for source in &texts {
+            let bytes = 0..=source.text.len();
+            for at in bytes.filter(|at| source.text.is_char_boundary(*at)) {
+                assert_eq!(lines.place(source, at), Place::of(&source.text, at), "{source:?} {at}");
+            }
+        }
+    }
 }

@@ -5,8 +5,8 @@
 //! rebound cannot; and opens a socket only to its own page, which knows the token of the link.
 
 use std::net::TcpListener;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 use std::{io, thread};
 
@@ -22,12 +22,12 @@ use serde_json::{Value as Json, json};
 use tokio::sync::broadcast::error::RecvError;
 
 use super::shown::changes;
-use super::{Shared, Views, Wish};
+use super::{Location, Shared, Views, Wish};
 use crate::format::png;
 use crate::render::{self, Ground, Kind, Look, View};
 
 /// The files of the page: path, type, content.
-const FILES: [(&str, &str, &str); 15] = [
+const FILES: &[(&str, &str, &str)] = &[
     ("/", "text/html; charset=utf-8", include_str!("../../page/index.html")),
     ("/icon.svg", "image/svg+xml", include_str!("../../page/icon.svg")),
     ("/page.css", "text/css; charset=utf-8", include_str!("../../page/page.css")),
@@ -35,6 +35,7 @@ const FILES: [(&str, &str, &str); 15] = [
     ("/element.js", SCRIPT, include_str!("../../page/element.js")),
     ("/graph.js", SCRIPT, include_str!("../../page/graph.js")),
     ("/parameters.js", SCRIPT, include_str!("../../page/parameters.js")),
+    ("/profile.js", SCRIPT, include_str!("../../page/profile.js")),
     ("/viewer.js", SCRIPT, include_str!("../../page/viewer.js")),
     ("/camera.js", SCRIPT, include_str!("../../page/camera.js")),
     ("/columns.js", SCRIPT, include_str!("../../page/columns.js")),
@@ -77,6 +78,26 @@ const MOST_PIXELS: usize = 4096;
 /// A page that takes no message for so long is gone.
 const PATIENCE: Duration = Duration::from_secs(20);
 
+/// What the files of the page are, as a hash, by which a page of another program knows that it is out of date.
+pub(super) fn version() -> &'static str {
+    static VERSION: LazyLock<String> = LazyLock::new(|| {
+        let mut hasher = blake3::Hasher::new();
+        for (path, _, content) in FILES {
+            for part in [path, content] {
+                hasher.update(&part.len().to_le_bytes()).update(part.as_bytes());
+            }
+        }
+        hasher.finalize().to_hex()[..16].to_owned()
+    });
+    &VERSION
+}
+
+/// The first file, which says what the page is.
+fn index(content: &str) -> String {
+    let place = "<meta name=\"page\" content=\"\">";
+    content.replace(place, &format!("<meta name=\"page\" content=\"{}\">", version()))
+}
+
 /// Serves until the program ends.
 pub(super) fn start(listener: TcpListener, shared: Arc<Shared>) -> io::Result<()> {
     listener.set_nonblocking(true)?;
@@ -95,9 +116,10 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/picture/{hash}", get(picture))
         .route("/facts/{hash}", get(facts))
         .route("/column/{name}", get(column));
-    for (path, kind, content) in FILES {
-        router = router
-            .route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], content) }));
+    for &(path, kind, content) in FILES {
+        let content = if path == "/" { index(content) } else { content.to_owned() };
+        let answer = ([(header::CONTENT_TYPE, kind)], content);
+        router = router.route(path, get(move || async move { answer }));
     }
     router.layer(middleware::from_fn_with_state(shared.clone(), guard)).with_state(shared)
 }
@@ -261,6 +283,10 @@ enum Said {
         values: Vec<(String, String)>,
     },
     Undo,
+    Open {
+        node: Option<String>,
+        problem: Option<Location>,
+    },
 }
 
 fn hear(text: &str, socket: u64, shared: &Shared) {
@@ -273,6 +299,14 @@ fn hear(text: &str, socket: u64, shared: &Shared) {
         }
         Ok(Said::Set { values }) => (shared.wish)(Wish::Set(values)),
         Ok(Said::Undo) => (shared.wish)(Wish::Undo),
+        Ok(Said::Open { node, problem }) => {
+            let node = node.and_then(|name| shared.place_of_box(&name));
+            let problem = problem.filter(|place| shared.has_problem_at(place));
+            match node.or(problem) {
+                Some(place) => (shared.wish)(Wish::Open(place)),
+                None => shared.tell(&json!({ "event": "refused", "why": "there is no such place in the graph now" })),
+            }
+        }
         Err(_) => {}
     }
 }

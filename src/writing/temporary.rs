@@ -17,13 +17,24 @@ const LETTERS: usize = 12;
 
 /// A new file in a folder, locked.
 pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
+    // What the user's umask leaves of it, as for any new file.
+    create_with(folder, 0o666)
+}
+
+/// The same, which nobody but its user may read.
+#[cfg(feature = "cli")]
+pub(super) fn create_private(folder: &Path) -> io::Result<NamedTempFile> {
+    create_with(folder, 0o600)
+}
+
+#[cfg_attr(not(unix), expect(unused_variables, reason = "there are no such permissions"))]
+fn create_with(folder: &Path, permissions: u32) -> io::Result<NamedTempFile> {
     let mut builder = Builder::new();
     builder.prefix(START).suffix(END).rand_bytes(LETTERS);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // What the user's umask leaves of it, as for any new file.
-        builder.permissions(fs::Permissions::from_mode(0o666));
+        builder.permissions(fs::Permissions::from_mode(permissions));
     }
     loop {
         let file = builder.tempfile_in(folder)?;

@@ -27,10 +27,15 @@ pub(crate) struct Browser {
 
 impl Browser {
     /// Starts a browser. Where there is none says so and gives nothing; where checks are made for everybody that is a failure.
-    #[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
     pub(crate) fn start() -> Option<Self> {
+        Self::start_with(&[])
+    }
+
+    /// The same with these arguments.
+    #[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
+    pub(crate) fn start_with(more: &[&str]) -> Option<Self> {
         let profile = tempfile::tempdir().unwrap();
-        let Some(mut process) = BROWSERS.iter().find_map(|name| launch(name, profile.path()))
+        let Some(mut process) = BROWSERS.iter().find_map(|name| launch(name, profile.path(), more))
         else {
             assert!(std::env::var_os("CI").is_none(), "there is no browser; install Chromium");
             println!("skipped: there is no Chromium to show the page");
@@ -135,7 +140,7 @@ impl Browser {
 }
 
 /// Starts a browser that listens to commands.
-fn launch(name: &str, profile: &std::path::Path) -> Option<Child> {
+fn launch(name: &str, profile: &std::path::Path, more: &[&str]) -> Option<Child> {
     let mut command = Command::new(name);
     command.args(["--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0"]);
     command.args([
@@ -145,6 +150,7 @@ fn launch(name: &str, profile: &std::path::Path) -> Option<Child> {
     ]);
     command.args(["--disable-sync", "--hide-scrollbars", "--force-device-scale-factor=1"]);
     command.arg(format!("--user-data-dir={}", profile.display())).arg("--window-size=1400,900");
+    command.args(more);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().ok()
 }
 

@@ -1,5 +1,11 @@
 //! The live page in a real browser.
 
+use std::io::{Read, Write};
+use std::net::TcpListener;
+use std::time::Duration;
+
+use serde_json::json;
+
 use crate::browser::Browser;
 use crate::preview::Served;
 use crate::project::Project;
@@ -124,4 +130,266 @@ fn all_is_there_without_a_mouse() {
         browser.wait(&format!("{CAPTION}.startsWith('scan.{output} of')"));
         browser.wait(SEEN);
     }
+}
+
+const LIVE: &str = "document.querySelector('#link').dataset.state === 'live'";
+const LOST: &str = "document.querySelector('#link').dataset.state === 'lost'";
+
+#[test]
+fn an_open_page_finds_a_watch_that_is_started_again() {
+    let Some((project, mut served, mut browser)) = doll() else { return };
+    browser.ask("document.querySelector('.frame [tabindex]').focus()");
+    browser.press("ArrowRight", 0);
+    browser.wait("location.hash.includes('camera=15,')");
+    let address = browser.ask("location.href");
+    browser.ask("window.before = 1");
+    served.watch.end();
+    browser.wait(LOST);
+    let mut served = Served::new(&project);
+    let back = browser.wait(LIVE);
+    assert!(back < Duration::from_secs(2), "{back:?}");
+    project.save(&project.doll_text(16.0));
+    served.watch.run_until_ok();
+    browser.wait(&format!("{CAPTION}.endsWith('run 2')"));
+    assert_eq!(browser.ask("window.before"), 1);
+    assert_eq!(browser.ask("location.href"), address);
+    served.watch.end();
+}
+
+#[test]
+fn a_page_that_is_looked_at_again_asks_at_once() {
+    let Some((project, mut served, mut browser)) = doll() else { return };
+    for event in ["new Event('online')", "new Event('visibilitychange', { bubbles: true })"] {
+        // Nothing but the event can bring it back.
+        browser.ask("window.setTimeout = () => 0");
+        served.watch.end();
+        browser.wait(LOST);
+        served = Served::new(&project);
+        std::thread::sleep(Duration::from_millis(1500));
+        assert_eq!(browser.ask(LOST), true);
+        browser.ask(&format!("document.dispatchEvent({event}), window.dispatchEvent({event}), 0"));
+        let back = browser.wait(LIVE);
+        assert!(back < Duration::from_secs(1), "{event}: {back:?}");
+    }
+}
+
+#[test]
+fn the_page_of_another_program_is_loaded_anew_once() {
+    let Some((project, mut served, mut browser)) = doll() else { return };
+    browser.ask("document.querySelector('.frame [tabindex]').focus()");
+    browser.press("ArrowRight", 0);
+    browser.wait("location.hash.includes('camera=15,')");
+    let address = browser.ask("location.href");
+    // Whatever page comes now is of another program than the one that runs, and counts how often it is loaded.
+    let other = "document.addEventListener('readystatechange', () => { \
+                 document.querySelector('meta[name=page]').content = 'other'; }, { once: true }); \
+                 sessionStorage.loads = Number(sessionStorage.loads ?? 0) + 1;";
+    browser.call("Page.enable", json!({}));
+    browser.call("Page.addScriptToEvaluateOnNewDocument", json!({ "source": other }));
+    browser.ask("document.querySelector('meta[name=page]').content = 'other', window.before = 1");
+    served.watch.end();
+    browser.wait(LOST);
+    let mut served = Served::new(&project);
+    browser.wait("window.before === undefined && document.readyState === 'complete'");
+    browser.wait(SEEN);
+    browser.wait(LIVE);
+    assert_eq!(browser.ask("document.querySelector('meta[name=page]').content"), "other");
+    assert_eq!(browser.ask("location.href"), address);
+    // It is told of the program again, and stays.
+    served.watch.end();
+    browser.wait(LOST);
+    let _served = Served::new(&project);
+    browser.wait(LIVE);
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!(browser.ask("sessionStorage.loads"), "1");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn nodes_and_problems_are_opened_in_the_editor() {
+    use crate::preview::{script, written};
+    let Some(mut browser) = Browser::start() else { return };
+    let project = Project::doll();
+    let told = project.folder().join("told");
+    let editor = script(&project, "code", "echo \"$2\" > told.new; mv told.new told\n");
+    let text = std::fs::read_to_string(project.graph()).unwrap();
+    let variable = [("MAQUETTE_EDITOR", editor.as_os_str())];
+    let mut served = Served::with(&project, &["--preview"], &variable);
+    served.watch.run_until_ok();
+    browser.open(&served.link());
+    browser.wait(SEEN);
+    let line =
+        |text: &str, words: &str| text.lines().position(|line| line.contains(words)).unwrap() + 1;
+    let opened = |line: usize| {
+        let place = written(&told);
+        std::fs::remove_file(&told).unwrap();
+        let expected = format!("{}:{line}:", project.graph().display());
+        assert!(place.starts_with(&expected), "{place} is not {expected}");
+    };
+    browser.ask("document.querySelector('svg .node[data-name=nose]').focus()");
+    browser.press("e", 0);
+    opened(line(&text, "ExtractRegion("));
+    browser.press("Enter", 0);
+    let button = "document.querySelector('#node button.place')";
+    let said = format!("doll.ron:{}", line(&text, "ExtractRegion("));
+    browser.wait(&format!("{button}.textContent === '{said}'"));
+    browser.ask(&format!("{button}.click()"));
+    opened(line(&text, "ExtractRegion("));
+    let broken = text.replace("Nurbs(", "Nurb(");
+    project.save(&broken);
+    browser.wait("document.querySelector('#problems button.place')");
+    browser.ask("document.querySelector('#problems button.place').click()");
+    opened(line(&broken, "Nurb("));
+    browser.ask("document.activeElement.blur()");
+    browser.press("?", 0);
+    let help = browser.ask("document.querySelector('#help').textContent");
+    assert!(help.as_str().unwrap().contains("editor"), "{help}");
+    assert!(browser.complaints.is_empty(), "{:?}", browser.complaints);
+}
+
+#[test]
+fn boxes_are_colored_by_state_time_or_bytes() {
+    let Some((_project, _served, mut browser)) = doll() else { return };
+    let choose = |browser: &mut Browser, what: &str| {
+        browser.ask(&format!(
+            "(() => {{ const select = document.querySelector('#profile'); select.value = '{what}'; \
+             select.dispatchEvent(new Event('change')); }})()"
+        ));
+    };
+    // The colors of the boxes of nodes as red, green and blue from 0 to 1; `color(srgb r g b)` or `rgb(r, g, b)`.
+    let fills = "(() => { const read = (text) => { const parts = text.match(/[\\d.]+/g).map(Number); \
+                 return text.startsWith('rgb') ? parts.map((part) => part / 255) : parts; }; \
+                 const light = (rgb) => { const [r, g, b] = rgb.map((c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4); \
+                 return 0.2126 * r + 0.7152 * g + 0.0722 * b; }; \
+                 return [...document.querySelectorAll('svg .node:has(.state)')].map((node) => { \
+                 const fill = read(getComputedStyle(node.querySelector('.body')).fill).slice(0, 3); \
+                 const contrasts = [...node.querySelectorAll('.name, .kind, .port')].map((text) => { \
+                 const [a, b] = [light(fill), light(read(getComputedStyle(text).fill).slice(0, 3))]; \
+                 return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05); }); \
+                 return { name: node.dataset.name, fill: fill.map((c) => c.toFixed(3)).join(), contrast: Math.min(...contrasts) }; }); })()";
+    let colors = |browser: &mut Browser| {
+        let told = browser.ask(fills);
+        let boxes = told.as_array().unwrap().iter();
+        let fills = boxes.clone().map(|it| it["fill"].as_str().unwrap().to_owned());
+        let least = boxes.map(|it| it["contrast"].as_f64().unwrap()).fold(f64::MAX, f64::min);
+        (std::collections::BTreeSet::from_iter(fills), least)
+    };
+    for scheme in ["light", "dark"] {
+        let media = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
+        browser.call("Emulation.setEmulatedMedia", media);
+        choose(&mut browser, "state");
+        assert_eq!(colors(&mut browser).0.len(), 1);
+        assert_eq!(browser.ask("document.querySelector('#legend').hidden"), true);
+        for what in ["time", "bytes"] {
+            choose(&mut browser, what);
+            let (fills, contrast) = colors(&mut browser);
+            assert!(fills.len() > 3, "{scheme}, {what}: {fills:?}");
+            assert!(contrast > 4.5, "{scheme}, {what}: {contrast}");
+        }
+    }
+    // The largest of all has the strongest color, and is named.
+    let shares = "Object.fromEntries([...document.querySelectorAll('svg .node:has(.state)')].map((node) => \
+                  [node.dataset.name, parseFloat(node.style.getPropertyValue('--share'))]))";
+    let shares = browser.ask(shares);
+    let shares = shares.as_object().unwrap();
+    let most = shares.iter().find(|(_, share)| share.as_f64() == Some(100.0)).unwrap().0;
+    let legend = browser.ask("document.querySelector('#legend').textContent");
+    let legend = legend.as_str().unwrap();
+    assert!(legend.starts_with("most: ") && legend.ends_with(&format!("B, {most}")), "{legend}");
+    // The same, of the chosen node, with why it ran.
+    browser.ask(&format!("document.querySelector('svg .node[data-name=\"{most}\"]').focus()"));
+    browser.press("Enter", 0);
+    let panel = browser.ask("document.querySelector('#node').innerText");
+    let panel = panel.as_str().unwrap();
+    let size = legend.strip_prefix("most: ").unwrap().split(',').next().unwrap();
+    assert!(panel.contains(size) && panel.contains("not computed before"), "{panel}");
+    // What is chosen is still so after the page is loaded anew.
+    browser.call("Page.reload", json!({}));
+    browser.wait(SEEN);
+    browser.wait("document.querySelector('#profile').value === 'bytes'");
+    browser.wait("document.querySelector('#legend').textContent.startsWith('most: ')");
+}
+
+#[test]
+fn a_graph_that_is_used_is_measured_as_a_whole() {
+    let Some(mut browser) = Browser::start() else { return };
+    let part = "Graph(format: 1, inputs: { \"mesh\": Mesh }, nodes: { \"a\": Transform(mesh: \"mesh\"), \
+                \"b\": Subdivide(mesh: \"a\", scheme: CatmullClark, levels: 1) }, outputs: { \"mesh\": \"b\" })";
+    let whole = "Graph(format: 1, use: { \"Part\": \"part.ron\" }, nodes: { \"net\": PointNet(points: [[(0, 0, 0), (1, 0, 1), \
+                 (2, 0, 0)], [(0, 1, 1), (1, 1, 2), (2, 1, 1)], [(0, 2, 0), (1, 2, 1), (2, 2, 0)]]), \"surface\": \
+                 Nurbs(net: \"net\"), \"coarse\": Tessellate(surface: \"surface\", u: 20, v: 20),\n\"used\": \
+                 Part(mesh: \"coarse\") }, outputs: { \"m.ply\": \"used\" })";
+    let project = Project::new("");
+    std::fs::write(project.folder().join("part.ron"), part).unwrap();
+    project.save(whole);
+    let mut served = Served::new(&project);
+    let run = served.watch.run_until_ok();
+    let nodes = run.done["nodes"].as_array().unwrap().iter();
+    let inside = nodes.filter(|node| node["name"].as_str().unwrap().starts_with("used/"));
+    let bytes: u64 = inside.map(|node| node["bytes"].as_u64().unwrap()).sum();
+    assert!(bytes > 1_000);
+    browser.open(&served.link());
+    browser.wait("document.querySelector('svg .node[data-name=used]')");
+    browser.ask("document.querySelector('svg .node[data-name=used]').focus()");
+    browser.press("Enter", 0);
+    let size = format!("{:.1} kB", bytes as f64 / 1e3);
+    browser.wait(&format!("document.querySelector('#node').innerText.includes('{size}')"));
+    browser
+        .wait("document.querySelector('#node').innerText.includes('used/a: not computed before')");
+    browser.wait("document.querySelector('#node button.place').textContent === 'doll.ron:2'");
+}
+
+#[test]
+fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
+    let project = Project::doll();
+    let mut served = Served::new(&project);
+    served.watch.run_until_ok();
+    let resolver = "--host-resolver-rules=MAP evil.example 127.0.0.1";
+    let Some(mut browser) = Browser::start_with(&[resolver, "--no-proxy-server"]) else { return };
+    let port = served.host.rsplit(':').next().unwrap();
+    browser.open(&format!("http://evil.example:{port}/"));
+    browser.wait("location.host.startsWith('evil.example') && document.readyState === 'complete'");
+    let status = "performance.getEntriesByType('navigation')[0].responseStatus";
+    assert_eq!(browser.ask(status), 403);
+    let text = browser.ask("document.body.innerText");
+    assert!(text.as_str().unwrap().contains("to this machine alone"), "{text}");
+    // A page of somebody else's, which may do whatever browsers let it do, and even knows the token.
+    let foreign = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = foreign.local_addr().unwrap();
+    std::thread::spawn(move || {
+        for mut stream in foreign.incoming().flatten() {
+            let _ = stream.read(&mut [0; 4096]);
+            let page = "<!doctype html><title>foreign</title>";
+            let length = page.len();
+            let _ = write!(
+                stream,
+                "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{page}"
+            );
+        }
+    });
+    let socket = |host: &str, token: &str| {
+        format!(
+            "new Promise((told) => {{ const socket = new WebSocket('ws://{host}/socket', ['maquette', '{token}']); \
+             socket.onopen = () => told('open'); socket.onerror = () => told('refused'); }})"
+        )
+    };
+    for host in [format!("evil.example:{}", address.port()), address.to_string()] {
+        browser.open(&format!("http://{host}/"));
+        browser.wait("document.title === 'foreign'");
+        browser.wait(&format!("location.host === '{host}'"));
+        for to in [served.host.clone(), format!("evil.example:{port}")] {
+            assert_eq!(browser.ask(&socket(&to, &served.token)), "refused", "{host} to {to}");
+            let read =
+                format!("fetch('http://{to}/page.js').then((it) => it.text(), () => 'refused')");
+            assert_eq!(browser.ask(&read), "refused", "{host} to {to}");
+            let unread = format!(
+                "fetch('http://{to}/page.js', {{ mode: 'no-cors' }}).then(() => 'read', () => 'refused')"
+            );
+            assert_eq!(browser.ask(&unread), "refused", "{host} to {to}");
+        }
+    }
+    // The page itself opens one: what was refused was not refused for another reason.
+    browser.open(&served.link());
+    browser.wait(SEEN);
+    assert_eq!(browser.ask(&socket(&served.host, &served.token)), "open");
 }

@@ -1,6 +1,7 @@
 //! A project in a folder of its own, and a program that watches it.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -19,6 +20,8 @@ pub(crate) struct Project {
     _temporary: tempfile::TempDir,
     /// What the program remembers of this project.
     cache: tempfile::TempDir,
+    /// What it keeps of the user's.
+    state: tempfile::TempDir,
 }
 
 impl Project {
@@ -28,7 +31,8 @@ impl Project {
         // As the program knows it: on macOS the system's temporary folder is behind a link.
         let folder = std::fs::canonicalize(temporary.path()).unwrap();
         let cache = tempfile::tempdir().unwrap();
-        let project = Self { folder, _temporary: temporary, cache };
+        let state = tempfile::tempdir().unwrap();
+        let project = Self { folder, _temporary: temporary, cache, state };
         project.save(text);
         project
     }
@@ -69,11 +73,21 @@ impl Project {
         std::fs::rename(temporary, self.graph()).unwrap();
     }
 
-    fn command(&self, arguments: &[&str]) -> Command {
+    pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
         command.args(arguments).current_dir(&self.folder).stdin(Stdio::null());
         command.env("MAQUETTE_CACHE", self.cache.path());
+        command.env("XDG_STATE_HOME", self.state.path());
+        // No test opens what its user has.
+        for name in ["BROWSER", "DISPLAY", "WAYLAND_DISPLAY", "MAQUETTE_EDITOR", "VISUAL"] {
+            command.env_remove(name);
+        }
         command
+    }
+
+    /// Where pages are kept.
+    pub(crate) fn pages(&self) -> PathBuf {
+        self.state.path().join("maquette/pages")
     }
 
     pub(crate) fn maquette(&self, arguments: &[&str]) -> Output {
@@ -82,8 +96,18 @@ impl Project {
 
     /// A program that prints events.
     pub(crate) fn spawn(&self, arguments: &[&str]) -> Watch {
-        let mut process =
-            self.command(arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        self.spawn_with(arguments, &[])
+    }
+
+    /// The same with these variables in its environment.
+    pub(crate) fn spawn_with(&self, arguments: &[&str], variables: &[(&str, &OsStr)]) -> Watch {
+        let mut process = self
+            .command(arguments)
+            .envs(variables.iter().copied())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
         let lines = BufReader::new(process.stdout.take().unwrap()).lines();
         let (sender, events) = channel();
         std::thread::spawn(move || {
@@ -99,7 +123,13 @@ impl Project {
 
     /// A watch that has just been started.
     pub(crate) fn start(&self, more: &[&str]) -> Watch {
-        self.spawn(&[&["watch", "doll.ron", "--events", "--out", "out"], more].concat())
+        self.start_with(more, &[])
+    }
+
+    /// The same with these variables in its environment.
+    pub(crate) fn start_with(&self, more: &[&str], variables: &[(&str, &OsStr)]) -> Watch {
+        let arguments = [&["watch", "doll.ron", "--events", "--out", "out"], more].concat();
+        self.spawn_with(&arguments, variables)
     }
 
     /// A watch that has come to its first results.

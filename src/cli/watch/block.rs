@@ -21,6 +21,8 @@ pub(super) struct Block {
     pub(super) folder: String,
     /// The link of the live page, if there is one.
     pub(super) link: Option<String>,
+    /// Why it was not opened in a browser.
+    pub(super) not_opened: Option<String>,
     pub(super) watched: usize,
     /// Why files are polled; none if the system reports changes.
     pub(super) polled: Option<String>,
@@ -81,6 +83,7 @@ impl Block {
         }
         status.extend(self.command.as_ref().map(|text| paint.red(text)));
         status.extend(self.link.as_ref().map(|link| paint.dim(&format!("live page: {link}"))));
+        status.extend(self.not_opened.as_ref().map(|why| paint.dim(why)));
         if let Some(why) = &self.polled {
             status.push(paint.dim(&format!("looking at the files twice a second: {why}")));
         }

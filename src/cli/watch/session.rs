@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use super::on_done::{Ended, OnDone};
 use super::view::View;
 use super::worker::{Job, Report, Worker};
-use super::{Message, Watch, reads_outside};
+use super::{Message, Watch, editor, reads_outside};
 use crate::catalog::Catalog;
 use crate::cli::edit::GraphFile;
 use crate::cli::terminal::Input;
@@ -199,6 +199,12 @@ impl<'a> Session<'a> {
             }
             Message::Page(Wish::Set(values)) => self.set(values),
             Message::Page(Wish::Undo) => self.undo(),
+            Message::Page(Wish::Open(place)) => {
+                let sender = self.sender.clone();
+                editor::open(&place, move |why| drop(sender.send(Message::Refused(why))));
+            }
+            Message::Refused(why) => self.view.refused(&why),
+            Message::NotOpened(why) => self.view.not_opened(&why),
             Message::Evaluated(report) => self.evaluated(report),
             Message::CommandEnded(ended) => {
                 if let Some(why) = ended.failure() {

@@ -58,6 +58,11 @@ pub(super) trait View {
         eprint(&format!("{why}\n"));
     }
 
+    /// The live page was not opened in a browser.
+    fn not_opened(&mut self, why: &str) {
+        eprint(&format!("{why}\n"));
+    }
+
     /// Time passes while a run is under way.
     fn refresh(&mut self) {}
 
@@ -174,6 +179,10 @@ impl View for WithPage {
 
     fn command_failed(&mut self, why: &str) {
         self.other.command_failed(why);
+    }
+
+    fn not_opened(&mut self, why: &str) {
+        self.other.not_opened(why);
     }
 
     fn refresh(&mut self) {
@@ -374,6 +383,11 @@ impl View for Terminal {
 
     fn command_failed(&mut self, why: &str) {
         self.block.command = Some(why.to_owned());
+        self.draw();
+    }
+
+    fn not_opened(&mut self, why: &str) {
+        self.block.not_opened = Some(why.to_owned());
         self.draw();
     }
 

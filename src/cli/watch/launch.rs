@@ -1,0 +1,82 @@
+//! Programs of the user's that the watch starts beside itself: a browser, an editor.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// Starts a program that goes on when the watch ends, without the watch's terminal.
+pub(super) fn start(command: &mut Command) -> std::io::Result<Child> {
+    #[cfg(unix)]
+    // Ctrl-C in the terminal of the watch is not for it.
+    std::os::unix::process::CommandExt::process_group(command, 0);
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()
+}
+
+/// The words of a command, as a shell would part them: by spaces that do not stand between quotes. A command that is the path of a
+/// file is one word, whatever is in it.
+pub(super) fn words(text: &str) -> Vec<String> {
+    if Path::new(text).is_file() {
+        return vec![text.to_owned()];
+    }
+    let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
+    for letter in text.chars() {
+        match (quote, letter) {
+            (Some(open), _) if open == letter => quote = None,
+            (None, '"' | '\'') => {
+                quote = Some(letter);
+                word.get_or_insert_default();
+            }
+            (None, _) if letter.is_whitespace() => words.extend(word.take()),
+            _ => word.get_or_insert_default().push(letter),
+        }
+    }
+    words.extend(word);
+    words
+}
+
+/// Where a program is: at its path, or where the system looks for programs.
+pub(super) fn find(program: &str) -> Option<PathBuf> {
+    let endings: &[&str] = if cfg!(windows) { &["", ".exe", ".cmd", ".bat"] } else { &[""] };
+    let named = |folder: &Path| {
+        let paths = endings.iter().map(|ending| folder.join(format!("{program}{ending}")));
+        paths.into_iter().find(|path| is_program(path))
+    };
+    if Path::new(program).components().count() > 1 {
+        return named(Path::new(""));
+    }
+    let folders = std::env::var_os("PATH")?;
+    std::env::split_paths(&folders).find_map(|folder| named(&folder))
+}
+
+fn is_program(path: &Path) -> bool {
+    let Ok(metadata) = std::fs::metadata(path) else { return false };
+    #[cfg(unix)]
+    let may_run = std::os::unix::fs::PermissionsExt::mode(&metadata.permissions()) & 0o111 != 0;
+    #[cfg(not(unix))]
+    let may_run = true;
+    metadata.is_file() && may_run
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_is_parted_like_in_a_shell() {
+        let cases: [(&str, &[&str]); 6] = [
+            ("code --wait", &["code", "--wait"]),
+            ("  code\t-g  ", &["code", "-g"]),
+            ("'/my programs/code' -x", &["/my programs/code", "-x"]),
+            ("a\"b c\"d ''", &["ab cd", ""]),
+            ("\"it's\"", &["it's"]),
+            ("", &[]),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(words(text), expected, "{text}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("my code");
+        std::fs::write(&path, "").unwrap();
+        let path = path.to_str().unwrap();
+        assert_eq!(words(path), [path]);
+    }
+}
