@@ -43,6 +43,7 @@ struct Block {
     inputs: Vec<String>,
     outputs: Vec<Port>,
     /// The file in which it stands, and at which byte.
+    #[cfg_attr(not(feature = "cli"), expect(dead_code, reason = "told to the live page alone"))]
     at: Option<(Arc<Source>, usize)>,
 }
 

@@ -29,7 +29,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
-use tokio::sync::broadcast;
 
 use crate::catalog::Catalog;
 use crate::draw::Drawing;
@@ -37,6 +36,7 @@ use crate::graph::Graph;
 
 mod kept;
 mod location;
+mod news;
 mod server;
 mod shown;
 
@@ -46,9 +46,7 @@ pub(crate) use shown::Shown;
 pub(crate) use kept::Redirect;
 use kept::{Keeper, Kept};
 pub(crate) use location::Location;
-
-/// Messages that a slow page may be behind before it is told everything anew.
-const BEHIND: usize = 1024;
+use news::{Listener, News};
 
 /// The live page, served until the program ends.
 pub(crate) struct Page {
@@ -85,7 +83,7 @@ struct Shared {
     /// What a browser has to know before it is told anything.
     token: String,
     feed: Mutex<Feed>,
-    news: broadcast::Sender<Arc<str>>,
+    news: News,
     /// What each page looks at, by the number of its socket.
     looks: Mutex<BTreeMap<u64, Views>>,
     /// Is told what pages want.
@@ -156,12 +154,12 @@ impl Page {
         wish: impl Fn(Wish) + Send + Sync + 'static,
     ) -> io::Result<Self> {
         let keeper = Keeper::of(graph);
-        let (listener, token) = listen(keeper.as_ref())?;
+        let (listener, token) = bind(keeper.as_ref())?;
         let shared = Arc::new(Shared {
             address: listener.local_addr()?,
             token,
             feed: Mutex::default(),
-            news: broadcast::Sender::new(BEHIND),
+            news: News::new(),
             looks: Mutex::default(),
             wish: Box::new(wish),
             values: Mutex::default(),
@@ -219,15 +217,15 @@ impl Page {
 
 /// Listens on the port that is kept, with the token that is kept; or on a free one with a new token, which are kept if nothing is. If
 /// the port that is kept is taken, another watch of the same graph has it, and what is kept stays its own.
-fn listen(keeper: Option<&Keeper>) -> io::Result<(TcpListener, String)> {
-    let bind = |port: u16| TcpListener::bind((Ipv4Addr::LOCALHOST, port));
+fn bind(keeper: Option<&Keeper>) -> io::Result<(TcpListener, String)> {
+    let at = |port: u16| TcpListener::bind((Ipv4Addr::LOCALHOST, port));
     let kept = keeper.and_then(Keeper::load);
     if let Some(Kept { port, token }) = &kept
-        && let Ok(listener) = bind(*port)
+        && let Ok(listener) = at(*port)
     {
         return Ok((listener, token.clone()));
     }
-    let listener = bind(0)?;
+    let listener = at(0)?;
     let mut secret = [0; 16];
     getrandom::fill(&mut secret).map_err(io::Error::other)?;
     let token = format!("{:032x}", u128::from_le_bytes(secret));
@@ -281,14 +279,13 @@ impl Shared {
         let text: Arc<str> = message.to_string().into();
         let mut feed = unpoisoned(&self.feed);
         feed.note(message, &text);
-        // Nobody looks: then nobody has to be told.
-        let _ = self.news.send(text);
+        self.news.tell(text);
     }
 
     /// All that is true, and what comes after it.
-    fn listen(&self) -> (Vec<Arc<str>>, broadcast::Receiver<Arc<str>>) {
+    fn listen(&self) -> (Vec<Arc<str>>, Listener<'_>) {
         let feed = unpoisoned(&self.feed);
-        (feed.all(), self.news.subscribe())
+        (feed.all(), self.news.listen())
     }
 }
 

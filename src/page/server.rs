@@ -19,8 +19,8 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
-use tokio::sync::broadcast::error::RecvError;
 
+use super::news::Missed;
 use super::shown::changes;
 use super::{Location, Shared, Views, Wish};
 use crate::format::png;
@@ -257,10 +257,9 @@ async fn serve(mut socket: WebSocket, number: u64, shared: &Shared) -> Result<()
             tokio::time::timeout(PATIENCE, sent).await.map_err(|_| Gone)?.map_err(|_| Gone)?;
         }
         tokio::select! {
-            told = news.recv() => match told {
+            told = news.next() => match told {
                 Ok(text) => due.push(text),
-                Err(RecvError::Lagged(_)) => (due, news) = shared.listen(),
-                Err(RecvError::Closed) => return Ok(()),
+                Err(Missed) => (due, news) = shared.listen(),
             },
             heard = socket.recv() => match heard {
                 None | Some(Err(_) | Ok(Message::Close(_))) => return Ok(()),

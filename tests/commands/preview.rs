@@ -5,6 +5,8 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value as Json, json};
@@ -585,4 +587,73 @@ fn an_editor_that_cannot_be_opened_is_told_of() {
         assert!(why.contains(expected), "{why}");
         served.watch.end();
     }
+}
+
+/// How much memory a process holds.
+#[cfg(target_os = "linux")]
+fn memory(process: u32) -> usize {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    line.split_whitespace().next().unwrap().parse::<usize>().unwrap() << 10
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
+    let project = Project::doll();
+    // Each change of the graph is told with these words.
+    let words = "many words. ".repeat(1 << 17);
+    let save = |index: usize| {
+        let growth = 12.0 + (index / 20) as f64;
+        let text = project.doll_text(growth).replacen("doc: \"", &format!("doc: \"{words}"), 1);
+        project.save(&format!("// {index}\n{text}"));
+    };
+    save(0);
+    let mut served = Served::new(&project);
+    served.watch.run_until_ok();
+    let mut slow = served.page();
+    let mut other = served.page();
+    other.wait("done");
+    let last = Arc::new(AtomicU64::new(u64::MAX));
+    let reader = std::thread::spawn({
+        let last = last.clone();
+        move || {
+            let mut told = 0;
+            loop {
+                let message = other.next();
+                told += message.to_string().len();
+                let run = message["run"].as_u64().filter(|_| message["event"] == "done");
+                if run >= Some(last.load(Ordering::SeqCst)) {
+                    return told;
+                }
+            }
+        }
+    });
+    let before = memory(served.watch.id());
+    let (mut most, mut run) = (0, 0);
+    for index in 1..100 {
+        save(index);
+        run = served.watch.run_until_ok().number();
+        most = most.max(memory(served.watch.id()));
+    }
+    last.store(run + 1, Ordering::SeqCst);
+    save(100);
+    served.watch.run_until_ok();
+    let told = reader.join().unwrap();
+    assert!(told > 100 << 20, "only {told} bytes were told: nobody was under pressure");
+    assert!(most < before + (64 << 20), "{before} bytes became {most}");
+    // Whoever begins to read comes to what is true, or is gone.
+    loop {
+        match slow.0.read() {
+            Ok(Message::Text(text)) => {
+                let message: Json = serde_json::from_str(&text).unwrap();
+                if message["event"] == "done" && message["run"].as_u64() > Some(run) {
+                    break;
+                }
+            }
+            Ok(_) => {}
+            Err(_) => break,
+        }
+    }
+    served.watch.end();
 }
