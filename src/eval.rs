@@ -71,6 +71,10 @@ pub struct Evaluator {
     pool: rayon::ThreadPool,
     cache: Cache,
     disk: Option<Arc<Disk>>,
+    /// Whether results are put on disk.
+    keeps: bool,
+    /// Whether something was found since results were last put there.
+    owes: bool,
     files: Known,
     /// What the last evaluation found.
     last: Option<Arc<Snapshot>>,
@@ -228,7 +232,9 @@ impl Evaluator {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|error| ThreadsError(error.to_string()))?;
         let (cache, files) = (Cache::new(memory), Known::default());
-        Ok(Self { pool, cache, disk: None, files, last: None, fresh: false, verify: 0.0 })
+        let (disk, last) = (None, None);
+        let (keeps, owes, fresh) = (true, false, false);
+        Ok(Self { pool, cache, disk, keeps, owes, files, last, fresh, verify: 0.0 })
     }
 
     /// The same, with results kept on disk from one process to the next.
@@ -252,6 +258,17 @@ impl Evaluator {
     /// From now on results may hold this many bytes; those used longest ago are dropped at once if they hold more.
     pub fn set_memory(&mut self, memory: usize) {
         self.cache.set_limit(memory);
+    }
+
+    /// Whether what is found from now on is put on disk; what is there is used in any case. What was not put there is as soon as
+    /// results are put there again and it is a node's last one.
+    pub(crate) fn keep_on_disk(&mut self, keep: bool) {
+        self.keeps = keep;
+    }
+
+    /// Where results are put for other processes.
+    fn shelf(&self) -> Option<&Arc<Disk>> {
+        self.disk.as_ref().filter(|_| self.keeps)
     }
 
     /// How many bytes the results in memory are counted as.
@@ -314,8 +331,11 @@ impl Evaluator {
         self.fresh = false;
         let is_new = self.last.as_ref().is_none_or(|last| !Arc::ptr_eq(last, &found));
         self.last = Some(found.clone());
-        if let Some(disk) = self.disk.as_ref().filter(|_| is_new) {
+        self.owes |= is_new;
+        if let Some(disk) = self.shelf().filter(|_| self.owes) {
+            found.settle(disk);
             disk.keep_snapshot(&found, self.files.of(graph.files()));
+            self.owes = false;
         }
         let (nodes, wanted) = (graph.nodes.clone(), plan.wanted);
         Evaluation { nodes, wanted, found, news, values, files }

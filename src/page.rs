@@ -6,17 +6,21 @@
 //! |---|---|
 //! | `hello` | the `program`, the file of the `graph` and what the `page` itself is made of, as a hash: first of all |
 //! | `graph` | `boxes` with their places in the picture and in a `file`, and their ports, `links`, `packs` and the `size` of the whole picture; its parameters as a JSON `schema` |
-//! | `refused` | values were not put into the file, and `why` |
-//! | `value` | the value of the `output` of a `node` as of a `run`: its `type` and `hash`, and the columns of what is seen of it: in a
-//! `picture`, in `space` and as `series` of numbers |
+//! | `cancelled` | also what is evaluated only to be looked at was given up: nothing more is said of its nodes |
+//! | `refused` | values were not put into the file, or not tried, or a drag has ended, and `why` |
+//! | `value` | the value of the `output` of a `node` as of a `run`: its `type` and `hash`, the columns of what is seen of it in a
+//! `picture`, in `space` and as `series` of numbers, and whether it is `live`: of values that are dragged and not in the file |
 //!
 //! A page says which values it shows, `{"ask": "views", "views": [{"node": .., "output": ..}]}`, and is told of them whenever they
 //! change. `{"ask": "set", "values": [["growth", "20.0"]]}` puts values into the file of the graph, `{"ask": "undo"}` takes the last of
-//! these changes back. `{"ask": "open", "node": ..}` opens the user's editor where a box stands, and `{"ask": "open", "problem": {"file":
-//! .., "line": .., "column": ..}}` where a problem is; only what pages were told of is opened.
+//! these changes back. `{"ask": "drag", "values": ..}`, as often as the hand moves, shows what such values would give: of all graph
+//! only what is looked at is evaluated, nothing is written, and outputs wait. A drag ends with a `set`, with `{"ask": "drop"}`, after
+//! which the values of the file come back, or with its page. If somebody else saves the file it ends, too, and what the page still
+//! drags is ignored until it lets go. `{"ask": "open", "node": ..}` opens the user's editor where a box stands, and `{"ask": "open",
+//! "problem": {"file": .., "line": .., "column": ..}}` where a problem is; only what pages were told of is opened.
 //!
-//! Columns are at `/column/NAME`, and as what has changed in them at `/column/NAME?from=OLD`; pictures of
-//! values at `/picture/HASH`, what is to be known of them at `/facts/HASH`: who was told the names may see the value.
+//! Columns are at `/column/NAME`, and as what has changed in them at `/column/NAME?from=OLD`; pictures of values at `/picture/HASH`,
+//! what is to be known of them at `/facts/HASH`: who was told the names may see the value.
 //!
 //! Who connects is told all that is true at that moment first, so that a page which was opened late knows as much as one that was
 //! there from the start. A page that is too slow for what happens is told everything anew instead.
@@ -69,8 +73,13 @@ pub(crate) type Views = BTreeSet<Viewed>;
 pub(crate) enum Wish {
     /// These are all values that are looked at now.
     Look(Views),
-    /// Values are to be put into the file of the graph: for each a parameter, or a field `node.field`, and RON.
-    Set(Vec<(String, String)>),
+    /// The page of this number wants values to be put into the file of the graph: for each a parameter, or a field `node.field`, and
+    /// RON.
+    Set(u64, Vec<(String, String)>),
+    /// It wants to see what such values would give.
+    Drag(u64, Vec<(String, String)>),
+    /// It does not any more, or it is gone.
+    Drop(u64),
     /// The last such change is to be taken back.
     Undo,
     /// The user's editor is to be opened here.
@@ -93,6 +102,9 @@ struct Shared {
 
 /// Bytes of values that nobody looks at any more which are kept.
 const KEPT: usize = 256 << 20;
+
+/// Values of before that are kept.
+const MOST_KEPT: usize = 256;
 
 /// The last good values that pages look at.
 #[derive(Default)]
@@ -119,7 +131,7 @@ impl Values {
         let size = |before: &VecDeque<Arc<Shown>>| -> usize {
             before.iter().map(|shown| shown.size()).sum()
         };
-        while size(&self.before) > KEPT || self.before.len() > BEHIND {
+        while size(&self.before) > KEPT || self.before.len() > MOST_KEPT {
             self.before.pop_front();
         }
     }
@@ -195,14 +207,20 @@ impl Page {
         self.shared.tell(&message);
     }
 
-    /// Values that pages look at, as of a run; those that are not among them stay as they were.
-    pub(crate) fn show_values(&self, run: usize, values: &BTreeMap<Viewed, Arc<Shown>>) {
+    /// Values that pages look at, as of a run, `live` ones of a drag; those that are not among them stay as they were.
+    pub(crate) fn show_values(
+        &self,
+        run: usize,
+        live: bool,
+        values: &BTreeMap<Viewed, Arc<Shown>>,
+    ) {
         for (viewed, shown) in values {
             let mut message = shown.about.clone();
             message["event"] = "value".into();
             message["node"] = viewed.node.clone().into();
             message["output"] = viewed.output.clone().into();
             message["run"] = run.into();
+            message["live"] = live.into();
             unpoisoned(&self.shared.values).put(viewed.clone(), shown.clone());
             self.shared.tell(&message);
         }

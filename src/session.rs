@@ -248,6 +248,11 @@ impl Session {
         self.evaluator.set_memory(bytes);
     }
 
+    /// Whether what is found from now on is put on disk, too.
+    pub(crate) fn keep_on_disk(&mut self, keep: bool) {
+        self.evaluator.keep_on_disk(keep);
+    }
+
     /// Drops every result in memory; what is on disk stays, but the next run does not use it.
     pub fn forget(&mut self) {
         self.evaluator.forget();

@@ -28,6 +28,7 @@ use crate::watch::{self, Event, Sources, WatchList};
 
 mod block;
 mod browser;
+mod drag;
 mod editor;
 mod launch;
 mod on_done;

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use super::lock;
@@ -23,6 +23,8 @@ pub(super) struct Outcome {
     pub(super) seconds: f64,
     values: Mutex<Option<Values>>,
     used: AtomicU64,
+    /// Whether it is not on disk only because nothing was to be put there when it was made.
+    owed: AtomicBool,
 }
 
 impl Outcome {
@@ -48,6 +50,7 @@ impl Outcome {
             seconds,
             values: Mutex::default(),
             used: AtomicU64::new(0),
+            owed: AtomicBool::new(false),
         }
     }
 
@@ -58,6 +61,16 @@ impl Outcome {
 
     pub(super) fn has_values(&self) -> bool {
         lock(&self.values).is_some()
+    }
+
+    /// It would be on disk if something were put there.
+    pub(super) fn owe(&self) {
+        self.owed.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether it should be put on disk now; from then on it need not.
+    pub(super) fn settle(&self) -> bool {
+        self.owed.load(Ordering::Relaxed) && self.owed.swap(false, Ordering::Relaxed)
     }
 
     /// Whether another outcome has the same values.

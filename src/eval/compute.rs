@@ -66,8 +66,9 @@ impl Run<'_> {
         };
         let same = before.is_some_and(|before| before.outcome.equals(&outcome));
         self.evaluator.cache.keep(key, outcome.clone());
-        if let Some(disk) = &self.evaluator.disk {
-            disk.keep(key, &outcome, &values, self.plan.tasks[index] == Task::Look);
+        match self.evaluator.shelf() {
+            Some(disk) => disk.keep(key, &outcome, &values, self.plan.tasks[index] == Task::Look),
+            None => outcome.owe(),
         }
         self.hold(index, &values);
         self.tell(News {
@@ -166,7 +167,7 @@ impl Run<'_> {
             Loaded::Changed(_) => return Err(ChangedMeanwhile.into()),
         };
         let (values, _) = self.eval(node, inputs, &files)?;
-        if let Some(disk) = &self.evaluator.disk {
+        if let Some(disk) = self.evaluator.shelf() {
             disk.keep(done.key, &done.outcome, &values, false);
         }
         self.evaluator.cache.hold(done.key, &done.outcome, &values);

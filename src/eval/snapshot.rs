@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use super::cache::Outcome;
+use super::disk::Disk;
 use super::key::Parts;
 use crate::value::Hash;
 
@@ -45,6 +46,15 @@ impl Snapshot {
     /// What the last evaluation found of a node.
     pub(super) fn current(&self, index: usize) -> Option<&Arc<Done>> {
         self.results[index].as_ref().filter(|_| self.found[index])
+    }
+
+    /// Puts results on disk that were made while nothing was to be put there.
+    pub(super) fn settle(&self, disk: &Disk) {
+        for done in self.results.iter().flatten().filter(|done| done.outcome.settle()) {
+            if let Some(values) = done.outcome.values() {
+                disk.keep(done.key, &done.outcome, &values, true);
+            }
+        }
     }
 
     /// The last result of the node of that name, which most likely stands at the place `near`.

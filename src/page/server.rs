@@ -161,6 +161,7 @@ async fn open(
         let number = SOCKETS.fetch_add(1, Ordering::Relaxed);
         let _gone = serve(socket, number, &shared).await;
         shared.look(number, Views::new());
+        (shared.wish)(Wish::Drop(number));
     })
 }
 
@@ -286,6 +287,10 @@ enum Said {
         node: Option<String>,
         problem: Option<Location>,
     },
+    Drag {
+        values: Vec<(String, String)>,
+    },
+    Drop,
 }
 
 fn hear(text: &str, socket: u64, shared: &Shared) {
@@ -296,7 +301,9 @@ fn hear(text: &str, socket: u64, shared: &Shared) {
             }
             shared.look(socket, views);
         }
-        Ok(Said::Set { values }) => (shared.wish)(Wish::Set(values)),
+        Ok(Said::Set { values }) => (shared.wish)(Wish::Set(socket, values)),
+        Ok(Said::Drag { values }) => (shared.wish)(Wish::Drag(socket, values)),
+        Ok(Said::Drop) => (shared.wish)(Wish::Drop(socket)),
         Ok(Said::Undo) => (shared.wish)(Wish::Undo),
         Ok(Said::Open { node, problem }) => {
             let node = node.and_then(|name| shared.place_of_box(&name));

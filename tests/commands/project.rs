@@ -155,6 +155,28 @@ impl Project {
         self.outputs().into_keys().map(|name| (name.clone(), time(&name))).collect()
     }
 
+    /// The hash of the value of an output of a node with other values of parameters, found by another process that leaves nothing.
+    pub(crate) fn hash(&self, node: &str, set: &[&str]) -> String {
+        let set = set.iter().flat_map(|value| ["--set", value]);
+        let asked = ["inspect", "doll.ron", node, "--json", "--no-cache"].into_iter().chain(set);
+        let told = self.maquette(&Vec::from_iter(asked));
+        let told: Json = serde_json::from_slice(&told.stdout).unwrap();
+        told["outputs"][0]["hash"].as_str().unwrap().to_owned()
+    }
+
+    /// All that is remembered of this project from one process to the next, as soon as nothing comes any more.
+    pub(crate) fn remembered(&self) -> BTreeMap<PathBuf, Vec<u8>> {
+        let mut before = read_all(self.cache.path());
+        loop {
+            std::thread::sleep(Duration::from_millis(700));
+            let now = read_all(self.cache.path());
+            if now == before {
+                return now;
+            }
+            before = now;
+        }
+    }
+
     /// The outputs are those of the graph as it is now.
     pub(crate) fn assert_outputs_are_right(&self) {
         let fresh = self.folder.join("fresh");
@@ -198,6 +220,21 @@ fn read(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     files.filter(|(name, _)| !name.starts_with('.')).collect()
 }
 
+/// The files of a folder and of those in it.
+fn read_all(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let (mut files, mut folders) = (BTreeMap::new(), vec![folder.to_owned()]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            match path.is_dir() {
+                true => folders.push(path),
+                false => drop(files.insert(path.clone(), std::fs::read(&path).unwrap_or_default())),
+            }
+        }
+    }
+    files
+}
+
 /// A program that prints events. It is killed at the end.
 pub(crate) struct Watch {
     process: Child,
@@ -238,6 +275,17 @@ impl Watch {
             let event = self.next();
             if wanted(&event) {
                 return event;
+            }
+        }
+    }
+
+    /// All events before the next one of this kind.
+    pub(crate) fn until(&mut self, event: &str) -> Vec<Json> {
+        let mut events = Vec::new();
+        loop {
+            match self.next() {
+                next if next["event"] == event => return events,
+                next => events.push(next),
             }
         }
     }

@@ -256,6 +256,7 @@ mod tests {
 
     use expect_test::{Expect, expect};
 
+    use super::super::worker::Purpose;
     use super::*;
     use crate::error::{Source, Span, code};
     use crate::eval::{NodeTrace, RunTrace};
@@ -300,7 +301,7 @@ mod tests {
             unwritten: None,
             seconds: 0.0381,
             values: Default::default(),
-            outputs: true,
+            purpose: Purpose::Outputs,
         };
         Block {
             graph: "doll.ron".into(),

@@ -10,18 +10,20 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
+use super::drag::{Drag, Values};
 use super::on_done::{Ended, OnDone};
 use super::view::View;
-use super::worker::{Job, Report, Worker};
+use super::worker::{Job, Purpose, Report, Worker};
 use super::{Message, Watch, editor, reads_outside};
 use crate::catalog::Catalog;
 use crate::cli::edit::GraphFile;
 use crate::cli::terminal::Input;
 use crate::cli::{Exit, stdout_is_closed};
 use crate::error::{Problem, Severity, code};
-use crate::graph::{Checked, Edit, Graph, Put, ReadFile};
+use crate::graph::{Checked, Edit, Edited, Graph, Put, ReadFile};
 use crate::node::CancelToken;
 use crate::page::{Views, Wish};
+use crate::plain;
 use crate::watch::{Batch, Contents, Event, Sources};
 use crate::writing::is_writable;
 
@@ -61,6 +63,8 @@ pub(super) struct Session<'a> {
     views: Views,
     /// Whether values for them have to be found.
     look: bool,
+    /// What somebody drags there. What is not of the drag waits for its end.
+    drag: Drag,
     /// What was put into the graph's file for pages, the last change last.
     changes: Vec<Vec<Put>>,
     /// The last graph that could be run, and when it was.
@@ -80,6 +84,7 @@ pub(super) struct Session<'a> {
 struct Running {
     graph: Arc<Graph>,
     cancel: CancelToken,
+    purpose: Purpose,
 }
 
 fn is_stop(message: &Message) -> bool {
@@ -121,6 +126,7 @@ impl<'a> Session<'a> {
             running: None,
             views: Views::new(),
             look: false,
+            drag: Drag::default(),
             changes: Vec::new(),
             good: None,
             runs: 0,
@@ -144,7 +150,8 @@ impl<'a> Session<'a> {
             let now = Instant::now();
             let frame = self.running.as_ref().map(|_| now + FRAME);
             let retry = self.unwritten.as_ref().map(|(_, due)| *due);
-            let due = [self.batch.due(), frame, retry].into_iter().flatten().min();
+            let rest = self.gives_up();
+            let due = [self.batch.due(), frame, retry, rest].into_iter().flatten().min();
             let heard = match due {
                 None => receiver.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 Some(due) => receiver.recv_timeout(due.saturating_duration_since(now)),
@@ -168,6 +175,9 @@ impl<'a> Session<'a> {
                 }
             }
             self.try_to_write_again();
+            if self.gives_up().is_some_and(|due| due <= Instant::now()) {
+                self.leave();
+            }
             self.start();
             if stdout_is_closed() {
                 return self.stop(receiver);
@@ -197,8 +207,15 @@ impl<'a> Session<'a> {
                 self.look = !views.is_empty();
                 self.views = views;
             }
-            Message::Page(Wish::Set(values)) => self.set(values),
+            Message::Page(Wish::Set(page, values)) => self.set(page, &values),
             Message::Page(Wish::Undo) => self.undo(),
+            Message::Page(Wish::Drag(page, values)) => self.dragged(page, values),
+            Message::Page(Wish::Drop(page)) => {
+                if self.drag.let_go(page) {
+                    self.leave();
+                    self.look = true;
+                }
+            }
             Message::Page(Wish::Open(place)) => {
                 let sender = self.sender.clone();
                 editor::open(&place, move |why| drop(sender.send(Message::Refused(why))));
@@ -249,6 +266,9 @@ impl<'a> Session<'a> {
             self.check_graph();
         } else {
             self.check = Check::Due;
+        }
+        if is_graph && whole {
+            self.end_drag();
         }
         let means_the_same = |running: &Running| match &self.check {
             Check::Good { graph, .. } => is_graph && graph.means_the_same(&running.graph),
@@ -353,10 +373,13 @@ impl<'a> Session<'a> {
     }
 
     /// Starts the run that is wanted, if nothing else runs and nothing more is about to change; or finds what somebody looks at, in
-    /// the last graph that could be run.
+    /// the last graph that could be run. While somebody drags only the values of the drag are evaluated.
     fn start(&mut self) {
         if self.running.is_some() || self.batch.due().is_some() {
             return;
+        }
+        if self.drag.is_on() {
+            return self.start_drag();
         }
         if let Check::Good { graph, problems } = &self.check
             && let Some(changed) = self.wanted.take()
@@ -366,11 +389,11 @@ impl<'a> Session<'a> {
             self.view.begin(self.runs, &changed);
             self.good = Some((self.runs, graph.clone()));
             let recompute = std::mem::take(&mut self.recompute);
-            self.give(self.runs, graph, problems, recompute, true);
+            self.give(self.runs, graph, problems, recompute, Purpose::Outputs);
         } else if self.look
             && let Some((run, graph)) = self.good.clone()
         {
-            self.give(run, graph, Vec::new(), false, false);
+            self.give(run, graph, Vec::new(), false, Purpose::Look);
         }
     }
 
@@ -381,27 +404,37 @@ impl<'a> Session<'a> {
         graph: Arc<Graph>,
         problems: Vec<Problem>,
         recompute: bool,
-        outputs: bool,
+        purpose: Purpose,
     ) {
         let cancel = CancelToken::default();
-        self.running = Some(Running { graph: graph.clone(), cancel: cancel.clone() });
+        self.running = Some(Running { graph: graph.clone(), cancel: cancel.clone(), purpose });
         self.look = false;
         let views = self.views.clone();
-        self.worker.start(Job { run, graph, problems, cancel, recompute, outputs, views });
+        self.worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
     }
 
     fn evaluated(&mut self, report: Report) {
-        self.running = None;
-        if report.cancelled {
+        let left = self.running.take().is_some_and(|running| running.cancel.is_cancelled());
+        // A look may be over in the moment in which it is given up.
+        if report.cancelled || left && report.purpose != Purpose::Outputs {
             self.look = !self.views.is_empty();
-            if report.outputs {
-                self.view.cancelled(report.run);
+            match report.purpose {
+                Purpose::Outputs => self.view.cancelled(report.run),
+                Purpose::Look | Purpose::Drag => self.view.left(report.run),
             }
             return;
         }
-        self.view.values(report.run, &report.values);
-        if !report.outputs {
-            return;
+        self.view.values(report.run, report.purpose == Purpose::Drag, &report.values);
+        match report.purpose {
+            Purpose::Outputs => {}
+            Purpose::Look => return,
+            Purpose::Drag => {
+                let failed = report.problems.iter().find(|p| p.severity == Severity::Error);
+                if failed.is_some() && self.drag.refused() {
+                    failed.into_iter().for_each(|problem| self.view.refused(&problem.message));
+                }
+                return;
+            }
         }
         let failed = report.problems.iter().any(|problem| problem.severity == Severity::Error);
         // If it can be written to, something else was wrong, and would be again.
@@ -438,10 +471,79 @@ impl<'a> Session<'a> {
     }
 
     /// Puts values into the file of the graph. Its change is noticed like one of anybody else.
-    fn set(&mut self, values: Vec<(String, String)>) {
-        match self.edit(&values, |_| true) {
-            Ok(changes) => self.changes.extend((!changes.is_empty()).then_some(changes)),
+    fn set(&mut self, page: u64, values: &Values) {
+        let was_dragged = self.drag.let_go(page);
+        match self.edit(values, |_| true) {
+            Ok(changes) if !changes.is_empty() => return self.changes.push(changes),
+            Ok(_) => {}
             Err(why) => self.view.refused(&why),
+        }
+        // The file says what it said before the drag.
+        if was_dragged {
+            self.leave();
+            self.look = true;
+        }
+    }
+
+    /// A page drags.
+    fn dragged(&mut self, page: u64, values: Values) {
+        self.drag.moved(page, values, Instant::now());
+        // Outputs would keep the hand waiting; they are made when it lets go.
+        let makes_outputs = |running: &Running| running.purpose == Purpose::Outputs;
+        if self.drag.is_on() && self.running.as_ref().is_some_and(makes_outputs) {
+            self.cancel();
+        }
+    }
+
+    /// When the evaluation under way is given up for newer values of a drag.
+    fn gives_up(&self) -> Option<Instant> {
+        let running = self.running.as_ref()?;
+        self.drag.gives_up().filter(|_| !running.cancel.is_cancelled())
+    }
+
+    /// Gives up what is evaluated only to be looked at.
+    fn leave(&mut self) {
+        let running = self.running.as_ref();
+        if let Some(running) = running.filter(|running| running.purpose != Purpose::Outputs) {
+            running.cancel.cancel();
+        }
+    }
+
+    /// Starts the evaluation of the newest values of the drag, if that has to be.
+    fn start_drag(&mut self) {
+        if std::mem::take(&mut self.look) {
+            self.drag.again();
+        }
+        let Some(values) = self.drag.take() else { return };
+        match self.graph_with(&values) {
+            Ok((graph, before)) => {
+                self.drag.fits(before);
+                let run = self.good.as_ref().map_or(self.runs, |(run, _)| *run);
+                self.give(run, Arc::new(graph), Vec::new(), false, Purpose::Drag);
+            }
+            Err(why) if self.drag.refused() => self.view.refused(&why),
+            Err(_) => {}
+        }
+    }
+
+    /// The graph as it would be with these values in its file, and the text that is there.
+    fn graph_with(&self, values: &Values) -> Result<(Graph, String), String> {
+        let Watch { graph: path, options, .. } = self.command;
+        let edited = self.edited(values)?;
+        let options = options.all().with_text(path, edited.text);
+        let Checked { graph, problems, .. } = Graph::load(path, self.catalog, &options);
+        let wrong = problems.into_iter().find(|problem| problem.severity == Severity::Error);
+        graph
+            .map(|graph| (graph, edited.before))
+            .ok_or_else(|| wrong.map_or_else(String::new, |problem| problem.message))
+    }
+
+    /// The file of the graph has another content: it wins over what is dragged.
+    fn end_drag(&mut self) {
+        let text = plain::read_text(&self.command.graph).unwrap_or_default();
+        if self.drag.ends_by(&text) {
+            self.leave();
+            self.view.refused("the file has been changed meanwhile: it is shown as it is now");
         }
     }
 
@@ -467,20 +569,27 @@ impl<'a> Session<'a> {
         values: &[(String, String)],
         is_due: impl Fn(&[Put]) -> bool,
     ) -> Result<Vec<Put>, String> {
-        let Watch { graph, options, .. } = self.command;
-        let file = GraphFile { graph, roots: &options.roots, dry_run: false };
-        let edits = Vec::from_iter(
-            values.iter().cloned().map(|(target, value)| Edit::Set { target, value }),
-        );
-        let edited = file.edited(&edits, self.catalog).map_err(|error| error.to_string())?;
+        let edited = self.edited(values)?;
         let changes = Vec::from_iter(
             edited.changes.iter().filter(|put| put.before.as_ref() != Some(&put.after)).cloned(),
         );
         if !is_due(&edited.changes) {
             return Err("somebody has changed it since".into());
         }
-        file.write(&edited).map_err(|error| error.to_string())?;
+        self.file().write(&edited).map_err(|error| error.to_string())?;
         Ok(changes)
+    }
+
+    /// The text of the graph's file with these values in it, or why they cannot be.
+    fn edited(&self, values: &[(String, String)]) -> Result<Edited, String> {
+        let set = |(target, value): (String, String)| Edit::Set { target, value };
+        let edits = Vec::from_iter(values.iter().cloned().map(set));
+        self.file().edited(&edits, self.catalog).map_err(|error| error.to_string())
+    }
+
+    fn file(&self) -> GraphFile<'a> {
+        let Watch { graph, options, .. } = self.command;
+        GraphFile { graph, roots: &options.roots, dry_run: false }
     }
 
     /// The user wants a run.

@@ -47,8 +47,11 @@ pub(super) trait View {
     /// A run is over.
     fn end(&mut self, report: &Report);
 
-    /// Values that somebody looks at.
-    fn values(&mut self, _run: usize, _: &Seen) {}
+    /// Values that somebody looks at; `live` ones are of values that are not in the graph's file.
+    fn values(&mut self, _run: usize, _live: bool, _: &Seen) {}
+
+    /// What was evaluated only to be looked at, as of a run, was given up.
+    fn left(&mut self, _run: usize) {}
 
     /// Values were not put into the graph's file.
     fn refused(&mut self, _why: &str) {}
@@ -169,8 +172,12 @@ impl View for WithPage {
         self.other.end(report);
     }
 
-    fn values(&mut self, run: usize, values: &Seen) {
-        self.page.show_values(run, values);
+    fn values(&mut self, run: usize, live: bool, values: &Seen) {
+        self.page.show_values(run, live, values);
+    }
+
+    fn left(&mut self, run: usize) {
+        self.program.cancelled(run);
     }
 
     fn refused(&mut self, why: &str) {

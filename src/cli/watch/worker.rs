@@ -15,7 +15,7 @@ use crate::graph::Graph;
 use crate::node::CancelToken;
 use crate::page::{Shown, Viewed, Views};
 use crate::render::picture_of;
-use crate::session::{OutputFolder, Run, Session, Wanted, Written};
+use crate::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
 use crate::value::AnyValue;
 
 /// Results of several runs are kept, so that a change that is taken back costs nothing; but no more than this many times what
@@ -34,10 +34,20 @@ pub(super) struct Job {
     pub(super) cancel: CancelToken,
     /// Whether to compute everything, whatever is known.
     pub(super) recompute: bool,
-    /// Whether outputs are made; otherwise nothing but what somebody looks at.
-    pub(super) outputs: bool,
+    pub(super) purpose: Purpose,
     /// What somebody looks at.
     pub(super) views: Views,
+}
+
+/// What a job is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// The outputs, and what somebody looks at.
+    Outputs,
+    /// What somebody looks at.
+    Look,
+    /// The same with values that are not in the graph's file: nothing is kept on disk.
+    Drag,
 }
 
 /// What became of a job.
@@ -54,8 +64,8 @@ pub(super) struct Report {
     pub(super) seconds: f64,
     /// What somebody looks at.
     pub(super) values: Seen,
-    /// Whether outputs were made; otherwise all but the values means nothing.
-    pub(super) outputs: bool,
+    /// Without outputs all but the problems and the values means nothing.
+    pub(super) purpose: Purpose,
 }
 
 /// What somebody looks at, as it is shown.
@@ -87,14 +97,15 @@ impl Worker {
         session.recall(&wishes.folder);
         let (jobs, receiver) = channel::<Job>();
         std::thread::spawn(move || {
-            let mut seen = Seen::new();
+            let mut last = Seen::new();
+            let mut kept = session.memory();
             for job in receiver {
                 if job.recompute {
                     session.forget();
                 }
                 let report = catch_unwind(AssertUnwindSafe(|| {
                     let observer = observe(&job.cancel);
-                    evaluate(&job, &mut session, &wishes, &*observer, &mut seen)
+                    evaluate(&job, &mut session, &mut kept, &wishes, &*observer, &mut last)
                 }));
                 sink(report.unwrap_or_else(|panic| {
                     // What it was about to remember may be half of something.
@@ -114,25 +125,33 @@ impl Worker {
     }
 }
 
+/// Does a job. `kept` is how many bytes of results stay behind it, and `last` what was seen last.
 fn evaluate(
     job: &Job,
     session: &mut Session,
+    kept: &mut usize,
     wishes: &Wishes,
     observer: &dyn Observer,
-    seen: &mut Seen,
+    last: &mut Seen,
 ) -> Report {
     let start = Instant::now();
     let folder = &wishes.folder;
     let mut problems = job.problems.clone();
-    let mut values = Seen::new();
+    let (mut seen, mut values) = (None, Seen::new());
     session.use_memory(session.memory());
+    session.keep_on_disk(job.purpose != Purpose::Drag);
     let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, warnings)| {
         problems.extend(warnings);
-        let produced = match job.outputs {
-            true => Some(session.produce(&graph, &wishes.only, folder, observer, &job.cancel)),
-            false => None,
+        let produced = match job.purpose {
+            Purpose::Outputs => {
+                Some(session.produce(&graph, &wishes.only, folder, observer, &job.cancel))
+            }
+            Purpose::Look | Purpose::Drag => None,
         };
-        values = viewed(&graph, job, session, observer, seen);
+        seen = look(&graph, job, session, observer);
+        if let Some(seen) = &seen {
+            values = viewed(&graph, seen, &job.views, session, last);
+        }
         produced.transpose().map_err(|why| vec![graph.problem(code::UNKNOWN_LINK, why)])
     });
     let (trace, written, complete) = match produced {
@@ -153,9 +172,22 @@ fn evaluate(
         problems.push(Problem { severity: Severity::Warning, ..problem });
     }
     let cancelled = job.cancel.is_cancelled();
-    if !cancelled && job.outputs {
+    let enough = |trace: &RunTrace| {
         let bytes: usize = trace.0.iter().map(|node| node.bytes).sum();
-        session.use_memory(bytes.saturating_mul(RUNS_KEPT).max(KEPT).min(session.memory()));
+        bytes.saturating_mul(RUNS_KEPT).max(KEPT).min(session.memory())
+    };
+    match (job.purpose, &seen) {
+        _ if cancelled => {}
+        (Purpose::Outputs, _) => *kept = enough(&trace),
+        // A hand makes many results of which the outputs need nothing.
+        (Purpose::Drag, Some(seen)) => {
+            *kept = enough(&seen.trace()).max(*kept);
+            problems.extend(seen.problems());
+        }
+        (Purpose::Drag | Purpose::Look, _) => {}
+    }
+    if job.purpose != Purpose::Look && !cancelled {
+        session.use_memory(*kept);
     }
     Report {
         run: job.run,
@@ -166,36 +198,42 @@ fn evaluate(
         unwritten: (!complete).then(|| folder.path().to_owned()),
         seconds: start.elapsed().as_secs_f64(),
         values,
-        outputs: job.outputs,
+        purpose: job.purpose,
     }
 }
 
-/// What somebody looks at, as far as there is such. What the outputs needed, too, is known already, and what has not changed since it
-/// was last `seen` is not made anew.
-fn viewed(
+/// Evaluates what somebody looks at, as far as there is such. What the outputs needed, too, is known already.
+fn look(
     graph: &Graph,
     job: &Job,
     session: &mut Session,
     observer: &dyn Observer,
-    seen: &mut Seen,
-) -> Seen {
-    let is_there = |viewed: &&Viewed| !graph.nodes_of(&viewed.node).is_empty();
-    let there = Vec::from_iter(job.views.iter().filter(is_there));
+) -> Option<Finished> {
+    let names = job.views.iter().map(|viewed| &viewed.node);
+    let there = Vec::from_iter(names.filter(|name| !graph.nodes_of(name).is_empty()).cloned());
     if there.is_empty() || job.cancel.is_cancelled() {
-        return Seen::new();
+        return None;
     }
-    let wanted = Wanted::Nodes(there.iter().map(|viewed| viewed.node.clone()).collect());
-    let run = Run { wanted, observer, cancel: job.cancel.clone(), ..Run::default() };
-    let Ok(finished) = session.run(graph, &run) else { return Seen::new() };
-    let value = |viewed: &Viewed| finished.value_of(&viewed.node, &viewed.output).cloned();
-    let values = there.into_iter().filter_map(|viewed| Some((viewed.clone(), value(viewed)?)));
+    let (wanted, cancel) = (Wanted::Nodes(there), job.cancel.clone());
+    session.run(graph, &Run { wanted, observer, cancel, ..Run::default() }).ok()
+}
+
+/// The values that somebody looks at. What has not changed since it was last seen is not made anew.
+fn viewed(
+    graph: &Graph,
+    finished: &Finished,
+    views: &Views,
+    session: &mut Session,
+    last: &mut Seen,
+) -> Seen {
     let mut all = Seen::new();
-    for (viewed, value) in Vec::from_iter(values) {
-        let last = seen.get(&viewed).filter(|last| last.value.hash() == value.hash()).cloned();
-        let shown = show(graph, &viewed, value, session, last);
-        all.insert(viewed, shown);
+    for viewed in views {
+        let Some(value) = finished.value_of(&viewed.node, &viewed.output) else { continue };
+        let before = last.get(viewed).filter(|before| before.value.hash() == value.hash());
+        let shown = show(graph, viewed, value, session, before);
+        all.insert(viewed.clone(), shown);
     }
-    seen.clone_from(&all);
+    last.clone_from(&all);
     all
 }
 
@@ -203,12 +241,12 @@ fn viewed(
 fn show(
     graph: &Graph,
     viewed: &Viewed,
-    value: AnyValue,
+    value: &AnyValue,
     session: &mut Session,
-    last: Option<Arc<Shown>>,
+    last: Option<&Arc<Shown>>,
 ) -> Arc<Shown> {
     let layers = if last.is_some() { Vec::new() } else { value.show() };
-    let picture = match &last {
+    let picture = match last {
         Some(last) => last.picture.as_ref(),
         None => picture_of(&layers),
     };
@@ -219,9 +257,9 @@ fn show(
         found.unwrap_or_default()
     });
     match last {
-        Some(last) if last.lies_on(ground.as_ref()) => last,
+        Some(last) if last.lies_on(ground.as_ref()) => last.clone(),
         Some(_) => Arc::new(Shown::new(value.clone(), &value.show(), ground)),
-        None => Arc::new(Shown::new(value, &layers, ground)),
+        None => Arc::new(Shown::new(value.clone(), &layers, ground)),
     }
 }
 
@@ -240,7 +278,7 @@ fn panicked(job: &Job, words: &str) -> Report {
         unwritten: None,
         seconds: 0.0,
         values: Seen::new(),
-        outputs: job.outputs,
+        purpose: job.purpose,
     }
 }
 
@@ -275,8 +313,8 @@ mod tests {
         let worker = Worker::new(session, wishes, observe, sink);
         let messages = [1, 2].map(|run| {
             let (graph, problems, cancel) = (graph.clone(), Vec::new(), CancelToken::default());
-            let (recompute, outputs, views) = (false, true, Views::new());
-            worker.start(Job { run, graph, problems, cancel, recompute, outputs, views });
+            let (recompute, purpose, views) = (false, Purpose::Outputs, Views::new());
+            worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
             let report: Report = reports.recv().unwrap();
             Vec::from_iter(report.problems.into_iter().map(|problem| problem.message))
         });
