@@ -11,9 +11,17 @@ const viewer = new Viewer(by("viewer"), (views) => connection.send({ ask: "views
 const graph = new Graph(by("graph"), (node) => showNode(node), (node) => openEditor({ node }));
 const profile = new Profile(find(document.body, "#profile", HTMLSelectElement), by("legend"), () => showProfile());
 
-const parameters = new Parameters(by("parameters"), (name, value) => {
-  by("refused").textContent = "";
-  connection.send({ ask: "set", values: [[name, value]] });
+const parameters = new Parameters(by("parameters"), {
+  set(name, value) {
+    by("refused").textContent = "";
+    connection.send({ ask: "set", values: [[name, value]] });
+  },
+  drag(name, value) {
+    by("refused").textContent = "";
+    connection.send({ ask: "drag", values: [[name, value]] });
+  },
+  drop: () => connection.send({ ask: "drop" }),
+  want: (kind, done) => viewer.want(kind, done),
 });
 
 /**

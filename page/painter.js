@@ -87,7 +87,7 @@ void main() {
   vec3 color = vec3(0.617, 0.571, 0.515);
   float mark = 0.0;
   if (paint == ${PAINTS.color}) color = tint;
-  if (paint == ${PAINTS.texture}) color = linear(texture(picture, vec2(place.x, 1.0 - place.y)).rgb);
+  if (paint == ${PAINTS.texture}) color = texture(picture, vec2(place.x, 1.0 - place.y)).rgb;
   if (paint == ${PAINTS.normal}) { pixel = vec4(0.5 + 0.5 * n, 1.0); return; }
   if (paint == ${PAINTS.field}) {
     float share = (number - range.x) / (range.y - range.x);
@@ -148,6 +148,9 @@ export const RAMPS = {
   signed: [[48, 76, 190], [126, 166, 240], [224, 224, 220], [238, 140, 106], [176, 22, 40]],
 };
 
+/** What is beside a flat picture. */
+const PLAIN = [24, 26, 32];
+
 /** Lines of equal numbers between the ends of a range. */
 export const STEPS = 12;
 
@@ -198,6 +201,8 @@ export class Painter {
   #set() {
     this.gl.enable(this.gl.DEPTH_TEST);
     this.gl.enable(this.gl.SCISSOR_TEST);
+    const [r, g, b] = PLAIN.map((channel) => channel / 255);
+    this.gl.clearColor(r, g, b, 1);
   }
 
   #programs() {
@@ -275,21 +280,19 @@ export class Painter {
    * Binds a picture.
    * @param {Column} column
    * @param {[number, number]} size
-   * @param {boolean} isLight whether its pixels are light, as a picture's are, and not mixed as colors, as those of textures
+   * @param {number} larger how its pixels are seen when they are larger than those of the canvas
    */
-  #texture(column, [width, height], isLight) {
+  #texture(column, [width, height], larger) {
     const gl = this.gl;
-    if (column.copy !== null && column.stale.length === 0) {
-      gl.bindTexture(gl.TEXTURE_2D, /** @type {WebGLTexture} */ (column.copy));
-      return;
-    }
+    const isNew = column.copy === null || column.stale.length > 0;
     column.copy ??= gl.createTexture();
     column.stale = [];
     gl.bindTexture(gl.TEXTURE_2D, /** @type {WebGLTexture} */ (column.copy));
-    gl.texImage2D(gl.TEXTURE_2D, 0, isLight ? gl.SRGB8_ALPHA8 : gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, column.bytes);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, larger);
+    if (!isNew) return;
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, column.bytes);
     gl.generateMipmap(gl.TEXTURE_2D);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, isLight ? gl.NEAREST : gl.LINEAR);
     for (const wrap of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, wrap, gl.CLAMP_TO_EDGE);
   }
 
@@ -309,12 +312,14 @@ export class Painter {
    * Clears a part of the canvas; what is drawn next stays in the `clip` of it.
    * @param {Rectangle} box
    * @param {Rectangle} clip
+   * @param {boolean} isFlat whether it is for a flat picture
    */
-  begin(box, clip) {
+  begin(box, clip, isFlat) {
     const gl = this.gl;
     gl.viewport(box.x, box.y, box.width, box.height);
     gl.scissor(clip.x, clip.y, clip.width, clip.height);
-    gl.clear(gl.DEPTH_BUFFER_BIT);
+    gl.clear(gl.DEPTH_BUFFER_BIT | gl.COLOR_BUFFER_BIT);
+    if (isFlat) return;
     gl.disable(gl.DEPTH_TEST);
     gl.useProgram(this.programs.ground.program);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
@@ -395,7 +400,7 @@ export class Painter {
     gl.uniform1i(at("picture"), 0);
     gl.uniform1i(at("ramp"), 1);
     gl.activeTexture(gl.TEXTURE0);
-    if (shape.picture !== null && shape.texture) this.#texture(shape.picture, shape.texture.pixels.size, false);
+    if (shape.picture !== null && shape.texture) this.#texture(shape.picture, shape.texture.pixels.size, gl.LINEAR);
     if (field !== undefined) {
       const { low, high, isSigned } = range ?? rangeOf(field);
       gl.uniform2f(at("range"), low, high);
@@ -479,7 +484,7 @@ export class Painter {
     gl.disable(gl.DEPTH_TEST);
     gl.useProgram(this.programs.picture.program);
     gl.activeTexture(gl.TEXTURE0);
-    this.#texture(scene.picture, pixels.size, true);
+    this.#texture(scene.picture, pixels.size, gl.NEAREST);
     gl.uniform1i(this.programs.picture.at("picture"), 0);
     gl.uniform4f(this.programs.picture.at("box"), ...box);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);

@@ -5,6 +5,17 @@ import { element } from "./element.js";
 /** @typedef {import("./types").Field} Field */
 
 /**
+ * What is done with values, as RON: `set` puts one into the file, `drag` shows what it would give, `drop` gives that up. `want` lets
+ * somebody click on what is seen.
+ * @typedef {{
+ *   set: (name: string, value: string) => void,
+ *   drag: (name: string, value: string) => void,
+ *   drop: () => void,
+ *   want: (kind: "color" | "pixel" | "place", done: (found: any) => void) => void,
+ * }} Actions
+ */
+
+/**
  * A value as RON.
  * @param {any} value
  * @returns {string}
@@ -18,11 +29,11 @@ function ron(value) {
 export class Parameters {
   /**
    * @param {HTMLElement} place
-   * @param {(name: string, value: string) => void} set puts a value, as RON, into the file
+   * @param {Actions} actions
    */
-  constructor(place, set) {
+  constructor(place, actions) {
     this.place = place;
-    this.set = set;
+    this.actions = actions;
     /**
      * By name what shows another value.
      * @type {Map<string, (value: any) => void>}
@@ -71,18 +82,25 @@ export class Parameters {
   #input(row, name, field) {
     const { type, minimum, maximum } = field;
     const id = `parameter-${name}`;
-    const commit = (/** @type {any} */ value) => this.set(name, ron(value));
+    const commit = (/** @type {any} */ value) => this.actions.set(name, ron(value));
     if (type === "boolean") return this.#simple(row, element("input", { id, type: "checkbox" }), "checked", commit);
     if (field.enum) {
       const choice = element("select", { id });
       choice.append(...field.enum.map((word) => element("option", {}, word)));
-      return this.#simple(row, choice, "value", (word) => this.set(name, word));
+      return this.#simple(row, choice, "value", (word) => this.actions.set(name, word));
     }
-    if (field.format === "color") return this.#simple(row, element("input", { id, type: "color" }), "value", commit);
+    if (field.format === "color") {
+      const color = element("input", { id, type: "color" });
+      const put = this.#simple(row, color, "value", commit);
+      this.#dropper(row, name, "color", commit);
+      return put;
+    }
     if (type !== "number" && type !== "integer") {
       const isList = type === "array";
       const text = element("input", { id, type: "text", spellcheck: "false" });
       const put = this.#simple(row, text, "value", (value) => commit(isList ? String(value).split(",").map(Number) : value));
+      if (isList && field.minItems === 2) this.#dropper(row, name, "pixel", commit);
+      if (isList && field.minItems === 3) this.#dropper(row, name, "place", commit);
       return (value) => put(isList ? value.join(", ") : value);
     }
     const isWhole = type === "integer";
@@ -95,18 +113,53 @@ export class Parameters {
     });
     if (minimum === undefined || maximum === undefined) return put;
     const slider = element("input", { type: "range", min: minimum, max: maximum, step: isWhole ? 1 : (maximum - minimum) / 200, "aria-label": name });
+    let isDragged = false;
+    /** @type {any} */
+    let last = null;
+    const chosen = () => Number(Number(slider.value).toPrecision(6));
     slider.addEventListener("input", () => {
-      number.value = String(Number(Number(slider.value).toPrecision(6)));
+      number.value = String(chosen());
+      isDragged = true;
+      this.actions.drag(name, ron(chosen()));
     });
-    slider.addEventListener("change", () => commit(Number(number.value)));
+    slider.addEventListener("change", () => {
+      if (!isDragged) return;
+      isDragged = false;
+      commit(chosen());
+    });
+    slider.addEventListener("keydown", (event) => {
+      if (event.key !== "Escape" || !isDragged) return;
+      isDragged = false;
+      this.actions.drop();
+      show(last);
+    });
     number.addEventListener("input", () => {
       slider.value = number.value;
     });
     row.append(slider);
-    return (value) => {
+    const show = (/** @type {any} */ value) => {
+      last = value;
+      if (isDragged) return;
       put(value);
-      if (document.activeElement !== number && document.activeElement !== slider) slider.value = String(value);
+      if (document.activeElement !== number) slider.value = String(value);
     };
+    return show;
+  }
+
+  /**
+   * Adds what a value is taken with from what is seen.
+   * @param {HTMLElement} row
+   * @param {string} name
+   * @param {"color" | "pixel" | "place"} kind
+   * @param {(value: any) => void} commit
+   */
+  #dropper(row, name, kind, commit) {
+    const what = { color: "a color of a picture", pixel: "a pixel of a picture", place: "a place" }[kind];
+    const button = element("button", { class: "dropper", title: `take ${what}: click on it`, "aria-label": `take ${name} from what is seen` }, "pick");
+    button.addEventListener("click", () => {
+      this.actions.want(kind, (found) => commit(kind === "place" ? found.map((/** @type {number} */ x) => Number(x.toPrecision(6))) : found));
+    });
+    row.append(button);
   }
 
   /**

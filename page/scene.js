@@ -78,6 +78,7 @@ export class Space {
   }
 }
 
+/** Of a value what is looked at: its picture, or what lies in space. */
 export class Scene {
   /**
    * @param {Value} value
@@ -99,8 +100,8 @@ export class Scene {
       picture: at(`${k}.picture`),
       field: at(`${k}.field`),
     }));
-    this.space = value.space === null ? null : new Space(value.space, shapes);
     this.picture = at("picture");
+    this.space = value.space === null || this.picture !== null ? null : new Space(value.space, shapes);
   }
 }
 
@@ -114,6 +115,15 @@ export function fieldOf(shape, look) {
 }
 
 /**
+ * Whether a value is looked at as a picture.
+ * @param {Value} value
+ * @param {Look} look
+ */
+export function isFlat(value, look) {
+  return value.picture !== null && (look.flat || value.space === null);
+}
+
+/**
  * The names of all columns that a look at a value needs, by their places in it.
  * @param {Value} value
  * @param {Look} look
@@ -122,8 +132,8 @@ export function columnsOf(value, look) {
   /** @type {Map<string, string>} */
   const names = new Map();
   const put = (/** @type {string} */ place, /** @type {string | null | undefined} */ name) => name && names.set(place, name);
-  if (value.picture && (look.flat || !value.space)) {
-    put("picture", value.picture.pixels.column);
+  if (isFlat(value, look)) {
+    put("picture", value.picture?.pixels.column);
     return names;
   }
   for (const [k, shape] of (value.space?.shapes ?? []).entries()) {

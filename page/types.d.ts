@@ -33,6 +33,7 @@ export type Field = {
   maximum?: number;
   unit?: string;
   enum?: string[];
+  minItems?: number;
   format?: string;
   description?: string;
 };

@@ -4,7 +4,7 @@ import { Camera } from "./camera.js";
 import { find } from "./element.js";
 import { Painter, rangeOf } from "./painter.js";
 import { Pointer } from "./pointer.js";
-import { Scene, columnsOf, fieldOf } from "./scene.js";
+import { Scene, columnsOf, fieldOf, isFlat } from "./scene.js";
 import { Tools } from "./tools.js";
 
 /** @typedef {import("./types").Viewed} Viewed */
@@ -89,7 +89,7 @@ export class Viewer {
   /** Whether what is shown now is a flat picture. */
   get isFlat() {
     const value = this.main.value;
-    return value !== null && value.picture !== null && (this.look.flat || value.space === null);
+    return value !== null && isFlat(value, this.look);
   }
 
   /**
@@ -212,7 +212,8 @@ export class Viewer {
         if (pane === this.main) this.#frame(scene);
         this.redraw();
       }
-    } catch {
+    } catch (e) {
+      console.error('DBG', e);
       // The watch is gone, or has another value by now: it says so then.
     } finally {
       pane.loading = false;
@@ -331,10 +332,10 @@ export class Viewer {
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const range = this.range();
     for (const { pane, box, clip } of this.boxes(width, height)) {
-      painter.begin(box, clip);
       const scene = pane.scene;
+      painter.begin(box, clip, scene !== null && scene.picture !== null);
       if (scene === null) continue;
-      if (scene.picture !== null && (this.look.flat || scene.space === null)) painter.picture(scene, this.flatBox(scene.value, box.width, box.height));
+      if (scene.picture !== null) painter.picture(scene, this.flatBox(scene.value, box.width, box.height));
       else painter.space(scene, this.camera, this.look, box, range);
     }
     canvas.dataset.shown = this.main.scene?.value.hash ?? "";

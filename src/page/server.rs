@@ -188,7 +188,7 @@ async fn picture(
     let Asked { yaw, pitch, zoom, flat, .. } = asked;
     let size = [side(asked.width), side(asked.height)];
     let view = View { size, yaw, pitch, zoom, ..View::front() };
-    let kind = if flat { Kind::Own } else { Kind::Space };
+    let kind = if flat { Kind::Fitted } else { Kind::Space };
     let draw = move || {
         let below = shown.ground.as_ref().and_then(Ground::below);
         let picture = render::picture(&shown.value.show(), &Look { view, kind, below })?;
