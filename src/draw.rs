@@ -43,7 +43,6 @@ struct Block {
     inputs: Vec<String>,
     outputs: Vec<Port>,
     /// The file in which it stands, and at which byte.
-    #[cfg_attr(not(feature = "cli"), expect(dead_code, reason = "told to the live page alone"))]
     at: Option<(Arc<Source>, usize)>,
 }
 
