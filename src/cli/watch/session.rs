@@ -10,22 +10,22 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
-use super::drag::{Drag, Values};
+use super::drag::Drag;
 use super::on_done::{Ended, OnDone};
 use super::view::View;
 use super::worker::{Job, Purpose, Report, Worker};
 use super::{Message, Watch, editor, reads_outside};
 use crate::catalog::Catalog;
-use crate::cli::edit::GraphFile;
 use crate::cli::terminal::Input;
 use crate::cli::{Exit, stdout_is_closed};
 use crate::error::{Problem, Severity, code};
-use crate::graph::{Checked, Edit, Edited, Graph, Put, ReadFile};
+use crate::graph::{Checked, Graph, Put, ReadFile};
 use crate::node::CancelToken;
 use crate::page::{Views, Wish};
-use crate::plain;
 use crate::watch::{Batch, Contents, Event, Sources};
 use crate::writing::is_writable;
+
+mod page;
 
 /// What is known of the graph's text.
 enum Check {
@@ -212,8 +212,7 @@ impl<'a> Session<'a> {
             Message::Page(Wish::Drag(page, values)) => self.dragged(page, values),
             Message::Page(Wish::Drop(page)) => {
                 if self.drag.let_go(page) {
-                    self.leave();
-                    self.look = true;
+                    self.show_file();
                 }
             }
             Message::Page(Wish::Open(place)) => {
@@ -417,7 +416,10 @@ impl<'a> Session<'a> {
         let left = self.running.take().is_some_and(|running| running.cancel.is_cancelled());
         // A look may be over in the moment in which it is given up.
         if report.cancelled || left && report.purpose != Purpose::Outputs {
-            self.look = !self.views.is_empty();
+            // Of a drag that is over the file is shown, or about to change.
+            if report.purpose != Purpose::Drag || self.drag.is_on() {
+                self.look = !self.views.is_empty();
+            }
             match report.purpose {
                 Purpose::Outputs => self.view.cancelled(report.run),
                 Purpose::Look | Purpose::Drag => self.view.left(report.run),
@@ -468,128 +470,6 @@ impl<'a> Session<'a> {
             let sender = self.sender.clone();
             on_done.start(move |message| drop(sender.send(message)));
         }
-    }
-
-    /// Puts values into the file of the graph. Its change is noticed like one of anybody else.
-    fn set(&mut self, page: u64, values: &Values) {
-        let was_dragged = self.drag.let_go(page);
-        match self.edit(values, |_| true) {
-            Ok(changes) if !changes.is_empty() => return self.changes.push(changes),
-            Ok(_) => {}
-            Err(why) => self.view.refused(&why),
-        }
-        // The file says what it said before the drag.
-        if was_dragged {
-            self.leave();
-            self.look = true;
-        }
-    }
-
-    /// A page drags.
-    fn dragged(&mut self, page: u64, values: Values) {
-        self.drag.moved(page, values, Instant::now());
-        // Outputs would keep the hand waiting; they are made when it lets go.
-        let makes_outputs = |running: &Running| running.purpose == Purpose::Outputs;
-        if self.drag.is_on() && self.running.as_ref().is_some_and(makes_outputs) {
-            self.cancel();
-        }
-    }
-
-    /// When the evaluation under way is given up for newer values of a drag.
-    fn gives_up(&self) -> Option<Instant> {
-        let running = self.running.as_ref()?;
-        self.drag.gives_up().filter(|_| !running.cancel.is_cancelled())
-    }
-
-    /// Gives up what is evaluated only to be looked at.
-    fn leave(&mut self) {
-        let running = self.running.as_ref();
-        if let Some(running) = running.filter(|running| running.purpose != Purpose::Outputs) {
-            running.cancel.cancel();
-        }
-    }
-
-    /// Starts the evaluation of the newest values of the drag, if that has to be.
-    fn start_drag(&mut self) {
-        if std::mem::take(&mut self.look) {
-            self.drag.again();
-        }
-        let Some(values) = self.drag.take() else { return };
-        match self.graph_with(&values) {
-            Ok((graph, before)) => {
-                self.drag.fits(before);
-                let run = self.good.as_ref().map_or(self.runs, |(run, _)| *run);
-                self.give(run, Arc::new(graph), Vec::new(), false, Purpose::Drag);
-            }
-            Err(why) if self.drag.refused() => self.view.refused(&why),
-            Err(_) => {}
-        }
-    }
-
-    /// The graph as it would be with these values in its file, and the text that is there.
-    fn graph_with(&self, values: &Values) -> Result<(Graph, String), String> {
-        let Watch { graph: path, options, .. } = self.command;
-        let edited = self.edited(values)?;
-        let options = options.all().with_text(path, edited.text);
-        let Checked { graph, problems, .. } = Graph::load(path, self.catalog, &options);
-        let wrong = problems.into_iter().find(|problem| problem.severity == Severity::Error);
-        graph
-            .map(|graph| (graph, edited.before))
-            .ok_or_else(|| wrong.map_or_else(String::new, |problem| problem.message))
-    }
-
-    /// The file of the graph has another content: it wins over what is dragged.
-    fn end_drag(&mut self) {
-        let text = plain::read_text(&self.command.graph).unwrap_or_default();
-        if self.drag.ends_by(&text) {
-            self.leave();
-            self.view.refused("the file has been changed meanwhile: it is shown as it is now");
-        }
-    }
-
-    /// Puts the values back that the last change has replaced, if nobody has changed them since.
-    fn undo(&mut self) {
-        let Some(changes) = self.changes.pop() else { return };
-        let old = |put: &Put| Some((put.target.clone(), put.before.clone()?));
-        let stand = |now: &[Put]| {
-            now.iter().zip(&changes).all(|(now, put)| now.before.as_ref() == Some(&put.after))
-        };
-        let back: Option<Vec<_>> = changes.iter().map(old).collect();
-        let Some(back) = back else {
-            return self.view.refused("it was not in the file before: take it out there");
-        };
-        if let Err(why) = self.edit(&back, stand) {
-            self.view.refused(&why);
-        }
-    }
-
-    /// Puts values into the file of the graph, if what would be changed is as it should be. Gives what was changed, or says why not.
-    fn edit(
-        &self,
-        values: &[(String, String)],
-        is_due: impl Fn(&[Put]) -> bool,
-    ) -> Result<Vec<Put>, String> {
-        let edited = self.edited(values)?;
-        let changes = Vec::from_iter(
-            edited.changes.iter().filter(|put| put.before.as_ref() != Some(&put.after)).cloned(),
-        );
-        if !is_due(&edited.changes) {
-            return Err("somebody has changed it since".into());
-        }
-        self.file().write(&edited).map_err(|error| error.to_string())?;
-        Ok(changes)
-    }
-
-    /// The text of the graph's file with these values in it, or why they cannot be.
-    fn edited(&self, values: &[(String, String)]) -> Result<Edited, String> {
-        let set = |(target, value): (String, String)| Edit::Set { target, value };
-        let edits = Vec::from_iter(values.iter().cloned().map(set));
-        self.file().edited(&edits, self.catalog).map_err(|error| error.to_string())
-    }
-
-    fn file(&self) -> GraphFile<'a> {
-        let Watch { graph, options, .. } = self.command;
-        GraphFile { graph, roots: &options.roots, dry_run: false }
     }
 
     /// The user wants a run.
