@@ -96,6 +96,8 @@ mod pack;
 mod page;
 mod paths;
 mod plain;
+#[cfg(feature = "cli")]
+mod probe;
 mod reading;
 mod session;
 mod stamp;

@@ -19,6 +19,16 @@
 //! drags is ignored until it lets go. `{"ask": "open", "node": ..}` opens the user's editor where a box stands, and `{"ask": "open",
 //! "problem": {"file": .., "line": .., "column": ..}}` where a problem is; only what pages were told of is opened.
 //!
+//! Two questions about a value that is looked at are answered to the page that asks alone, with its `id`. They may come with each move
+//! of a pointer: while one is answered only the latest of each kind waits, and those before it never get an answer.
+//! - `{"ask": "probe", "id": 7, "node": .., "output": .., "at": [column, row]}` by `{"event": "probe", "id": 7, "facts": {..}}`, as
+//!   `maquette inspect --at --json` tells them, or `why` there are none.
+//! - `{"ask": "pick", "id": 8, "node": .., "output": .., "origin": [x, y, z], "direction": [x, y, z], "radius": 0.01}`, a ray in mm in the
+//!   axes of the value's faces, or of its first layer, by the first face that it meets, `{"event": "pick", "id": 8, "kind": "triangles",
+//!   "face": .., "at": [x, y, z], "vertex": .., "vertex_at": [x, y, z], "attributes": {..}, ..}` with the nearest vertex of the face and
+//!   what it, its corner and the face have; else by what of points, corners of lines and ends of arrows is nearest to the ray, at most
+//!   `radius` times its distance beside it; else by `"nothing": true`.
+//!
 //! Columns are at `/column/NAME`, and as what has changed in them at `/column/NAME?from=OLD`; pictures of values at `/picture/HASH`,
 //! what is to be known of them at `/facts/HASH`: who was told the names may see the value.
 //!
@@ -37,10 +47,12 @@ use serde_json::{Value as Json, json};
 use crate::catalog::Catalog;
 use crate::draw::Drawing;
 use crate::graph::Graph;
+use crate::probe;
 
 mod kept;
 mod location;
 mod news;
+mod pick;
 mod server;
 mod shown;
 
@@ -51,6 +63,7 @@ pub(crate) use kept::Redirect;
 use kept::{Keeper, Kept};
 pub(crate) use location::Location;
 use news::{Listener, News};
+use pick::Sight;
 
 /// The live page, served until the program ends.
 pub(crate) struct Page {
@@ -84,6 +97,30 @@ pub(crate) enum Wish {
     Undo,
     /// The user's editor is to be opened here.
     Open(Location),
+}
+
+/// What a page asks of a value that it looks at. It alone is answered.
+struct Question {
+    /// By which it knows the answer.
+    id: u64,
+    viewed: Viewed,
+    about: About,
+}
+
+enum About {
+    /// What is under this pixel (column, row)?
+    Pixel([usize; 2]),
+    /// What does this ray meet?
+    Sight(Sight),
+}
+
+impl About {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Pixel(_) => "probe",
+            Self::Sight(_) => "pick",
+        }
+    }
 }
 
 /// What the server and the watch both know.
@@ -291,6 +328,29 @@ impl Shared {
     fn column(&self, name: &str) -> Option<Column> {
         let values = unpoisoned(&self.values);
         values.all().find_map(|shown| shown.column(name).cloned())
+    }
+
+    /// What a page is answered that asks of a value.
+    fn answer(&self, question: &Question) -> Json {
+        let Question { id, viewed, about } = question;
+        let shown = unpoisoned(&self.values).now.get(viewed).cloned();
+        let mut answer = match (about, shown) {
+            (About::Pixel(_), None) => json!({ "why": "nobody looks at such a value" }),
+            (About::Pixel(pixel), Some(shown)) => match probe::at(&shown.value, *pixel) {
+                Some(found) => json!({ "facts": probe::facts(found) }),
+                None => {
+                    let asked = (&viewed.output[..], &shown.value);
+                    json!({ "why": probe::no_answer(&viewed.node, &[asked], *pixel) })
+                }
+            },
+            (About::Sight(sight), shown) => {
+                let found = shown.and_then(|shown| shown.pickable().pick(sight));
+                found.unwrap_or_else(|| json!({ "nothing": true }))
+            }
+        };
+        answer["event"] = about.name().into();
+        answer["id"] = (*id).into();
+        answer
     }
 
     fn tell(&self, message: &Json) {

@@ -18,10 +18,11 @@ use crate::format::png;
 use crate::graph::Graph;
 use crate::pack::NewFile;
 use crate::plain::ending;
+use crate::probe::{self, shown};
 use crate::render::{Kind, View, picture_of};
 use crate::session::{Run, Wanted};
 use crate::text::{unknown, with_article};
-use crate::value::{AnyValue, Layer, On, Picture, Summary};
+use crate::value::{AnyValue, Layer, Summary};
 use crate::writing::{Destination, Sources};
 
 mod columns;
@@ -185,32 +186,9 @@ impl Inspect {
         found: Vec<(&'v str, &'v AnyValue)>,
     ) -> Result<Vec<(&'v str, &'v AnyValue)>, String> {
         let Some(at) = self.pixel().filter(|_| !found.is_empty()) else { return Ok(found) };
-        let is_inside = |value: &AnyValue| size(value).is_none_or(|[w, h]| at[0] < w && at[1] < h);
-        let answers =
-            |(_, value): &&(&str, &AnyValue)| is_inside(value) && !value.probe(at).0.is_empty();
+        let answers = |(_, value): &&(&str, &AnyValue)| probe::at(value, at).is_some();
         let answering = Vec::from_iter(found.iter().filter(answers).copied());
-        if !answering.is_empty() {
-            return Ok(answering);
-        }
-        let [x, y] = at;
-        let sizes = found.iter().filter_map(|(name, value)| Some((name, size(value)?)));
-        let sizes = Vec::from_iter(sizes.map(|(name, [width, height])| {
-            format!("`{node}.{name}` has {width} x {height} pixels, the first of which is 0,0")
-        }));
-        if !sizes.is_empty() {
-            return Err(format!("there is no pixel {x},{y}: {}", sizes.join("; ")));
-        }
-        let is_grid = |(_, value): &&(&str, &AnyValue)| {
-            shown(value).is_some_and(|picture| picture.registration.is_some())
-        };
-        if let Some((name, _)) = found.iter().find(is_grid) {
-            return Err(format!("`{node}.{name}` has no cell under the pixel {x},{y}"));
-        }
-        let kinds = found.iter().map(|(_, value)| with_article(value.kind().name));
-        Err(format!(
-            "`{node}` gives {}, which has no pixels: --at asks pictures, masks, labels, fields and range images",
-            Vec::from_iter(kinds).join(" and ")
-        ))
+        if answering.is_empty() { Err(probe::no_answer(node, &found, at)) } else { Ok(answering) }
     }
 
     /// The outputs that are meant, by name, each with its node and place there.
@@ -259,7 +237,7 @@ impl Inspect {
         };
         if self.json {
             let outputs = found.iter().map(|(name, value)| {
-                let facts: serde_json::Map<String, Json> = summary(value).0.into_iter().collect();
+                let facts = probe::facts(summary(value));
                 let (kind, hash) = (value.kind().name, value.hash().to_string());
                 let mut output = json!({ "name": name, "type": kind, "hash": hash, "bytes": value.size(), "facts": facts });
                 if self.table {
@@ -345,11 +323,6 @@ fn chosen<'v>(
     Err(Vec::from_iter(can).join("; "))
 }
 
-/// The first picture that a value shows.
-fn shown(value: &AnyValue) -> Option<Picture> {
-    picture_of(&value.show()).cloned()
-}
-
 /// Whether a value is best seen as the picture that it shows: in colors that are none of its own.
 fn is_drawn(value: &AnyValue) -> bool {
     shown(value).is_some_and(|picture| picture.drawn)
@@ -361,16 +334,6 @@ fn is_best_seen(value: &AnyValue) -> bool {
         [] | [Layer::Triangles(_)] => false,
         layers => picture_of(layers).is_none_or(|picture| picture.drawn),
     }
-}
-
-/// The pixels of what is asked by its own pixels: not of a grid that lies on a picture of other pixels.
-fn size(value: &AnyValue) -> Option<[usize; 2]> {
-    let parts = value.parts();
-    if !parts.columns.iter().any(|part| part.on == On::Pixel) {
-        return None;
-    }
-    let is_registered = shown(value).is_some_and(|picture| picture.registration.is_some());
-    parts.size().ok().filter(|_| !is_registered)
 }
 
 /// Writes all files, or none if one of them may not be written.

@@ -4,6 +4,7 @@
 //! machine's own address alone; answers only requests that were made to that address by name, which a site that had its name
 //! rebound cannot; and opens a socket only to its own page, which knows the token of the link.
 
+use std::future::pending;
 use std::net::TcpListener;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock};
@@ -19,10 +20,11 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
+use tokio::task::JoinHandle;
 
 use super::news::Missed;
 use super::shown::changes;
-use super::{Location, Shared, Views, Wish};
+use super::{About, Location, Question, Shared, Sight, Viewed, Views, Wish};
 use crate::format::png;
 use crate::render::{self, Ground, Kind, Look, View};
 
@@ -250,8 +252,9 @@ fn nobody_looks() -> Response {
 }
 
 /// Tells a page what is true and then what happens, until it goes away or takes nothing any more.
-async fn serve(mut socket: WebSocket, number: u64, shared: &Shared) -> Result<(), Gone> {
+async fn serve(mut socket: WebSocket, number: u64, shared: &Arc<Shared>) -> Result<(), Gone> {
     let (mut due, mut news) = shared.listen();
+    let mut desk = Desk::default();
     loop {
         for text in due.drain(..) {
             let sent = socket.send(Message::Text((*text).into()));
@@ -264,9 +267,14 @@ async fn serve(mut socket: WebSocket, number: u64, shared: &Shared) -> Result<()
             },
             heard = socket.recv() => match heard {
                 None | Some(Err(_) | Ok(Message::Close(_))) => return Ok(()),
-                Some(Ok(Message::Text(text))) => hear(&text, number, shared),
+                Some(Ok(Message::Text(text))) => {
+                    if let Some(question) = hear(&text, number, shared) {
+                        desk.ask(question, shared);
+                    }
+                }
                 Some(Ok(_)) => {}
             },
+            answer = desk.answer(shared) => due.extend(answer),
         }
     }
 }
@@ -291,9 +299,23 @@ enum Said {
         values: Vec<(String, String)>,
     },
     Drop,
+    Probe {
+        id: u64,
+        node: String,
+        output: String,
+        at: [usize; 2],
+    },
+    Pick {
+        id: u64,
+        node: String,
+        output: String,
+        #[serde(flatten)]
+        sight: Sight,
+    },
 }
 
-fn hear(text: &str, socket: u64, shared: &Shared) {
+/// Does what a page says; a question remains.
+fn hear(text: &str, socket: u64, shared: &Shared) -> Option<Question> {
     match serde_json::from_str(text) {
         Ok(Said::Views { mut views }) => {
             while views.len() > MOST_VIEWS {
@@ -313,7 +335,53 @@ fn hear(text: &str, socket: u64, shared: &Shared) {
                 None => shared.tell(&json!({ "event": "refused", "why": "there is no such place in the graph now" })),
             }
         }
+        Ok(Said::Probe { id, node, output, at }) => {
+            let viewed = Viewed { node, output };
+            return Some(Question { id, viewed, about: About::Pixel(at) });
+        }
+        Ok(Said::Pick { id, node, output, sight }) => {
+            let viewed = Viewed { node, output };
+            return Some(Question { id, viewed, about: About::Sight(sight) });
+        }
         Err(_) => {}
+    }
+    None
+}
+
+/// The questions of a page: one is answered at a time, in a thread of its own, and of each kind the latest one waits.
+#[derive(Default)]
+struct Desk {
+    probe: Option<Question>,
+    pick: Option<Question>,
+    answering: Option<JoinHandle<Json>>,
+}
+
+impl Desk {
+    fn ask(&mut self, question: Question, shared: &Arc<Shared>) {
+        match question.about {
+            About::Pixel(_) => self.probe = Some(question),
+            About::Sight(_) => self.pick = Some(question),
+        }
+        self.work(shared);
+    }
+
+    /// Begins with the next question, if none is being answered.
+    fn work(&mut self, shared: &Arc<Shared>) {
+        if self.answering.is_none()
+            && let Some(question) = self.pick.take().or_else(|| self.probe.take())
+        {
+            let shared = shared.clone();
+            self.answering = Some(tokio::task::spawn_blocking(move || shared.answer(&question)));
+        }
+    }
+
+    /// The next answer, as soon as there is one; none if finding it failed. Whoever stops waiting for it loses nothing.
+    async fn answer(&mut self, shared: &Arc<Shared>) -> Option<Arc<str>> {
+        let Some(answering) = &mut self.answering else { return pending().await };
+        let answer = answering.await;
+        self.answering = None;
+        self.work(shared);
+        answer.ok().map(|answer| answer.to_string().into())
     }
 }
 

@@ -3,12 +3,13 @@
 //! A column is named by what is in it, so that nobody takes the same bytes twice.
 
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use axum::body::Bytes;
 use bytemuck::NoUninit;
 use serde_json::{Value as Json, json};
 
+use super::pick::Pickable;
 use crate::render::{Field, Ground, Look, Shape, Shapes, fitted, picture, picture_of};
 use crate::value::{AnyValue, Axes, Image, Layer, Picture, Series};
 
@@ -29,6 +30,7 @@ pub(crate) struct Shown {
     pub(super) about: Json,
     columns: HashMap<String, Column>,
     size: usize,
+    pickable: OnceLock<Pickable>,
 }
 
 /// The bytes of a column, or what makes them.
@@ -51,8 +53,15 @@ impl Shown {
     /// `ground` is what a picture of the value lies on.
     pub(crate) fn new(value: AnyValue, layers: &[Layer], ground: Option<Ground>) -> Self {
         let picture = picture_of(layers).cloned();
-        let mut shown =
-            Self { value, picture, ground, about: json!({}), columns: HashMap::new(), size: 0 };
+        let mut shown = Self {
+            value,
+            picture,
+            ground,
+            about: json!({}),
+            columns: HashMap::new(),
+            size: 0,
+            pickable: OnceLock::new(),
+        };
         let flat = shown.flat(layers);
         let space = Shapes::of(layers).map(|shapes| shown.space(shapes));
         let series = layers.iter().find_map(|layer| match layer {
@@ -72,6 +81,11 @@ impl Shown {
     /// The bytes of one of its columns.
     pub(super) fn column(&self, name: &str) -> Option<&Column> {
         self.columns.get(name)
+    }
+
+    /// It, prepared for being pointed at: once, when somebody first does so.
+    pub(super) fn pickable(&self) -> &Pickable {
+        self.pickable.get_or_init(|| Pickable::new(&self.value))
     }
 
     /// Bytes that it holds.

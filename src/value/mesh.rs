@@ -12,7 +12,7 @@ mod normals;
 mod parts;
 
 pub use faces::{Edges, Faces};
-pub use nearest::{NearestPlace, TriangleTree};
+pub use nearest::{NearestPlace, RayHit, TriangleTree};
 
 /// Why vertices and faces do not make a mesh.
 #[derive(Clone, Debug, PartialEq, Error)]

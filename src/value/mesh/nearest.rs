@@ -9,6 +9,10 @@ use super::Mesh;
 use crate::parallel::*;
 use crate::simd::{Kernel, Lanes, widest};
 
+mod ray;
+
+pub use ray::RayHit;
+
 /// Triangles of a leaf: with fewer there are more boxes to visit, with more there are more triangles to measure.
 const LEAF: usize = 4;
 
