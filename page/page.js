@@ -60,6 +60,12 @@ function answer(id, found) {
 const nodes = new Map();
 
 /**
+ * The same of nodes under way, from before they began.
+ * @type {Map<string, import("./types").NodeState>}
+ */
+const before = new Map();
+
+/**
  * The names of the nodes in each box.
  * @type {Map<string, Set<string>>}
  */
@@ -117,12 +123,19 @@ const hear = {
     answer(message.id, message);
   },
   started(message) {
-    note(message.node, { state: "started" });
+    before.set(message.node, nodes.get(message.node) ?? {});
+    note(message.node, { ...nodes.get(message.node), state: "started" });
+  },
+  cancelled() {
+    // What was begun is as it was.
+    for (const [name, node] of before) note(name, node);
+    before.clear();
   },
   progress(message) {
     showRun(`running ${message.node}, ${Math.round(100 * message.share)} %`, "running");
   },
   finished(message) {
+    before.delete(message.node);
     note(message.node, message);
   },
   problems(message) {

@@ -127,12 +127,19 @@ export class Parameters {
       isDragged = false;
       commit(chosen());
     });
-    slider.addEventListener("keydown", (event) => {
-      if (event.key !== "Escape" || !isDragged) return;
+    const drop = () => {
+      if (!isDragged) return;
       isDragged = false;
       this.actions.drop();
       show(last);
+    };
+    slider.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") drop();
     });
+    // A slider that comes back to where it was tells of no change.
+    slider.addEventListener("lostpointercapture", () => setTimeout(drop));
+    slider.addEventListener("pointerup", () => setTimeout(drop));
+    slider.addEventListener("blur", drop);
     number.addEventListener("input", () => {
       slider.value = number.value;
     });

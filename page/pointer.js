@@ -243,24 +243,25 @@ export class Pointer {
 }
 
 /**
- * @param {[string, any][]} facts
+ * @param {Record<string, any>} [facts]
  * @returns {string | undefined} the color among them
  */
-function colorOf(facts) {
-  return facts?.map(([, fact]) => String(fact)).find((fact) => /^#[0-9a-f]{6}$/i.test(fact));
+function colorOf(facts = {}) {
+  return Object.values(facts).find((fact) => /^#[0-9a-f]{6}$/i.test(String(fact)));
 }
+
+const number = (/** @type {any} */ x) => (typeof x === "number" ? String(Number(x.toPrecision(6))) : String(x));
+const numbers = (/** @type {any} */ list) => [list].flat().map(number).join(", ");
 
 /**
  * @param {import("./types").Question} question
  * @param {any} answer
  */
 function inWords(question, answer) {
-  const number = (/** @type {number} */ x) => String(Number(x.toPrecision(6)));
-  if (question.ask === "probe") return [`pixel ${question.at.join(", ")}`, ...(answer.facts ?? []).map((/** @type {[string, any]} */ [label, fact]) => `${label} ${fact}`)].join("   ");
-  if (!answer.at) return "";
-  const parts = [`at ${answer.at.map(number).join(", ")} mm`];
-  if (answer.face !== undefined && answer.face !== null) parts.push(`face ${answer.face}`);
-  if (answer.vertex !== undefined && answer.vertex !== null) parts.push(`vertex ${answer.vertex}`);
-  for (const [name, value] of Object.entries(answer.attributes ?? {})) parts.push(`${name} ${[value].flat().map((x) => (typeof x === "number" ? number(x) : x)).join(", ")}`);
-  return parts.join("   ");
+  const named = (/** @type {Record<string, any>} */ facts = {}) => Object.entries(facts).map(([name, fact]) => `${name} ${numbers(fact)}`);
+  if (question.ask === "probe") return answer.why ?? [`pixel ${question.at.join(", ")}`, ...named(answer.facts)].join("   ");
+  if (answer.nothing) return "";
+  const { at, face, vertex } = answer;
+  const parts = [`at ${numbers(at)} mm`, ...(face === undefined ? [] : [`face ${face}`]), `vertex ${vertex}`];
+  return [...parts, ...named(answer.attributes), ...named(answer.corner_attributes), ...named(answer.face_attributes)].join("   ");
 }

@@ -212,8 +212,7 @@ export class Viewer {
         if (pane === this.main) this.#frame(scene);
         this.redraw();
       }
-    } catch (e) {
-      console.error('DBG', e);
+    } catch {
       // The watch is gone, or has another value by now: it says so then.
     } finally {
       pane.loading = false;
