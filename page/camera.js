@@ -121,10 +121,12 @@ export class Camera {
   }
 
   /**
-   * Turns about this place from now on.
+   * Turns about this place from now on, which comes into the middle; the viewer comes no nearer.
    * @param {Vector} place
    */
   aim(place) {
+    const away = /** @type {Vector} */ (place.map((x, k) => (x - this.target[k]) / this.radius));
+    this.distance = Math.max(NEAREST, this.distance - dot(rows(this.yaw, this.pitch)[2], away));
     this.target = place;
     this.fits = false;
   }

@@ -115,6 +115,7 @@ const hear = {
   },
   value(message) {
     viewer.hear(message);
+    if (viewer.main.shows(message)) askFacts();
   },
   probe(message) {
     answer(message.id, message);
@@ -279,7 +280,9 @@ function showNode(name, output) {
   showFacts(name);
   const box = graph.boxes.get(name ?? "");
   // A file is no value of its own: what is seen stays.
-  if (box && box.node !== null) viewer.show(box.name, box.outputs, output);
+  if (!box || box.node === null) return;
+  viewer.show(box.name, box.outputs, output);
+  askFacts();
 }
 
 /** @param {string | null} name */
@@ -301,12 +304,7 @@ function showFacts(name) {
     ["takes", box.inputs.map((port) => port.name).join(", ")],
     ["gives", box.outputs.map((port) => `${port.name}: ${port.type}`).join(", ")],
   ];
-  const table = element("table");
-  for (const [label, value] of rows.filter(([, value]) => value)) {
-    const row = element("tr");
-    row.append(element("th", { scope: "row" }, label), element("td", {}, value));
-    table.append(row);
-  }
+  const table = tableOf(rows.filter(([, value]) => value));
   const hadFocus = by("node").contains(document.activeElement);
   by("node").replaceChildren(table);
   const { file, line, column } = box;
@@ -315,6 +313,38 @@ function showFacts(name) {
   const button = placeButton({ file, line, column }, text, () => openEditor({ node: box.name }));
   by("node").append(button);
   if (hadFocus) button.focus();
+}
+
+/** @param {string[][]} rows labels and what is said of them */
+function tableOf(rows) {
+  const table = element("table");
+  for (const [label, value] of rows) {
+    const row = element("tr");
+    row.append(element("th", { scope: "row" }, label), element("td", {}, value));
+    table.append(row);
+  }
+  return table;
+}
+
+/** How long a value must stay before it is asked what is to be known of it, in milliseconds. */
+const CALM = 300;
+
+let calm = 0;
+
+/** Shows what is to be known of the value, once it does not change any more: to find that out may take time. */
+function askFacts() {
+  clearTimeout(calm);
+  const value = viewer.main.value;
+  if (value === null) {
+    by("facts").replaceChildren(element("p", {}, "not there yet"));
+    return;
+  }
+  calm = setTimeout(async () => {
+    /** @type {[string, any][]} */
+    const rows = await fetch(`/facts/${value.hash}`).then((answer) => (answer.ok ? answer.json() : []), () => []);
+    if (viewer.main.value?.hash !== value.hash) return;
+    by("facts").replaceChildren(tableOf([["type", value.type], ...rows.map(([label, fact]) => [label, typeof fact === "string" ? fact : JSON.stringify(fact)])]));
+  }, CALM);
 }
 
 document.addEventListener("keydown", (event) => {

@@ -20,6 +20,8 @@ export class Pane {
     /** @type {Scene | null} */
     this.scene = null;
     this.loading = false;
+    /** When the value was told, in milliseconds. */
+    this.told = 0;
     /** Whether it stays as it is while the value changes. */
     this.held = false;
   }
@@ -168,6 +170,7 @@ export class Viewer {
   hear(value) {
     for (const pane of this.panes.filter((pane) => pane.shows(value) && !pane.held)) {
       pane.value = value;
+      pane.told = performance.now();
       this.#load(pane);
     }
     this.redraw();
@@ -196,6 +199,7 @@ export class Viewer {
         const names = columnsOf(value, look);
         const old = pane.scene?.columns;
         const wanted = [...names].map(([place, name]) => ({ name, old: old?.get(place) ?? null }));
+        const received = this.painter.columns.received;
         const take = await this.painter.columns.find(wanted);
         if (!this.panes.includes(pane)) return;
         const columns = take();
@@ -208,6 +212,9 @@ export class Viewer {
         const scene = new Scene(value, new Map([...names.keys()].map((place, at) => [place, columns[at]])));
         this.painter.columns.use(columns, [...(old?.values() ?? [])]);
         this.painter.upload(scene);
+        // What the browser's own tools show of it, the last one alone.
+        performance.clearMeasures("value");
+        performance.measure("value", { start: pane.told, detail: { bytes: this.painter.columns.received - received } });
         pane.scene = scene;
         if (pane === this.main) this.#frame(scene);
         this.redraw();

@@ -138,7 +138,7 @@ struct Shared {
 }
 
 /// Bytes of values that nobody looks at any more which are kept.
-const KEPT: usize = 256 << 20;
+const KEPT: usize = 128 << 20;
 
 /// Values of before that are kept.
 const MOST_KEPT: usize = 256;

@@ -68,6 +68,7 @@ impl Shown {
             Layer::Plot(series) => Some(series.iter().map(about_series).collect::<Vec<_>>()),
             _ => None,
         });
+        shown.size += shown.value.size();
         shown.about = json!({
             "type": shown.value.kind().name,
             "hash": shown.value.hash().to_string(),
@@ -126,6 +127,7 @@ impl Shown {
         let texture = texture.map(|image| {
             json!({ "size": [image.width(), image.height()], "pixels": self.image(&image) })
         });
+        self.size += shape.size();
         let (is_solid, fields) = (shape.is_solid, shape.fields());
         let shape = Arc::new(shape);
         let value = self.value.hash().to_string();

@@ -146,6 +146,12 @@ impl Shape {
         Self { mesh, is_solid, places, normals, colors, uv, triangles, origins }
     }
 
+    /// How much memory it holds, in bytes, without the mesh.
+    pub(crate) fn size(&self) -> usize {
+        let vertex = size_of_val(&self.places[..]) + size_of_val(&self.normals[..]);
+        vertex + size_of_val(&self.triangles[..]) + size_of_val(&self.origins[..])
+    }
+
     /// The picture on it.
     pub(crate) fn texture(&self) -> Option<&Image> {
         self.mesh.texture().filter(|_| self.uv.is_some())

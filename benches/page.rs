@@ -1,0 +1,283 @@
+//! Is the live page quick and small? Six questions, each with the figure that must hold on a quiet machine, in a real Chromium that draws
+//! without a graphics card:
+//!
+//! - how long from a save of the graph until other pixels are there, with 20 000 triangles,
+//! - how long from a move of a slider until its picture is there, with as many,
+//! - how long from the message of a value until 1.5 million triangles that moved are in the buffers of the graphics card (150 ms),
+//! - which share of its bytes a local edit moves (a tenth),
+//! - what 500 edits leave in memory (nothing),
+//! - how long until eight pages show a save.
+//!
+//! `cargo bench -p maquette-nodes --bench page` takes some two minutes and needs Chromium.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use serde_json::{Value as Json, json};
+
+#[path = "../tests/commands/browser.rs"]
+mod browser;
+
+use browser::Browser;
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+fn main() {
+    let Some(mut browser) = Browser::start() else { return };
+    small(&mut browser);
+    large(&mut browser);
+    local(&mut browser);
+    tabs();
+}
+
+fn say(line: &str) {
+    writeln!(std::io::stdout(), "{line}").expect("stdout is open");
+}
+
+fn say_times(what: &str, mut times: Vec<f64>) {
+    times.sort_by(f64::total_cmp);
+    let at = |share: usize| times[(times.len() - 1) * share / 100];
+    say(&format!("{what}: {:.0} ms in half, {:.0} ms in 95 of 100", at(50), at(95)));
+}
+
+/// A wavy sheet of `side` x `side` points that a parameter turns.
+fn sheet(side: usize) -> Watch {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let mut file = String::from("ply\nformat ascii 1.0\n");
+    let faces = 2 * (side - 1) * (side - 1);
+    file += &format!("element vertex {}\n", side * side);
+    file += "property double x\nproperty double y\nproperty double z\n";
+    file += &format!("element face {faces}\nproperty list uchar int vertex_indices\nend_header\n");
+    for k in 0..side * side {
+        let [x, y] = [k % side, k / side].map(|at| 100.0 * at as f64 / side as f64);
+        file += &format!("{x:.3} {y:.3} {:.3}\n", 5.0 * (0.3 * x).sin() * (0.2 * y).cos());
+    }
+    for k in (0..side * (side - 1)).filter(|k| k % side < side - 1) {
+        file += &format!("3 {} {} {}\n", k, k + 1, k + side + 1);
+        file += &format!("3 {} {} {}\n", k, k + side + 1, k + side);
+    }
+    std::fs::write(folder.path().join("sheet.ply"), file).expect("a file");
+    let text = r#"Graph(
+    format: 1,
+    params: { "turn": Number(default: 12.0, min: 0.0, max: 1000.0, doc: "How far it is turned.") },
+    nodes: {
+        "sheet": ReadMesh(path: "sheet.ply"),
+        "turned": Transform(mesh: "sheet", rotate: (0, Param("turn"), 0)),
+    },
+    outputs: {},
+)
+"#;
+    Watch::start(folder, text)
+}
+
+fn doll() -> Watch {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    std::fs::create_dir(folder.path().join("doll")).expect("a folder");
+    for name in ["doll/color.png", "doll/range.pcd", "doll/camera.json"] {
+        std::fs::copy(Path::new(GRAPHS).join(name), folder.path().join(name)).expect("a copy");
+    }
+    let text = std::fs::read_to_string(Path::new(GRAPHS).join("doll.ron")).expect("the graph");
+    Watch::start(folder, &text)
+}
+
+/// Milliseconds since 1970, as the page's clock counts them.
+fn now() -> f64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).expect("a clock");
+    since.as_secs_f64() * 1e3
+}
+
+/// Opens the page of a watch, with what notes when which run was drawn.
+fn open(browser: &mut Browser, watch: &Watch, node: &str) {
+    browser.open("about:blank");
+    browser.open(&watch.link);
+    browser.wait("document.querySelector('canvas[tabindex]')?.dataset.shown");
+    browser.ask(&format!(
+        "document.querySelector('svg .node[aria-label^=\"{node},\"]').dispatchEvent(new MouseEvent('click'))"
+    ));
+    let value = format!("document.querySelector('.caption').textContent.startsWith('{node}.')");
+    browser.wait(&value);
+    browser.wait("performance.getEntriesByName('value').length > 0");
+    browser.ask(
+        "(() => { const canvas = document.querySelector('canvas[tabindex]'); window.drawn = []; \
+         new MutationObserver(() => requestAnimationFrame(() => drawn.push([performance.timeOrigin + \
+         performance.now(), canvas.dataset.shown]))).observe(canvas, { attributeFilter: ['data-shown'] }); })()",
+    );
+}
+
+/// When another value is drawn than those before, by the clock.
+fn next_drawn(browser: &mut Browser, before: usize) -> f64 {
+    browser.wait(&format!("drawn.length > {before}"));
+    browser.ask(&format!("drawn[{before}][0]")).as_f64().expect("a time")
+}
+
+fn drawn(browser: &mut Browser) -> usize {
+    browser.ask("drawn.length").as_u64().expect("a number") as usize
+}
+
+fn small(browser: &mut Browser) {
+    let mut watch = sheet(101);
+    open(browser, &watch, "turned");
+    let mut saves = Vec::new();
+    for k in 0..40 {
+        let before = drawn(browser);
+        let saved = now();
+        watch.save(&watch.with(f64::from(k) + 0.5));
+        saves.push(next_drawn(browser, before) - saved);
+    }
+    say_times("from a save to other pixels, 20 000 triangles", saves);
+    let mut drags = Vec::new();
+    for k in 0..40 {
+        let before = drawn(browser);
+        let moved = browser.ask(&format!(
+            "(() => {{ const slider = document.querySelector('.parameter input[type=range]'); \
+             slider.value = {}; slider.dispatchEvent(new Event('input')); \
+             return performance.timeOrigin + performance.now(); }})()",
+            100 + 5 * k
+        ));
+        drags.push(next_drawn(browser, before) - moved.as_f64().expect("a time"));
+    }
+    say_times("from a move of a slider to its picture, 20 000 triangles", drags);
+    browser.ask("document.querySelector('.parameter input[type=range]').dispatchEvent(new KeyboardEvent('keydown', { key: 'Escape' }))");
+    memory(browser, &mut watch);
+}
+
+/// 100 edits first, after which all is as large as it gets, and then 500.
+fn memory(browser: &mut Browser, watch: &mut Watch) {
+    let held = |browser: &mut Browser| {
+        browser.call("HeapProfiler.collectGarbage", json!({}));
+        let page = browser.call("Runtime.getHeapUsage", json!({}));
+        ["usedSize", "backingStorageSize"].map(|part| page[part].as_f64().unwrap_or_default() / 1e6)
+    };
+    let edits = |browser: &mut Browser, watch: &mut Watch, from: usize, to: usize| {
+        for k in from..to {
+            let before = drawn(browser);
+            watch.save(&watch.with(300.0 + k as f64));
+            next_drawn(browser, before);
+        }
+    };
+    edits(browser, watch, 0, 100);
+    let (page, program) = (held(browser), watch.memory());
+    edits(browser, watch, 100, 600);
+    let (page_after, program_after) = (held(browser), watch.memory());
+    say(&format!(
+        "memory before and after 500 edits: page {:.1} and {:.1} MB of objects, {:.1} and {:.1} MB of buffers, program {program:.0} and \
+         {program_after:.0} MB",
+        page[0], page_after[0], page[1], page_after[1]
+    ));
+}
+
+fn large(browser: &mut Browser) {
+    let watch = sheet(867);
+    open(browser, &watch, "turned");
+    let mut times = Vec::new();
+    let mut bytes = 0.0;
+    for k in 0..8 {
+        let before = drawn(browser);
+        watch.save(&watch.with(f64::from(k) + 0.5));
+        next_drawn(browser, before);
+        let measure = "(() => { const [it] = performance.getEntriesByName('value'); return [it.duration, it.detail.bytes]; })()";
+        let measured = browser.ask(measure);
+        times.push(measured[0].as_f64().expect("a time"));
+        bytes = measured[1].as_f64().expect("a number");
+    }
+    say_times("from the message to the buffers, 1.5 million triangles that moved", times);
+    say(&format!("for which {:.1} MB were sent", bytes / 1e6));
+}
+
+fn local(browser: &mut Browser) {
+    let watch = doll();
+    open(browser, &watch, "model");
+    let bytes = "performance.getEntriesByName('value')[0].detail.bytes";
+    let all = "performance.getEntriesByType('resource').filter((it) => it.name.includes('/column/')).reduce((sum, it) => sum + \
+               it.encodedBodySize, 0)";
+    let all = browser.ask(all).as_f64().expect("a number");
+    let before = drawn(browser);
+    watch.save(&watch.with(13.0));
+    next_drawn(browser, before);
+    let moved = browser.ask(bytes).as_f64().expect("a number");
+    let share = 100.0 * moved / all;
+    say(&format!(
+        "another nose of the doll: {:.2} of {:.2} MB, {share:.1} %",
+        moved / 1e6,
+        all / 1e6
+    ));
+}
+
+fn tabs() {
+    let watch = doll();
+    let mut browsers = Vec::from_iter((0..8).filter_map(|_| Browser::start()));
+    browsers.iter_mut().for_each(|browser| open(browser, &watch, "raised"));
+    let before = Vec::from_iter(browsers.iter_mut().map(drawn));
+    let saved = now();
+    watch.save(&watch.with(14.0));
+    let shown =
+        browsers.iter_mut().zip(before).map(|(browser, before)| next_drawn(browser, before));
+    let last = shown.fold(0.0, f64::max);
+    say(&format!("from a save to the pixels of eight pages: {:.0} ms", last - saved));
+}
+
+/// A watch with a live page.
+struct Watch {
+    folder: tempfile::TempDir,
+    text: String,
+    process: Child,
+    link: String,
+}
+
+impl Watch {
+    fn start(folder: tempfile::TempDir, text: &str) -> Self {
+        std::fs::write(folder.path().join("graph.ron"), text).expect("a file");
+        let mut process = Command::new(env!("CARGO_BIN_EXE_maquette"))
+            .args(["watch", "graph.ron", "--events", "--threads", "2", "--preview"])
+            .current_dir(folder.path())
+            .env("MAQUETTE_CACHE", folder.path().join("cache"))
+            .env("XDG_STATE_HOME", folder.path().join("state"))
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the program runs");
+        let mut events = BufReader::new(process.stdout.take().expect("its stdout")).lines();
+        let mut link = String::new();
+        for line in events.by_ref().map_while(Result::ok) {
+            let event: Json = serde_json::from_str(&line).expect("an event");
+            if event["event"] == "page" {
+                event["link"].as_str().expect("a link").clone_into(&mut link);
+            }
+            if event["event"] == "done" {
+                break;
+            }
+        }
+        std::thread::spawn(move || events.for_each(drop));
+        Self { folder, text: text.to_owned(), process, link }
+    }
+
+    /// Saves as most editors do, by renaming.
+    fn save(&self, text: &str) {
+        let graph = self.folder.path().join("graph.ron");
+        let temporary = graph.with_extension("new");
+        std::fs::write(&temporary, text).expect("a file");
+        std::fs::rename(temporary, graph).expect("a save");
+    }
+
+    /// The graph with this parameter.
+    fn with(&self, value: f64) -> String {
+        self.text.replace("default: 12.0", &format!("default: {value:.2}"))
+    }
+
+    /// Megabytes that the program holds.
+    fn memory(&self) -> f64 {
+        let path = format!("/proc/{}/status", self.process.id());
+        let status = std::fs::read_to_string(path).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap_or_default();
+        let number = line.split_whitespace().next().and_then(|number| number.parse().ok());
+        number.map_or(f64::NAN, |kilobytes: f64| kilobytes / 1e3)
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
