@@ -59,6 +59,9 @@ function answer(id, found) {
  */
 const nodes = new Map();
 
+/** Whether a run is under way, and not only something looked at. */
+let isRunning = false;
+
 /**
  * The same of nodes under way, from before they began.
  * @type {Map<string, import("./types").NodeState>}
@@ -107,6 +110,7 @@ const hear = {
     showProfile();
   },
   run(message) {
+    isRunning = true;
     showRun("running ...", "running");
     viewer.at(message.run);
   },
@@ -128,6 +132,7 @@ const hear = {
     note(message.node, { ...nodes.get(message.node), state: "started" });
   },
   cancelled() {
+    isRunning = false;
     // What was begun is as it was.
     for (const [name, node] of before) note(name, node);
     before.clear();
@@ -136,13 +141,18 @@ const hear = {
     showRun(`running ${message.node}, ${Math.round(100 * message.share)} %`, "running");
   },
   finished(message) {
+    const old = before.get(message.node);
     before.delete(message.node);
-    note(message.node, message);
+    // Who only looks runs nothing: what was found as it was is still what the last run has made of it.
+    const isAsItWas = message.state === "cached" || message.state === "equal";
+    if (isRunning || !isAsItWas || nodes.get(message.node)?.reason === undefined) note(message.node, message);
+    else if (old !== undefined) note(message.node, old);
   },
   problems(message) {
     showProblems(message.problems, message.more_problems ?? 0);
   },
   done(message) {
+    isRunning = false;
     for (const node of message.nodes) note(node.name, node);
     showProfile();
     const { failed, skipped, computed, cached } = message;

@@ -1,7 +1,7 @@
 //! The live page in a real browser.
 
 use std::io::{Read, Write};
-use std::net::TcpListener;
+use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
 use serde_json::json;
@@ -274,6 +274,12 @@ fn boxes_are_colored_by_state_time_or_bytes() {
         let least = boxes.map(|it| it["contrast"].as_f64().unwrap()).fold(f64::MAX, f64::min);
         (std::collections::BTreeSet::from_iter(fills), least)
     };
+    // To look at something is no run: times are still those of the last one.
+    browser.ask("document.querySelector('svg .node[data-name=grid]').focus()");
+    browser.press("Enter", 0);
+    browser.wait(&format!("{CAPTION}.startsWith('grid.mesh of')"));
+    let state = "document.querySelector('svg .node[data-name=grid]').dataset.state";
+    assert_eq!(browser.ask(state), "computed");
     for scheme in ["light", "dark"] {
         let media = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
         browser.call("Emulation.setEmulatedMedia", media);
@@ -283,7 +289,9 @@ fn boxes_are_colored_by_state_time_or_bytes() {
         for what in ["time", "bytes"] {
             choose(&mut browser, what);
             let (fills, contrast) = colors(&mut browser);
-            assert!(fills.len() > 3, "{scheme}, {what}: {fills:?}");
+            // On a busy machine one node may take nearly all of the time.
+            let least = if what == "time" { 2 } else { 4 };
+            assert!(fills.len() >= least, "{scheme}, {what}: {fills:?}");
             assert!(contrast > 4.5, "{scheme}, {what}: {contrast}");
         }
     }
@@ -345,7 +353,9 @@ fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
     let mut served = Served::new(&project);
     served.watch.run_until_ok();
     let resolver = "--host-resolver-rules=MAP evil.example 127.0.0.1";
-    let Some(mut browser) = Browser::start_with(&[resolver, "--no-proxy-server"]) else { return };
+    // Neither a proxy nor a try with TLS in between.
+    let plain = ["--no-proxy-server", "--disable-features=HttpsUpgrades,HttpsFirstBalancedMode"];
+    let Some(mut browser) = Browser::start_with(&[resolver, plain[0], plain[1]]) else { return };
     let port = served.host.rsplit(':').next().unwrap();
     browser.open(&format!("http://evil.example:{port}/"));
     browser.wait("location.host.startsWith('evil.example') && document.readyState === 'complete'");
@@ -356,15 +366,16 @@ fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
     // A page of somebody else's, which may do whatever browsers let it do, and even knows the token.
     let foreign = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = foreign.local_addr().unwrap();
+    // A browser opens connections that it may never use.
+    let answer = |mut stream: TcpStream| {
+        let _ = stream.read(&mut [0; 4096]);
+        let page = "<!doctype html><title>foreign</title>";
+        let head = "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nConnection: close\r\n";
+        let _ = write!(stream, "{head}Content-Length: {}\r\n\r\n{page}", page.len());
+    };
     std::thread::spawn(move || {
-        for mut stream in foreign.incoming().flatten() {
-            let _ = stream.read(&mut [0; 4096]);
-            let page = "<!doctype html><title>foreign</title>";
-            let length = page.len();
-            let _ = write!(
-                stream,
-                "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{page}"
-            );
+        for stream in foreign.incoming().flatten() {
+            std::thread::spawn(move || answer(stream));
         }
     });
     let socket = |host: &str, token: &str| {

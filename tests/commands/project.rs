@@ -266,7 +266,8 @@ impl Run {
 
 impl Watch {
     fn next(&mut self) -> Json {
-        self.events.recv_timeout(PATIENCE).expect("the program goes on telling")
+        let told = self.events.recv_timeout(PATIENCE);
+        told.unwrap_or_else(|why| panic!("nothing is told: {why}, {:?}", self.process.try_wait()))
     }
 
     /// The next event that is wanted; those before it are dropped.
