@@ -14,6 +14,22 @@ export function element(name, attributes = {}, text = "") {
   return made;
 }
 
+const SVG = "http://www.w3.org/2000/svg";
+
+/**
+ * A new part of a picture.
+ * @template {keyof SVGElementTagNameMap} Name
+ * @param {Name} name
+ * @param {Record<string, string | number>} [attributes]
+ * @param {string} [text]
+ */
+export function shape(name, attributes = {}, text = "") {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, String(value));
+  made.textContent = text;
+  return made;
+}
+
 /**
  * The element that the page has from the start.
  * @param {string} id

@@ -1,25 +1,11 @@
 // The graph as a picture: boxes for nodes and files, links between them, and the state of each node.
 
-const SVG = "http://www.w3.org/2000/svg";
+import { shape } from "./element.js";
 
 /** The heights of a box's head and of one letter above the line. */
 const [HEAD, BASE] = [38, 4];
 
 /** @typedef {import("./types").Box} Box */
-
-/**
- * A new part of the picture.
- * @template {keyof SVGElementTagNameMap} Name
- * @param {Name} name
- * @param {Record<string, string | number>} [attributes]
- * @param {string} [text]
- */
-function shape(name, attributes = {}, text = "") {
-  const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, String(value));
-  made.textContent = text;
-  return made;
-}
 
 export class Graph {
   /**

@@ -314,7 +314,7 @@ function showFacts(name) {
     ["takes", box.inputs.map((port) => port.name).join(", ")],
     ["gives", box.outputs.map((port) => `${port.name}: ${port.type}`).join(", ")],
   ];
-  const table = tableOf(rows.filter(([, value]) => value));
+  const table = tableOf(/** @type {[string, any][]} */ (rows.filter(([, value]) => value)));
   const hadFocus = by("node").contains(document.activeElement);
   by("node").replaceChildren(table);
   const { file, line, column } = box;
@@ -325,15 +325,35 @@ function showFacts(name) {
   if (hadFocus) button.focus();
 }
 
-/** @param {string[][]} rows labels and what is said of them */
+/** @param {[string, any][]} rows labels and what is said of them */
 function tableOf(rows) {
   const table = element("table");
-  for (const [label, value] of rows) {
+  for (const [label, fact] of rows) {
     const row = element("tr");
-    row.append(element("th", { scope: "row" }, label), element("td", {}, value));
+    const cell = element("td");
+    cell.append(...inPage(fact));
+    row.append(element("th", { scope: "row" }, label), cell);
     table.append(row);
   }
   return table;
+}
+
+/**
+ * A fact as it is read: numbers with six digits, counts as bars over what they count.
+ * @param {any} fact
+ * @returns {(string | HTMLElement)[]}
+ */
+function inPage(fact) {
+  if (typeof fact === "number") return [String(Number(fact.toPrecision(6)))];
+  if (Array.isArray(fact)) return [fact.flatMap(inPage).join(", ")];
+  if (!Array.isArray(fact?.counts)) return [typeof fact === "string" ? fact : JSON.stringify(fact)];
+  const { from, to, counts } = fact;
+  const bars = element("canvas", { class: "counts", width: 8 * counts.length, height: 40, role: "img", "aria-label": `counts from ${from} to ${to}` });
+  const pen = bars.getContext("2d");
+  if (pen) pen.fillStyle = getComputedStyle(document.body).getPropertyValue("--quiet");
+  const most = Math.max(1, ...counts);
+  counts.forEach((/** @type {number} */ count, /** @type {number} */ k) => pen?.fillRect(8 * k, 40 - (40 * count) / most, 7, (40 * count) / most));
+  return [bars, `${inPage(from)} to ${inPage(to)}`];
 }
 
 /** How long a value must stay before it is asked what is to be known of it, in milliseconds. */
@@ -353,7 +373,7 @@ function askFacts() {
     /** @type {[string, any][]} */
     const rows = await fetch(`/facts/${value.hash}`).then((answer) => (answer.ok ? answer.json() : []), () => []);
     if (viewer.main.value?.hash !== value.hash) return;
-    by("facts").replaceChildren(tableOf([["type", value.type], ...rows.map(([label, fact]) => [label, typeof fact === "string" ? fact : JSON.stringify(fact)])]));
+    by("facts").replaceChildren(tableOf([["type", value.type], ...rows.filter(([, fact]) => fact !== "")]));
   }, CALM);
 }
 

@@ -80,12 +80,13 @@ float line(float x) {
 }
 void main() {
   vec3 n = length(towards) > 1e-6 ? normalize(towards) : vec3(0.0, 0.0, 1.0);
-  if (!gl_FrontFacing) {
-    pixel = srgb(lit(vec3(0.413, 0.054, 0.042), -n));
-    return;
-  }
   vec3 color = vec3(0.617, 0.571, 0.515);
   float mark = 0.0;
+  if (isolines && paint != ${PAINTS.field}) mark = max(line(grid.x * steps), line(grid.y * steps));
+  if (!gl_FrontFacing) {
+    pixel = srgb(lit(mix(vec3(0.413, 0.054, 0.042), vec3(0.02), 0.75 * mark), -n));
+    return;
+  }
   if (paint == ${PAINTS.color}) color = tint;
   if (paint == ${PAINTS.texture}) color = texture(picture, vec2(place.x, 1.0 - place.y)).rgb;
   if (paint == ${PAINTS.normal}) { pixel = vec4(0.5 + 0.5 * n, 1.0); return; }
@@ -94,7 +95,7 @@ void main() {
     bool known = !(isnan(number) || isinf(number));
     color = known ? linear(texture(ramp, vec2(clamp(share, 0.001, 0.999), 0.5)).rgb) : vec3(0.1);
     if (isolines && known) mark = line(share * steps);
-  } else if (isolines) mark = max(line(grid.x * steps), line(grid.y * steps));
+  }
   pixel = srgb(lit(mix(color, vec3(0.02), 0.75 * mark), n));
 }`,
 };
@@ -155,7 +156,7 @@ const PLAIN = [24, 26, 32];
 export const STEPS = 12;
 
 /** At so many vertices normals are drawn. */
-const MOST_NORMALS = 20_000;
+const MOST_NORMALS = 6000;
 
 /**
  * The range of numbers that colors stand for: without the few at either end that would leave no color for the rest, and the same on
@@ -355,8 +356,12 @@ export class Painter {
       if (look.wire && shape.edge !== null) {
         this.#attribute(0, shape.position, 3, gl.FLOAT);
         this.buffer(shape.edge, gl.ELEMENT_ARRAY_BUFFER);
-        gl.uniform4f(this.programs.lines.at("color"), 0.07, 0.09, 0.12, 1);
+        // Many edges in a small place do not hide the faces.
+        gl.uniform4f(this.programs.lines.at("color"), 0.03, 0.05, 0.08, 0.45);
+        gl.enable(gl.BLEND);
+        gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
         gl.drawElements(gl.LINES, shape.edge.bytes.length / 4, gl.UNSIGNED_INT, 0);
+        gl.disable(gl.BLEND);
       }
       if (look.normals && !shape.solid) this.#normals(scene, k, shape, camera.radius / space.scale);
     }
@@ -462,7 +467,7 @@ export class Painter {
       for (let at = 0; at < normals.length; at += stride) {
         const start = [0, 1, 2].map((axis) => places[3 * at + axis]);
         const along = [0, 1, 2].map((axis) => (normals[at] << (22 - 10 * axis)) >> 22);
-        ends.push(...start, ...start.map((x, axis) => x + (0.04 * radius * along[axis]) / 511));
+        ends.push(...start, ...start.map((x, axis) => x + (0.03 * radius * along[axis]) / 511));
       }
       lines = new Column(name, new Uint8Array(new Float32Array(ends).buffer));
       this.columns.all.set(name, lines);

@@ -5,9 +5,6 @@ import { RAMPS, rampColor } from "./painter.js";
 
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 
-/** Colors of series, as they are drawn. */
-const SERIES = ["#5c98e8", "#be5028", "#468c5a", "#d6aa3c"];
-
 const number = (/** @type {number} */ x) => String(Number(x.toPrecision(3)));
 
 export class Tools {
@@ -72,10 +69,9 @@ export class Tools {
   /** Shows what fits to the value. */
   show() {
     const { viewer } = this;
-    const value = viewer.main.value;
     const choices = this.#choices();
     const paints = this.#paints();
-    const drawn = JSON.stringify([choices, paints, viewer.look.paint, value?.series]);
+    const drawn = JSON.stringify([choices, paints, viewer.look.paint]);
     if (drawn !== this.drawn) {
       this.drawn = drawn;
       const active = this.bar.contains(document.activeElement) ? document.activeElement?.getAttribute("data-key") : null;
@@ -115,9 +111,8 @@ export class Tools {
   /** Says what colors stand for. */
   #explain() {
     const { viewer } = this;
-    const series = viewer.main.value?.series ?? null;
     const range = viewer.painter === null || viewer.isFlat ? null : viewer.range();
-    const explained = JSON.stringify([range, series]);
+    const explained = JSON.stringify(range);
     if (explained === this.explained) return;
     this.explained = explained;
     const parts = [];
@@ -133,13 +128,6 @@ export class Tools {
       const ends = element("p", { class: "ends" });
       ends.append(element("span", {}, least < low ? `≤ ${number(low)}` : number(low)), element("span", {}, most > high ? `≥ ${number(high)}` : number(high)));
       parts.push(element("p", {}, field.name), bar, ends);
-    }
-    for (const [k, { name, at, numbers }] of (series ?? []).entries()) {
-      const row = element("p", { class: "series" });
-      const mark = element("span", { class: "mark" });
-      mark.style.background = SERIES[k % SERIES.length];
-      row.append(mark, numbers === null ? `${name}: no numbers` : `${name}: ${number(numbers[0])} to ${number(numbers[1])}${at === null ? "" : `, at ${number(at[0])} to ${number(at[1])}`}`);
-      parts.push(row);
     }
     this.legend.hidden = parts.length === 0;
     this.legend.replaceChildren(...parts);

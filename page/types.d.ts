@@ -82,6 +82,9 @@ export type Space = {
   shapes: Omit<ShapeOf<string>, "picture" | "field">[];
 };
 
+/** Numbers over an axis; what is not finite is `null`. */
+export type Series = { name: string; at: number[]; numbers: number[] };
+
 /** What a value is and what is seen of it. */
 export type Value = Viewed & {
   run: number;
@@ -90,7 +93,7 @@ export type Value = Viewed & {
   hash: string;
   picture: { size: [number, number]; pixels: Pixels; capture: { scale: [number, number]; offset: [number, number] } | null } | null;
   space: Space | null;
-  series: { name: string; at: [number, number] | null; numbers: [number, number] | null }[] | null;
+  series: Series[] | null;
 };
 
 /** What is asked about a place under the pointer. */

@@ -3,6 +3,7 @@
 import { Camera } from "./camera.js";
 import { find } from "./element.js";
 import { Painter, rangeOf } from "./painter.js";
+import { Plot } from "./plot.js";
 import { Pointer } from "./pointer.js";
 import { Scene, columnsOf, fieldOf, isFlat } from "./scene.js";
 import { Tools } from "./tools.js";
@@ -68,6 +69,7 @@ export class Viewer {
     this.canvas = find(place, "canvas", HTMLCanvasElement);
     this.painter = Painter.on(this.canvas);
     this.canvas.hidden = this.painter === null;
+    this.plot = new Plot(find(place, ".plot", HTMLElement));
     this.tools = new Tools(place, this);
     this.pointer = new Pointer(this);
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
@@ -301,6 +303,7 @@ export class Viewer {
     this.#keepAddress();
     this.#caption();
     this.tools.show();
+    this.plot.show(this.main.value?.series ?? null, this.pinned?.value?.series ?? []);
     if (this.painter === null) this.#askPicture();
     else this.frameId ??= requestAnimationFrame(() => this.#draw());
   }
@@ -421,12 +424,12 @@ export class Viewer {
     if (viewed !== null && value !== null) {
       const behind = Math.max(0, this.run - value.run);
       const age = value.live ? ", not in the file yet" : behind > 0 ? `, ${behind} ${behind === 1 ? "run" : "runs"} behind` : "";
-      const seen = value.picture || value.space ? "" : ": nothing of it can be seen";
+      const seen = value.picture || value.space || value.series ? "" : ": nothing of it can be seen";
       text = `${viewed.node}.${viewed.output} of run ${value.run}${age}${seen}`;
       this.caption.dataset.behind = String(behind);
     }
     if (this.caption.textContent !== text) this.caption.textContent = text;
-    this.surface.setAttribute("aria-label", value !== null && !this.isFlat ? `${text}, ${this.direction}` : text);
+    this.surface.setAttribute("aria-label", value?.space && !this.isFlat ? `${text}, ${this.direction}` : text);
     this.picture.alt = text;
   }
 

@@ -43,6 +43,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/columns.js", SCRIPT, include_str!("../../page/columns.js")),
     ("/scene.js", SCRIPT, include_str!("../../page/scene.js")),
     ("/painter.js", SCRIPT, include_str!("../../page/painter.js")),
+    ("/plot.js", SCRIPT, include_str!("../../page/plot.js")),
     ("/pointer.js", SCRIPT, include_str!("../../page/pointer.js")),
     ("/tools.js", SCRIPT, include_str!("../../page/tools.js")),
     ("/socket.js", SCRIPT, include_str!("../../page/socket.js")),

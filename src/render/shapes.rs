@@ -53,7 +53,7 @@ pub(crate) struct Field {
     pub(crate) on: On,
     /// The least and the greatest of them.
     pub(crate) range: [f64; 2],
-    /// What all but a fiftieth at either end are between.
+    /// What most of them are between: a few that are far off leave colors for the rest.
     pub(crate) usual: [f64; 2],
 }
 
@@ -200,12 +200,15 @@ impl Shape {
             if numbers.is_empty() {
                 return None;
             }
-            let rank = (numbers.len() - 1) / 50;
-            let last = numbers.len() - 1 - rank;
-            let low = *numbers.select_nth_unstable_by(rank, f64::total_cmp).1;
+            let tenth = (numbers.len() - 1) / 10;
+            let last = numbers.len() - 1 - tenth;
+            let low = *numbers.select_nth_unstable_by(tenth, f64::total_cmp).1;
             let high = *numbers.select_nth_unstable_by(last, f64::total_cmp).1;
+            let more = (high - low) / 2.0;
+            let usual = [range[0].max(low - more), range[1].min(high + more)];
+            let usual = if low < high { usual } else { range };
             let name = name.to_owned();
-            Some(Field { name, on, range, usual: [low, high] })
+            Some(Field { name, on, range, usual })
         };
         named.filter_map(field).collect()
     }
