@@ -13,7 +13,7 @@ const [LEFT, TOP, RIGHT, BOTTOM] = [70, 34, 20, 34];
 /** Numbers that are so many times as large as others are seen with them only by their powers of ten. */
 const MANY = 100;
 
-const word = (/** @type {number} */ x) => (x !== 0 && (Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3) ? x.toExponential(0) : String(Number(x.toPrecision(4))));
+const word = (/** @type {number} */ x) => (x !== 0 && (Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3) ? x.toExponential(1).replace(".0", "") : String(Number(x.toPrecision(4))));
 
 /**
  * Round numbers from one to another.
@@ -83,8 +83,8 @@ export class Plot {
       picture.append(line);
       if (isHeld) return;
       const last = numbers.findLast(known);
-      picture.append(shape("rect", { x: LEFT + 170 * k, y: 10, width: 10, height: 10, fill: color }));
-      picture.append(shape("text", { x: LEFT + 170 * k + 16, y: 19 }, last === undefined ? name : `${name}, last ${word(last)}`));
+      picture.append(shape("rect", { x: width - RIGHT - 170 * (series.length - k), y: 10, width: 10, height: 10, fill: color }));
+      picture.append(shape("text", { x: width - RIGHT - 170 * (series.length - k) + 16, y: 19 }, last === undefined ? name : `${name}, last ${word(last)}`));
     };
     held.forEach((one, k) => draw(one, k, true));
     series.forEach((one, k) => draw(one, k, false));

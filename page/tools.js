@@ -138,7 +138,7 @@ export class Tools {
     const { pinned, wipe } = this.viewer;
     const viewed = pinned?.viewed;
     const text = !viewed ? "" : pinned.value === null ? `${viewed.node}.${viewed.output}` : `${viewed.node}.${viewed.output} of run ${pinned.value.run}${pinned.held ? ", held" : ""}`;
-    this.line.hidden = pinned === null;
+    this.line.hidden = pinned === null || Boolean(this.viewer.main.value?.series);
     this.line.style.left = `${100 * (wipe ?? 0.5)}%`;
     if (this.pins === text) return;
     this.pins = text;
