@@ -44,7 +44,7 @@ impl Pickable {
         let layers = value.show();
         let meshes = || layers.iter().filter_map(mesh_of);
         let first = meshes().next().map(axes_of_mesh);
-        let axes = first.or_else(|| layers.iter().find_map(axes_of)).unwrap_or_default();
+        let axes = first.or_else(|| layers.iter().find_map(Layer::axes)).unwrap_or_default();
         let trees = meshes().map(TriangleTree::new).collect();
         Self { axes, layers, trees }
     }
@@ -58,7 +58,7 @@ impl Pickable {
         }
         let found = self.face(sight).or_else(|| self.point(sight))?;
         let told =
-            |place: Point3<f64>| Json::from(turned(place, found.axes, self.axes).coords.as_slice());
+            |place: Point3<f64>| Json::from(found.axes.turned(place, self.axes).coords.as_slice());
         let (vertex, vertex_at) = found.vertex;
         let mut fields = json!({
             "kind": found.kind,
@@ -108,7 +108,7 @@ impl Pickable {
     fn point(&self, sight: &Sight) -> Option<Found<'_>> {
         let mut best: Option<(f64, Found<'_>)> = None;
         for layer in &self.layers {
-            let Some(axes) = axes_of(layer) else { continue };
+            let Some(axes) = layer.axes() else { continue };
             let cone = Cone::new(self.ray(sight, axes), sight.radius.unwrap_or(RADIUS))?;
             let (kind, nearest) = match layer {
                 Layer::Points(cloud) => {
@@ -142,7 +142,7 @@ impl Pickable {
 
     /// The ray in the axes of a layer.
     fn ray(&self, sight: &Sight, axes: Axes) -> (Point3<f64>, Vector3<f64>) {
-        let turn = |place: [f64; 3]| turned(place.into(), self.axes, axes);
+        let turn = |place: [f64; 3]| self.axes.turned(place.into(), axes);
         (turn(sight.origin), turn(sight.direction).coords)
     }
 }
@@ -191,21 +191,6 @@ fn axes_of_mesh(mesh: &Mesh) -> Axes {
     if mesh.frame().is_some() { Axes::Sensor } else { Axes::Upright }
 }
 
-/// The axes of points, lines and arrows.
-fn axes_of(layer: &Layer) -> Option<Axes> {
-    match layer {
-        Layer::Points(cloud) => Some(cloud.axes),
-        Layer::Lines(lines) => Some(lines.axes),
-        Layer::Arrows(arrows) => Some(arrows.axes),
-        Layer::Picture(_) | Layer::Triangles(_) | Layer::Plot(_) => None,
-    }
-}
-
-/// A place, or a direction, in other axes: half a turn about x leads from the sensor's to upright ones, and back.
-fn turned(place: Point3<f64>, from: Axes, to: Axes) -> Point3<f64> {
-    if from == to { place } else { Point3::new(place.x, -place.y, -place.z) }
-}
-
 /// What the attributes of an element are, by name.
 fn values(attributes: &Attributes, element: usize) -> Json {
     let value = |attribute: &Attribute| match attribute {
@@ -229,7 +214,7 @@ mod tests {
     use crate::value::{Arrows, Cloud, Faces, Lines, Points};
 
     fn pick(layers: Vec<Layer>, sight: &Json) -> Json {
-        let axes = layers.iter().find_map(axes_of).unwrap_or_default();
+        let axes = layers.iter().find_map(Layer::axes).unwrap_or_default();
         let trees = layers.iter().filter_map(mesh_of).map(TriangleTree::new).collect();
         let sight = Sight::deserialize(sight).unwrap();
         Pickable { axes, layers, trees }.pick(&sight).unwrap_or_default()

@@ -37,35 +37,23 @@ pub fn render_layers(layers: &[Layer], view: &View) -> Option<Image> {
 /// The faces of some layers, and solids for all else that lies in space, with whether they are solids; and the axes of the value: those
 /// of the faces, or of the first layer if there are none, where the solids have them too, unless others are asked for.
 pub(super) fn meshes_of(layers: &[Layer], alone: Option<Axes>) -> (Vec<(Mesh, bool)>, Axes) {
+    let is_faces = |layer: &&Layer| matches!(layer, Layer::Triangles(_));
+    let mut faces_first = layers.iter().filter(is_faces).chain(layers);
+    let axes = faces_first.find_map(Layer::axes).unwrap_or_default();
     let faces = layers.iter().filter_map(|layer| match layer {
         Layer::Triangles(mesh) => Some(&**mesh),
         _ => None,
     });
     let faces = Vec::from_iter(faces);
-    let axes = match faces.first() {
-        Some(first) if first.frame().is_some() => Axes::Sensor,
-        Some(_) => Axes::Upright,
-        None => layers.iter().find_map(axes_of).unwrap_or_default(),
-    };
     let drawn = if faces.is_empty() { alone.unwrap_or(axes) } else { axes };
     let solids = Solids::of(layers, drawn).mesh(&faces);
     let faces = faces.into_iter().map(|mesh| (mesh.clone(), false));
     (faces.chain(solids.map(|mesh| (mesh, true))).collect(), axes)
 }
 
-/// The axes of what is drawn as solids; none for anything else, and for plots.
-fn axes_of(layer: &Layer) -> Option<Axes> {
-    match layer {
-        Layer::Points(cloud) => Some(cloud.axes),
-        Layer::Lines(lines) => Some(lines.axes),
-        Layer::Arrows(arrows) => Some(arrows.axes),
-        Layer::Picture(_) | Layer::Triangles(_) | Layer::Plot(_) => None,
-    }
-}
-
 /// What a view aims at, with y up.
 fn aim(view: &View, axes: Axes) -> Option<Aim> {
-    let turn = |place| turned(place, axes, Axes::Upright);
+    let turn = |place| axes.turned(place, Axes::Upright);
     view.aim.map(|aim| match aim {
         Aim::Place(place) => Aim::Place(turn(place)),
         Aim::Box(low, high) => Aim::Box(turn(low), turn(high)),
@@ -91,22 +79,21 @@ impl Solids {
                     let color = |k: usize| colors.map_or(COLORS[0], |colors| colors[k]);
                     let places = cloud.points.positions().iter().enumerate();
                     let stride = places.len().div_ceil(MOST).max(1);
-                    let place = |(k, &point)| (turned(point, cloud.axes, axes), color(k));
+                    let place = |(k, &point)| (cloud.axes.turned(point, axes), color(k));
                     all.points.extend(places.step_by(stride).map(place));
                 }
                 Layer::Lines(lines) => {
                     let at = |&k: &u32| lines.points.get(k as usize).copied();
                     for ends in lines.chains.iter().flat_map(|chain| chain.windows(2)) {
                         let [Some(a), Some(b)] = [at(&ends[0]), at(&ends[1])] else { continue };
-                        all.lines
-                            .push(([a, b].map(|end| turned(end, lines.axes, axes)), COLORS[1]));
+                        all.lines.push(([a, b].map(|end| lines.axes.turned(end, axes)), COLORS[1]));
                     }
                 }
                 Layer::Arrows(arrows) => {
                     let ends = arrows.from.iter().zip(arrows.to.iter());
                     all.arrows.extend(
                         ends.map(|(&from, &to)| {
-                            [from, to].map(|end| turned(end, arrows.axes, axes))
+                            [from, to].map(|end| arrows.axes.turned(end, axes))
                         }),
                     );
                 }
@@ -187,11 +174,6 @@ impl Solids {
         let mesh = Mesh::new(positions, Faces::triangles(faces)).ok()?;
         mesh.with_vertex("color", Attribute::Color(colors.into())).ok()
     }
-}
-
-/// A place in other axes.
-fn turned(point: Point3<f64>, from: Axes, to: Axes) -> Point3<f64> {
-    if from == to { point } else { Point3::new(point.x, -point.y, -point.z) }
 }
 
 /// A mesh that grows. What is not at a finite place is left out.

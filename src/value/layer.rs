@@ -64,6 +64,27 @@ pub enum Axes {
     Sensor,
 }
 
+impl Axes {
+    /// A place with these axes in other ones: half a turn about x leads from the sensor's to upright ones, and back.
+    pub(crate) fn turned(self, place: Point3<f64>, to: Self) -> Point3<f64> {
+        if self == to { place } else { Point3::new(place.x, -place.y, -place.z) }
+    }
+}
+
+impl Layer {
+    /// The axes of what lies in space; none of pictures and plots.
+    pub(crate) fn axes(&self) -> Option<Axes> {
+        match self {
+            Self::Triangles(mesh) if mesh.frame().is_some() => Some(Axes::Sensor),
+            Self::Triangles(_) => Some(Axes::Upright),
+            Self::Points(cloud) => Some(cloud.axes),
+            Self::Lines(lines) => Some(lines.axes),
+            Self::Arrows(arrows) => Some(arrows.axes),
+            Self::Picture(_) | Self::Plot(_) => None,
+        }
+    }
+}
+
 /// Places that nothing connects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cloud {
