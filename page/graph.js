@@ -5,6 +5,9 @@ import { shape } from "./element.js";
 /** The heights of a box's head and of one letter above the line. */
 const [HEAD, BASE] = [38, 4];
 
+/** How small a graph is made to be seen as a whole. */
+const LEAST = 0.7;
+
 /** @typedef {import("./types").Box} Box */
 
 export class Graph {
@@ -37,6 +40,8 @@ export class Graph {
     const [width, height] = message.size;
     const picture = shape("svg", { width, height, viewBox: `0 0 ${width} ${height}` });
     picture.setAttribute("aria-label", message.doc || "graph");
+    // A wide graph is made smaller, as long as its words can be read.
+    picture.style.minWidth = `${LEAST * width}px`;
     const color = (/** @type {number | null} */ pack) => message.packs[pack ?? -1]?.color ?? "#767676";
     for (const link of message.links) {
       const pack = message.boxes[link.from].pack;
@@ -133,5 +138,6 @@ export class Graph {
    */
   choose(name) {
     for (const [other, part] of this.parts) part.setAttribute("aria-current", String(other === name));
+    this.parts.get(name ?? "")?.scrollIntoView({ block: "nearest", inline: "nearest" });
   }
 }
