@@ -44,6 +44,11 @@ export class Camera {
     this.distance = 1;
     /** Whether it is still where it was put to see all of something. */
     this.fits = true;
+    /**
+     * The box around that.
+     * @type {number[]}
+     */
+    this.box = [];
   }
 
   /** From the front again. */
@@ -84,6 +89,15 @@ export class Camera {
     this.distance = distance;
     this.target = /** @type {Vector} */ ([0, 1, 2].map((k) => middle[k] + this.radius * (turn[0][k] * aim[0] + turn[1][k] * aim[1] + turn[2][k] * aim[2])));
     this.fits = true;
+    this.box = [...low, ...high];
+  }
+
+  /**
+   * Stays where it is while something else is seen: that is not what it was put there for.
+   * @param {import("./scene.js").Space} space
+   */
+  stay({ low, high }) {
+    if ([...low, ...high].some((x, k) => x !== this.box[k])) this.fits = false;
   }
 
   /**
@@ -118,6 +132,15 @@ export class Camera {
     const length = (this.radius * this.distance * LENS) / this.zoom;
     this.target = /** @type {Vector} */ (this.target.map((x, k) => x - length * (right * turn[0][k] + up * turn[1][k])));
     this.fits = false;
+  }
+
+  /**
+   * How many pixels a mm is long at the distance of what it turns about.
+   * @param {number} width
+   * @param {number} height
+   */
+  pixels(width, height) {
+    return (Math.min(width, height) * this.zoom) / (2 * LENS * this.distance * this.radius);
   }
 
   /**
@@ -196,7 +219,7 @@ export class Camera {
    */
   numbers() {
     const angles = [this.yaw, this.pitch, this.zoom];
-    const all = this.fits ? angles : [...angles, ...this.target, this.radius, this.distance];
+    const all = this.fits || this.radius === 0 ? angles : [...angles, ...this.target, this.radius, this.distance];
     return all.map((number) => Number(number.toPrecision(6)));
   }
 

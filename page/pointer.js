@@ -177,8 +177,9 @@ export class Pointer {
   /** @param {MouseEvent} event */
   async #aim(event) {
     const question = this.#question(event);
+    const { pane } = this.#at(event);
     const answer = question?.ask === "pick" ? await this.viewer.query(question) : null;
-    const space = this.viewer.main.scene?.space;
+    const space = pane.scene?.space;
     if (!answer?.at || !space) return;
     this.viewer.camera.aim(/** @type {[number, number, number]} */ (answer.at.map((/** @type {number} */ x, /** @type {number} */ k) => space.up[k] * x)));
     this.viewer.redraw();

@@ -139,7 +139,11 @@ export class Viewer {
     const on = (words.get("look") ?? "").split(",");
     this.look = { paint: paint ?? "own", wire: on.includes("wire"), normals: on.includes("normals"), isolines: on.includes("isolines"), extra: !on.includes("bare"), flat: !on.includes("space") };
     const [pin, pinOutput] = [words.get("pin"), words.get("pinned")];
-    if (pin !== null && pinOutput !== null) this.pinned = new Pane({ node: pin, output: pinOutput });
+    if (pin !== null && pinOutput !== null) {
+      this.pinned = new Pane({ node: pin, output: pinOutput });
+      const wipe = Number(words.get("wipe") ?? NaN);
+      if (wipe >= 0 && wipe <= 1) this.wipe = wipe;
+    }
     return { node, output };
   }
 
@@ -153,7 +157,10 @@ export class Viewer {
     const words = on.filter(([, is]) => is).map(([word]) => word);
     if (words.length > 0) hash += put("look", words.join());
     if (this.look.paint !== "own") hash += put("paint", this.look.paint);
-    if (this.pinned?.viewed && !this.pinned.held) hash += put("pin", this.pinned.viewed.node) + put("pinned", this.pinned.viewed.output);
+    if (this.pinned?.viewed && !this.pinned.held) {
+      hash += put("pin", this.pinned.viewed.node) + put("pinned", this.pinned.viewed.output);
+      if (this.wipe !== null) hash += put("wipe", String(Number(this.wipe.toPrecision(3))));
+    }
     const { x, y, zoom } = this.flat;
     if (x !== 0.5 || y !== 0.5 || zoom !== 1) hash += put("flat", [x, y, zoom].map((number) => Number(number.toPrecision(6))).join());
     hash += put("camera", this.camera.numbers().join());
@@ -233,7 +240,9 @@ export class Viewer {
    * @param {Scene} scene
    */
   #frame({ space }) {
-    if (space !== null && !this.camera.suits(space)) this.camera.fit(space, this.canvas.clientWidth, this.canvas.clientHeight);
+    if (space === null) return;
+    if (this.camera.suits(space)) this.camera.stay(space);
+    else this.camera.fit(space, this.canvas.clientWidth, this.canvas.clientHeight);
   }
 
   /** Shows all of it, from where the camera is. */
