@@ -155,6 +155,9 @@ const PLAIN = [24, 26, 32];
 /** Lines of equal numbers between the ends of a range. */
 export const STEPS = 12;
 
+/** Edges are dark where faces are so many pixels wide. Those of smaller faces are fainter, so that they do not cover them, down to this. */
+const [ROOMY, FAINTEST] = [8, 0.06];
+
 /** At so many vertices normals are drawn. */
 const MOST_NORMALS = 6000;
 
@@ -349,15 +352,19 @@ export class Painter {
       gl.useProgram(this.programs.faces.program);
       gl.uniformMatrix4fv(this.programs.faces.at("clip"), false, clip);
       gl.uniformMatrix3fv(this.programs.faces.at("direction"), false, direction);
+      // The inner side of thin closed things would be seen at their rims, where it is as near as the outer one.
+      if (shape.solid) gl.enable(gl.CULL_FACE);
       this.#faces(shape, look, range);
+      gl.disable(gl.CULL_FACE);
       gl.disable(gl.POLYGON_OFFSET_FILL);
       gl.useProgram(this.programs.lines.program);
       gl.uniformMatrix4fv(this.programs.lines.at("clip"), false, clip);
       if (look.wire && shape.edge !== null) {
         this.#attribute(0, shape.position, 3, gl.FLOAT);
         this.buffer(shape.edge, gl.ELEMENT_ARRAY_BUFFER);
-        // Many edges in a small place do not hide the faces.
-        gl.uniform4f(this.programs.lines.at("color"), 0.03, 0.05, 0.08, 0.45);
+        const across = Math.max(...[0, 1, 2].map((k) => space.high[k] - space.low[k])) * camera.pixels(box.width, box.height);
+        const faceSize = across / Math.sqrt(shape.triangle.bytes.length / 12);
+        gl.uniform4f(this.programs.lines.at("color"), 0.07, 0.09, 0.12, Math.min(1, Math.max(FAINTEST, faceSize / ROOMY)));
         gl.enable(gl.BLEND);
         gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
         gl.drawElements(gl.LINES, shape.edge.bytes.length / 4, gl.UNSIGNED_INT, 0);
