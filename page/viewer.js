@@ -64,6 +64,7 @@ export class Viewer {
     this.frameId = undefined;
     this.tabs = find(place, ".tabs", HTMLElement);
     this.caption = find(place, ".caption", HTMLElement);
+    this.side = find(place, ".side", HTMLElement);
     this.frame = find(place, ".frame", HTMLElement);
     this.picture = find(place, "img", HTMLImageElement);
     this.canvas = find(place, "canvas", HTMLCanvasElement);
@@ -438,7 +439,9 @@ export class Viewer {
       this.caption.dataset.behind = String(behind);
     }
     if (this.caption.textContent !== text) this.caption.textContent = text;
-    this.surface.setAttribute("aria-label", value?.space && !this.isFlat ? `${text}, ${this.direction}` : text);
+    const side = value === null || this.isFlat || !value.space ? "" : this.direction;
+    if (this.side.textContent !== side) this.side.textContent = side;
+    this.surface.setAttribute("aria-label", side === "" ? text : `${text}, ${side}`);
     this.picture.alt = text;
   }
 
