@@ -14,6 +14,10 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Names of the browsers that speak the protocol.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
 
+/// What gives a browser WebGL on any machine, and the same colors on all.
+const DRAWN: [&str; 3] =
+    ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-color-profile=srgb"];
+
 /// A browser with one tab. It is killed at the end.
 pub(crate) struct Browser {
     process: Child,
@@ -26,14 +30,24 @@ pub(crate) struct Browser {
 }
 
 impl Browser {
-    /// Starts a browser. Where there is none says so and gives nothing; where checks are made for everybody that is a failure.
+    /// Starts a browser that draws with WebGL, without a graphics card. Where there is no browser says so and gives nothing; where
+    /// checks are made for everybody that is a failure.
     pub(crate) fn start() -> Option<Self> {
         Self::start_with(&[])
     }
 
     /// The same with these arguments.
-    #[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
     pub(crate) fn start_with(more: &[&str]) -> Option<Self> {
+        Self::start_only(&[&DRAWN[..], more].concat())
+    }
+
+    /// A browser that has no WebGL.
+    pub(crate) fn without_webgl() -> Option<Self> {
+        Self::start_only(&["--disable-gpu", "--disable-3d-apis"])
+    }
+
+    #[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
+    fn start_only(more: &[&str]) -> Option<Self> {
         let profile = tempfile::tempdir().unwrap();
         let Some(mut process) = BROWSERS.iter().find_map(|name| launch(name, profile.path(), more))
         else {
@@ -89,6 +103,13 @@ impl Browser {
         self.call("Page.navigate", json!({ "url": link }));
     }
 
+    /// Loads the page again, and waits till it is another one.
+    pub(crate) fn reload(&mut self) {
+        self.ask("window.before = 1");
+        self.call("Page.reload", json!({}));
+        self.wait("window.before === undefined && document.readyState === 'complete'");
+    }
+
     /// What an expression of JavaScript is.
     pub(crate) fn ask(&mut self, expression: &str) -> Json {
         let asked =
@@ -142,7 +163,7 @@ impl Browser {
 /// Starts a browser that listens to commands.
 fn launch(name: &str, profile: &std::path::Path, more: &[&str]) -> Option<Child> {
     let mut command = Command::new(name);
-    command.args(["--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0"]);
+    command.args(["--headless=new", "--no-sandbox", "--remote-debugging-port=0"]);
     command.args([
         "--no-first-run",
         "--disable-background-networking",

@@ -1,6 +1,7 @@
 //! The program as its users see it: what its commands do, say and write.
 
 mod blessing;
+mod canvas;
 mod command_line;
 mod doctor;
 mod faults;
@@ -18,3 +19,4 @@ mod watch;
 mod browser;
 mod editors;
 mod project;
+mod seen;

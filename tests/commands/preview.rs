@@ -49,7 +49,7 @@ impl Served {
     }
 
     /// The head and the body of the answer to a request with these headers.
-    fn ask(&self, path: &str, headers: &[(&str, &str)]) -> (String, Vec<u8>) {
+    pub(crate) fn ask(&self, path: &str, headers: &[(&str, &str)]) -> (String, Vec<u8>) {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let headers = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n"));
