@@ -21,6 +21,8 @@ export class Pane {
     /** @type {Scene | null} */
     this.scene = null;
     this.loading = false;
+    /** Whether the camera was where it is when this was first seen. */
+    this.isFramed = false;
     /** When the value was told, in milliseconds. */
     this.told = 0;
     /** Whether it stays as it is while the value changes. */
@@ -226,7 +228,8 @@ export class Viewer {
         performance.clearMeasures("value");
         performance.measure("value", { start: pane.told, detail: { bytes: this.painter.columns.received - received } });
         pane.scene = scene;
-        if (pane === this.main) this.#frame(scene);
+        if (pane === this.main) this.#frame(scene, !pane.isFramed);
+        pane.isFramed ||= scene.space !== null;
         this.redraw();
       }
     } catch {
@@ -237,12 +240,13 @@ export class Viewer {
   }
 
   /**
-   * A camera that sees nothing of a new value goes where it does; any other stays.
+   * A camera that does not see something else well goes where it does; while that changes it stays.
    * @param {Scene} scene
+   * @param {boolean} isNew whether it is something else
    */
-  #frame({ space }) {
+  #frame({ space }, isNew) {
     if (space === null) return;
-    if (this.camera.suits(space)) this.camera.stay(space);
+    if (!isNew || this.camera.suits(space)) this.camera.stay(space);
     else this.camera.fit(space, this.canvas.clientWidth, this.canvas.clientHeight);
   }
 
