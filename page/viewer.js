@@ -247,7 +247,7 @@ export class Viewer {
   #frame({ space }, isNew) {
     if (space === null) return;
     if (!isNew || this.camera.suits(space)) this.camera.stay(space);
-    else this.camera.fit(space, this.canvas.clientWidth, this.canvas.clientHeight);
+    else this.camera.fit(space, ...this.room);
   }
 
   /** Shows all of it, from where the camera is. */
@@ -255,7 +255,7 @@ export class Viewer {
     this.flat = { x: 0.5, y: 0.5, zoom: 1 };
     this.camera.zoom = 1;
     const space = this.main.scene?.space;
-    if (space) this.camera.fit(space, this.canvas.clientWidth, this.canvas.clientHeight);
+    if (space) this.camera.fit(space, ...this.room);
     this.redraw();
   }
 
@@ -292,6 +292,7 @@ export class Viewer {
     this.painter?.columns.use([...(scene?.columns.values() ?? [])], []);
     this.pinned = pinned;
     this.wipe = held ? 0.5 : null;
+    this.#refit();
     this.askAgain();
     this.redraw();
   }
@@ -301,6 +302,7 @@ export class Viewer {
     this.#drop(this.pinned);
     this.pinned = null;
     this.wipe = null;
+    this.#refit();
     this.askAgain();
     this.redraw();
   }
@@ -309,6 +311,7 @@ export class Viewer {
   toggleWipe() {
     if (this.pinned === null) this.pin(true);
     else this.wipe = this.wipe === null ? 0.5 : null;
+    this.#refit();
     this.redraw();
   }
 
@@ -322,9 +325,23 @@ export class Viewer {
     else this.frameId ??= requestAnimationFrame(() => this.#draw());
   }
 
-  #resized() {
+  /**
+   * The width and height in which the value is seen.
+   * @returns {[number, number]}
+   */
+  get room() {
+    const { width, height } = this.boxes(this.canvas.clientWidth, this.canvas.clientHeight).slice(-1)[0].box;
+    return [width, height];
+  }
+
+  /** A camera that sees all of something still does when there is more or less room. */
+  #refit() {
     const space = this.main.scene?.space;
-    if (space && this.camera.fits) this.camera.fit(space, this.canvas.clientWidth, this.canvas.clientHeight);
+    if (space && this.camera.fits) this.camera.fit(space, ...this.room);
+  }
+
+  #resized() {
+    this.#refit();
     // A canvas of another size is empty until it is drawn.
     if (this.painter !== null) this.#draw();
     this.redraw();

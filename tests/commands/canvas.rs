@@ -307,6 +307,23 @@ fn an_output_is_pinned_beside_another_and_both_are_turned() {
 }
 
 #[test]
+fn all_of_it_is_seen_in_the_half_beside_a_pinned_output() {
+    let Some(mut seen) = Seen::of(mark()) else { return };
+    let ends_of_blue = |image: &Image| {
+        let at =
+            |(at, [r, _, b]): (usize, &[u8; 3])| (*b > 100 && b > r).then_some(at % image.width());
+        let columns = image.pixels().iter().enumerate().filter_map(at);
+        [columns.clone().min().unwrap(), columns.max().unwrap()]
+    };
+    let whole = seen.canvas();
+    seen.press(&["p"]);
+    let [first, last] = ends_of_blue(&columns(&seen.canvas(), 240, 480));
+    assert!(first > 4 && first < 30 && last > 210 && last < 236, "{first} to {last}");
+    seen.press(&["u"]);
+    seen.becomes(&whole);
+}
+
+#[test]
 fn a_result_is_held_and_later_ones_are_compared_with_it() {
     let Some(mut seen) = Seen::of(Project::doll()) else { return };
     seen.press(&["ArrowRight"]);
