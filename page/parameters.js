@@ -109,15 +109,21 @@ export class Parameters {
     // The wheel scrolls; it does not change what the pointer happens to be over.
     number.addEventListener("wheel", (event) => event.preventDefault(), { passive: false });
     const put = this.#simple(row, number, "value", (text) => {
-      if (text !== "" && number.checkValidity()) commit(Number(text));
+      if (text !== "") commit(Number(text));
     });
     if (minimum === undefined || maximum === undefined) return put;
     const slider = element("input", { type: "range", min: minimum, max: maximum, step: isWhole ? 1 : (maximum - minimum) / 200, "aria-label": name });
     let isDragged = false;
+    // Whether the hand still holds what it has given up.
+    let isGivenUp = false;
     /** @type {any} */
     let last = null;
     const chosen = () => Number(Number(slider.value).toPrecision(6));
     slider.addEventListener("input", () => {
+      if (isGivenUp) {
+        slider.value = String(last);
+        return;
+      }
       number.value = String(chosen());
       isDragged = true;
       this.actions.drag(name, ron(chosen()));
@@ -134,21 +140,35 @@ export class Parameters {
       show(last);
     };
     slider.addEventListener("keydown", (event) => {
-      if (event.key === "Escape") drop();
+      if (event.key !== "Escape") return;
+      isGivenUp = isDragged;
+      drop();
     });
-    // A slider that comes back to where it was tells of no change.
-    slider.addEventListener("lostpointercapture", () => setTimeout(drop));
-    slider.addEventListener("pointerup", () => setTimeout(drop));
+    let ending = 0;
+    const finish = () => {
+      clearTimeout(ending);
+      drop();
+      isGivenUp = false;
+    };
+    // A slider that comes back to where it was tells of no change. What is said of one drag may come late, but not in the next one.
+    const end = () => {
+      clearTimeout(ending);
+      ending = setTimeout(finish);
+    };
+    for (const event of ["lostpointercapture", "pointerup", "pointercancel"]) slider.addEventListener(event, end);
+    slider.addEventListener("pointerdown", finish);
     slider.addEventListener("blur", drop);
-    number.addEventListener("input", () => {
-      slider.value = number.value;
-    });
+    const follow = () => {
+      if (number.value !== "") slider.value = number.value;
+    };
+    number.addEventListener("input", follow);
+    number.addEventListener("keydown", follow);
     row.append(slider);
     const show = (/** @type {any} */ value) => {
       last = value;
       if (isDragged) return;
       put(value);
-      if (document.activeElement !== number) slider.value = String(value);
+      follow();
     };
     return show;
   }
@@ -180,20 +200,25 @@ export class Parameters {
   #simple(row, input, property, commit) {
     const read = () => (property === "checked" ? /** @type {HTMLInputElement} */ (input).checked : input.value);
     const write = (/** @type {any} */ value) => Object.assign(input, { [property]: value });
-    /** @type {string | boolean | null} */
+    /** What stands in the file. @type {string | boolean | null} */
     let last = null;
+    /** What is to stand there. @type {string | boolean | null} */
+    let wanted = null;
     input.addEventListener("change", () => {
-      if (read() === last) return;
-      last = read();
-      commit(last);
+      if (read() === (wanted ?? last)) return;
+      wanted = read();
+      commit(wanted);
     });
     // What is being typed when another value comes is not lost, and can be given up.
     input.addEventListener("keydown", (event) => {
-      if (/** @type {KeyboardEvent} */ (event).key === "Escape") write(last);
+      if (/** @type {KeyboardEvent} */ (event).key !== "Escape") return;
+      wanted = null;
+      write(last);
     });
     row.append(input);
     return (value) => {
-      const isTyped = document.activeElement === input && read() !== last && last !== null;
+      const isTyped = document.activeElement === input && read() !== last && read() !== wanted && last !== null;
+      wanted = null;
       last = property === "checked" ? value : String(value);
       if (!isTyped) write(last);
     };
