@@ -21,7 +21,12 @@ const parameters = new Parameters(by("parameters"), {
     connection.send({ ask: "drag", values: [[name, value]] });
   },
   drop: () => connection.send({ ask: "drop" }),
-  want: (kind, done) => viewer.want(kind, done),
+  want(kind, done) {
+    by("refused").textContent = "";
+    viewer.want(kind, done, (why) => {
+      by("refused").textContent = why;
+    });
+  },
 });
 
 /**
@@ -383,6 +388,7 @@ document.addEventListener("keydown", (event) => {
     event.preventDefault();
     connection.send({ ask: "undo" });
   }
+  if (event.key === "Escape") viewer.stopWanting();
   const help = find(document.body, "#help", HTMLDialogElement);
   if (event.key === "?" && !isTyping && !help.open) help.showModal();
 });

@@ -22,6 +22,7 @@ export class Pointer {
     this.asking = false;
     /** @type {PointerEvent | null} */
     this.next = null;
+    this.isOver = false;
     for (const surface of [viewer.canvas, viewer.picture]) this.#listen(surface);
   }
 
@@ -79,7 +80,11 @@ export class Pointer {
         if (was && end === "pointerup" && this.moved < STILL) this.#click(event);
       });
     }
-    surface.addEventListener("pointerleave", () => viewer.tools.tell(""));
+    surface.addEventListener("pointerleave", () => {
+      this.next = null;
+      this.isOver = false;
+      viewer.tools.tell("");
+    });
     surface.addEventListener("contextmenu", (event) => event.preventDefault());
     surface.addEventListener("dblclick", (event) => this.#aim(event));
     surface.addEventListener("wheel", (event) => {
@@ -159,6 +164,7 @@ export class Pointer {
    * @param {PointerEvent} event
    */
   async #probe(event) {
+    this.isOver = true;
     if (this.asking) {
       this.next = event;
       return;
@@ -168,7 +174,7 @@ export class Pointer {
     this.asking = true;
     const answer = await this.viewer.query(question);
     this.asking = false;
-    this.viewer.tools.tell(answer === null ? "" : inWords(question, answer));
+    this.viewer.tools.tell(answer === null || !this.isOver ? "" : inWords(question, answer));
     const { next } = this;
     this.next = null;
     if (next !== null) this.#probe(next);
@@ -191,13 +197,13 @@ export class Pointer {
    */
   async #click(event) {
     const { wanting } = this.viewer;
-    const question = wanting && this.#question(event);
-    if (!wanting || !question) return;
-    const answer = await this.viewer.query(question);
-    if (answer === null) return;
-    const color = question.ask === "probe" && colorOf(answer.facts);
-    const found = { color, pixel: question.ask === "probe" && question.at, place: answer.at }[wanting.kind];
-    if (!found) return this.viewer.tools.tell({ color: "there is no color: look at a picture", pixel: "there is no pixel: look at a picture", place: "there is no place: look at what lies in space" }[wanting.kind]);
+    if (!wanting) return;
+    const question = this.#question(event);
+    const answer = question && (await this.viewer.query(question));
+    if (this.viewer.wanting !== wanting) return;
+    const pixel = question?.ask === "probe" && question.at;
+    const found = { color: pixel && colorOf(answer?.facts), pixel, place: answer?.at }[wanting.kind];
+    if (!found) return wanting.say({ color: "there is no color here: click on a picture", pixel: "there is no pixel here: click on a picture", place: "there is no place here: click on what lies in space" }[wanting.kind]);
     this.viewer.stopWanting();
     wanting.done(found);
   }
@@ -233,7 +239,6 @@ export class Pointer {
       h: () => viewer.pin(true),
       x: () => viewer.toggleWipe(),
       u: () => viewer.unpin(),
-      Escape: () => viewer.stopWanting(),
       ...viewer.tools.keys(),
     };
     const act = keys[event.key];

@@ -58,7 +58,7 @@ export class Viewer {
     this.flat = { x: 0.5, y: 0.5, zoom: 1 };
     /** @type {import("./scene.js").Look} */
     this.look = { ...PLAIN };
-    /** What the next click is for. @type {{kind: "color" | "pixel" | "place", done: (found: any) => void} | null} */
+    /** What the next click is for. @type {{kind: "color" | "pixel" | "place", done: (found: any) => void, say: (why: string) => void} | null} */
     this.wanting = null;
     this.asked = "";
     this.loadingPicture = false;
@@ -470,14 +470,16 @@ export class Viewer {
    * What the next click on what is seen is for: a color, a pixel, or a place in mm.
    * @param {"color" | "pixel" | "place"} kind
    * @param {(found: any) => void} done
+   * @param {(why: string) => void} say is told why a click has found nothing, and nothing once that does not matter any more
    */
-  want(kind, done) {
-    this.wanting = { kind, done };
+  want(kind, done, say) {
+    this.wanting = { kind, done, say };
     this.frame.dataset.wanting = kind;
     this.surface.focus();
   }
 
   stopWanting() {
+    this.wanting?.say("");
     this.wanting = null;
     delete this.frame.dataset.wanting;
   }
