@@ -1,7 +1,7 @@
 // Columns of bytes from the watch. What is here is not asked for again, and of what has changed only the parts that did.
 
-/** Bytes of columns that nobody uses any more which are kept. */
-const KEPT = 128 * 2 ** 20;
+/** Of columns that nobody uses any more so many times the bytes of those in use are kept, and so many bytes in any case. */
+const [TIMES, LEAST] = [2, 16 * 2 ** 20];
 
 /** The type of an answer that says what has changed. */
 const CHANGES = "application/x-maquette-changes";
@@ -130,10 +130,13 @@ export class Columns {
   use(more, less) {
     for (const column of more) column.users += 1;
     for (const column of less) column.users -= 1;
-    const unused = [...this.all.values()].filter((column) => column.users === 0);
-    let size = unused.reduce((sum, column) => sum + column.bytes.length, 0);
+    const all = [...this.all.values()];
+    const unused = all.filter((column) => column.users === 0);
+    const sizeOf = (/** @type {Column[]} */ columns) => columns.reduce((sum, column) => sum + column.bytes.length, 0);
+    let size = sizeOf(unused);
+    const kept = Math.max(LEAST, TIMES * (sizeOf(all) - size));
     for (const column of unused) {
-      if (size <= KEPT) break;
+      if (size <= kept) break;
       size -= column.bytes.length;
       this.all.delete(column.name);
       this.free(column);
