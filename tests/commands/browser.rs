@@ -18,7 +18,10 @@ const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "c
 const DRAWN: [&str; 3] =
     ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-color-profile=srgb"];
 
-/// A browser with one tab. It is killed at the end.
+/// A tab of a browser.
+pub(crate) struct Tab(String);
+
+/// A browser, which has one tab at first. It is killed at the end.
 pub(crate) struct Browser {
     process: Child,
     socket: WebSocket<TcpStream>,
@@ -66,13 +69,26 @@ impl Browser {
         let (socket, _) = tungstenite::client(&address, stream).unwrap();
         let (session, complaints) = (String::new(), Vec::new());
         let mut browser = Self { process, socket, session, last: 0, complaints, _profile: profile };
-        let target = browser.call("Target.createTarget", json!({ "url": "about:blank" }));
-        let attach = json!({ "targetId": target["targetId"], "flatten": true });
-        let attached = browser.call("Target.attachToTarget", attach);
-        browser.session = attached["sessionId"].as_str().unwrap().to_owned();
-        browser.call("Runtime.enable", json!({}));
-        browser.call("Log.enable", json!({}));
+        browser.add_tab();
         Some(browser)
+    }
+
+    /// Opens another tab, in a window of its own, and goes to it.
+    pub(crate) fn add_tab(&mut self) -> Tab {
+        self.session.clear();
+        let wanted = json!({ "url": "about:blank", "newWindow": true });
+        let target = self.call("Target.createTarget", wanted);
+        let attach = json!({ "targetId": target["targetId"], "flatten": true });
+        let attached = self.call("Target.attachToTarget", attach);
+        attached["sessionId"].as_str().unwrap().clone_into(&mut self.session);
+        self.call("Runtime.enable", json!({}));
+        self.call("Log.enable", json!({}));
+        Tab(self.session.clone())
+    }
+
+    /// What is asked from now on is asked of this tab.
+    pub(crate) fn go_to(&mut self, Tab(session): &Tab) {
+        self.session.clone_from(session);
     }
 
     /// The answer to a command.
@@ -120,6 +136,7 @@ impl Browser {
     }
 
     /// Waits until an expression is true; how long it took.
+    #[track_caller]
     pub(crate) fn wait(&mut self, expression: &str) -> Duration {
         let start = Instant::now();
         while self.ask(&format!("Boolean({expression})")) != true {

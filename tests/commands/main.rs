@@ -5,6 +5,7 @@ mod canvas;
 mod command_line;
 mod doctor;
 mod faults;
+mod hands;
 mod nothing_is_lost;
 mod page;
 mod pictures;

@@ -911,7 +911,7 @@ fn a_probe_says_what_inspect_says() {
 }
 
 /// The doll's mesh of this node, computed here.
-fn mesh_of(project: &Project, node: &str) -> Mesh {
+pub(crate) fn mesh_of(project: &Project, node: &str) -> Mesh {
     let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
     let graph = session.load(&project.graph(), &Options::default()).graph.unwrap();
     let wanted = Wanted::Named(vec![node.to_owned()]);
