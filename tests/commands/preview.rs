@@ -280,7 +280,7 @@ fn values_are_looked_at_and_outlive_an_error() {
     page.wait("done");
     page.look_at("raised", "net");
     let first = page.wait("value");
-    assert_eq!((&first["type"], &first["lies"]), (&json!("ControlNet"), &json!(true)), "{first}");
+    assert_eq!((&first["type"], &first["picture"]), (&json!("ControlNet"), &Json::Null), "{first}");
     let hash = first["hash"].as_str().unwrap();
     let asked = format!("/picture/{hash}?width=64&height=48&yaw=30&pitch=10&zoom=1&flat=false");
     let (head, picture) = served.ask(&asked, &[("Host", &served.host)]);
@@ -288,9 +288,31 @@ fn values_are_looked_at_and_outlive_an_error() {
     // Huge sides are cut off, and what is no number is refused.
     let silly = asked.replace("width=64", "width=-1");
     assert_eq!(served.status(&silly, &[("Host", &served.host)]), 400);
-    project.save(&project.doll_text(20.0));
+    let own = [("Host", &served.host[..])];
+    let (_, facts) = served.ask(&format!("/facts/{hash}"), &own);
+    let facts: Json = serde_json::from_slice(&facts).unwrap();
+    assert!(facts.as_array().unwrap().iter().any(|fact| fact[0] == "net"), "{facts}");
+    let column = |value: &Json, name: &str| {
+        let name = value["space"]["shapes"][0][name].as_str().unwrap().to_owned();
+        (served.ask(&format!("/column/{name}"), &own).1, name)
+    };
+    let (places, old_name) = column(&first, "position");
+    assert!(places.len() > 1000 && places.len().is_multiple_of(12), "{}", places.len());
+    assert_eq!(served.status("/column/0123456789abcdef0123456789abcdef", &own), 404);
+    project.save(&project.doll_text(12.5));
     let second = page.wait("value");
     assert_ne!(second["hash"], first["hash"]);
+    // Who has the old column is told what has changed, if that is less.
+    let (triangles, name) = column(&second, "triangle");
+    assert_eq!(name, column(&first, "triangle").1);
+    let same = format!("/column/{name}?from={name}");
+    let (head, changes) = served.ask(&same, &own);
+    assert!(head.contains("application/x-maquette-changes"), "{head}");
+    assert!(changes.len() < 64 && changes.len() < triangles.len(), "{changes:?}");
+    let (moved, name) = column(&second, "position");
+    let (_, changes) = served.ask(&format!("/column/{name}?from={old_name}"), &own);
+    assert!(name != old_name && moved.len() == places.len() && moved != places);
+    assert!(changes == moved || changes.len() < moved.len());
     project.save(&project.doll_text(20.0).replace("Nurbs(", "Nurb("));
     while page.wait("problems")["problems"] == json!([]) {}
     // A page that is opened now knows the error and the last good value.
@@ -329,7 +351,8 @@ fn looking_computes_what_no_output_needs_and_writes_nothing() {
     let mut page = served.page();
     page.look_at("red", "mask");
     let value = page.wait("value");
-    assert_eq!((&value["type"], &value["flat"]), (&json!("Mask"), &json!(true)));
+    assert_eq!((&value["type"], &value["space"]), (&json!("Mask"), &Json::Null));
+    assert_eq!(value["picture"]["size"], json!([400, 400]), "it lies on the picture: {value}");
     assert_eq!(value["run"].as_u64(), Some(run.number()));
     assert_eq!(project.output_times(), before);
     // What is not there is no reason to stop.
