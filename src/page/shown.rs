@@ -43,6 +43,9 @@ pub(super) enum Column {
     Made(Arc<dyn Fn() -> Vec<u8> + Send + Sync>),
 }
 
+/// Makes a column of a shape.
+type Make = Box<dyn Fn(&Shape) -> Vec<u8> + Send + Sync>;
+
 impl Column {
     pub(super) fn bytes(&self) -> Bytes {
         match self {
@@ -136,7 +139,7 @@ impl Shown {
         let (is_solid, fields) = (shape.is_solid, shape.fields());
         let shape = Arc::new(shape);
         let value = self.value.hash().to_string();
-        let mut later = |what: &str, make: Box<dyn Fn(&Shape) -> Vec<u8> + Send + Sync>| {
+        let mut later = |what: &str, make: Make| {
             let name = name_of(format!("{value} {place} {what}").as_bytes());
             let shape = shape.clone();
             self.columns.insert(name.clone(), Column::Made(Arc::new(move || make(&shape))));

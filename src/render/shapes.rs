@@ -65,7 +65,7 @@ impl Shapes {
         let (low, high) = bounds(all)?;
         // Halves, because the difference of two huge numbers is infinite.
         let half = (high.coords / 2.0 - low.coords / 2.0).amax();
-        let scale = if half > 0.0 { libm::exp2(half.log2().ceil()) } else { 1.0 };
+        let scale = if half > 0.0 { libm::exp2(libm::log2(half).ceil()) } else { 1.0 };
         let middle = low.coords / 2.0 + high.coords / 2.0;
         let center = Point3::from(middle.map(|x| (x / scale).round() * scale));
         let shape = |(mesh, is_solid)| Shape::new(mesh, is_solid, center, scale);

@@ -144,7 +144,7 @@ fn middle_of_red(image: &Image) -> [f64; 2] {
 fn what_is_clicked_twice_stays_in_the_middle_whatever_is_turned() {
     let Some(mut seen) = Seen::of(mark()) else { return };
     let [x, y] = middle_of_red(&seen.canvas());
-    assert!((x - 240.0).hypot(y - 180.0) > 50.0, "{x}, {y}");
+    assert!(libm::hypot(x - 240.0, y - 180.0) > 50.0, "{x}, {y}");
     let before = seen.word("camera");
     seen.double_click([x, y]);
     seen.browser.wait(&format!("!location.hash.endsWith('={before}')"));
@@ -154,7 +154,7 @@ fn what_is_clicked_twice_stays_in_the_middle_whatever_is_turned() {
     {
         seen.press(keys);
         let [x, y] = middle_of_red(&seen.canvas());
-        assert!((x - 240.0).hypot(y - 180.0) < 2.0, "{keys:?}: {x}, {y}");
+        assert!(libm::hypot(x - 240.0, y - 180.0) < 2.0, "{keys:?}: {x}, {y}");
     }
     let canvas = seen.canvas();
     seen.reload();
