@@ -8,7 +8,7 @@
 //! - what 500 edits leave in memory (nothing),
 //! - how long until eight pages show a save.
 //!
-//! `cargo bench -p maquette-nodes --bench page` takes some two minutes and needs Chromium.
+//! `cargo bench -p maquette-nodes --bench page` takes some four minutes and needs Chromium.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -29,7 +29,8 @@ fn main() {
     let Some(mut browser) = Browser::start() else { return };
     small(&mut browser);
     large(&mut browser);
-    let _ = (local, tabs);
+    local(&mut browser);
+    tabs(&mut browser);
 }
 
 fn say(line: &str) {
@@ -144,7 +145,7 @@ fn small(browser: &mut Browser) {
     memory(browser, &mut watch);
 }
 
-/// 300 edits first, after which all is as large as it gets, and then 500.
+/// 300 edits first, after which the page keeps as much as it may, and then 500. The program gets there a little later.
 fn memory(browser: &mut Browser, watch: &mut Watch) {
     let held = |browser: &mut Browser| {
         browser.call("HeapProfiler.collectGarbage", json!({}));
@@ -187,7 +188,6 @@ fn large(browser: &mut Browser) {
         times.push(measured[0].as_f64().expect("a time"));
         bytes = measured[1].as_f64().expect("a number");
     }
-    say(&format!("{times:?}"));
     say_times("from the message to the buffers, 1.5 million triangles that moved", times);
     say(&format!("for which {:.1} MB were sent", bytes / 1e6));
 }
