@@ -141,7 +141,7 @@ struct Shared {
 const KEPT: usize = 128 << 20;
 
 /// Values of before that are kept.
-const MOST_KEPT: usize = 256;
+const MOST_KEPT: usize = 64;
 
 /// The last good values that pages look at.
 #[derive(Default)]
