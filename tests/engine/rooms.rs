@@ -33,14 +33,14 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 29] = [
+const ROOMS: [(&str, &[&str]); 30] = [
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
     (
         "cli",
         &[
             "catalog", "draw", "error", "eval", "format", "golden", "graph", "memory", "node",
-            "pack", "page", "paths", "plain", "render", "session", "suite", "telling", "text",
-            "value", "watch", "writing",
+            "pack", "page", "paths", "plain", "probe", "render", "session", "suite", "telling",
+            "text", "value", "watch", "writing",
         ],
     ),
     (
@@ -50,7 +50,7 @@ const ROOMS: [(&str, &[&str]); 29] = [
             "value",
         ],
     ),
-    ("draw", &["catalog", "graph"]),
+    ("draw", &["catalog", "error", "graph"]),
     ("error", &[]),
     (
         "eval",
@@ -70,12 +70,16 @@ const ROOMS: [(&str, &[&str]); 29] = [
     ("graph", &["catalog", "error", "node", "pack", "paths", "plain", "reading", "text", "value"]),
     ("limit", &[]),
     ("memory", &[]),
-    ("page", &["catalog", "draw", "format", "graph", "render", "value"]),
+    (
+        "page",
+        &["catalog", "draw", "format", "graph", "plain", "probe", "render", "value", "writing"],
+    ),
     ("parallel", &[]),
     ("node", &["error", "plain", "reading", "text", "value"]),
     ("pack", &["error", "node", "reading", "value"]),
     ("paths", &["text"]),
     ("plain", &[]),
+    ("probe", &["render", "text", "value"]),
     ("random", &[]),
     ("reading", &["error", "paths", "plain", "value"]),
     ("render", &["parallel", "simd", "value"]),
