@@ -160,6 +160,10 @@ impl Values {
     fn retain(&mut self, views: &Views) {
         let gone = self.now.extract_if(.., |viewed, _| !views.contains(viewed));
         let gone = Vec::from_iter(gone.map(|(_, shown)| shown));
+        if views.is_empty() {
+            // Nobody has columns of which some may have changed.
+            return self.before.clear();
+        }
         self.keep(gone);
     }
 
