@@ -204,7 +204,7 @@ fn the_page_of_another_program_is_loaded_anew_once() {
 #[cfg(target_os = "linux")]
 #[test]
 fn nodes_and_problems_are_opened_in_the_editor() {
-    use crate::preview::{script, written};
+    use crate::preview::link::{script, written};
     let Some(mut browser) = Browser::start() else { return };
     let project = Project::doll();
     let told = project.folder().join("told");
