@@ -54,6 +54,10 @@ page:
     npm install --silent --prefix target/page typescript
     target/page/node_modules/.bin/tsc --project page
 
+# The Python module: its wheel, and all of its tests.
+python *args:
+    bash hosts/python/test {{args}}
+
 # Every reader of files, for some seconds each.
 fuzz seconds="5":
     bash .ci/fuzz {{seconds}}

@@ -1,6 +1,7 @@
 //! All that the packs of a program offer: nodes, values and file formats, by name.
 
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use indexmap::IndexMap;
@@ -229,6 +230,24 @@ impl Catalog {
                 Err(NoFormat { kind: kind.name, ending, known: self.endings(Some(kind)) }.into())
             }
         }
+    }
+
+    /// The value in a file, and the doubts of its reader: of this type if one is named, else of that which the file's ending and content
+    /// mean. Files that it names, as materials are of an OBJ file, are read with it if they lie in its project.
+    ///
+    /// # Errors
+    /// In words: nothing reads such a file, or it cannot be read.
+    pub fn read(
+        &self,
+        path: &Path,
+        kind: Option<&ValueType>,
+    ) -> Result<(AnyValue, Vec<String>), String> {
+        self.readers.open(path, kind)
+    }
+
+    /// The type of values of this name, if there is one.
+    pub fn value_type(&self, name: &str) -> Option<&'static ValueType> {
+        self.value_types().get(name).copied()
     }
 
     /// Whether some pack has a node of this name.

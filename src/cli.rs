@@ -3,11 +3,12 @@
 //! Results go to stdout, messages to stderr. Exit codes: 0 done, 1 the graph failed, 2 the command line is wrong, 130
 //! stopped by Ctrl-C.
 
+use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
@@ -113,7 +114,7 @@ fn assignment(text: &str) -> Result<(String, String), String> {
 }
 
 impl GraphOptions {
-    fn load(&self, path: &std::path::Path, catalog: &Catalog) -> Checked {
+    fn load(&self, path: &Path, catalog: &Catalog) -> Checked {
         Graph::load(path, catalog, &self.all())
     }
 
@@ -135,9 +136,26 @@ enum Exit {
 
 /// The whole program, with these packs.
 pub fn main(packs: &[&Pack]) -> ExitCode {
+    ExitCode::from(run(packs, std::env::args_os()))
+}
+
+/// The whole program with these packs and these words, the first of which is its name; for a process that is more than that, as an
+/// interpreter is. Gives its exit code: 0 done, 1 the graph failed, 2 the words are wrong, 130 interrupted.
+///
+/// Ctrl-C and the allocator are the program's from then on, as [`main`] has them.
+pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
     crate::memory::keep_freed();
     crate::eval::this_is_a_program();
-    let cli = Cli::parse();
+    let words = Vec::from_iter(words);
+    NAME.get_or_init(|| name_in(words.first()));
+    let cli = match Cli::try_parse_from(words) {
+        Ok(cli) => cli,
+        Err(told) => {
+            // Nobody is left to tell if it cannot be printed.
+            let _ = told.print();
+            return told.exit_code() as u8;
+        }
+    };
     let catalog = Arc::new(Catalog::new(packs));
     let exit = match cli.command {
         Command::Run(command) => command.run(&catalog),
@@ -165,20 +183,25 @@ pub fn main(packs: &[&Pack]) -> ExitCode {
         }
     };
     match exit {
-        Exit::Done => ExitCode::SUCCESS,
-        Exit::Failed => ExitCode::from(1),
-        Exit::Interrupted => ExitCode::from(130),
+        Exit::Done => 0,
+        Exit::Failed => 1,
+        Exit::Interrupted => 130,
         Exit::Usage(why) => {
             eprint(&format!("error: {why}\n"));
-            ExitCode::from(2)
+            2
         }
     }
 }
 
 /// The name of this program: one with a stranger's packs has its own.
 fn program() -> String {
-    let path = std::env::args_os().next().map(PathBuf::from);
-    let name = path.as_deref().and_then(std::path::Path::file_stem);
+    NAME.get_or_init(|| name_in(std::env::args_os().next().as_ref())).clone()
+}
+
+static NAME: OnceLock<String> = OnceLock::new();
+
+fn name_in(word: Option<&OsString>) -> String {
+    let name = word.and_then(|word| Path::new(word).file_stem());
     name.map_or_else(|| "maquette".into(), |name| name.to_string_lossy().into_owned())
 }
 

@@ -33,13 +33,12 @@ pub(crate) use disk::this_is_a_program;
 pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
 use files::Known;
 pub(crate) use files::named_in;
-pub(crate) use key::Change;
 use plan::Plan;
 use run::{News, Run};
 use snapshot::Snapshot;
-pub(crate) use trace::Reason;
+use trace::Reason;
 pub use trace::{NodeTrace, RunTrace, State};
-pub(crate) use why::{Forecast, Outlook};
+pub(crate) use why::{Forecast, explanation};
 
 /// Watches an evaluation from outside. All methods may be called from any thread.
 pub trait Observer: Sync {

@@ -9,7 +9,7 @@ use crate::node::AnyNode;
 use crate::pack::Format;
 use crate::plain;
 use crate::reading::Readers;
-use crate::text::{Origin, Sheet, Tree};
+use crate::text::{Origin, Sheet, Tree, ron};
 use crate::value::ValueType;
 
 mod check;
@@ -275,6 +275,24 @@ impl Graph {
     /// The names of its outputs.
     pub fn output_names(&self) -> impl Iterator<Item = &str> {
         self.outputs.iter().map(|output| output.name.as_str())
+    }
+
+    /// What it gives: the name of each file, or of each value of a graph that is a function, and the type of what it holds; no type if it
+    /// has that of what comes in.
+    pub fn results(&self) -> impl Iterator<Item = (&str, Option<&'static ValueType>)> {
+        let files =
+            self.outputs.iter().map(|output| (&output.name[..], output.node, output.output));
+        let ports = self.ports.iter().map(|port| (&port.name[..], port.node, port.output));
+        let ports = ports.filter(|_| !self.inputs.is_empty());
+        let kind = |(name, node, output): (_, usize, usize)| (name, self.nodes[node].types[output]);
+        files.chain(ports).map(kind)
+    }
+
+    /// A value for a parameter of this name as RON, as [`Options::set`] takes it: words are choices, texts or colors, and lists are vectors,
+    /// as its declaration says. None if there is no such parameter.
+    pub fn as_ron(&self, parameter: &str, value: &serde_json::Value) -> Option<String> {
+        let declared = self.schema.get("properties")?.get(parameter)?;
+        Some(ron(value, declared, &self.schema))
     }
 
     /// The node and output of a value by the name of an output, or by its link.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem, code};
-use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace};
+use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace, explanation};
 use crate::golden::{self, Violation};
 use crate::graph::{Checked, Graph, GraphOutput, InputValues, Options};
 use crate::node::CancelToken;
@@ -69,6 +69,8 @@ pub enum Wanted {
     /// Those of all outputs, and all of which the graph expects something.
     #[default]
     Outputs,
+    /// The same, and those of these nodes (`node`) or outputs of nodes (`node.output`).
+    OutputsAnd(Vec<String>),
     /// Those of these outputs, nodes (`node`) or outputs of nodes (`node.output`).
     Named(Vec<String>),
     /// Those of all outputs of these nodes, or of all nodes that make what a use of a graph gives, whatever outputs of the graph are
@@ -127,20 +129,24 @@ impl Session {
         let graph = self.fed(graph, &run.inputs)?;
         let expectations = match &run.wanted {
             Wanted::Named(_) | Wanted::Nodes(_) => Vec::new(),
-            Wanted::Outputs | Wanted::Everything => graph.expectations(),
+            Wanted::Outputs | Wanted::OutputsAnd(_) | Wanted::Everything => graph.expectations(),
+        };
+        let of_outputs = || graph.outputs.iter().map(|output| output.node).collect::<Vec<_>>();
+        let named = |name: &str| match graph.value_named(name) {
+            Some((node, _)) => vec![node],
+            None => graph.nodes_of(name),
         };
         let mut nodes = match &run.wanted {
-            Wanted::Outputs => graph.outputs.iter().map(|output| output.node).collect(),
+            Wanted::Outputs => of_outputs(),
+            Wanted::OutputsAnd(names) => [of_outputs(), places(&graph, names, named)?].concat(),
             Wanted::Everything => (0..graph.nodes.len()).collect(),
-            Wanted::Named(names) => places(&graph, names, |name| match graph.value_named(name) {
-                Some((node, _)) => vec![node],
-                None => graph.nodes_of(name),
-            })?,
+            Wanted::Named(names) => places(&graph, names, named)?,
             Wanted::Nodes(names) => places(&graph, names, |name| graph.nodes_of(name))?,
         };
         nodes.extend(golden::nodes_of(&graph, &expectations));
         let evaluation = self.evaluator.evaluate(&graph, &nodes, &nodes, run.observer, &run.cancel);
-        let violations = golden::violations(&graph, evaluation.by_name(&graph), &expectations);
+        let judge = || golden::violations(&graph, evaluation.by_name(&graph), &expectations);
+        let violations = self.evaluator.install(judge);
         Ok(Finished { graph, evaluation, violations })
     }
 
@@ -169,7 +175,8 @@ impl Session {
         let (written, unwritten) = folder.write(&outputs, &evaluation, graph, evaluator, cancel);
         folder.keep(evaluator);
         let mut problems = evaluation.problems();
-        let violations = golden::violations(graph, evaluation.by_name(graph), &expectations);
+        let judge = || golden::violations(graph, evaluation.by_name(graph), &expectations);
+        let violations = self.evaluator.install(judge);
         problems.extend(violations.into_iter().map(|violation| violation.problem));
         let complete = unwritten.is_empty();
         problems.extend(unwritten);
@@ -207,6 +214,15 @@ impl Session {
     /// What each node that these need would do now, and why.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
         self.evaluator.forecast(graph, nodes)
+    }
+
+    /// Why a node, or each node that makes what a use of a graph gives, would run, or why not, since the graph was evaluated last: in
+    /// words, a line or more for each. None if the graph has no such node.
+    pub fn why(&mut self, graph: &Graph, name: &str) -> Option<String> {
+        let nodes = graph.nodes_of(name);
+        let forecasts = self.forecast(graph, &nodes);
+        let told = nodes.iter().map(|&node| explanation(graph, node, &forecasts));
+        (!nodes.is_empty()).then(|| told.collect())
     }
 
     /// The graph with values at its inputs, to be run any number of times: inputs without one are no error, but what hangs on them

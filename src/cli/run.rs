@@ -13,7 +13,6 @@ use super::events::{Ending, Events, Listener};
 use super::inputs::InputOptions;
 use super::profile;
 use super::progress::Progress;
-use super::why::reason_with_place;
 use super::{
     Exit, GraphOptions, counted, eprint, in_bytes, interrupt, print, print_json, put_problems,
     report,
@@ -202,7 +201,7 @@ fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
     let longest = forecasts.iter().map(|forecast| name(forecast).len()).max().unwrap_or(0);
     let mut text = String::new();
     for forecast in forecasts {
-        let (word, reason) = (forecast.word(), reason_with_place(graph, forecast));
+        let (word, reason) = (forecast.word(), forecast.reason_in(graph));
         let _ = writeln!(text, "{word:<8}  {:<longest$}  {reason}", name(forecast));
     }
     text

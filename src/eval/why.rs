@@ -1,7 +1,9 @@
 //! What an evaluation would do, without doing it.
 
+use std::fmt::Write;
 use std::sync::Arc;
 
+use super::key::Change;
 use super::plan::{Plan, Task};
 use super::run::Run;
 use super::snapshot::Done;
@@ -87,6 +89,27 @@ impl Run<'_> {
     }
 }
 
+/// Why a node would run, or why not, back to what was changed; `forecasts` has it and what it hangs on.
+pub(crate) fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String {
+    let of_node = |forecast: &&Forecast| forecast.index == node;
+    let Some(forecast) = forecasts.iter().find(of_node) else { return String::new() };
+    let (name, reason) = (&graph.nodes[node].name, forecast.reason_in(graph));
+    match forecast.outlook {
+        Outlook::Cached => format!("`{name}` does not run: {reason}\n"),
+        Outlook::Fails => format!("`{name}` fails: {reason}\n"),
+        Outlook::Runs => format!("`{name}` runs: {reason}\n"),
+        Outlook::MayRun => {
+            let mut text = format!("`{name}` runs if what it hangs on comes out different:\n");
+            let is_cause = |it: &&Forecast| matches!(it.outlook, Outlook::Runs | Outlook::Fails);
+            for cause in forecasts.iter().filter(is_cause) {
+                let (name, word) = (&graph.nodes[cause.index].name, cause.word());
+                let _ = writeln!(text, "  `{name}` {word}: {}", cause.reason_in(graph));
+            }
+            text
+        }
+    }
+}
+
 impl Forecast {
     /// `would run`, as a column of a table.
     pub(crate) fn word(&self) -> &'static str {
@@ -96,5 +119,20 @@ impl Forecast {
             Outlook::MayRun => "may run",
             Outlook::Fails => State::Failed.word(),
         }
+    }
+
+    /// The reason in words, and where in the graph file a changed parameter stands.
+    pub(crate) fn reason_in(&self, graph: &Graph) -> String {
+        let node = &graph.nodes[self.index];
+        let text = self.reason.in_words(node, &graph.nodes);
+        let place = match &self.reason {
+            Reason::Changed(change) | Reason::Before(change) => match change {
+                Change::Parameter { path, .. } => Some(node.place_of(path)),
+                Change::Kind { .. } => Some(node.place_of(&[])),
+                Change::Input(_) | Change::File(_) => None,
+            },
+            _ => None,
+        };
+        place.map_or(text.clone(), |place| format!("{text}, {place}"))
     }
 }

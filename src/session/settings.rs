@@ -63,6 +63,14 @@ impl Settings {
         Self { cache: CacheFolder::None, ..Self::default() }
     }
 
+    /// The same with so much memory, as people write it: `2GB`, `500 MB`, `1.5GiB`, or a number of bytes.
+    ///
+    /// # Errors
+    /// In words, if the text is no size.
+    pub fn with_memory(self, text: &str) -> Result<Self, String> {
+        Ok(Self { memory: usize::try_from(size(text)?).unwrap_or(usize::MAX), ..self })
+    }
+
     /// An evaluator, and why it does not keep results on disk though it should.
     pub(super) fn evaluator(
         &self,

@@ -1,0 +1,85 @@
+"""maquette: a node-based geometry graph for redesigning scanned objects.
+
+A graph is a text file; `load` checks it, `Graph.run` evaluates what is wanted of it, each step once, and what comes out are values whose
+columns are NumPy arrays that share their memory:
+
+    import maquette
+
+    graph = maquette.load("graphs/doll.ron")
+    run = graph.run(growth=12)
+    skin = run["skin.mesh"]
+    skin.vertices, skin.faces
+
+Results are kept in memory and on disk, in the same folder as the command line's, so that nothing is computed twice. `python -m maquette`
+is the whole command line.
+"""
+
+from ._graph import (
+    Graph,
+    Node,
+    Output,
+    Param,
+    Port,
+    Progress,
+    Run,
+    WrittenFile,
+    load,
+    nodes,
+    read,
+    value_types,
+)
+from ._problems import GraphError, Problem, Use
+from ._values import (
+    ControlNet,
+    Curve,
+    Direction,
+    Field,
+    Handles,
+    Image,
+    KnotVector,
+    Labels,
+    Mask,
+    Mesh,
+    Part,
+    Points,
+    RangeImage,
+    Region,
+    Surface,
+    Trace,
+    Value,
+)
+
+__all__ = [
+    "ControlNet",
+    "Curve",
+    "Direction",
+    "Field",
+    "Graph",
+    "GraphError",
+    "Handles",
+    "Image",
+    "KnotVector",
+    "Labels",
+    "Mask",
+    "Mesh",
+    "Node",
+    "Output",
+    "Param",
+    "Part",
+    "Points",
+    "Port",
+    "Problem",
+    "Progress",
+    "RangeImage",
+    "Region",
+    "Run",
+    "Surface",
+    "Trace",
+    "Use",
+    "Value",
+    "WrittenFile",
+    "load",
+    "nodes",
+    "read",
+    "value_types",
+]

@@ -1,0 +1,497 @@
+"""Graphs, and what comes of running them."""
+
+from __future__ import annotations
+
+import atexit
+import os
+from collections.abc import Mapping
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
+
+from . import _maquette
+from ._problems import GraphError, Problem, problems
+from ._values import Value, value_of, wrap
+
+Path = Union[str, "os.PathLike[str]"]
+T = TypeVar("T")
+
+# What is still on its way to the disk would be computed again by the next process.
+atexit.register(_maquette.finish_all)
+
+
+class Param(NamedTuple):
+    """A parameter that a graph declares."""
+
+    name: str
+    """Its name, as `Graph.run` takes it."""
+    kind: str
+    """`Number`, `Integer`, `Toggle`, `Color`, `Text`, `Choice` or `Vector`."""
+    default: Any
+    """Its value if none is given: float, int, bool, str or a list of numbers."""
+    min: Optional[float]
+    """The least number that it takes."""
+    max: Optional[float]
+    """The greatest number that it takes."""
+    unit: Optional[str]
+    """The unit of its number, such as `mm`."""
+    choices: Tuple[str, ...]
+    """What a `Choice` chooses from."""
+    doc: str
+    """What it does, in the words of the graph's author."""
+
+
+class Port(NamedTuple):
+    """An input of a graph that is a function of values."""
+
+    name: str
+    """Its name, as `inputs` of `Graph.run` takes it."""
+    kind: str
+    """The type of values that it takes, such as `Mesh`."""
+    doc: str
+    """What it is, in the words of the graph's author."""
+
+
+class Output(NamedTuple):
+    """Something that a graph gives."""
+
+    name: str
+    """Its name: a file, or a value of a graph with inputs."""
+    kind: Optional[str]
+    """The type of its value; None if it is that of what comes in."""
+
+
+class Node(NamedTuple):
+    """What happened to a node in a run, and why."""
+
+    name: str
+    """Its name in the graph."""
+    node: str
+    """Its type, such as `Threshold`."""
+    state: str
+    """`cached`, `equal` (not run, since its inputs came out the same), `computed`, `failed` or `skipped`."""
+    reason: str
+    """Why, in words."""
+    seconds: float
+    """How long it ran; 0 if it did not."""
+    bytes: int
+    """How much memory its results hold."""
+    warnings: List[str]
+    """Its doubts about the results."""
+    unchanged: bool = False
+    """Whether it ran and gave the same as last time."""
+
+
+class WrittenFile(NamedTuple):
+    """A file that `Run.write` wrote, or left alone because it was right."""
+
+    name: str
+    """The output."""
+    path: str
+    """Where it is."""
+    bytes: int
+    """Its size."""
+    hash: str
+    """The hash of its content."""
+
+
+class Progress(NamedTuple):
+    """How far a run is."""
+
+    node: str
+    """The node that something is told of; empty for nodes that need not be looked at."""
+    state: str
+    """`started`, `progress`, or what became of it: `computed`, `cached`, `equal`, `failed`, `skipped`."""
+    share: float
+    """How much of the node is done, 0 to 1."""
+    done: int
+    """How many nodes are done."""
+    total: int
+    """How many nodes the graph has; a run may need fewer."""
+
+
+class _Named(Mapping[str, T]):
+    """Things by their names, in order."""
+
+    def __init__(self, what: str, things: Dict[str, T]) -> None:
+        self._what, self._things = what, things
+
+    def __getitem__(self, name: str) -> T:
+        try:
+            return self._things[name]
+        except KeyError:
+            known = ", ".join(self._things) or "none"
+            raise KeyError(f"no {self._what} `{name}`; there are: {known}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._things)
+
+    def __len__(self) -> int:
+        return len(self._things)
+
+    def __repr__(self) -> str:
+        return "\n".join(repr(thing) for thing in self._things.values()) or f"no {self._what}"
+
+
+def load(
+    path: Path,
+    *,
+    text: Optional[str] = None,
+    roots: Sequence[Path] = (),
+    cache: Union[Path, bool, None] = True,
+    memory: Union[str, int] = "2GB",
+    threads: int = 0,
+) -> Graph:
+    """Reads and checks a graph file and those that it uses; runs nothing.
+
+    `text` stands in place of the file's content; paths in it are relative to `path` all the same. `roots`: folders outside of the project
+    that the graph may read. `cache`: where results are kept from one process to the next: True for the command line's folder, False or None
+    for nowhere, or a folder. `memory`: how much results may hold. `threads`: how many there are, 0 for as many as the machine has.
+
+    The graph stays as it is now when files of graphs change; files that its nodes read are looked at in every run.
+
+    Raises GraphError with every problem of the file, OSError if it cannot be read.
+    """
+    return Graph(path, text=text, roots=roots, cache=cache, memory=memory, threads=threads)
+
+
+class Graph:
+    """A graph that has been checked. Made by `load`, with the same arguments."""
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        text: Optional[str] = None,
+        roots: Sequence[Path] = (),
+        cache: Union[Path, bool, None] = True,
+        memory: Union[str, int] = "2GB",
+        threads: int = 0,
+    ) -> None:
+        self._path = os.fspath(path)
+        self._roots = [os.fspath(root) for root in roots]
+        if text is None:
+            with open(self._path, "rb"):
+                pass
+        texts = {} if text is None else {self._path: text}
+        self._graph, self._problems, used = self._checked({}, texts)
+        # Other values are put into the texts that were checked, whatever has become of the files meanwhile.
+        self._texts = {file: _text(file) for file in used}
+        self._texts[self._path] = self._graph.text
+        if cache is True:
+            folder: Optional[str] = None
+        else:
+            folder = "" if cache is None or cache is False else os.fspath(cache)
+        self._session = _maquette.Session(folder, str(memory), threads)
+
+    def _checked(
+        self, params: Mapping[str, Any], texts: Dict[str, str]
+    ) -> Tuple[_maquette.Graph, List[Problem], List[str]]:
+        """The graph with these values; raises GraphError if it has mistakes then."""
+        values = [(name, self._as_ron(name, value)) for name, value in params.items()]
+        graph, told, used = _maquette.Graph.load(self._path, self._roots, values, texts)
+        if graph is None:
+            raise GraphError(problems(told))
+        return graph, problems(told), [os.fspath(path) for path in used]
+
+    def _as_ron(self, name: str, value: Any) -> str:
+        """A value as graph files have it: of a parameter by its type, else as it is."""
+        value = _plain(name, value)
+        try:
+            return self._graph.as_ron(name, value)
+        except KeyError:
+            pass
+        if isinstance(value, bool):
+            return "true" if value else "false"
+        if isinstance(value, (tuple, list)):
+            return "(" + ", ".join(self._as_ron("", item) for item in value) + ")"
+        return str(value)
+
+    @property
+    def path(self) -> str:
+        """The path of its file."""
+        return self._path
+
+    @property
+    def doc(self) -> str:
+        """What it is for, in its author's words."""
+        return self._graph.doc
+
+    @property
+    def text(self) -> str:
+        """Its text, as it was when it was loaded."""
+        return self._graph.text
+
+    @property
+    def nodes(self) -> List[str]:
+        """The names of its nodes, each after those that it hangs on."""
+        return self._graph.nodes
+
+    @property
+    def params(self) -> Mapping[str, Param]:
+        """Its parameters, by name, with types, defaults, ranges and units."""
+        inputs = set(self.inputs)
+        fields = self._graph.schema().get("properties", {})
+        return _Named(
+            "parameter",
+            {name: _param(name, field) for name, field in fields.items() if name not in inputs},
+        )
+
+    @property
+    def inputs(self) -> Mapping[str, Port]:
+        """The values that it wants, by name, if it is a function of values."""
+        return _Named("input", {port[0]: Port(*port) for port in self._graph.inputs()})
+
+    @property
+    def outputs(self) -> Mapping[str, Output]:
+        """What it gives, by name, with the types of the values."""
+        return _Named("output", {output[0]: Output(*output) for output in self._graph.results()})
+
+    def check(self) -> List[Problem]:
+        """What is to be doubted of the graph, though it runs: warnings, and nodes that nothing needs."""
+        return self._problems + problems(self._graph.unused())
+
+    def run(
+        self,
+        outputs: Union[str, Sequence[str], None] = None,
+        *,
+        nodes: Union[str, Sequence[str]] = (),
+        inputs: Optional[Mapping[str, Any]] = None,
+        progress: Union[Callable[[Progress], object], bool, None] = None,
+        strict: bool = True,
+        **params: Any,
+    ) -> Run:
+        """Evaluates outputs of the graph, all if none is named, and these nodes (`node` or `node.output`) beside them.
+
+        `params`: values in place of defaults, `run(growth=12)`; those of fields of nodes as `run(**{"cage.levels": 2})`. `inputs`: values by
+        the names of the graph's inputs: a `Value`, the path of a file, or whatever the class of the input's type takes, as a mesh of trimesh
+        or an array of points. `progress`: is called with `Progress`; True draws a bar. Ctrl-C stops the run.
+
+        Only what hangs on something changed is computed. Raises GraphError if something failed or does not hold, with what was found in its
+        `run`; with `strict=False` the run is given all the same, and its `problems` tell.
+        """
+        named = [outputs] if isinstance(outputs, str) else outputs
+        wanted = [nodes] if isinstance(nodes, str) else list(nodes)
+        for output in named or ():
+            self.outputs[output]
+        graph = self._checked(params, self._texts)[0] if params else self._graph
+        values = self._values(inputs or {})
+        told, end = _told(progress, len(self.nodes))
+        try:
+            found, wrong = self._session.run(
+                graph, named is None, [*(named or ()), *wanted], {k: v._native for k, v in values.items()}, told
+            )
+        finally:
+            end()
+        if found is None:
+            raise GraphError(problems(wrong))
+        run = Run(self, found)
+        failed = [problem for problem in run.problems if problem.severity == "error"]
+        if strict and failed:
+            raise GraphError(failed, run)
+        return run
+
+    def _values(self, inputs: Mapping[str, Any]) -> Dict[str, Value]:
+        """The values for inputs, whatever they were given as."""
+        ports = self.inputs
+        values: Dict[str, Value] = {}
+        files: List[Tuple[str, Path]] = []
+        for name, given in inputs.items():
+            if isinstance(given, (str, os.PathLike)):
+                files.append((name, given))
+            else:
+                values[name] = value_of(ports[name].kind, given)
+        if files:
+            read, told = self._session.read_inputs(self._graph, files)
+            if read is None:
+                raise GraphError(problems(told))
+            values.update({name: wrap(value) for name, value in read.items()})
+        return values
+
+    def why(self, node: str) -> str:
+        """Why a node would run now, or why not, since the graph was run last."""
+        told = self._session.why(self._graph, node)
+        if told is None:
+            raise KeyError(f"no node `{node}`; there are: {', '.join(self.nodes)}")
+        return told.rstrip("\n")
+
+    def edited(self, **values: Any) -> str:
+        """The text of the graph with values put into it: of parameters, or of fields, `edited(**{"cage.levels": 2})`.
+
+        Every other byte stays. Nothing is written. Raises GraphError if the text would have a mistake then.
+        """
+        put = [(name, self._as_ron(name, value)) for name, value in values.items()]
+        text, told = self._graph.edited(put, self._roots, self._texts)
+        if text is None:
+            raise GraphError(problems(told))
+        return text
+
+    def forget(self) -> None:
+        """Drops every result that is held in memory; what is on disk stays."""
+        self._session.forget()
+
+    @property
+    def trouble(self) -> Optional[str]:
+        """Why results are not kept on disk, though they should be; None if they are."""
+        return self._session.trouble()
+
+    def to_svg(self) -> str:
+        """The picture of the graph: boxes for nodes and outputs, and links."""
+        return self._graph.svg()
+
+    def _repr_svg_(self) -> str:
+        return self.to_svg()
+
+    def __repr__(self) -> str:
+        return f"<Graph {self._path}: {len(self.nodes)} nodes, outputs {', '.join(self.outputs)}>"
+
+
+class Run:
+    """What a run of a graph gave: `run["skin.mesh"]` is the value of an output, a node or an output of a node."""
+
+    def __init__(self, graph: Graph, found: _maquette.Finished) -> None:
+        self._graph, self._found = graph, found
+
+    @property
+    def graph(self) -> Graph:
+        """The graph that was run."""
+        return self._graph
+
+    def __getitem__(self, name: str) -> Value:
+        """The value of an output, a node (its first output) or an output of a node. Raises KeyError if it was not asked for or failed."""
+        found = self._found.value(name)
+        if found is None:
+            known = self._graph.nodes
+            is_node = name.split(".")[0] in known
+            hint = f'run(nodes=["{name}"]) asks for it, unless it failed' if is_node else "there is no such output or node"
+            raise KeyError(f"no value `{name}`: {hint}")
+        return wrap(found)
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a value of this name."""
+        return self._found.value(name) is not None
+
+    @property
+    def trace(self) -> List[Node]:
+        """What happened to each node, and why, each after those that it hangs on."""
+        return [Node(**node) for node in self._found.trace()]
+
+    @property
+    def problems(self) -> List[Problem]:
+        """What failed, what nodes warn of, and what the graph expects that does not hold."""
+        return problems(self._found.problems())
+
+    def write(self, folder: Optional[Path] = None) -> List[WrittenFile]:
+        """Writes the outputs to a folder, `out/GRAPH` if none is named, as `maquette run` does; a file that is right is left alone.
+
+        Raises GraphError if a file cannot be written; what was there stays.
+        """
+        written, told = self._found.write(folder, self._graph.path)
+        if told:
+            raise GraphError(problems(told), self)
+        return [WrittenFile(**file) for file in written]
+
+    def __repr__(self) -> str:
+        states: Dict[str, int] = {}
+        for node in self.trace:
+            states[node.state] = states.get(node.state, 0) + 1
+        counts = ", ".join(f"{count} {state}" for state, count in states.items())
+        return f"<Run of {self._graph.path}: {counts or 'no nodes'}>"
+
+    def _repr_html_(self) -> str:
+        from ._show import run_html
+
+        return run_html(self)
+
+
+def read(path: Path, kind: Optional[str] = None) -> Value:
+    """The value in a file, by its ending: a `Mesh` from .glb, .obj, .ply, .stl .., a `RangeImage` from .pcd, a picture from .png ..
+
+    `kind` says which type it is to be, where several are read from such files. What is doubtful of the file is a warning. Raises ValueError
+    that says what is wrong and where.
+    """
+    value, doubts = _maquette.read(path, kind)
+    if doubts:
+        import warnings
+
+        for doubt in doubts:
+            warnings.warn(f"{os.fspath(path)}: {doubt}", stacklevel=2)
+    return wrap(value)
+
+
+def nodes() -> Dict[str, Any]:
+    """All node types by name: what `maquette nodes --json` prints of each: words, inputs, outputs and the JSON schema of its parameters."""
+    return {node["name"]: node for node in _maquette.catalog()["nodes"]}
+
+
+def value_types() -> Dict[str, Any]:
+    """All types of values by name, with the endings of files that they are read from and written to."""
+    return {kind["name"]: kind for kind in _maquette.catalog()["values"]}
+
+
+def _text(file: str) -> str:
+    with open(file, encoding="utf-8", newline="") as opened:
+        return opened.read()
+
+
+def _plain(name: str, value: Any) -> Any:
+    """A value of NumPy or Python as a bool, number, text or list."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (tuple, list)):
+        return [_plain(name, item) for item in value]
+    if isinstance(value, (bool, int, str)):
+        return value
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"`{name}` is a {type(value).__name__}, which no parameter is") from None
+    if number != number or number in (float("inf"), float("-inf")):
+        raise ValueError(f"`{name}` is {number}")
+    return number
+
+
+def _param(name: str, field: Dict[str, Any]) -> Param:
+    """A parameter as its JSON schema has it."""
+    kinds = {"number": "Number", "integer": "Integer", "boolean": "Toggle", "array": "Vector"}
+    kind = kinds.get(field.get("type", ""), "Text")
+    if "enum" in field:
+        kind = "Choice"
+    elif field.get("format") == "color":
+        kind = "Color"
+    limits = field.get("items", {}) if kind == "Vector" else field
+    return Param(
+        name,
+        kind,
+        field.get("default"),
+        limits.get("minimum"),
+        limits.get("maximum"),
+        field.get("unit"),
+        tuple(field.get("enum", ())),
+        field.get("description", ""),
+    )
+
+
+def _told(
+    progress: Union[Callable[[Progress], object], bool, None], total: int
+) -> Tuple[Optional[Callable[[str, str, float], object]], Callable[[], object]]:
+    """What is called as things happen, and at the end."""
+    if not progress:
+        return None, lambda: None
+    end: Callable[[], object] = lambda: None
+    if progress is True:
+        from ._show import bar
+
+        tell, end = bar()
+    else:
+        tell = progress
+    done = 0
+
+    def told(what: str, node: str, number: float) -> None:
+        nonlocal done
+        if what == "unchanged":
+            done += int(number)
+        elif what not in ("started", "progress"):
+            done += 1
+        share = {"started": 0.0, "progress": number}.get(what, 1.0)
+        tell(Progress(node, what, share, done, max(total, done)))
+
+    return told, end

@@ -1,0 +1,85 @@
+"""What is wrong with a graph, and where."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+if TYPE_CHECKING:
+    from ._graph import Run
+
+
+class Use(NamedTuple):
+    """One use of a graph in another one, on the way to a problem."""
+
+    name: str
+    """The name of the node that uses it."""
+    file: str
+    """The file that uses it."""
+    line: int
+    """The line there, from 1."""
+    column: int
+    """The column there, from 1, in characters."""
+
+
+class Problem(NamedTuple):
+    """Something wrong at a place of a graph file: where, what, and what to do."""
+
+    severity: str
+    """`error`, or `warning` if the graph runs all the same."""
+    code: str
+    """What kind of problem it is, as `G007`; codes keep their meaning."""
+    file: str
+    """The graph file."""
+    line: int
+    """The line where it begins, from 1."""
+    column: int
+    """The column where it begins, from 1, in characters."""
+    end_line: int
+    """The line where it ends."""
+    end_column: int
+    """The column behind its end."""
+    message: str
+    """What is wrong."""
+    help: str
+    """What to do; may be empty."""
+    uses: Tuple[Use, ...]
+    """For a problem in a graph that is used: the uses that lead there, from the outermost on."""
+    text: str
+    """The whole as a terminal shows it, with the lines of the graph."""
+
+    def __str__(self) -> str:
+        """The whole as a terminal shows it, with the lines of the graph."""
+        return self.text
+
+
+def problem(told: Dict[str, Any]) -> Problem:
+    """A problem as the engine tells it."""
+    uses = tuple(Use(**use) for use in told.pop("uses", ()))
+    return Problem(uses=uses, **told)
+
+
+def problems(told: Sequence[Dict[str, Any]]) -> List[Problem]:
+    """Problems as the engine tells them."""
+    return [problem(one) for one in told]
+
+
+class GraphError(Exception):
+    """A graph cannot be read, or something of it failed.
+
+    `problems` says where and why, one by one; `run`, where something was run, what was found all the same.
+    """
+
+    problems: List[Problem]
+    run: Optional[Run]
+
+    def __init__(self, problems: Sequence[Problem], run: Optional[Run] = None) -> None:
+        self.problems = list(problems)
+        self.run = run
+        super().__init__(self.problems)
+
+    def __str__(self) -> str:
+        return "\n".join(["", *(problem.text for problem in self.problems)])
+
+    def __reduce__(self) -> Tuple[Any, ...]:
+        # A run stays in its process.
+        return GraphError, (self.problems,)

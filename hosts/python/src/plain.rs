@@ -1,0 +1,63 @@
+//! Plain data for Python: what JSON says, and problems.
+
+use maquette::Problem;
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+use serde_json::Value as Json;
+
+/// The same as dicts, lists, texts, numbers, bools and None.
+pub(crate) fn from_json<'py>(py: Python<'py>, json: &Json) -> PyResult<Bound<'py, PyAny>> {
+    match json {
+        Json::Null => Ok(py.None().into_bound(py)),
+        Json::Bool(truth) => truth.into_bound_py_any(py),
+        Json::Number(number) => match (number.as_i64(), number.as_u64()) {
+            (Some(whole), _) => whole.into_bound_py_any(py),
+            (_, Some(whole)) => whole.into_bound_py_any(py),
+            _ => number.as_f64().into_bound_py_any(py),
+        },
+        Json::String(text) => text.into_bound_py_any(py),
+        Json::Array(items) => {
+            let items = items.iter().map(|item| from_json(py, item));
+            Ok(PyList::new(py, items.collect::<PyResult<Vec<_>>>()?)?.into_any())
+        }
+        Json::Object(entries) => {
+            let dict = PyDict::new(py);
+            for (name, entry) in entries {
+                dict.set_item(name, from_json(py, entry)?)?;
+            }
+            Ok(dict.into_any())
+        }
+    }
+}
+
+/// What Python says, as JSON: a value for a parameter.
+pub(crate) fn to_json(value: &Bound<'_, PyAny>) -> PyResult<Json> {
+    if value.is_none() {
+        return Ok(Json::Null);
+    }
+    if let Ok(truth) = value.extract::<bool>() {
+        return Ok(truth.into());
+    }
+    if let Ok(whole) = value.extract::<i64>() {
+        return Ok(whole.into());
+    }
+    if let Ok(number) = value.extract::<f64>() {
+        return Ok(number.into());
+    }
+    if let Ok(text) = value.extract::<String>() {
+        return Ok(text.into());
+    }
+    let items = value.try_iter()?.map(|item| to_json(&item?));
+    Ok(Json::Array(items.collect::<PyResult<_>>()?))
+}
+
+/// Problems as dicts: what `--json` prints of them, and `text`, as a terminal shows them.
+pub(crate) fn problems<'py>(py: Python<'py>, problems: &[Problem]) -> PyResult<Bound<'py, PyList>> {
+    let dict = |problem: &Problem| {
+        let mut json = problem.to_json();
+        json["text"] = problem.to_text(false).into();
+        from_json(py, &json)
+    };
+    PyList::new(py, problems.iter().map(dict).collect::<PyResult<Vec<_>>>()?)
+}

@@ -1,0 +1,297 @@
+//! Sessions: what is known from one run to the next, and the runs.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, Weak};
+use std::time::{Duration, Instant};
+
+use maquette::{CacheFolder, CancelToken, Observer, Problem, Run, Settings, State, Wanted};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyList;
+
+use crate::graph::Graph;
+use crate::run::Finished;
+use crate::value::Value;
+use crate::workers::lock;
+use crate::{CATALOG, plain};
+
+/// How often the caller looks for signals while a graph runs.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// How long an interrupted run may take to stop before the caller goes on without it.
+const PATIENCE: Duration = Duration::from_millis(80);
+
+/// Results from one run to the next, in one process.
+pub(crate) struct Host {
+    process: u32,
+    /// None only while it is dropped.
+    session: Option<Mutex<maquette::Session>>,
+}
+
+impl Host {
+    fn new(settings: &Settings) -> PyResult<Arc<Self>> {
+        let session = maquette::Session::with_catalog(CATALOG.clone(), settings);
+        let session = session.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        let host =
+            Arc::new(Self { process: std::process::id(), session: Some(Mutex::new(session)) });
+        let mut all = lock(&HOSTS);
+        all.retain(|host| host.strong_count() > 0);
+        all.push(Arc::downgrade(&host));
+        Ok(host)
+    }
+
+    /// The process that it is of.
+    pub(crate) fn process(&self) -> u32 {
+        self.process
+    }
+
+    fn is_of_this_process(&self) -> bool {
+        self.process == std::process::id()
+    }
+
+    /// Does something with the session, once nobody else does.
+    pub(crate) fn with<R>(&self, work: impl FnOnce(&mut maquette::Session) -> R) -> R {
+        match &self.session {
+            Some(session) => work(&mut lock(session)),
+            None => unreachable!("a host has its session until it is dropped"),
+        }
+    }
+}
+
+impl Drop for Host {
+    fn drop(&mut self) {
+        if !self.is_of_this_process() {
+            // Its threads are the parent's: whoever waits for their end here waits for ever.
+            std::mem::forget(self.session.take());
+        }
+    }
+}
+
+/// All hosts. Locked only by who holds the interpreter's lock, so that no child is made meanwhile.
+static HOSTS: Mutex<Vec<Weak<Host>>> = Mutex::new(Vec::new());
+
+/// Waits until all results that are worth it are on disk.
+#[pyfunction]
+pub(crate) fn finish_all(py: Python<'_>) {
+    let hosts = Vec::from_iter(lock(&HOSTS).iter().filter_map(Weak::upgrade));
+    py.detach(|| {
+        for session in hosts.iter().filter(|host| host.is_of_this_process()) {
+            // One that still runs was left alone by who asked for it.
+            if let Some(Ok(session)) = session.session.as_ref().map(Mutex::try_lock) {
+                session.finish();
+            }
+        }
+    });
+}
+
+/// What runs graphs and remembers results.
+#[pyclass(frozen)]
+pub(crate) struct Session {
+    settings: Settings,
+    host: Mutex<Arc<Host>>,
+}
+
+impl Session {
+    /// The host of this process: a child made by `fork` gets one of its own.
+    fn host(&self) -> PyResult<Arc<Host>> {
+        let mut host = lock(&self.host);
+        if !host.is_of_this_process() {
+            *host = Host::new(&self.settings)?;
+        }
+        Ok(host.clone())
+    }
+}
+
+#[pymethods]
+impl Session {
+    /// `cache`: a folder, empty for none, None for that of the command line.
+    #[new]
+    fn new(cache: Option<PathBuf>, memory: &str, threads: usize) -> PyResult<Self> {
+        let cache = match cache {
+            None => CacheFolder::Default,
+            Some(folder) if folder.as_os_str().is_empty() => CacheFolder::None,
+            Some(folder) => CacheFolder::At(folder),
+        };
+        let settings = Settings { cache, threads, ..Settings::default() };
+        let settings = settings.with_memory(memory).map_err(PyValueError::new_err)?;
+        let host = Mutex::new(Host::new(&settings)?);
+        Ok(Self { settings, host })
+    }
+
+    /// Why results are not kept on disk, though they should be.
+    fn trouble(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        let host = self.host()?;
+        Ok(py.detach(|| host.with(|session| session.trouble().map(str::to_owned))))
+    }
+
+    /// Why a node would run, or why not.
+    fn why(&self, py: Python<'_>, graph: &Graph, node: &str) -> PyResult<Option<String>> {
+        let host = self.host()?;
+        Ok(py.detach(|| host.with(|session| session.why(&graph.graph, node))))
+    }
+
+    /// Drops every result in memory.
+    fn forget(&self, py: Python<'_>) -> PyResult<()> {
+        let host = self.host()?;
+        py.detach(|| host.with(maquette::Session::forget));
+        Ok(())
+    }
+
+    /// The values that files hold, for inputs by name, and warnings; or the problems, if there is no value.
+    fn read_inputs<'py>(
+        &self,
+        py: Python<'py>,
+        graph: &Graph,
+        files: Vec<(String, PathBuf)>,
+    ) -> PyResult<Told<'py, HashMap<String, Value>>> {
+        let host = self.host()?;
+        let read = py.detach(|| {
+            host.with(|session| session.install(|| session.read_inputs(&graph.graph, &files)))
+        });
+        match read {
+            Ok((values, warnings)) => {
+                let values = values.into_iter().map(|(name, value)| (name, Value::new(value)));
+                Ok((Some(values.collect()), plain::problems(py, &warnings)?))
+            }
+            Err(problems) => Ok((None, plain::problems(py, &problems)?)),
+        }
+    }
+
+    /// Evaluates a graph on a thread of its own. `outputs`: whether all outputs are wanted; `nodes`: what is wanted beside them. `told` is
+    /// called with (what happened, node, number).
+    ///
+    /// Gives what was found, or the problems for which nothing was run.
+    fn run<'py>(
+        &self,
+        py: Python<'py>,
+        graph: &Graph,
+        outputs: bool,
+        nodes: Vec<String>,
+        inputs: HashMap<String, PyRef<'py, Value>>,
+        told: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Told<'py, Finished>> {
+        let host = self.host()?;
+        let wanted = match (outputs, nodes.is_empty()) {
+            (true, true) => Wanted::Outputs,
+            (true, false) => Wanted::OutputsAnd(nodes),
+            (false, _) => Wanted::Named(nodes),
+        };
+        let inputs = inputs.into_iter().map(|(name, value)| (name, value.any().clone())).collect();
+        let (news, heard) = channel();
+        let cancel = CancelToken::default();
+        let job = Job { news, told: told.is_some(), last: Mutex::new(Instant::now()) };
+        std::thread::Builder::new().name("maquette".into()).spawn({
+            let (host, graph, cancel) = (host.clone(), graph.graph.clone(), cancel.clone());
+            move || {
+                let found = host.with(|session| {
+                    let observer: &dyn Observer = &job;
+                    session.run(&graph, &Run { wanted, inputs, observer, cancel })
+                });
+                // Without anybody who waits, it is left to the cache.
+                let _ = job.news.send(News::Done(Box::new(found)));
+            }
+        })?;
+        match listen(py, &Mutex::new(heard), told.as_ref()) {
+            Ok(Ok(found)) => Ok((Some(Finished::new(found, host)), PyList::empty(py))),
+            Ok(Err(problems)) => Ok((None, plain::problems(py, &problems)?)),
+            Err(Stopped { error, heard }) => {
+                cancel.cancel();
+                py.detach(|| wait(heard));
+                Err(error)
+            }
+        }
+    }
+}
+
+/// Something, if there is no error, and problems.
+type Told<'py, T> = (Option<T>, Bound<'py, PyList>);
+
+/// What a run says.
+enum News {
+    Told(&'static str, String, f64),
+    Done(Box<Result<maquette::Finished, Vec<Problem>>>),
+}
+
+/// Why nobody listens any more.
+struct Stopped<'a> {
+    error: PyErr,
+    heard: &'a Mutex<Receiver<News>>,
+}
+
+/// Listens until the run is done, a signal has come, or the one who is told raises.
+fn listen<'a>(
+    py: Python<'_>,
+    heard: &'a Mutex<Receiver<News>>,
+    told: Option<&Bound<'_, PyAny>>,
+) -> Result<Result<maquette::Finished, Vec<Problem>>, Stopped<'a>> {
+    let stopped = |error| Stopped { error, heard };
+    loop {
+        match py.detach(|| lock(heard).recv_timeout(LOOK)) {
+            Ok(News::Done(found)) => return Ok(*found),
+            Ok(News::Told(what, node, number)) => {
+                if let Some(told) = told {
+                    told.call1((what, node, number)).map_err(stopped)?;
+                }
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(stopped(PyRuntimeError::new_err(
+                    "the run ended by a fault of maquette",
+                )));
+            }
+        }
+        py.check_signals().map_err(stopped)?;
+    }
+}
+
+/// Waits a little until a cancelled run is done.
+fn wait(heard: &Mutex<Receiver<News>>) {
+    let end = Instant::now() + PATIENCE;
+    while let Some(left) = end.checked_duration_since(Instant::now()) {
+        match lock(heard).recv_timeout(left) {
+            Ok(News::Told(..)) => {}
+            Ok(News::Done(_)) | Err(_) => return,
+        }
+    }
+}
+
+/// Says what happens to who wants to be told.
+struct Job {
+    news: Sender<News>,
+    told: bool,
+    /// When a node last told how far it is: some do thousands of times a second.
+    last: Mutex<Instant>,
+}
+
+impl Job {
+    fn tell(&self, what: &'static str, node: &str, number: f64) {
+        if self.told {
+            // Who was interrupted listens no more.
+            let _ = self.news.send(News::Told(what, node.to_owned(), number));
+        }
+    }
+}
+
+impl Observer for Job {
+    fn unchanged(&self, count: usize) {
+        self.tell("unchanged", "", count as f64);
+    }
+
+    fn started(&self, node: &str) {
+        self.tell("started", node, 0.0);
+    }
+
+    fn progress(&self, node: &str, share: f64) {
+        let mut last = lock(&self.last);
+        if LOOK < last.elapsed() {
+            *last = Instant::now();
+            self.tell("progress", node, share);
+        }
+    }
+
+    fn finished(&self, node: &str, state: State, seconds: f64) {
+        self.tell(state.word(), node, seconds);
+    }
+}

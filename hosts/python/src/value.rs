@@ -1,0 +1,281 @@
+//! Values: what they are made of, files of them, and pictures.
+
+use std::sync::{Mutex, OnceLock};
+
+use maquette::render::{Kind, Look, Projection, View, picture};
+use maquette::value::{FactValue, Items, Meaning, Mesh, On, Parts};
+use maquette::{AnyValue, ValueType};
+use numpy::{PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyList};
+
+use crate::column::Column;
+use crate::workers::{lock, on_threads};
+use crate::{CATALOG, plain};
+
+/// A value on a link.
+#[pyclass(frozen)]
+pub(crate) struct Value {
+    value: AnyValue,
+    /// Its facts and columns, once somebody has asked for them.
+    made_of: OnceLock<MadeOf>,
+}
+
+struct MadeOf {
+    facts: Vec<(String, FactValue)>,
+    columns: Mutex<Vec<Unused>>,
+}
+
+/// A column that is an object of Python from the first use on.
+enum Unused {
+    Not(Option<Column>),
+    Used(Py<Column>),
+}
+
+impl Value {
+    pub(crate) fn new(value: AnyValue) -> Self {
+        Self { value, made_of: OnceLock::new() }
+    }
+
+    pub(crate) fn any(&self) -> &AnyValue {
+        &self.value
+    }
+
+    fn made_of(&self, py: Python<'_>) -> PyResult<&MadeOf> {
+        if self.made_of.get().is_none() {
+            let made_of = on_threads(py, || {
+                let parts = self.value.parts();
+                let column = |part| Unused::Not(Some(Column::of(&self.value, part, parts.row)));
+                let columns = Mutex::new(parts.columns.iter().map(column).collect());
+                let facts =
+                    parts.facts.into_iter().map(|fact| (fact.name.into_owned(), fact.value));
+                MadeOf { facts: facts.collect(), columns }
+            })?;
+            // Another thread may have been faster; both have the same.
+            let _ = self.made_of.set(made_of);
+        }
+        self.made_of.get().ok_or_else(|| PyValueError::new_err("a value is made of nothing"))
+    }
+}
+
+#[pymethods]
+impl Value {
+    /// The name of its type.
+    #[getter]
+    fn kind(&self) -> &'static str {
+        self.value.kind().name
+    }
+
+    /// The hash of its content, 64 hexadecimal digits.
+    #[getter]
+    fn hash(&self) -> String {
+        self.value.hash().to_string()
+    }
+
+    /// How much memory it holds, in bytes.
+    #[getter]
+    fn size(&self) -> usize {
+        self.value.size()
+    }
+
+    /// What its constructor counts and knows, by name.
+    fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let facts = PyDict::new(py);
+        for (name, fact) in &self.made_of(py)?.facts {
+            match fact {
+                FactValue::Count(count) => facts.set_item(name, count)?,
+                FactValue::Size(size) => facts.set_item(name, (size[0], size[1]))?,
+                FactValue::Flag(flag) => facts.set_item(name, flag)?,
+                FactValue::Text(text) => facts.set_item(name, text)?,
+            }
+        }
+        Ok(facts)
+    }
+
+    /// Its columns.
+    fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let mut columns = lock(&self.made_of(py)?.columns);
+        for column in columns.iter_mut() {
+            if let Unused::Not(it) = column
+                && let Some(it) = it.take()
+            {
+                *column = Unused::Used(Py::new(py, it)?);
+            }
+        }
+        let used = columns.iter().filter_map(|column| match column {
+            Unused::Used(column) => Some(column.clone_ref(py)),
+            Unused::Not(_) => None,
+        });
+        PyList::new(py, used.collect::<Vec<_>>())
+    }
+
+    /// What a reader wants to know first.
+    fn describe<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let summary = on_threads(py, || self.value.describe())?;
+        dict(py, &summary.0)
+    }
+
+    /// What is at a pixel.
+    fn probe<'py>(&self, py: Python<'py>, at: [usize; 2]) -> PyResult<Bound<'py, PyDict>> {
+        let summary = on_threads(py, || self.value.probe(at))?;
+        dict(py, &summary.0)
+    }
+
+    /// The files, by name and content, as which it is written.
+    fn files<'py>(
+        &self,
+        py: Python<'py>,
+        name: &str,
+    ) -> PyResult<Vec<(String, Bound<'py, PyBytes>)>> {
+        let files = on_threads(py, || CATALOG.write(&self.value, name))?;
+        let files = files.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok(files.into_iter().map(|it| (it.name, PyBytes::new(py, &it.bytes))).collect())
+    }
+
+    /// A picture of it: from the front, as far to the right and above as these angles say; of this size, else as large as it is.
+    fn render(
+        &self,
+        py: Python<'_>,
+        size: Option<[usize; 2]>,
+        yaw: f64,
+        pitch: f64,
+        zoom: f64,
+        orthographic: bool,
+    ) -> PyResult<Option<Self>> {
+        let flat = [Projection::Perspective, Projection::Orthographic];
+        let projection = flat[usize::from(orthographic)];
+        let kind = if size.is_some() { Kind::Fitted } else { Kind::Own };
+        let size = size.unwrap_or(View::front().size);
+        let view = View { size, yaw, pitch, zoom, projection, aim: None };
+        let look = Look { view, kind, below: None };
+        let drawn = on_threads(py, || picture(&self.value.show(), &look).map(AnyValue::new))?;
+        Ok(drawn.map(Self::new))
+    }
+
+    /// The ends of a mesh's edges, and the edge at which each corner's side begins.
+    fn edges(&self, py: Python<'_>) -> PyResult<Option<(Column, Column)>> {
+        let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
+        let edges = on_threads(py, || mesh.edges())?;
+        let ends = Column::list("edges", edges.vertices.into_flattened(), 2);
+        Ok(Some((ends, Column::list("edge of a corner", edges.of_corner, 1))))
+    }
+
+    /// The corners of its faces as triangles, those of larger faces as fans.
+    fn triangles(&self, py: Python<'_>) -> PyResult<Option<Column>> {
+        let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
+        let fan = |face: &[u32]| {
+            let sides = face.windows(2).skip(1);
+            Vec::from_iter(sides.flat_map(|side| [face[0], side[0], side[1]]))
+        };
+        let corners = on_threads(py, || mesh.faces().iter().flat_map(fan).collect())?;
+        Ok(Some(Column::list("triangles", corners, 3)))
+    }
+}
+
+fn dict<'py>(
+    py: Python<'py>,
+    entries: &[(String, serde_json::Value)],
+) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    for (name, entry) in entries {
+        dict.set_item(name, plain::from_json(py, entry)?)?;
+    }
+    Ok(dict)
+}
+
+/// The type of values of this name.
+pub(crate) fn kind_of(name: &str) -> PyResult<&'static ValueType> {
+    let unknown = || PyValueError::new_err(format!("there is no type of values `{name}`"));
+    CATALOG.value_type(name).ok_or_else(unknown)
+}
+
+/// A value made of columns: (name, what its elements are, what its numbers mean, numbers an element, array without gaps) each.
+#[pyfunction]
+pub(crate) fn make(
+    py: Python<'_>,
+    kind: &str,
+    columns: Vec<(String, String, String, usize, Bound<'_, PyUntypedArray>)>,
+    facts: Vec<(String, Bound<'_, PyAny>)>,
+    row: Option<usize>,
+) -> PyResult<Value> {
+    let kind = kind_of(kind)?;
+    let arrays = columns.iter().map(|(.., array)| Array::of(array));
+    let arrays = arrays.collect::<PyResult<Vec<_>>>()?;
+    let mut parts = Parts { row, ..Parts::default() };
+    for ((name, on, meaning, width, _), array) in columns.iter().zip(&arrays) {
+        parts.push(&name[..], on_of(on)?, meaning_of(meaning)?, *width, array.items()?);
+    }
+    for (name, fact) in facts {
+        parts.fact(name, fact_of(&fact)?);
+    }
+    let value = on_threads(py, || kind.from_parts(&parts))?;
+    value.map(Value::new).map_err(|error| PyValueError::new_err(error.to_string()))
+}
+
+/// An array of one of the kinds of numbers that columns have.
+enum Array<'py> {
+    F64(PyReadonlyArrayDyn<'py, f64>),
+    F32(PyReadonlyArrayDyn<'py, f32>),
+    U32(PyReadonlyArrayDyn<'py, u32>),
+    U8(PyReadonlyArrayDyn<'py, u8>),
+}
+
+impl<'py> Array<'py> {
+    fn of(array: &Bound<'py, PyUntypedArray>) -> PyResult<Self> {
+        if let Ok(array) = array.extract() {
+            return Ok(Self::F64(array));
+        }
+        if let Ok(array) = array.extract() {
+            return Ok(Self::F32(array));
+        }
+        if let Ok(array) = array.extract() {
+            return Ok(Self::U32(array));
+        }
+        let told = || PyTypeError::new_err(format!("no column holds {} numbers", array.dtype()));
+        array.extract().map(Self::U8).map_err(|_| told())
+    }
+
+    fn items(&self) -> PyResult<Items<'_>> {
+        Ok(match self {
+            Self::F64(array) => Items::from(array.as_slice()?),
+            Self::F32(array) => Items::F32(array.as_slice()?.into()),
+            Self::U32(array) => Items::from(array.as_slice()?),
+            Self::U8(array) => Items::from(array.as_slice()?),
+        })
+    }
+}
+
+fn on_of(word: &str) -> PyResult<On> {
+    use On::{Corner, Edge, Entry, Face, Pixel, Point, Step, Texel, Vertex, Whole};
+    let all = [Vertex, Corner, Face, Edge, Pixel, Texel, Point, Step, Entry, Whole];
+    named(word, &all, On::word, "columns lie on")
+}
+
+fn meaning_of(word: &str) -> PyResult<Meaning> {
+    use Meaning::{Direction, Exact, Index, Level, Number, Position};
+    let all = [Position, Direction, Number, Level, Index, Exact];
+    named(word, &all, Meaning::word, "numbers mean")
+}
+
+/// The one that a word names.
+fn named<T: Copy>(word: &str, all: &[T], name: fn(T) -> &'static str, what: &str) -> PyResult<T> {
+    let found = all.iter().copied().find(|it| name(*it) == word);
+    found.ok_or_else(|| {
+        let known = Vec::from_iter(all.iter().map(|it| name(*it))).join(", ");
+        PyValueError::new_err(format!("{what} one of {known}, not `{word}`"))
+    })
+}
+
+fn fact_of(fact: &Bound<'_, PyAny>) -> PyResult<FactValue> {
+    if let Ok(flag) = fact.extract::<bool>() {
+        return Ok(flag.into());
+    }
+    if let Ok(count) = fact.extract::<usize>() {
+        return Ok(count.into());
+    }
+    if let Ok(size) = fact.extract::<[usize; 2]>() {
+        return Ok(size.into());
+    }
+    Ok(fact.extract::<String>()?.into())
+}

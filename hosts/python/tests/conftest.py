@@ -1,0 +1,49 @@
+"""What the tests share: the project's graphs in a folder of their own, a cache of their own, and the command line."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import shutil
+import subprocess
+from typing import Callable, Iterator
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+SHARED = ROOT.parent / "shared"
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
+    """Results of one test are not there in another."""
+    folder = tmp_path_factory.mktemp("cache")
+    monkeypatch.setenv("MAQUETTE_CACHE", str(folder))
+    return folder
+
+
+@pytest.fixture
+def graphs(tmp_path: pathlib.Path) -> pathlib.Path:
+    """The project's graphs, to be changed."""
+    folder = tmp_path / "graphs"
+    shutil.copytree(ROOT / "graphs", folder, ignore=shutil.ignore_patterns("goldens", "pictures"))
+    return folder
+
+
+@pytest.fixture
+def program() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """The program of the command line, which `hosts/python/test` builds."""
+    path = os.environ.get("MAQUETTE_PROGRAM", str(ROOT / "target/release/maquette"))
+    assert os.path.exists(path), f"there is no {path}: `bash hosts/python/test` builds it"
+
+    def run(*words: str, **options: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([path, *words], capture_output=True, text=True, **options)  # type: ignore[call-overload, no-any-return]
+
+    return run
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_display() -> Iterator[None]:
+    """Plots are drawn to files."""
+    os.environ["MPLBACKEND"] = "Agg"
+    yield
