@@ -44,6 +44,9 @@ def test_the_notebook_runs_and_shows_graph_value_and_progress(graphs: pathlib.Pa
     assert any({"image/png", "text/html"} <= kinds for kinds in shown), "no value"
     bars = [o for cell in notebook.cells for o in cell.get("outputs", ()) if "<progress" in "".join(o.get("data", {}).get("text/html", ""))]
     assert bars and 'value="1.000"' in "".join(bars[0]["data"]["text/html"])
+    tables = ["".join(o.get("data", {}).get("text/html", "")) for cell in notebook.cells for o in cell.get("outputs", ())]
+    assert any("growth" in table and "40.0" in table for table in tables), "no parameters"
+    assert any("cached" in table and "computed" in table for table in tables), "no trace"
     if out := os.environ.get("MAQUETTE_NOTEBOOK"):
         exporter = pytest.importorskip("nbconvert").HTMLExporter()
         pathlib.Path(out).write_text(exporter.from_notebook_node(notebook)[0])

@@ -165,6 +165,14 @@ def test_a_graph_stays_as_it_was_loaded(graphs: pathlib.Path) -> None:
     assert maquette.load(path, cache=None).run(growth=5)["model.ply"].hash != before
 
 
+def test_the_program_may_go_elsewhere(graphs: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(graphs)
+    doll = maquette.load("doll.ron", cache="kept")
+    monkeypatch.chdir(tmp_path)
+    assert len(doll.run(growth=3).write("out")) == 5 and not (tmp_path / "kept").exists()
+    assert doll.edited(growth=4) != doll.text
+
+
 def test_files_that_nodes_read_are_looked_at_in_every_run(graphs: pathlib.Path) -> None:
     nodes = 'nodes: { "cage": ReadMesh(path: "cage.obj") }, outputs: { "cage.ply": "cage" }'
     maquette.Mesh(CORNERS, FACES).save(graphs / "cage.obj")

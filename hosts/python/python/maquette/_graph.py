@@ -130,6 +130,11 @@ class _Named(Mapping[str, T]):
     def __repr__(self) -> str:
         return "\n".join(repr(thing) for thing in self._things.values()) or f"no {self._what}"
 
+    def _repr_html_(self) -> str:
+        from ._show import named_html
+
+        return named_html(self._what, list(self._things.values()))
+
 
 def load(
     path: Path,
@@ -166,8 +171,9 @@ class Graph:
         memory: Union[str, int] = "2GB",
         threads: int = 0,
     ) -> None:
-        self._path = os.fspath(path)
-        self._roots = [os.fspath(root) for root in roots]
+        # It is read again, with other values, wherever the program has gone meanwhile.
+        self._path = os.path.abspath(path)
+        self._roots = [os.path.abspath(root) for root in roots]
         if text is None:
             with open(self._path, "rb"):
                 pass
@@ -179,7 +185,7 @@ class Graph:
         if cache is True:
             folder: Optional[str] = None
         else:
-            folder = "" if cache is None or cache is False else os.fspath(cache)
+            folder = "" if cache is None or cache is False else os.path.abspath(cache)
         self._session = _maquette.Session(folder, str(memory), threads)
 
     def _checked(

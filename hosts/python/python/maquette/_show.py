@@ -42,6 +42,19 @@ def run_html(run: Run) -> str:
     return f"<b>{html.escape(repr(run)[1:-1])}</b>{_table(rows)}{told}"
 
 
+def named_html(what: str, things: Sequence[Any]) -> str:
+    """Parameters, inputs or outputs, one a row; what is not said of any of them has no column."""
+    if not things:
+        return f"no {what}"
+    fields = [it for it in things[0]._fields if any(getattr(thing, it) not in (None, "", ()) for thing in things)]
+
+    def cell(thing: Any, field: str) -> str:
+        said = getattr(thing, field)
+        return "" if said in (None, ()) else str(said)
+
+    return _table([tuple(fields), *(tuple(cell(thing, field) for field in fields) for thing in things)])
+
+
 def _table(rows: Sequence[Tuple[str, ...]]) -> str:
     cells = ["".join(f'<td style="text-align: left">{html.escape(cell)}</td>' for cell in row) for row in rows[:_MOST_ROWS]]
     more = f"<tr><td>and {len(rows) - _MOST_ROWS} more</td></tr>" if len(rows) > _MOST_ROWS else ""
