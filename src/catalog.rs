@@ -1,6 +1,6 @@
 //! All that the packs of a program offer: nodes, values and file formats, by name.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
@@ -12,7 +12,7 @@ use crate::format::{FORMATS, READERS};
 use crate::node::{NodeType, Output};
 use crate::pack::{Format, NewFile, Pack};
 use crate::plain::ending;
-use crate::reading::Readers;
+use crate::reading::{AnyReader, Readers};
 use crate::text::ron;
 use crate::text::{inside_option, resolve, variants};
 use crate::value::{AnyValue, TYPES, ValueType};
@@ -26,6 +26,34 @@ pub struct Catalog {
     values: Vec<&'static ValueType>,
     formats: Vec<Format>,
     readers: Arc<Readers>,
+    code: Vec<Code>,
+}
+
+/// By what the code of a pack is known.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Code {
+    /// The pack.
+    pub(crate) pack: &'static str,
+    /// The ids of the builds that its nodes are of.
+    pub(crate) builds: BTreeSet<&'static str>,
+    /// Addresses of all code that has no id: of nodes without one, and of values, formats and readers, which need not be from
+    /// the same crate as the nodes.
+    pub(crate) others: Vec<usize>,
+}
+
+impl Code {
+    fn of(pack: &Pack) -> Self {
+        let has_id = |node: &&NodeType| !(node.build)().is_empty();
+        let nodes = pack.nodes.iter().filter(|node| !has_id(node)).map(|node| node.read as usize);
+        let values = pack.values.iter().map(|kind| kind.code());
+        let formats = pack.formats.iter().map(Format::code);
+        let readers = pack.readers.iter().map(AnyReader::code);
+        Self {
+            pack: pack.name,
+            builds: pack.nodes.iter().filter(has_id).map(|node| (node.build)()).collect(),
+            others: nodes.chain(values).chain(formats).chain(readers).collect(),
+        }
+    }
 }
 
 /// One node of a catalog.
@@ -190,12 +218,13 @@ impl Catalog {
         let brought = packs.iter().flat_map(|pack| pack.formats);
         let values = packs.iter().flat_map(|pack| pack.values).copied().collect();
         let formats = FORMATS.iter().chain(brought).copied().collect();
-        Self { entries, values, formats, readers }
+        let code = packs.iter().map(|pack| Code::of(pack)).collect();
+        Self { entries, values, formats, readers, code }
     }
 
-    /// Addresses of the code of its packs: somewhere in each node.
-    pub(crate) fn code(&self) -> impl Iterator<Item = usize> {
-        self.entries().map(|entry| entry.node.read as usize)
+    /// By what the code of its packs is known, in their order.
+    pub(crate) fn code(&self) -> &[Code] {
+        &self.code
     }
 
     /// What reads files.
@@ -405,4 +434,49 @@ fn describe_content(content: &Json, root: &Json) -> String {
 pub(crate) fn describe_default(schema: &Json, root: &Json) -> String {
     let default = schema.get("default");
     default.map_or_else(String::new, |default| format!(" = {}", ron(default, schema, root)))
+}
+
+#[cfg(test)]
+mod tests {
+    use schemars::JsonSchema;
+    use serde::{Deserialize, Serialize};
+
+    use super::*;
+    use crate::node::{Context, Node, node};
+    use crate::value::{Mesh, value_type};
+
+    #[derive(Serialize, Deserialize, JsonSchema)]
+    struct Nothing {}
+
+    impl Node for Nothing {
+        type Outputs = (Mesh,);
+        const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+        fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+            unreachable!("no test evaluates it")
+        }
+    }
+
+    const EMPTY: Pack = Pack { name: "", nodes: &[], values: &[], formats: &[], readers: &[] };
+
+    #[test]
+    fn what_a_pack_brings_is_known_by_its_build_or_by_where_its_code_is() {
+        const PLAIN: NodeType = node::<Nothing>();
+        const ONE: NodeType = PLAIN.of_build(|| "1");
+        const TWO: NodeType = PLAIN.of_build(|| "2");
+        let check = |pack: Pack, builds: &[&'static str], others: usize| {
+            let code = Catalog::new(&[&EMPTY, &pack]).code()[1].clone();
+            assert_eq!(Vec::from_iter(&code.builds), Vec::from_iter(builds));
+            assert_eq!(code.others.len(), others, "{code:?}");
+        };
+        check(EMPTY, &[], 0);
+        check(Pack { nodes: &[ONE, TWO, ONE], ..EMPTY }, &["1", "2"], 0);
+        check(Pack { nodes: &[ONE, PLAIN], ..EMPTY }, &["1"], 1);
+        check(Pack { nodes: const { &[PLAIN.of_build(|| "")] }, ..EMPTY }, &[], 1);
+        // Who gathers the nodes of others may bring a reader of his own.
+        check(Pack { nodes: &[ONE], readers: &READERS[..1], ..EMPTY }, &["1"], 1);
+        check(Pack { nodes: &[ONE], formats: &FORMATS[..1], ..EMPTY }, &["1"], 1);
+        static VALUES: [&ValueType; 1] = [value_type::<Mesh>()];
+        check(Pack { nodes: &[ONE], values: &VALUES, ..EMPTY }, &["1"], 1);
+    }
 }

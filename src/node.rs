@@ -527,6 +527,36 @@ pub struct NodeType {
     pub(crate) schema: fn() -> Schema,
     pub(crate) outputs: fn() -> Vec<Output>,
     pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, crate::text::ReadError>,
+    /// The id of the build that its code is of; empty if that is not known.
+    pub(crate) build: fn() -> &'static str,
+}
+
+impl NodeType {
+    /// The same node, with the id of the build that its code is of, which the engine's `build.rs` makes; empty if it is not known.
+    /// Programs whose packs are of the same builds share the results that are kept on disk. A node without an id is known by the
+    /// file that its code was loaded from.
+    #[must_use]
+    pub const fn of_build(self, id: fn() -> &'static str) -> Self {
+        Self { build: id, ..self }
+    }
+}
+
+/// Declares `node` for a crate that is built with the engine's `build.rs`: as [`node`](crate::node()), [of the crate's
+/// build](NodeType::of_build).
+#[macro_export]
+macro_rules! nodes_of_this_build {
+    () => {
+        // Apart from the list of nodes, which need not be compiled again for each new id.
+        mod build_id {
+            pub(super) fn build_id() -> &'static str {
+                env!("MAQUETTE_BUILD", "the build script of this package must be the engine's")
+            }
+        }
+
+        const fn node<T: $crate::Node>() -> $crate::NodeType {
+            $crate::node::<T>().of_build(build_id::build_id)
+        }
+    };
 }
 
 /// One output of a node.
@@ -556,6 +586,7 @@ pub const fn node<T: Node>() -> NodeType {
             pairs.map(|(name, (kind, types))| Output { name, kind, types }).collect()
         },
         read: |reader| Ok(Box::new(reader.read::<T>()?)),
+        build: || "",
     }
 }
 

@@ -61,6 +61,11 @@ pub struct Format {
 }
 
 impl Format {
+    /// Where its code is.
+    pub(crate) fn code(&self) -> usize {
+        self.write as usize
+    }
+
     /// Writes a value of the format's type.
     pub(crate) fn write(&self, value: &AnyValue, name: &str) -> Result<Vec<NewFile>, Error> {
         (self.write)(value, name)

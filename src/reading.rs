@@ -213,6 +213,11 @@ impl AnyReader {
         (self.kind)()
     }
 
+    /// Where its code is.
+    pub(crate) fn code(&self) -> usize {
+        self.read as usize
+    }
+
     /// Reads a file, whatever its name is.
     pub(crate) fn call(&self, file: &Reading<'_>) -> Result<AnyValue, Error> {
         (self.read)(file)

@@ -261,6 +261,11 @@ impl fmt::Debug for ValueType {
 }
 
 impl ValueType {
+    /// Where its code is.
+    pub(crate) fn code(&self) -> usize {
+        self.decode as usize
+    }
+
     /// The value of this type that has this hash, from its kept content.
     pub(crate) fn decode(
         &self,

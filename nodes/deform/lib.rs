@@ -1,6 +1,6 @@
 //! Nodes that deform by handles.
 
-use maquette::{Pack, node};
+use maquette::Pack;
 
 mod ffd;
 mod ffd_error;
@@ -28,6 +28,8 @@ pub use lattice::{Lattice, LatticeError, lattice};
 pub use mode::Mode;
 pub use read_handles::{ReadHandles, ReadHandlesError, read_handles};
 pub use tube::{Tube, TubeError, tube};
+
+maquette::nodes_of_this_build!();
 
 /// Nodes that deform by handles.
 pub static PACK: Pack = Pack {

@@ -1,6 +1,6 @@
 //! Nodes that close the holes of surfaces.
 
-use maquette::{Pack, node};
+use maquette::Pack;
 
 mod attributes;
 mod border;
@@ -23,6 +23,8 @@ pub use exemplar::{ExemplarOptions, Falloff, Shown, Start, Update};
 pub use fill_error::FillError;
 pub use fill_holes::{FillHoles, Filled, fill_holes};
 pub use method::FillMethod;
+
+maquette::nodes_of_this_build!();
 
 /// Nodes that close the holes of surfaces.
 pub static PACK: Pack =

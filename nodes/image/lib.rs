@@ -1,6 +1,6 @@
 //! Nodes on pictures.
 
-use maquette::{Pack, node};
+use maquette::Pack;
 
 mod combine_masks;
 mod connectivity;
@@ -35,6 +35,8 @@ pub use segment::select::level;
 pub use segment::select::{Channel, Select, Space};
 pub use thin::{Thin, ThinError, ThinMethod, thin};
 pub use threshold::Threshold;
+
+maquette::nodes_of_this_build!();
 
 /// Nodes on pictures.
 pub static PACK: Pack = Pack {

@@ -1,6 +1,6 @@
 //! Nodes on meshes, points and curves.
 
-use maquette::{Pack, node};
+use maquette::Pack;
 
 mod common_frame;
 mod merge;
@@ -30,6 +30,8 @@ pub use reconstruct::{
 };
 pub use texture::{Mapping, Texture, TextureError, Window, texture};
 pub use transform::{Transform, transform};
+
+maquette::nodes_of_this_build!();
 
 /// Nodes on meshes, points and curves.
 pub static PACK: Pack = Pack {

@@ -1,6 +1,6 @@
 //! Nodes that redesign a region as a rational B-spline surface.
 
-use maquette::{Pack, node};
+use maquette::Pack;
 
 mod blend;
 mod blend_error;
@@ -51,6 +51,8 @@ pub use point_net::{PointNet, point_net};
 pub use revolve::{Revolve, RevolveError, revolve, revolve_curve};
 pub use tessellate::{Tessellate, TessellateError, tessellate};
 pub use weights::{Weights, WeightsError, weights, weights_inside};
+
+maquette::nodes_of_this_build!();
 
 /// Nodes that redesign a region as a rational B-spline surface.
 pub static PACK: Pack = Pack {

@@ -1,6 +1,6 @@
 //! Nodes on range images.
 
-use maquette::{Pack, node};
+use maquette::Pack;
 
 mod average_normal;
 mod denoise;
@@ -29,6 +29,8 @@ pub use range_file::{Axes, CameraFileError, Unit};
 pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};
 pub use read_range::{ReadRange, read_range};
 pub use triangulate::{Triangulate, TriangulateError, triangulate};
+
+maquette::nodes_of_this_build!();
 
 /// Nodes on range images.
 pub static PACK: Pack = Pack {

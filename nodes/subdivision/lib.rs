@@ -1,6 +1,6 @@
 //! Nodes on subdivision surfaces and curves: refinement, and what passes through or near given points.
 
-use maquette::{Pack, node};
+use maquette::Pack;
 
 mod boundary;
 mod corners;
@@ -61,6 +61,8 @@ pub use subdivide_curve::{CurveScheme, SubdivideCurve, SubdivideCurveError, subd
 pub use subdivide_error::SubdivideError;
 pub use surface::limit_point::LimitPoint;
 pub use surface::limit_surface::LimitSurface;
+
+maquette::nodes_of_this_build!();
 
 /// Nodes on subdivision surfaces and curves.
 pub static PACK: Pack = Pack {

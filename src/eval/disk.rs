@@ -1,8 +1,8 @@
-//! Results on disk, from one process to the next.
+//! Results on disk, from one process to the next. The fingerprint of a folder is that of a build: see [`program`].
 //!
 //! ```text
 //! CACHE/CACHEDIR.TAG
-//! CACHE/programs/STAMP                the fingerprint of the program of that stamp
+//! CACHE/programs/STAMP                the hash of a file of code, of that stamp
 //! CACHE/FINGERPRINT/entries/KEY       what a node gave: its outputs, without their large columns
 //! CACHE/FINGERPRINT/columns/HASH      a large column
 //! CACHE/FINGERPRINT/graphs/HASH       what the last evaluation of the graph at the path of that hash found

@@ -308,7 +308,7 @@ fn share_fingerprint(cache: &Path) {
     static KNOWN: OnceLock<tempfile::TempDir> = OnceLock::new();
     let known = KNOWN.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        Disk::open(folder.path(), u64::MAX, &Catalog::new(&[])).unwrap();
+        Disk::open(folder.path(), u64::MAX, &Catalog::new(&[&pack::PACK])).unwrap();
         folder
     });
     let programs = cache.join("programs");

@@ -1,6 +1,7 @@
 //! The program as its users see it: what its commands do, say and write.
 
 mod blessing;
+mod builds;
 mod canvas;
 mod command_line;
 mod doctor;

@@ -1,5 +1,6 @@
 //! The engine as the packs and a host see it: one program, because each of them is linked anew.
 
+mod builds;
 mod cache;
 mod conformance;
 mod doll;

@@ -1,6 +1,7 @@
-//! Which program this is: results of another build are never believed.
+//! Which build of the code this is: results of another one are never believed.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
 use std::fs::File;
 use std::io;
 #[cfg(target_os = "linux")]
@@ -10,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::folder::{PROGRAMS, is_fingerprint};
 use super::seal::{seal, unsealed};
-use crate::catalog::Catalog;
+use crate::catalog::{Catalog, Code};
 use crate::plain;
 use crate::stamp::Stamp;
 use crate::value::Hash;
@@ -24,16 +25,39 @@ pub(crate) fn this_is_a_program() {
     IS_OWN.store(true, Ordering::Relaxed);
 }
 
-/// The fingerprint of all code that makes results: of the files that it was loaded from, the program or a library in a host, and of those
-/// of packs that were loaded apart.
+/// The id of the engine's build: see `build.rs`.
+const BUILD: &str = env!("MAQUETTE_BUILD");
+
+/// The fingerprint of all code that makes results, the engine's and that of the packs, in their order: of the ids of its builds, so that
+/// programs and libraries of the same build share results, and where there is no id, of the files that it was loaded from.
 pub(super) fn fingerprint(folder: &Path, catalog: &Catalog) -> io::Result<String> {
-    let files = files_of(&Vec::from_iter(catalog.code().chain([own_code()])))?;
-    let known = files.iter().map(|file| fingerprint_of(folder, file));
-    let known = known.collect::<io::Result<Vec<_>>>()?;
-    Ok(match &known[..] {
-        [one] => one.clone(),
-        many => Hash::of(many.concat().as_bytes()).to_string()[..32].to_owned(),
-    })
+    fingerprint_with(folder, BUILD, catalog.code())
+}
+
+/// The same, for an engine of this build.
+fn fingerprint_with(folder: &Path, build: &'static str, packs: &[Code]) -> io::Result<String> {
+    let is_known = !build.is_empty();
+    let engine = Code {
+        pack: "",
+        builds: is_known.then_some(build).into_iter().collect(),
+        others: Vec::from_iter((!is_known).then(own_code)),
+    };
+    let mut hashes = BTreeMap::new();
+    let mut told = String::new();
+    for Code { pack, builds, others } in [&engine].into_iter().chain(packs) {
+        let _ = writeln!(told, "{pack:?} is of {builds:?}");
+        // Where no file is needed, none must be found: there are systems that do not tell.
+        let files = if others.is_empty() { BTreeSet::new() } else { files_of(others)? };
+        for file in files {
+            let hash = match hashes.get(&file) {
+                Some(known) => String::clone(known),
+                None => fingerprint_of(folder, &file)?,
+            };
+            let _ = writeln!(told, "and from {hash}");
+            hashes.insert(file, hash);
+        }
+    }
+    Ok(Hash::of(told.as_bytes()).to_string()[..32].to_owned())
 }
 
 /// The hash of a file of code, remembered in the cache by what the system says of the file, because hashing it takes longer than most
@@ -119,6 +143,7 @@ pub(super) fn remembered(memo: &Path, bytes: Vec<u8>) -> Option<String> {
 
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
+    use super::super::{Disk, folder};
     use super::*;
 
     #[test]
@@ -126,6 +151,70 @@ mod tests {
         let files = files_of(&[own_code()]).unwrap();
         assert_eq!(Vec::from_iter(files), [std::env::current_exe().unwrap()]);
         assert!(files_of(&[8]).is_err());
+    }
+
+    fn code(pack: &'static str, builds: &[&'static str], others: &[usize]) -> Code {
+        Code { pack, builds: builds.iter().copied().collect(), others: others.to_vec() }
+    }
+
+    #[test]
+    fn code_that_is_known_by_its_build_needs_no_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let fingerprint = |engine, packs: &[Code]| fingerprint_with(folder.path(), engine, packs);
+        let (a, b) = (code("a", &["1"], &[]), code("b", &["2", "3"], &[]));
+        let all = [
+            fingerprint("0", &[a.clone(), b.clone()]),
+            fingerprint("0", &[b.clone(), a.clone()]),
+            fingerprint("0", std::slice::from_ref(&a)),
+            fingerprint("1", &[a.clone(), b.clone()]),
+            fingerprint("0", &[code("a", &["4"], &[]), b.clone()]),
+            fingerprint("0", &[code("c", &["1"], &[]), b.clone()]),
+            fingerprint("0", &[code("a", &["1", "2"], &[]), code("b", &["3"], &[])]),
+        ];
+        let all = all.map(Result::unwrap);
+        assert_eq!(BTreeSet::from_iter(&all).len(), all.len(), "{all:?}");
+        assert!(all.iter().all(|fingerprint| is_fingerprint(fingerprint)));
+        assert_eq!(fingerprint("0", &[a, b]).unwrap(), all[0]);
+        assert!(!folder.path().join(PROGRAMS).exists());
+    }
+
+    #[test]
+    fn code_without_a_build_is_known_by_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let fingerprint = |engine, packs: &[Code]| fingerprint_with(folder.path(), engine, packs);
+        let library = libc::mallopt as unsafe extern "C" fn(_, _) -> _ as usize;
+        let all = [
+            fingerprint("0", &[code("a", &[], &[])]),
+            fingerprint("0", &[code("a", &[], &[own_code()])]),
+            fingerprint("0", &[code("a", &[], &[library])]),
+            fingerprint("0", &[code("a", &[], &[own_code(), library])]),
+            fingerprint("0", &[code("a", &["1"], &[library])]),
+            fingerprint("", &[code("a", &[], &[library])]),
+        ];
+        let all = all.map(Result::unwrap);
+        assert_eq!(BTreeSet::from_iter(&all).len(), all.len(), "{all:?}");
+        // Where it cannot be told, nothing is believed.
+        assert!(fingerprint("0", &[code("a", &["1"], &[8])]).is_err());
+    }
+
+    #[test]
+    fn the_doctor_finds_what_is_remembered_wrongly_of_a_file_of_code() {
+        let folder = tempfile::tempdir().unwrap();
+        folder::tag(folder.path()).unwrap();
+        fingerprint_with(folder.path(), "", &[]).unwrap();
+        let programs = folder.path().join(PROGRAMS);
+        let memo = std::fs::read_dir(&programs).unwrap().next().unwrap().unwrap().path();
+        let faults = || {
+            let faults = Disk::doctor(folder.path(), false).unwrap().faults;
+            Vec::from_iter(faults.into_iter().map(|fault| fault.path))
+        };
+        assert_eq!(faults(), [""; 0].map(PathBuf::from));
+        let other = programs.join(Hash::of(b"other").to_string());
+        write_parts(&other, &[&std::fs::read(&memo).unwrap()]).unwrap();
+        assert_eq!((faults(), memo.exists()), (vec![other], true));
+        let text = "0123456789abcdef0123456789abcdef".as_bytes();
+        write_parts(&memo, &[text, &seal(&memo, text)]).unwrap();
+        assert_eq!((faults(), memo.exists()), (vec![memo.clone()], false));
     }
 
     #[test]

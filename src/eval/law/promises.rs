@@ -5,7 +5,8 @@ use std::collections::{HashMap, HashSet};
 use super::Last;
 use super::plain::Truth;
 use crate::eval::trace::Reason;
-use crate::eval::{Evaluation, Forecast, Outlook, State};
+use crate::eval::why::Outlook;
+use crate::eval::{Evaluation, Forecast, State};
 use crate::graph::{Graph, Link};
 use crate::value::{AnyValue, Hash};
 

@@ -1,0 +1,136 @@
+//! The ids of builds, made by cargo itself: the same for the same code, another one for any other.
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use maquette::{Catalog, Disk, Pack};
+
+/// A workspace of two crates with ids, one above the other, and two programs that print these.
+struct Workspace(tempfile::TempDir);
+
+const PROGRAM: &str = r#"fn main() { println!("{}\n{}", a::BUILD, b::BUILD) }"#;
+
+const LIBRARY: &str = r#"pub const BUILD: &str = env!("MAQUETTE_BUILD");"#;
+
+impl Workspace {
+    fn new() -> Self {
+        let workspace = Self(tempfile::tempdir().unwrap());
+        let package = |name: &str, more: &str| {
+            let text = format!(
+                "[package]\nname = '{name}'\nversion = '1.0.0'\nedition = '2024'\n{more}\n"
+            );
+            workspace.write(&format!("{name}/Cargo.toml"), &text);
+        };
+        let with_id = |name: &str, more: &str| {
+            package(name, &format!("build = '../build.rs'\nlinks = '{name}'\n{more}"));
+        };
+        with_id("a", "");
+        // Its sources are its whole folder, as those of a pack.
+        with_id("b", "[lib]\npath = 'lib.rs'\n[dependencies]\na.path = '../a'");
+        for name in ["one", "two"] {
+            package(name, "[dependencies]\na.path = '../a'\nb.path = '../b'");
+            workspace.write(&format!("{name}/src/main.rs"), PROGRAM);
+        }
+        for file in ["a/src/lib.rs", "b/lib.rs"] {
+            workspace.write(file, LIBRARY);
+        }
+        let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("build.rs");
+        workspace.write("build.rs", &fs::read_to_string(ours).unwrap());
+        let members = "[workspace]\nmembers = ['*']\nexclude = ['target']\nresolver = '3'\n";
+        let profile = "[profile.dev]\ndebug = false\nincremental = false\n";
+        workspace.write("Cargo.toml", &[members, profile].concat());
+        workspace
+    }
+
+    fn path(&self, file: &str) -> PathBuf {
+        self.0.path().join(file)
+    }
+
+    fn write(&self, file: &str, text: &str) {
+        let path = self.path(file);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
+    }
+
+    fn append(&self, file: &str, text: &str) {
+        self.write(file, &(fs::read_to_string(self.path(file)).unwrap() + text));
+    }
+
+    fn command(&self, program: &str) -> Command {
+        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo"));
+        let mut command = Command::new(cargo);
+        command.args(["run", "--offline", "--quiet", "--package", program]);
+        command.current_dir(self.0.path()).env("CARGO_TARGET_DIR", self.path("target"));
+        command
+    }
+
+    /// The ids of `a` and `b`, as a program says that is built now.
+    fn ids(&self, program: &str) -> [String; 2] {
+        ids(self.command(program))
+    }
+}
+
+fn ids(mut command: Command) -> [String; 2] {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    Vec::from_iter(text.lines().map(str::to_owned)).try_into().unwrap()
+}
+
+#[test]
+fn an_id_is_that_of_all_that_the_code_is_made_of() {
+    let workspace = Workspace::new();
+    let first = workspace.ids("one");
+    let is_id = |id: &String| id.len() == 32 && id.bytes().all(|byte| byte.is_ascii_hexdigit());
+    assert!(first.iter().all(is_id) && first[0] != first[1], "{first:?}");
+    assert_eq!(workspace.ids("two"), first);
+
+    workspace.append("b/lib.rs", "// More.");
+    let [a, b] = workspace.ids("one");
+    assert!(a == first[0] && b != first[1]);
+
+    let changes_both = |what: &str, before: [String; 2]| {
+        let after = workspace.ids("one");
+        assert!(after[0] != before[0] && after[1] != before[1], "{what}");
+        after
+    };
+    workspace.append("a/src/lib.rs", "// More.");
+    let ids = changes_both("a source of `a`", [a, b]);
+    // Nothing else about this program matters to the libraries beneath it.
+    let manifest = fs::read_to_string(workspace.path("two/Cargo.toml")).unwrap();
+    workspace.write("two/Cargo.toml", &manifest.replace("1.0.0", "1.0.1"));
+    let ids = changes_both("the lock file", ids);
+    workspace.append("Cargo.toml", "overflow-checks = false\n");
+    changes_both("a profile", ids);
+}
+
+#[test]
+fn where_a_change_would_go_unnoticed_there_is_no_id() {
+    let workspace = Workspace::new();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let mut command = workspace.command("one");
+    command.env("CARGO_TARGET_DIR", elsewhere.path());
+    assert_eq!(ids(command), ["", ""]);
+    // Neither an id nor the lock file tells of edits of this library.
+    workspace.write("c/Cargo.toml", "[package]\nname = 'c'\nedition = '2024'\n");
+    workspace.write("c/src/lib.rs", "");
+    workspace.append("a/Cargo.toml", "[dependencies]\nc.path = '../c'\n");
+    assert_eq!(workspace.ids("one"), ["", ""]);
+}
+
+/// How many files of code had to be looked at to know these packs.
+fn files_of_code(packs: &[&Pack]) -> usize {
+    let folder = tempfile::tempdir().unwrap();
+    Disk::open(folder.path(), 1 << 30, &Catalog::new(packs)).unwrap();
+    fs::read_dir(folder.path().join("programs")).map_or(0, |found| found.count())
+}
+
+#[test]
+fn our_packs_are_known_by_their_ids_and_those_of_others_by_their_file() {
+    let has_lock = |folder: &Path| folder.join("Cargo.lock").is_file();
+    let has_ids = Path::new(env!("CARGO_TARGET_TMPDIR")).ancestors().any(has_lock);
+    assert_eq!(files_of_code(maquette_nodes::PACKS), usize::from(!has_ids));
+    assert_eq!(files_of_code(&[&maquette_third_party::PACK]), 1);
+}
