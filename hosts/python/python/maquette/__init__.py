@@ -14,40 +14,45 @@ Results are kept in memory and on disk, in the same folder as the command line's
 is the whole command line.
 """
 
-from ._graph import (
-    Graph,
-    Node,
-    Output,
-    Param,
-    Port,
-    Progress,
-    Run,
-    WrittenFile,
-    load,
-    nodes,
-    read,
-    value_types,
-)
-from ._problems import GraphError, Problem, Use
-from ._values import (
-    ControlNet,
-    Curve,
-    Direction,
-    Field,
-    Handles,
-    Image,
-    KnotVector,
-    Labels,
-    Mask,
-    Mesh,
-    Part,
-    Points,
-    RangeImage,
-    Region,
-    Surface,
-    Trace,
-    Value,
-)
+from __future__ import annotations
+
+# Known to checkers of types by its name; `typing` itself takes longer to load than all else here.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from ._graph import (
+        Graph,
+        Node,
+        Output,
+        Param,
+        Port,
+        Progress,
+        Run,
+        WrittenFile,
+        load,
+        nodes,
+        read,
+        value_types,
+    )
+    from ._problems import GraphError, Problem, Use
+    from ._values import (
+        ControlNet,
+        Curve,
+        Direction,
+        Field,
+        Handles,
+        Image,
+        KnotVector,
+        Labels,
+        Mask,
+        Mesh,
+        Part,
+        Points,
+        RangeImage,
+        Region,
+        Surface,
+        Trace,
+        Value,
+    )
 
 __all__ = [
     "ControlNet",
@@ -83,3 +88,22 @@ __all__ = [
     "read",
     "value_types",
 ]
+
+_GRAPH = "Graph Node Output Param Port Progress Run WrittenFile load nodes read value_types".split()
+_PROBLEMS = ["GraphError", "Problem", "Use"]
+
+
+def __getattr__(name: str) -> object:
+    """Loads the engine when something of it is asked for."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    module = "._graph" if name in _GRAPH else "._problems" if name in _PROBLEMS else "._values"
+    thing = getattr(import_module(module, __name__), name)
+    globals()[name] = thing
+    return thing
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
