@@ -40,7 +40,7 @@ fn fingerprint_with(folder: &Path, build: &'static str, packs: &[Code]) -> io::R
     let engine = Code {
         pack: "",
         builds: is_known.then_some(build).into_iter().collect(),
-        others: Vec::from_iter((!is_known).then(own_code)),
+        others: (!is_known).then(own_code).into_iter().collect(),
     };
     let mut hashes = BTreeMap::new();
     let mut told = String::new();
@@ -141,7 +141,8 @@ pub(super) fn remembered(memo: &Path, bytes: Vec<u8>) -> Option<String> {
     Some(text).filter(|text| is_fingerprint(text))
 }
 
-#[cfg(all(test, target_os = "linux"))]
+#[cfg(target_os = "linux")]
+#[cfg(test)]
 mod tests {
     use super::super::{Disk, folder};
     use super::*;
@@ -201,19 +202,21 @@ mod tests {
     fn the_doctor_finds_what_is_remembered_wrongly_of_a_file_of_code() {
         let folder = tempfile::tempdir().unwrap();
         folder::tag(folder.path()).unwrap();
-        fingerprint_with(folder.path(), "", &[]).unwrap();
-        let programs = folder.path().join(PROGRAMS);
-        let memo = std::fs::read_dir(&programs).unwrap().next().unwrap().unwrap().path();
+        let file = files_of(&[own_code()]).unwrap().pop_first().unwrap();
+        let (memo, _) = memo(folder.path(), &file).unwrap();
+        let remember = |text: &str| {
+            write_parts(&memo, &[text.as_bytes(), &seal(&memo, text.as_bytes())]).unwrap();
+        };
+        remember(&computed(&file).unwrap());
         let faults = || {
             let faults = Disk::doctor(folder.path(), false).unwrap().faults;
             Vec::from_iter(faults.into_iter().map(|fault| fault.path))
         };
         assert_eq!(faults(), [""; 0].map(PathBuf::from));
-        let other = programs.join(Hash::of(b"other").to_string());
+        let other = memo.with_file_name(Hash::of(b"other").to_string());
         write_parts(&other, &[&std::fs::read(&memo).unwrap()]).unwrap();
         assert_eq!((faults(), memo.exists()), (vec![other], true));
-        let text = "0123456789abcdef0123456789abcdef".as_bytes();
-        write_parts(&memo, &[text, &seal(&memo, text)]).unwrap();
+        remember("0123456789abcdef0123456789abcdef");
         assert_eq!((faults(), memo.exists()), (vec![memo.clone()], false));
     }
 
