@@ -127,7 +127,7 @@ pub use pack::{FileFormat, Format, NewFile, Pack, format};
 pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use session::{
     CacheFolder, Finished, OutputFolder, Produced, Run, Session, SessionError, Settings, Wanted,
-    Written,
+    Written, save,
 };
 pub use suite::{TestRun, test_graphs};
 pub use text::Reader;

@@ -16,8 +16,13 @@ use serde_json::json;
 
 use crate::error::{Cancelled, Error};
 use crate::reading::{Readers, Reading};
-use crate::text::{FILE, LINK, Reader};
+use crate::text::{FILE, LINK};
 use crate::value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
+
+mod kind;
+
+pub(crate) use kind::AnyNode;
+pub use kind::{NodeType, Output, node};
 
 /// One step of a graph, and its whole description.
 ///
@@ -517,97 +522,6 @@ impl Context<'_> {
             memos.keep(key, &AnyValue::of_memo(value.clone()));
         }
         Ok(value)
-    }
-}
-
-/// What the engine knows of a node. Made by [`node`].
-#[derive(Clone, Copy)]
-pub struct NodeType {
-    pub(crate) name: fn() -> Cow<'static, str>,
-    pub(crate) schema: fn() -> Schema,
-    pub(crate) outputs: fn() -> Vec<Output>,
-    pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, crate::text::ReadError>,
-    /// The id of the build that its code is of; empty if that is not known.
-    pub(crate) build: fn() -> &'static str,
-}
-
-impl NodeType {
-    /// The same node, with the id of the build that its code is of, which the engine's `build.rs` makes; empty if it is not known.
-    /// Programs whose packs are of the same builds share the results that are kept on disk. A node without an id is known by the
-    /// file that its code was loaded from.
-    #[must_use]
-    pub const fn of_build(self, id: fn() -> &'static str) -> Self {
-        Self { build: id, ..self }
-    }
-}
-
-/// Declares `node` for a crate that is built with the engine's `build.rs`: as [`node`](crate::node()), [of the crate's
-/// build](NodeType::of_build).
-#[macro_export]
-macro_rules! nodes_of_this_build {
-    () => {
-        // Apart from the list of nodes, which need not be compiled again for each new id.
-        mod build_id {
-            pub(super) fn build_id() -> &'static str {
-                env!("MAQUETTE_BUILD", "the build script of this package must be the engine's")
-            }
-        }
-
-        const fn node<T: $crate::Node>() -> $crate::NodeType {
-            $crate::node::<T>().of_build(build_id::build_id)
-        }
-    };
-}
-
-/// One output of a node.
-#[derive(Clone, Debug)]
-pub struct Output {
-    /// Its name.
-    pub name: &'static str,
-    /// The name of its type: a value, or a union.
-    pub kind: &'static str,
-    /// The values that it may be.
-    pub types: Vec<&'static ValueType>,
-}
-
-/// The description of the node `T` for the engine.
-pub const fn node<T: Node>() -> NodeType {
-    NodeType {
-        name: T::schema_name,
-        schema: || {
-            schemars::generate::SchemaSettings::draft2020_12()
-                .into_generator()
-                .into_root_schema_for::<T>()
-        },
-        outputs: || {
-            let types = <T::Outputs as Outputs>::types();
-            let names = T::OUTPUTS;
-            let pairs = names.as_ref().iter().zip(types);
-            pairs.map(|(name, (kind, types))| Output { name, kind, types }).collect()
-        },
-        read: |reader| Ok(Box::new(reader.read::<T>()?)),
-        build: || "",
-    }
-}
-
-/// A node of a graph, of whatever type.
-pub(crate) trait AnyNode: Send + Sync {
-    fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error>;
-    fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
-    fn files(&self) -> Vec<FilePath>;
-}
-
-impl<T: Node> AnyNode for T {
-    fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
-        Node::eval(self, cx).map(Outputs::into_any)
-    }
-
-    fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
-        serde_json::to_value(self)
-    }
-
-    fn files(&self) -> Vec<FilePath> {
-        Node::files(self)
     }
 }
 

@@ -16,7 +16,7 @@ use crate::value::{AnyValue, Value};
 mod outputs;
 mod settings;
 
-pub use outputs::{OutputFolder, Written};
+pub use outputs::{OutputFolder, Written, save};
 pub use settings::{CacheFolder, SessionError, Settings};
 pub(crate) use settings::{default_folder, disk_size, size};
 

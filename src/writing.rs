@@ -91,6 +91,16 @@ impl<'a> Destination<'a> {
         Ok(write_whole(path, bytes).map(|_| ())?)
     }
 
+    /// Writes some files, or none if one of them may not be written: then, which and why.
+    pub(crate) fn put_all(&self, files: &[(PathBuf, Vec<u8>)]) -> Result<(), (PathBuf, Refused)> {
+        let failed = |path: &PathBuf| {
+            let path = path.clone();
+            |refused| (path, refused)
+        };
+        files.iter().try_for_each(|(path, _)| self.judge(path).map_err(failed(path)))?;
+        files.iter().try_for_each(|(path, bytes)| self.put(path, bytes).map_err(failed(path)))
+    }
+
     /// Whether a file may be written.
     pub(crate) fn judge(&self, path: &Path) -> Result<(), Refused> {
         self.judge_folder(beside(path))?;

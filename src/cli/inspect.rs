@@ -338,7 +338,6 @@ fn is_best_seen(value: &AnyValue) -> bool {
 
 /// Writes all files, or none if one of them may not be written.
 fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Sources) -> Exit {
-    let destination = Destination::anywhere(sources);
     let failed = |path: &Path, why: &dyn std::fmt::Display| {
         Exit::Usage(format!("cannot write {}: {why}", path.display()))
     };
@@ -346,18 +345,10 @@ fn write_files(files: Result<Vec<NewFile>, Error>, path: &Path, sources: &Source
         Ok(files) => files.into_iter().map(|file| (path.with_file_name(&file.name), file.bytes)),
         Err(error) => return failed(path, &error),
     };
-    let files = Vec::from_iter(files);
-    for (path, _) in &files {
-        if let Err(refused) = destination.judge(path) {
-            return failed(path, &refused);
-        }
+    match Destination::anywhere(sources).put_all(&Vec::from_iter(files)) {
+        Ok(()) => Exit::Done,
+        Err((path, refused)) => failed(&path, &refused),
     }
-    for (path, bytes) in &files {
-        if let Err(refused) = destination.put(path, bytes) {
-            return failed(path, &refused);
-        }
-    }
-    Exit::Done
 }
 
 /// Facts in two columns.

@@ -317,6 +317,20 @@ fn holds(path: &Path, bytes: &[u8]) -> Option<Left> {
     (same_length && bytes.len() < LARGE && same()).then_some(found)
 }
 
+/// Writes the files of a value, as [`Catalog::write`](crate::Catalog::write) gives them, beside each other to where `path` is: each whole
+/// or not at all, none if one may not be written, and only plain files are replaced. Gives their paths.
+///
+/// # Errors
+/// In words: which file, and why.
+pub fn save(files: Vec<NewFile>, path: &Path) -> Result<Vec<PathBuf>, String> {
+    let files = files.into_iter().map(|file| (path.with_file_name(&file.name), file.bytes));
+    let files = Vec::from_iter(files);
+    match Destination::anywhere(&Sources::default()).put_all(&files) {
+        Ok(()) => Ok(files.into_iter().map(|(path, _)| path).collect()),
+        Err((path, why)) => Err(format!("cannot write {}: {why}", path.display())),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-use maquette::{Edit, Options};
+use maquette::Options;
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
@@ -99,13 +99,11 @@ impl Graph {
         roots: Vec<PathBuf>,
         texts: HashMap<PathBuf, String>,
     ) -> PyResult<(Option<String>, Bound<'py, PyList>)> {
-        let set = |(target, value)| Edit::Set { target, value };
-        let edits = Vec::from_iter(values.into_iter().map(set));
         let texts = texts.into_iter().collect();
         let options = Options { roots, texts, ..Options::default() };
         let edited = on_threads(py, || {
             let text = self.graph.source_text();
-            maquette::Graph::edit(&self.path, text, &edits, &CATALOG, &options)
+            maquette::Graph::edited(&self.path, text, &values, &CATALOG, &options)
         })?;
         match edited {
             Ok(edited) => Ok((Some(edited.text), PyList::empty(py))),

@@ -1,17 +1,18 @@
 //! Values: what they are made of, files of them, and pictures.
 
-use std::sync::{Mutex, OnceLock};
+use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use maquette::render::{Kind, Look, Projection, View, picture};
 use maquette::value::{FactValue, Items, Meaning, Mesh, On, Parts};
 use maquette::{AnyValue, ValueType};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::column::Column;
-use crate::workers::{lock, on_threads};
+use crate::workers::on_threads;
 use crate::{CATALOG, plain};
 
 /// A value on a link.
@@ -24,13 +25,7 @@ pub(crate) struct Value {
 
 struct MadeOf {
     facts: Vec<(String, FactValue)>,
-    columns: Mutex<Vec<Unused>>,
-}
-
-/// A column that is an object of Python from the first use on.
-enum Unused {
-    Not(Option<Column>),
-    Used(Py<Column>),
+    columns: Vec<Py<Column>>,
 }
 
 impl Value {
@@ -43,19 +38,20 @@ impl Value {
     }
 
     fn made_of(&self, py: Python<'_>) -> PyResult<&MadeOf> {
-        if self.made_of.get().is_none() {
-            let made_of = on_threads(py, || {
-                let parts = self.value.parts();
-                let column = |part| Unused::Not(Some(Column::of(&self.value, part, parts.row)));
-                let columns = Mutex::new(parts.columns.iter().map(column).collect());
-                let facts =
-                    parts.facts.into_iter().map(|fact| (fact.name.into_owned(), fact.value));
-                MadeOf { facts: facts.collect(), columns }
-            })?;
-            // Another thread may have been faster; both have the same.
-            let _ = self.made_of.set(made_of);
+        if let Some(made_of) = self.made_of.get() {
+            return Ok(made_of);
         }
-        self.made_of.get().ok_or_else(|| PyValueError::new_err("a value is made of nothing"))
+        let (facts, columns) = on_threads(py, || {
+            let parts = self.value.parts();
+            let column = |part| Column::of(&self.value, part, parts.row);
+            let columns = Vec::from_iter(parts.columns.iter().map(column));
+            let facts = parts.facts.into_iter().map(|fact| (fact.name.into_owned(), fact.value));
+            (Vec::from_iter(facts), columns)
+        })?;
+        let columns =
+            columns.into_iter().map(|column| Py::new(py, column)).collect::<PyResult<_>>()?;
+        // Another thread may have been faster; both have the same.
+        Ok(self.made_of.get_or_init(|| MadeOf { facts, columns }))
     }
 }
 
@@ -95,19 +91,7 @@ impl Value {
 
     /// Its columns.
     fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let mut columns = lock(&self.made_of(py)?.columns);
-        for column in columns.iter_mut() {
-            if let Unused::Not(it) = column
-                && let Some(it) = it.take()
-            {
-                *column = Unused::Used(Py::new(py, it)?);
-            }
-        }
-        let used = columns.iter().filter_map(|column| match column {
-            Unused::Used(column) => Some(column.clone_ref(py)),
-            Unused::Not(_) => None,
-        });
-        PyList::new(py, used.collect::<Vec<_>>())
+        PyList::new(py, &self.made_of(py)?.columns)
     }
 
     /// What a reader wants to know first.
@@ -131,6 +115,14 @@ impl Value {
         let files = on_threads(py, || CATALOG.write(&self.value, name))?;
         let files = files.map_err(|error| PyValueError::new_err(error.to_string()))?;
         Ok(files.into_iter().map(|it| (it.name, PyBytes::new(py, &it.bytes))).collect())
+    }
+
+    /// Writes these files to where `path` is, and gives their paths.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<Vec<PathBuf>> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let files = on_threads(py, || CATALOG.write(&self.value, &name))?;
+        let files = files.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        py.detach(|| maquette::save(files, &path)).map_err(PyOSError::new_err)
     }
 
     /// A picture of it: from the front, as far to the right and above as these angles say; of this size, else as large as it is.

@@ -89,6 +89,21 @@ def test_a_textured_mesh_goes_out_and_in(tmp_path: pathlib.Path) -> None:
         mesh.to_bytes("obj")
 
 
+def test_a_value_is_saved_whole_or_not_at_all_and_replaces_plain_files_alone(tmp_path: pathlib.Path) -> None:
+    mesh = maquette.Mesh(CORNERS, FACES)
+    assert mesh.save(tmp_path / "new/it.ply") == [str(tmp_path / "new/it.ply")]
+    (tmp_path / "mine.ply").write_text("mine")
+    (tmp_path / "link.ply").symlink_to(tmp_path / "mine.ply")
+    with pytest.raises(OSError, match="link.ply.*a link"):
+        mesh.save(tmp_path / "link.ply")
+    assert (tmp_path / "mine.ply").read_text() == "mine"
+    with pytest.raises(ValueError, match="glb"):
+        mesh.save(tmp_path / "it.xyz")
+    assert sorted(os.listdir(tmp_path)) == ["link.ply", "mine.ply", "new"]
+    mesh.save(tmp_path / "mine.ply")
+    assert (tmp_path / "mine.ply").read_bytes() == mesh.to_bytes("ply")
+
+
 @pytest.mark.parametrize(
     "make",
     [

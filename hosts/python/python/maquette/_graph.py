@@ -155,21 +155,20 @@ def load(
 
     Raises GraphError with every problem of the file, OSError if it cannot be read.
     """
-    return Graph(path, text=text, roots=roots, cache=cache, memory=memory, threads=threads)
+    return Graph(path, text, roots, cache, memory, threads)
 
 
 class Graph:
-    """A graph that has been checked. Made by `load`, with the same arguments."""
+    """A graph that has been checked. Made by `load`."""
 
     def __init__(
         self,
         path: Path,
-        *,
-        text: Optional[str] = None,
-        roots: Sequence[Path] = (),
-        cache: Union[Path, bool, None] = True,
-        memory: Union[str, int] = "2GB",
-        threads: int = 0,
+        text: Optional[str],
+        roots: Sequence[Path],
+        cache: Union[Path, bool, None],
+        memory: Union[str, int],
+        threads: int,
     ) -> None:
         # It is read again, with other values, wherever the program has gone meanwhile.
         self._path = os.path.abspath(path)

@@ -1,6 +1,7 @@
 """The engine, as the package wraps it."""
 
 from os import PathLike
+from pathlib import PurePath
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union, final
 
 import numpy as np
@@ -48,6 +49,7 @@ class Value:
     def describe(self) -> Dict[str, Any]: ...
     def probe(self, at: Tuple[int, int]) -> Dict[str, Any]: ...
     def files(self, name: str) -> List[Tuple[str, bytes]]: ...
+    def save(self, path: _Path) -> List[PurePath]: ...
     def render(
         self,
         size: Optional[Tuple[int, int]],

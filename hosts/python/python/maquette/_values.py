@@ -151,25 +151,10 @@ class Value:
     def save(self, path: Union[str, os.PathLike[str]]) -> List[str]:
         """Writes it to a file, whose ending says how, and gives the paths of all files that were written.
 
-        Each file appears whole or not at all. Raises ValueError if no such file holds this type of values.
+        Each file appears whole or not at all, and only plain files are replaced. Raises ValueError if no such file holds this type of
+        values, OSError if one cannot be written.
         """
-        import tempfile
-
-        folder, name = os.path.split(os.fspath(path))
-        written = []
-        for name, content in self._native.files(name):
-            target = os.path.join(folder, name)
-            handle, beside = tempfile.mkstemp(prefix=f".{name}.", dir=folder or ".")
-            try:
-                with open(handle, "wb") as file:
-                    file.write(content)
-                os.chmod(beside, 0o666 & ~_umask())
-                os.replace(beside, target)
-            except BaseException:
-                os.unlink(beside)
-                raise
-            written.append(target)
-        return written
+        return [os.fspath(file) for file in self._native.save(path)]
 
     def render(
         self,
@@ -887,9 +872,3 @@ def _clamped(points: int, degree: int) -> _Floats:
 
     inside = np.linspace(0.0, 1.0, max(points - degree + 1, 2))
     return np.concatenate([np.zeros(degree), inside, np.ones(degree)])
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -1,0 +1,258 @@
+//! What is under the pointer is told, and colors, pixels and places are picked from what is seen.
+
+use maquette::value::Mesh;
+use nalgebra::Point3;
+
+use super::*;
+
+/// Whether what the page says of a pixel is what `inspect` says of it.
+fn assert_same(said: &str, facts: &Json) {
+    let facts = facts.as_object().unwrap();
+    let mut parts = said.split("   ").skip(1);
+    for (name, fact) in facts {
+        let part = parts.next().unwrap_or_default();
+        let values =
+            part.strip_prefix(&format!("{name} ")).unwrap_or_else(|| panic!("{said}: {name}"));
+        let fact = match fact {
+            Json::Array(items) => items.clone(),
+            one => vec![one.clone()],
+        };
+        let values = Vec::from_iter(values.split(", "));
+        assert_eq!(values.len(), fact.len(), "{said}: {name}");
+        for (value, fact) in values.into_iter().zip(fact) {
+            match fact.as_f64() {
+                Some(number) => {
+                    let value: f64 = value.parse().unwrap();
+                    assert!(
+                        (value - number).abs() <= 1e-5 * number.abs(),
+                        "{said}: {name} {number}"
+                    );
+                }
+                None => assert_eq!(value, fact.as_str().map_or(fact.to_string(), str::to_owned)),
+            }
+        }
+    }
+    assert_eq!(parts.next(), None, "{said}");
+}
+
+#[test]
+fn the_pointer_is_told_of_a_pixel_what_inspect_says() {
+    let Some((project, mut served, mut browser)) = doll() else { return };
+    // Several pixels of the window for each pixel of a picture.
+    let large = json!({ "width": 2000, "height": 2200, "deviceScaleFactor": 1, "mobile": false });
+    browser.call("Emulation.setDeviceMetricsOverride", large);
+    for (node, output) in
+        [("scan", "color"), ("red", "mask"), ("spots", "labels"), ("scan", "range")]
+    {
+        look(&mut browser, node, output);
+        let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
+        // A picture of 400 x 400 in the middle of what is higher or wider.
+        let side = width.min(height);
+        for [column, row] in [[200.0, 210.0], [120.0, 133.0], [3.0, 399.0]] {
+            let place = |at: f64, start: f64, size: f64| {
+                start + (size - side) / 2.0 + (at + 0.5) * side / 400.0
+            };
+            mouse(&mut browser, "Moved", [left + 1.0, top + 1.0]);
+            mouse(&mut browser, "Moved", [place(column, left, width), place(row, top, height)]);
+            browser.wait(&format!("{PROBE} !== ''"));
+            let said = browser.ask(PROBE);
+            let said = said.as_str().unwrap();
+            let inspect = |column: f64, row: f64| {
+                let (name, at) = (format!("{node}.{output}"), format!("{column},{row}"));
+                project.maquette(&["inspect", "doll.ron", &name, "--at", &at, "--json"])
+            };
+            if !said.starts_with("pixel ") {
+                // Nothing was measured there.
+                let why = inspect(column, row).stderr;
+                assert!(String::from_utf8(why).unwrap().contains(said), "{said}");
+                continue;
+            }
+            let pixel = numbers(said, "pixel ");
+            // The cells of a range image are larger than pixels.
+            let near = if output == "range" { 1.0 } else { 0.0 };
+            let off = (pixel[0] - column).abs().max((pixel[1] - row).abs());
+            assert!(off <= near, "{said} at {column}, {row}");
+            let inspected = inspect(pixel[0], pixel[1]);
+            let inspected: Json = serde_json::from_slice(&inspected.stdout).unwrap();
+            assert_same(said, &inspected["outputs"][0]["facts"]);
+        }
+    }
+    mouse(&mut browser, "Moved", [5.0, 5.0]);
+    browser.wait(&format!("{PROBE} === ''"));
+    served.watch.end();
+}
+
+/// The numbers behind a word that the page says of a place, and before the next one.
+fn numbers(said: &str, word: &str) -> Vec<f64> {
+    let part = said.split("   ").find_map(|part| part.strip_prefix(word)).unwrap_or_default();
+    part.trim_end_matches(" mm")
+        .split(", ")
+        .filter_map(|number| number.trim().parse().ok())
+        .collect()
+}
+
+#[test]
+fn the_pointer_is_told_the_face_the_vertex_and_the_place_of_what_is_drawn_under_it() {
+    let Some((project, mut served, mut browser)) = doll() else { return };
+    let mesh: Mesh = mesh_of(&project, "model");
+    let faces = mesh.faces().as_triangles().unwrap();
+    let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
+    let picture = pixels(&mut browser);
+    let (mut hits, mut misses) = (0, 0);
+    for k in 0..25 {
+        let at = [k % 5, k / 5].map(|step| 0.1 + 0.2 * f64::from(step));
+        let [x, y] = [(width * at[0]).round(), (height * at[1]).round()];
+        let Some(is_drawn) = is_drawn(&mut browser, &picture, x, y) else { continue };
+        if !is_drawn {
+            misses += 1;
+            mouse(&mut browser, "Moved", [left + width / 2.0, top + height / 2.0]);
+            browser.wait(&format!("{PROBE}.startsWith('at ')"));
+            mouse(&mut browser, "Moved", [left + x, top + y]);
+            browser.wait(&format!("{PROBE} === ''"));
+            continue;
+        }
+        mouse(&mut browser, "Moved", [5.0, 5.0]);
+        browser.wait(&format!("{PROBE} === ''"));
+        mouse(&mut browser, "Moved", [left + x, top + y]);
+        browser.wait(&format!("{PROBE}.startsWith('at ')"));
+        let said = browser.ask(PROBE);
+        let said = said.as_str().unwrap();
+        hits += 1;
+        let [face, vertex] = ["face ", "vertex "].map(|word| numbers(said, word)[0] as usize);
+        let place = Point3::from_slice(&numbers(said, "at "));
+        let corners = faces[face].map(|v| mesh.positions()[v as usize]);
+        let [a, b, c] = corners;
+        let (u, v, w) = (b - a, c - a, place - a);
+        let size = u.cross(&v).norm();
+        // In its plane and inside of it, as exact as it is said: six digits of some hundred millimeters.
+        let shares =
+            [u.cross(&w).norm(), w.cross(&v).norm(), (b - place).cross(&(c - place)).norm()];
+        let sum: f64 = shares.iter().sum();
+        assert!((sum - size).abs() < 0.05 * size, "{said}: {corners:?}");
+        let far = |v: &u32| (mesh.positions()[*v as usize] - place).norm();
+        let least = faces[face].iter().map(far).fold(f64::MAX, f64::min);
+        assert!(
+            faces[face].contains(&(vertex as u32)) && far(&(vertex as u32)) < least + 0.01,
+            "{said}"
+        );
+    }
+    assert!(hits > 3 && misses > 3, "{hits} hits, {misses} misses");
+    served.watch.end();
+}
+
+/// Whether a pixel of a picture of the canvas shows anything but the ground; nothing where both are near.
+fn is_drawn(browser: &mut Browser, picture: &Json, x: f64, y: f64) -> Option<bool> {
+    // The ground is the same in each row.
+    let asked = format!(
+        "(async () => {{ const bytes = Uint8Array.from(atob({picture}), (letter) => letter.charCodeAt(0)); \
+         const bitmap = await createImageBitmap(new Blob([bytes], {{ type: 'image/png' }})); \
+         const canvas = new OffscreenCanvas(bitmap.width, bitmap.height).getContext('2d'); canvas.drawImage(bitmap, 0, 0); \
+         const at = (x, y) => canvas.getImageData(x, y, 1, 1).data.join(); const found = []; \
+         for (let dy = -3; dy <= 3; dy++) for (let dx = -3; dx <= 3; dx++) found.push(at({x} + dx, {y} + dy) !== at(0, {y} + dy)); \
+         return found.every((it) => it) ? true : found.some((it) => it) ? null : false; }})()"
+    );
+    browser.ask(&asked).as_bool()
+}
+
+/// A doll with a color, a pixel and a place among its parameters.
+fn picky() -> Option<(Project, Served, Browser)> {
+    let project = Project::doll();
+    let text = project.doll_text(12.0).replace(
+        "    params: {\n",
+        "    params: {\n        \"hue\": Color(default: \"#c33923\", doc: \"Of the nose.\"),\n        \
+         \"spot\": Vector(default: (1, 2), doc: \"A pixel.\"),\n        \
+         \"place\": Vector(default: (0, 0, 0), doc: \"A place.\"),\n",
+    );
+    let text = text.replace("color: \"#c33923\"", "color: Param(\"hue\")");
+    page(project, &text)
+}
+
+/// Wants to pick a parameter, as somebody would with the mouse.
+fn want(browser: &mut Browser, name: &str) {
+    let button = format!("button[aria-label=\"take {name} from what is seen\"]");
+    let [x, y, width, height] = area(browser, &button);
+    click(browser, [x + width / 2.0, y + height / 2.0]);
+    browser.wait("document.querySelector('.frame').dataset.wanting");
+}
+
+const WANTS: &str = "document.querySelector('.frame').dataset.wanting";
+
+#[test]
+fn colors_pixels_and_places_are_picked_from_what_is_seen() {
+    let Some((project, mut served, mut browser)) = picky() else { return };
+    assert_eq!(browser.ask("document.querySelectorAll('button.dropper').length"), 3);
+    let before = file(&project);
+    // A place on the mesh.
+    let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
+    let middle = [left + width / 2.0, top + height / 2.0];
+    want(&mut browser, "place");
+    click(&mut browser, middle);
+    served.watch.run_until_ok();
+    let text = file(&project);
+    let said = text.split("\"place\": Vector(default: (").nth(1).unwrap();
+    let (said, _) = said.split_once(')').unwrap();
+    assert_eq!(text, before.replace("(0, 0, 0)", &format!("({said})")));
+    mouse(&mut browser, "Moved", [5.0, 5.0]);
+    mouse(&mut browser, "Moved", middle);
+    browser.wait(&format!("{PROBE}.startsWith('at {said} mm')"));
+    assert_eq!(browser.ask(WANTS), Json::Null);
+    // Another click takes nothing more.
+    click(&mut browser, [middle[0] + 20.0, middle[1]]);
+    // A color of the picture, and a pixel of it.
+    look(&mut browser, "scan", "color");
+    let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
+    let middle = [left + width / 2.0, top + height / 2.0];
+    mouse(&mut browser, "Moved", middle);
+    browser.wait(&format!("{PROBE}.startsWith('pixel 200, ')"));
+    let said = browser.ask(PROBE);
+    let said = said.as_str().unwrap();
+    let color = said.split_whitespace().find(|word| word.starts_with('#')).unwrap();
+    want(&mut browser, "hue");
+    click(&mut browser, middle);
+    served.watch.run_until_ok();
+    let colored = text.replace("\"#c33923\"", &format!("\"{color}\""));
+    assert_eq!(file(&project), colored);
+    browser.wait(&format!("document.querySelector('#parameter-hue').value === '{color}'"));
+    want(&mut browser, "spot");
+    click(&mut browser, middle);
+    served.watch.run_until_ok();
+    let pixel = said.strip_prefix("pixel ").unwrap().split("   ").next().unwrap();
+    assert_eq!(file(&project), colored.replace("(1, 2)", &format!("({pixel})")));
+    // All of it can be taken back.
+    for _ in 0..3 {
+        browser.press("z", 2);
+        served.watch.run_until_ok();
+    }
+    assert_eq!(file(&project), before);
+    served.watch.end();
+}
+
+#[test]
+fn a_pick_is_given_up_with_escape_and_where_there_is_nothing_that_is_said() {
+    let Some((project, mut served, mut browser)) = picky() else { return };
+    let before = file(&project);
+    let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
+    let refused = "document.querySelector('#refused').textContent";
+    want(&mut browser, "place");
+    click(&mut browser, [left + 3.0, top + 3.0]);
+    browser.wait(&format!("{refused}.includes('there is no place')"));
+    browser.press("Escape", 0);
+    browser.wait(&format!("{WANTS} === undefined && {refused} === ''"));
+    want(&mut browser, "hue");
+    click(&mut browser, [left + width / 2.0, top + height / 2.0]);
+    browser.wait(&format!("{refused}.includes('there is no color')"));
+    // It is still wanted: somebody may have to look for it first. Beside a picture there is nothing, either.
+    look(&mut browser, "scan", "color");
+    browser.ask("document.querySelector('#refused').textContent = ''");
+    click(&mut browser, [left + 3.0, top + height / 2.0]);
+    browser.wait(&format!("{refused}.includes('there is no color')"));
+    // Escape helps wherever the focus is.
+    browser.ask("document.querySelector('svg .node').focus()");
+    browser.press("Escape", 0);
+    browser.wait(&format!("{WANTS} === undefined"));
+    click(&mut browser, [left + width / 2.0, top + height / 2.0]);
+    project.save(&before.replace("12.0", "13.0"));
+    served.watch.run_until_ok();
+    assert_eq!(file(&project), before.replace("12.0", "13.0"));
+    served.watch.end();
+}
