@@ -315,7 +315,7 @@ impl Evaluator {
         self.recall(graph);
         let plan = Plan::new(self, graph, roots, values);
         observer.unchanged(plan.unchanged());
-        let run = Run::new(self, graph, &plan, observer, cancel);
+        let run = Run::new(self, graph, &plan, values, observer, cancel);
         let needs_threads = plan.has_work() || !run.has_values(values);
         let values = match needs_threads {
             true => self.pool.install(|| {

@@ -78,7 +78,7 @@ pub(super) struct Slot {
     ran: AtomicBool,
     /// The values, held for the nodes that still need them.
     pub(super) held: Mutex<Option<Values>>,
-    /// How many links of nodes that have a task still need them.
+    /// How many links of nodes that have a task still need them; one more if they are wanted afterwards.
     pub(super) users: AtomicUsize,
 }
 
@@ -90,6 +90,7 @@ impl<'a> Run<'a> {
         evaluator: &'a Evaluator,
         graph: &'a Graph,
         plan: &'a Plan,
+        values: &[usize],
         observer: &'a dyn Observer,
         cancel: &'a CancelToken,
     ) -> Self {
@@ -110,7 +111,7 @@ impl<'a> Run<'a> {
                 slots.push(Slot { node, waiting: waiting.into(), ..Slot::default() });
             }
         }
-        Self {
+        let run = Self {
             evaluator,
             graph,
             plan,
@@ -122,7 +123,11 @@ impl<'a> Run<'a> {
             slots,
             news: Mutex::default(),
             in_flight: Mutex::default(),
+        };
+        for slot in values.iter().filter_map(|&node| run.slot(node)) {
+            slot.users.fetch_add(1, Ordering::Relaxed);
         }
+        run
     }
 
     /// The slot of a node; none if it has no task.

@@ -38,7 +38,7 @@ impl Evaluator {
         self.recall(graph);
         let plan = Plan::new(self, graph, roots, &[]);
         let (observer, cancel) = ((), CancelToken::default());
-        let run = Run::new(self, graph, &plan, &observer, &cancel);
+        let run = Run::new(self, graph, &plan, &[], &observer, &cancel);
         let wanted = (0..graph.nodes.len()).filter(|&index| plan.wanted[index]);
         let forecast = |index: usize| match plan.tasks[index] {
             Task::None => Forecast { index, outlook: Outlook::Cached, reason: Reason::Unchanged },

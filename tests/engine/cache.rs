@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex};
 use std::time::Duration;
 
@@ -322,6 +323,25 @@ fn memory_for_a_part_of_the_results_still_gives_all_of_them() {
             assert_eq!(hash(&evaluation, &graph), expected, "with disk: {disk}");
         }
     }
+}
+
+/// Counts the nodes that begin.
+#[derive(Default)]
+struct Begun(AtomicUsize);
+
+impl Observer for Begun {
+    fn started(&self, _: &str) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+#[test]
+fn what_is_wanted_is_computed_once_even_if_there_is_no_memory_for_it() {
+    let graph = Processes::new().graph(&[]);
+    let mut evaluator = Evaluator::new(2, 1).unwrap();
+    let begun = Begun::default();
+    let done = evaluator.evaluate_all_nodes(&graph, &begun, &CancelToken::default());
+    assert_eq!(begun.0.into_inner(), done.trace().count(State::Computed));
 }
 
 #[test]
