@@ -38,6 +38,7 @@ mod profile;
 mod progress;
 mod render;
 mod run;
+mod serve;
 mod set;
 mod sheet;
 mod terminal;
@@ -87,6 +88,8 @@ enum Command {
     Inspect(inspect::Inspect),
     /// Say why a node would run, or why not, since the last evaluation of the graph.
     Why(why::Why),
+    /// Run graphs for another program, by lines of JSON; see docs/serve.md.
+    Serve(serve::Serve),
     /// Look after the results that are kept on disk.
     Cache(cache::Cache),
     /// Print a script that completes commands in a shell.
@@ -174,6 +177,7 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Gallery(command) => command.run(&catalog),
         Command::Inspect(command) => command.run(&catalog),
         Command::Why(command) => command.run(&catalog),
+        Command::Serve(command) => command.run(&catalog),
         Command::Cache(command) => command.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();

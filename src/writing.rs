@@ -14,9 +14,13 @@ use std::time::SystemTime;
 use crate::paths::without_dots;
 use crate::stamp::Stamp;
 
+#[cfg(feature = "cli")]
+mod shelf;
 mod sources;
 mod temporary;
 
+#[cfg(feature = "cli")]
+pub(crate) use shelf::Shelf;
 pub(crate) use sources::Sources;
 pub(crate) use temporary::{is_abandoned, is_temporary, sweep};
 

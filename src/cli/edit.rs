@@ -175,6 +175,8 @@ pub(super) enum EditError {
     Read(PathBuf, std::io::Error),
     #[error("cannot write {}: {}", .0.display(), .1)]
     Write(PathBuf, std::io::Error),
+    #[error("{} has been changed meanwhile; load it again", .0.display())]
+    Changed(PathBuf),
     /// The edits would leave mistakes.
     #[error("{}", in_words(.0))]
     Refused(Vec<Problem>),

@@ -70,6 +70,11 @@ impl Listener {
         self.0(&Json::Object(all));
     }
 
+    /// Tells an event that somebody else has made.
+    pub(super) fn pass(&self, event: &Json) {
+        self.0(event);
+    }
+
     /// Tells what was written, and that it is over.
     pub(super) fn tell_end(&self, ending: &Ending<'_>) {
         for file in ending.written {

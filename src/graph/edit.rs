@@ -4,6 +4,8 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use serde::Deserialize;
+
 use super::check::load_text;
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
@@ -27,7 +29,10 @@ use structure::Structure;
 ///
 /// A name of a node, an input or a parameter may have its section before it, `nodes.nose` or `params.nose`, and must where both
 /// have the name.
-#[derive(Clone, Debug, PartialEq, Eq)]
+///
+/// As JSON it is an object of one entry: `{"add": {"name": "spots", "node": "Threshold", "fields": [["image", "scan.color"]]}}`.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum Edit {
     /// A new node.
     Add {
@@ -36,8 +41,10 @@ pub enum Edit {
         /// Its type: a node of the catalog, a graph under `use`, `ForEach` or `Switch`.
         node: String,
         /// Its fields in order: names, and values as RON. What is no RON is text; links may do without quotes.
+        #[serde(default)]
         fields: Vec<(String, String)>,
         /// The node behind which it stands; the last one if there is none.
+        #[serde(default)]
         after: Option<String>,
     },
     /// Takes away a node, an input or a parameter.
@@ -46,6 +53,7 @@ pub enum Edit {
         name: String,
         /// Whether what names it goes along: links to ports that can do without, entries of lists of links, outputs and
         /// expectations. Else it is refused while something names it.
+        #[serde(default)]
         and_links: bool,
     },
     /// Gives a node, an input or a parameter another name, with all that names it in this file. What names it in others, as a
@@ -81,6 +89,7 @@ pub enum Edit {
         /// Its name: a file, or a port of a graph that others use.
         name: String,
         /// What it gives, `node` or `node.output`; none takes it away.
+        #[serde(default)]
         to: Option<String>,
     },
 }

@@ -113,6 +113,20 @@ pub enum On {
 }
 
 impl On {
+    /// All of them.
+    pub const ALL: [Self; 10] = [
+        Self::Vertex,
+        Self::Corner,
+        Self::Face,
+        Self::Edge,
+        Self::Pixel,
+        Self::Texel,
+        Self::Point,
+        Self::Step,
+        Self::Entry,
+        Self::Whole,
+    ];
+
     /// The word for one element.
     pub fn word(self) -> &'static str {
         match self {
@@ -148,6 +162,10 @@ pub enum Meaning {
 }
 
 impl Meaning {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Position, Self::Direction, Self::Number, Self::Level, Self::Index, Self::Exact];
+
     /// The word for it.
     pub fn word(self) -> &'static str {
         match self {

@@ -13,6 +13,7 @@ mod pictures;
 mod preview;
 mod reuse;
 mod sequences;
+mod serve;
 mod sheet;
 mod telling;
 mod text_commands;

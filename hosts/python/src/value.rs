@@ -239,15 +239,11 @@ impl<'py> Array<'py> {
 }
 
 fn on_of(word: &str) -> PyResult<On> {
-    use On::{Corner, Edge, Entry, Face, Pixel, Point, Step, Texel, Vertex, Whole};
-    let all = [Vertex, Corner, Face, Edge, Pixel, Texel, Point, Step, Entry, Whole];
-    named(word, &all, On::word, "columns lie on")
+    named(word, &On::ALL, On::word, "columns lie on")
 }
 
 fn meaning_of(word: &str) -> PyResult<Meaning> {
-    use Meaning::{Direction, Exact, Index, Level, Number, Position};
-    let all = [Position, Direction, Number, Level, Index, Exact];
-    named(word, &all, Meaning::word, "numbers mean")
+    named(word, &Meaning::ALL, Meaning::word, "numbers mean")
 }
 
 /// The one that a word names.

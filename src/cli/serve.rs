@@ -1,0 +1,256 @@
+//! `maquette serve --stdio`: graphs for another program, by lines of JSON on stdin and stdout. `docs/serve.md` has every message.
+//!
+//! One thread listens and answers what is quick; another one evaluates. Large columns of numbers go through files of a folder that both
+//! processes see.
+
+use std::collections::VecDeque;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::{Value as Json, json};
+
+use self::columns::Columns;
+use self::request::{EditWish, Line, Load, Wish};
+use self::runner::{Job, Refused, Runner, Runs, options};
+use super::caching::CacheOptions;
+use super::edit::{EditError, GraphFile};
+use super::events::Listener;
+use super::{Exit, put_problems, stdout_is_closed};
+use crate::catalog::{Catalog, Entry};
+use crate::graph::{Edited, Graph};
+use crate::node::CancelToken;
+use crate::plain;
+use crate::writing::Shelf;
+
+mod columns;
+mod request;
+mod runner;
+
+/// The version of the protocol. New messages and fields do not change it.
+const PROTOCOL: u32 = 1;
+
+/// A line may have so many bytes: far more than any graph.
+const LONGEST: u64 = 64 << 20;
+
+/// A run that was stopped has this long to end before the program ends without it.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+#[derive(Args)]
+pub(super) struct Serve {
+    /// Hear requests on stdin and answer on stdout, one JSON object a line, until stdin ends.
+    #[arg(long, required = true)]
+    stdio: bool,
+    /// Put the folder for columns of numbers into this one; else it is in memory, where the system has such files.
+    #[arg(long = "folder", value_name = "DIR")]
+    shelf: Option<PathBuf>,
+    /// How many threads; 0 for as many as the machine has.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    threads: usize,
+    #[command(flatten)]
+    cache: CacheOptions,
+}
+
+impl Serve {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
+        let session = match self.cache.session(self.threads, catalog) {
+            Ok(session) => session,
+            Err(why) => return Exit::Usage(why),
+        };
+        let shelf = match Shelf::new(self.shelf.as_deref()) {
+            Ok(shelf) => shelf,
+            Err(error) => {
+                return Exit::Usage(format!("there can be no folder for columns: {error}"));
+            }
+        };
+        let columns = Columns::new(shelf);
+        let listener = Listener::of_stdout();
+        listener.tell(
+            "ready",
+            json!({
+                "protocol": PROTOCOL,
+                "version": env!("CARGO_PKG_VERSION"),
+                "folder": columns.folder().display().to_string(),
+            }),
+        );
+        let (sender, jobs) = channel();
+        let (over, ended) = channel::<()>();
+        let runs = Runs::default();
+        let runner = Runner {
+            session,
+            catalog: catalog.clone(),
+            columns,
+            listener: listener.clone(),
+            runs: runs.clone(),
+            values: VecDeque::new(),
+        };
+        std::thread::spawn(move || {
+            runner.work(&jobs);
+            drop(over);
+        });
+        let server = Server { catalog, listener, runs, jobs: sender };
+        server.listen();
+        lock(&server.runs).values().for_each(CancelToken::cancel);
+        drop(server.jobs);
+        // Ended, it has dropped its end.
+        let _ = ended.recv_timeout(PATIENCE);
+        Exit::Done
+    }
+}
+
+struct Server<'a> {
+    catalog: &'a Arc<Catalog>,
+    listener: Listener,
+    runs: Runs,
+    jobs: Sender<(Json, Job)>,
+}
+
+impl Server<'_> {
+    /// Hears all requests, until the host is gone.
+    fn listen(&self) {
+        let mut input = BufReader::new(io::stdin());
+        let mut line = Vec::new();
+        while !stdout_is_closed() {
+            line.clear();
+            match input.by_ref().take(LONGEST).read_until(b'\n', &mut line) {
+                Ok(0) | Err(_) => return,
+                Ok(_) if line.trim_ascii().is_empty() => {}
+                Ok(count) if count as u64 == LONGEST && !line.ends_with(b"\n") => {
+                    let why = format!("a line has at most {LONGEST} bytes");
+                    self.listener.answer(&Json::Null, Err(why.into()));
+                    // What follows on this line is no request.
+                    if input.skip_until(b'\n').is_err() {
+                        return;
+                    }
+                }
+                Ok(_) => self.hear(Line::read(&line)),
+            }
+        }
+    }
+
+    fn hear(&self, Line { id, wish }: Line) {
+        let answer = match wish {
+            Ok(Wish::Catalog {}) => {
+                let nodes = Vec::from_iter(self.catalog.entries().map(Entry::to_json));
+                Ok(json!({ "nodes": nodes }))
+            }
+            Ok(Wish::Load(load)) => Ok(self.load(&load)),
+            Ok(Wish::Edit(wish)) => self.edit(&wish),
+            Ok(Wish::Put { graph, was, text }) => put(&graph, was, text),
+            Ok(Wish::Cancel { run }) => match lock(&self.runs).get(&run.to_string()) {
+                Some(token) => {
+                    token.cancel();
+                    Ok(json!({ "found": true }))
+                }
+                // It may have ended meanwhile.
+                None => Ok(json!({ "found": false })),
+            },
+            Ok(Wish::Run(run)) => {
+                let token = CancelToken::default();
+                lock(&self.runs).insert(id.to_string(), token.clone());
+                return self.pass(id, Job::Run(run, token));
+            }
+            Ok(Wish::Input(input)) => return self.pass(id, Job::Input(input)),
+            Ok(Wish::Why { graph, roots, set, node }) => {
+                return self.pass(id, Job::Why(Load { graph, roots, set }, node));
+            }
+            Err(why) => Err(why.into()),
+        };
+        self.listener.answer(&id, answer);
+    }
+
+    fn pass(&self, id: Json, job: Job) {
+        // The thread lives as long as this.
+        let _ = self.jobs.send((id, job));
+    }
+
+    fn load(&self, load: &Load) -> Json {
+        let checked = Graph::load(&load.graph, self.catalog, &options(load));
+        let files = checked.files.iter().map(|file| file.path.display().to_string());
+        let files = Vec::from_iter(files);
+        let graphs = checked.subgraphs.iter().map(|path| path.display().to_string());
+        let mut told = json!({
+            "ok": checked.graph.is_some(),
+            "files": files,
+            "graphs": Vec::from_iter(graphs),
+        });
+        put_problems(&mut told, &checked.problems);
+        if let Some(graph) = checked.graph {
+            let input = |input: &crate::graph::GraphInput| json!({ "name": input.name, "type": input.kind.name, "doc": input.doc });
+            let result = |(name, kind): (&str, Option<&crate::value::ValueType>)| json!({ "name": name, "type": kind.map(|kind| kind.name) });
+            told["doc"] = graph.doc().into();
+            told["text"] = graph.source_text().into();
+            told["schema"] = graph.schema().clone();
+            told["inputs"] = graph.inputs().iter().map(input).collect();
+            told["outputs"] = graph.results().map(result).collect();
+            told["nodes"] = graph.node_names().collect();
+        }
+        told
+    }
+
+    fn edit(&self, wish: &EditWish) -> Result<Json, Refused> {
+        let EditWish { graph, roots, edits, dry } = wish;
+        let file = GraphFile { graph, roots, dry_run: *dry };
+        let edited = file.edited(edits, self.catalog);
+        let done = edited.and_then(|edited| match dry {
+            true => Ok(edited),
+            false => file.write(&edited).map(|()| edited),
+        });
+        told_edit(done)
+    }
+}
+
+/// Puts a text in place of another one.
+fn put(graph: &Path, was: String, text: String) -> Result<Json, Refused> {
+    let found = plain::read_text(graph).map_err(|error| EditError::Read(graph.to_owned(), error));
+    let file = GraphFile { graph, roots: &[], dry_run: false };
+    told_edit(found.and_then(|found| {
+        if found != was {
+            return Err(EditError::Changed(graph.to_owned()));
+        }
+        let edited = Edited { text, before: was, changes: Vec::new() };
+        file.write(&edited).map(|()| edited)
+    }))
+}
+
+fn told_edit(edited: Result<Edited, EditError>) -> Result<Json, Refused> {
+    match edited {
+        Ok(Edited { text, before, .. }) => Ok(json!({ "text": text, "before": before })),
+        Err(error) => {
+            let why = error.to_string();
+            let problems = match error {
+                EditError::Refused(problems) => problems,
+                _ => Vec::new(),
+            };
+            Err(Refused { why, problems })
+        }
+    }
+}
+
+/// How requests are answered.
+trait Answer {
+    /// Answers the request of this id.
+    fn answer(&self, id: &Json, answer: Result<Json, Refused>);
+}
+
+impl Answer for Listener {
+    fn answer(&self, id: &Json, answer: Result<Json, Refused>) {
+        let (event, mut fields) = match answer {
+            Ok(fields) => ("answer", fields),
+            Err(Refused { why, problems }) => {
+                let mut fields = json!({ "why": why });
+                put_problems(&mut fields, &problems);
+                ("refused", fields)
+            }
+        };
+        fields["id"] = id.clone();
+        self.tell(event, fields);
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(|broken| broken.into_inner())
+}

@@ -1,0 +1,435 @@
+//! `maquette serve --stdio` as a host sees it: what docs/serve.md says, and hosts that lie, stall and die.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value as Json, json};
+
+use crate::project::Project;
+
+/// A host, and its server.
+struct Host {
+    process: Child,
+    requests: Option<ChildStdin>,
+    events: BufReader<ChildStdout>,
+    folder: PathBuf,
+    asked: u64,
+    /// What ended other requests meanwhile.
+    ends: Vec<Json>,
+}
+
+impl Host {
+    fn of(project: &Project) -> Self {
+        Self::with(project, &[])
+    }
+
+    fn with(project: &Project, more: &[&str]) -> Self {
+        let mut command = project.command(&[&["serve", "--stdio"], more].concat());
+        let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut process = piped.spawn().unwrap();
+        let requests = process.stdin.take();
+        let events = BufReader::new(process.stdout.take().unwrap());
+        let mut host =
+            Self { process, requests, events, folder: PathBuf::new(), asked: 0, ends: Vec::new() };
+        let ready = host.hear();
+        assert_eq!((&ready["event"], &ready["protocol"]), (&json!("ready"), &json!(1)), "{ready}");
+        host.folder = ready["folder"].as_str().unwrap().into();
+        host
+    }
+
+    fn hear(&mut self) -> Json {
+        let mut line = String::new();
+        self.events.read_line(&mut line).unwrap();
+        serde_json::from_str(&line).unwrap_or_else(|error| panic!("{error}: {line}"))
+    }
+
+    fn say(&mut self, line: &[u8]) {
+        let requests = self.requests.as_mut().unwrap();
+        requests.write_all(line).unwrap();
+        requests.write_all(b"\n").unwrap();
+    }
+
+    /// Asks without waiting; gives the id.
+    fn send(&mut self, what: &str, mut fields: Json) -> Json {
+        self.asked += 1;
+        fields["id"] = self.asked.into();
+        fields["do"] = what.into();
+        self.say(fields.to_string().as_bytes());
+        self.asked.into()
+    }
+
+    /// Whatever ends a request.
+    fn end(&mut self, id: &Json) -> Json {
+        let is_it = |event: &Json| event.get("id") == Some(id);
+        if let Some(place) = self.ends.iter().position(is_it) {
+            return self.ends.remove(place);
+        }
+        loop {
+            let event = self.hear();
+            if is_it(&event) {
+                return event;
+            }
+            if event.get("id").is_some() {
+                self.ends.push(event);
+            }
+        }
+    }
+
+    /// Waits until a run is under way.
+    fn until_it_runs(&mut self, id: &Json) {
+        loop {
+            let event = self.hear();
+            assert_ne!(event.get("id"), Some(id), "{event}");
+            if event["event"] == "started" {
+                assert_eq!(event["run"], *id);
+                return;
+            }
+        }
+    }
+
+    fn ask(&mut self, what: &str, fields: Json) -> Json {
+        let id = self.send(what, fields);
+        let answer = self.end(&id);
+        assert_eq!(answer["event"], "answer", "{answer}");
+        answer
+    }
+
+    /// Why a request is refused.
+    fn refused(&mut self, what: &str, fields: Json) -> String {
+        let id = self.send(what, fields);
+        let answer = self.end(&id);
+        assert_eq!(answer["event"], "refused", "{answer}");
+        answer["why"].as_str().unwrap().to_owned()
+    }
+
+    fn put<T: bytemuck::NoUninit>(&self, name: &str, numbers: &[T]) {
+        fs::write(self.folder.join(name), bytemuck::cast_slice(numbers)).unwrap();
+    }
+
+    fn bytes(&self, column: &Json) -> Vec<u8> {
+        fs::read(self.folder.join(column["file"].as_str().unwrap())).unwrap()
+    }
+
+    /// Waits for the server's end.
+    fn over(mut self) -> bool {
+        drop(self.requests.take());
+        let start = Instant::now();
+        while start.elapsed() < Duration::from_secs(60) {
+            if let Some(status) = self.process.try_wait().unwrap() {
+                return status.success();
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        false
+    }
+}
+
+impl Drop for Host {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn column<'j>(value: &'j Json, name: &str) -> &'j Json {
+    let columns = value["columns"].as_array().unwrap_or_else(|| panic!("{value}"));
+    let found = columns.iter().find(|column| column["name"] == name);
+    found.unwrap_or_else(|| panic!("no {name}: {value}"))
+}
+
+/// A graph that subdivides what it is given.
+const FINE: &str = r#"Graph(
+    format: 1,
+    inputs: { "mesh": Mesh(doc: "What is made fine.") },
+    params: { "levels": Integer(default: 1, min: 0, max: 12, doc: "How fine.") },
+    nodes: { "fine": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("levels")) },
+    outputs: { "fine": "fine" },
+)
+"#;
+
+/// It, made so fine that it takes long: 16 million faces of a tetrahedron.
+fn long(project: &Project, value: &Json) -> Json {
+    let fine = r#""fine": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("levels"))"#;
+    let finer = format!(r#"{fine}, "finer": Subdivide(mesh: "fine", scheme: Loop, levels: 4)"#);
+    let text = FINE.replace(fine, &finer).replace(r#""fine": "fine""#, r#""fine": "finer""#);
+    fs::write(project.folder().join("long.ron"), text).unwrap();
+    json!({ "graph": "long.ron", "set": { "levels": "7" }, "inputs": { "mesh": value },
+            "want": [{ "value": "finer", "as": "facts" }] })
+}
+
+const CORNERS: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+const FACES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+
+/// A tetrahedron as a host gives it.
+fn tetrahedron() -> Json {
+    json!({ "type": "Mesh", "columns": [
+        { "name": "position", "on": "vertex", "meaning": "position", "width": 3, "type": "f64", "file": "in-1" },
+        { "name": "corners", "on": "face", "meaning": "index", "width": 3, "type": "u32", "file": "in-2" },
+    ] })
+}
+
+/// A host that has given a tetrahedron, and its hash.
+fn given(project: &Project) -> (Host, Json) {
+    let mut host = Host::of(project);
+    host.put("in-1", &CORNERS);
+    host.put("in-2", &FACES);
+    let value = host.ask("input", tetrahedron())["value"].clone();
+    (host, value)
+}
+
+#[test]
+#[expect(clippy::print_stdout, reason = "says what is not there to be tested")]
+fn a_client_of_sixty_lines_in_python_gets_the_doll() {
+    let client = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/serve.py");
+    assert!(fs::read_to_string(client).unwrap().lines().count() <= 60);
+    let project = Project::doll();
+    let mut command = Command::new("python3");
+    command.arg(client).args([env!("CARGO_BIN_EXE_maquette"), "doll.ron", "growth=5.0"]);
+    command.current_dir(project.folder()).env("MAQUETTE_CACHE", project.folder().join("cache"));
+    let output = match command.output() {
+        Ok(output) => output,
+        Err(why) => return println!("skipped: there is no python3 here ({why})"),
+    };
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.contains("model.glb is a Mesh of {'vertices': 85926"), "{said}");
+}
+
+#[test]
+fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
+    let project = Project::new(FINE);
+    let (mut host, value) = given(&project);
+    let run = |levels: &str, form: &str| {
+        json!({ "graph": "doll.ron", "set": { "levels": levels }, "inputs": { "mesh": value },
+                "want": [{ "value": "fine", "as": form }] })
+    };
+    let same = host.ask("run", run("0", "parts"))["values"]["fine"].clone();
+    assert_eq!(host.bytes(column(&same, "position")), bytemuck::cast_slice::<_, u8>(&CORNERS));
+    assert_eq!(host.bytes(column(&same, "corners")), bytemuck::cast_slice::<_, u8>(&FACES));
+    assert_eq!(same["hash"], value);
+
+    let fine = host.ask("run", run("2", "mesh"))["values"]["fine"].clone();
+    let count = |name: &str| column(&fine, name)["count"].as_u64().unwrap();
+    // Euler: V - E + F = 2.
+    assert_eq!((count("position"), count("edges"), count("corners")), (34, 96, 3 * 64));
+    assert_eq!(count("edge of a corner"), 3 * 64);
+    let edges = host.bytes(column(&fine, "edges"));
+    let edges: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&edges);
+    let corners: Vec<[u32; 3]> =
+        bytemuck::pod_collect_to_vec(&host.bytes(column(&fine, "corners")));
+    let sides: Vec<[u32; 3]> =
+        bytemuck::pod_collect_to_vec(&host.bytes(column(&fine, "edge of a corner")));
+    for (face, sides) in corners.iter().zip(&sides) {
+        for k in 0..3 {
+            let mut ends = [face[k], face[(k + 1) % 3]];
+            ends.sort_unstable();
+            assert_eq!(edges[sides[k] as usize], ends);
+        }
+    }
+
+    // Another shape of the same faces.
+    let moved = CORNERS.map(|corner| corner.map(|x| 2.0 * x));
+    host.put("in-1", &moved);
+    let other = host.ask("input", tetrahedron())["value"].clone();
+    let mut again = run("2", "mesh");
+    again["inputs"]["mesh"] = other;
+    let twice = host.ask("run", again)["values"]["fine"].clone();
+    for name in ["corners", "edges", "edge of a corner"] {
+        assert_eq!(column(&twice, name)["file"], column(&fine, name)["file"], "{name}");
+    }
+    assert_ne!(column(&twice, "position")["file"], column(&fine, "position")["file"]);
+    // What only the first answer named is gone.
+    assert!(!host.folder.join(column(&same, "position")["file"].as_str().unwrap()).exists());
+    assert!(host.folder.join(column(&fine, "position")["file"].as_str().unwrap()).exists());
+}
+
+#[test]
+fn the_doll_is_drawn_with_its_texture_and_the_numbers_of_the_command_line() {
+    let project = Project::doll();
+    let mut host = Host::of(&project);
+    let want = json!([{ "value": "model.glb", "as": "mesh" }, { "value": "nose-mask.png", "as": "picture" }]);
+    let answer = host.ask("run", json!({ "graph": "doll.ron", "want": want }));
+    assert_eq!(answer["ok"], true, "{answer}");
+    let mesh = &answer["values"]["model.glb"];
+    let inspected = project.maquette(&["inspect", "doll.ron", "model", "--json"]);
+    assert!(String::from_utf8_lossy(&inspected.stdout).contains(mesh["hash"].as_str().unwrap()));
+    let uv = column(mesh, "uv");
+    assert_eq!((&uv["on"], &uv["count"]), (&json!("corner"), &column(mesh, "corners")["count"]));
+    assert_eq!(&host.bytes(&mesh["texture"])[..8], b"\x89PNG\r\n\x1a\n");
+    assert_eq!(answer["values"]["nose-mask.png"]["picture"]["size"], json!([400, 400]));
+}
+
+#[test]
+fn a_host_that_lies_is_refused_and_nothing_else_happens() {
+    let project = Project::new(FINE);
+    let (mut host, value) = given(&project);
+    for line in [
+        "{",
+        "[]",
+        "7",
+        r#"{"do":"catalog"}"#,
+        r#"{"id":null,"do":"catalog"}"#,
+        "\u{0}",
+        "{\"id\":[1],\"do\":\"catalog\"}",
+    ] {
+        host.say(line.as_bytes());
+        let answer = host.end(&Json::Null);
+        assert_eq!(answer["event"], "refused", "{line}: {answer}");
+    }
+    host.say(b"");
+    host.say(b"\xff\xfe");
+    assert_eq!(host.end(&Json::Null)["event"], "refused");
+    assert!(host.refused("fly", json!({})).contains("unknown variant `fly`"));
+    assert!(host.refused("load", json!({})).contains("missing field `graph`"));
+    assert!(host.refused("load", json!({ "graph": "doll.ron", "grpah": 1 })).contains("grpah"));
+    let with = |path: &[&str], lie: Json| {
+        let mut input = tetrahedron();
+        let place = path.iter().fold(&mut input, |json, step| match step.parse::<usize>() {
+            Ok(index) => &mut json[index],
+            Err(_) => &mut json[*step],
+        });
+        *place = lie;
+        input
+    };
+    fs::write(host.folder.join("short"), [0; 23]).unwrap();
+    host.put("nan", &[f64::NAN; 12]);
+    host.put("far", &[9u32; 12]);
+    let lies = [
+        (with(&["type"], json!("Mash")), "no type of values `Mash`"),
+        (with(&["columns", "0", "file"], json!("../../etc/passwd")), "cannot name a file here"),
+        (with(&["columns", "0", "file"], json!("/etc/passwd")), "cannot name a file here"),
+        (with(&["columns", "0", "file"], json!("lock")), "cannot name a file here"),
+        (with(&["columns", "0", "file"], json!("none")), "none: "),
+        (with(&["columns", "0", "file"], json!("short")), "23 bytes"),
+        (with(&["columns", "0", "file"], json!("nan")), "finite"),
+        (with(&["columns", "1", "file"], json!("far")), "vertex 9"),
+        (with(&["columns", "0", "width"], json!(0)), "no number an element"),
+        (with(&["columns", "0", "width"], json!(7)), "position"),
+        (with(&["columns", "0", "on"], json!("moon")), "columns lie on one of"),
+        (with(&["columns", "0", "meaning"], json!("none")), "numbers mean one of"),
+        (with(&["columns"], json!([])), "`position` is missing"),
+        (with(&["columns", "0", "type"], json!("f16")), "f16"),
+    ];
+    for (lie, expected) in lies {
+        let why = host.refused("input", lie.clone());
+        assert!(why.contains(expected), "{lie}: {why}");
+    }
+    let run = |hash: &Json| json!({ "graph": "doll.ron", "inputs": { "mesh": hash } });
+    assert!(host.refused("run", run(&json!("00"))).contains("there is no value 00"));
+    assert!(host.refused("run", json!({ "graph": "gone.ron" })).contains("problems"));
+    assert!(
+        host.refused("why", json!({ "graph": "doll.ron", "node": "nobody" })).contains("nobody")
+    );
+    assert_eq!(host.ask("cancel", json!({ "run": "nothing" }))["found"], false);
+    // What is right is done as before.
+    assert_eq!(host.ask("run", run(&value))["ok"], true);
+    assert_eq!(host.ask("load", json!({ "graph": "doll.ron" }))["inputs"][0]["type"], "Mesh");
+    assert_eq!(fs::read_to_string(project.graph()).unwrap(), FINE);
+    assert!(host.over());
+}
+
+#[cfg(unix)]
+#[test]
+fn no_link_in_the_folder_leads_out_of_it() {
+    let project = Project::new(FINE);
+    let (mut host, _) = given(&project);
+    fs::remove_file(host.folder.join("in-2")).unwrap();
+    std::os::unix::fs::symlink(project.graph(), host.folder.join("in-2")).unwrap();
+    assert!(host.refused("input", tetrahedron()).contains("in-2: it is a link"));
+    use std::os::unix::fs::PermissionsExt;
+    let mode = fs::metadata(&host.folder).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o700);
+}
+
+#[test]
+fn of_many_values_of_a_slider_the_last_is_seen_and_none_waits_for_all() {
+    let project = Project::new(FINE);
+    let (mut host, value) = given(&project);
+    let ids = Vec::from_iter((0..100).map(|k: u32| {
+        let levels = if k == 99 { 3 } else { 7 };
+        let set = json!({ "levels": levels.to_string() });
+        host.send("run", json!({ "graph": "doll.ron", "set": set, "inputs": { "mesh": value } }))
+    }));
+    let answers = Vec::from_iter(ids.iter().map(|id| host.end(id)));
+    let replaced = answers.iter().filter(|answer| answer["replaced"] == true).count();
+    assert!(replaced >= 90, "only {replaced} were replaced");
+    let last = answers.last().unwrap();
+    assert_eq!(last["values"]["fine"]["facts"]["faces"], 4 << 6, "{last}");
+}
+
+#[test]
+fn a_long_run_is_cancelled_while_others_are_answered() {
+    let project = Project::new(FINE);
+    let (mut host, value) = given(&project);
+    let id = host.send("run", long(&project, &value));
+    host.until_it_runs(&id);
+    assert!(host.ask("catalog", json!({}))["nodes"].as_array().unwrap().len() >= 40);
+    assert_eq!(host.ask("cancel", json!({ "run": id }))["found"], true);
+    let end = host.end(&id);
+    assert_eq!(end["cancelled"], true, "{end}");
+}
+
+#[test]
+fn a_host_that_dies_takes_the_server_and_its_folder_along() {
+    let project = Project::new(FINE);
+    let (mut host, value) = given(&project);
+    let id = host.send("run", long(&project, &value));
+    host.until_it_runs(&id);
+    let folder = host.folder.clone();
+    assert!(folder.join("in-1").exists());
+    assert!(host.over(), "it goes on");
+    assert!(!folder.exists(), "{}", folder.display());
+}
+
+#[test]
+fn what_a_killed_server_left_the_next_one_removes() {
+    let project = Project::new(FINE);
+    let place = project.folder().join("shelves");
+    fs::create_dir(&place).unwrap();
+    let host = Host::with(&project, &["--folder", "shelves"]);
+    let left = project.folder().join(&host.folder);
+    drop(host);
+    assert!(left.exists());
+    let host = Host::with(&project, &["--folder", "shelves"]);
+    assert!(!left.exists());
+    assert!(host.over());
+    assert_eq!(fs::read_dir(&place).unwrap().count(), 0);
+}
+
+#[test]
+fn edits_are_made_taken_back_and_never_over_what_somebody_else_wrote() {
+    let project = Project::new(FINE);
+    let mut host = Host::of(&project);
+    let text = || fs::read_to_string(project.graph()).unwrap();
+    let edit = |edits: Json| json!({ "graph": "doll.ron", "edits": edits });
+    let edits = json!([
+        { "add": { "name": "finer", "node": "Subdivide", "fields": [["mesh", "fine"], ["scheme", "Loop"]] } },
+        { "rename": { "from": "fine", "to": "first" } },
+        { "output": { "name": "finer", "to": "finer" } },
+        { "set": { "target": "levels", "value": "2" } },
+    ]);
+    let done = host.ask("edit", edit(edits));
+    assert_eq!(done["before"], FINE);
+    assert_eq!(done["text"], text());
+    assert!(text().contains(r#""finer": Subdivide(mesh: "first""#), "{}", text());
+    let known = text();
+    let why = host.refused("edit", edit(json!([{ "remove": { "name": "first" } }])));
+    assert!(why.contains("needs it"), "{why}");
+    let why =
+        host.refused("edit", edit(json!([{ "link": { "port": "first.mesh", "to": "finer" } }])));
+    assert!(why.contains("each other") || why.contains("cycle"), "{why}");
+    assert_eq!(text(), known);
+    let mut dry = edit(json!([{ "unlink": { "port": "finer.mesh" } }]));
+    dry["dry"] = true.into();
+    host.refused("edit", dry);
+    let undo = json!({ "graph": "doll.ron", "was": known, "text": FINE });
+    host.ask("put", undo.clone());
+    assert_eq!(text(), FINE);
+    // Somebody else has written: nothing is lost.
+    assert!(host.refused("put", undo).contains("has been changed meanwhile"));
+    assert_eq!(text(), FINE);
+    assert!(Path::new(&host.folder).exists());
+}
