@@ -348,11 +348,15 @@ fn no_link_in_the_folder_leads_out_of_it() {
 fn of_many_values_of_a_slider_the_last_is_seen_and_none_waits_for_all() {
     let project = Project::new(FINE);
     let (mut host, value) = given(&project);
-    let ids = Vec::from_iter((0..100).map(|k: u32| {
-        let levels = if k == 99 { 3 } else { 7 };
-        let set = json!({ "levels": levels.to_string() });
-        host.send("run", json!({ "graph": "doll.ron", "set": set, "inputs": { "mesh": value } }))
-    }));
+    // All at once, while the first one runs.
+    let request = |k: u32| {
+        let set = json!({ "levels": if k == 99 { "3" } else { "8" } });
+        json!({ "id": 1000 + k, "do": "run", "graph": "doll.ron", "set": set, "inputs": { "mesh": value },
+                "want": [{ "value": "fine", "as": "facts" }] })
+    };
+    let requests = Vec::from_iter((0..100).map(|k| request(k).to_string()));
+    host.say(requests.join("\n").as_bytes());
+    let ids = Vec::from_iter((0..100).map(|k| json!(1000 + k)));
     let answers = Vec::from_iter(ids.iter().map(|id| host.end(id)));
     let replaced = answers.iter().filter(|answer| answer["replaced"] == true).count();
     assert!(replaced >= 90, "only {replaced} were replaced");
