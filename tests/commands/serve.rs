@@ -377,6 +377,19 @@ fn a_long_run_is_cancelled_while_others_are_answered() {
 }
 
 #[test]
+fn a_host_that_does_not_read_for_a_while_gets_every_answer() {
+    let project = Project::new(FINE);
+    let (mut host, value) = given(&project);
+    // More than any pipe holds.
+    let ids = Vec::from_iter((0..30).map(|_| host.send("catalog", json!({}))));
+    let run = json!({ "graph": "doll.ron", "inputs": { "mesh": value } });
+    let last = host.send("run", run);
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(ids.iter().all(|id| host.end(id)["event"] == "answer"));
+    assert_eq!(host.end(&last)["ok"], true);
+}
+
+#[test]
 fn a_host_that_dies_takes_the_server_and_its_folder_along() {
     let project = Project::new(FINE);
     let (mut host, value) = given(&project);
