@@ -58,6 +58,10 @@ page:
 python *args:
     bash hosts/python/test {{args}}
 
+# The Blender extension, built and tested in two real Blenders. They come from PyPI, some 750 MB.
+blender *args:
+    bash hosts/blender/test {{args}}
+
 # Every reader of files, for some seconds each.
 fuzz seconds="5":
     bash .ci/fuzz {{seconds}}

@@ -1,0 +1,107 @@
+"""What the tests share: Blender in this process, with the extension installed and enabled, and Blender in processes of their own.
+
+`hosts/blender/test` starts pytest in Blender's Python, with a folder of users' things that is private to the tests.
+"""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import subprocess
+import sys
+from typing import Any, Callable, Iterator
+
+import pytest
+
+HERE = pathlib.Path(__file__).resolve().parent
+COMMAND = HERE.parent / "command.py"
+PACKAGE = "bl_ext.user_default.maquette"
+Done = subprocess.CompletedProcess[str]
+
+if not {"MAQUETTE_BLENDER", "MAQUETTE_ZIP", "BLENDER_USER_RESOURCES"} <= os.environ.keys():
+    pytest.exit("these tests need an extension that is built and installed: `bash hosts/blender/test` does both", returncode=2)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionstart() -> None:
+    """It is the Blender that was asked for."""
+    import bpy
+
+    found = bpy.app.version_string
+    assert found == os.environ["MAQUETTE_BLENDER"], found
+    assert bpy.utils.resource_path("USER") == os.environ["BLENDER_USER_RESOURCES"]
+
+
+def pytest_report_header() -> str:
+    """Says which Blender this is."""
+    return f"blender: {os.environ['MAQUETTE_BLENDER']}"
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Ends before Blender tidies up, which may crash: the verdict is pytest's."""
+    status = getattr(config, "_maquette_status", None)
+    if status is not None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Keeps the verdict."""
+    session.config._maquette_status = int(exitstatus)  # type: ignore[attr-defined]
+
+
+@pytest.fixture(scope="session")
+def addon() -> Iterator[Any]:
+    """The add-on's package, enabled as a user enables it."""
+    import bpy
+
+    assert bpy.ops.preferences.addon_enable(module=PACKAGE) == {"FINISHED"}
+    yield sys.modules[PACKAGE]
+    bpy.ops.preferences.addon_disable(module=PACKAGE)
+
+
+@pytest.fixture
+def empty(addon: Any) -> Any:
+    """The add-on's package, in an empty scene."""
+    import bpy
+
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    return addon
+
+
+@pytest.fixture
+def resources(tmp_path: pathlib.Path) -> pathlib.Path:
+    """A folder of users' things with nothing in it."""
+    folder = tmp_path / "resources"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def blender(resources: pathlib.Path, tmp_path: pathlib.Path) -> Callable[[str], Done]:
+    """Runs Python in a Blender of its own, which uses `resources`."""
+
+    def run(text: str) -> Done:
+        script = tmp_path / "script.py"
+        script.write_text(f"{text}\nimport os, sys\nsys.stdout.flush()\nos._exit(0)\n")
+        return process(resources, script)
+
+    return run
+
+
+@pytest.fixture
+def extension(resources: pathlib.Path) -> Callable[..., Done]:
+    """Runs `blender --command extension`, which uses `resources`."""
+
+    def run(*words: object) -> Done:
+        return process(resources, COMMAND, *words)
+
+    return run
+
+
+def process(resources: pathlib.Path, *words: object) -> Done:
+    """Python of this Blender in a process of its own."""
+    environment = {**os.environ, "BLENDER_USER_RESOURCES": str(resources)}
+    return subprocess.run([sys.executable, *map(str, words)], capture_output=True, text=True, env=environment, timeout=120)
