@@ -1,0 +1,112 @@
+"""Runs a script's `shots` inside Blender's window: `screen.py` starts it."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import runpy
+import sys
+import traceback
+from typing import Any, Iterator
+
+import bpy
+
+# Enough for llvmpipe to draw a window of 1600 by 1000 once, panels and all; pictures that are taken sooner may show what was there before.
+SETTLED = 0.3
+
+
+class Window:
+    """Blender's window, one area of which fills it."""
+
+    def __init__(self) -> None:
+        self.window = bpy.context.window_manager.windows[0]
+
+    @property
+    def area(self) -> bpy.types.Area:
+        """The largest area: the one that fills the window, once `show` was called."""
+        return max(self.window.screen.areas, key=lambda it: it.width * it.height)
+
+    def show(self, kind: str) -> bpy.types.Space:
+        """Makes one area of this kind fill the window: `VIEW_3D`, `PROPERTIES`, or the `bl_idname` of a node tree's class."""
+        if len(self.window.screen.areas) > 1 and not self.window.screen.show_fullscreen:
+            with self.override():
+                bpy.ops.screen.screen_full_area(use_hide_panels=False)
+        self.area.ui_type = kind
+        return self.area.spaces.active
+
+    def tree(self, tree: bpy.types.NodeTree, sidebar: bool = False) -> Iterator[None]:
+        """Shows a node tree, whole: `yield from window.tree(tree)`. Blender enlarges no small one."""
+        space = self.show(tree.bl_idname)
+        space.node_tree = tree
+        space.show_region_ui = sidebar
+        # Nodes know how large they are once they have been drawn.
+        yield None
+        with self.override():
+            bpy.ops.node.view_all()
+        yield None
+
+    def override(self, kind: str = "WINDOW") -> Any:
+        """A context in which operators of the area run; timers have none."""
+        area = self.area
+        region = next(it for it in area.regions if it.type == kind)
+        return bpy.context.temp_override(window=self.window, area=area, region=region)
+
+    def picture(self, path: pathlib.Path) -> None:
+        """Writes what the window shows."""
+        with self.override():
+            bpy.ops.screen.screenshot(filepath=str(path))
+
+
+def main(script: pathlib.Path, folder: pathlib.Path) -> None:
+    """Registers the add-on and runs the script, a step at a time."""
+    sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+    import addon
+
+    addon.register()
+    bpy.context.preferences.view.show_splash = False
+    window: Window
+    shots: Iterator[str | float | None]
+    taken: str | None = None
+
+    def start() -> float:
+        nonlocal window, shots
+        window = Window()
+        shots = runpy.run_path(str(script))["shots"](window)
+        bpy.app.timers.register(guarded(step), persistent=True)
+        return SETTLED
+
+    def step() -> float:
+        nonlocal taken
+        if taken is not None:
+            window.picture(folder / f"{taken}.png")
+            taken = None
+        wanted = next(shots)
+        if isinstance(wanted, str):
+            taken = wanted
+        window.area.tag_redraw()
+        return float(wanted) if isinstance(wanted, (int, float)) else SETTLED
+
+    bpy.app.timers.register(guarded(start), first_interval=SETTLED, persistent=True)
+
+
+def guarded(step: Any) -> Any:
+    """A timer whose end is Blender's end: nobody closes this window."""
+
+    def run() -> float | None:
+        code = 1
+        try:
+            once = step.__name__ == "start"
+            delay = step()
+            return None if once else delay
+        except StopIteration:
+            code = 0
+        except BaseException:
+            traceback.print_exc()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+    return run
+
+
+main(*map(pathlib.Path, sys.argv[sys.argv.index("--") + 1 :][:2]))
