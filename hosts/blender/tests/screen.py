@@ -6,7 +6,7 @@
 a name takes a picture, `FOLDER/NAME.png`; a number lets Blender go on for so many seconds; None lets it draw. It runs in a timer, as the
 add-on does. A script that raises fails, and so does one that takes no picture.
 
-Debian's names: blender libgl1-mesa-dri xvfb.
+Debian's names: blender libgl1-mesa-dri xdotool xvfb.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import sys
 import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
-NEEDED = ("blender", "Xvfb")
+NEEDED = ("blender", "Xvfb", "xdotool")
 
 
 def missing() -> list[str]:

@@ -33,6 +33,36 @@ def shots(window):
     yield "node"
 """
 
+DRAG = """
+import bpy
+
+class ScratchTree(bpy.types.NodeTree):
+    bl_label, bl_icon = "Scratch", "NODETREE"
+
+class ScratchNode(bpy.types.Node):
+    bl_label = "Scratch"
+
+    def init(self, _context):
+        self.inputs.new("NodeSocketFloat", "in").hide_value = True
+        self.outputs.new("NodeSocketFloat", "out")
+
+def shots(window):
+    for it in (ScratchTree, ScratchNode):
+        bpy.utils.register_class(it)
+    tree = bpy.data.node_groups.new("scratch", "ScratchTree")
+    first, second = (tree.nodes.new("ScratchNode") for _ in range(2))
+    second.location = (300, 0)
+    yield from window.tree(tree)
+    bpy.ops.ed.undo_push(message="Nodes")
+    # Sockets stand in rows below the title, outputs first.
+    yield from window.drag((140, -34), (300, -56))
+    assert [(it.from_node.name, it.to_node.name) for it in tree.links] == [(first.name, second.name)]
+    yield "linked"
+    yield from window.key("ctrl+z")
+    # Blender reads node trees anew: what is held of the old one is gone.
+    assert len(bpy.data.node_groups["scratch"].links) == 0
+"""
+
 
 def pixels(path: pathlib.Path) -> np.ndarray:
     """Rows of RGBA, from 0 to 1."""
@@ -55,6 +85,12 @@ def test_a_picture_shows_the_node_tree(tmp_path: pathlib.Path) -> None:
         assert shown.shape == (600, 900, 4)
         red[name] = int(((shown[..., 0] > 0.5) & (shown[..., 1] < 0.2) & (shown[..., 2] < 0.2)).sum())
     assert red["empty"] == 0 and red["node"] > 1000, red
+
+
+def test_the_mouse_links_nodes_and_a_key_undoes_it(tmp_path: pathlib.Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(DRAG)
+    assert list(screen.take(script, tmp_path / "pictures", (900, 600))) == ["linked"]
 
 
 def test_a_script_that_fails_is_told(tmp_path: pathlib.Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pathlib
 import runpy
+import subprocess
 import sys
 import traceback
 from typing import Any, Iterator
@@ -13,6 +14,9 @@ import bpy
 
 # Enough for llvmpipe to draw a window of 1600 by 1000 once, panels and all; pictures that are taken sooner may show what was there before.
 SETTLED = 0.3
+
+# Between two movements of the mouse; Blender draws in between, and takes what comes meanwhile as one.
+HAND = 0.1
 
 
 class Window:
@@ -51,10 +55,41 @@ class Window:
         region = next(it for it in area.regions if it.type == kind)
         return bpy.context.temp_override(window=self.window, area=area, region=region)
 
+    def place(self, x: float, y: float) -> tuple[int, int]:
+        """Where on the screen a place of the node tree is, in the units of `Node.location`."""
+        area = self.area
+        region = next(it for it in area.regions if it.type == "WINDOW")
+        scale = bpy.context.preferences.system.ui_scale
+        right, up = region.view2d.view_to_region(x * scale, y * scale, clip=False)
+        return region.x + right, self.window.height - (region.y + up)
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[float]:
+        """Drags the mouse between places of the node tree, as a user's hand does: `yield from window.drag(..)`."""
+        (x, y), (to_x, to_y) = self.place(*start), self.place(*end)
+        xdotool("mousemove", x, y)
+        yield HAND
+        xdotool("mousedown", 1)
+        yield HAND
+        for step in range(1, 5):
+            xdotool("mousemove", x + (to_x - x) * step // 4, y + (to_y - y) * step // 4)
+            yield HAND
+        xdotool("mouseup", 1)
+        yield SETTLED
+
+    def key(self, keys: str) -> Iterator[float]:
+        """Presses keys where the mouse is: `yield from window.key("ctrl+z")`."""
+        xdotool("key", keys)
+        yield SETTLED
+
     def picture(self, path: pathlib.Path) -> None:
         """Writes what the window shows."""
         with self.override():
             bpy.ops.screen.screenshot(filepath=str(path))
+
+
+def xdotool(*words: object) -> None:
+    """Moves the mouse and presses keys."""
+    subprocess.run(["xdotool", *map(str, words)], check=True)
 
 
 def main(script: pathlib.Path, folder: pathlib.Path) -> None:
