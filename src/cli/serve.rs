@@ -21,9 +21,10 @@ use super::edit::{EditError, GraphFile};
 use super::events::Listener;
 use super::{Exit, put_problems, stdout_is_closed};
 use crate::catalog::{Catalog, Entry};
-use crate::graph::{Edited, Graph};
+use crate::graph::{Edited, Graph, GraphInput};
 use crate::node::CancelToken;
 use crate::plain;
+use crate::value::ValueType;
 use crate::writing::Shelf;
 
 mod columns;
@@ -179,8 +180,11 @@ impl Server<'_> {
         });
         put_problems(&mut told, &checked.problems);
         if let Some(graph) = checked.graph {
-            let input = |input: &crate::graph::GraphInput| json!({ "name": input.name, "type": input.kind.name, "doc": input.doc });
-            let result = |(name, kind): (&str, Option<&crate::value::ValueType>)| json!({ "name": name, "type": kind.map(|kind| kind.name) });
+            let input = |input: &GraphInput| {
+                let kind = input.kind.name;
+                json!({ "name": input.name, "type": kind, "doc": input.doc })
+            };
+            let result = |(name, kind): (&str, Option<&ValueType>)| json!({ "name": name, "type": kind.map(|kind| kind.name) });
             told["doc"] = graph.doc().into();
             told["text"] = graph.source_text().into();
             told["schema"] = graph.schema().clone();

@@ -1,7 +1,7 @@
 //! A folder of one process, through which it hands large pieces of data to another one on the same machine.
 
 use std::fs::{self, File, TryLockError};
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use tempfile::{Builder, TempDir};
@@ -55,9 +55,9 @@ impl Shelf {
         self.folder.path()
     }
 
-    /// Puts a new file there.
+    /// Puts a file there: whole or, where there is no room for it, not at all.
     pub(crate) fn put(&self, name: &str, bytes: &[u8]) -> io::Result<()> {
-        File::create_new(self.path().join(name))?.write_all(bytes)
+        super::write_whole(&self.path().join(name), bytes).map(|_| ())
     }
 
     /// Takes a file away.

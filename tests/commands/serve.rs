@@ -365,6 +365,24 @@ fn of_many_values_of_a_slider_the_last_is_seen_and_none_waits_for_all() {
 }
 
 #[test]
+fn two_objects_of_one_graph_do_not_take_each_others_turn() {
+    let project = Project::new(FINE);
+    let (mut host, value) = given(&project);
+    let mut requests = Vec::new();
+    for (id, slot) in [(1, "a"), (2, "a"), (3, "b"), (4, "b"), (5, "c")] {
+        let set = json!({ "levels": if id == 1 { "8" } else { "2" } });
+        let run = json!({ "id": 1000 + id, "do": "run", "graph": "doll.ron", "set": set, "slot": slot,
+                          "inputs": { "mesh": value }, "want": [{ "value": "fine", "as": "mesh" }] });
+        requests.push(run.to_string());
+    }
+    host.say(requests.join("\n").as_bytes());
+    for id in [1002, 1004, 1005] {
+        let answer = host.end(&json!(id));
+        assert_eq!(column(&answer["values"]["fine"], "edges")["count"], 96, "{answer}");
+    }
+}
+
+#[test]
 fn a_long_run_is_cancelled_while_others_are_answered() {
     let project = Project::new(FINE);
     let (mut host, value) = given(&project);

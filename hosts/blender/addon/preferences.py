@@ -17,12 +17,6 @@ class MaquettePreferences(bpy.types.AddonPreferences):
         self.layout.label(text=engine())
 
 
-def of(context: bpy.types.Context) -> MaquettePreferences | None:
-    """The preferences; none where the add-on was registered by a script, which Blender keeps no preferences for."""
-    addon = context.preferences.addons.get(__package__)
-    return addon.preferences if addon else None
-
-
 def engine() -> str:
     """The engine of the extension's wheel, in words."""
     try:

@@ -135,7 +135,6 @@ print("version", importlib.metadata.version("maquette"))
 print("faces", len(maquette.load({str(GRAPHS / "hull.ron")!r}, cache=None).run()["hull.glb"].faces))
 from {PACKAGE} import preferences
 print("engine", preferences.engine())
-print("preferences", preferences.of(bpy.context).bl_rna.identifier)
 """
     )
     assert done.returncode == 0, done.stderr

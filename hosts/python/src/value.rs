@@ -196,7 +196,9 @@ pub(crate) fn make(
     let arrays = arrays.collect::<PyResult<Vec<_>>>()?;
     let mut parts = Parts { row, ..Parts::default() };
     for ((name, on, meaning, width, _), array) in columns.iter().zip(&arrays) {
-        parts.push(&name[..], on_of(on)?, meaning_of(meaning)?, *width, array.items()?);
+        let on = On::named(on).map_err(PyValueError::new_err)?;
+        let meaning = Meaning::named(meaning).map_err(PyValueError::new_err)?;
+        parts.push(&name[..], on, meaning, *width, array.items()?);
     }
     for (name, fact) in facts {
         parts.fact(name, fact_of(&fact)?);
@@ -236,23 +238,6 @@ impl<'py> Array<'py> {
             Self::U8(array) => Items::from(array.as_slice()?),
         })
     }
-}
-
-fn on_of(word: &str) -> PyResult<On> {
-    named(word, &On::ALL, On::word, "columns lie on")
-}
-
-fn meaning_of(word: &str) -> PyResult<Meaning> {
-    named(word, &Meaning::ALL, Meaning::word, "numbers mean")
-}
-
-/// The one that a word names.
-fn named<T: Copy>(word: &str, all: &[T], name: fn(T) -> &'static str, what: &str) -> PyResult<T> {
-    let found = all.iter().copied().find(|it| name(*it) == word);
-    found.ok_or_else(|| {
-        let known = Vec::from_iter(all.iter().map(|it| name(*it))).join(", ");
-        PyValueError::new_err(format!("{what} one of {known}, not `{word}`"))
-    })
 }
 
 fn fact_of(fact: &Bound<'_, PyAny>) -> PyResult<FactValue> {

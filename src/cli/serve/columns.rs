@@ -1,8 +1,8 @@
 //! Values as files of plain numbers, and such files as values.
 
 use std::borrow::Cow;
-use std::collections::{BTreeSet, HashMap, VecDeque};
-use std::path::{Path, PathBuf};
+use std::collections::{BTreeSet, VecDeque};
+use std::path::Path;
 
 use serde_json::{Map, Value as Json, json};
 
@@ -20,16 +20,19 @@ use crate::writing::Shelf;
 pub(super) struct Columns {
     shelf: Shelf,
     held: BTreeSet<String>,
-    /// What the last answers of each graph named.
-    last: HashMap<PathBuf, VecDeque<BTreeSet<String>>>,
-    /// The columns of the edges of some faces, by the hash of the faces.
-    edges: VecDeque<(Hash, [Json; 2])>,
+    /// What the last answers of each slot named; the slot that was answered last is the last.
+    last: VecDeque<(String, VecDeque<BTreeSet<String>>)>,
+    /// The columns of the edges of some faces, by the files of these.
+    edges: VecDeque<(String, [Json; 2])>,
     /// What the answer that is being made names.
     named: BTreeSet<String>,
 }
 
-/// So many answers of a graph keep their files.
+/// So many answers of a slot keep their files.
 const ANSWERS: usize = 2;
+
+/// So many slots do: those that were answered last.
+const SLOTS: usize = 256;
 
 /// The edges of so many lists of faces are remembered.
 const FACES: usize = 8;
@@ -72,13 +75,19 @@ impl Columns {
     }
 
     /// The answer is whole: files that only older ones named go.
-    pub(super) fn answered(&mut self, graph: &Path) {
-        let answers = self.last.entry(graph.to_owned()).or_default();
+    pub(super) fn answered(&mut self, slot: &str) {
+        let place = self.last.iter().position(|(known, _)| known == slot);
+        let known = place.and_then(|place| self.last.remove(place));
+        let (slot, mut answers) = known.unwrap_or_else(|| (slot.to_owned(), VecDeque::new()));
         answers.push_back(std::mem::take(&mut self.named));
         if answers.len() > ANSWERS {
             answers.pop_front();
         }
-        let answers = self.last.values().flatten().flatten();
+        self.last.push_back((slot, answers));
+        if self.last.len() > SLOTS {
+            self.last.pop_front();
+        }
+        let answers = self.last.iter().flat_map(|(_, answers)| answers).flatten();
         let needed: BTreeSet<&String> = answers.collect();
         let gone = self.held.iter().filter(|name| !needed.contains(name));
         for name in Vec::from_iter(gone.cloned()) {
@@ -209,7 +218,10 @@ impl Columns {
             parts.push("uv", On::Corner, Meaning::Number, 2, items);
         }
         let mut columns = self.columns(&parts.columns, true)?;
-        columns.extend(self.edges(mesh)?);
+        let is_of_faces = |column: &&Json| column["name"] == "corners" || column["name"] == "sides";
+        let files = columns.iter().filter(is_of_faces).map(|column| column["file"].to_string());
+        let faces = format!("{:?} {}", mesh.faces().sides(), Vec::from_iter(files).join(" "));
+        columns.extend(self.edges(mesh, faces)?);
         told["columns"] = columns.into();
         if let Some(texture) = mesh.texture() {
             told["texture"] = self.picture(texture.clone(), catalog)?;
@@ -218,13 +230,8 @@ impl Columns {
     }
 
     /// The ends of all edges, and the edge at which each corner's side begins.
-    fn edges(&mut self, mesh: &Mesh) -> Result<[Json; 2], String> {
-        let faces = mesh.faces();
-        let sides = Vec::from_iter(faces.iter().map(|face| face.len() as u32));
-        let corners = Hash::of(bytemuck::cast_slice(&faces.corners()[..]));
-        let key = format!("{corners} {}", Hash::of(bytemuck::cast_slice(&sides)));
-        let key = Hash::of(key.as_bytes());
-        if let Some((_, columns)) = self.edges.iter().find(|(known, _)| *known == key) {
+    fn edges(&mut self, mesh: &Mesh, faces: String) -> Result<[Json; 2], String> {
+        if let Some((_, columns)) = self.edges.iter().find(|(known, _)| *known == faces) {
             let names = columns.iter().filter_map(|column| column["file"].as_str());
             self.named.extend(names.map(str::to_owned));
             return Ok(columns.clone());
@@ -235,7 +242,7 @@ impl Columns {
         parts.push("edge of a corner", On::Corner, Meaning::Index, 1, edges.of_corner);
         let [ends, of_corner] = &parts.columns[..] else { return Err("no edges".into()) };
         let columns = [self.column(ends, true)?, self.column(of_corner, true)?];
-        self.edges.push_back((key, columns.clone()));
+        self.edges.push_back((faces, columns.clone()));
         if self.edges.len() > FACES {
             self.edges.pop_front();
         }
@@ -251,8 +258,8 @@ impl Columns {
         let contents = contents.collect::<Result<Vec<_>, String>>()?;
         let mut parts = Parts { row: input.row, ..Parts::default() };
         for (column, bytes) in input.columns.iter().zip(&contents) {
-            let on = named(&column.on, &On::ALL, On::word, "columns lie on")?;
-            let meaning = named(&column.meaning, &Meaning::ALL, Meaning::word, "numbers mean")?;
+            let on = On::named(&column.on)?;
+            let meaning = Meaning::named(&column.meaning)?;
             let items = items(column.numbers, bytes).ok_or_else(|| {
                 format!("{}: {} bytes are no whole numbers of its type", column.file, bytes.len())
             })?;
@@ -300,20 +307,6 @@ fn fact(name: &str, fact: &Json) -> Result<FactValue, String> {
     };
     found.ok_or_else(|| {
         format!("the fact `{name}` is a count, two counts, true or false, or a text, not {fact}")
-    })
-}
-
-/// The one that a word names.
-fn named<T: Copy>(
-    word: &str,
-    all: &[T],
-    name: fn(T) -> &'static str,
-    what: &str,
-) -> Result<T, String> {
-    let found = all.iter().copied().find(|it| name(*it) == word);
-    found.ok_or_else(|| {
-        let known = Vec::from_iter(all.iter().map(|it| name(*it))).join(", ");
-        format!("{what} one of {known}, not `{word}`")
     })
 }
 

@@ -1,5 +1,6 @@
 //! What a host may ask for.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -74,8 +75,20 @@ pub(super) struct Run {
     /// The hashes of values for inputs, by the inputs' names.
     #[serde(default)]
     pub(super) inputs: BTreeMap<String, String>,
+    /// What the run is for: those that have not begun make way for a later one of the same slot. The graph's path if it is left out.
+    slot: Option<String>,
     /// What is wanted; all outputs if it is left out.
     pub(super) want: Option<Vec<Want>>,
+}
+
+impl Run {
+    /// What it is for.
+    pub(super) fn slot(&self) -> Cow<'_, str> {
+        match &self.slot {
+            Some(slot) => slot.into(),
+            None => self.graph.to_string_lossy(),
+        }
+    }
 }
 
 /// A value that is wanted.

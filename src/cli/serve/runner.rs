@@ -87,7 +87,7 @@ impl Runner {
 
     fn run(&mut self, id: &Json, run: &Run, cancel: &CancelToken) -> Result<Json, Refused> {
         let start = Instant::now();
-        let Run { graph, roots, set, inputs, want } = run;
+        let Run { graph, roots, set, inputs, want, .. } = run;
         let load = Load { graph: graph.clone(), roots: roots.clone(), set: set.clone() };
         let (graph, mut problems) = self.graph(&load)?;
         let inputs = self.inputs(inputs)?;
@@ -111,7 +111,7 @@ impl Runner {
         }
         problems.extend(finished.problems());
         let values = self.values(&finished, want.as_deref());
-        self.columns.answered(&load.graph);
+        self.columns.answered(&run.slot());
         let trace = finished.trace();
         let mut answer = json!({
             "ok": problems.iter().all(|problem| problem.severity != Severity::Error),
@@ -173,9 +173,9 @@ impl Runner {
     }
 }
 
-/// Whether a job is a run of the same graph.
+/// Whether a job is a run for the same.
 fn is_of(job: &Job, run: &Run) -> bool {
-    matches!(job, Job::Run(later, _) if later.graph == run.graph)
+    matches!(job, Job::Run(later, _) if later.slot() == run.slot())
 }
 
 pub(super) fn options(load: &Load) -> Options {
