@@ -11,7 +11,12 @@ mod dot;
 #[cfg(feature = "cli")]
 mod json;
 mod layout;
+#[cfg(feature = "cli")]
+mod rows;
 mod svg;
+
+#[cfg(feature = "cli")]
+pub(crate) use rows::{RowBox, placed};
 
 /// What is drawn of a graph, without places.
 #[derive(Clone, Debug, Default)]

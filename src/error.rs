@@ -113,6 +113,29 @@ impl Place {
     }
 }
 
+/// Finds places in a text without counting its lines anew for each.
+#[derive(Default)]
+pub(crate) struct Lines {
+    source: Option<Arc<Source>>,
+    /// Where each line begins.
+    starts: Vec<usize>,
+}
+
+impl Lines {
+    pub(crate) fn place(&mut self, source: &Arc<Source>, at: usize) -> Place {
+        if self.source.as_ref().is_none_or(|known| !Arc::ptr_eq(known, source)) {
+            let ends = source.text.match_indices('\n').map(|(end, _)| end + 1);
+            self.starts = std::iter::once(0).chain(ends).collect();
+            self.source = Some(source.clone());
+        }
+        let line = self.starts.partition_point(|start| *start <= at);
+        let start = self.starts[line - 1];
+        // Within a line, which is short.
+        let Place { column, .. } = Place::of(&source.text[start..], at - start);
+        Place { line, column }
+    }
+}
+
 /// The most problems that are reported at a time: nobody reads more. Explanations of further ones are not computed.
 pub(crate) const MOST_TOLD: usize = 100;
 
@@ -254,5 +277,17 @@ mod tests {
         assert_eq!(Place::of(text, 0), Place { line: 1, column: 1 });
         assert_eq!(Place::of(text, 7), Place { line: 2, column: 3 });
         assert_eq!(Place::of(text, 99), Place { line: 2, column: 4 });
+    }
+    #[test]
+    fn places_are_those_that_problems_have() {
+        let source = |text: &str| Arc::new(Source { name: "a.ron".into(), text: text.into() });
+        let texts = ["", "\n", "a\n\nb\u{e4}c\n", "\u{e4}\nb"].map(source);
+        let mut lines = Lines::default();
+        for source in &texts {
+            let bytes = 0..=source.text.len();
+            for at in bytes.filter(|at| source.text.is_char_boundary(*at)) {
+                assert_eq!(lines.place(source, at), Place::of(&source.text, at), "{source:?} {at}");
+            }
+        }
     }
 }

@@ -29,6 +29,8 @@ mod link;
 mod meaning;
 mod needs;
 mod node;
+#[cfg(feature = "cli")]
+mod outline;
 mod outputs;
 mod parameters;
 mod patch;

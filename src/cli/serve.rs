@@ -14,14 +14,14 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 
 use self::columns::Columns;
-use self::request::{EditWish, Line, Load, Wish};
+use self::request::{EditWish, Line, Load, Outline, Wish};
 use self::runner::{Job, Refused, Runner, Runs, options};
 use super::caching::CacheOptions;
 use super::edit::{EditError, GraphFile};
 use super::events::Listener;
 use super::{Exit, put_problems, stdout_is_closed};
 use crate::catalog::{Catalog, Entry};
-use crate::graph::{Edited, Graph, GraphInput};
+use crate::graph::{Edited, Graph, GraphInput, Options};
 use crate::node::CancelToken;
 use crate::plain;
 use crate::value::ValueType;
@@ -139,6 +139,7 @@ impl Server<'_> {
                 Ok(json!({ "nodes": nodes }))
             }
             Ok(Wish::Load(load)) => Ok(self.load(&load)),
+            Ok(Wish::Outline(outline)) => self.outline(outline),
             Ok(Wish::Edit(wish)) => self.edit(&wish),
             Ok(Wish::Put { graph, was, text }) => put(&graph, was, text),
             Ok(Wish::Cancel { run }) => match lock(&self.runs).get(&run.to_string()) {
@@ -193,6 +194,21 @@ impl Server<'_> {
             told["nodes"] = graph.node_names().collect();
         }
         told
+    }
+
+    fn outline(&self, Outline { graph, roots, text }: Outline) -> Result<Json, Refused> {
+        let read =
+            || plain::read_text(&graph).map_err(|error| EditError::Read(graph.clone(), error));
+        let text = match text {
+            Some(text) => text,
+            None => read().map_err(|error| error.to_string())?,
+        };
+        let options = Options { roots, ..Options::default() };
+        let checked = Graph::load_text(&graph, text.clone(), self.catalog, &options);
+        let outline = Graph::outline(&graph, text.clone(), self.catalog, &options);
+        let mut told = json!({ "ok": checked.graph.is_some(), "text": text, "outline": outline });
+        put_problems(&mut told, &checked.problems);
+        Ok(told)
     }
 
     fn edit(&self, wish: &EditWish) -> Result<Json, Refused> {

@@ -1,12 +1,10 @@
 //! A drawing as data, for viewers that draw it themselves.
 
-use std::sync::Arc;
-
 use serde_json::{Value as Json, json};
 
 use super::svg::Picture;
 use super::{Block, Drawing};
-use crate::error::{Place, Source};
+use crate::error::{Lines, Place};
 
 impl Drawing {
     /// Boxes with their places and ports, links as paths of SVG, and the packs with their colors. Places are in pixels from the upper left
@@ -54,45 +52,4 @@ fn boxed(picture: &Picture<'_>, index: usize, block: &Block, place: [f64; 4]) ->
         "inputs": Vec::from_iter(inputs),
         "outputs": Vec::from_iter(outputs),
     })
-}
-
-/// Finds places in a text without counting its lines anew for each.
-#[derive(Default)]
-struct Lines {
-    source: Option<Arc<Source>>,
-    /// Where each line begins.
-    starts: Vec<usize>,
-}
-
-impl Lines {
-    fn place(&mut self, source: &Arc<Source>, at: usize) -> Place {
-        if self.source.as_ref().is_none_or(|known| !Arc::ptr_eq(known, source)) {
-            let ends = source.text.match_indices('\n').map(|(end, _)| end + 1);
-            self.starts = std::iter::once(0).chain(ends).collect();
-            self.source = Some(source.clone());
-        }
-        let line = self.starts.partition_point(|start| *start <= at);
-        let start = self.starts[line - 1];
-        // Within a line, which is short.
-        let Place { column, .. } = Place::of(&source.text[start..], at - start);
-        Place { line, column }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn places_are_those_that_problems_have() {
-        let source = |text: &str| Arc::new(Source { name: "a.ron".into(), text: text.into() });
-        let texts = ["", "\n", "a\n\nb\u{e4}c\n", "\u{e4}\nb"].map(source);
-        let mut lines = Lines::default();
-        for source in &texts {
-            let bytes = 0..=source.text.len();
-            for at in bytes.filter(|at| source.text.is_char_boundary(*at)) {
-                assert_eq!(lines.place(source, at), Place::of(&source.text, at), "{source:?} {at}");
-            }
-        }
-    }
 }

@@ -18,6 +18,7 @@ mod splice;
 mod structure;
 
 pub(super) use place::{Refusal, place};
+pub(super) use references::References;
 pub(super) use splice::Splice;
 use splice::{apply, quoted};
 use structure::Structure;

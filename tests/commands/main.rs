@@ -19,6 +19,8 @@ mod telling;
 mod text_commands;
 mod watch;
 
+#[path = "../common/beside.rs"]
+mod beside;
 mod browser;
 mod editors;
 mod project;

@@ -10,6 +10,8 @@ use serde_json::{Value as Json, json};
 
 use crate::project::Project;
 
+mod outline;
+
 /// A host, and its server.
 struct Host {
     process: Child,

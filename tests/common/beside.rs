@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 /// What is at this place in the folder `shared` beside the project; where it is not there, one line says that a test is skipped, also if
 /// the test passes.
 pub(crate) fn beside(what: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(what);
-    if path.exists() {
+    // The project's folder, or that of one of its crates.
+    let folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().take(3);
+    let mut places = folders.map(|folder| folder.join("../shared").join(what));
+    if let Some(path) = places.find(|path| path.exists()) {
         return Some(path);
     }
     // What the macros print is shown for failed tests alone.

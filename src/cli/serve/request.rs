@@ -23,6 +23,8 @@ pub(super) enum Wish {
     Catalog {},
     /// What a graph takes and gives, and its problems.
     Load(Load),
+    /// What stands in a graph's text, part by part.
+    Outline(Outline),
     /// Values of a graph.
     Run(Run),
     /// No more of a run.
@@ -62,6 +64,16 @@ pub(super) struct Load {
     /// Values in place of defaults and fields, as RON.
     #[serde(default)]
     pub(super) set: BTreeMap<String, String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Outline {
+    pub(super) graph: PathBuf,
+    #[serde(default)]
+    pub(super) roots: Vec<PathBuf>,
+    /// What stands, or will stand, in the file; what is in it if this is left out.
+    pub(super) text: Option<String>,
 }
 
 #[derive(Deserialize)]

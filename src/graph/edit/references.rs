@@ -7,6 +7,7 @@ use super::place::field;
 use crate::catalog::{PortDescription, ports};
 use crate::error::{Problem, Span};
 use crate::graph::check::{Whole, first};
+use crate::graph::definition::Definition;
 use crate::graph::draft::What;
 use crate::graph::expectation::Expectation;
 use crate::graph::meaning::{entries, named_node};
@@ -39,11 +40,11 @@ pub(super) enum Names {
 }
 
 /// All that names something in a graph, and the ports of its nodes.
-pub(super) struct References {
+pub(in crate::graph) struct References {
     /// In the order of their places.
     pub(super) all: Vec<Reference>,
     /// By the name of the node, as far as its type is known.
-    pub(super) ports: HashMap<String, Vec<PortDescription>>,
+    pub(in crate::graph) ports: HashMap<String, Vec<PortDescription>>,
 }
 
 impl References {
@@ -55,7 +56,14 @@ impl References {
         let roots = judge.options.roots.clone();
         let options = Options { roots, files: Files::Ignored, ..Options::default() };
         let (world, whole) = first(judge.path, text.to_owned(), judge.catalog, &options);
-        let Some(Whole { definition, .. }) = whole else { return Err(world.problems) };
+        match whole {
+            Some(Whole { definition, .. }) => Ok(Self::within(&definition, tree)),
+            None => Err(world.problems),
+        }
+    }
+
+    /// All in a text that has been understood so far, and has this tree.
+    pub(in crate::graph) fn within(definition: &Definition<'_>, tree: &Tree) -> Self {
         let (mut links, mut unknown) = (HashMap::new(), HashSet::new());
         let mut known_ports = HashMap::new();
         for draft in &definition.drafts {
@@ -101,11 +109,17 @@ impl References {
             let kind = if is_output { Names::Output } else { Names::Link };
             search.put(expected, kind, "an expectation".into());
         }
-        Ok(Self { all: search.found.into_values().collect(), ports: known_ports })
+        Self { all: search.found.into_values().collect(), ports: known_ports }
+    }
+
+    /// What links say.
+    pub(in crate::graph) fn links(&self) -> impl Iterator<Item = &str> {
+        let links = self.all.iter().filter(|found| found.kind == Names::Link);
+        links.map(|found| &found.text[..])
     }
 
     /// Whether the literal at this place is a link.
-    pub(super) fn is_link(&self, span: Span) -> bool {
+    pub(in crate::graph) fn is_link(&self, span: Span) -> bool {
         self.all.iter().any(|found| found.span == span && found.kind == Names::Link)
     }
 }

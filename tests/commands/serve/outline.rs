@@ -1,0 +1,288 @@
+//! What `outline` says of graphs, and edits that are made of it: what an editor of nodes does.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::{fs, iter};
+
+use serde_json::{Value as Json, json};
+
+use super::Host;
+use crate::beside::beside;
+use crate::project::Project;
+
+/// The texts of graphs in a folder and those in it, copied so that they can be edited.
+fn copy(from: &Path, to: &Path, graphs: &mut Vec<PathBuf>) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let copied = to.join(path.file_name().unwrap());
+        if path.is_dir() {
+            copy(&path, &copied, graphs);
+            continue;
+        }
+        let Ok(text) = fs::read_to_string(&path) else { continue };
+        if path.extension().is_some_and(|it| it == "ron" || it == "toml") {
+            fs::write(&copied, &text).unwrap();
+        }
+        if path.extension().is_some_and(|it| it == "ron") && text.contains("Graph(") {
+            graphs.push(copied);
+        }
+    }
+}
+
+/// All graphs of the project, and those of the folder beside it if it is there, in a project of their own.
+fn graphs(project: &Project) -> Vec<PathBuf> {
+    let mut graphs = Vec::new();
+    fs::write(project.folder().join("maquette.toml"), "").unwrap();
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
+    let folders = iter::once(own).chain(beside("graphs"));
+    for (index, folder) in folders.enumerate() {
+        copy(&folder, &project.folder().join(format!("graphs-{index}")), &mut graphs);
+    }
+    graphs.sort();
+    assert!(graphs.len() > 20, "{graphs:?}");
+    graphs
+}
+
+fn texts(list: &Json) -> Vec<&str> {
+    list.as_array().unwrap().iter().map(|it| it.as_str().unwrap()).collect()
+}
+
+/// The elements of a list; none where there is no list.
+fn list(of: &Json) -> &[Json] {
+    of.as_array().map_or(&[], Vec::as_slice)
+}
+
+/// The links of a node: port and target.
+fn links(node: &Json) -> Vec<(String, String)> {
+    let text = |it: &Json| it.as_str().unwrap().to_owned();
+    list(&node["links"]).iter().map(|link| (text(&link["port"]), text(&link["to"]))).collect()
+}
+
+fn edit(graph: &Path, edit: Json, dry: bool) -> Json {
+    json!({ "graph": graph, "edits": [edit], "dry": dry })
+}
+
+/// What ends a request: the answer, or why it is refused.
+fn asked(host: &mut Host, what: &str, fields: Json) -> Result<Json, String> {
+    let id = host.send(what, fields);
+    let end = host.end(&id);
+    match end["event"].as_str() {
+        Some("answer") => Ok(end),
+        _ => Err(format!("{} {}", end["why"], end["problems"])),
+    }
+}
+
+#[test]
+fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
+    let project = Project::new("");
+    let mut host = Host::of(&project);
+    let mut seen = BTreeMap::from([("links", 0), ("fields", 0), ("unlinked", 0)]);
+    for graph in graphs(&project) {
+        let told = host.ask("outline", json!({ "graph": graph }));
+        let text = fs::read_to_string(&graph).unwrap();
+        assert_eq!(told["text"], text);
+        let outline = &told["outline"];
+        for node in list(&outline["nodes"]) {
+            let name = node["name"].as_str().unwrap();
+            if list(&outline["nodes"]).iter().filter(|other| other["name"] == name).count() > 1 {
+                // A mistake: edits do not know which.
+                continue;
+            }
+            let many = |port: &str| text.contains(&format!("{port}: \""));
+            for (port, to) in links(node) {
+                let way = format!("{name}.{port}");
+                let linked = json!({ "link": { "port": way, "to": to } });
+                match asked(&mut host, "edit", edit(&graph, linked, true)) {
+                    Ok(done) if done["text"] == text => {}
+                    // A link alone at a port that takes many: there would be one more.
+                    Ok(_) => {
+                        let linked = json!({ "link": { "port": format!("{way}.0"), "to": to } });
+                        let done = asked(&mut host, "edit", edit(&graph, linked, true)).unwrap();
+                        assert_eq!(done["text"], text, "{way}");
+                        assert!(many(&port), "{way}");
+                    }
+                    Err(why) => assert!(why.contains("a patch has"), "{graph:?} {way}: {why}"),
+                }
+                *seen.get_mut("links").unwrap() += 1;
+                let unlinked = edit(&graph, json!({ "unlink": { "port": way } }), true);
+                let Ok(done) = asked(&mut host, "edit", unlinked) else { continue };
+                let new = host.ask("outline", json!({ "graph": graph, "text": done["text"] }));
+                let is_it = |node: &&Json| node["name"] == name;
+                let new = list(&new["outline"]["nodes"]).iter().find(is_it).unwrap().clone();
+                assert_eq!(links(&new).len() + 1, links(node).len(), "{graph:?} {way}");
+                *seen.get_mut("unlinked").unwrap() += 1;
+            }
+            for field in list(&node["fields"]) {
+                let [field, value] = texts(field)[..] else { panic!("{field}") };
+                let set = json!({ "set": { "target": format!("{name}.{field}"), "value": value } });
+                match asked(&mut host, "edit", edit(&graph, set, true)) {
+                    Ok(done) => assert_eq!(done["text"], text, "{graph:?} {name}.{field}"),
+                    Err(why) => {
+                        let known = [
+                            "a patch has",
+                            "a parameter of the graph",
+                            "is computed by",
+                            "has no node",
+                            "lies outside",
+                        ];
+                        assert!(
+                            known.iter().any(|it| why.contains(it)),
+                            "{graph:?} {name}.{field}: {why}"
+                        );
+                    }
+                }
+                *seen.get_mut("fields").unwrap() += 1;
+            }
+        }
+    }
+    assert!(seen.values().all(|&count| count > 50), "{seen:?}");
+}
+
+/// The same numbers in each run.
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self, sides: usize) -> usize {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as usize % sides.max(1)
+    }
+
+    fn of<'a, T>(&mut self, all: &'a [T]) -> Option<&'a T> {
+        all.get(self.roll(all.len()))
+    }
+}
+
+/// An edit of something that the outline has, right or wrong.
+fn random_edit(outline: &Json, dice: &mut Dice) -> Option<Json> {
+    let nodes = list(&outline["nodes"]);
+    let name = |node: &Json| node["name"].as_str().unwrap().to_owned();
+    let node = dice.of(nodes)?.clone();
+    let other = dice.of(nodes)?.clone();
+    let port = |dice: &mut Dice| {
+        let known = links(&node);
+        let linked = dice.of(&known).map(|(port, _)| port.clone());
+        let port = dice.of(&texts(&node["ports"])).map(|port| (*port).to_owned());
+        Some(format!(
+            "{}.{}",
+            name(&node),
+            if dice.roll(2) == 0 { linked.or(port)? } else { port? }
+        ))
+    };
+    Some(match dice.roll(7) {
+        0 => json!({ "remove": { "name": name(&node), "and_links": dice.roll(3) > 0 } }),
+        1 => json!({ "rename": { "from": name(&node), "to": format!("n-{}", dice.roll(40)) } }),
+        2 | 3 => {
+            let output = dice.of(list(&other["outputs"])).map(|it| it["name"].as_str().unwrap());
+            let to = output.filter(|it| !it.is_empty()).map(|it| format!(".{it}"));
+            json!({ "link": { "port": port(dice)?, "to": name(&other) + &to.unwrap_or_default() } })
+        }
+        4 => json!({ "unlink": { "port": port(dice)? } }),
+        5 => {
+            let fields = Vec::from_iter(list(&node["fields"]).iter().map(texts));
+            let fields = fields.iter().map(|field| [field[0], field[1]]);
+            let to = format!("n-{}", dice.roll(40));
+            json!({ "add": { "name": to, "node": node["type"], "fields": Vec::from_iter(fields), "after": name(&other) } })
+        }
+        _ => {
+            let field = dice.of(list(&node["fields"]))?.clone();
+            let value = dice.of(&["1", "0.5", "Loop", "\"x\"", "nothing"]).copied();
+            json!({ "set": { "target": format!("{}.{}", name(&node), texts(&field)[0]), "value": value } })
+        }
+    })
+}
+
+/// So many are tried on each graph; the law of edits tries more.
+const EDITS: usize = 20;
+
+#[test]
+fn random_edits_leave_what_the_answer_says_or_nothing_and_all_are_taken_back() {
+    let project = Project::new("");
+    let mut host = Host::of(&project);
+    let (mut done, mut refused) = (0, 0);
+    for graph in graphs(&project) {
+        let first = fs::read_to_string(&graph).unwrap();
+        let mut dice = Dice(first.len() as u64);
+        let mut texts = vec![first.clone()];
+        let mut told = host.ask("outline", json!({ "graph": graph }));
+        for _ in 0..EDITS {
+            let Some(random) = random_edit(&told["outline"], &mut dice) else { break };
+            let known = texts.last().unwrap().clone();
+            match asked(&mut host, "edit", edit(&graph, random.clone(), false)) {
+                Ok(answer) => {
+                    assert_eq!(answer["before"], known, "{graph:?} {random}");
+                    let text = fs::read_to_string(&graph).unwrap();
+                    assert_eq!(answer["text"], text, "{graph:?} {random}");
+                    let was_ok = told["ok"] == true;
+                    told = host.ask("outline", json!({ "graph": graph }));
+                    assert!(
+                        !was_ok || told["ok"] == true,
+                        "{graph:?} {random}: {}",
+                        told["problems"]
+                    );
+                    texts.push(text);
+                    done += 1;
+                }
+                Err(why) => {
+                    assert!(why.len() > 10, "{why}");
+                    assert_eq!(fs::read_to_string(&graph).unwrap(), known, "{graph:?} {random}");
+                    refused += 1;
+                }
+            }
+        }
+        while let Some(was) = texts.pop() {
+            let Some(text) = texts.last() else { break };
+            host.ask("put", json!({ "graph": graph, "was": was, "text": text }));
+        }
+        assert_eq!(fs::read_to_string(&graph).unwrap(), first);
+    }
+    assert!(done > 100 && refused > 100, "{done} done, {refused} refused");
+}
+
+#[test]
+fn a_text_with_mistakes_has_an_outline_with_its_mistakes() {
+    let text = "Graph(
+    format: 1,
+    inputs: { \"given\": Mesh(doc: \"what comes in\") },
+    nodes: {
+        // Makes it
+        // smooth.
+        \"fine\": Subdivide(mesh: \"given\", scheme: Loop), // not this one
+        \"odd\": Oddity(mesh: \"fine\", with: \"gone.mask\"),
+
+        \"last\": Subdivide(mesh: \"odd.thing\", levels: \"many\"),
+    },
+    outputs: { \"mesh\": \"last\", \"other\": \"nobody\" },
+)
+";
+    let project = Project::new(text);
+    let mut host = Host::of(&project);
+    let told = host.ask("outline", json!({ "graph": "doll.ron" }));
+    assert_eq!(told["ok"], false);
+    assert!(list(&told["problems"]).len() >= 3, "{told}");
+    let nodes = list(&told["outline"]["nodes"]);
+    let node = |place: usize, key: &str| nodes[place][key].clone();
+    assert_eq!((node(0, "line"), node(0, "column")), (json!(7), json!(9)));
+    assert_eq!(node(0, "comment"), "Makes it\nsmooth.");
+    assert_eq!(node(0, "text"), "Subdivide(mesh: \"given\", scheme: Loop)");
+    assert_eq!(
+        node(0, "links"),
+        json!([{ "port": "mesh", "to": "given", "node": "given", "output": "" }])
+    );
+    assert_eq!(node(1, "comment"), "");
+    let paragraphs = Vec::from_iter(nodes.iter().map(|node| node["paragraph"].clone()));
+    assert_eq!(paragraphs, [0, 0, 1]);
+    // Nothing is known of an unknown type but what is named.
+    assert_eq!((node(1, "type"), node(1, "ports")), (json!("Oddity"), json!([])));
+    assert_eq!(links(&nodes[1]), [("mesh".into(), "fine".into())]);
+    assert_eq!(node(1, "outputs"), json!([{ "name": "thing", "type": null }]));
+    assert_eq!(node(2, "fields"), json!([["mesh", "\"odd.thing\""], ["levels", "\"many\""]]));
+    let outputs = list(&told["outline"]["outputs"]);
+    assert_eq!(outputs[1]["link"]["node"], "nobody");
+    // What cannot be read has none.
+    let told =
+        host.ask("outline", json!({ "graph": "doll.ron", "text": "Graph(format: 1, nodes: {" }));
+    assert_eq!(told["outline"], Json::Null);
+    assert_eq!(told["ok"], false);
+}
