@@ -6,10 +6,10 @@ What is registered is in `MODULES`, and nowhere else; each has `register` and `u
 
 from __future__ import annotations
 
-from . import preferences
+from . import engine, live, preferences, ui
 
 # Each may use what those above it have registered.
-MODULES = (preferences,)
+MODULES = (preferences, engine, live, ui)
 
 
 def register() -> None:

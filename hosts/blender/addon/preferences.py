@@ -12,9 +12,16 @@ class MaquettePreferences(bpy.types.AddonPreferences):
 
     bl_idname = __package__
 
+    program: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Program",
+        description="A program `maquette` of your own, with packs of your own; the extension's if it is empty",
+        subtype="FILE_PATH",
+    )
+
     def draw(self, _context: bpy.types.Context) -> None:
-        """Says which engine the extension has."""
+        """Says which engine computes."""
         self.layout.label(text=engine())
+        self.layout.prop(self, "program")
 
 
 def engine() -> str:

@@ -1,0 +1,87 @@
+"""The one engine of this Blender: a process of its own, started when it is first needed, and heard by a timer."""
+
+from __future__ import annotations
+
+import importlib.util
+import pathlib
+import sys
+from typing import Callable
+
+import bpy
+
+from .client import Client
+
+HERE = pathlib.Path(__file__).resolve().parent
+
+# Seconds between two looks at the engine: while something is under way, and while nothing is.
+BUSY, IDLE = 0.02, 0.1
+
+# What is called with each look. Modules put their own in as they are registered.
+ticks: list[Callable[[], None]] = []
+
+_client: Client | None = None
+
+
+def command() -> list[str]:
+    """What starts the engine: the program that the preferences name, else that of the extension."""
+    addon = bpy.context.preferences.addons.get(__package__)
+    program = addon.preferences.program if addon else ""
+    if program:
+        return [bpy.path.abspath(program), "serve", "--stdio"]
+    found = importlib.util.find_spec("maquette")
+    folder = pathlib.Path(found.origin).parents[1] if found and found.origin else HERE
+    return [sys.executable, "-I", str(HERE / "worker.py"), str(folder), "serve", "--stdio"]
+
+
+def client() -> Client:
+    """The engine; a new one if there was none. One that has ended stays, so that its end is seen, until `restart`."""
+    global _client
+    if _client is None:
+        _client = Client(command())
+    return _client
+
+
+def ended() -> str | None:
+    """Why there is no engine any more; None if all is well."""
+    return _client.ended if _client else None
+
+
+def restart() -> None:
+    """Begins with a new engine."""
+    global _client
+    if _client:
+        _client.stop()
+    _client = None
+    client()
+
+
+def poll() -> None:
+    """One look: takes what has come, and lets everyone go on."""
+    if _client:
+        _client.poll()
+    for tick in ticks:
+        tick()
+
+
+def _timer() -> float:
+    # A timer that raises is called no more.
+    try:
+        poll()
+    except Exception as error:  # noqa: BLE001
+        print(f"maquette: {type(error).__name__}: {error}", file=sys.stderr)
+    return BUSY if _client and _client.busy else IDLE
+
+
+def register() -> None:
+    """Begins to look."""
+    bpy.app.timers.register(_timer, persistent=True)
+
+
+def unregister() -> None:
+    """Ends the engine."""
+    global _client
+    if bpy.app.timers.is_registered(_timer):
+        bpy.app.timers.unregister(_timer)
+    if _client:
+        _client.stop()
+    _client = None

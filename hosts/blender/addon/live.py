@@ -1,0 +1,408 @@
+"""Live objects: a graph, values for its parameters and objects at its inputs, and the mesh that comes of them.
+
+What an object has of its graph is in its properties, and so in the file and in its undo steps; what goes on meanwhile is in `states`, and
+can be lost at any time. Values are kept as RON; a value that nobody touched is not kept, and follows the graph's default. Widgets are custom
+properties, which hold numbers exactly, and are compared with the kept values tick by tick, because nothing tells of their changes.
+"""
+
+from __future__ import annotations
+
+import array
+import json
+import math
+import pathlib
+import time
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+from mathutils import Matrix
+
+from . import apply, engine, panel
+from .client import Answer
+
+# Custom properties of widgets begin with this.
+WIDGET = "maquette "
+
+# Seconds after which a run makes way for later values.
+PATIENCE = 0.15
+
+# Seconds between two looks at files.
+LOOK = 0.2
+
+# maquette has millimetres; a meter of Blender is one.
+SCALE = 0.001
+AXES = {"upright": math.pi / 2, "sensor": -math.pi / 2}
+
+
+class MaquetteInput(bpy.types.PropertyGroup):
+    """An object at an input of a graph."""
+
+    object: bpy.props.PointerProperty(name="Object", type=bpy.types.Object)  # type: ignore[valid-type]
+
+
+class MaquetteObject(bpy.types.PropertyGroup):
+    """What an object has of its graph."""
+
+    graph: bpy.props.StringProperty(name="Graph", description="The file of the graph", subtype="FILE_PATH")  # type: ignore[valid-type]
+    output: bpy.props.StringProperty(name="Output", description="What of the graph is shown: an output or a node")  # type: ignore[valid-type]
+    values: bpy.props.StringProperty(description="JSON: values as RON by their parameters' names")  # type: ignore[valid-type]
+    inputs: bpy.props.CollectionProperty(type=MaquetteInput)  # type: ignore[valid-type]
+    shown: bpy.props.StringProperty(description="The hash of the value that the mesh shows")  # type: ignore[valid-type]
+
+
+class State:
+    """What goes on with an object."""
+
+    def __init__(self) -> None:
+        # What `load` said.
+        self.loaded: Answer | None = None
+        self.controls: list[panel.Control] = []
+        self.stamps: dict[str, float | None] = {}
+        self.loading = False
+        # The run that is under way: its request, since when, and what it is of.
+        self.run: int | None = None
+        self.since = 0.0
+        self.asked: Any = None
+        self.cancelled = False
+        # What is shown, or was found to have problems.
+        self.answered: Any = None
+        self.problems: list[dict[str, Any]] = []
+        self.message = ""
+        self.progress: tuple[str, float] | None = None
+        # Values of objects at inputs, by name, and those that are asked for.
+        self.inputs: dict[str, str] = {}
+        self.stale: set[str] = set()
+        self.runs = 0
+
+
+states: dict[int, State] = {}
+_looked = 0.0
+
+
+def key(owner: bpy.types.Object) -> int:
+    """What an object is known by while it lives, undo included."""
+    return owner.session_uid if hasattr(owner, "session_uid") else hash(owner.name_full)
+
+
+def state(owner: bpy.types.Object) -> State:
+    """What goes on with an object."""
+    return states.setdefault(key(owner), State())
+
+
+def objects() -> list[bpy.types.Object]:
+    """All live objects."""
+    return [it for it in bpy.data.objects if it.maquette.graph]
+
+
+def values(owner: bpy.types.Object) -> dict[str, str]:
+    """The values that were set, as RON."""
+    try:
+        found = json.loads(owner.maquette.values or "{}")
+    except ValueError:
+        return {}
+    return {str(name): str(text) for name, text in found.items()} if isinstance(found, dict) else {}
+
+
+def graph_path(owner: bpy.types.Object) -> str:
+    """The graph's file."""
+    return bpy.path.abspath(owner.maquette.graph)
+
+
+def add(path: str, context: bpy.types.Context) -> bpy.types.Object:
+    """A new live object of a graph."""
+    name = pathlib.Path(path).stem
+    owner = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+    owner.maquette.graph = path
+    owner.scale = (SCALE,) * 3
+    context.collection.objects.link(owner)
+    for other in context.selected_objects:
+        other.select_set(False)
+    owner.select_set(True)
+    context.view_layer.objects.active = owner
+    return owner
+
+
+def reload(owner: bpy.types.Object) -> None:
+    """Reads the graph anew and computes what has changed."""
+    states.pop(key(owner), None)
+
+
+def cancel(owner: bpy.types.Object) -> None:
+    """Stops the run."""
+    it = state(owner)
+    if it.run is not None and not it.cancelled:
+        it.cancelled = True
+        engine.client().ask("cancel", None, None, run=it.run)
+
+
+def tick() -> None:
+    """Goes on with all live objects."""
+    global _looked
+    looks = time.monotonic() - _looked > LOOK
+    if looks:
+        _looked = time.monotonic()
+    for owner in objects():
+        it = state(owner)
+        if engine.ended():
+            it.message, it.run, it.loading = engine.ended() or "", None, False
+            continue
+        if looks and it.loaded and any(_stamp(path) != known for path, known in it.stamps.items()):
+            it.loaded = None
+        if it.loaded is None:
+            _load(owner, it)
+            continue
+        _touched(owner, it)
+        _run(owner, it)
+
+
+def _stamp(path: str) -> float | None:
+    try:
+        return pathlib.Path(path).stat().st_mtime_ns
+    except OSError:
+        return None
+
+
+def _load(owner: bpy.types.Object, it: State) -> None:
+    if it.loading:
+        return
+    it.loading = True
+    path, uid = graph_path(owner), key(owner)
+    before = _stamp(path)
+
+    def done(answer: Answer) -> None:
+        it.loading = False
+        if states.get(uid) is not it:
+            return
+        found = _found(uid)
+        if found is None or not answer.ok:
+            it.message = answer.why
+            return
+        it.loaded, it.message, it.problems, it.answered = answer, "", answer.problems, None
+        it.stamps = {name: _stamp(name) for name in [*answer.get("files", ()), *answer.get("graphs", ())]}
+        it.stamps[path] = before
+        if answer["ok"]:
+            it.controls = panel.controls(answer["schema"])
+            it.stale = {its["name"] for its in answer["inputs"]}
+            _arrange(found, it)
+
+    engine.client().ask("load", done, None, graph=path)
+
+
+def _found(uid: int) -> bpy.types.Object | None:
+    """The object again: what was held over an undo may be gone."""
+    return next((owner for owner in bpy.data.objects if key(owner) == uid), None)
+
+
+def _arrange(owner: bpy.types.Object, it: State) -> None:
+    """Makes widgets for the controls, and places for the inputs."""
+    known = values(owner)
+    for control in it.controls:
+        name = WIDGET + control.name
+        value = _widget_value(control, known.get(control.name))
+        if value is None:
+            continue
+        if name not in owner.keys() or type(owner[name]) is not type(value) or not panel.is_same(control, owner[name], value):
+            owner[name] = value
+        limits = {} if control.low is None else {"min": _number(control, control.low), "soft_min": _number(control, control.low)}
+        if control.high is not None:
+            limits |= {"max": _number(control, control.high), "soft_max": _number(control, control.high)}
+        shape = limits if control.kind in ("number", "integer") else {}
+        owner.id_properties_ui(name).update(description=control.doc, **shape)
+    wanted = [its["name"] for its in it.loaded["inputs"]] if it.loaded else []
+    for name in wanted:
+        if name not in owner.maquette.inputs:
+            owner.maquette.inputs.add().name = name
+    outputs = [its["name"] for its in it.loaded["outputs"]] if it.loaded else []
+    if owner.maquette.output not in outputs and outputs:
+        drawn = [its["name"] for its in it.loaded["outputs"] if its["type"] in ("Mesh", "Surface", "RangeImage", "Points")]
+        owner.maquette.output = (drawn or outputs)[0]
+
+
+def _number(control: panel.Control, number: float) -> float | int:
+    return int(number) if control.kind == "integer" else float(number)
+
+
+def _widget_value(control: panel.Control, text: str | None) -> Any:
+    try:
+        value = panel.shown(control, text)
+    except ValueError:
+        value = panel.shown(control, None)
+    return float(value) if control.kind == "number" and value is not None else value
+
+
+def _touched(owner: bpy.types.Object, it: State) -> None:
+    """Keeps the values of widgets that a user has touched, and of no others."""
+    known = values(owner)
+    changed = False
+    for control in it.controls:
+        value = owner.get(WIDGET + control.name)
+        if value is None or panel.is_same(control, value, _widget_value(control, known.get(control.name))):
+            continue
+        known[control.name] = panel.ron(control, value)
+        changed = True
+    if changed:
+        owner.maquette.values = json.dumps(known)
+
+
+def _run(owner: bpy.types.Object, it: State) -> None:
+    if not it.loaded or not it.loaded["ok"]:
+        return
+    given = {its.name: its.object for its in owner.maquette.inputs if its.object}
+    for name in sorted(it.stale & given.keys()):
+        _send_input(owner, it, name, given[name])
+    lacking = [its["name"] for its in it.loaded["inputs"] if its["name"] not in it.inputs]
+    if lacking:
+        it.message = f"pick an object for the input {lacking[0]}" if lacking[0] not in given else ""
+        return
+    wanted = (graph_path(owner), owner.maquette.values, owner.maquette.output, tuple(sorted(it.inputs.items())))
+    if it.run is not None:
+        late = time.monotonic() - it.since > PATIENCE
+        if wanted != it.asked and late:
+            cancel(owner)
+        return
+    if wanted == it.answered:
+        return
+    uid = key(owner)
+    it.asked, it.since, it.cancelled, it.message = wanted, time.monotonic(), False, ""
+    it.runs += 1
+    it.run = engine.client().ask(
+        "run",
+        lambda answer: _answered(uid, it, answer),
+        lambda event: _told(it, event),
+        graph=wanted[0],
+        set=values(owner),
+        inputs=it.inputs,
+        want=[{"value": owner.maquette.output, "as": "mesh"}],
+        slot=str(uid),
+    )
+
+
+def _told(it: State, event: dict[str, Any]) -> None:
+    if event["event"] in ("started", "progress"):
+        it.progress = (str(event.get("node", "")), float(event.get("share", 0)))
+
+
+def _answered(uid: int, it: State, answer: Answer) -> None:
+    it.run, it.progress = None, None
+    owner = _found(uid)
+    if owner is None or states.get(uid) is not it or answer.get("replaced"):
+        return
+    if answer.get("cancelled"):
+        # By a later value, which comes with the next tick, or by the user.
+        it.answered = it.asked
+        return
+    it.answered = it.asked
+    it.problems = answer.problems
+    if not answer.ok:
+        it.message = answer.why
+        return
+    told = answer["values"].get(owner.maquette.output)
+    if not told:
+        return
+    if "columns" not in told:
+        it.message = told.get("why", "")
+        return
+    show(owner, told)
+
+
+def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
+    """Puts a value into the object's mesh."""
+    folder = engine.client().folder
+    if folder is None or owner.type != "MESH":
+        return
+    first = not owner.maquette.shown
+    apply.apply(owner.data, told, folder)
+    apply.texture(owner.data, told, folder)
+    if first:
+        owner.matrix_world = owner.matrix_world @ Matrix.Rotation(AXES[told["axes"]], 4, "X")
+    owner.maquette.shown = told["hash"]
+
+
+def _send_input(owner: bpy.types.Object, it: State, name: str, given: bpy.types.Object) -> None:
+    """Gives the mesh of an object to the engine, its modifiers included, as it lies relative to the live one."""
+    folder = engine.client().folder
+    if folder is None or owner.mode != "OBJECT" and given is owner:
+        return
+    it.stale.discard(name)
+    evaluated = given.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = evaluated.to_mesh()
+    if mesh is None:
+        it.message = f"{given.name} has no mesh"
+        return
+    try:
+        mesh.transform(owner.matrix_world.inverted_safe() @ given.matrix_world)
+        places = array.array("f", [0.0]) * (3 * len(mesh.vertices))
+        mesh.vertices.foreach_get("co", places)
+        corners = array.array("i", [0]) * len(mesh.loops)
+        mesh.loops.foreach_get("vertex_index", corners)
+        sides = array.array("i", [0]) * len(mesh.polygons)
+        mesh.polygons.foreach_get("loop_total", sides)
+    finally:
+        evaluated.to_mesh_clear()
+    uid, columns = key(owner), []
+    for column, on, meaning, width, kind, numbers in (
+        ("position", "vertex", "position", 3, "f32", places),
+        ("corners", "corner", "index", 1, "u32", corners),
+        ("sides", "face", "index", 1, "u32", sides),
+    ):
+        file = f"in-{uid}-{column}"
+        (folder / file).write_bytes(numbers.tobytes())
+        columns.append({"name": column, "on": on, "meaning": meaning, "width": width, "type": kind, "file": file})
+
+    def done(answer: Answer) -> None:
+        if answer.ok:
+            it.inputs[name] = answer["value"]
+        else:
+            it.message = f"{name}: {answer.why}"
+
+    engine.client().ask("input", done, None, type="Mesh", columns=columns)
+
+
+@persistent
+def _moved(_scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
+    """Objects at inputs were changed."""
+    changed = {update.id.original.name_full for update in depsgraph.updates if update.is_updated_geometry or update.is_updated_transform}
+    if not changed:
+        return
+    for owner in objects():
+        for its in owner.maquette.inputs:
+            if its.object and its.object.name_full in changed:
+                state(owner).stale.add(its.name)
+
+
+@persistent
+def _undone(*_given: Any) -> None:
+    """Meshes may be what they were: what is shown is asked for again."""
+    for it in states.values():
+        it.answered = None
+
+
+@persistent
+def _opened(*_given: Any) -> None:
+    states.clear()
+
+
+CLASSES = (MaquetteInput, MaquetteObject)
+HANDLERS = {"depsgraph_update_post": _moved, "undo_post": _undone, "redo_post": _undone, "load_post": _opened}
+
+
+def register() -> None:
+    """Registers live objects."""
+    for it in CLASSES:
+        bpy.utils.register_class(it)
+    bpy.types.Object.maquette = bpy.props.PointerProperty(type=MaquetteObject)
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(handler)
+    engine.ticks.append(tick)
+
+
+def unregister() -> None:
+    """Unregisters them; objects keep what they have."""
+    engine.ticks.remove(tick)
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(handler)
+    states.clear()
+    del bpy.types.Object.maquette
+    for it in reversed(CLASSES):
+        bpy.utils.unregister_class(it)

@@ -1,0 +1,118 @@
+"""The controls of a graph, from the schema that the engine gives. Nothing of Blender is here."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import struct
+from typing import Any
+
+
+@dataclasses.dataclass(frozen=True)
+class Control:
+    """A parameter of a graph."""
+
+    name: str
+    # `number`, `integer`, `flag`, `choice`, `color`, `text`; all others are `ron`: a text of RON.
+    kind: str
+    default: Any
+    doc: str = ""
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """What stands beside it."""
+        words = self.name.replace("-", " ").capitalize()
+        return f"{words} ({self.unit})" if self.unit else words
+
+
+def controls(schema: dict[str, Any]) -> list[Control]:
+    """The parameters in their order; inputs are none."""
+    found = []
+    for name, field in (schema.get("properties") or {}).items():
+        if "port" in field:
+            continue
+        found.append(
+            Control(
+                name,
+                _kind(field),
+                field.get("default"),
+                field.get("description", ""),
+                field.get("unit", ""),
+                field.get("minimum"),
+                field.get("maximum"),
+                tuple(field.get("enum", ())),
+            )
+        )
+    return found
+
+
+def _kind(field: dict[str, Any]) -> str:
+    if "enum" in field:
+        return "choice"
+    if field.get("format") == "color":
+        return "color"
+    plain = {"number": "number", "integer": "integer", "boolean": "flag", "string": "text"}
+    return plain.get(str(field.get("type")), "ron")
+
+
+def single(number: float) -> float:
+    """A number as widgets of Blender keep it."""
+    try:
+        return float(struct.unpack("f", struct.pack("f", number))[0])
+    except OverflowError:
+        return number
+
+
+def number_text(number: float) -> str:
+    """The shortest text of a number: of what a widget made single, the one that the user saw."""
+    if single(number) == number:
+        for digits in range(1, 10):
+            text = f"{number:.{digits}g}"
+            if single(float(text)) == number:
+                break
+    else:
+        text = repr(number)
+    # The engine's language has numbers with a point, and exponents as they are.
+    return text if any(it in text for it in ".en") else f"{text}.0"
+
+
+def is_same(control: Control, value: Any, known: Any) -> bool:
+    """Whether a widget that shows `known` holds `value` because nobody touched it."""
+    if control.kind == "number":
+        return single(float(value)) == single(float(known))
+    return bool(value == known)
+
+
+def ron(control: Control, value: Any) -> str:
+    """The value of a widget as RON."""
+    if control.kind == "number":
+        return number_text(float(value))
+    if control.kind == "integer":
+        return str(int(value))
+    if control.kind == "flag":
+        return "true" if value else "false"
+    if control.kind == "choice":
+        return str(value)
+    if control.kind in ("color", "text"):
+        # JSON's quotes and escapes are RON's but for the number of a character.
+        return json.dumps(str(value), ensure_ascii=False)
+    return str(value)
+
+
+def shown(control: Control, text: str | None) -> Any:
+    """What a widget shows for a value as RON; for None its default."""
+    if text is None:
+        return control.default if control.kind != "ron" else json.dumps(control.default)
+    if control.kind == "number":
+        return float(text)
+    if control.kind == "integer":
+        return int(text)
+    if control.kind == "flag":
+        return text == "true"
+    if control.kind in ("color", "text"):
+        return json.loads(text)
+    return text

@@ -1,0 +1,283 @@
+"""What a user sees and does: the panel of a live object, and its operators."""
+
+from __future__ import annotations
+
+import json
+import pathlib
+from typing import Any
+
+import bpy
+from bpy_extras.io_utils import ImportHelper
+
+from . import engine, live, panel
+from .client import Answer
+
+
+def active(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The live object that is worked on."""
+    owner = context.object
+    return owner if owner and owner.maquette.graph else None
+
+
+class ForLiveObject:
+    """An operator on the active live object."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Whether there is one."""
+        return active(context) is not None
+
+
+class MAQUETTE_OT_add(bpy.types.Operator, ImportHelper):
+    """Adds an object that shows a graph of maquette, and follows it"""
+
+    bl_idname = "maquette.add"
+    bl_label = "Maquette Graph"
+    bl_options = {"REGISTER", "UNDO"}
+    filename_ext = ".ron"
+    filter_glob: bpy.props.StringProperty(default="*.ron", options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Adds it."""
+        if not pathlib.Path(self.filepath).is_file():
+            self.report({"ERROR"}, f"there is no file {self.filepath}")
+            return {"CANCELLED"}
+        live.add(self.filepath, context)
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_reload(ForLiveObject, bpy.types.Operator):
+    """Reads the graph anew"""
+
+    bl_idname = "maquette.reload"
+    bl_label = "Reload"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Reads it."""
+        live.reload(active(context))
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_cancel(ForLiveObject, bpy.types.Operator):
+    """Stops what is computed for this object"""
+
+    bl_idname = "maquette.cancel"
+    bl_label = "Cancel"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Stops it."""
+        live.cancel(active(context))
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_bake(ForLiveObject, bpy.types.Operator):
+    """Makes a mesh object of its own of what is shown, which follows no graph"""
+
+    bl_idname = "maquette.bake"
+    bl_label = "Bake"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Makes it."""
+        owner = active(context)
+        baked = bpy.data.objects.new(f"{owner.name} baked", owner.data.copy())
+        for name in [it for it in baked.data.keys() if it.startswith("maquette")]:
+            del baked.data[name]
+        baked.matrix_world = owner.matrix_world
+        for collection in owner.users_collection:
+            collection.objects.link(baked)
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_restart(bpy.types.Operator):
+    """Ends the engine, if there is one, and starts another"""
+
+    bl_idname = "maquette.restart"
+    bl_label = "Restart Engine"
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        """Starts it."""
+        engine.restart()
+        live.states.clear()
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_reset(ForLiveObject, bpy.types.Operator):
+    """Follows the graph's own value again"""
+
+    bl_idname = "maquette.reset"
+    bl_label = "Reset to the Graph's Value"
+    bl_options = {"REGISTER", "UNDO"}
+    name: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Forgets the value."""
+        owner = active(context)
+        known = live.values(owner)
+        known.pop(self.name, None)
+        owner.maquette.values = json.dumps(known) if known else ""
+        owner.pop(live.WIDGET + self.name, None)
+        live.reload(owner)
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
+    """Writes the values into the graph's file, and leaves every other byte of it alone"""
+
+    bl_idname = "maquette.write"
+    bl_label = "Write Values"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Writes them."""
+        owner = active(context)
+        uid, known = live.key(owner), live.values(owner)
+        edits = [{"set": {"target": name, "value": value}} for name, value in known.items()]
+
+        def done(answer: Answer) -> None:
+            found = next((it for it in bpy.data.objects if live.key(it) == uid), None)
+            if found is None:
+                return
+            if answer.ok:
+                found.maquette.values = ""
+            else:
+                live.state(found).message = answer.why
+
+        if edits:
+            engine.client().ask("edit", done, None, graph=live.graph_path(owner), edits=edits)
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_open_line(bpy.types.Operator):
+    """Opens the place in the text editor"""
+
+    bl_idname = "maquette.open_line"
+    bl_label = "Open"
+    file: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+    line: bpy.props.IntProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+    column: bpy.props.IntProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Opens it."""
+        try:
+            known = (it for it in bpy.data.texts if bpy.path.abspath(it.filepath) == self.file)
+            text = next(known, None) or bpy.data.texts.load(self.file)
+        except RuntimeError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        text.cursor_set(max(0, self.line - 1), character=max(0, self.column - 1))
+        areas = [it for it in context.screen.areas if it.type == "TEXT_EDITOR"] if context.screen else []
+        if areas:
+            areas[0].spaces.active.text = text
+        return {"FINISHED"}
+
+
+class MAQUETTE_PT_object(bpy.types.Panel):
+    """A live object's graph."""
+
+    bl_label = "Maquette"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "object"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Whether there is one."""
+        return active(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draws the controls of its graph."""
+        owner = active(context)
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        it = live.states.get(live.key(owner))
+        row = layout.row(align=True)
+        row.prop(owner.maquette, "graph", text="Graph")
+        row.operator("maquette.reload", text="", icon="FILE_REFRESH")
+        if it is None or it.loaded is None:
+            return _state(layout, it)
+        if it.loaded.get("doc"):
+            layout.label(text=it.loaded["doc"])
+        known = live.values(owner)
+        for control in it.controls:
+            _control(layout, owner, control, control.name in known)
+        for given in owner.maquette.inputs:
+            layout.prop(given, "object", text=given.name)
+        layout.prop(owner.maquette, "output")
+        _state(layout, it)
+        row = layout.row(align=True)
+        row.operator("maquette.write", icon="FILE_TICK")
+        row.operator("maquette.bake", icon="MESH_DATA")
+
+
+class MAQUETTE_PT_view(MAQUETTE_PT_object):
+    """The same beside the 3D view."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Maquette"
+    bl_context = ""
+
+
+def _control(layout: Any, owner: bpy.types.Object, control: panel.Control, is_set: bool) -> None:
+    name = live.WIDGET + control.name
+    if name not in owner.keys():
+        return
+    row = layout.row(align=True)
+    ranged = control.low is not None and control.high is not None
+    row.prop(owner, f'["{name}"]', text=control.title, slider=ranged and control.kind in ("number", "integer"))
+    if is_set:
+        row.operator("maquette.reset", text="", icon="LOOP_BACK").name = control.name
+
+
+def _state(layout: Any, it: live.State | None) -> None:
+    if it is None:
+        return
+    if it.progress:
+        row = layout.row()
+        row.label(text=f"{it.progress[0]}: {it.progress[1]:.0%}", icon="TIME")
+        row.operator("maquette.cancel", text="", icon="CANCEL")
+    if it.message:
+        box = layout.box()
+        box.alert = True
+        box.label(text=it.message, icon="ERROR")
+        if engine.ended():
+            box.operator("maquette.restart")
+    for problem in it.problems[:8]:
+        row = layout.row()
+        row.alert = problem.get("severity") == "error"
+        row.label(text=f"{problem['code']} {problem['line']}:{problem['column']} {problem['message']}", icon="ERROR")
+        place = row.operator("maquette.open_line", text="", icon="TEXT")
+        place.file, place.line, place.column = problem["file"], problem["line"], problem["column"]
+
+
+def _menu(self: Any, _context: bpy.types.Context) -> None:
+    self.layout.operator("maquette.add", icon="NODETREE")
+
+
+CLASSES = (
+    MAQUETTE_OT_add,
+    MAQUETTE_OT_reload,
+    MAQUETTE_OT_cancel,
+    MAQUETTE_OT_bake,
+    MAQUETTE_OT_restart,
+    MAQUETTE_OT_reset,
+    MAQUETTE_OT_write,
+    MAQUETTE_OT_open_line,
+    MAQUETTE_PT_object,
+    MAQUETTE_PT_view,
+)
+
+
+def register() -> None:
+    """Registers panels, operators and the entry of the Add menu."""
+    for it in CLASSES:
+        bpy.utils.register_class(it)
+    bpy.types.VIEW3D_MT_mesh_add.append(_menu)
+
+
+def unregister() -> None:
+    """Unregisters them."""
+    bpy.types.VIEW3D_MT_mesh_add.remove(_menu)
+    for it in reversed(CLASSES):
+        bpy.utils.unregister_class(it)
