@@ -128,6 +128,12 @@ def reload(owner: bpy.types.Object) -> None:
     states.pop(key(owner), None)
 
 
+def restarted() -> None:
+    """There is a new engine, which knows nothing; what users have touched meanwhile is not lost."""
+    for it in states.values():
+        it.loaded, it.loading, it.run, it.answered, it.inputs, it.message = None, False, None, None, {}, ""
+
+
 def cancel(owner: bpy.types.Object) -> None:
     """Stops the run."""
     it = state(owner)
@@ -144,6 +150,7 @@ def tick() -> None:
         _looked = time.monotonic()
     for owner in objects():
         it = state(owner)
+        _touched(owner, it)
         if engine.ended():
             it.message, it.run, it.loading = engine.ended() or "", None, False
             continue
@@ -152,7 +159,6 @@ def tick() -> None:
         if it.loaded is None:
             _load(owner, it)
             continue
-        _touched(owner, it)
         _run(owner, it)
 
 

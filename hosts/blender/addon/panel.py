@@ -69,15 +69,10 @@ def single(number: float) -> float:
 
 def number_text(number: float) -> str:
     """The shortest text of a number: of what a widget made single, the one that the user saw."""
-    if single(number) == number:
-        for digits in range(1, 10):
-            text = f"{number:.{digits}g}"
-            if single(float(text)) == number:
-                break
-    else:
-        text = repr(number)
-    # The engine's language has numbers with a point, and exponents as they are.
-    return text if any(it in text for it in ".en") else f"{text}.0"
+    texts = (f"{number:.{digits}g}" for digits in range(1, 10)) if single(number) == number else ()
+    short = next((text for text in texts if single(float(text)) == number), number)
+    # With a point or an exponent, as the engine's language has numbers.
+    return repr(float(short))
 
 
 def is_same(control: Control, value: Any, known: Any) -> bool:

@@ -98,7 +98,7 @@ class MAQUETTE_OT_restart(bpy.types.Operator):
     def execute(self, _context: bpy.types.Context) -> set[str]:
         """Starts it."""
         engine.restart()
-        live.states.clear()
+        live.restarted()
         return {"FINISHED"}
 
 
@@ -139,6 +139,8 @@ class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
                 return
             if answer.ok:
                 found.maquette.values = ""
+                # Its widgets show what are the graph's own values now.
+                live.reload(found)
             else:
                 live.state(found).message = answer.why
 
