@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import pathlib
 import sys
 from typing import Callable
@@ -23,9 +24,9 @@ _client: Client | None = None
 
 
 def command() -> list[str]:
-    """What starts the engine: the program that the preferences name, else that of the extension."""
+    """What starts the engine: the program that the preferences name, or MAQUETTE; else that of the extension."""
     addon = bpy.context.preferences.addons.get(__package__)
-    program = addon.preferences.program if addon else ""
+    program = (addon.preferences.program if addon else "") or os.environ.get("MAQUETTE", "")
     if program:
         return [bpy.path.abspath(program), "serve", "--stdio"]
     found = importlib.util.find_spec("maquette")

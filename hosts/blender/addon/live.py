@@ -309,7 +309,11 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
     if "columns" not in told:
         it.message = told.get("why", "")
         return
-    show(owner, told)
+    try:
+        show(owner, told)
+    except OSError:
+        # Its files made way for later ones: it is asked for again.
+        it.answered = None
 
 
 def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:

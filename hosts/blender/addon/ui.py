@@ -173,18 +173,10 @@ class MAQUETTE_OT_open_line(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MAQUETTE_PT_object(bpy.types.Panel):
+class GraphPanel(ForLiveObject):
     """A live object's graph."""
 
     bl_label = "Maquette"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "object"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Whether there is one."""
-        return active(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draws the controls of its graph."""
@@ -212,13 +204,21 @@ class MAQUETTE_PT_object(bpy.types.Panel):
         row.operator("maquette.bake", icon="MESH_DATA")
 
 
-class MAQUETTE_PT_view(MAQUETTE_PT_object):
-    """The same beside the 3D view."""
+# Neither may have the other as its base: Blender knows a class by one registration.
+class MAQUETTE_PT_object(GraphPanel, bpy.types.Panel):
+    """Among the object's properties."""
+
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "object"
+
+
+class MAQUETTE_PT_view(GraphPanel, bpy.types.Panel):
+    """Beside the 3D view."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Maquette"
-    bl_context = ""
 
 
 def _control(layout: Any, owner: bpy.types.Object, control: panel.Control, is_set: bool) -> None:
