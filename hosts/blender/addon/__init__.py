@@ -6,10 +6,10 @@ What is registered is in `MODULES`, and nowhere else; each has `register` and `u
 
 from __future__ import annotations
 
-from . import engine, live, preferences, ui
+from . import engine, live, preferences, tree, ui
 
 # Each may use what those above it have registered.
-MODULES = (preferences, engine, live, ui)
+MODULES = (preferences, engine, live, tree, ui)
 
 
 def register() -> None:
