@@ -199,6 +199,16 @@ def classes(nodes: list[dict[str, Any]]) -> None:
             _made[name] = made
 
 
+def packs() -> list[str]:
+    """The packs of nodes that the engine has, in its order."""
+    return list(dict.fromkeys(it["pack"] for it in _catalog.values()))
+
+
+def of_pack(pack: str) -> list[dict[str, Any]]:
+    """The nodes of a pack."""
+    return [it for it in _catalog.values() if it["pack"] == pack]
+
+
 def trees() -> list[bpy.types.NodeTree]:
     """All trees of graphs."""
     return [it for it in bpy.data.node_groups if it.bl_idname == MaquetteTree.bl_idname and it.maquette_graph]

@@ -202,6 +202,7 @@ class GraphPanel(ForLiveObject):
         row = layout.row(align=True)
         row.operator("maquette.write", icon="FILE_TICK")
         row.operator("maquette.bake", icon="MESH_DATA")
+        layout.operator("maquette.open_tree", icon="NODETREE")
 
 
 # Neither may have the other as its base: Blender knows a class by one registration.
