@@ -16,7 +16,7 @@ mod rows;
 mod svg;
 
 #[cfg(feature = "cli")]
-pub(crate) use rows::{RowBox, placed};
+pub(crate) use rows::Places;
 
 /// What is drawn of a graph, without places.
 #[derive(Clone, Debug, Default)]

@@ -44,6 +44,8 @@ pub use edit::{Edit, Edited, Put};
 pub(crate) use expectation::Expectation;
 pub(crate) use input::INPUT;
 pub use input::{GraphInput, GraphPort, InputValues};
+#[cfg(feature = "cli")]
+pub(crate) use outline::{Node as OutlineNode, Outline, Target};
 pub(crate) use recipe::{NodeFile, Recipe};
 pub(crate) use shape::Shape;
 pub(crate) use top::is_name;

@@ -21,6 +21,7 @@ use super::edit::{EditError, GraphFile};
 use super::events::Listener;
 use super::{Exit, put_problems, stdout_is_closed};
 use crate::catalog::{Catalog, Entry};
+use crate::draw::Places;
 use crate::graph::{Edited, Graph, GraphInput, Options};
 use crate::node::CancelToken;
 use crate::plain;
@@ -207,6 +208,9 @@ impl Server<'_> {
         let checked = Graph::load_text(&graph, text.clone(), self.catalog, &options);
         let outline = Graph::outline(&graph, text.clone(), self.catalog, &options);
         let mut told = json!({ "ok": checked.graph.is_some(), "text": text, "outline": outline });
+        if let Some(outline) = &outline {
+            told["outline"]["places"] = json!(Places::of(outline));
+        }
         put_problems(&mut told, &checked.problems);
         Ok(told)
     }

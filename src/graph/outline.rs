@@ -15,7 +15,6 @@ use super::edit::References;
 use super::meaning::{entries, named_node};
 use super::{Graph, Options};
 use crate::catalog::Catalog;
-use crate::draw::{RowBox, placed};
 use crate::error::{Lines, Place, Span};
 use crate::text::{Body, Kind, Sheet, Token, Tree, tokens};
 
@@ -29,19 +28,9 @@ pub(crate) struct Outline {
     pub(crate) params: Vec<Entry>,
     pub(crate) nodes: Vec<Node>,
     pub(crate) outputs: Vec<Given>,
-    pub(crate) places: Places,
-}
-
-/// Where boxes may stand: column from the left, and rows below the highest one.
-///
-/// A box has a title as high as one and a half rows, then a row for each of its outputs, ports and other fields. All inputs are one box, and
-/// all outputs of the graph.
-#[derive(Debug, Default, Serialize)]
-pub(crate) struct Places {
-    pub(crate) inputs: (usize, f64),
-    /// In the order of the nodes.
-    pub(crate) nodes: Vec<(usize, f64)>,
-    pub(crate) outputs: (usize, f64),
+    /// The nodes, each behind those that it hangs on as far as there is no circle.
+    #[serde(skip)]
+    pub(crate) order: Vec<usize>,
 }
 
 /// A named part of a section.
@@ -166,66 +155,23 @@ impl<'w> Outliner<'w> {
             params: self.section("params"),
             nodes: nodes.map(|(entry, (_, call))| self.node(entry, call)).collect(),
             outputs: outputs.map(given).collect(),
-            places: Places::default(),
+            order: Vec::new(),
         };
-        outline.places = self.places(&outline);
+        outline.order = self.order(&outline.nodes);
         outline
     }
 
-    fn places(&self, outline: &Outline) -> Places {
-        let Outline { inputs, nodes, outputs, .. } = outline;
+    /// The places of the nodes among each other.
+    fn order(&self, nodes: &[Node]) -> Vec<usize> {
         let definition = &self.whole.definition;
         let ranks = definition.order.iter().enumerate();
         let rank = |(rank, &draft): (usize, &usize)| {
             (named_node(&definition.drafts[draft].name.text), rank)
         };
         let ranks: HashMap<&str, usize> = ranks.map(rank).collect();
-        // Each behind those that it hangs on, as far as there is no circle.
         let mut order = Vec::from_iter(0..nodes.len());
-        order.sort_by_key(|&node| {
-            ranks.get(&nodes[node].entry.name[..]).copied().unwrap_or(usize::MAX)
-        });
-        let is_field = |node: &Node, field: &str| !node.ports.iter().any(|port| port == field);
-        let rows = |node: &Node| {
-            let fields = node.fields.iter().filter(|(field, _)| is_field(node, field));
-            node.outputs.len() + node.ports.len() + fields.count()
-        };
-        let mut boxes = vec![RowBox { rows: inputs.len(), last: false }];
-        let mut places = HashMap::new();
-        for &node in &order {
-            places.insert(&nodes[node].entry.name[..], (boxes.len(), node));
-            boxes.push(RowBox { rows: rows(&nodes[node]), last: false });
-        }
-        boxes.push(RowBox { rows: outputs.len(), last: true });
-        let source = |target: &Target| {
-            if let Some(input) = inputs.iter().position(|input| input.name == target.node) {
-                return Some((0, input));
-            }
-            let &(place, node) = places.get(&target.node[..])?;
-            let output = nodes[node].outputs.iter().position(|it| it.name == target.output)?;
-            Some((place, output))
-        };
-        let mut links = Vec::new();
-        for &node in &order {
-            let Node { entry, links: own, ports, outputs, .. } = &nodes[node];
-            let (place, _) = places[&entry.name[..]];
-            for Link { port, target } in own {
-                let port = port.split('.').next();
-                let row = ports.iter().position(|it| Some(&it[..]) == port).unwrap_or_default();
-                links.extend(source(target).map(|from| [from, (place, outputs.len() + row)]));
-            }
-        }
-        for (row, given) in outputs.iter().enumerate() {
-            let from = given.link.as_ref().and_then(source);
-            links.extend(from.map(|from| [from, (boxes.len() - 1, row)]));
-        }
-        links.retain(|[(from, _), (to, _)]| from < to);
-        let found = placed(&boxes, &links);
-        let mut nodes = vec![(0, 0.0); nodes.len()];
-        for (&node, &place) in order.iter().zip(&found[1..]) {
-            nodes[node] = place;
-        }
-        Places { inputs: found[0], nodes, outputs: found[boxes.len() - 1] }
+        order.sort_by_key(|&node| ranks.get(&nodes[node].entry.name[..]).copied());
+        order
     }
 
     fn text(&self) -> &'w str {

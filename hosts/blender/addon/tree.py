@@ -20,6 +20,9 @@ from .client import Answer
 # Custom properties of fields begin with this.
 FIELD = "field "
 
+# What a frame that was made of a comment remembers.
+FRAME = "maquette_comment"
+
 # The units of node trees: a column of boxes, and a row of one.
 COLUMN, ROW = 240.0, 22.0
 
@@ -514,7 +517,31 @@ def rebuild(tree: bpy.types.NodeTree, state: State) -> None:
         for it in fixed["outputs"].inputs:
             source = graph.outputs.get(it.maquette_port)
             _link(tree, have, fixed, it, [source] if source else [])
+    _frame(tree, outline, have)
     changed.discard(key(tree))
+
+
+def _frame(tree: bpy.types.NodeTree, outline: dict[str, Any], have: dict[str, Any]) -> None:
+    """Nodes of one paragraph whose first one has a comment stand in a frame that says it."""
+    titles: dict[int, str] = {}
+    for told in outline["nodes"]:
+        titles.setdefault(told["paragraph"], told["comment"].replace("\n", " "))
+    frames = {it[FRAME]: it for it in tree.nodes if it.type == "FRAME" and FRAME in it.keys()}
+    for title, frame in list(frames.items()):
+        if title not in titles.values():
+            tree.nodes.remove(frame)
+            del frames[title]
+    for told in outline["nodes"]:
+        title = titles[told["paragraph"]]
+        node = have[told["name"]]
+        if title and title not in frames:
+            frame = frames[title] = tree.nodes.new("NodeFrame")
+            frame[FRAME], frame.label, frame.label_size = title, _cut(title), 16
+        is_ours = node.parent is not None and FRAME in node.parent.keys()
+        if title and node.parent != frames[title]:
+            node.parent = frames[title]
+        elif not title and is_ours:
+            node.parent = None
 
 
 def _arrange(made: bpy.types.Node, told: dict[str, Any], node: edits.Node, kind: dict[str, Any] | None) -> None:

@@ -58,7 +58,7 @@ def tree(empty: Any, path: pathlib.Path) -> bpy.types.NodeTree:
 
 def named(tree: bpy.types.NodeTree, name: str) -> bpy.types.Node:
     """The node of this name in the text."""
-    return next(it for it in tree.nodes if it.maquette_name == name)
+    return next(it for it in tree.nodes if getattr(it, "maquette_name", "") == name)
 
 
 def change(tree: bpy.types.NodeTree, path: pathlib.Path, old: str, new: str) -> None:
@@ -128,6 +128,24 @@ def test_5_an_edit_of_the_file_is_seen(tree: bpy.types.NodeTree, path: pathlib.P
     until(lambda: is_settled(tree, path))
 
 
+def test_5_comments_before_paragraphs_are_frames(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
+    def frames() -> dict[str, set[str]]:
+        """The nodes in each frame."""
+        found: dict[str, set[str]] = {}
+        for it in tree.nodes:
+            if it.parent:
+                found.setdefault(it.parent.label, set()).add(it.maquette_name)
+        return found
+
+    assert frames()["Where is the nose?"] == {"red", "spots", "nose"}
+    places = {it.maquette_name: tuple(it.location) for it in tree.nodes if hasattr(it, "maquette_name")}
+    text = path.read_text()
+    path.write_text(text.replace("// Where is the nose?", "// Look for red."))
+    until(lambda: is_settled(tree, path))
+    assert frames()["Look for red."] == {"red", "spots", "nose"} and "Where is the nose?" not in frames()
+    assert places == {it.maquette_name: tuple(it.location) for it in tree.nodes if hasattr(it, "maquette_name")}
+
+
 def test_11_a_wrong_link_is_refused_in_the_checkers_words_on_the_node(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
     text = path.read_text()
     for source, output, node, port, words in (
@@ -140,7 +158,7 @@ def test_11_a_wrong_link_is_refused_in_the_checkers_words_on_the_node(tree: bpy.
         until(lambda: is_settled(tree, path))
         assert path.read_text() == text
     tree.nodes.remove(named(tree, "scan"))
-    until(lambda: is_settled(tree, path) and any(it.maquette_name == "scan" for it in tree.nodes))
+    until(lambda: is_settled(tree, path) and any(getattr(it, "maquette_name", "") == "scan" for it in tree.nodes))
     assert "needs it" in module("tree").states[module("tree").key(tree)].message or path.read_text() == text
 
 
