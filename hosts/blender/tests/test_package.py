@@ -58,7 +58,8 @@ def traces() -> dict[str, set[str]]:
         "types": set(types),
         "operators": {f"{group}.{name}" for group, it in contents(bpy.ops).items() for name in dir(it)},
         "properties": {f"{name}.{key}" for name, it in types.items() if hasattr(it, "bl_rna") for key in it.bl_rna.properties.keys()},
-        "menus": functions(drawn),
+        # Blender keeps a list with its own function for each menu that ever had another one.
+        "menus": {it for it in functions(drawn) if ": bl_ui." not in it},
         "handlers": functions(called),
         "keys": {f"{keymap.name}: {item.idname}" for keymap in keymaps.keymaps for item in keymap.keymap_items} if keymaps else set(),
     }
