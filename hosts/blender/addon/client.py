@@ -12,7 +12,7 @@ import tempfile
 import time
 from typing import Any, Callable
 
-# What ends a request, or None if the server ended first.
+# What is called with the end of a request, and with the events before it.
 Done = Callable[["Answer"], None]
 Told = Callable[[dict[str, Any]], None]
 

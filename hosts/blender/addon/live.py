@@ -154,7 +154,7 @@ def tick() -> None:
         if engine.ended():
             it.message, it.run, it.loading = engine.ended() or "", None, False
             continue
-        if looks and it.loaded and any(_stamp(path) != known for path, known in it.stamps.items()):
+        if looks and it.loaded and any(stamp(path) != known for path, known in it.stamps.items()):
             it.loaded = None
         if it.loaded is None:
             _load(owner, it)
@@ -162,7 +162,8 @@ def tick() -> None:
         _run(owner, it)
 
 
-def _stamp(path: str) -> float | None:
+def stamp(path: str) -> float | None:
+    """When a file was written; None if there is none."""
     try:
         return pathlib.Path(path).stat().st_mtime_ns
     except OSError:
@@ -174,28 +175,28 @@ def _load(owner: bpy.types.Object, it: State) -> None:
         return
     it.loading = True
     path, uid = graph_path(owner), key(owner)
-    before = _stamp(path)
+    before = stamp(path)
 
     def done(answer: Answer) -> None:
         it.loading = False
         if states.get(uid) is not it:
             return
-        found = _found(uid)
-        if found is None or not answer.ok:
+        owner = found(uid)
+        if owner is None or not answer.ok:
             it.message = answer.why
             return
         it.loaded, it.message, it.problems, it.answered = answer, "", answer.problems, None
-        it.stamps = {name: _stamp(name) for name in [*answer.get("files", ()), *answer.get("graphs", ())]}
+        it.stamps = {name: stamp(name) for name in [*answer.get("files", ()), *answer.get("graphs", ())]}
         it.stamps[path] = before
         if answer["ok"]:
             it.controls = panel.controls(answer["schema"])
             it.stale = {its["name"] for its in answer["inputs"]}
-            _arrange(found, it)
+            _arrange(owner, it)
 
     engine.client().ask("load", done, None, graph=path)
 
 
-def _found(uid: int) -> bpy.types.Object | None:
+def found(uid: int) -> bpy.types.Object | None:
     """The object again: what was held over an undo may be gone."""
     return next((owner for owner in bpy.data.objects if key(owner) == uid), None)
 
@@ -291,7 +292,7 @@ def _told(it: State, event: dict[str, Any]) -> None:
 
 def _answered(uid: int, it: State, answer: Answer) -> None:
     it.run, it.progress = None, None
-    owner = _found(uid)
+    owner = found(uid)
     if owner is None or states.get(uid) is not it or answer.get("replaced"):
         return
     if answer.get("cancelled"):

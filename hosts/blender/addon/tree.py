@@ -248,7 +248,7 @@ def tick() -> None:
         path = bpy.path.abspath(tree.maquette_graph)
         if undone and state.outline is not None and tree.maquette_text and tree.maquette_text != state.text:
             _put(tree, state, path)
-        elif state.outline is None or (looks and live._stamp(path) != state.stamp):
+        elif state.outline is None or (looks and live.stamp(path) != state.stamp):
             _read(tree, state, path)
         elif key(tree) in changed or _is_touched(tree, state):
             changed.discard(key(tree))
@@ -280,7 +280,7 @@ def _ask(state: State, uid: Any, do: str, then: Any, **fields: Any) -> None:
 
 def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
     """Shows what stands in the file."""
-    stamp = live._stamp(path)
+    stamp = live.stamp(path)
 
     def then(tree: bpy.types.NodeTree, answer: Answer) -> None:
         state.stamp = stamp

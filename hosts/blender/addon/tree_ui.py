@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from . import live, tree
-from .ui import ForLiveObject, active
+from .ui import ForLiveObject, active, problems
 
 
 class MAQUETTE_OT_open_tree(ForLiveObject, bpy.types.Operator):
@@ -55,11 +55,7 @@ class MAQUETTE_PT_tree(bpy.types.Panel):
             box = self.layout.box()
             box.alert = True
             box.label(text=state.message, icon="ERROR")
-        for problem in state.problems[:8]:
-            row = self.layout.row()
-            row.label(text=f"{problem['code']} {problem['line']}:{problem['column']} {problem['message']}", icon="ERROR")
-            place = row.operator("maquette.open_line", text="", icon="TEXT")
-            place.file, place.line, place.column = problem["file"], problem["line"], problem["column"]
+        problems(self.layout, state.problems)
 
 
 def shown(context: bpy.types.Context) -> bpy.types.NodeTree | None:

@@ -134,7 +134,7 @@ class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
         edits = [{"set": {"target": name, "value": value}} for name, value in known.items()]
 
         def done(answer: Answer) -> None:
-            found = next((it for it in bpy.data.objects if live.key(it) == uid), None)
+            found = live.found(uid)
             if found is None:
                 return
             if answer.ok:
@@ -246,7 +246,12 @@ def _state(layout: Any, it: live.State | None) -> None:
         box.label(text=it.message, icon="ERROR")
         if engine.ended():
             box.operator("maquette.restart")
-    for problem in it.problems[:8]:
+    problems(layout, it.problems)
+
+
+def problems(layout: Any, found: list[dict[str, Any]]) -> None:
+    """Problems with their places, and a button that opens each; the first ones, for nobody reads more."""
+    for problem in found[:8]:
         row = layout.row()
         row.alert = problem.get("severity") == "error"
         row.label(text=f"{problem['code']} {problem['line']}:{problem['column']} {problem['message']}", icon="ERROR")
