@@ -447,6 +447,7 @@ def shown(tree: bpy.types.NodeTree) -> tuple[edits.Shown, list[str]]:
     state = states.get(key(tree))
     known = {it["name"]: dict(it["fields"]) for it in state.outline["nodes"]} if state and state.outline else {}
     written = {it.name: it.links for it in edits.shown(state.outline).nodes} if state and state.outline else {}
+    there = {it["name"] for section in ("nodes", "inputs") for it in state.outline[section]} if state and state.outline else set()
     nodes, names = [], []
     outputs: dict[str, edits.Source | None] = {}
     for node in tree.nodes:
@@ -457,8 +458,8 @@ def shown(tree: bpy.types.NodeTree) -> tuple[edits.Shown, list[str]]:
             name = str(node.maquette_name)
             ports = {it.maquette_port: _sources(it) for it in node.inputs}
             for port, links in written.get(name, {}).items():
-                # Blender shows what is linked twice once.
-                if ports.get(port) == _once(links):
+                # Blender shows what is linked twice once, and what leads nowhere not at all.
+                if ports.get(port) == _once([it for it in links if it[0] in there]):
                     ports[port] = links
             if not name:
                 needed = {it["name"] for it in _catalog.get(node.maquette_kind, {"inputs": ()})["inputs"] if not it["optional"]}

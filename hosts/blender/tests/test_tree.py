@@ -128,6 +128,16 @@ def test_5_an_edit_of_the_file_is_seen(tree: bpy.types.NodeTree, path: pathlib.P
     until(lambda: is_settled(tree, path))
 
 
+def test_5_a_link_that_leads_nowhere_stays_as_it_is_while_others_change(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
+    path.write_text(path.read_text().replace('Subdivide(mesh: "grid"', 'Subdivide(mesh: "gird"'))
+    until(lambda: is_settled(tree, path))
+    assert module("tree").states[module("tree").key(tree)].problems
+    named(tree, "spots")["field connectivity"] = "Four"
+    change(tree, path, "connectivity: Eight", "connectivity: Four")
+    tree.links.new(named(tree, "grid").outputs["mesh"], named(tree, "skin").inputs["mesh"])
+    change(tree, path, '"gird"', '"grid"')
+
+
 def test_5_comments_before_paragraphs_are_frames(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
     def frames() -> dict[str, set[str]]:
         """The nodes in each frame."""
