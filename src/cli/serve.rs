@@ -14,6 +14,7 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 
 use self::columns::Columns;
+use self::layout::Layout;
 use self::request::{EditWish, Line, Load, Outline, Wish};
 use self::runner::{Job, Refused, Runner, Runs, options};
 use super::caching::CacheOptions;
@@ -29,6 +30,7 @@ use crate::value::ValueType;
 use crate::writing::Shelf;
 
 mod columns;
+mod layout;
 mod request;
 mod runner;
 
@@ -141,6 +143,9 @@ impl Server<'_> {
             }
             Ok(Wish::Load(load)) => Ok(self.load(&load)),
             Ok(Wish::Outline(outline)) => self.outline(outline),
+            Ok(Wish::Layout { graph, layout }) => {
+                layout.keep(&graph).map(|()| json!({})).map_err(Refused::from)
+            }
             Ok(Wish::Edit(wish)) => self.edit(&wish),
             Ok(Wish::Put { graph, was, text }) => put(&graph, was, text),
             Ok(Wish::Cancel { run }) => match lock(&self.runs).get(&run.to_string()) {
@@ -205,9 +210,12 @@ impl Server<'_> {
             None => read().map_err(|error| error.to_string())?,
         };
         let options = Options { roots, ..Options::default() };
-        let checked = Graph::load_text(&graph, text.clone(), self.catalog, &options);
-        let outline = Graph::outline(&graph, text.clone(), self.catalog, &options);
+        let (checked, outline) = Graph::outline(&graph, text.clone(), self.catalog, &options);
         let mut told = json!({ "ok": checked.graph.is_some(), "text": text, "outline": outline });
+        match Layout::of(&graph) {
+            Ok(layout) => told["layout"] = json!(layout),
+            Err(why) => told["layout_why"] = why.into(),
+        }
         if let Some(outline) = &outline {
             told["outline"]["places"] = json!(Places::of(outline));
         }

@@ -49,7 +49,12 @@ pub(super) fn load_text(
     catalog: &Catalog,
     options: &Options,
 ) -> Checked {
-    let (mut world, whole) = first(path, text, catalog, options);
+    let (world, whole) = first(path, text, catalog, options);
+    judged(world, whole)
+}
+
+/// What is made of the text of a graph's own file, and of the files that it uses.
+pub(super) fn judged<'a>(mut world: World<'a>, whole: Option<Whole<'a>>) -> Checked {
     let mut problems = std::mem::take(&mut world.problems);
     let is_broken = !problems.is_empty();
     // What uses make of a graph adds nothing to more problems than are told.

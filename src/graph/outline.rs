@@ -8,12 +8,12 @@ use std::path::Path;
 use serde::Serialize;
 use serde_json::Value as Json;
 
-use super::check::{Whole, first};
+use super::check::{Whole, first, judged};
 use super::describe::Subgraph;
 use super::draft::{Draft, What};
 use super::edit::References;
 use super::meaning::{entries, named_node};
-use super::{Graph, Options};
+use super::{Checked, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Lines, Place, Span};
 use crate::text::{Body, Kind, Sheet, Token, Tree, tokens};
@@ -104,23 +104,21 @@ pub(crate) struct Given {
 }
 
 impl Graph {
-    /// The parts of the text of the graph file at `path`; those of a patch are the graph's that it patches. None if it cannot be said
-    /// what stands in it.
+    /// What is known of the graph file at `path` with this text, and the text's parts; those of a patch are the graph's that it
+    /// patches. No parts if it cannot be said what stands in it.
     pub(crate) fn outline(
         path: &Path,
         text: String,
         catalog: &Catalog,
         options: &Options,
-    ) -> Option<Outline> {
-        let (mut world, whole) = first(path, text, catalog, options);
-        whole.map(|whole| {
-            world.listed.retain(|(depth, ..)| *depth == 1);
-            let used = world
-                .listed
-                .iter()
-                .map(|(_, name, graph)| Subgraph::new(name, graph).description().to_json());
-            Outliner::new(&whole).outline(Vec::from_iter(used))
-        })
+    ) -> (Checked, Option<Outline>) {
+        let (world, whole) = first(path, text, catalog, options);
+        let outline = whole.as_ref().map(|whole| {
+            let used = world.listed.iter().filter(|(depth, ..)| *depth == 1);
+            let used = used.map(|(_, name, graph)| Subgraph::new(name, graph));
+            Outliner::new(whole).outline(used.map(|used| used.description().to_json()).collect())
+        });
+        (judged(world, whole), outline)
     }
 }
 

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 use serde_json::Value as Json;
 
+use super::layout::Layout;
 use crate::graph::Edit;
 
 /// One line of a host: what it wants, and the number or text by which the answer is known.
@@ -25,6 +26,8 @@ pub(super) enum Wish {
     Load(Load),
     /// What stands in a graph's text, part by part.
     Outline(Outline),
+    /// Keeps where an editor has put a graph's nodes.
+    Layout { graph: PathBuf, layout: Layout },
     /// Values of a graph.
     Run(Run),
     /// No more of a run.

@@ -286,3 +286,51 @@ fn a_text_with_mistakes_has_an_outline_with_its_mistakes() {
     assert_eq!(told["outline"], Json::Null);
     assert_eq!(told["ok"], false);
 }
+
+#[test]
+fn where_nodes_were_put_is_kept_beside_the_graph_and_changes_nothing() {
+    let text = "Graph(format: 1, inputs: { \"given\": Mesh(doc: \"what comes in\") }, nodes: { \"fine\": Subdivide(mesh: \"given\", \
+                scheme: Loop) }, outputs: { \"mesh\": \"fine\" })\n";
+    let project = Project::new(text);
+    let mut host = Host::of(&project);
+    let graph = json!({ "graph": "doll.ron" });
+    let without = host.ask("outline", graph.clone());
+    assert_eq!(without["layout"], Json::Null);
+
+    let layout = json!({ "inputs": [0.0, -1.5], "nodes": { "fine": [1.25, 3.0], "gone": [2.0, 0.125] }, "outputs": null });
+    host.ask("layout", json!({ "graph": "doll.ron", "layout": layout }));
+    let kept = project.folder().join("doll.layout.ron");
+    let written = "// Where the nodes of doll.ron stand in an editor. Nothing else depends on it.
+Layout(
+    inputs: (0.000, -1.500),
+    nodes: {
+        \"fine\": (1.250, 3.000),
+        \"gone\": (2.000, 0.125),
+    },
+)
+";
+    assert_eq!(fs::read_to_string(&kept).unwrap(), written);
+    let mut with = host.ask("outline", graph.clone());
+    assert_eq!(with["layout"], layout);
+    // It moves nothing but boxes, and may go at any time.
+    (with["layout"], with["id"]) = (Json::Null, without["id"].clone());
+    assert_eq!(with, without);
+    let moved = json!({ "nodes": { "fine": [0.0, 0.0] } });
+    host.ask("layout", json!({ "graph": "doll.ron", "layout": moved }));
+    assert_eq!(host.ask("outline", graph.clone())["layout"]["nodes"], moved["nodes"]);
+    fs::remove_file(&kept).unwrap();
+    assert_eq!(host.ask("outline", graph.clone())["layout"], Json::Null);
+    assert_eq!(fs::read_to_string(project.folder().join("doll.ron")).unwrap(), text);
+
+    // What somebody else has there is not replaced.
+    for (other, place) in [(text, "1:1"), ("Layout(\n    nodes: 3,\n)\n", "2:12")] {
+        fs::write(&kept, other).unwrap();
+        let why = host.refused("layout", json!({ "graph": "doll.ron", "layout": moved }));
+        assert!(why.contains(&format!("doll.layout.ron:{place}: ")), "{why}");
+        assert!(why.contains("mend or delete the file"), "{why}");
+        assert_eq!(fs::read_to_string(&kept).unwrap(), other);
+        let told = host.ask("outline", graph.clone());
+        assert_eq!((&told["layout_why"], &told["layout"]), (&json!(why), &Json::Null));
+        assert_eq!(told["ok"], true);
+    }
+}
