@@ -6,10 +6,10 @@ What is registered is in `MODULES`, and nowhere else; each has `register` and `u
 
 from __future__ import annotations
 
-from . import engine, live, preferences, tree, tree_ui, ui
+from . import engine, live, nodes, preferences, tree, tree_ui, ui
 
 # Each may use what those above it have registered.
-MODULES = (preferences, engine, live, tree, ui, tree_ui)
+MODULES = (preferences, engine, live, nodes, tree, ui, tree_ui)
 
 
 def register() -> None:

@@ -78,7 +78,7 @@ def difference(outline: dict[str, Any], now: Shown) -> tuple[list[dict[str, Any]
     for node in now.nodes:
         if node.name:
             continue
-        if any(not links for links in node.links.values()):
+        if lacking(node):
             waiting.append(node)
             continue
         texts = {port: [names.link(it) for it in links] for port, links in node.links.items()}
@@ -105,6 +105,28 @@ def difference(outline: dict[str, Any], now: Shown) -> tuple[list[dict[str, Any]
     # Names come last: all that is above says the old ones.
     edits += [{"rename": {"from": f"nodes.{it.name}", "to": it.title}} for it in now.nodes if it.name in known and it.title != it.name]
     return edits, waiting
+
+
+def lacking(node: Node) -> str:
+    """What a new node needs before it can stand in the text, in words; empty if nothing."""
+    ports = (f"link {port}" for port, links in node.links.items() if not links)
+    fields = (f"say {field}" for field, text in node.fields.items() if not text)
+    return next(ports, "") or next(fields, "")
+
+
+def is_same(one: Shown, other: Shown) -> bool:
+    """Whether both show the same, in whatever order nodes lie on each other."""
+
+    def sorted_nodes(it: Shown) -> list[Node]:
+        return sorted(it.nodes, key=lambda node: (node.name, node.kind, str(node)))
+
+    return one.outputs == other.outputs and sorted_nodes(one) == sorted_nodes(other)
+
+
+def without(now: Shown, refused: list[Node]) -> tuple[Shown, list[Node]]:
+    """What is shown without the new nodes that were refused as they are, and these."""
+    known = [node for node in now.nodes if not node.name and node in refused]
+    return Shown([node for node in now.nodes if not any(node is it for it in known)], now.outputs), known
 
 
 def _value(links: Iterable[str | None]) -> str:

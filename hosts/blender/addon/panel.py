@@ -13,7 +13,7 @@ class Control:
     """A parameter of a graph."""
 
     name: str
-    # `number`, `integer`, `flag`, `choice`, `color`, `text`; all others are `ron`: a text of RON.
+    # `number`, `integer`, `flag`, `choice`, `color`, `file`, `text`; all others are `ron`: a text of RON.
     kind: str
     default: Any
     doc: str = ""
@@ -30,31 +30,38 @@ class Control:
 
 
 def controls(schema: dict[str, Any]) -> list[Control]:
-    """The parameters in their order; inputs are none."""
+    """The parameters in their order; inputs are none. Those of a type of nodes are its fields."""
     found = []
     for name, field in (schema.get("properties") or {}).items():
         if "port" in field:
             continue
+        choices = _choices(field, schema)
         found.append(
             Control(
                 name,
-                _kind(field),
+                "choice" if choices else _kind(field),
                 field.get("default"),
                 field.get("description", ""),
                 field.get("unit", ""),
                 field.get("minimum"),
                 field.get("maximum"),
-                tuple(field.get("enum", ())),
+                choices,
             )
         )
     return found
 
 
-def _kind(field: dict[str, Any]) -> str:
+def _choices(field: dict[str, Any], schema: dict[str, Any]) -> tuple[str, ...]:
+    """The words that a field may be; none if it may be anything else."""
     if "enum" in field:
-        return "choice"
-    if field.get("format") == "color":
-        return "color"
+        return tuple(field["enum"])
+    of = schema.get("$defs", {}).get(str(field.get("$ref", "")).removeprefix("#/$defs/"), {}).get("oneOf", ())
+    return tuple(it["const"] for it in of) if all("const" in it for it in of) else ()
+
+
+def _kind(field: dict[str, Any]) -> str:
+    if field.get("format") in ("color", "file"):
+        return str(field["format"])
     plain = {"number": "number", "integer": "integer", "boolean": "flag", "string": "text"}
     return plain.get(str(field.get("type")), "ron")
 
@@ -92,22 +99,25 @@ def ron(control: Control, value: Any) -> str:
         return "true" if value else "false"
     if control.kind == "choice":
         return str(value)
-    if control.kind in ("color", "text"):
+    if control.kind in ("color", "file", "text"):
         # JSON's quotes and escapes are RON's but for the number of a character.
         return json.dumps(str(value), ensure_ascii=False)
     return str(value)
 
 
 def shown(control: Control, text: str | None) -> Any:
-    """What a widget shows for a value as RON; for None its default."""
+    """What a widget shows for a value as RON; for None its default. ValueError if it can be shown as RON alone."""
     if text is None:
         return control.default if control.kind != "ron" else json.dumps(control.default)
     if control.kind == "number":
         return float(text)
     if control.kind == "integer":
         return int(text)
-    if control.kind == "flag":
-        return text == "true"
-    if control.kind in ("color", "text"):
+    if control.kind in ("flag", "choice"):
+        words = {it: it for it in control.choices} if control.choices else {"true": True, "false": False}
+        if text not in words:
+            raise ValueError(text)
+        return words[text]
+    if control.kind in ("color", "file", "text"):
         return json.loads(text)
     return text

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import pathlib
 from typing import Any
 
 import bpy
 
-from . import live, tree
+from . import live, nodes, tree
 from .ui import ForLiveObject, active, problems
 
 
@@ -19,16 +18,74 @@ class MAQUETTE_OT_open_tree(ForLiveObject, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Makes the tree, if it is not there."""
-        path = live.graph_path(active(context))
-        known = (it for it in tree.trees() if bpy.path.abspath(it.maquette_graph) == path)
-        shown = next(known, None) or tree.new(active(context).maquette.graph, pathlib.Path(path).stem)
+        shown = tree.of_graph(active(context).maquette.graph)
         areas = [it for it in context.screen.areas if it.type == "NODE_EDITOR"] if context.screen else []
         for area in areas[:1]:
-            area.ui_type = tree.MaquetteTree.bl_idname
+            area.ui_type = nodes.MaquetteTree.bl_idname
             area.spaces.active.node_tree = shown
         if not areas:
             self.report({"INFO"}, f"{shown.name} is among the node trees of the editor Maquette Graph")
         return {"FINISHED"}
+
+
+class InTree:
+    """An operator in an editor that shows a tree."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Whether there is one."""
+        return shown(context) is not None
+
+
+class MAQUETTE_OT_open_used(InTree, bpy.types.Operator):
+    """Opens the graph that this node uses"""
+
+    bl_idname = "maquette.open_used"
+    bl_label = "Open"
+    graph: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Shows its tree in place of the one that uses it."""
+        context.space_data.path.append(tree.of_graph(self.graph))
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_close_used(InTree, bpy.types.Operator):
+    """Goes back to the graph from which this one was opened"""
+
+    bl_idname = "maquette.close_used"
+    bl_label = "Back"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Shows the tree that was shown before."""
+        if len(context.space_data.path) > 1:
+            context.space_data.path.pop()
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_add_used(InTree, bpy.types.Operator):
+    """Adds a node that uses this graph"""
+
+    bl_idname = "maquette.add_used"
+    bl_label = "Add"
+    bl_options = {"REGISTER", "UNDO"}
+    graph: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Adds it where the pointer is."""
+        it = shown(context)
+        for other in it.nodes:
+            other.select = False
+        made = it.nodes.new(nodes.MaquetteNodeOther.bl_idname)
+        nodes.begin(made, nodes.kinds[self.graph], self.graph)
+        made.location, it.nodes.active = context.space_data.cursor_location, made
+        return {"FINISHED"}
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Adds it, and lets the user put it down."""
+        context.space_data.cursor_location_from_region(event.mouse_region_x, event.mouse_region_y)
+        self.execute(context)
+        return bpy.ops.node.translate_attach_remove_on_cancel("INVOKE_DEFAULT")
 
 
 class MAQUETTE_PT_tree(bpy.types.Panel):
@@ -47,6 +104,8 @@ class MAQUETTE_PT_tree(bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draws its file and its problems."""
         it = shown(context)
+        if len(context.space_data.path) > 1:
+            self.layout.operator("maquette.close_used", text=f"Back to {context.space_data.path[-2].node_tree.name}", icon="BACK")
         self.layout.prop(it, "maquette_graph", text="")
         state = tree.states.get(tree.key(it))
         if state is None:
@@ -61,20 +120,26 @@ class MAQUETTE_PT_tree(bpy.types.Panel):
 def shown(context: bpy.types.Context) -> bpy.types.NodeTree | None:
     """The tree that a node editor shows."""
     it = getattr(context.space_data, "edit_tree", None)
-    return it if it is not None and it.bl_idname == tree.MaquetteTree.bl_idname else None
+    return it if it is not None and it.bl_idname == nodes.MaquetteTree.bl_idname else None
 
 
 def _menu(self: Any, context: bpy.types.Context) -> None:
     if shown(context) is None:
         return
-    for pack in tree.packs():
+    state = tree.states.get(tree.key(shown(context)))
+    used = state.outline["types"] if state and state.outline else ()
+    if used:
+        self.layout.label(text="Used Graphs")
+    for it in used:
+        self.layout.operator("maquette.add_used", text=it["name"]).graph = it["pack"]
+    for pack in nodes.packs():
         self.layout.label(text=pack.capitalize())
-        for it in tree.of_pack(pack):
+        for it in nodes.of_pack(pack):
             made = self.layout.operator("node.add_node", text=it["name"])
-            made.type, made.use_transform = f"MaquetteNode{it['name']}", True
+            made.type, made.use_transform = nodes.class_of(it["name"]), True
 
 
-CLASSES = (MAQUETTE_OT_open_tree, MAQUETTE_PT_tree)
+CLASSES = (MAQUETTE_OT_open_tree, MAQUETTE_OT_open_used, MAQUETTE_OT_close_used, MAQUETTE_OT_add_used, MAQUETTE_PT_tree)
 
 
 def register() -> None:

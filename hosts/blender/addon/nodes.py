@@ -1,0 +1,381 @@
+"""The types of nodes, sockets and trees: one class for each type that the engine's catalog has, made when the catalog is there.
+
+A node keeps its fields as custom properties, which hold numbers exactly. A field that can be shown as a number, a flag, a word or a path is
+one; all others are texts of RON.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import hashlib
+from typing import Any, Callable
+
+import bpy
+
+from . import panel
+
+# Custom properties of fields begin with this.
+FIELD = "field "
+
+# Blender cuts names of nodes, and refuses names of classes that are longer, in bytes.
+LONGEST = 63
+
+# The classes that were made of the catalog, by their names.
+_made: dict[str, type] = {}
+# The types of nodes: those of the catalog by their names, graphs that are used by their files.
+kinds: dict[str, dict[str, Any]] = {}
+_controls: dict[str, dict[str, panel.Control]] = {}
+
+# Called with a tree in which something may have been changed.
+heard: list[Callable[[Any], None]] = []
+
+
+class MaquetteTree(bpy.types.NodeTree):
+    """A graph of maquette, as its file has it"""
+
+    bl_idname = "MaquetteTree"
+    bl_label = "Maquette Graph"
+    bl_icon = "NODETREE"
+
+    maquette_graph: bpy.props.StringProperty(name="Graph", description="The file of the graph", subtype="FILE_PATH")  # type: ignore[valid-type]
+    maquette_text: bpy.props.StringProperty(description="The text that is shown")  # type: ignore[valid-type]
+
+    def update(self) -> None:
+        """Something may have been changed: it is looked at with the next look."""
+        for told in heard:
+            told(self)
+
+
+class SocketBase:
+    """A port or an output."""
+
+    maquette_port: bpy.props.StringProperty()  # type: ignore[valid-type]
+
+    def draw(self, _context: Any, layout: Any, _node: Any, text: str) -> None:
+        """Its name."""
+        layout.label(text=text)
+
+    def draw_color(self, _context: Any, _node: Any) -> tuple[float, float, float, float]:
+        """That of its type."""
+        return color(self.bl_label)
+
+    @classmethod
+    def draw_color_simple(cls) -> tuple[float, float, float, float]:
+        """That of its type."""
+        return color(cls.bl_label)
+
+
+def color(kind: str) -> tuple[float, float, float, float]:
+    """A color for a type of values, everywhere the same."""
+    hue = hashlib.md5(kind.encode(), usedforsecurity=False).digest()[0] / 256
+    return (*colorsys.hsv_to_rgb(hue, 0.55 if kind else 0.0, 0.8), 1.0)
+
+
+class NodeBase:
+    """A node of a graph."""
+
+    bl_width_default = 190
+    # Its name in the text; empty while it is not there.
+    maquette_name: bpy.props.StringProperty()  # type: ignore[valid-type]
+    maquette_kind: bpy.props.StringProperty()  # type: ignore[valid-type]
+    # The file of the graph that it uses, if it uses one.
+    maquette_graph: bpy.props.StringProperty()  # type: ignore[valid-type]
+    # The fields that are shown on it; the others are in the sidebar.
+    maquette_written: bpy.props.StringProperty()  # type: ignore[valid-type]
+    maquette_problem: bpy.props.StringProperty()  # type: ignore[valid-type]
+
+    @classmethod
+    def poll(cls, tree: bpy.types.NodeTree) -> bool:
+        """Whether it belongs into a tree."""
+        return tree.bl_idname == MaquetteTree.bl_idname
+
+    def init(self, _context: Any) -> None:
+        """A new node has the ports of its type, and a value at each field that it needs."""
+        kind = kinds.get(getattr(self, "maquette_type", ""))
+        if kind:
+            begin(self, kind)
+
+    def copy(self, _from: Any) -> None:
+        """A copy is another node, which is not in the text yet."""
+        self.maquette_name = ""
+
+    def draw_buttons(self, _context: Any, layout: Any) -> None:
+        """The fields that are written, and what is wrong with it."""
+        if self.maquette_problem:
+            column = layout.column()
+            column.alert = True
+            column.label(text=self.maquette_problem, icon="ERROR")
+        if self.maquette_graph:
+            layout.operator("maquette.open_used", icon="NODETREE").graph = self.maquette_graph
+        for field in self.maquette_written.split():
+            _draw(self, layout, field)
+
+    def draw_buttons_ext(self, _context: Any, layout: Any) -> None:
+        """All of its fields."""
+        kind = kinds.get(kind_of(self))
+        if kind:
+            layout.label(text=kind["doc"].split("\n")[0])
+        for name in [it for it in self.keys() if it.startswith(FIELD)]:
+            _draw(self, layout, name[len(FIELD) :])
+
+
+def _draw(node: bpy.types.Node, layout: Any, field: str) -> None:
+    if FIELD + field not in node.keys():
+        return
+    control = controls(kind_of(node)).get(field)
+    if control and control.kind == "choice" and node[FIELD + field] in control.choices and hasattr(node, _choice(field)):
+        layout.prop(node, _choice(field), text=field)
+        return
+    ranged = control is not None and control.low is not None and control.high is not None
+    layout.prop(node, f'["{FIELD}{field}"]', text=field, slider=ranged and not isinstance(node[FIELD + field], str))
+
+
+class MaquetteNodeOther(NodeBase, bpy.types.Node):
+    """A node that the catalog has not: a graph that is used, a `ForEach`, a `Switch`, or one of an unknown type."""
+
+    bl_idname = "MaquetteNodeOther"
+    bl_label = "Maquette Node"
+
+
+class MaquetteNodeInputs(NodeBase, bpy.types.Node):
+    """All inputs of a graph."""
+
+    bl_idname = "MaquetteNodeInputs"
+    bl_label = "Inputs"
+
+
+class MaquetteNodeOutputs(NodeBase, bpy.types.Node):
+    """All outputs of a graph."""
+
+    bl_idname = "MaquetteNodeOutputs"
+    bl_label = "Outputs"
+
+
+class MaquetteSocket(SocketBase, bpy.types.NodeSocket):
+    """A port of which no single type is known."""
+
+    bl_idname = "MaquetteSocket"
+    bl_label = ""
+
+
+def idname(prefix: str, kind: str) -> str:
+    """The name of the class of a type: Blender takes no long ones."""
+    name = prefix + kind
+    return name if len(name) <= LONGEST else name[: LONGEST - 8] + hashlib.md5(kind.encode(), usedforsecurity=False).hexdigest()[:8]
+
+
+def class_of(kind: str) -> str:
+    """The name of the class of nodes of a type."""
+    name = idname("MaquetteNode", kind)
+    return name if name in _made else MaquetteNodeOther.bl_idname
+
+
+def kind_of(node: bpy.types.Node) -> str:
+    """By what the type of a node is known in `kinds`."""
+    return str(node.maquette_graph or node.maquette_kind)
+
+
+def controls(kind: str) -> dict[str, panel.Control]:
+    """The controls of a type's fields, by name."""
+    return _controls.get(kind, {})
+
+
+def learn(told: list[dict[str, Any]], by: str) -> None:
+    """Takes notice of types of nodes: the catalog's by `name`, graphs that are used by `pack`, which is their file."""
+    for it in told:
+        if kinds.get(it[by]) != it:
+            kinds[it[by]] = it
+            _controls[it[by]] = {control.name: control for control in panel.controls(it["parameters"])}
+
+
+def classes(nodes: list[dict[str, Any]]) -> None:
+    """Registers a class for each type of nodes and of values that the engine has."""
+    learn(nodes, "name")
+    types = {kind for it in nodes for port in [*it["inputs"], *it["outputs"]] for kind in port["types"]}
+    wanted: list[tuple[str, tuple[type, ...], dict[str, Any]]] = []
+    for kind in sorted(types):
+        wanted.append((idname("MaquetteSocket", kind), (SocketBase, bpy.types.NodeSocket), {"bl_label": kind}))
+    for it in nodes:
+        choices = {_choice(name): _enum(control) for name, control in controls(it["name"]).items() if control.kind == "choice"}
+        own = {"bl_label": it["name"], "maquette_type": it["name"], "__doc__": it["doc"] or it["name"], "__annotations__": choices}
+        wanted.append((idname("MaquetteNode", it["name"]), (NodeBase, bpy.types.Node), own))
+    for name, bases, fields in wanted:
+        if name not in _made:
+            made = type(name, bases, {"bl_idname": name, "__module__": __name__, **fields})
+            bpy.utils.register_class(made)
+            _made[name] = made
+
+
+def _choice(field: str) -> str:
+    return f"maquette_choice_{field}"
+
+
+def _enum(control: panel.Control) -> Any:
+    """A menu of a field's words; the field itself is a custom property."""
+    name = FIELD + control.name
+
+    def get(node: Any) -> int:
+        value = node.get(name)
+        return control.choices.index(value) if value in control.choices else 0
+
+    def put(node: Any, index: int) -> None:
+        node[name] = control.choices[index]
+
+    items = [(it, it, "") for it in control.choices]
+    return bpy.props.EnumProperty(name=control.name, description=control.doc, items=items, get=get, set=put)
+
+
+def packs() -> list[str]:
+    """The packs of nodes that the engine has, in its order."""
+    return list(dict.fromkeys(it["pack"] for key, it in kinds.items() if key != it["pack"]))
+
+
+def of_pack(pack: str) -> list[dict[str, Any]]:
+    """The nodes of a pack."""
+    return [it for key, it in kinds.items() if it["pack"] == pack != key]
+
+
+def socket_class(types: list[str]) -> str:
+    """The name of the class of sockets for values of these types."""
+    name = idname("MaquetteSocket", types[0]) if len(types) == 1 else ""
+    return name if name in _made else MaquetteSocket.bl_idname
+
+
+def socket(sockets: Any, types: list[str], name: str, port: str, many: bool = False) -> Any:
+    """A new socket of a node."""
+    kind = socket_class(types)
+    if many and bpy.app.version >= (4, 0):
+        made = sockets.new(kind, name, use_multi_input=True)
+    else:
+        made = sockets.new(kind, name)
+        if many:
+            made.link_limit = 0
+    made.maquette_port = port
+    return made
+
+
+def begin(node: bpy.types.Node, kind: dict[str, Any], graph: str = "") -> None:
+    """Makes a node that is not in the text yet one of a type, which may be that of a graph in a file."""
+    node.maquette_kind, node.maquette_graph = kind["name"], graph
+    for port in kind["inputs"]:
+        socket(node.inputs, port["types"], port["name"], port["name"], port["many"])
+    for output in kind["outputs"]:
+        socket(node.outputs, output["types"], output["name"], output["name"])
+    # Of words the first one, so that there is something to see and to change.
+    put_fields(node, {it.name: it.choices[0] if it.choices else "" for it in needed(node)})
+
+
+def needed(node: bpy.types.Node) -> list[panel.Control]:
+    """The fields without which there is no such node."""
+    required = kinds.get(kind_of(node), {}).get("parameters", {}).get("required", ())
+    return [it for it in controls(kind_of(node)).values() if it.name in required]
+
+
+def put_fields(node: bpy.types.Node, written: dict[str, str]) -> None:
+    """Makes a node's fields what is written of them, and shows all others with their defaults."""
+    own = controls(kind_of(node))
+    have = {it for it in node.keys() if it.startswith(FIELD)}
+    for gone in have - {FIELD + it for it in (*own, *written)}:
+        del node[gone]
+    now = fields(node, written)
+    for field in (*written, *(it for it in own if it not in written)):
+        name, control, text = FIELD + field, own.get(field), written.get(field)
+        if name in have and now.get(field) == text and not node.maquette_graph:
+            continue
+        value = _value(control, text)
+        node[name] = value
+        if control:
+            _tell(node, name, control, value)
+    shown = " ".join(written)
+    if node.maquette_written != shown:
+        node.maquette_written = shown
+
+
+def _value(control: panel.Control | None, text: str | None) -> Any:
+    """What a field holds for what is written; for None its default."""
+    if control is None or control.kind in ("ron", "color"):
+        return text or ""
+    try:
+        value = panel.shown(control, text)
+    except ValueError:
+        return text or ""
+    return "" if value is None else float(value) if control.kind == "number" else value
+
+
+def _tell(node: bpy.types.Node, name: str, control: panel.Control, value: Any) -> None:
+    """Gives a field the range and the words of its control."""
+    shape: dict[str, Any] = {}
+    if not isinstance(value, (str, bool)):
+        kind = type(value)
+        if control.low is not None:
+            shape |= {"min": kind(control.low), "soft_min": kind(control.low)}
+        if control.high is not None:
+            shape |= {"max": kind(control.high), "soft_max": kind(control.high)}
+    elif control.kind == "file":
+        shape["subtype"] = "FILE_PATH"
+    node.id_properties_ui(name).update(description=control.doc, **shape)
+
+
+def fields(node: bpy.types.Node, written: dict[str, str]) -> dict[str, str]:
+    """The fields of a node as RON: those that are written, and others that are not what they are by themselves. What nobody touched is as it
+    is written."""
+    own, found = controls(kind_of(node)), {}
+    for name, value in node.items():
+        if not name.startswith(FIELD):
+            continue
+        field = name[len(FIELD) :]
+        text = written.get(field)
+        control = own.get(field)
+        if _is_same(control, value, _value(control, text)):
+            if text is not None:
+                found[field] = text
+        elif isinstance(value, str) and (control is None or control.kind not in ("file", "text") or _is_ron(control, text)):
+            if value:
+                found[field] = value
+        elif control is not None:
+            found[field] = panel.ron(control, value)
+    return found
+
+
+def _is_ron(control: panel.Control, text: str | None) -> bool:
+    """Whether a field is shown as the RON that is written there."""
+    try:
+        panel.shown(control, text)
+    except ValueError:
+        return True
+    return False
+
+
+def _is_same(control: panel.Control | None, value: Any, known: Any) -> bool:
+    if isinstance(value, str) or isinstance(known, str) or control is None:
+        return bool(value == known)
+    return panel.is_same(control, value, known)
+
+
+def title(node: bpy.types.Node) -> str:
+    """What a node is called now."""
+    name = str(node.maquette_name)
+    return name if node.label in ("", cut(name)) else str(node.label)
+
+
+def cut(name: str) -> str:
+    """As much of a name as Blender takes."""
+    return name.encode()[:LONGEST].decode(errors="ignore")
+
+
+CLASSES = (MaquetteSocket, MaquetteTree, MaquetteNodeOther, MaquetteNodeInputs, MaquetteNodeOutputs)
+
+
+def register() -> None:
+    """Registers trees, and what they hold of things that the catalog has not."""
+    for it in CLASSES:
+        bpy.utils.register_class(it)
+
+
+def unregister() -> None:
+    """Unregisters all; files keep what they have of them."""
+    for it in [*reversed(_made.values()), *reversed(CLASSES)]:
+        bpy.utils.unregister_class(it)
+    _made.clear()
+    kinds.clear()
+    _controls.clear()
