@@ -28,6 +28,8 @@ class State:
         self.outline: dict[str, Any] | None = None
         # The fields of its nodes.
         self.fields: dict[str, dict[str, str]] = {}
+        # What its nodes had when they were last found to be as the text has them.
+        self.looked_at: dict[str, tuple[Any, ...]] = {}
         # What stands in the file, as far as is known.
         self.text = ""
         # The files that say what is shown: the graph's, those that it uses, and the layout's.
@@ -185,6 +187,7 @@ def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
         state.message = answer.get("layout_why", "")
         is_foreign = bool(tree.maquette_text) and tree.maquette_text != answer["text"] and state.outline is not None
         state.outline, state.text = outline, answer["text"]
+        state.looked_at = {}
         state.fields = {it.name: it.fields for it in edits.shown(outline).nodes}
         tree.maquette_text = answer["text"]
         if state.keeps:
@@ -295,11 +298,17 @@ def _is_touched(tree: bpy.types.NodeTree, state: State) -> bool:
     for node in tree.nodes:
         if not mirror.is_own(node):
             continue
-        if not node.maquette_name:
+        name = node.maquette_name
+        if not name:
             return True
-        known = state.fields.get(node.maquette_name)
-        if known is not None and (nodes.title(node) != node.maquette_name or nodes.fields(node, known) != known):
+        # One call of Blender for all that a node has: there may be hundreds of nodes.
+        now = (node.label, *node.values())
+        if state.looked_at.get(name) == now:
+            continue
+        known = state.fields.get(name)
+        if known is not None and (nodes.title(node) != name or nodes.fields(node, known) != known):
             return True
+        state.looked_at[name] = now
     return False
 
 
