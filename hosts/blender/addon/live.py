@@ -209,12 +209,14 @@ def _arrange(owner: bpy.types.Object, it: State) -> None:
         value = _widget_value(control, known.get(control.name))
         if value is None:
             continue
-        if name not in owner.keys() or type(owner[name]) is not type(value) or not panel.is_same(control, owner[name], value):
+        if name not in owner.keys() or _kind(owner[name]) is not type(value) or not panel.is_same(control, owner[name], value):
             owner[name] = value
-        limits = {} if control.low is None else {"min": _number(control, control.low), "soft_min": _number(control, control.low)}
+        limits: dict[str, Any] = {} if control.low is None else {"min": _number(control, control.low), "soft_min": _number(control, control.low)}
         if control.high is not None:
             limits |= {"max": _number(control, control.high), "soft_max": _number(control, control.high)}
-        shape = limits if control.kind in ("number", "integer") else {}
+        shape: dict[str, Any] = limits if control.kind in ("number", "integer") else {}
+        if isinstance(value, list):
+            shape = {"subtype": "COLOR_GAMMA", "min": 0.0, "max": 1.0, "soft_min": 0.0, "soft_max": 1.0}
         owner.id_properties_ui(name).update(description=control.doc, **shape)
     wanted = [its["name"] for its in it.loaded["inputs"]] if it.loaded else []
     for name in wanted:
@@ -235,7 +237,15 @@ def _widget_value(control: panel.Control, text: str | None) -> Any:
         value = panel.shown(control, text)
     except ValueError:
         value = panel.shown(control, None)
-    return float(value) if control.kind == "number" and value is not None else value
+    if value is None:
+        return None
+    if control.kind == "color":
+        return panel.rgb(value) or value
+    return float(value) if control.kind == "number" else value
+
+
+def _kind(value: Any) -> type:
+    return list if hasattr(value, "to_list") else type(value)
 
 
 def _touched(owner: bpy.types.Object, it: State) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import struct
-from typing import Any
+from typing import Any, Iterable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,11 +82,31 @@ def number_text(number: float) -> str:
     return repr(float(short))
 
 
+def rgb(text: str) -> list[float] | None:
+    """Red, green and blue of `"#c33923"`, from 0 to 1; None for a color with more or less to it."""
+    digits = text.removeprefix("#")
+    try:
+        return [int(digits[it : it + 2], 16) / 255 for it in (0, 2, 4)] if len(digits) == 6 else None
+    except ValueError:
+        return None
+
+
+def hexadecimal(color: Iterable[float]) -> str:
+    """The text of a color."""
+    return "#" + "".join(f"{round(min(max(it, 0.0), 1.0) * 255):02x}" for it in color)
+
+
 def is_same(control: Control, value: Any, known: Any) -> bool:
     """Whether a widget that shows `known` holds `value` because nobody touched it."""
     if control.kind == "number":
         return single(float(value)) == single(float(known))
+    if control.kind == "color":
+        return _color(value).lower() == _color(known).lower()
     return bool(value == known)
+
+
+def _color(value: Any) -> str:
+    return value if isinstance(value, str) else hexadecimal(value)
 
 
 def ron(control: Control, value: Any) -> str:
@@ -99,7 +119,9 @@ def ron(control: Control, value: Any) -> str:
         return "true" if value else "false"
     if control.kind == "choice":
         return str(value)
-    if control.kind in ("color", "file", "text"):
+    if control.kind == "color":
+        return json.dumps(_color(value))
+    if control.kind in ("file", "text"):
         # JSON's quotes and escapes are RON's but for the number of a character.
         return json.dumps(str(value), ensure_ascii=False)
     return str(value)

@@ -121,6 +121,21 @@ class MAQUETTE_OT_reset(ForLiveObject, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class MAQUETTE_OT_choose(ForLiveObject, bpy.types.Operator):
+    """Takes this one of several words"""
+
+    bl_idname = "maquette.choose"
+    bl_label = "Choose"
+    bl_options = {"REGISTER", "UNDO"}
+    name: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+    word: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Takes it."""
+        active(context)[live.WIDGET + self.name] = self.word
+        return {"FINISHED"}
+
+
 class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
     """Writes the values into the graph's file, and leaves every other byte of it alone"""
 
@@ -227,8 +242,14 @@ def _control(layout: Any, owner: bpy.types.Object, control: panel.Control, is_se
     if name not in owner.keys():
         return
     row = layout.row(align=True)
-    ranged = control.low is not None and control.high is not None
-    row.prop(owner, f'["{name}"]', text=control.title, slider=ranged and control.kind in ("number", "integer"))
+    if control.kind == "choice":
+        row.label(text=control.title)
+        for word in control.choices:
+            chosen = row.operator("maquette.choose", text=word, depress=owner[name] == word)
+            chosen.name, chosen.word = control.name, word
+    else:
+        ranged = control.low is not None and control.high is not None
+        row.prop(owner, f'["{name}"]', text=control.title, slider=ranged and control.kind in ("number", "integer"))
     if is_set:
         row.operator("maquette.reset", text="", icon="LOOP_BACK").name = control.name
 
@@ -270,6 +291,7 @@ CLASSES = (
     MAQUETTE_OT_bake,
     MAQUETTE_OT_restart,
     MAQUETTE_OT_reset,
+    MAQUETTE_OT_choose,
     MAQUETTE_OT_write,
     MAQUETTE_OT_open_line,
     MAQUETTE_PT_object,

@@ -111,6 +111,44 @@ def test_10_a_value_that_nobody_touched_is_not_written(doll: bpy.types.Object, f
     assert (folder / "doll.ron").read_text() == text.replace("default: 12.0", "default: 20.3")
 
 
+PAINTED = """Graph(
+    format: 1,
+    params: {
+        "hue": Color(default: "#c33923", doc: "What is looked for."),
+        "how": Choice(default: Four, of: [Four, Eight], doc: "What touches."),
+    },
+    nodes: {
+        "scan": ReadCapture(color: "doll/color.png", range: "doll/range.pcd"),
+        "red": Threshold(image: "scan.color", select: Near(color: Param("hue"), distance: 30.0)),
+        "spots": Label(mask: "red", connectivity: Param("how")),
+        "whole": Triangulate(range: "scan.range"),
+        "shown": Texture(mesh: "whole", image: "scan.color"),
+    },
+    outputs: { "mesh.ply": "shown", "spots.png": "spots" },
+)
+"""
+
+
+def test_colors_and_words_have_widgets_and_go_back(empty: Any, folder: pathlib.Path) -> None:
+    (folder / "painted.ron").write_text(PAINTED)
+    owner = module("live").add(str(folder / "painted.ron"), bpy.context)
+    until(lambda: owner.maquette.shown and settled(owner))
+    assert owner.maquette.values == ""
+    hue = owner.id_properties_ui("maquette hue").as_dict()
+    assert hue["subtype"] == "COLOR_GAMMA" and [round(it * 255) for it in owner["maquette hue"]] == [0xC3, 0x39, 0x23]
+    owner["maquette hue"][1] = 0.5
+    until(lambda: owner.maquette.values == '{"hue": "\\"#c38023\\""}' and settled(owner))
+    assert bpy.ops.maquette.choose(name="how", word="Eight") == {"FINISHED"}
+    until(lambda: '"how": "Eight"' in owner.maquette.values and settled(owner))
+    module("live").reload(owner)
+    until(lambda: settled(owner))
+    assert [round(it * 255) for it in owner["maquette hue"]] == [0xC3, 0x80, 0x23] and owner["maquette how"] == "Eight"
+    for name in ("hue", "how"):
+        assert bpy.ops.maquette.reset(name=name) == {"FINISHED"}
+        until(lambda: settled(owner))
+    assert owner.maquette.values == "" and owner["maquette how"] == "Four"
+
+
 def test_3_of_a_hundred_values_in_a_second_the_last_is_shown(doll: bpy.types.Object) -> None:
     live = module("live")
     before = positions(doll).copy()
