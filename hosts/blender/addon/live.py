@@ -224,7 +224,7 @@ def _arrange(owner: bpy.types.Object, it: State) -> None:
             owner.maquette.inputs.add().name = name
     outputs = [its["name"] for its in it.loaded["outputs"]] if it.loaded else []
     if owner.maquette.output not in outputs and outputs:
-        drawn = [its["name"] for its in it.loaded["outputs"] if its["type"] in ("Mesh", "Surface", "RangeImage", "Points")]
+        drawn = [its["name"] for its in it.loaded["outputs"] if its["type"] in ("Mesh", "Surface", "ControlNet", "Points")]
         owner.maquette.output = (drawn or outputs)[0]
 
 
