@@ -105,7 +105,7 @@ def rebuild(tree: bpy.types.NodeTree, outline: dict[str, Any], kept: dict[str, S
             made = None
         if made is None:
             made = have[name] = tree.nodes.new(nodes.class_of(kind))
-            made.maquette_name, made.maquette_kind = name, kind
+            made.maquette_name, made.maquette_kind, made.select = name, kind, False
             put(made, kept.get(name, place))
         if made.maquette_graph != used.get(kind, ""):
             made.maquette_graph = used.get(kind, "")
@@ -120,6 +120,7 @@ def rebuild(tree: bpy.types.NodeTree, outline: dict[str, Any], kept: dict[str, S
         made = next((it for it in tree.nodes if it.bl_idname == base.bl_idname), None)
         if made is None and outline[section]:
             made = tree.nodes.new(base.bl_idname)
+            made.select = False
             put(made, kept.get(name, outline["places"][section]))
         if made is not None:
             sockets = made.outputs if section == "inputs" else made.inputs
