@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import colorsys
 import hashlib
+import textwrap
 from typing import Any, Callable
 
 import bpy
@@ -104,7 +105,9 @@ class NodeBase:
         if self.maquette_problem:
             column = layout.column()
             column.alert = True
-            column.label(text=self.maquette_problem, icon="ERROR")
+            # A label is one line, and cut where the node ends.
+            for place, line in enumerate(textwrap.wrap(self.maquette_problem, 28)):
+                column.label(text=line, icon="BLANK1" if place else "ERROR")
         if self.maquette_graph:
             layout.operator("maquette.open_used", icon="NODETREE").graph = self.maquette_graph
         for field in self.maquette_written.split():
