@@ -39,10 +39,11 @@ fn a_drag_evaluates_what_is_looked_at_and_writes_nothing() {
     page.set("growth", 31.5);
     assert!(!page.wait_live(&last));
     let events = served.watch.until("run");
-    let mut nodes = events.iter().filter_map(|event| event["node"].as_str());
-    assert!(nodes.all(|node| node == "raised"), "{events:?}");
-    let started = events.iter().filter(|event| event["event"] == "started").count();
-    assert!((1..=20).contains(&started), "{events:?}");
+    // What it hangs on is there, if only on disk: nothing else is computed.
+    let started = events.iter().filter(|event| event["event"] == "started");
+    let started = Vec::from_iter(started.map(|event| event["node"].as_str().unwrap()));
+    assert!(started.iter().all(|&node| node == "raised"), "{events:?}");
+    assert!((1..=20).contains(&started.len()), "{events:?}");
     // Only what the view did not need has to be computed for the outputs.
     let run = served.watch.run_until_ok();
     assert_eq!((run.state("raised"), run.state("blended")), ("cached", "computed"));
@@ -121,9 +122,10 @@ fn values_of_a_drag_that_do_not_do_are_told_once_and_the_picture_stays() {
     }
     page.say(&json!({ "ask": "drag", "values": [["girth", "1.0"], ["growth", "[1"]] }));
     page.drag("growth", 20.0);
-    let message = page.next();
-    let message = if message["event"] == "started" { page.next() } else { message };
-    let message = if message["event"] == "finished" { page.next() } else { message };
+    let mut message = page.next();
+    while message["event"] == "started" || message["event"] == "finished" {
+        message = page.next();
+    }
     let hash = project.hash("raised.net", &["growth=20.0"]);
     assert_eq!((&message["hash"], &message["live"]), (&json!(hash), &json!(true)), "{message}");
     page.drag("growth", 100.0);
