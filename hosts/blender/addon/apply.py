@@ -95,21 +95,25 @@ def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -
     files["position"] = columns.by_name["position"]["file"]
     uv = columns.by_name.get("uv")
     if uv and uv["on"] == "corner":
-        files["UVMap"] = uv["file"]
+        files["corner UVMap"] = uv["file"]
         layer = mesh.uv_layers.get("UVMap") or mesh.uv_layers.new(name="UVMap", do_init=False)
-        if known.get("UVMap") != uv["file"]:
+        if known.get("corner UVMap") != uv["file"]:
             layer.uv.foreach_set("vector", columns.numbers(uv))
+    elements = {"vertex": mesh.vertices, "edge": mesh.edges, "face": mesh.polygons, "corner": mesh.loops}
     for column in columns.told["columns"]:
-        name = column["name"]
-        if name in OWN or column["on"] not in DOMAINS or not column["count"]:
+        name, on = column["name"], elements.get(column["on"], ())
+        # Creases are on some edges only.
+        if name in OWN or not column["count"] or column["count"] != len(on):
             continue
         key = f"{column['on']} {name}"
         files[key] = column["file"]
         if known.get(key) != column["file"]:
             _attribute(mesh, columns, column)
     for key in known.keys() - files.keys():
-        attribute = mesh.attributes.get(key.split(" ", 1)[-1])
-        if attribute and not attribute.is_required:
+        on, _, name = key.partition(" ")
+        attribute = mesh.attributes.get(name)
+        # One of the same name may be on other elements now.
+        if attribute and attribute.domain == DOMAINS.get(on) and not attribute.is_required:
             mesh.attributes.remove(attribute)
     return files
 
