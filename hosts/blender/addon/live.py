@@ -49,6 +49,7 @@ class MaquetteObject(bpy.types.PropertyGroup):
     values: bpy.props.StringProperty(description="JSON: values as RON by their parameters' names")  # type: ignore[valid-type]
     inputs: bpy.props.CollectionProperty(type=MaquetteInput)  # type: ignore[valid-type]
     shown: bpy.props.StringProperty(description="The hash of the value that the mesh shows")  # type: ignore[valid-type]
+    axes: bpy.props.StringProperty(description="How the value that the mesh shows lies: a key of AXES")  # type: ignore[valid-type]
 
 
 class State:
@@ -318,7 +319,9 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
     if not told:
         return
     if "columns" not in told:
-        it.message = told.get("why", "")
+        it.message = f"{owner.maquette.output} is of the type {told['type']}: {told.get('why', '')}"
+        if owner.type == "MESH":
+            owner.data.clear_geometry()
         return
     try:
         show(owner, told)
@@ -332,11 +335,12 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
     folder = engine.client().folder
     if folder is None or owner.type != "MESH":
         return
-    first = not owner.maquette.shown
     apply.apply(owner.data, told, folder)
     apply.texture(owner.data, told, folder)
-    if first:
-        owner.matrix_world = owner.matrix_world @ Matrix.Rotation(AXES[told["axes"]], 4, "X")
+    turn = AXES[told["axes"]] - AXES.get(owner.maquette.axes, 0.0)
+    if turn:
+        owner.matrix_world = owner.matrix_world @ Matrix.Rotation(turn, 4, "X")
+        owner.maquette.axes = told["axes"]
     owner.maquette.shown = told["hash"]
 
 
