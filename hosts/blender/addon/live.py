@@ -34,6 +34,9 @@ LOOK = 0.2
 SCALE = 0.001
 AXES = {"upright": math.pi / 2, "sensor": -math.pi / 2}
 
+# What an object can be given as.
+TYPES = ("Mesh", "Points")
+
 
 class MaquetteInput(bpy.types.PropertyGroup):
     """An object at an input of a graph."""
@@ -71,9 +74,13 @@ class State:
         self.problems: list[dict[str, Any]] = []
         self.message = ""
         self.progress: tuple[str, float] | None = None
-        # Values of objects at inputs, by name, and those that are asked for.
+        # Values of objects at inputs, by name, which objects these are, those that are on their way, and those that are to be sent anew.
         self.inputs: dict[str, str] = {}
+        self.sent: dict[str, int] = {}
+        self.sending: set[str] = set()
         self.stale: set[str] = set()
+        # Why objects cannot be given, by the inputs' names.
+        self.unfit: dict[str, str] = {}
         self.runs = 0
 
 
@@ -267,11 +274,16 @@ def _run(owner: bpy.types.Object, it: State) -> None:
     if not it.loaded or not it.loaded["ok"]:
         return
     given = {its.name: its.object for its in owner.maquette.inputs if its.object}
-    for name in sorted(it.stale & given.keys()):
-        _send_input(owner, it, name, given[name])
+    it.inputs = {name: value for name, value in it.inputs.items() if name in given}
+    it.sent = {name: which for name, which in it.sent.items() if name in given}
+    for its in it.loaded["inputs"]:
+        name = its["name"]
+        if name in given and (name in it.stale or it.sent.get(name) != key(given[name])):
+            _send_input(owner, it, name, its["type"], given[name])
     lacking = [its["name"] for its in it.loaded["inputs"] if its["name"] not in it.inputs]
     if lacking:
-        it.message = f"pick an object for the input {lacking[0]}" if lacking[0] not in given else ""
+        it.answered = None
+        it.message = it.unfit.get(lacking[0], "") if lacking[0] in given else f"pick an object for the input {lacking[0]}"
         return
     wanted = (graph_path(owner), owner.maquette.values, owner.maquette.output, tuple(sorted(it.inputs.items())))
     if it.run is not None:
@@ -341,20 +353,68 @@ def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
     if turn:
         owner.matrix_world = owner.matrix_world @ Matrix.Rotation(turn, 4, "X")
         owner.maquette.axes = told["axes"]
+        _placed(owner)
     owner.maquette.shown = told["hash"]
 
 
-def _send_input(owner: bpy.types.Object, it: State, name: str, given: bpy.types.Object) -> None:
+def _placed(owner: bpy.types.Object) -> None:
+    """It lies elsewhere, and so do the objects at its inputs relative to it."""
+    state(owner).stale |= {its.name for its in owner.maquette.inputs}
+
+
+def _send_input(owner: bpy.types.Object, it: State, name: str, kind: str, given: bpy.types.Object) -> None:
     """Gives the mesh of an object to the engine, its modifiers included, as it lies relative to the live one."""
-    folder = engine.client().folder
-    if folder is None or owner.mode != "OBJECT" and given is owner:
+    # The files of what is on its way are the engine's.
+    if engine.client().folder is None or name in it.sending:
         return
     it.stale.discard(name)
-    evaluated = given.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    mesh = evaluated.to_mesh()
-    if mesh is None:
-        it.message = f"{given.name} has no mesh"
+    it.sent[name] = key(given)
+    why = _unfit(owner, kind, given)
+    columns = None if why else _columns(owner, f"in-{key(owner)}-{name}-", kind, given)
+    if columns is None:
+        it.inputs.pop(name, None)
+        it.unfit[name] = f"{name}: {why or f'{given.name} has no mesh'}"
         return
+    it.unfit.pop(name, None)
+    it.sending.add(name)
+
+    def done(answer: Answer) -> None:
+        it.sending.discard(name)
+        if answer.ok:
+            it.inputs[name] = answer["value"]
+        else:
+            it.inputs.pop(name, None)
+            it.unfit[name] = f"{name}: {answer.why}"
+
+    engine.client().ask("input", done, None, type=kind, columns=columns)
+
+
+def _unfit(owner: bpy.types.Object, kind: str, given: bpy.types.Object) -> str:
+    """Why an object cannot be given, whatever its mesh."""
+    if kind not in TYPES:
+        return f"it takes a value of the type {kind}, and an object can be given as {' or '.join(TYPES)} only"
+    found, left = set(), [given]
+    while left:
+        its = left.pop()
+        if its == owner:
+            return f"{given.name} is made of {owner.name} itself" if given != owner else f"{owner.name} cannot be made of itself"
+        if its not in found:
+            found.add(its)
+            left += [one.object for one in its.maquette.inputs if one.object]
+    return ""
+
+
+def _columns(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Object) -> list[dict[str, Any]] | None:
+    """Puts the numbers of a mesh into files and describes them; None if there is no mesh."""
+    folder = engine.client().folder
+    evaluated = given.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    try:
+        mesh = evaluated.to_mesh()
+    except RuntimeError:
+        # A light, a camera.
+        mesh = None
+    if mesh is None or folder is None:
+        return None
     try:
         mesh.transform(owner.matrix_world.inverted_safe() @ given.matrix_world)
         places = array.array("f", [0.0]) * (3 * len(mesh.vertices))
@@ -365,32 +425,26 @@ def _send_input(owner: bpy.types.Object, it: State, name: str, given: bpy.types.
         mesh.polygons.foreach_get("loop_total", sides)
     finally:
         evaluated.to_mesh_clear()
-    uid, columns = key(owner), []
-    for column, on, meaning, width, kind, numbers in (
-        ("position", "vertex", "position", 3, "f32", places),
-        ("corners", "corner", "index", 1, "u32", corners),
-        ("sides", "face", "index", 1, "u32", sides),
-    ):
-        file = f"in-{uid}-{column}"
-        (folder / file).write_bytes(numbers.tobytes())
-        columns.append({"name": column, "on": on, "meaning": meaning, "width": width, "type": kind, "file": file})
-
-    def done(answer: Answer) -> None:
-        if answer.ok:
-            it.inputs[name] = answer["value"]
-        else:
-            it.message = f"{name}: {answer.why}"
-
-    engine.client().ask("input", done, None, type="Mesh", columns=columns)
+    found = [("position", "point" if kind == "Points" else "vertex", "position", 3, "f32", places)]
+    if kind == "Mesh":
+        found += [("corners", "corner", "index", 1, "u32", corners), ("sides", "face", "index", 1, "u32", sides)]
+    columns = []
+    for name, on, meaning, width, numbers, items in found:
+        (folder / f"{start}{name}").write_bytes(items.tobytes())
+        columns.append({"name": name, "on": on, "meaning": meaning, "width": width, "type": numbers, "file": f"{start}{name}"})
+    return columns
 
 
 @persistent
 def _moved(_scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
-    """Objects at inputs were changed."""
-    changed = {update.id.original.name_full for update in depsgraph.updates if update.is_updated_geometry or update.is_updated_transform}
+    """Objects at inputs were changed, or live objects moved."""
+    moved = {update.id.original.name_full for update in depsgraph.updates if update.is_updated_transform}
+    changed = moved | {update.id.original.name_full for update in depsgraph.updates if update.is_updated_geometry}
     if not changed:
         return
     for owner in objects():
+        if owner.name_full in moved:
+            _placed(owner)
         for its in owner.maquette.inputs:
             if its.object and its.object.name_full in changed:
                 state(owner).stale.add(its.name)

@@ -40,7 +40,7 @@ def settled(owner: bpy.types.Object) -> bool:
     """Whether what an object shows is what its values say."""
     it = module("live").state(owner)
     wanted = (module("live").graph_path(owner), owner.maquette.values, owner.maquette.output, tuple(sorted(it.inputs.items())))
-    return it.run is None and it.answered == wanted and not it.stale
+    return it.run is None and it.answered == wanted and not it.stale and not it.sending
 
 
 def positions(owner: bpy.types.Object) -> Any:
