@@ -3,37 +3,84 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import pathlib
+import shutil
 import subprocess
 import sys
+import types
 from typing import Any
 
 import bpy
 import numpy as np
-from test_live import ROOT, folder, module, positions, settled, until  # noqa: F401
+import pytest
+from test_live import ROOT, SMOOTH, folder, module, positions, settled, until  # noqa: F401
 
 BENT = """Graph(
     format: 1,
-    params: { "strongest": Number(default: 0.1, min: 0.01, max: 2.0, unit: "1/mm", doc: "What is red.") },
     nodes: {
         "scan": ReadCapture(color: "doll/color.png", range: "doll/range.pcd"),
         "mesh": Triangulate(range: "scan.range"),
-        "bent": Curvature(mesh: "mesh", method: Fit, strongest: Param("strongest")),
+        "bent": Curvature(mesh: "mesh", method: Fit),
     },
-    outputs: { "bent.ply": "bent" },
+    outputs: { "shown.ply": "bent" },
 )
+"""
+
+TEXTURED = """Graph(
+    format: 1,
+    nodes: {
+        "scan": ReadCapture(color: "doll/color.png", range: "doll/range.pcd"),
+        "mesh": Triangulate(range: "scan.range"),
+        "model": Texture(mesh: "mesh", image: "scan.color"),
+    },
+    outputs: { "shown.ply": "model", "shown.glb": "model" },
+)
+"""
+
+LABELLED = """Graph(
+    format: 1,
+    nodes: { "marked": ReadMesh(path: "marked.ply") },
+    outputs: { "shown.ply": "marked" },
+)
+"""
+
+# What single precision does not have: a label beyond 2^24, and the double 0.1.
+MARKED = """ply
+format ascii 1.0
+comment attribute flag seen
+comment attribute vector flow
+element vertex 4
+property float x
+property float y
+property float z
+property uint label
+property double heat
+property uchar seen
+property float flow_x
+property float flow_y
+property float flow_z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0 16777217 0.1 1 1 0.5 0
+10 0 0 2 -0.3 0 0 1 0
+10 10 0 3 1e-30 1 0 0 1
+0 10 0 4 12345.678 0 0.25 0 1
+4 0 1 2 3
 """
 KINDS = {"float": "<f4", "double": "<f8", "uchar": "u1", "uint": "<u4", "int": "<i4"}
 
 
-def command_line(*words: object) -> None:
-    """What a user's terminal would do, by the program in the extension."""
+def command_line(*words: object, may_fail: bool = False) -> str:
+    """What a user's terminal would print, by the program in the extension."""
     found = importlib.util.find_spec("maquette")
     assert found and found.origin
     worker = pathlib.Path(module("worker").__file__)
     whole = [sys.executable, "-I", worker, pathlib.Path(found.origin).parents[1], *words]
     done = subprocess.run([str(it) for it in whole], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    assert may_fail or done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def vertices(path: pathlib.Path) -> Any:
@@ -47,27 +94,86 @@ def vertices(path: pathlib.Path) -> Any:
     return np.frombuffer(body, kind, int(lines[first][2]))
 
 
-def test_8_attributes_are_the_command_lines_as_single_numbers(empty: Any, folder: pathlib.Path) -> None:  # noqa: F811
-    graph = folder / "bent.ron"
-    graph.write_text(BENT)
+def attribute(owner: bpy.types.Object, name: str) -> Any:
+    """The numbers of an attribute, an element a row."""
+    slots = {"FLOAT": ("value", np.float32, 1), "INT": ("value", np.int32, 1), "FLOAT_VECTOR": ("vector", np.float32, 3)}
+    found = owner.data.attributes[name]
+    slot, kind, width = slots[found.data_type]
+    numbers = np.empty(len(found.data) * width, kind)
+    found.data.foreach_get(slot, numbers)
+    return numbers.reshape(-1, width)
+
+
+def same(shown: Any, written: Any) -> bool:
+    """Whether numbers are the same to the last bit."""
+    return bool(shown.dtype == written.dtype and shown.shape == written.shape and (shown.view(np.uint32) == written.view(np.uint32)).all())
+
+
+def both(folder: pathlib.Path, text: str) -> tuple[bpy.types.Object, Any]:
+    """A graph as a live object, and the vertices that the command line writes of it."""
+    graph = folder / "graph.ron"
+    graph.write_text(text)
     owner = module("live").add(str(graph), bpy.context)
     until(lambda: owner.maquette.shown and settled(owner))
     command_line("run", graph, "--out", folder / "out", "--no-cache")
-    written = vertices(folder / "out/bent.ply")
-    same = 0
-    for name in ("gaussian", "mean", "k1", "k2", "extraordinary", "unknown"):
-        attribute = owner.data.attributes.get(name)
-        if attribute is None or name not in written.dtype.names:
-            assert name not in written.dtype.names and attribute is None, name
-            continue
-        shown = np.empty(len(attribute.data), np.float32 if attribute.data_type == "FLOAT" else np.int32)
-        attribute.data.foreach_get("value", shown)
-        assert (shown == written[name].astype(shown.dtype)).all() and shown.any() or name in ("extraordinary", "unknown"), name
-        same += 1
-    assert same >= 4, (written.dtype.names, list(owner.data.attributes.keys()))
-    # Files stand upright; a scan looks along z, and the object is turned instead.
-    there = np.stack([written[it] for it in "xyz"], 1).astype(np.float32) * np.array([1, -1, -1], np.float32)
-    assert (positions(owner) == there).all()
+    return owner, vertices(folder / "out/shown.ply")
+
+
+def columns(written: Any, *names: str) -> Any:
+    """Some properties of vertices, one beside the other."""
+    return np.ascontiguousarray(np.stack([written[it] for it in names], 1))
+
+
+# Files stand upright; a scan looks along z, and the object is turned instead.
+UPRIGHT = np.array([1, -1, -1], np.float32)
+
+
+def test_8_curvature_is_the_command_lines_bit_by_bit(empty: Any, folder: pathlib.Path) -> None:  # noqa: F811
+    owner, written = both(folder, BENT)
+    for name in ("gaussian", "mean", "k1", "k2"):
+        shown = attribute(owner, name)
+        assert shown.any() and same(shown, columns(written, name)), name
+    for name in ("direction1", "direction2"):
+        shown = attribute(owner, name)
+        assert shown.any() and (shown * UPRIGHT == columns(written, *(f"{name}_{it}" for it in "xyz"))).all(), name
+    for name in ("extraordinary", "unknown"):
+        assert (attribute(owner, name) == columns(written, name)).all(), name
+    assert (positions(owner) * UPRIGHT == columns(written, *"xyz")).all()
+
+
+def test_8_labels_numbers_flags_and_vectors_are_the_command_lines_bit_by_bit(empty: Any, folder: pathlib.Path) -> None:  # noqa: F811
+    (folder / "marked.ply").write_text(MARKED)
+    owner, written = both(folder, LABELLED)
+    assert attribute(owner, "label").ravel().tolist() == written["label"].tolist() == [16777217, 2, 3, 4]
+    assert attribute(owner, "seen").ravel().tolist() == written["seen"].tolist() == [1, 0, 1, 0]
+    assert same(attribute(owner, "heat"), columns(written, "heat")) and written["heat"][0] == np.float32(0.1)
+    assert same(attribute(owner, "flow"), columns(written, "flow_x", "flow_y", "flow_z"))
+    assert same(positions(owner), columns(written, *"xyz"))
+
+
+def test_8_texture_and_its_coordinates_are_those_of_the_files(empty: Any, folder: pathlib.Path) -> None:  # noqa: F811
+    owner, written = both(folder, TEXTURED)
+    corners = np.empty(len(owner.data.loops), np.int32)
+    owner.data.attributes[".corner_vert"].data.foreach_get("value", corners)
+    shown = np.empty(2 * len(corners), np.float32)
+    owner.data.uv_layers["UVMap"].uv.foreach_get("vector", shown)
+    assert same(shown.reshape(-1, 2), columns(written, "s", "t")[corners]) and shown.any()
+
+    def pixels(image: bpy.types.Image) -> Any:
+        found = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(found)
+        return found
+
+    whole = (folder / "out/shown.glb").read_bytes()
+    length = int.from_bytes(whole[12:16], "little")
+    told = json.loads(whole[20 : 20 + length])
+    view = told["bufferViews"][told["images"][0]["bufferView"]]
+    start = 28 + length + view.get("byteOffset", 0)
+    (folder / "glb.png").write_bytes(whole[start : start + view["byteLength"]])
+    texture = pixels(owner.data.materials[0].node_tree.nodes["Texture"].image)
+    assert len(set(texture.tolist())) > 16
+    for file in ("glb.png", "doll/color.png"):
+        assert same(texture, pixels(bpy.data.images.load(str(folder / file)))), file
 
 
 OTHERS = """Graph(
@@ -83,57 +189,248 @@ OTHERS = """Graph(
         "across": Knots(net: "net", along: V, order: 3),
         "surface": Nurbs(net: "net", u: "knots", v: "across"),
         "mesh": Triangulate(range: "scan.range"),
+        "bent": Curvature(mesh: "mesh", method: Fit),
+        "mug": ReadMesh(path: "doll/mug.obj"),
+        "sharp": Crease(mesh: "mug", angle: 30.0),
+        "points": ReadPoints(path: "doll/points.xyz"),
+        "lines": Lattice(mesh: "mug"),
     },
     outputs: { "mesh.ply": "mesh", "surface.ply": "surface" },
 )
 """
 
 
+
+# What is seen of each: vertices, edges and faces.
+SHOWN = {
+    "mesh": "vef",
+    "bent": "vef",
+    "surface": "vef",
+    "nose": "ve",
+    "sharp": "vef",
+    "points": "v",
+    "lines": "ve",
+    "net": "ve",
+    "normal": "ve",
+}
+UNSEEN = {
+    "scan.color": "Image",
+    "scan.range": "RangeImage",
+    "red": "Mask",
+    "spots": "Labels",
+    "knots": "KnotVector",
+}
+
+
 def test_every_kind_of_value_is_shown_or_it_is_said_why_not(empty: Any, folder: pathlib.Path) -> None:  # noqa: F811
     (folder / "others.ron").write_text(OTHERS)
-    owner = module("live").add(str(folder / "others.ron"), bpy.context)
+    live = module("live")
+    owner = live.add(str(folder / "others.ron"), bpy.context)
     until(lambda: owner.maquette.shown and settled(owner))
-    it = module("live").state(owner)
-    seen: dict[str, tuple[int, int, int, str]] = {}
-    values = ("mesh", "scan.range", "net", "surface", "scan.color", "red", "spots", "nose", "normal", "knots", "mesh")
-    for value in values:
+    it = live.state(owner)
+    seen: dict[str, Any] = {}
+
+    def show(value: str) -> None:
+        """Shows a value; what is seen of it does not depend on what was seen before."""
         owner.maquette.output = value
         until(lambda: settled(owner) and it.asked[2] == value)
         mesh = owner.data
-        assert not mesh.validate(verbose=True)
-        now = (len(mesh.vertices), len(mesh.edges), len(mesh.polygons), it.message)
+        assert not mesh.validate(verbose=True) and not it.problems
+        parts = {"v": len(mesh.vertices), "e": len(mesh.edges), "f": len(mesh.polygons)}
+        names = sorted((it.name, it.domain, it.data_type) for it in mesh.attributes if not it.is_internal)
+        turned = [round(number, 3) for row in owner.matrix_world for number in row]
+        now = (parts, names, turned if value in SHOWN else None, it.message)
         assert seen.setdefault(value, now) == now
-        assert not it.problems
-    for value in ("mesh", "net", "nose", "surface"):
-        assert seen[value][0] > 16 and not seen[value][3], (value, seen[value])
-    for value in ("scan.color", "scan.range", "red", "spots", "knots"):
-        assert "nothing of it lies in space" in seen[value][3], (value, seen[value])
+        if value in SHOWN:
+            assert "".join(part for part in parts if parts[part]) == SHOWN[value] and not it.message, (value, now)
+        else:
+            assert not any(parts.values()), (value, now)
+            assert f"{value} is of the type {UNSEEN[value]}" in it.message, it.message
+
+    every = [*SHOWN, *UNSEEN]
+    for value in [*every, *reversed(every), *every[::2], *every[1::2]]:
+        show(value)
+    assert "k1" in str(seen["bent"]) and "k1" not in str(seen["mesh"])
+    # A scan and a drawing have axes of their own.
+    assert seen["mesh"][2] != seen["sharp"][2]
 
 
-def test_9_each_graphs_panel_says_what_the_module_says(empty: Any) -> None:
+def test_an_attribute_that_moves_to_other_elements_is_not_lost(empty: Any, tmp_path: pathlib.Path) -> None:
+    apply = module("apply")
+
+    def told(*attributes: tuple[str, str, list[float]]) -> dict[str, Any]:
+        """A triangle with attributes."""
+        parts = [("position", "vertex", 3, "f32", [0, 0, 0, 1, 0, 0, 0, 1, 0]), ("corners", "corner", 1, "u32", [0, 1, 2])]
+        parts += [("edges", "edge", 2, "u32", [0, 1, 1, 2, 2, 0]), ("edge of a corner", "corner", 1, "u32", [0, 1, 2])]
+        parts += [(name, on, 1, "f32", numbers) for name, on, numbers in attributes]
+        found = []
+        for name, on, width, kind, numbers in parts:
+            file = f"{name}-{on}-{len(numbers)}-{sum(numbers)}"
+            np.array(numbers, "<f4" if kind == "f32" else "<u4").tofile(tmp_path / file)
+            count = len(numbers) // width
+            found.append({"name": name, "on": on, "meaning": "number", "width": width, "type": kind, "count": count, "file": file})
+        return {"sides": 3, "columns": found}
+
+    mesh = bpy.data.meshes.new("triangle")
+    owner: Any = types.SimpleNamespace(data=mesh)
+    for on, numbers in (("vertex", [1.0, 2.0, 3.0]), ("face", [4.0]), ("corner", [5.0, 6.0, 7.0]), ("vertex", [8.0, 9.0, 10.0])):
+        apply.apply(mesh, told(("heat", on, numbers)), tmp_path)
+        assert mesh.attributes["heat"].domain == apply.DOMAINS[on]
+        assert attribute(owner, "heat").ravel().tolist() == numbers
+    # As creases are: on some edges only.
+    apply.apply(mesh, told(("some", "edge", [1.0, 2.0])), tmp_path)
+    assert "some" not in mesh.attributes and "heat" not in mesh.attributes
+
+
+def world(owner: bpy.types.Object) -> list[float]:
+    """The bounds of an object in the world."""
+    bpy.context.view_layer.update()
+    places = positions(owner) @ np.array(owner.matrix_world.to_3x3()).T + np.array(owner.matrix_world.translation)
+    return [round(float(it), 3) for it in np.concatenate([places.min(0), places.max(0)])]
+
+
+def cube(size: float, height: float) -> bpy.types.Object:
+    """A cube above the middle."""
+    bpy.ops.mesh.primitive_cube_add(size=size, location=(0, 0, height))
+    return bpy.context.object
+
+
+@pytest.fixture
+def smooth(empty: Any, tmp_path: pathlib.Path) -> bpy.types.Object:
+    """A live object that wants a mesh."""
+    (tmp_path / "smooth.ron").write_text(SMOOTH)
+    owner = module("live").add(str(tmp_path / "smooth.ron"), bpy.context)
+    until(lambda: "cage" in owner.maquette.inputs)
+    return owner
+
+
+def test_what_comes_of_an_object_lies_where_the_object_is(smooth: bpy.types.Object) -> None:
+    def lies_at(height: float, width: float) -> None:
+        def is_so() -> bool:
+            if not (smooth.maquette.shown and settled(smooth)):
+                return False
+            low, high = np.split(np.array(world(smooth)), 2)
+            middle = (low + high) / 2 - [0, 0, height]
+            return bool(np.abs(middle).max() < 0.01 and width * 0.8 < high[0] - low[0] < width)
+
+        until(is_so, 5)
+
+    smooth.maquette.inputs["cage"].object = cube(2, 3)
+    lies_at(3, 2)
+    smooth.location.x = 7
+    bpy.context.view_layer.update()
+    lies_at(3, 2)
+    # Another object in its place, and none.
+    smooth.maquette.inputs["cage"].object = cube(4, -5)
+    lies_at(-5, 4)
+    last = world(smooth)
+    smooth.maquette.inputs["cage"].object = None
+    until(lambda: "pick an object for the input cage" in module("live").state(smooth).message)
+    assert world(smooth) == last
+    # The same again: nothing is new, and nothing lacks.
+    smooth.maquette.inputs["cage"].object = bpy.context.object
+    lies_at(-5, 4)
+    assert not module("live").state(smooth).message
+
+
+PAIR = """Graph(
+    format: 1,
+    inputs: { "low": Mesh(doc: "one"), "high": Mesh(doc: "another") },
+    nodes: { "one": Transform(mesh: "low"), "another": Transform(mesh: "high") },
+    outputs: { "low-one": "one", "high-one": "another" },
+)
+"""
+
+
+def test_each_of_two_inputs_has_its_own_object(empty: Any, tmp_path: pathlib.Path) -> None:
+    (tmp_path / "pair.ron").write_text(PAIR)
+    owner = module("live").add(str(tmp_path / "pair.ron"), bpy.context)
+    until(lambda: "high" in owner.maquette.inputs)
+    owner.maquette.inputs["low"].object, owner.maquette.inputs["high"].object = cube(2, -5), cube(4, 5)
+    for value, bounds in (("low-one", [-1, -1, -6, 1, 1, -4]), ("high-one", [-2, -2, 3, 2, 2, 7])) * 2:
+        owner.maquette.output = value
+        until(lambda: owner.maquette.shown and settled(owner))
+        assert world(owner) == bounds
+
+
+def test_an_object_without_a_mesh_is_no_input_and_that_is_said(smooth: bpy.types.Object) -> None:
+    it = module("live").state(smooth)
+    for data in (None, bpy.data.cameras.new("Camera"), bpy.data.lights.new("Light", "SUN")):
+        given = bpy.data.objects.new(data.name if data else "Empty", data)
+        bpy.context.collection.objects.link(given)
+        smooth.maquette.inputs["cage"].object = given
+        until(lambda: it.message == f"cage: {given.name} has no mesh")
+    smooth.maquette.inputs["cage"].object = cube(2, 0)
+    until(lambda: smooth.maquette.shown and settled(smooth))
+    assert not it.message and len(smooth.data.polygons) == 96
+
+
+def test_an_object_is_not_made_of_itself_also_not_by_another_one(smooth: bpy.types.Object) -> None:
+    live = module("live")
+    smooth.maquette.inputs["cage"].object = smooth
+    until(lambda: "cannot be made of itself" in live.state(smooth).message)
+    smooth.maquette.inputs["cage"].object = cube(2, 0)
+    until(lambda: smooth.maquette.shown and settled(smooth))
+    other = live.add(live.graph_path(smooth), bpy.context)
+    until(lambda: "cage" in other.maquette.inputs)
+    other.maquette.inputs["cage"].object = smooth
+    until(lambda: other.maquette.shown and settled(other))
+    smooth.maquette.inputs["cage"].object = other
+    until(lambda: f"{other.name} is made of {smooth.name} itself" in live.state(smooth).message)
+    assert (len(smooth.data.polygons), len(other.data.polygons)) == (96, 96 * 16)
+
+
+TAKES = 'Graph(format: 1, inputs: {{ "it": {}(doc: "") }}, nodes: {{ "moved": Transform(mesh: "it") }}, outputs: {{ "moved": "moved" }})'
+
+
+def test_vertices_are_given_as_points_and_what_cannot_be_given_is_said(empty: Any, tmp_path: pathlib.Path) -> None:
+    live, given = module("live"), cube(2, 3)
+    for kind in ("Points", "Curve", "ControlNet", "RangeImage"):
+        (tmp_path / f"{kind}.ron").write_text(TAKES.format(kind))
+        owner = live.add(str(tmp_path / f"{kind}.ron"), bpy.context)
+        until(lambda: "it" in owner.maquette.inputs)
+        owner.maquette.inputs["it"].object = given
+        if kind == "Points":
+            until(lambda: owner.maquette.shown and settled(owner))
+            assert (len(owner.data.vertices), len(owner.data.edges)) == (8, 0)
+            assert world(owner) == [-1, -1, 2, 1, 1, 4]
+        else:
+            until(lambda: f"a value of the type {kind}, and an object can be given as Mesh or Points only" in live.state(owner).message)
+            assert not owner.maquette.shown
+
+
+def test_9_each_graphs_panel_says_what_the_module_and_the_command_line_say(empty: Any, tmp_path: pathlib.Path) -> None:
     import maquette
 
+    live, panel = module("live"), module("panel")
+    graphs = tmp_path / "graphs"
+    shutil.copytree(ROOT / "graphs", graphs, ignore=shutil.ignore_patterns("goldens", "pictures", "*.test.ron"))
     compared = 0
-    for graph in sorted((ROOT / "graphs").rglob("*.ron")):
-        if "\nGraph(" not in "\n" + graph.read_text():
+    for graph in sorted(graphs.rglob("*.ron")):
+        if "\n    params: {" not in graph.read_text():
             continue
-        try:
-            declared = maquette.load(str(graph)).params
-        except Exception:
-            # A patch, or one with a mistake.
-            continue
-        owner = module("live").add(str(graph), bpy.context)
-        it = module("live").state(owner)
+        declared = maquette.load(str(graph)).params
+        # The command line describes the graphs that another one uses.
+        using = graph.with_name("using.ron")
+        using.write_text(f'Graph(format: 1, use: {{ "It": "{graph.name}" }}, nodes: {{}}, outputs: {{}})')
+        (printed,) = json.loads(command_line("nodes", using, "It", "--json", may_fail=True))["nodes"]
+        owner = live.add(str(graph), bpy.context)
+        it = live.state(owner)
         until(lambda: it.loaded)
+        assert it.loaded["ok"] and it.controls == panel.controls(printed["parameters"]), graph
+        assert [control.name for control in it.controls] == list(declared), graph
         for control in it.controls:
             own, name = declared[control.name], f"maquette {control.name}"
-            assert control.doc == (own.doc or ""), (graph, name)
+            said = (control.doc, control.unit, control.low, control.high, control.choices, control.default)
+            assert said == (own.doc, own.unit or "", own.min, own.max, own.choices, own.default), (graph, name)
             shown = owner.id_properties_ui(name).as_dict()
-            assert shown["description"] == control.doc
+            assert shown["description"] == own.doc
             if control.kind in ("number", "integer"):
                 assert owner[name] == own.default, (graph, name)
-                assert own.min is None or shown["min"] == own.min
-                assert own.max is None or shown["max"] == own.max
-                compared += 1
+                for bound, limit in (("min", own.min), ("max", own.max)):
+                    assert limit is None or shown[bound] == shown[f"soft_{bound}"] == limit, (graph, name)
+            elif control.kind != "color":
+                assert owner[name] == panel.shown(control, None), (graph, name)
+            compared += 1
         bpy.data.objects.remove(owner)
-    assert compared > 30, compared
+    assert compared > 40, compared
