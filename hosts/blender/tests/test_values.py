@@ -342,11 +342,16 @@ PAIR = """Graph(
 """
 
 
-def test_each_of_two_inputs_has_its_own_object(empty: Any, tmp_path: pathlib.Path) -> None:
+def test_each_of_two_inputs_has_its_own_object(empty: Any, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "pair.ron").write_text(PAIR)
     owner = module("live").add(str(tmp_path / "pair.ron"), bpy.context)
     until(lambda: "high" in owner.maquette.inputs)
     owner.maquette.inputs["low"].object, owner.maquette.inputs["high"].object = cube(2, -5), cube(4, 5)
+    # The engine reads neither before both are there.
+    with monkeypatch.context() as slow:
+        slow.setattr(module("engine").client(), "_send", lambda: None)
+        module("live").tick()
+    assert module("live").state(owner).sending == {"low", "high"}
     for value, bounds in (("low-one", [-1, -1, -6, 1, 1, -4]), ("high-one", [-2, -2, 3, 2, 2, 7])) * 2:
         owner.maquette.output = value
         until(lambda: owner.maquette.shown and settled(owner))
