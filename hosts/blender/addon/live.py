@@ -219,10 +219,7 @@ def _arrange(owner: bpy.types.Object, it: State) -> None:
             continue
         if name not in owner.keys() or _kind(owner[name]) is not type(value) or not panel.is_same(control, owner[name], value):
             owner[name] = value
-        limits: dict[str, Any] = {} if control.low is None else {"min": _number(control, control.low), "soft_min": _number(control, control.low)}
-        if control.high is not None:
-            limits |= {"max": _number(control, control.high), "soft_max": _number(control, control.high)}
-        shape: dict[str, Any] = limits if control.kind in ("number", "integer") else {}
+        shape: dict[str, Any] = control.limits() if control.kind in ("number", "integer") else {}
         if isinstance(value, list):
             shape = {"subtype": "COLOR_GAMMA", "min": 0.0, "max": 1.0, "soft_min": 0.0, "soft_max": 1.0}
         owner.id_properties_ui(name).update(description=control.doc, **shape)
@@ -234,10 +231,6 @@ def _arrange(owner: bpy.types.Object, it: State) -> None:
     if owner.maquette.output not in outputs and outputs:
         drawn = [its["name"] for its in it.loaded["outputs"] if its["type"] in ("Mesh", "Surface", "ControlNet", "Points")]
         owner.maquette.output = (drawn or outputs)[0]
-
-
-def _number(control: panel.Control, number: float) -> float | int:
-    return int(number) if control.kind == "integer" else float(number)
 
 
 def _widget_value(control: panel.Control, text: str | None) -> Any:

@@ -129,8 +129,8 @@ def _draw(node: bpy.types.Node, layout: Any, field: str) -> None:
     if control and control.kind == "choice" and node[FIELD + field] in control.choices and hasattr(node, _choice(field)):
         layout.prop(node, _choice(field), text=field)
         return
-    ranged = control is not None and control.low is not None and control.high is not None
-    layout.prop(node, f'["{FIELD}{field}"]', text=field, slider=ranged and not isinstance(node[FIELD + field], str))
+    is_slider = control is not None and control.is_ranged and not isinstance(node[FIELD + field], str)
+    layout.prop(node, f'["{FIELD}{field}"]', text=field, slider=is_slider)
 
 
 class MaquetteNodeOther(NodeBase, bpy.types.Node):
@@ -307,14 +307,8 @@ def _value(control: panel.Control | None, text: str | None) -> Any:
 
 def _tell(node: bpy.types.Node, name: str, control: panel.Control, value: Any) -> None:
     """Gives a field the range and the words of its control."""
-    shape: dict[str, Any] = {}
-    if not isinstance(value, (str, bool)):
-        kind = type(value)
-        if control.low is not None:
-            shape |= {"min": kind(control.low), "soft_min": kind(control.low)}
-        if control.high is not None:
-            shape |= {"max": kind(control.high), "soft_max": kind(control.high)}
-    elif control.kind == "file":
+    shape: dict[str, Any] = {} if isinstance(value, (str, bool)) else control.limits()
+    if control.kind == "file":
         shape["subtype"] = "FILE_PATH"
     node.id_properties_ui(name).update(description=control.doc, **shape)
 

@@ -28,6 +28,17 @@ class Control:
         words = self.name.replace("-", " ").capitalize()
         return f"{words} ({self.unit})" if self.unit else words
 
+    @property
+    def is_ranged(self) -> bool:
+        """Whether it is a number between two others: a slider."""
+        return self.kind in ("number", "integer") and self.low is not None and self.high is not None
+
+    def limits(self) -> dict[str, float]:
+        """Its range, as widgets of Blender have it."""
+        kind = int if self.kind == "integer" else float
+        ends = {"min": self.low, "max": self.high}
+        return {f"{soft}{end}": kind(it) for end, it in ends.items() if it is not None for soft in ("", "soft_")}
+
 
 def controls(schema: dict[str, Any]) -> list[Control]:
     """The parameters in their order; inputs are none. Those of a type of nodes are its fields."""

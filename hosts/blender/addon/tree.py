@@ -168,7 +168,7 @@ def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
         edited, state.edited = state.edited, None
         if edited is not None:
             state.keeps |= not edits.is_same(edited, shown(tree)[0])
-        elif state.outline is not None and not state.keeps and edits.difference(state.outline, shown(tree)[0])[0]:
+        elif state.outline is not None and not state.keeps and edits.difference(state.outline, _wished(tree, state))[0]:
             # What the user has changed meanwhile goes into the file first; then this is asked for again.
             state.stamps = {path: None}
             _edit(tree, state, path)
@@ -233,13 +233,17 @@ def _put(tree: bpy.types.NodeTree, state: State, path: str) -> None:
     _ask(state, key(tree), "put", then, graph=path, was=state.text, text=tree.maquette_text)
 
 
+def _wished(tree: bpy.types.NodeTree, state: State) -> edits.Shown:
+    """What a tree shows, without what was refused already."""
+    return edits.without(shown(tree)[0], state.refused)[0]
+
+
 def _edit(tree: bpy.types.NodeTree, state: State, path: str) -> None:
     """Makes the file what the tree shows; or the tree what the file says."""
     assert state.outline is not None
     everything, places = shown(tree)
-    now = everything
-    names = {id(node): name for node, name in zip(now.nodes, places)}
-    now, state.refused = edits.without(now, state.refused)
+    names = {id(node): name for node, name in zip(everything.nodes, places)}
+    now, state.refused = edits.without(everything, state.refused)
     changes, waiting = edits.difference(state.outline, now)
     new = [node for node in now.nodes if not node.name and not any(node is it for it in waiting)]
     for node in waiting:

@@ -248,8 +248,7 @@ def _control(layout: Any, owner: bpy.types.Object, control: panel.Control, is_se
             chosen = row.operator("maquette.choose", text=word, depress=owner[name] == word)
             chosen.name, chosen.word = control.name, word
     else:
-        ranged = control.low is not None and control.high is not None
-        row.prop(owner, f'["{name}"]', text=control.title, slider=ranged and control.kind in ("number", "integer"))
+        row.prop(owner, f'["{name}"]', text=control.title, slider=control.is_ranged)
     if is_set:
         row.operator("maquette.reset", text="", icon="LOOP_BACK").name = control.name
 

@@ -285,6 +285,10 @@ def test_11_a_new_node_says_what_it_needs_and_why_it_was_refused(tree: bpy.types
     tree.nodes[name]["field select"] = 'Near(colour: "#ff0000")'
     until(lambda: "needs a field `color`" in tree.nodes[name].maquette_problem)
     assert path.read_text() == text
+    # While it stands there, what somebody else does to the file is seen all the same.
+    text = text.replace('"spots"', '"patches"')
+    path.write_text(text)
+    until(lambda: any(it.label == "patches" for it in tree.nodes))
     tree.nodes[name]["field select"] = 'Near(color: "#ff0000")'
     until(lambda: path.read_text() != text and is_settled(tree, path))
     added = '"threshold": Threshold(image: "scan", select: Near(color: "#ff0000"))'
