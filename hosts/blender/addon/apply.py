@@ -11,8 +11,27 @@ import bpy
 FACES = "maquette_faces"
 FILES = "maquette_files"
 
+# And its material, with the file of the texture that this shows; empty while there is none.
+MATERIAL = "maquette_material"
+TEXTURE = "maquette_texture"
+
 # Columns that are the mesh itself.
-OWN = {"position", "corners", "sides", "edges", "edge of a corner", "uv"}
+OWN = {
+    ("vertex", "position"),
+    ("corner", "corners"),
+    ("face", "sides"),
+    ("edge", "edges"),
+    ("corner", "edge of a corner"),
+    ("corner", "uv"),
+    ("edge", "creases"),
+}
+
+# Names that Blender keeps for itself, and how many bytes of others it surely takes, with some left for what is put behind.
+TAKEN = ("position", "UVMap", "crease_edge", "id", "material_index", "sharp_edge", "sharp_face")
+LONGEST = 48
+
+# Creases of Blender are from 0 to 1, where 1 never softens; the engine counts the subdivisions that stay sharp, and 10 never soften.
+NEVER_SOFT = 10
 
 DOMAINS = {"vertex": "POINT", "edge": "EDGE", "face": "FACE", "corner": "CORNER"}
 
@@ -23,7 +42,7 @@ class Columns:
     def __init__(self, told: dict[str, Any], folder: pathlib.Path) -> None:
         self.told = told
         self.folder = folder
-        self.by_name = {it["name"]: it for it in reversed(told["columns"])}
+        self.own = {it["name"]: it for it in reversed(told["columns"]) if (it["on"], it["name"]) in OWN}
 
     def numbers(self, column: dict[str, Any], kind: str | None = None) -> Any:
         """The numbers one after the other; `kind` is another type of the same size."""
@@ -36,17 +55,17 @@ class Columns:
 
     def named(self, name: str, kind: str | None = None) -> Any:
         """The numbers of a column; None if there is no such column."""
-        column = self.by_name.get(name)
+        column = self.own.get(name)
         return None if column is None else self.numbers(column, kind)
 
     def count(self, name: str) -> int:
         """How many elements a column has."""
-        return int(self.by_name[name]["count"]) if name in self.by_name else 0
+        return int(self.own[name]["count"]) if name in self.own else 0
 
     def faces(self) -> str:
         """The files that say which vertices belong together."""
         names = ["corners", "sides", "edges"]
-        return " ".join(f"{it}={self.by_name[it]['file']}" for it in names if it in self.by_name) + f" {self.told.get('sides')}"
+        return " ".join(f"{it}={self.own[it]['file']}" for it in names if it in self.own) + f" {self.told.get('sides')}"
 
 
 def apply(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) -> None:
@@ -90,25 +109,29 @@ def _topology(mesh: bpy.types.Mesh, columns: Columns) -> None:
 def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -> dict[str, str]:
     """Writes the columns whose files are not known; gives the files of all."""
     files = {}
-    if known.get("position") != columns.by_name["position"]["file"]:
+    if known.get("position") != columns.own["position"]["file"]:
         mesh.attributes["position"].data.foreach_set("vector", columns.named("position"))
-    files["position"] = columns.by_name["position"]["file"]
-    uv = columns.by_name.get("uv")
+    files["position"] = columns.own["position"]["file"]
+    uv = columns.own.get("uv")
     if uv and uv["on"] == "corner":
         files["corner UVMap"] = uv["file"]
         layer = mesh.uv_layers.get("UVMap") or mesh.uv_layers.new(name="UVMap", do_init=False)
         if known.get("corner UVMap") != uv["file"]:
             layer.uv.foreach_set("vector", columns.numbers(uv))
     elements = {"vertex": mesh.vertices, "edge": mesh.edges, "face": mesh.polygons, "corner": mesh.loops}
-    for column in columns.told["columns"]:
-        name, on = column["name"], elements.get(column["on"], ())
-        # Creases are on some edges only.
-        if name in OWN or not column["count"] or column["count"] != len(on):
+    for name, column in _named(columns).items():
+        # Some may be on some elements only.
+        if not column["count"] or column["count"] != len(elements[column["on"]]):
             continue
         key = f"{column['on']} {name}"
         files[key] = column["file"]
         if known.get(key) != column["file"]:
-            _attribute(mesh, columns, column)
+            _attribute(mesh, columns, column, name)
+    creases = columns.own.get("creases")
+    if creases:
+        files["edge crease_edge"] = creases["file"]
+        if known.get("edge crease_edge") != creases["file"]:
+            _creases(mesh, columns)
     for key in known.keys() - files.keys():
         on, _, name = key.partition(" ")
         attribute = mesh.attributes.get(name)
@@ -118,61 +141,110 @@ def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -
     return files
 
 
-def _attribute(mesh: bpy.types.Mesh, columns: Columns, column: dict[str, Any]) -> None:
+def _named(columns: Columns) -> dict[str, dict[str, Any]]:
+    """Attributes by their names in Blender, which has one of each name: those on vertices come first and keep theirs."""
+    found: dict[str, dict[str, Any]] = {}
+    for column in columns.told["columns"]:
+        on, name = column["on"], column["name"]
+        if (on, name) in OWN or on not in DOMAINS:
+            continue
+        name = name.encode()[:LONGEST].decode(errors="ignore")
+        while name in found or name in TAKEN:
+            name = f"{name}.{on}"
+        found[name] = column
+    return found
+
+
+def _creases(mesh: bpy.types.Mesh, columns: Columns) -> None:
+    """Each is two vertices and how sharp the edge between them is, in the order of the vertices."""
+    import numpy as np
+
+    def number(ends: Any) -> Any:
+        low, high = np.sort(ends.astype(np.int64), axis=1).T
+        return low * len(mesh.vertices) + high
+
+    creases = columns.named("creases").reshape(-1, 3)
+    known, edges = number(creases[:, :2]), number(columns.named("edges", "<i4").reshape(-1, 2))
+    place = np.minimum(np.searchsorted(known, edges), len(known) - 1)
+    sharpness = np.where(known[place] == edges, creases[place, 2], 0)
+    attribute = mesh.attributes.get("crease_edge") or mesh.attributes.new("crease_edge", "FLOAT", "EDGE")
+    attribute.data.foreach_set("value", np.sqrt(np.minimum(sharpness / NEVER_SOFT, 1)).astype(np.float32))
+
+
+def _attribute(mesh: bpy.types.Mesh, columns: Columns, column: dict[str, Any], name: str) -> None:
     import numpy as np
 
     width, domain = column["width"], DOMAINS[column["on"]]
     numbers = columns.numbers(column)
-    if column["type"] in ("u8", "u32"):
+    if column["type"] == "u8" and width == 3:
+        kind, slot = "BYTE_COLOR", "color_srgb"
+        numbers = np.insert(numbers.reshape(-1, 3) / np.float32(255), 3, 1, axis=1).ravel()
+    elif column["type"] in ("u8", "u32"):
+        if width != 1:
+            return
         # Blender's whole numbers have a sign.
         kind, slot, numbers = "INT", "value", numbers.astype(np.int32)
-    elif width == 3 and column["meaning"] == "color":
-        kind, slot = "FLOAT_COLOR", "color"
-        numbers = np.insert(numbers.reshape(-1, 3), 3, 1, axis=1).ravel()
     else:
         kinds = {1: ("FLOAT", "value"), 2: ("FLOAT2", "vector"), 3: ("FLOAT_VECTOR", "vector"), 4: ("FLOAT_COLOR", "color")}
         if width not in kinds:
             return
         kind, slot = kinds[width]
-    if column["type"] in ("u8", "u32") and width != 1:
-        return
-    attribute = mesh.attributes.get(column["name"])
+    attribute = mesh.attributes.get(name)
     if attribute and (attribute.data_type, attribute.domain) != (kind, domain):
         if attribute.is_required:
             return
         mesh.attributes.remove(attribute)
         attribute = None
-    attribute = attribute or mesh.attributes.new(column["name"], kind, domain)
+    attribute = attribute or mesh.attributes.new(name, kind, domain)
     if attribute:
         attribute.data.foreach_set(slot, np.ascontiguousarray(numbers))
 
 
 def texture(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) -> None:
-    """Gives a mesh a material with its texture, once; what a user makes of that stays."""
+    """Gives a mesh a material with its texture; what a user makes of that stays, and comes back when the texture does."""
     picture = told.get("texture")
+    was, mesh[TEXTURE] = mesh.get(TEXTURE, ""), picture["file"] if picture else ""
+    material = mesh.get(MATERIAL)
     if not picture:
+        for slot in reversed(range(len(mesh.materials))):
+            if was and material and mesh.materials[slot] == material:
+                mesh.materials.pop(index=slot)
         return
-    name = f"{mesh.name} texture"
     image = next((it for it in bpy.data.images if it.get("maquette_file") == picture["file"]), None)
     if image is None:
         image = bpy.data.images.load(str(folder / picture["file"]))
-        image.name = name
+        image.name = f"{mesh.name} texture"
         image.pack()
         image["maquette_file"] = picture["file"]
-    material = next((it for it in mesh.materials if it and it.get("maquette")), None)
     if material is None:
-        material = bpy.data.materials.new(mesh.name)
-        material["maquette"] = True
-        if bpy.app.version < (5, 0):
-            material.use_nodes = True
-        nodes, links = material.node_tree.nodes, material.node_tree.links
-        shader = next(it for it in nodes if it.type == "BSDF_PRINCIPLED")
-        shader.inputs["Roughness"].default_value = 0.8
-        shown = nodes.new("ShaderNodeTexImage")
-        shown.name = "Texture"
-        shown.location = (shader.location.x - 320, shader.location.y)
-        links.new(shown.outputs["Color"], shader.inputs["Base Color"])
+        material = mesh[MATERIAL] = _material(mesh.name)
+    if not was:
         mesh.materials.append(material)
     shown = material.node_tree.nodes.get("Texture")
-    if shown and shown.image != image:
-        shown.image = image
+    if not shown or shown.image == image:
+        return
+    if shown.image and any(it != mesh and material in it.materials[:] for it in bpy.data.meshes):
+        # Copies of the mesh go on to show what they show.
+        slots = [slot for slot, it in enumerate(mesh.materials) if it == material]
+        material = mesh[MATERIAL] = material.copy()
+        shown = material.node_tree.nodes["Texture"]
+        for slot in slots:
+            mesh.materials[slot] = material
+    old, shown.image = shown.image, image
+    if old and old.get("maquette_file") and not old.users:
+        bpy.data.images.remove(old)
+
+
+def _material(name: str) -> bpy.types.Material:
+    """A material that shows a texture."""
+    material = bpy.data.materials.new(name)
+    if bpy.app.version < (5, 0):
+        material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    shader = next(it for it in nodes if it.type == "BSDF_PRINCIPLED")
+    shader.inputs["Roughness"].default_value = 0.8
+    shown = nodes.new("ShaderNodeTexImage")
+    shown.name = "Texture"
+    shown.location = (shader.location.x - 320, shader.location.y)
+    links.new(shown.outputs["Color"], shader.inputs["Base Color"])
+    return material

@@ -35,7 +35,7 @@ SCALE = 0.001
 AXES = {"upright": math.pi / 2, "sensor": -math.pi / 2}
 
 # What an object can be given as.
-TYPES = ("Mesh", "Points")
+TYPES = ("Mesh", "Points", "Curve")
 
 
 class MaquetteInput(bpy.types.PropertyGroup):
@@ -363,10 +363,15 @@ def _send_input(owner: bpy.types.Object, it: State, name: str, kind: str, given:
     it.stale.discard(name)
     it.sent[name] = key(given)
     why = _unfit(owner, kind, given)
-    columns = None if why else _columns(owner, f"in-{key(owner)}-{name}-", kind, given)
-    if columns is None:
+    given_as: dict[str, Any] = {}
+    if not why:
+        try:
+            given_as = _given(owner, f"in-{key(owner)}-{name}-", kind, given)
+        except ValueError as error:
+            why = f"{given.name} {error}"
+    if why:
         it.inputs.pop(name, None)
-        it.unfit[name] = f"{name}: {why or f'{given.name} has no mesh'}"
+        it.unfit[name] = f"{name}: {why}"
         return
     it.unfit.pop(name, None)
     it.sending.add(name)
@@ -379,13 +384,13 @@ def _send_input(owner: bpy.types.Object, it: State, name: str, kind: str, given:
             it.inputs.pop(name, None)
             it.unfit[name] = f"{name}: {answer.why}"
 
-    engine.client().ask("input", done, None, type=kind, columns=columns)
+    engine.client().ask("input", done, None, type=kind, **given_as)
 
 
 def _unfit(owner: bpy.types.Object, kind: str, given: bpy.types.Object) -> str:
     """Why an object cannot be given, whatever its mesh."""
     if kind not in TYPES:
-        return f"it takes a value of the type {kind}, and an object can be given as {' or '.join(TYPES)} only"
+        return f"it takes a value of the type {kind}, and an object can be given as {', '.join(TYPES[:-1])} or {TYPES[-1]} only"
     found, left = set(), [given]
     while left:
         its = left.pop()
@@ -397,8 +402,8 @@ def _unfit(owner: bpy.types.Object, kind: str, given: bpy.types.Object) -> str:
     return ""
 
 
-def _columns(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Object) -> list[dict[str, Any]] | None:
-    """Puts the numbers of a mesh into files and describes them; None if there is no mesh."""
+def _given(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Object) -> dict[str, Any]:
+    """Puts the numbers of an object's mesh into files and describes them; `ValueError` says what it is not."""
     folder = engine.client().folder
     evaluated = given.evaluated_get(bpy.context.evaluated_depsgraph_get())
     try:
@@ -407,25 +412,62 @@ def _columns(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Ob
         # A light, a camera.
         mesh = None
     if mesh is None or folder is None:
-        return None
+        raise ValueError("has no mesh")
     try:
         mesh.transform(owner.matrix_world.inverted_safe() @ given.matrix_world)
-        places = array.array("f", [0.0]) * (3 * len(mesh.vertices))
-        mesh.vertices.foreach_get("co", places)
-        corners = array.array("i", [0]) * len(mesh.loops)
-        mesh.loops.foreach_get("vertex_index", corners)
-        sides = array.array("i", [0]) * len(mesh.polygons)
-        mesh.polygons.foreach_get("loop_total", sides)
+        places = _numbers(mesh.vertices, "co", "f", 3)
+        ends = _numbers(mesh.edges, "vertices", "i", 2)
+        corners = _numbers(mesh.loops, "vertex_index", "i")
+        sides = _numbers(mesh.polygons, "loop_total", "i")
+        creases = array.array("d")
+        its = mesh.attributes.get("crease_edge")
+        if its and (its.domain, its.data_type) == ("EDGE", "FLOAT"):
+            for place, crease in enumerate(_numbers(its.data, "value", "f")):
+                if crease > 0:
+                    creases.extend([*ends[2 * place : 2 * place + 2], apply.NEVER_SOFT * crease * crease])
     finally:
         evaluated.to_mesh_clear()
-    found = [("position", "point" if kind == "Points" else "vertex", "position", 3, "f32", places)]
-    if kind == "Mesh":
-        found += [("corners", "corner", "index", 1, "u32", corners), ("sides", "face", "index", 1, "u32", sides)]
+    facts: dict[str, Any] = {}
+    if kind == "Curve":
+        order, facts["closed"] = _chain(list(zip(ends[::2], ends[1::2])), len(places) // 3)
+        places = array.array("f", [number for vertex in order for number in places[3 * vertex : 3 * vertex + 3]])
+        found = [("point", "point", "position", 3, "f32", places)]
+    elif kind == "Points":
+        found = [("position", "point", "position", 3, "f32", places)]
+    else:
+        found = [("position", "vertex", "position", 3, "f32", places), ("corners", "corner", "index", 1, "u32", corners)]
+        found.append(("sides", "face", "index", 1, "u32", sides))
+        if creases:
+            found.append(("creases", "edge", "number", 3, "f64", creases))
     columns = []
     for name, on, meaning, width, numbers, items in found:
         (folder / f"{start}{name}").write_bytes(items.tobytes())
         columns.append({"name": name, "on": on, "meaning": meaning, "width": width, "type": numbers, "file": f"{start}{name}"})
-    return columns
+    return {"columns": columns, "facts": facts}
+
+
+def _numbers(elements: Any, name: str, kind: str, width: int = 1) -> array.array[Any]:
+    numbers = array.array(kind, [0]) * (width * len(elements))
+    elements.foreach_get(name, numbers)
+    return numbers
+
+
+def _chain(edges: list[tuple[int, int]], count: int) -> tuple[list[int], bool]:
+    """The vertices in the order in which edges lead from one to the next, and whether the last leads to the first."""
+    beside: list[list[int]] = [[] for _ in range(count)]
+    for one, other in edges:
+        beside[one].append(other)
+        beside[other].append(one)
+    tips = [vertex for vertex in range(count) if len(beside[vertex]) == 1]
+    order: list[int] = []
+    if edges and len(tips) in (0, 2) and all(len(its) in (1, 2) for its in beside):
+        before, vertex = -1, (tips or [0])[0]
+        while vertex != -1 and (not order or vertex != order[0]):
+            order.append(vertex)
+            before, vertex = vertex, next((it for it in beside[vertex] if it != before), -1)
+    if not order or len(order) != count:
+        raise ValueError("is not one chain of edges, as a curve has to be")
+    return order, not tips
 
 
 @persistent

@@ -60,13 +60,16 @@ property uchar seen
 property float flow_x
 property float flow_y
 property float flow_z
+property uchar red
+property uchar green
+property uchar blue
 element face 1
 property list uchar int vertex_indices
 end_header
-0 0 0 16777217 0.1 1 1 0.5 0
-10 0 0 2 -0.3 0 0 1 0
-10 10 0 3 1e-30 1 0 0 1
-0 10 0 4 12345.678 0 0.25 0 1
+0 0 0 16777217 0.1 1 1 0.5 0 200 100 1
+10 0 0 2 -0.3 0 0 1 0 0 255 17
+10 10 0 3 1e-30 1 0 0 1 254 3 128
+0 10 0 4 12345.678 0 0.25 0 1 9 10 11
 4 0 1 2 3
 """
 KINDS = {"float": "<f4", "double": "<f8", "uchar": "u1", "uint": "<u4", "int": "<i4"}
@@ -149,6 +152,17 @@ def test_8_labels_numbers_flags_and_vectors_are_the_command_lines_bit_by_bit(emp
     assert same(attribute(owner, "heat"), columns(written, "heat")) and written["heat"][0] == np.float32(0.1)
     assert same(attribute(owner, "flow"), columns(written, "flow_x", "flow_y", "flow_z"))
     assert same(positions(owner), columns(written, *"xyz"))
+    colors = owner.data.attributes["color"]
+    assert (colors.data_type, colors.domain) == ("BYTE_COLOR", "POINT")
+    shown = [[round(255 * its) for its in one.color_srgb] for one in colors.data]
+    assert shown == [[*map(int, row), 255] for row in columns(written, "red", "green", "blue")] and shown[0] == [200, 100, 1, 255]
+
+
+def pixels(image: bpy.types.Image) -> Any:
+    """All levels of a picture."""
+    found = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(found)
+    return found
 
 
 def test_8_texture_and_its_coordinates_are_those_of_the_files(empty: Any, folder: pathlib.Path) -> None:  # noqa: F811
@@ -159,21 +173,67 @@ def test_8_texture_and_its_coordinates_are_those_of_the_files(empty: Any, folder
     owner.data.uv_layers["UVMap"].uv.foreach_get("vector", shown)
     assert same(shown.reshape(-1, 2), columns(written, "s", "t")[corners]) and shown.any()
 
-    def pixels(image: bpy.types.Image) -> Any:
-        found = np.empty(len(image.pixels), np.float32)
-        image.pixels.foreach_get(found)
-        return found
-
     whole = (folder / "out/shown.glb").read_bytes()
     length = int.from_bytes(whole[12:16], "little")
     told = json.loads(whole[20 : 20 + length])
     view = told["bufferViews"][told["images"][0]["bufferView"]]
     start = 28 + length + view.get("byteOffset", 0)
     (folder / "glb.png").write_bytes(whole[start : start + view["byteLength"]])
-    texture = pixels(owner.data.materials[0].node_tree.nodes["Texture"].image)
+    (material,) = owner.data.materials
+    texture = pixels(material.node_tree.nodes["Texture"].image)
     assert len(set(texture.tolist())) > 16
     for file in ("glb.png", "doll/color.png"):
         assert same(texture, pixels(bpy.data.images.load(str(folder / file)))), file
+    # It goes with the texture, and comes back as a user has made it.
+    material.diffuse_color = (1, 0, 0, 1)
+    for output, materials in (("mesh", []), ("model", [material])) * 2:
+        owner.maquette.output = output
+        until(lambda: settled(owner) and module("live").state(owner).asked[2] == output)
+        assert list(owner.data.materials) == materials
+
+
+def test_copies_and_what_is_baked_keep_their_texture_when_that_of_the_object_changes(empty: Any, folder: pathlib.Path) -> None:  # noqa: F811
+    live, graph = module("live"), folder / "graph.ron"
+    graph.write_text(TEXTURED)
+    owner = live.add(str(graph), bpy.context)
+    until(lambda: owner.maquette.shown and settled(owner))
+
+    def shown(it: bpy.types.Object) -> Any:
+        (material,) = it.data.materials
+        return pixels(material.node_tree.nodes["Texture"].image)
+
+    first = shown(owner)
+    assert bpy.ops.maquette.bake() == {"FINISHED"}
+    baked = bpy.data.objects["graph baked"]
+    assert bpy.ops.object.duplicate() == {"FINISHED"}
+    copied = bpy.context.object
+    assert copied != owner and copied.maquette.graph == owner.maquette.graph
+    color = bpy.data.images.load(str(folder / "doll/color.png"))
+    color.pixels.foreach_set(1 - first)
+    (folder / "doll/other.png").write_bytes((folder / "doll/color.png").read_bytes())
+    color.filepath_raw = str(folder / "doll/other.png")
+    color.save()
+    (folder / "other.ron").write_text(TEXTURED.replace("doll/color.png", "doll/other.png"))
+    for turn in range(3):
+        owner.maquette.graph = str(folder / ("graph.ron" if turn % 2 else "other.ron"))
+        until(lambda: settled(owner) and settled(copied) and same(shown(owner), first) == bool(turn % 2))
+        assert same(shown(copied), first) and same(shown(baked), first)
+        # What nothing shows any more does not pile up.
+        assert len(bpy.data.images) == (2 if turn % 2 else 3)
+    # What a user has made of a material is not lost with its texture, and what was taken away stays away.
+    owner.data.materials[0].diffuse_color = (1, 0, 0, 1)
+    owner.maquette.output = "mesh"
+    until(lambda: settled(owner) and not owner.data.materials)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "saved.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "saved.blend"))
+    owner = bpy.data.objects["graph"]
+    owner.maquette.output = "shown.glb"
+    until(lambda: settled(owner) and owner.data.materials)
+    assert tuple(owner.data.materials[0].diffuse_color) == (1, 0, 0, 1) and not same(shown(owner), first)
+    mine = owner.data.materials[0] = bpy.data.materials.new("mine")
+    owner.maquette.graph = str(folder / "graph.ron")
+    until(lambda: settled(owner) and owner.data["maquette_texture"] == bpy.data.objects["graph.001"].data["maquette_texture"])
+    assert list(owner.data.materials) == [mine]
 
 
 OTHERS = """Graph(
@@ -209,13 +269,13 @@ SHOWN = {
     "nose": "ve",
     "sharp": "vef",
     "points": "v",
+    "scan.range": "v",
     "lines": "ve",
     "net": "ve",
     "normal": "ve",
 }
 UNSEEN = {
     "scan.color": "Image",
-    "scan.range": "RangeImage",
     "red": "Mask",
     "spots": "Labels",
     "knots": "KnotVector",
@@ -390,7 +450,7 @@ TAKES = 'Graph(format: 1, inputs: {{ "it": {}(doc: "") }}, nodes: {{ "moved": Tr
 
 def test_vertices_are_given_as_points_and_what_cannot_be_given_is_said(empty: Any, tmp_path: pathlib.Path) -> None:
     live, given = module("live"), cube(2, 3)
-    for kind in ("Points", "Curve", "ControlNet", "RangeImage"):
+    for kind in ("Points", "ControlNet", "RangeImage"):
         (tmp_path / f"{kind}.ron").write_text(TAKES.format(kind))
         owner = live.add(str(tmp_path / f"{kind}.ron"), bpy.context)
         until(lambda: "it" in owner.maquette.inputs)
@@ -400,8 +460,67 @@ def test_vertices_are_given_as_points_and_what_cannot_be_given_is_said(empty: An
             assert (len(owner.data.vertices), len(owner.data.edges)) == (8, 0)
             assert world(owner) == [-1, -1, 2, 1, 1, 4]
         else:
-            until(lambda: f"a value of the type {kind}, and an object can be given as Mesh or Points only" in live.state(owner).message)
+            until(lambda: f"a value of the type {kind}, and an object can be given as Mesh, Points or Curve only" in live.state(owner).message)
             assert not owner.maquette.shown
+
+
+ON = {"vertex": "POINT", "corner": "CORNER", "face": "FACE"}
+
+
+def test_8_attributes_of_one_name_on_vertices_corners_and_faces_are_all_shown_bit_by_bit(
+    empty: Any, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "moved.ron").write_text(TAKES.format("Mesh"))
+    live, rows = module("live"), {"vertex": 8, "corner": 24, "face": 6}
+    owner = live.add(str(tmp_path / "moved.ron"), bpy.context)
+    until(lambda: "it" in owner.maquette.inputs)
+    before = live._given
+    numbers = {
+        (name, on): (np.arange(rows[on]) + 16777217).astype(np.uint32) if name == "label" else (np.arange(rows[on]) / np.float32(7)).astype(np.float32)
+        for name in ("label", "heat", "position", "material_index", "edges", "long " * 20)
+        for on in rows
+        if (name, on) != ("position", "vertex")
+    }
+
+    def given(*words: Any) -> dict[str, Any]:
+        """An object with attributes."""
+        found = before(*words)
+        for (name, on), its in numbers.items():
+            file = f"{on}-{len(name)}-{name[0]}"
+            its.tofile(module("engine").client().folder / file)
+            kind, meaning = ("u32", "index") if its.dtype == np.uint32 else ("f32", "number")
+            found["columns"].append({"name": name, "on": on, "meaning": meaning, "width": 1, "type": kind, "file": file})
+        return found
+
+    monkeypatch.setattr(live, "_given", given)
+
+    def shown(wanted: dict[tuple[str, str], str]) -> None:
+        """Waits for what comes of them, and looks at each."""
+        live.state(owner).stale.add("it")
+        until(lambda: owner.maquette.shown and settled(owner))
+        assert {it.name for it in owner.data.attributes if it.name.partition(".")[0] in ("label", "heat")} == {
+            name for (known, _), name in wanted.items() if known in ("label", "heat")
+        }
+        for (name, on), its in numbers.items():
+            found = owner.data.attributes[wanted[name, on]]
+            assert found.domain == ON[on]
+            assert same(attribute(owner, wanted[name, on]).view(np.uint32).ravel(), its.view(np.uint32)), (name, on)
+        assert len(owner.data.vertices) == 8 and len(owner.data.edges) == 12 and not owner.data.validate(verbose=True)
+
+    owner.maquette.inputs["it"].object = cube(2, 0)
+    cut = ("long " * 20)[:48]
+    wanted = {(name, on): name if on == "vertex" else f"{name}.{on}" for name in ("label", "heat", "edges") for on in rows}
+    wanted |= {(name, on): f"{name}.{on}" for name in ("position", "material_index") for on in rows}
+    wanted |= {("long " * 20, on): cut if on == "vertex" else f"{cut}.{on}" for on in rows}
+    shown(wanted)
+    # The first one there keeps the name.
+    for name in ("label", "heat"):
+        del numbers[name, "vertex"], wanted[name, "vertex"]
+        wanted[name, "corner"] = name
+    shown(wanted)
+    del numbers["heat", "corner"], numbers["heat", "face"], wanted["heat", "corner"], wanted["heat", "face"]
+    numbers["label", "corner"] = numbers["label", "corner"][::-1].copy()
+    shown(wanted)
 
 
 def test_9_each_graphs_panel_says_what_the_module_and_the_command_line_say(empty: Any, tmp_path: pathlib.Path) -> None:
@@ -439,3 +558,91 @@ def test_9_each_graphs_panel_says_what_the_module_and_the_command_line_say(empty
             compared += 1
         bpy.data.objects.remove(owner)
     assert compared > 40, compared
+
+
+CREASED = """Graph(
+    format: 1,
+    inputs: { "cage": Mesh(doc: "") },
+    nodes: { "moved": Transform(mesh: "cage", translate: (0.0, 0.0, 1.0)), "round": Subdivide(mesh: "cage", scheme: CatmullClark, levels: 2) },
+    outputs: { "moved": "moved", "round": "round" },
+)
+"""
+
+
+def test_creases_come_from_objects_and_go_to_them(empty: Any, tmp_path: pathlib.Path) -> None:
+    (tmp_path / "creased.ron").write_text(CREASED)
+    live, given = module("live"), cube(2, 0)
+    owner = live.add(str(tmp_path / "creased.ron"), bpy.context)
+    until(lambda: "cage" in owner.maquette.inputs)
+    owner.maquette.inputs["cage"].object = given
+
+    def shown(output: str) -> Any:
+        owner.maquette.output = output
+        until(lambda: owner.maquette.shown and settled(owner) and live.state(owner).asked[2] == output)
+        return positions(owner)
+
+    def creases(it: bpy.types.Object) -> dict[frozenset[tuple[float, ...]], float]:
+        """How sharp edges are, by where their ends are in the world, about."""
+        bpy.context.view_layer.update()
+        found = it.data.attributes.get("crease_edge")
+        places = [tuple(round(number, 2) for number in it.matrix_world @ vertex.co) for vertex in it.data.vertices]
+        ends = [frozenset(places[end] for end in edge.vertices) for edge in it.data.edges]
+        return {its: one.value for its, one in zip(ends, found.data) if one.value} if found else {}
+
+    soft = shown("round")
+    shown("moved")
+    assert not creases(owner)
+    sharp = given.data.attributes.new("crease_edge", "FLOAT", "EDGE")
+    flat = [place for place, edge in enumerate(given.data.edges) if all(given.data.vertices[end].co.z == 1 for end in edge.vertices)]
+    assert len(flat) == 4
+    for place, crease in zip(flat, (1.0, 0.5, 0.25, 1.0)):
+        sharp.data[place].value = crease
+    given.data.update()
+    bpy.context.view_layer.update()
+    until(lambda: creases(owner))
+    assert creases(owner) == pytest.approx(creases(given)) and len(creases(owner)) == 4
+    # Of the cube of two meters, in millimetres.
+    assert np.abs(shown("round") - soft).max() > 100
+
+
+STROKE = """Graph(
+    format: 1,
+    inputs: { "path": Curve(doc: "") },
+    nodes: { "moved": Transform(mesh: "path", translate: (0.0, 0.0, 1.0)) },
+    outputs: { "moved": "moved" },
+)
+"""
+
+
+def test_a_chain_of_edges_is_given_as_a_curve(empty: Any, tmp_path: pathlib.Path) -> None:
+    (tmp_path / "stroke.ron").write_text(STROKE)
+    live = module("live")
+    owner = live.add(str(tmp_path / "stroke.ron"), bpy.context)
+    until(lambda: "path" in owner.maquette.inputs)
+    places = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (1.0, 0.0, 0.0), (3.0, 1.0, 0.0)]
+
+    def give(edges: list[tuple[int, int]]) -> None:
+        mesh = bpy.data.meshes.new("chain")
+        mesh.from_pydata(places, edges, [])
+        given = bpy.data.objects.new("chain", mesh)
+        bpy.context.collection.objects.link(given)
+        owner.maquette.inputs["path"].object = given
+
+    def lengths() -> list[float]:
+        its = [vertex.co / 1000 for vertex in owner.data.vertices]
+        return sorted(round((its[one] - its[other]).length, 3) for one, other in (edge.vertices for edge in owner.data.edges))
+
+    give([(2, 0), (3, 1), (1, 2)])
+    until(lambda: owner.maquette.shown and settled(owner))
+    assert lengths() == [1, 1, 1.414]
+    give([(2, 0), (3, 1), (1, 2), (0, 3)])
+    until(lambda: len(owner.data.edges) == 4)
+    assert lengths() == [1, 1, 1.414, 3.162]
+    for edges in ([(0, 1), (1, 2), (1, 3)], [(0, 1), (2, 3)], [(0, 1), (1, 2)], []):
+        give(edges)
+        until(lambda: "is not one chain of edges" in live.state(owner).message)
+        owner.maquette.inputs["path"].object = None
+        until(lambda: "pick an object" in live.state(owner).message)
+    bpy.ops.curve.primitive_bezier_circle_add(radius=5)
+    owner.maquette.inputs["path"].object = bpy.context.object
+    until(lambda: len(owner.data.edges) == len(owner.data.vertices) > 12)

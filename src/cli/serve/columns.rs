@@ -11,8 +11,8 @@ use crate::catalog::Catalog;
 use crate::plain;
 use crate::render::{Look, picture};
 use crate::value::{
-    AnyValue, Axes, FactValue, Hash, Image, Items, Layer, Meaning, Mesh, On, Part, Parts, Points,
-    Value, ValueType,
+    AnyValue, Attribute, Axes, Cloud, FactValue, Hash, Image, Items, Layer, Meaning, Mesh, On,
+    Part, Parts, Points, RangeImage, Value, ValueType,
 };
 use crate::writing::Shelf;
 
@@ -154,7 +154,7 @@ impl Columns {
         if let Some(mesh) = value.as_mesh() {
             return self.faces(&mesh, told, catalog);
         }
-        let layers = value.show();
+        let layers = layers(value);
         let axes = layers.iter().find_map(Layer::axes).ok_or("nothing of it lies in space")?;
         let (mut places, mut edges) = (Vec::new(), Vec::new());
         for layer in &layers {
@@ -180,8 +180,8 @@ impl Columns {
         let mut parts = Parts::default();
         parts.push("position", On::Vertex, Meaning::Position, 3, &places[..]);
         parts.push("edges", On::Edge, Meaning::Index, 2, edges);
-        if let Some(points) = value.get::<Points>() {
-            let own = points.parts().columns.into_iter();
+        if let [Layer::Points(cloud)] = &layers[..] {
+            let own = cloud.points.parts().columns.into_iter();
             let own = own.filter(|part| part.on == On::Point && part.name != "position");
             parts.columns.extend(own.map(|part| Part { on: On::Vertex, ..part }));
         }
@@ -273,6 +273,22 @@ impl Columns {
         }
         kind.from_parts(&parts).map_err(|error| error.to_string())
     }
+}
+
+/// What is seen of a value in space: of a range image its points.
+fn layers(value: &AnyValue) -> Vec<Layer> {
+    let Some(range) = value.get::<RangeImage>() else { return value.show() };
+    let valid = |cell: &usize| range.point(*cell).is_some();
+    let cells = Vec::from_iter((0..range.points().len()).filter(valid));
+    let places = Vec::from_iter(cells.iter().map(|&cell| range.points()[cell]));
+    let points = Points::new(places).and_then(|points| match range.colors() {
+        Some(colors) => {
+            let colors = Vec::from_iter(cells.iter().map(|&cell| colors[cell]));
+            points.with_attribute("color", Attribute::Color(colors.into()))
+        }
+        None => Ok(points),
+    });
+    points.map(|points| Layer::Points(Cloud { points, axes: Axes::Sensor })).into_iter().collect()
 }
 
 fn word(axes: Axes) -> &'static str {
