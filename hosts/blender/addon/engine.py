@@ -23,6 +23,12 @@ ticks: list[Callable[[], None]] = []
 _client: Client | None = None
 
 
+def roots() -> list[str]:
+    """The folders outside of their projects that graphs may read."""
+    addon = bpy.context.preferences.addons.get(__package__)
+    return [bpy.path.abspath(it.path) for it in addon.preferences.roots if it.path] if addon else []
+
+
 def command() -> list[str]:
     """What starts the engine: the program that the preferences name, or MAQUETTE; else that of the extension."""
     addon = bpy.context.preferences.addons.get(__package__)

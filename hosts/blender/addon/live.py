@@ -59,8 +59,9 @@ class State:
     """What goes on with an object."""
 
     def __init__(self) -> None:
-        # What `load` said.
+        # What `load` said, and of what: a graph, and the folders that it may read.
         self.loaded: Answer | None = None
+        self.read: Any = None
         self.controls: list[panel.Control] = []
         self.stamps: dict[str, float | None] = {}
         self.loading = False
@@ -162,12 +163,18 @@ def tick() -> None:
         if engine.ended():
             it.message, it.run, it.loading = engine.ended() or "", None, False
             continue
-        if looks and it.loaded and any(stamp(path) != known for path, known in it.stamps.items()):
+        have_changed = looks and any(stamp(path) != known for path, known in it.stamps.items())
+        if have_changed or it.read != _source(owner):
             it.loaded = None
         if it.loaded is None:
             _load(owner, it)
             continue
         _run(owner, it)
+
+
+def _source(owner: bpy.types.Object) -> Any:
+    """What an object's graph is read from."""
+    return (graph_path(owner), engine.roots())
 
 
 def stamp(path: str) -> float | None:
@@ -182,7 +189,8 @@ def _load(owner: bpy.types.Object, it: State) -> None:
     if it.loading:
         return
     it.loading = True
-    path, uid = graph_path(owner), key(owner)
+    uid, it.read = key(owner), _source(owner)
+    path, roots = it.read
     before = stamp(path)
 
     def done(answer: Answer) -> None:
@@ -201,7 +209,7 @@ def _load(owner: bpy.types.Object, it: State) -> None:
             it.stale = {its["name"] for its in answer["inputs"]}
             _arrange(owner, it)
 
-    engine.client().ask("load", done, None, graph=path)
+    engine.client().ask("load", done, None, graph=path, roots=roots)
 
 
 def found(uid: int) -> bpy.types.Object | None:
@@ -294,6 +302,7 @@ def _run(owner: bpy.types.Object, it: State) -> None:
         lambda answer: _answered(uid, it, answer),
         lambda event: _told(it, event),
         graph=wanted[0],
+        roots=engine.roots(),
         set=values(owner),
         inputs=it.inputs,
         want=[{"value": owner.maquette.output, "as": "mesh"}],

@@ -1,10 +1,41 @@
-"""The add-on's preferences: which engine computes."""
+"""The add-on's preferences: which engine computes, and what graphs may read."""
 
 from __future__ import annotations
 
 import importlib.metadata
 
 import bpy
+
+
+class MaquetteRoot(bpy.types.PropertyGroup):
+    """A folder that graphs may read."""
+
+    path: bpy.props.StringProperty(name="Folder", description="Graphs may read this folder, wherever they are", subtype="DIR_PATH")  # type: ignore[valid-type]
+
+
+class MAQUETTE_OT_add_root(bpy.types.Operator):
+    """Adds a folder that graphs may read, beside that of their project"""
+
+    bl_idname = "maquette.add_root"
+    bl_label = "Add Folder"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Adds one that is still to be named."""
+        context.preferences.addons[__package__].preferences.roots.add()
+        return {"FINISHED"}
+
+
+class MAQUETTE_OT_remove_root(bpy.types.Operator):
+    """Graphs of other folders may read this folder no more"""
+
+    bl_idname = "maquette.remove_root"
+    bl_label = "Remove Folder"
+    place: bpy.props.IntProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Removes it."""
+        context.preferences.addons[__package__].preferences.roots.remove(self.place)
+        return {"FINISHED"}
 
 
 class MaquettePreferences(bpy.types.AddonPreferences):
@@ -18,10 +49,18 @@ class MaquettePreferences(bpy.types.AddonPreferences):
         subtype="FILE_PATH",
     )
 
+    roots: bpy.props.CollectionProperty(type=MaquetteRoot)  # type: ignore[valid-type]
+
     def draw(self, _context: bpy.types.Context) -> None:
-        """Says which engine computes."""
+        """Says which engine computes, and what graphs may read."""
         self.layout.label(text=engine())
         self.layout.prop(self, "program")
+        self.layout.label(text="A graph reads its project's folder, and these:")
+        for place, root in enumerate(self.roots):
+            row = self.layout.row(align=True)
+            row.prop(root, "path", text="")
+            row.operator("maquette.remove_root", text="", icon="X").place = place
+        self.layout.operator("maquette.add_root", icon="ADD")
 
 
 def engine() -> str:
@@ -32,11 +71,16 @@ def engine() -> str:
         return "Engine: none in the extension"
 
 
+CLASSES = (MaquetteRoot, MAQUETTE_OT_add_root, MAQUETTE_OT_remove_root, MaquettePreferences)
+
+
 def register() -> None:
     """Registers the preferences."""
-    bpy.utils.register_class(MaquettePreferences)
+    for it in CLASSES:
+        bpy.utils.register_class(it)
 
 
 def unregister() -> None:
     """Unregisters them."""
-    bpy.utils.unregister_class(MaquettePreferences)
+    for it in reversed(CLASSES):
+        bpy.utils.unregister_class(it)

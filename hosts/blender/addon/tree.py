@@ -34,6 +34,8 @@ class State:
         self.text = ""
         # The files that say what is shown: the graph's, those that it uses, and the layout's.
         self.stamps: dict[str, float | None] = {}
+        # The folders that it may read beside its project's, as they were when it was read.
+        self.roots: list[str] = []
         self.busy = False
         # Whether the next look is at fields, or at places.
         self.turn = False
@@ -114,9 +116,10 @@ def tick() -> None:
             _undone = _undone or undone
             continue
         path = bpy.path.abspath(tree.maquette_graph)
+        is_read = state.outline is not None and path in state.stamps and state.roots == engine.roots()
         if undone and state.outline is not None and tree.maquette_text and tree.maquette_text != state.text:
             _put(tree, state, path)
-        elif state.outline is None or path not in state.stamps or (looks and any(live.stamp(it) != was for it, was in state.stamps.items())):
+        elif not is_read or (looks and any(live.stamp(it) != was for it, was in state.stamps.items())):
             _read(tree, state, path)
         elif key(tree) in changed or (looks and state.turn and _is_touched(tree, state)):
             changed.discard(key(tree))
@@ -157,7 +160,7 @@ def _layout(path: str) -> str:
 
 def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
     """Shows what stands in the file."""
-    stamps = {it: live.stamp(it) for it in {path, _layout(path), *state.stamps}}
+    stamps, state.roots = {it: live.stamp(it) for it in {path, _layout(path), *state.stamps}}, engine.roots()
 
     def then(tree: bpy.types.NodeTree, answer: Answer) -> None:
         were, state.stamps = state.stamps, stamps
@@ -204,7 +207,7 @@ def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
         if is_foreign:
             _push("Graph file changed")
 
-    _ask(state, key(tree), "outline", then, graph=path)
+    _ask(state, key(tree), "outline", then, graph=path, roots=state.roots)
 
 
 def _rebuild(tree: bpy.types.NodeTree, state: State, kept: dict[str, mirror.Spot]) -> None:
@@ -276,7 +279,7 @@ def _edit(tree: bpy.types.NodeTree, state: State, path: str) -> None:
         # Where a new node stands is the user's wish; and a name that is another one is another one there, too.
         state.wants_layout |= bool(given) or (bool(renamed) and state.has_layout)
 
-    _ask(state, key(tree), "edit", then, graph=path, edits=changes)
+    _ask(state, key(tree), "edit", then, graph=path, roots=engine.roots(), edits=changes)
 
 
 def _say(node: bpy.types.Node, problem: str) -> None:

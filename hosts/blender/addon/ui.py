@@ -160,7 +160,7 @@ class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
                 live.state(found).message = answer.why
 
         if edits:
-            engine.client().ask("edit", done, None, graph=live.graph_path(owner), edits=edits)
+            engine.client().ask("edit", done, None, graph=live.graph_path(owner), roots=engine.roots(), edits=edits)
         return {"FINISHED"}
 
 

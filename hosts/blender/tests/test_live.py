@@ -247,6 +247,57 @@ def test_7_a_file_opened_without_an_engine_shows_the_last_mesh_and_goes_on_with_
     assert again["maquette growth"] == 25.5 and (positions(again) == last).all()
 
 
+def test_a_graph_reads_folders_outside_of_its_project_only_if_the_preferences_name_them(empty: Any, tmp_path: pathlib.Path) -> None:
+    project, outside = tmp_path / "project", tmp_path / "out side"
+    project.mkdir(), outside.mkdir()
+    # The file that says where the project ends.
+    (project / "maquette.toml").write_text("")
+    shutil.copy(ROOT / "graphs/doll/mug.obj", outside)
+    graph = project / "mug.ron"
+    graph.write_text('Graph(format: 1, nodes: { "mug": ReadMesh(path: "../out side/mug.obj") }, outputs: { "mug.ply": "mug" })')
+    live, tree = module("live"), module("tree").new(str(graph), "mug")
+    owner = live.add(str(graph), bpy.context)
+    nodes = module("tree").states
+
+    def is_refused() -> bool:
+        shown = [it.problems for it in (live.state(owner), *nodes.values())]
+        return len(shown) == 2 and all(found and "outside" in found[0]["message"] for found in shown)
+
+    until(is_refused)
+    assert not owner.maquette.shown and tree.maquette_text
+    preferences = bpy.context.preferences.addons[PACKAGE].preferences
+    try:
+        assert bpy.ops.maquette.add_root() == {"FINISHED"}
+        # One that is not named yet opens nothing.
+        for _ in range(50):
+            module("engine").poll()
+            time.sleep(0.01)
+        assert is_refused() and not owner.maquette.shown
+        preferences.roots[0].path = str(outside)
+        until(lambda: owner.maquette.shown and settled(owner))
+        assert len(owner.data.polygons) > 10 and not live.state(owner).problems
+        until(lambda: not any(it.problems for it in nodes.values()))
+        # What the tree writes is judged alike.
+        next(it for it in tree.nodes if getattr(it, "maquette_name", "") == "mug").label = "cup"
+        until(lambda: '"cup": ReadMesh' in graph.read_text())
+        assert bpy.ops.maquette.remove_root(place=0) == {"FINISHED"}
+        until(is_refused)
+        assert len(owner.data.polygons) > 10
+    finally:
+        preferences.roots.clear()
+
+
+def test_another_graph_in_the_panel_is_another_graph(doll: bpy.types.Object, folder: pathlib.Path) -> None:
+    (folder / "other.ron").write_text(SMOOTH)
+    doll.maquette.graph = str(folder / "other.ron")
+    live = module("live")
+    until(lambda: "pick an object for the input cage" in live.state(doll).message)
+    assert not live.state(doll).controls and live.state(doll).loaded["doc"] == "Makes a mesh smooth."
+    doll.maquette.graph = str(folder / "doll.ron")
+    until(lambda: settled(doll) and not live.state(doll).message)
+    assert {it.name for it in live.state(doll).controls} == {"growth", "levels"}
+
+
 def test_5_an_edit_of_the_file_is_seen(doll: bpy.types.Object, folder: pathlib.Path) -> None:
     before = positions(doll).copy()
     text = (folder / "doll.ron").read_text()
