@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 import screen
 
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+
 pytestmark = pytest.mark.skipif(bool(screen.missing()), reason=f"not here: {', '.join(screen.missing())}")
 
 SCRIPT = """
@@ -137,6 +139,76 @@ def shots(window):
 """
 
 
+SLIDER = """
+import array, os
+import bpy
+from mathutils import Euler
+
+def shots(window):
+    from addon import apply, live
+
+    def older(mesh, told, folder):
+        # What the add-on writes in Blender 4.2, this older one takes in other ways.
+        def numbers(name, kind):
+            column = next(it for it in told["columns"] if it["name"] == name)
+            return array.array(kind, (folder / column["file"]).read_bytes())
+        places, corners = numbers("position", "f"), numbers("corners", "I")
+        mesh.clear_geometry()
+        mesh.from_pydata(list(zip(*[iter(places)] * 3)), [], list(zip(*[iter(corners)] * told["sides"])))
+        mesh.uv_layers.new().data.foreach_set("uv", numbers("uv", "f"))
+
+    def doll():
+        return bpy.data.objects["doll"]
+
+    def settled():
+        it = live.state(doll())
+        return it.run is None and it.answered and it.answered[1] == doll().maquette.values
+
+    def until(is_so):
+        for _ in range(200):
+            yield 0.1
+            if is_so():
+                return
+        raise AssertionError((doll().maquette.values, doll().get("maquette growth"), live.state(doll()).message))
+
+    def depth():
+        # The nose grows towards who looks at it.
+        return -min(vertex.co.z for vertex in doll().data.vertices)
+
+    apply.apply = older
+    for it in list(bpy.data.objects):
+        bpy.data.objects.remove(it)
+    live.add(os.environ["GRAPH"], bpy.context)
+    yield from until(lambda: doll().maquette.shown and settled())
+    space = window.show("VIEW_3D")
+    space.show_region_ui, space.shading.color_type = True, "TEXTURE"
+    yield None
+    space.region_3d.view_rotation, space.region_3d.view_perspective = Euler((1.3, 0, 0.9)).to_quaternion(), "ORTHO"
+    with window.override():
+        bpy.ops.view3d.view_selected(use_all_regions=False)
+    # The tab of the add-on, the fourth one.
+    yield from window.click(1187, 254)
+    bpy.ops.ed.undo_push(message="Doll")
+    yield "before"
+    first, values = depth(), []
+    for pause in window.pull((1090, 180), (1140, 180), 12):
+        yield pause
+        values.append((round(depth(), 3), doll().maquette.values))
+    yield from until(settled)
+    # The mesh follows while the mouse is down, and at last has the value where it was left.
+    assert len({it for it, _ in values[:-1]}) >= 3 and len({it for _, it in values[:-1]}) >= 3, values
+    grown = doll()["maquette growth"]
+    assert 20 < grown < 36 and depth() > first + 5, (grown, first, depth())
+    yield "after"
+    yield from window.key("ctrl+z")
+    yield from until(lambda: settled() and abs(depth() - first) < 1e-3)
+    assert doll()["maquette growth"] == 12 and "growth" not in doll().maquette.values
+    yield from window.key("ctrl+shift+z")
+    yield from until(lambda: settled() and depth() > first + 5)
+    assert doll()["maquette growth"] == grown
+"""
+
+
 def pixels(path: pathlib.Path) -> np.ndarray:
     """Rows of RGBA, from 0 to 1."""
     image = bpy.data.images.load(str(path))
@@ -166,22 +238,45 @@ def test_the_mouse_links_nodes_and_a_key_undoes_it(tmp_path: pathlib.Path) -> No
     assert list(screen.take(script, tmp_path / "pictures", (900, 600))) == ["linked"]
 
 
-def test_the_mouse_edits_a_graph_file(addon: Any, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root = pathlib.Path(__file__).resolve().parents[3]
-    shutil.copytree(root / "graphs/doll", tmp_path / "doll")
+@pytest.fixture
+def engine(addon: Any, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The engine for that window: its Blender is older, and has another Python."""
+    if os.environ.get("MAQUETTE"):
+        return
+    found = importlib.util.find_spec("maquette")
+    assert found and found.origin
+    worker, program = ROOT / "hosts/blender/addon/worker.py", tmp_path / "maquette"
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -I "{worker}" "{pathlib.Path(found.origin).parents[1]}" "$@"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("MAQUETTE", str(program))
+
+
+@pytest.mark.usefixtures("engine")
+def test_the_mouse_edits_a_graph_file(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(ROOT / "graphs/doll", tmp_path / "doll")
     (tmp_path / "hand.ron").write_text(GRAPH)
-    if not os.environ.get("MAQUETTE"):
-        # That window's Blender is older, and has another Python: the engine runs in this one.
-        found = importlib.util.find_spec("maquette")
-        assert found and found.origin
-        worker, program = root / "hosts/blender/addon/worker.py", tmp_path / "maquette"
-        program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -I "{worker}" "{pathlib.Path(found.origin).parents[1]}" "$@"\n')
-        program.chmod(0o755)
-        monkeypatch.setenv("MAQUETTE", str(program))
     monkeypatch.setenv("GRAPH", str(tmp_path / "hand.ron"))
     script = tmp_path / "script.py"
     script.write_text(HAND)
     assert list(screen.take(script, tmp_path / "pictures", (1400, 700))) == ["linked", "moved", "refused"]
+
+
+@pytest.mark.usefixtures("engine")
+def test_the_mouse_drags_a_slider_and_the_mesh_follows(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(ROOT / "graphs/doll", tmp_path / "doll")
+    shutil.copy(ROOT / "graphs/doll.ron", tmp_path)
+    monkeypatch.setenv("GRAPH", str(tmp_path / "doll.ron"))
+    script = tmp_path / "script.py"
+    script.write_text(SLIDER)
+    kept = ROOT / "target/blender/pictures/slider"
+    taken = screen.take(script, kept, (1200, 800))
+    assert list(taken) == ["after", "before"]
+    # The nose is longer.
+    red = {}
+    for name, path in taken.items():
+        shown = pixels(path)
+        red[name] = (shown[..., 0] > 0.4) & (shown[..., 1] < 0.25) & (shown[..., 2] < 0.25)
+    assert red["before"].sum() > 1000 and red["after"].sum() > 1.5 * red["before"].sum(), {name: it.sum() for name, it in red.items()}
 
 
 def test_a_script_that_fails_is_told(tmp_path: pathlib.Path) -> None:

@@ -65,15 +65,26 @@ class Window:
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[float]:
         """Drags the mouse between places of the node tree, as a user's hand does: `yield from window.drag(..)`."""
-        (x, y), (to_x, to_y) = self.place(*start), self.place(*end)
+        yield from self.pull(self.place(*start), self.place(*end))
+
+    def pull(self, start: tuple[int, int], end: tuple[int, int], steps: int = 4) -> Iterator[float]:
+        """Drags the mouse between places of the screen."""
+        (x, y), (to_x, to_y) = start, end
         xdotool("mousemove", x, y)
         yield HAND
         xdotool("mousedown", 1)
         yield HAND
-        for step in range(1, 5):
-            xdotool("mousemove", x + (to_x - x) * step // 4, y + (to_y - y) * step // 4)
+        for step in range(1, steps + 1):
+            xdotool("mousemove", x + (to_x - x) * step // steps, y + (to_y - y) * step // steps)
             yield HAND
         xdotool("mouseup", 1)
+        yield SETTLED
+
+    def click(self, x: int, y: int) -> Iterator[float]:
+        """Presses the mouse at a place of the screen."""
+        xdotool("mousemove", x, y)
+        yield HAND
+        xdotool("click", 1)
         yield SETTLED
 
     def key(self, keys: str) -> Iterator[float]:
