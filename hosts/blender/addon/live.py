@@ -44,11 +44,20 @@ class MaquetteInput(bpy.types.PropertyGroup):
     object: bpy.props.PointerProperty(name="Object", type=bpy.types.Object)  # type: ignore[valid-type]
 
 
+def _outputs(its: Any, _context: Any, text: str) -> list[str]:
+    """What of the graph can be shown."""
+    it = states.get(key(its.id_data))
+    found = [*(one["name"] for one in it.loaded["outputs"]), *it.loaded["nodes"]] if it and it.loaded and it.loaded["ok"] else []
+    return [name for name in dict.fromkeys(found) if text.lower() in name.lower()]
+
+
 class MaquetteObject(bpy.types.PropertyGroup):
     """What an object has of its graph."""
 
     graph: bpy.props.StringProperty(name="Graph", description="The file of the graph", subtype="FILE_PATH")  # type: ignore[valid-type]
-    output: bpy.props.StringProperty(name="Output", description="What of the graph is shown: an output or a node")  # type: ignore[valid-type]
+    output: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Output", description="What of the graph is shown: an output or a node", search=_outputs, search_options={"SUGGESTION"}
+    )
     values: bpy.props.StringProperty(description="JSON: values as RON by their parameters' names")  # type: ignore[valid-type]
     inputs: bpy.props.CollectionProperty(type=MaquetteInput)  # type: ignore[valid-type]
     shown: bpy.props.StringProperty(description="The hash of the value that the mesh shows")  # type: ignore[valid-type]

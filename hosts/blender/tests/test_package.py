@@ -83,7 +83,7 @@ def registered(kind: type) -> set[type]:
     return below
 
 
-def test_blender_validates_the_zip(extension: Callable[..., Done]) -> None:
+def test_1_blender_validates_the_zip(extension: Callable[..., Done]) -> None:
     print(f"{ZIP.name}: {ZIP.stat().st_size} bytes")
     done = extension("validate", ZIP)
     assert (done.returncode, "Success" in done.stdout) == (0, True), done.stdout + done.stderr
@@ -97,12 +97,12 @@ def test_blender_validates_the_zip(extension: Callable[..., Done]) -> None:
         (f'version = "{VERSION}"', 'version = "new"', "semantic-version"),
     ],
 )
-def test_the_validation_notices_faults(extension: Callable[..., Done], tmp_path: pathlib.Path, old: str, new: str, words: str) -> None:
+def test_1_the_validation_notices_faults(extension: Callable[..., Done], tmp_path: pathlib.Path, old: str, new: str, words: str) -> None:
     done = extension("validate", changed(tmp_path, old, new))
     assert done.returncode == 1 and words in done.stdout + done.stderr, done.stdout + done.stderr
 
 
-def test_it_asks_for_files_and_nothing_else() -> None:
+def test_1_it_asks_for_files_and_nothing_else() -> None:
     import tomllib
 
     manifest = tomllib.loads(zipfile.ZipFile(ZIP).read("blender_manifest.toml").decode())
@@ -117,7 +117,7 @@ def test_it_asks_for_files_and_nothing_else() -> None:
 
 
 @pytest.mark.usefixtures("installed")
-def test_it_is_installed_and_stays_enabled(extension: Callable[..., Done], resources: pathlib.Path, blender: Callable[[str], Done]) -> None:
+def test_1_it_is_installed_and_stays_enabled(extension: Callable[..., Done], resources: pathlib.Path, blender: Callable[[str], Done]) -> None:
     assert "maquette [installed]" in extension("list").stdout
     assert PACKAGE.encode() in (resources / "config/userpref.blend").read_bytes()
     # 4.2 as a module crashes when it reads anybody's preferences.
@@ -127,7 +127,7 @@ def test_it_is_installed_and_stays_enabled(extension: Callable[..., Done], resou
 
 
 @pytest.mark.usefixtures("installed")
-def test_the_engine_is_the_extension_s_own_and_computes(resources: pathlib.Path, blender: Callable[[str], Done]) -> None:
+def test_1_the_engine_is_the_extension_s_own_and_computes(resources: pathlib.Path, blender: Callable[[str], Done]) -> None:
     done = blender(
         f"""{ENABLE}
 import importlib.metadata, maquette

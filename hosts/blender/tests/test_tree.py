@@ -173,6 +173,39 @@ def test_11_a_wrong_link_is_refused_in_the_checkers_words_on_the_node(tree: bpy.
     assert "needs it" in module("tree").states[module("tree").key(tree)].message or path.read_text() == text
 
 
+def test_11_links_of_a_port_that_takes_many_keep_their_order(empty: Any, tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "many.ron"
+    names = ("d", "a", "c", "b")
+    inputs = ", ".join(f'"{it}": Mesh(doc: "")' for it in names)
+    path.write_text(f'Graph(format: 1, inputs: {{ {inputs} }}, nodes: {{ "all": Merge(meshes: ["c", "a", "d"]) }}, outputs: {{ "all": "all" }})\n')
+    tree = module("tree").new(str(path), "many")
+    until(lambda: is_settled(tree, path))
+
+    def output(name: str) -> Any:
+        ends = next(it for it in tree.nodes if it.bl_idname == "MaquetteNodeInputs")
+        return next(it for it in ends.outputs if it.maquette_port == name)
+
+    def has(*wanted: str) -> bool:
+        """Whether the file has these links, and the tree shows them so."""
+        links = ", ".join(f'"{it}"' for it in wanted)
+        (node,) = module("tree").shown(tree)[0].nodes
+        return f"meshes: [{links}]" in path.read_text() and is_settled(tree, path) and node.links["meshes"] == [(it, "") for it in wanted]
+
+    port = named(tree, "all").inputs["meshes"]
+    assert port.is_multi_input and has("c", "a", "d")
+    text = path.read_text()
+    tree.links.new(output("b"), port)
+    until(lambda: '"b"]' in path.read_text())
+    until(lambda: has("c", "a", "d", "b"))
+    tree.links.remove(next(it for it in named(tree, "all").inputs["meshes"].links if it.from_socket == output("a")))
+    until(lambda: has("c", "d", "b"))
+    # Somebody else gives them another order.
+    path.write_text(path.read_text().replace('"c", "d", "b"', '"b", "a", "d", "c"'))
+    until(lambda: has("b", "a", "d", "c"))
+    path.write_text(text)
+    until(lambda: has("c", "a", "d"))
+
+
 def test_6_fifty_steps_back_and_forth_leave_the_tree_as_the_text(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
     bpy.context.preferences.edit.undo_steps = 100
     bpy.ops.ed.undo_push(message="begin")
