@@ -456,11 +456,10 @@ fn memory(process: u32) -> usize {
 #[test]
 fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
     let project = Project::doll();
-    // Each change of the graph is told with these words.
+    // Each change of the graph is told with these words. No value is computed anew: of each, 7 MB of results would be kept and counted too.
     let words = "many words. ".repeat(1 << 17);
     let save = |index: usize| {
-        let growth = 12.0 + (index / 20) as f64;
-        let text = project.doll_text(growth).replacen("doc: \"", &format!("doc: \"{words}"), 1);
+        let text = project.doll_text(12.0).replacen("doc: \"", &format!("doc: \"{words}"), 1);
         project.save(&format!("// {index}\n{text}"));
     };
     save(0);
@@ -496,7 +495,7 @@ fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
     served.watch.run_until_ok();
     let told = reader.join().unwrap();
     assert!(told > 100 << 20, "only {told} bytes were told: nobody was under pressure");
-    assert!(most < before + (64 << 20), "{before} bytes became {most}");
+    assert!(most < before + (48 << 20), "{before} bytes became {most}");
     // Whoever begins to read comes to what is true, or is gone.
     loop {
         match slow.0.read() {
