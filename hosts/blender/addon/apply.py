@@ -72,7 +72,7 @@ def apply(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) -> N
     """Makes the mesh what a value is; only what differs is written."""
     columns = Columns(told, folder)
     faces = f"{columns.count('position')} {columns.faces()}"
-    if mesh.get(FACES) != faces or len(mesh.vertices) != columns.count("position"):
+    if mesh.get(FACES) != faces or not _is_whole(mesh, columns):
         mesh.clear_geometry()
         _topology(mesh, columns)
         mesh[FACES], mesh[FILES] = faces, {}
@@ -80,6 +80,25 @@ def apply(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) -> N
     mesh[FILES] = _attributes(mesh, columns, known)
     # Edges are given, so that none has to be found.
     mesh.update()
+
+
+def _is_whole(mesh: bpy.types.Mesh, columns: Columns) -> bool:
+    """Whether nobody has changed which vertices belong together since the mesh was made."""
+    import numpy as np
+
+    def is_same(elements: Any, name: str, attribute: str) -> bool:
+        wanted = columns.named(name, "<i4")
+        if wanted is None or not len(elements):
+            return not len(elements) and not columns.count(name)
+        found = mesh.attributes[attribute].data
+        numbers = np.empty(len(wanted), np.int32)
+        if numbers.size != len(found) * columns.own[name]["width"]:
+            return False
+        found.foreach_get("value", numbers)
+        return bool((numbers == wanted).all())
+
+    is_counted = len(mesh.vertices) == columns.count("position")
+    return is_counted and is_same(mesh.loops, "corners", ".corner_vert") and is_same(mesh.edges, "edges", ".edge_verts")
 
 
 def _topology(mesh: bpy.types.Mesh, columns: Columns) -> None:
@@ -107,16 +126,16 @@ def _topology(mesh: bpy.types.Mesh, columns: Columns) -> None:
 
 
 def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -> dict[str, str]:
-    """Writes the columns whose files are not known; gives the files of all."""
+    """Writes the positions, and the columns whose files are not known; gives the files of these."""
     files = {}
-    if known.get("position") != columns.own["position"]["file"]:
+    if len(mesh.vertices):
         mesh.attributes["position"].data.foreach_set("vector", columns.named("position"))
-    files["position"] = columns.own["position"]["file"]
     uv = columns.own.get("uv")
     if uv and uv["on"] == "corner":
         files["corner UVMap"] = uv["file"]
-        layer = mesh.uv_layers.get("UVMap") or mesh.uv_layers.new(name="UVMap", do_init=False)
-        if known.get("corner UVMap") != uv["file"]:
+        layer = mesh.uv_layers.get("UVMap")
+        if layer is None or known.get("corner UVMap") != uv["file"]:
+            layer = layer or mesh.uv_layers.new(name="UVMap", do_init=False)
             layer.uv.foreach_set("vector", columns.numbers(uv))
     elements = {"vertex": mesh.vertices, "edge": mesh.edges, "face": mesh.polygons, "corner": mesh.loops}
     for name, column in _named(columns).items():
@@ -125,7 +144,7 @@ def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -
             continue
         key = f"{column['on']} {name}"
         files[key] = column["file"]
-        if known.get(key) != column["file"]:
+        if known.get(key) != column["file"] or name not in mesh.attributes:
             _attribute(mesh, columns, column, name)
     creases = columns.own.get("creases")
     if creases:

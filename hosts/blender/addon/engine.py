@@ -17,6 +17,9 @@ HERE = pathlib.Path(__file__).resolve().parent
 # Seconds between two looks at the engine: while something is under way, and while nothing is.
 BUSY, IDLE = 0.02, 0.1
 
+# What properties for paths have: later Blenders want to be told that `//`, the folder of their file, is known here.
+RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0) else set()
+
 # What is called with each look. Modules put their own in as they are registered.
 ticks: list[Callable[[], None]] = []
 

@@ -24,6 +24,9 @@ from .client import Answer
 # Custom properties of widgets begin with this.
 WIDGET = "maquette "
 
+# What a mesh remembers of the value that it was made of: its hash.
+SHOWN = "maquette_shown"
+
 # Seconds after which a run makes way for later values.
 PATIENCE = 0.15
 
@@ -54,7 +57,9 @@ def _outputs(its: Any, _context: Any, text: str) -> list[str]:
 class MaquetteObject(bpy.types.PropertyGroup):
     """What an object has of its graph."""
 
-    graph: bpy.props.StringProperty(name="Graph", description="The file of the graph", subtype="FILE_PATH")  # type: ignore[valid-type]
+    graph: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Graph", description="The file of the graph", subtype="FILE_PATH", options=engine.RELATIVE
+    )
     output: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Output", description="What of the graph is shown: an output or a node", search=_outputs, search_options={"SUGGESTION"}
     )
@@ -109,8 +114,8 @@ def state(owner: bpy.types.Object) -> State:
 
 
 def objects() -> list[bpy.types.Object]:
-    """All live objects."""
-    return [it for it in bpy.data.objects if it.maquette.graph]
+    """All live objects but those of other files: these show what was computed there."""
+    return [it for it in bpy.data.objects if it.maquette.graph and not it.library and not it.override_library]
 
 
 def values(owner: bpy.types.Object) -> dict[str, str]:
@@ -142,8 +147,10 @@ def add(path: str, context: bpy.types.Context) -> bpy.types.Object:
 
 
 def reload(owner: bpy.types.Object) -> None:
-    """Reads the graph anew and computes what has changed."""
+    """Reads the graph anew and shows what it gives, whatever was done to the mesh."""
     states.pop(key(owner), None)
+    if owner.data:
+        owner.data.pop(SHOWN, None)
 
 
 def restarted() -> None:
@@ -179,6 +186,23 @@ def tick() -> None:
             _load(owner, it)
             continue
         _run(owner, it)
+
+
+def wanted(owner: bpy.types.Object) -> tuple[Any, ...]:
+    """All that says what an object shows."""
+    its = owner.maquette
+    return (graph_path(owner), its.values, its.output, tuple(sorted(state(owner).inputs.items())))
+
+
+def hindrance(owner: bpy.types.Object) -> str:
+    """Why nothing can be shown; empty if it can."""
+    if owner.type != "MESH":
+        return f"{owner.name} is no mesh"
+    if owner.mode != "OBJECT" or owner.data.is_editmode:
+        return "it goes on when you are back in Object Mode"
+    if len(owner.data.vertices) and apply.FACES not in owner.data.keys():
+        return f"{owner.data.name} is a mesh of your own, and stays as it is"
+    return ""
 
 
 def _source(owner: bpy.types.Object) -> Any:
@@ -245,7 +269,8 @@ def _arrange(owner: bpy.types.Object, it: State) -> None:
         if name not in owner.maquette.inputs:
             owner.maquette.inputs.add().name = name
     outputs = [its["name"] for its in it.loaded["outputs"]] if it.loaded else []
-    if owner.maquette.output not in outputs and outputs:
+    is_known = owner.maquette.output in outputs or (it.loaded and owner.maquette.output.partition(".")[0] in it.loaded["nodes"])
+    if outputs and not is_known:
         drawn = [its["name"] for its in it.loaded["outputs"] if its["type"] in ("Mesh", "Surface", "ControlNet", "Points")]
         owner.maquette.output = (drawn or outputs)[0]
 
@@ -295,22 +320,24 @@ def _run(owner: bpy.types.Object, it: State) -> None:
         it.answered = None
         it.message = it.unfit.get(lacking[0], "") if lacking[0] in given else f"pick an object for the input {lacking[0]}"
         return
-    wanted = (graph_path(owner), owner.maquette.values, owner.maquette.output, tuple(sorted(it.inputs.items())))
+    now = (*wanted(owner), key(owner.data) if owner.data else None)
     if it.run is not None:
         late = time.monotonic() - it.since > PATIENCE
-        if wanted != it.asked and late:
+        if now != it.asked and late:
             cancel(owner)
         return
-    if wanted == it.answered:
+    if now == it.answered:
+        return
+    if hindrance(owner):
         return
     uid = key(owner)
-    it.asked, it.since, it.cancelled, it.message = wanted, time.monotonic(), False, ""
+    it.asked, it.since, it.cancelled, it.message = now, time.monotonic(), False, ""
     it.runs += 1
     it.run = engine.client().ask(
         "run",
         lambda answer: _answered(uid, it, answer),
         lambda event: _told(it, event),
-        graph=wanted[0],
+        graph=now[0],
         roots=engine.roots(),
         set=values(owner),
         inputs=it.inputs,
@@ -341,10 +368,17 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
     told = answer["values"].get(owner.maquette.output)
     if not told:
         return
+    if hindrance(owner):
+        it.answered = None
+        return
+    if any(other != owner and other.data == owner.data and wanted(other) != wanted(owner) for other in objects()):
+        # A linked duplicate goes on to show what it shows.
+        owner.data = owner.data.copy()
+        it.answered = (*it.answered[:-1], key(owner.data))
     if "columns" not in told:
         it.message = f"{owner.maquette.output} is of the type {told['type']}: {told.get('why', '')}"
-        if owner.type == "MESH":
-            owner.data.clear_geometry()
+        owner.data.clear_geometry()
+        owner.data[SHOWN] = ""
         return
     try:
         show(owner, told)
@@ -354,12 +388,14 @@ def _answered(uid: int, it: State, answer: Answer) -> None:
 
 
 def show(owner: bpy.types.Object, told: dict[str, Any]) -> None:
-    """Puts a value into the object's mesh."""
+    """Puts a value into the object's mesh, if it is not there."""
     folder = engine.client().folder
-    if folder is None or owner.type != "MESH":
+    if folder is None:
         return
-    apply.apply(owner.data, told, folder)
-    apply.texture(owner.data, told, folder)
+    if owner.data.get(SHOWN) != told["hash"]:
+        apply.apply(owner.data, told, folder)
+        apply.texture(owner.data, told, folder)
+        owner.data[SHOWN] = told["hash"]
     turn = AXES[told["axes"]] - AXES.get(owner.maquette.axes, 0.0)
     if turn:
         owner.matrix_world = owner.matrix_world @ Matrix.Rotation(turn, 4, "X")
@@ -432,7 +468,11 @@ def _given(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Obje
     if mesh is None or folder is None:
         raise ValueError("has no mesh")
     try:
-        mesh.transform(owner.matrix_world.inverted_safe() @ given.matrix_world)
+        place = owner.matrix_world.inverted_safe() @ given.matrix_world
+        mesh.transform(place)
+        if place.determinant() < 0:
+            # What is mirrored has its outside where it was.
+            mesh.flip_normals()
         places = _numbers(mesh.vertices, "co", "f", 3)
         ends = _numbers(mesh.edges, "vertices", "i", 2)
         corners = _numbers(mesh.loops, "vertex_index", "i")

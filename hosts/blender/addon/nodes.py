@@ -13,7 +13,7 @@ from typing import Any, Callable
 
 import bpy
 
-from . import panel
+from . import engine, panel
 
 # Custom properties of fields begin with this.
 FIELD = "field "
@@ -38,7 +38,9 @@ class MaquetteTree(bpy.types.NodeTree):
     bl_label = "Maquette Graph"
     bl_icon = "NODETREE"
 
-    maquette_graph: bpy.props.StringProperty(name="Graph", description="The file of the graph", subtype="FILE_PATH")  # type: ignore[valid-type]
+    maquette_graph: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Graph", description="The file of the graph", subtype="FILE_PATH", options=engine.RELATIVE
+    )
     maquette_text: bpy.props.StringProperty(description="The text that is shown")  # type: ignore[valid-type]
 
     def update(self) -> None:

@@ -6,11 +6,15 @@ import importlib.metadata
 
 import bpy
 
+from . import engine
+
 
 class MaquetteRoot(bpy.types.PropertyGroup):
     """A folder that graphs may read."""
 
-    path: bpy.props.StringProperty(name="Folder", description="Graphs may read this folder, wherever they are", subtype="DIR_PATH")  # type: ignore[valid-type]
+    path: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Folder", description="Graphs may read this folder, wherever they are", subtype="DIR_PATH", options=engine.RELATIVE
+    )
 
 
 class MAQUETTE_OT_add_root(bpy.types.Operator):
@@ -47,13 +51,14 @@ class MaquettePreferences(bpy.types.AddonPreferences):
         name="Program",
         description="A program `maquette` of your own, with packs of your own; the extension's if it is empty",
         subtype="FILE_PATH",
+        options=engine.RELATIVE,
     )
 
     roots: bpy.props.CollectionProperty(type=MaquetteRoot)  # type: ignore[valid-type]
 
     def draw(self, _context: bpy.types.Context) -> None:
         """Says which engine computes, and what graphs may read."""
-        self.layout.label(text=engine())
+        self.layout.label(text=version())
         self.layout.prop(self, "program")
         self.layout.label(text="A graph reads its project's folder, and these:")
         for place, root in enumerate(self.roots):
@@ -63,7 +68,7 @@ class MaquettePreferences(bpy.types.AddonPreferences):
         self.layout.operator("maquette.add_root", icon="ADD")
 
 
-def engine() -> str:
+def version() -> str:
     """The engine of the extension's wheel, in words."""
     try:
         return f"Engine: maquette {importlib.metadata.version('maquette')}, in the extension"

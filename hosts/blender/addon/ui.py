@@ -203,6 +203,11 @@ class GraphPanel(ForLiveObject):
         row = layout.row(align=True)
         row.prop(owner.maquette, "graph", text="Graph")
         row.operator("maquette.reload", text="", icon="FILE_REFRESH")
+        hindrance = "" if it is None else live.hindrance(owner)
+        if owner.library or owner.override_library:
+            hindrance = "it shows what was computed in its own file"
+        if hindrance:
+            layout.label(text=hindrance[0].upper() + hindrance[1:], icon="INFO")
         if it is None or it.loaded is None:
             return _state(layout, it)
         if it.loaded.get("doc"):
@@ -210,8 +215,10 @@ class GraphPanel(ForLiveObject):
         known = live.values(owner)
         for control in it.controls:
             _control(layout, owner, control, control.name in known)
+        wanted = {its["name"] for its in it.loaded["inputs"]} if it.loaded["ok"] else owner.maquette.inputs.keys()
         for given in owner.maquette.inputs:
-            layout.prop(given, "object", text=given.name)
+            if given.name in wanted:
+                layout.prop(given, "object", text=given.name)
         layout.prop(owner.maquette, "output")
         _state(layout, it)
         row = layout.row(align=True)

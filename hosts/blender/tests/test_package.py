@@ -135,7 +135,7 @@ print("file", maquette.__file__)
 print("version", importlib.metadata.version("maquette"))
 print("faces", len(maquette.load({str(GRAPHS / "hull.ron")!r}, cache=None).run()["hull.glb"].faces))
 from {PACKAGE} import preferences
-print("engine", preferences.engine())
+print("engine", preferences.version())
 """
     )
     assert done.returncode == 0, done.stderr

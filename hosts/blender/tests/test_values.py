@@ -393,6 +393,21 @@ def test_what_comes_of_an_object_lies_where_the_object_is(smooth: bpy.types.Obje
     assert not module("live").state(smooth).message
 
 
+def test_what_is_mirrored_is_not_turned_inside_out(empty: Any, tmp_path: pathlib.Path) -> None:
+    (tmp_path / "moved.ron").write_text(TAKES.format("Mesh"))
+    owner, given = module("live").add(str(tmp_path / "moved.ron"), bpy.context), cube(2, 0)
+    until(lambda: "it" in owner.maquette.inputs)
+    owner.maquette.inputs["it"].object = given
+    for scale in ((1, 1, 1), (-1, 1, 1), (-1, -1, 1), (2, -3, 0.5)):
+        given.scale = scale
+        bpy.context.view_layer.update()
+        until(lambda: owner.maquette.shown and settled(owner))
+        assert world(owner)[3:] == [abs(it) for it in scale]
+        # The volume, with a sign that says where the outside is.
+        faces = [[owner.data.vertices[it].co for it in face.vertices] for face in owner.data.polygons]
+        assert sum(corners[0].dot(corners[at].cross(corners[at + 1])) for corners in faces for at in (1, 2)) > 0
+
+
 PAIR = """Graph(
     format: 1,
     inputs: { "low": Mesh(doc: "one"), "high": Mesh(doc: "another") },
