@@ -31,7 +31,7 @@ SHOWN = "maquette_shown"
 PATIENCE = 0.15
 
 # Seconds between two looks at files.
-LOOK = 0.2
+LOOK = 0.1
 
 # maquette has millimetres; a meter of Blender is one.
 SCALE = 0.001
@@ -297,9 +297,10 @@ def _touched(owner: bpy.types.Object, it: State) -> None:
     changed = False
     for control in it.controls:
         value = owner.get(WIDGET + control.name)
-        if value is None or panel.is_same(control, value, _widget_value(control, known.get(control.name))):
+        said = None if value is None else panel.said(control, value)
+        if said is None or panel.is_same(control, value, _widget_value(control, known.get(control.name))):
             continue
-        known[control.name] = panel.ron(control, value)
+        known[control.name] = said
         changed = True
     if changed:
         owner.maquette.values = json.dumps(known)

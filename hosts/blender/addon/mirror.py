@@ -66,6 +66,23 @@ def shown(tree: bpy.types.NodeTree, outline: dict[str, Any]) -> tuple[edits.Show
     return edits.Shown(found, outputs), names
 
 
+def adopt(tree: bpy.types.NodeTree, outline: dict[str, Any]) -> None:
+    """Nodes that come from another tree are new here, whatever they were called there."""
+    free = {it["name"] for it in outline["nodes"]}
+    for node in tree.nodes:
+        if is_own(node) and (name := node.maquette_name):
+            if name not in free:
+                node.maquette_name = ""
+            free.discard(name)
+
+
+def lacks_ends(tree: bpy.types.NodeTree, outline: dict[str, Any]) -> bool:
+    """Whether somebody has deleted the node of all inputs, or of all outputs."""
+    have = {node.bl_idname for node in tree.nodes}
+    ends = ((nodes.MaquetteNodeInputs, "inputs"), (nodes.MaquetteNodeOutputs, "outputs"))
+    return any(outline[section] and end.bl_idname not in have for end, section in ends)
+
+
 def _source(link: bpy.types.NodeLink) -> edits.Source | None:
     """Where a link comes from, by way of whatever leads it there."""
     while link.from_node.type == "REROUTE":

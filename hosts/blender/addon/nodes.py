@@ -98,9 +98,10 @@ class NodeBase:
         if kind:
             begin(self, kind)
 
-    def copy(self, _from: Any) -> None:
-        """A copy is another node, which is not in the text yet."""
-        self.maquette_name = ""
+    def copy(self, other: Any) -> None:
+        """A copy beside it is another node, which is not in the text yet; in a copy of the whole tree it is the same one."""
+        if self.name != other.name:
+            self.maquette_name = ""
 
     def draw_buttons(self, _context: Any, layout: Any) -> None:
         """The fields that are written, and what is wrong with it."""
@@ -325,14 +326,15 @@ def fields(node: bpy.types.Node, written: dict[str, str]) -> dict[str, str]:
         field = name[len(FIELD) :]
         text = written.get(field)
         control = own.get(field)
-        if _is_same(control, value, _value(control, text)):
+        said = panel.said(control, value) if control else None
+        is_ron = isinstance(value, str) and (control is None or control.kind not in ("file", "text") or _is_ron(control, text))
+        if (said is None and not is_ron) or _is_same(control, value, _value(control, text)):
             if text is not None:
                 found[field] = text
-        elif isinstance(value, str) and (control is None or control.kind not in ("file", "text") or _is_ron(control, text)):
-            if value:
-                found[field] = value
-        elif control is not None:
-            found[field] = panel.ron(control, value)
+        elif not is_ron:
+            found[field] = said or ""
+        elif value:
+            found[field] = value
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import struct
 from typing import Any, Iterable
 
@@ -120,9 +121,19 @@ def _color(value: Any) -> str:
     return value if isinstance(value, str) else hexadecimal(value)
 
 
+def said(control: Control, value: Any) -> str | None:
+    """The value of a widget as RON; None if it is none: users can make anything of a property."""
+    try:
+        return ron(control, value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
 def ron(control: Control, value: Any) -> str:
     """The value of a widget as RON."""
     if control.kind == "number":
+        if not math.isfinite(value):
+            raise ValueError(value)
         return number_text(float(value))
     if control.kind == "integer":
         return str(int(value))

@@ -117,6 +117,8 @@ def tick() -> None:
             continue
         path = bpy.path.abspath(tree.maquette_graph)
         is_read = state.outline is not None and path in state.stamps and state.roots == engine.roots()
+        if state.outline is not None and key(tree) in changed and tree.maquette_text == state.text:
+            mirror.adopt(tree, state.outline)
         if undone and state.outline is not None and tree.maquette_text and tree.maquette_text != state.text:
             _put(tree, state, path)
         elif not is_read or (looks and any(live.stamp(it) != was for it, was in state.stamps.items())):
@@ -244,6 +246,11 @@ def _wished(tree: bpy.types.NodeTree, state: State) -> edits.Shown:
 def _edit(tree: bpy.types.NodeTree, state: State, path: str) -> None:
     """Makes the file what the tree shows; or the tree what the file says."""
     assert state.outline is not None
+    if mirror.lacks_ends(tree, state.outline):
+        # An output goes when its link does.
+        state.message = "the nodes of all inputs and of all outputs stay, and nothing was deleted"
+        _rebuild(tree, state, {})
+        return
     everything, places = shown(tree)
     names = {id(node): name for node, name in zip(everything.nodes, places)}
     now, state.refused = edits.without(everything, state.refused)

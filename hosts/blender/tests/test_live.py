@@ -99,6 +99,19 @@ def test_9_sliders_have_the_ranges_defaults_and_docs_of_the_graph(doll: bpy.type
         assert doll[f"maquette {name}"] == own.default
 
 
+def test_10_what_no_slider_can_hold_is_no_value_and_stops_nothing(doll: bpy.types.Object) -> None:
+    other = module("live").add(module("live").graph_path(doll), bpy.context)
+    until(lambda: settled(other))
+    for value in (float("nan"), float("inf"), "nonsense", [1.0, 2.0]):
+        doll["maquette growth"] = doll["maquette levels"] = value
+        other["maquette growth"] = 13.0 + len(str(value))
+        until(lambda: str(other["maquette growth"]) in other.maquette.values and settled(other))
+        assert not doll.maquette.values and settled(doll)
+    module("live").reload(doll)
+    until(lambda: settled(doll))
+    assert (doll["maquette growth"], doll["maquette levels"]) == (12.0, 1)
+
+
 def test_outputs_and_nodes_are_proposed_for_what_is_shown(doll: bpy.types.Object) -> None:
     def proposed(text: str) -> list[str]:
         return list(module("live")._outputs(doll.maquette, bpy.context, text))

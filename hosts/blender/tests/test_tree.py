@@ -206,6 +206,82 @@ def test_11_links_of_a_port_that_takes_many_keep_their_order(empty: Any, tmp_pat
     until(lambda: has("c", "a", "d"))
 
 
+def test_the_nodes_of_inputs_and_outputs_cannot_be_deleted(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
+    text, code = path.read_text(), module("tree")
+    before = {it.maquette_name for it in tree.nodes if module("mirror").is_own(it)}
+    for gone in (("MaquetteNodeOutputs",), ("MaquetteNodeOutputs", "MaquetteNodeSubdivide"), {it.bl_idname for it in tree.nodes}):
+        for it in [it for it in tree.nodes if it.bl_idname in gone]:
+            tree.nodes.remove(it)
+        until(lambda: "nothing was deleted" in code.states[code.key(tree)].message and is_settled(tree, path))
+        assert {it.maquette_name for it in tree.nodes if module("mirror").is_own(it)} == before and path.read_text() == text
+        code.states[code.key(tree)].message = ""
+    # And of a graph that takes something.
+    path.write_text('Graph(format: 1, inputs: { "it": Mesh(doc: "") }, nodes: { "moved": Transform(mesh: "it") }, outputs: { "moved": "moved" })')
+    until(lambda: is_settled(tree, path))
+    tree.nodes.remove(next(it for it in tree.nodes if it.bl_idname == "MaquetteNodeInputs"))
+    until(lambda: "nothing was deleted" in code.states[code.key(tree)].message and is_settled(tree, path))
+    assert named(tree, "moved").inputs["mesh"].links[0].from_socket.maquette_port == "it"
+
+
+def test_10_what_no_field_can_hold_is_not_written_and_stops_nothing(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
+    text = path.read_text()
+    for value in (float("nan"), float("inf"), [1, 2]):
+        named(tree, "red")["field clean"] = value
+        named(tree, "knots-u")["field order"] = value
+        for _ in range(200):
+            module("engine").poll()
+            time.sleep(0.002)
+        assert path.read_text() == text
+    named(tree, "knots-u")["field order"] = 4
+    change(tree, path, "along: U, order: 3", "along: U, order: 4")
+
+
+def test_copies_of_nodes_are_new_and_copies_of_a_tree_are_the_same(tree: bpy.types.NodeTree, path: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    text, other = path.read_text(), path.with_name("other.ron")
+    copied = tree.copy()
+    until(lambda: is_settled(copied, path) and is_settled(tree, path))
+    assert sorted(it.maquette_name for it in copied.nodes if module("mirror").is_own(it)) == sorted(
+        it.maquette_name for it in tree.nodes if module("mirror").is_own(it)
+    )
+    assert path.read_text() == text
+    bpy.data.node_groups.remove(copied)
+    other.write_text('Graph(format: 1, inputs: { "cage": Mesh(doc: "") }, nodes: { "skin": Transform(mesh: "cage") }, outputs: { "skin": "skin" })')
+    second = module("tree").new(str(other), "other")
+    until(lambda: is_settled(second, other))
+    area = bpy.context.window_manager.windows[0].screen.areas[0]
+    area.ui_type = "MaquetteTree"
+    space = area.spaces.active
+
+    def select(it: bpy.types.NodeTree, name: str) -> Any:
+        """A node alone, in an editor that shows its tree."""
+        space.node_tree = it
+        for node in it.nodes:
+            node.select = getattr(node, "maquette_name", "") == name
+        it.nodes.active = next((node for node in it.nodes if node.select), None)
+        return bpy.context.temp_override(area=area, region=next(one for one in area.regions if one.type == "WINDOW"), space_data=space)
+
+    def new(it: bpy.types.NodeTree) -> list[str]:
+        return [node.maquette_kind for node in it.nodes if module("mirror").is_own(node) and not node.maquette_name]
+
+    with select(tree, "skin"):
+        assert bpy.ops.node.duplicate() == {"FINISHED"}
+    until(lambda: new(tree) == ["Subdivide"] and "link mesh" in next(it for it in tree.nodes if it.select).maquette_problem)
+    tree.nodes.remove(next(it for it in tree.nodes if it.select))
+    until(lambda: is_settled(tree, path))
+    # Into another tree, where one is called so already.
+    with select(tree, "skin"):
+        assert bpy.ops.node.clipboard_copy() == {"FINISHED"}
+    with select(second, ""):
+        assert bpy.ops.node.clipboard_paste() == {"FINISHED"}
+    until(lambda: new(second) == ["Subdivide"])
+    made = next(it for it in second.nodes if module("mirror").is_own(it) and not it.maquette_name)
+    assert made["field levels"] == 'Param("levels")'
+    made["field levels"] = 1
+    second.links.new(next(it for it in second.nodes if it.bl_idname == "MaquetteNodeInputs").outputs["cage"], made.inputs["mesh"])
+    until(lambda: "Subdivide" in other.read_text())
+    assert path.read_text() == text and other.read_text().count("Transform(") == 1
+
+
 def test_6_fifty_steps_back_and_forth_leave_the_tree_as_the_text(tree: bpy.types.NodeTree, path: pathlib.Path) -> None:
     bpy.context.preferences.edit.undo_steps = 100
     bpy.ops.ed.undo_push(message="begin")

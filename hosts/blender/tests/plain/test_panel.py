@@ -66,6 +66,8 @@ class PanelTest(unittest.TestCase):
     def test_only_what_was_touched_differs(self) -> None:
         control = panel.Control("x", "number", 0.1)
         self.assertTrue(panel.is_same(control, panel.single(0.1), 0.1))
+        for value in (float("nan"), float("inf"), "x", [1.0], None):
+            self.assertIsNone(panel.said(control, value))
         self.assertFalse(panel.is_same(control, 0.1001, 0.1))
         text = panel.Control("t", "text", "a")
         self.assertEqual(panel.shown(text, panel.ron(text, 'a "b" \\ \u00e4')), 'a "b" \\ \u00e4')
