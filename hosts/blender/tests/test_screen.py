@@ -156,6 +156,7 @@ def shots(window):
         mesh.clear_geometry()
         mesh.from_pydata(list(zip(*[iter(places)] * 3)), [], list(zip(*[iter(corners)] * told["sides"])))
         mesh.uv_layers.new().data.foreach_set("uv", numbers("uv", "f"))
+        mesh[apply.FACES] = "older"
 
     def doll():
         return bpy.data.objects["doll"]
