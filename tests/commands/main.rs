@@ -7,6 +7,7 @@ mod command_line;
 mod doctor;
 mod faults;
 mod hands;
+mod language;
 mod nothing_is_lost;
 mod page;
 mod pictures;

@@ -7,7 +7,7 @@ use maquette::{Catalog, Graph, Options, Place};
 
 use crate::beside::beside;
 
-fn problems(path: &Path) -> String {
+pub(crate) fn problems(path: &Path) -> String {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let checked = Graph::load(path, &catalog, &Options::default());
     assert_eq!(checked.graph.is_none(), !checked.problems.is_empty());

@@ -10,6 +10,7 @@ mod goldens;
 mod graph_files;
 mod hostile_files;
 mod incremental;
+mod language;
 mod rooms;
 mod session;
 mod text_tools;

@@ -1,0 +1,1 @@
+//! The language of graphs, as users of the commands meet it: a file for each row of what it promises.

@@ -1,0 +1,22 @@
+//! The language of graphs: what is written wrongly is told once for each mistake, at its place.
+
+use std::path::Path;
+
+use expect_test::expect_file;
+
+use crate::graph_files::problems;
+
+/// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.
+#[test]
+fn each_mistake_is_told_once_at_its_place() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad");
+    let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
+    let graphs = files.filter(|path| path.extension().is_some_and(|ending| ending == "ron"));
+    let graphs = Vec::from_iter(graphs);
+    for path in &graphs {
+        let told = problems(path);
+        assert!(told.lines().count() > 1, "{}: {told}", path.display());
+        expect_file![path.with_extension("txt")].assert_eq(&told);
+    }
+    assert!(!graphs.is_empty(), "there is nothing to judge");
+}
