@@ -29,6 +29,7 @@ mod edit;
 mod events;
 mod fmt;
 mod gallery;
+mod help;
 mod inputs;
 mod inspect;
 mod interrupt;
@@ -49,6 +50,7 @@ mod why;
 /// A node-based geometry graph for redesigning scanned objects.
 #[derive(Parser)]
 #[command(name = "maquette", version, propagate_version = true)]
+#[command(disable_help_subcommand = true, after_help = topics())]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -92,11 +94,18 @@ enum Command {
     Serve(serve::Serve),
     /// Look after the results that are kept on disk.
     Cache(cache::Cache),
+    /// Explain the language of graphs, a topic at a time, or a command.
+    Help(help::Help),
     /// Print a script that completes commands in a shell.
     Completions {
         /// The shell.
         shell: clap_complete::Shell,
     },
+}
+
+fn topics() -> String {
+    let contents = crate::language::contents();
+    format!("The language of graphs, by `{} help TOPIC`:\n{}", program(), contents.trim_end())
 }
 
 /// What shapes the reading of a graph.
@@ -179,6 +188,7 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Why(command) => command.run(&catalog),
         Command::Serve(command) => command.run(&catalog),
         Command::Cache(command) => command.run(),
+        Command::Help(command) => command.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), program(), &mut script);

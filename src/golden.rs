@@ -10,6 +10,8 @@ mod sketch;
 pub(crate) mod store;
 mod topology;
 
+#[cfg(test)]
+pub(crate) use case::words;
 pub(crate) use compare::six;
 pub use compare::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
 pub(crate) use expect::{ExpectationPlace, Violation, nodes_of, violations};

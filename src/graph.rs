@@ -37,6 +37,8 @@ mod patch;
 mod recipe;
 mod shape;
 mod top;
+#[cfg(test)]
+mod words;
 
 pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
@@ -49,6 +51,8 @@ pub(crate) use outline::{Node as OutlineNode, Outline, Target};
 pub(crate) use recipe::{NodeFile, Recipe};
 pub(crate) use shape::Shape;
 pub(crate) use top::is_name;
+#[cfg(test)]
+pub(crate) use words::{Word, words, words_of_choices, words_of_fields};
 
 use crate::catalog::Catalog;
 

@@ -89,6 +89,7 @@ mod error;
 mod eval;
 mod golden;
 mod graph;
+mod language;
 mod limit;
 mod node;
 mod pack;

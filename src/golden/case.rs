@@ -455,6 +455,19 @@ impl TestFile {
     }
 }
 
+/// The words of tests.
+#[cfg(test)]
+pub(crate) fn words() -> Vec<crate::graph::Word> {
+    use crate::graph::{words_of_choices, words_of_fields};
+    let fields = |within, schema: schemars::Schema| words_of_fields("test", within, &schema.into());
+    let mut words = fields("Test", schemars::schema_for!(Test));
+    words.extend(fields("cases", schemars::schema_for!(Case)));
+    words.extend(fields("budget", schemars::schema_for!(Budget)));
+    words.extend(fields("compare", schemars::schema_for!(Tolerance)));
+    words.extend(words_of_choices("test", "keep", &schemars::schema_for!(Keep).into()));
+    words
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

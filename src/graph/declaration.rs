@@ -7,7 +7,17 @@ use crate::text::{Body, Finding, Kind, Origin, Tree, nearest, nearest_or_all};
 use crate::value::Color;
 
 /// The types that a parameter can have.
-const TYPES: [&str; 7] = ["Number", "Integer", "Toggle", "Color", "Text", "Choice", "Vector"];
+pub(super) const TYPES: [&str; 7] =
+    ["Number", "Integer", "Toggle", "Color", "Text", "Choice", "Vector"];
+
+/// The fields of a declaration of this type.
+pub(super) fn fields_of(kind: &str) -> &'static [&'static str] {
+    match kind {
+        "Number" | "Integer" | "Vector" => &["default", "doc", "min", "max", "unit"],
+        "Choice" => &["default", "doc", "of"],
+        _ => &["default", "doc"],
+    }
+}
 
 /// `"growth": Number(default: 12.0, min: 0.0, max: 40.0)`.
 #[derive(Clone, Debug)]
@@ -47,11 +57,7 @@ impl Declaration {
                 return None;
             }
         };
-        let known: &[&str] = match &kind[..] {
-            "Number" | "Integer" | "Vector" => &["default", "doc", "min", "max", "unit"],
-            "Choice" => &["default", "doc", "of"],
-            _ => &["default", "doc"],
-        };
+        let known = fields_of(&kind);
         let mut declaration = Self {
             name: name.to_owned(),
             kind,

@@ -67,6 +67,9 @@ pub(super) struct World<'a> {
     pub(super) files: Vec<ReadFile>,
 }
 
+/// The fields of an input's declaration.
+pub(super) const INPUT_FIELDS: [&str; 1] = ["doc"];
+
 /// Graphs that use each other are nested less deep than this: far deeper than anybody can follow.
 const DEEPEST: usize = 256;
 
@@ -242,9 +245,9 @@ impl<'a> Check<'_, 'a> {
         };
         for field in value.fields().unwrap_or_default() {
             let word = &field.name.text;
-            if word != "doc" {
+            if !INPUT_FIELDS.contains(&&word[..]) {
                 let message = format!("an input has no field `{word}`");
-                let help = nearest_or_all(word, "its fields", &["doc"]);
+                let help = nearest_or_all(word, "its fields", &INPUT_FIELDS);
                 self.find(code::UNKNOWN_FIELD, field.name.span, message, help);
             } else if field.value.text().is_none() && !field.value.is_broken() {
                 let message =

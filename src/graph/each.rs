@@ -33,8 +33,10 @@ pub(super) struct Branches {
     pub(super) choose: Tree,
 }
 
-const EACH: [&str; 5] = ["graph", "over", "with", "carry", "links"];
-const SWITCH: [&str; 2] = ["cases", "choose"];
+/// The fields of a `ForEach`.
+pub(super) const EACH: [&str; 5] = ["graph", "over", "with", "carry", "links"];
+/// The fields of a `Switch`.
+pub(super) const SWITCH: [&str; 2] = ["cases", "choose"];
 
 impl Check<'_, '_> {
     /// The fields of a call, as far as they are known.

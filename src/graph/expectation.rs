@@ -190,6 +190,11 @@ impl Expectation {
 }
 
 #[cfg(test)]
+pub(super) fn schema() -> serde_json::Value {
+    schemars::schema_for!(Expectation).into()
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::text::parse;

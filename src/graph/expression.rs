@@ -47,8 +47,8 @@ fn error<T>(message: impl Into<String>) -> Result<T, ExpressionError> {
 }
 
 /// Functions by name: least number of arguments, most, and what they compute.
-type Function = (&'static str, usize, usize, fn(&[f64]) -> f64);
-const FUNCTIONS: [Function; 7] = [
+pub(super) type Function = (&'static str, usize, usize, fn(&[f64]) -> f64);
+pub(super) const FUNCTIONS: [Function; 7] = [
     ("min", 1, 99, |x| x.iter().copied().fold(f64::INFINITY, f64::min)),
     ("max", 1, 99, |x| x.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
     ("clamp", 3, 3, |x| x[0].max(x[1]).min(x[2])),

@@ -30,7 +30,7 @@ pub(super) fn patched_tree(
 type Wanted = (String, Span, Tree);
 
 /// The fields of a patch.
-const FIELDS: [&str; 5] = ["format", "doc", "of", "params", "nodes"];
+pub(super) const FIELDS: [&str; 5] = ["format", "doc", "of", "params", "nodes"];
 
 impl Check<'_, '_> {
     /// The tree of the file's text. If it is a patch, of the graph that it makes of another one; the sheet is that graph's, then.

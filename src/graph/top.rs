@@ -10,7 +10,7 @@ use crate::text::{Field, Kind, Tree, nearest_or_all, with_article};
 const FORMAT: f64 = 1.0;
 
 /// The fields of a graph.
-const FIELDS: [&str; 8] =
+pub(super) const FIELDS: [&str; 8] =
     ["format", "doc", "use", "inputs", "params", "nodes", "outputs", "expect"];
 
 /// What stands in the fields of a graph.

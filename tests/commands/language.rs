@@ -1,1 +1,3 @@
 //! The language of graphs, as users of the commands meet it: a file for each row of what it promises.
+
+mod help;

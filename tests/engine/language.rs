@@ -6,6 +6,8 @@ use expect_test::expect_file;
 
 use crate::graph_files::problems;
 
+mod documentation;
+
 /// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.
 #[test]
 fn each_mistake_is_told_once_at_its_place() {

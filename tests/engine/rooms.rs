@@ -33,14 +33,14 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 30] = [
+const ROOMS: [(&str, &[&str]); 31] = [
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
     (
         "cli",
         &[
-            "catalog", "draw", "error", "eval", "format", "golden", "graph", "memory", "node",
-            "pack", "page", "paths", "plain", "probe", "render", "session", "suite", "telling",
-            "text", "value", "watch", "writing",
+            "catalog", "draw", "error", "eval", "format", "golden", "graph", "language", "memory",
+            "node", "pack", "page", "paths", "plain", "probe", "render", "session", "suite",
+            "telling", "text", "value", "watch", "writing",
         ],
     ),
     (
@@ -68,6 +68,7 @@ const ROOMS: [(&str, &[&str]); 30] = [
         ],
     ),
     ("graph", &["catalog", "error", "node", "pack", "paths", "plain", "reading", "text", "value"]),
+    ("language", &[]),
     ("limit", &[]),
     ("memory", &[]),
     (

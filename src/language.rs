@@ -1,0 +1,53 @@
+//! The language of graphs, documented: what `maquette help TOPIC` prints and `docs/language.md` is made of.
+
+#[cfg(feature = "cli")]
+mod plain;
+#[cfg(test)]
+mod tests;
+
+#[cfg(feature = "cli")]
+pub(crate) use plain::plain;
+
+/// One topic of the language: `src/language/NAME.md`, which begins with its title.
+pub(crate) struct Topic {
+    pub(crate) name: &'static str,
+    pub(crate) text: &'static str,
+}
+
+/// All topics, in the order in which they are read.
+pub(crate) const TOPICS: &[Topic] = &[
+    Topic { name: "graph", text: include_str!("language/graph.md") },
+    Topic { name: "params", text: include_str!("language/params.md") },
+    Topic { name: "expr", text: include_str!("language/expr.md") },
+    Topic { name: "units", text: include_str!("language/units.md") },
+    Topic { name: "foreach", text: include_str!("language/foreach.md") },
+    Topic { name: "switch", text: include_str!("language/switch.md") },
+    Topic { name: "patch", text: include_str!("language/patch.md") },
+    Topic { name: "expect", text: include_str!("language/expect.md") },
+    Topic { name: "test", text: include_str!("language/test.md") },
+];
+
+impl Topic {
+    /// What it is about.
+    pub(crate) fn title(&self) -> &'static str {
+        self.text.lines().next().unwrap_or_default().trim_start_matches("# ")
+    }
+}
+
+/// The topic of this name; capitals do not matter.
+pub(crate) fn topic(name: &str) -> Option<&'static Topic> {
+    TOPICS.iter().find(|topic| topic.name.eq_ignore_ascii_case(name))
+}
+
+/// The topics that explain a word of the language, such as `Closed`.
+pub(crate) fn topics_about(word: &str) -> Vec<&'static str> {
+    let word = format!("`{word}`");
+    TOPICS.iter().filter(|topic| topic.text.contains(&word)).map(|topic| topic.name).collect()
+}
+
+/// All topics with their titles, one a line.
+pub(crate) fn contents() -> String {
+    let longest = TOPICS.iter().map(|topic| topic.name.len()).max().unwrap_or(0);
+    let line = |topic: &Topic| format!("  {:<longest$}  {}\n", topic.name, topic.title());
+    TOPICS.iter().map(line).collect()
+}

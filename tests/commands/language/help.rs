@@ -1,0 +1,53 @@
+//! `maquette help`: the language of graphs, a topic at a time, and the commands as before.
+
+use crate::project::Project;
+
+/// What is printed, and whether the command succeeds.
+fn told(arguments: &[&str]) -> (String, bool) {
+    let output = Project::new("").maquette(arguments);
+    let words = [output.stdout, output.stderr].concat();
+    (String::from_utf8(words).unwrap(), output.status.success())
+}
+
+#[test]
+fn a_topic_is_readable_text_with_samples() {
+    let (text, is_known) = told(&["help", "params"]);
+    assert!(is_known && text.starts_with("Parameters: what can be changed from outside\n===="));
+    assert!(text.contains("\n    Graph(\n        format: 1,\n"), "{text}");
+    assert!(!text.contains("```"), "{text}");
+    assert_eq!(told(&["help", "ForEach"]), told(&["help", "foreach"]));
+}
+
+#[test]
+fn without_a_word_commands_and_topics_are_listed() {
+    let (text, is_known) = told(&["help"]);
+    assert!(is_known && text == told(&["--help"]).0, "{text}");
+    assert!(text.contains("\n  run  ") && text.contains("\n  params   Parameters: "), "{text}");
+}
+
+#[test]
+fn commands_are_explained_as_before() {
+    for words in [&["run"][..], &["cache", "ls"]] {
+        let by_help = told(&[&["help"], words].concat());
+        assert_eq!(by_help, told(&[words, &["--help"]].concat()));
+        assert!(by_help.1 && by_help.0.contains("Usage: maquette"), "{by_help:?}");
+    }
+    let (test, _) = told(&["help", "test"]);
+    assert!(test.contains("`maquette test --help` explains the command."), "{test}");
+}
+
+#[test]
+fn an_unknown_topic_gets_a_guess() {
+    let unknown = |word: &str| {
+        let (text, is_known) = told(&["help", word]);
+        assert!(!is_known, "{text}");
+        text
+    };
+    let message = "error: there is no topic or command";
+    assert_eq!(unknown("parms"), format!("{message} `parms`; did you mean `params`?\n"));
+    assert_eq!(
+        unknown("Closed"),
+        format!("{message} `Closed`; it is explained by `maquette help expect`\n")
+    );
+    assert_eq!(unknown("insect"), format!("{message} `insect`; did you mean `inspect`?\n"));
+}
