@@ -178,12 +178,9 @@ impl Evaluation {
         self.value(node, output)
     }
 
-    /// The values that were asked for and computed, by what [`Graph::value_named`] understands.
-    pub(crate) fn by_name<'v>(&'v self, graph: &Graph) -> impl Fn(&str) -> Option<&'v AnyValue> {
-        move |name| {
-            let (node, output) = graph.value_named(name)?;
-            self.value(node, output)
-        }
+    /// The values that were asked for and computed, by node and output.
+    pub(crate) fn by_place<'v>(&'v self) -> impl Fn(usize, usize) -> Option<&'v AnyValue> {
+        |node, output| self.value(node, output)
     }
 
     /// The files of one of the graph's outputs; none if its node failed.

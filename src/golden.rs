@@ -14,4 +14,4 @@ mod topology;
 pub(crate) use case::words;
 pub(crate) use compare::six;
 pub use compare::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
-pub(crate) use expect::{ExpectationPlace, Violation, nodes_of, violations};
+pub(crate) use expect::{Violation, nodes_of, violations};

@@ -22,6 +22,7 @@ mod each;
 mod edit;
 mod expand;
 mod expectation;
+mod expected;
 mod expression;
 mod format;
 mod input;
@@ -44,6 +45,7 @@ pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub use edit::{Edit, Edited, Put};
 pub(crate) use expectation::Expectation;
+pub(crate) use expected::Expected;
 pub(crate) use input::INPUT;
 pub use input::{GraphInput, GraphPort, InputValues};
 #[cfg(feature = "cli")]
@@ -73,8 +75,8 @@ pub struct Graph {
     /// What it wants and gives if it is a function of values.
     inputs: Vec<GraphInput>,
     ports: Vec<GraphPort>,
-    /// What must hold of its values, and where the file says so.
-    pub(crate) expect: Vec<(Expectation, Span)>,
+    /// What must hold of its values, and of those of the graphs that it uses.
+    expect: Arc<[Expected]>,
     /// Its inputs and parameters, described as a node's fields are.
     pub(crate) schema: serde_json::Value,
     /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
@@ -356,7 +358,12 @@ impl Graph {
         let same_output = |(a, b): (&GraphOutput, &GraphOutput)| {
             (&a.name, a.node, a.output) == (&b.name, b.node, b.output)
         };
+        let same_expected = |(a, b): (&Expected, &Expected)| {
+            (&a.expectation, &a.values) == (&b.expectation, &b.values)
+        };
         self.shape.identity == other.shape.identity
+            && self.expect.len() == other.expect.len()
+            && self.expect.iter().zip(&*other.expect).all(same_expected)
             && self.files().eq(other.files())
             && self.outputs.len() == other.outputs.len()
             && self.outputs.iter().zip(&other.outputs).all(same_output)

@@ -7,7 +7,7 @@ use crate::catalog::Catalog;
 use crate::error::{Error, Problem, code};
 use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace, explanation};
 use crate::golden::{self, Violation};
-use crate::graph::{Checked, Graph, GraphOutput, InputValues, Options};
+use crate::graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
 use crate::node::CancelToken;
 use crate::pack::{NewFile, Pack};
 use crate::text::{unknown, with_article};
@@ -127,10 +127,6 @@ impl Session {
     /// If an input gets a value of another type, or something is named that the graph does not have; nothing has been run then.
     pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<Finished, Vec<Problem>> {
         let graph = self.fed(graph, &run.inputs)?;
-        let expectations = match &run.wanted {
-            Wanted::Named(_) | Wanted::Nodes(_) => Vec::new(),
-            Wanted::Outputs | Wanted::OutputsAnd(_) | Wanted::Everything => graph.expectations(),
-        };
         let of_outputs = || graph.outputs.iter().map(|output| output.node).collect::<Vec<_>>();
         let named = |name: &str| match graph.value_named(name) {
             Some((node, _)) => vec![node],
@@ -143,9 +139,14 @@ impl Session {
             Wanted::Named(names) => places(&graph, names, named)?,
             Wanted::Nodes(names) => places(&graph, names, |name| graph.nodes_of(name))?,
         };
-        nodes.extend(golden::nodes_of(&graph, &expectations));
+        let expected = match &run.wanted {
+            Wanted::Nodes(_) => Vec::new(),
+            Wanted::Named(_) => graph.expected_of_uses(&nodes),
+            Wanted::Outputs | Wanted::OutputsAnd(_) | Wanted::Everything => graph.expected(&nodes),
+        };
+        nodes.extend(golden::nodes_of(&expected));
         let evaluation = self.evaluator.evaluate(&graph, &nodes, &nodes, run.observer, &run.cancel);
-        let judge = || golden::violations(&graph, evaluation.by_name(&graph), &expectations);
+        let judge = || golden::violations(&graph, evaluation.by_place(), &expected);
         let violations = self.evaluator.install(judge);
         Ok(Finished { graph, evaluation, violations })
     }
@@ -165,8 +166,8 @@ impl Session {
     ) -> Result<Produced, String> {
         let outputs = outputs_of(graph, only)?;
         let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
-        let expectations = graph.expectations();
-        let judged = golden::nodes_of(graph, &expectations);
+        let expected = graph.expected(&nodes);
+        let judged = golden::nodes_of(&expected);
         nodes.extend(&judged);
         let evaluator = &mut self.evaluator;
         let mut values = folder.nodes_to_write(&outputs, graph, evaluator);
@@ -175,7 +176,7 @@ impl Session {
         let (written, unwritten) = folder.write(&outputs, &evaluation, graph, evaluator, cancel);
         folder.keep(evaluator);
         let mut problems = evaluation.problems();
-        let judge = || golden::violations(graph, evaluation.by_name(graph), &expectations);
+        let judge = || golden::violations(graph, evaluation.by_place(), &expected);
         let violations = self.evaluator.install(judge);
         problems.extend(violations.into_iter().map(|violation| violation.problem));
         let complete = unwritten.is_empty();
@@ -207,7 +208,7 @@ impl Session {
     ) -> Result<Vec<Forecast>, String> {
         let outputs = outputs_of(graph, only)?;
         let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
-        nodes.extend(golden::nodes_of(graph, &graph.expectations()));
+        nodes.extend(golden::nodes_of(&graph.expected(&nodes)));
         Ok(self.forecast(graph, &nodes))
     }
 
@@ -337,7 +338,7 @@ fn places(
 pub struct Finished {
     graph: Graph,
     evaluation: Evaluation,
-    violations: Vec<Violation>,
+    pub(crate) violations: Vec<Violation>,
 }
 
 impl Finished {
@@ -380,7 +381,17 @@ impl Finished {
     /// What failed, what nodes warn of, and what the graph expects that does not hold.
     pub fn problems(&self) -> Vec<Problem> {
         let violations = self.violations.iter().map(|violation| violation.problem.clone());
-        self.evaluation.problems().into_iter().chain(violations).collect()
+        self.failures().into_iter().chain(violations).collect()
+    }
+
+    /// What failed, and what nodes warn of.
+    pub(crate) fn failures(&self) -> Vec<Problem> {
+        self.evaluation.problems()
+    }
+
+    /// What of these expectations does not hold.
+    pub(crate) fn judged(&self, expected: &[&Expected]) -> Vec<Violation> {
+        golden::violations(&self.graph, self.evaluation.by_place(), expected)
     }
 
     /// The graph that was run, with its inputs.

@@ -8,7 +8,6 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::compare::{Keep, Tolerance};
-use super::expect::ExpectationPlace;
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source, Span, code};
 use crate::graph::Expectation;
@@ -446,13 +445,6 @@ pub(crate) fn graph_of(test: &Path, graph: &Path) -> Vec<PathBuf> {
 /// Whether a path leads to this file.
 fn is_same(path: &Path, file: &Path) -> bool {
     path.canonicalize().is_ok_and(|path| path == file)
-}
-
-impl TestFile {
-    /// The place of an expectation of this file.
-    pub(crate) fn place(&self, span: Span) -> ExpectationPlace {
-        ExpectationPlace { source: self.source.clone(), span }
-    }
 }
 
 /// The words of tests.

@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::sync::Arc;
 
 use nalgebra::Point3;
 
@@ -10,17 +9,10 @@ use super::compare::{distances, six};
 use super::intersect::intersections;
 use super::looks;
 use super::topology::Topology;
-use crate::error::{Problem, Severity, Source, Span, code};
-use crate::graph::{Expectation, Graph};
+use crate::error::Problem;
+use crate::graph::{Expectation, Expected, Graph};
 use crate::text::nearest_or_all;
 use crate::value::{AnyValue, Fact, FactValue, Items, Meaning, Mesh, On, Part, Parts, Region};
-
-/// Where an expectation stands.
-#[derive(Clone)]
-pub(crate) struct ExpectationPlace {
-    pub(crate) source: Arc<Source>,
-    pub(crate) span: Span,
-}
 
 /// An expectation that does not hold.
 pub(crate) struct Violation {
@@ -94,59 +86,40 @@ fn no_region(name: &str) -> (String, Vec<Point3<f64>>) {
 }
 
 /// The nodes whose values these expectations speak of.
-pub(crate) fn nodes_of(
-    graph: &Graph,
-    expectations: &[(Expectation, ExpectationPlace)],
-) -> Vec<usize> {
-    let values = expectations.iter().flat_map(|(expectation, _)| expectation.values());
-    values.filter_map(|value| graph.value_named(value).map(|(node, _)| node)).collect()
+pub(crate) fn nodes_of(expectations: &[&Expected]) -> Vec<usize> {
+    let values = expectations.iter().flat_map(|expected| &expected.values);
+    values.flatten().map(|(node, _)| *node).collect()
 }
 
-impl Graph {
-    /// What the graph's own file expects.
-    pub(crate) fn expectations(&self) -> Vec<(Expectation, ExpectationPlace)> {
-        let place = |span: Span| ExpectationPlace { source: self.source.clone(), span };
-        self.expect.iter().map(|(expectation, span)| (expectation.clone(), place(*span))).collect()
-    }
-}
-
-/// Expectations that do not hold, of the values that `value` gives by their names. Those whose values could not be computed are not
+/// Expectations that do not hold, of the values that `value` gives by node and output. Those whose values could not be computed are not
 /// judged.
 pub(crate) fn violations<'v>(
     graph: &Graph,
-    value: impl Fn(&str) -> Option<&'v AnyValue>,
-    expectations: &[(Expectation, ExpectationPlace)],
+    value: impl Fn(usize, usize) -> Option<&'v AnyValue>,
+    expectations: &[&Expected],
 ) -> Vec<Violation> {
     let mut violations = Vec::new();
-    for (expectation, place) in expectations {
+    for expected in expectations {
+        let expectation = &expected.expectation;
         let names = expectation.values();
-        let problem = |message: String| Problem {
-            severity: Severity::Error,
-            code: code::EXPECTED,
-            source: place.source.clone(),
-            span: place.span,
-            message,
-            help: String::new(),
-            note: None,
-            uses: Vec::new(),
-        };
-        if let Some(unknown) = names.iter().position(|name| graph.value_named(name).is_none()) {
+        if let Some(unknown) = expected.values.iter().position(Option::is_none) {
             let message = format!("there is no output or node `{}`", names[unknown]);
             let known = graph.outputs.iter().map(|output| &output.name[..]);
             let known = known.chain(graph.nodes.iter().map(|node| &node.name[..]));
             let known = Vec::from_iter(known.filter(|name| !name.contains('/')));
             let help = nearest_or_all(names[unknown], "its outputs and nodes", &known);
-            let problem = Problem { help, ..problem(message) };
+            let problem = Problem { help, ..expected.problem(message) };
             violations.push(Violation { problem, value: None, places: Vec::new() });
             continue;
         }
-        let values = Vec::from_iter(names.iter().filter_map(|name| value(name)));
+        let values = expected.values.iter().flatten();
+        let values = Vec::from_iter(values.filter_map(|&(node, output)| value(node, output)));
         if values.len() < names.len() {
             continue;
         }
         if let Some((why, places)) = expectation.check(&values) {
             let message = format!("expected {}, but `{}` {why}", expectation.name(), names[0]);
-            let (problem, value) = (problem(message), values.first().copied().cloned());
+            let (problem, value) = (expected.problem(message), values.first().copied().cloned());
             violations.push(Violation { problem, value, places });
         }
     }

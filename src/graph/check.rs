@@ -13,7 +13,6 @@ use serde_json::json;
 use super::definition::{Definition, World};
 use super::draft::Draft;
 use super::expand::expand;
-use super::expectation::Expectation;
 use super::needs::Needs;
 use super::parameters::Parameters;
 use super::recipe::NodeFile;
@@ -156,7 +155,6 @@ pub(super) struct Whole<'a> {
     pub(super) definition: Definition<'a>,
     /// Files, with the places of drafts for those of nodes.
     pub(super) outputs: Vec<GraphOutput>,
-    pub(super) expect: Vec<(Expectation, Span)>,
     /// Whether it gives ports, not files.
     pub(super) is_used: bool,
     /// The nodes that nothing needs.
@@ -223,12 +221,10 @@ impl<'w, 'a> Check<'w, 'a> {
             true => ports = self.ports(top.outputs, &drafts, &names),
             false => outputs = self.outputs(top.outputs, &drafts, &names),
         }
-        let (expect, expected) = self.expectations(top.expect, top.outputs, &drafts, &names);
-        if let Some(expect) = top.expect.filter(|_| top.inputs.is_some()) {
-            let message = "a graph with inputs can expect nothing of values".to_owned();
-            let help = "what is expected is said by the graph that uses it";
-            self.find(code::UNKNOWN_FIELD, expect.span, message, help);
-        }
+        let given_there = (&ports[..], &outputs[..]);
+        let expect = self.expectations(top.expect, given_there, top.outputs, &drafts, &names);
+        let expected =
+            expect.iter().flat_map(|it| it.targets.iter().flatten().map(|(node, _)| *node));
         let given = outputs.iter().map(|output| output.node);
         let ported = ports.iter().filter_map(|port| Some(port.target?.0));
         let unused = unused(&drafts, inputs, &needs, given.chain(ported).chain(expected));
@@ -243,9 +239,10 @@ impl<'w, 'a> Check<'w, 'a> {
             order,
             eaches,
             ports,
+            expect,
             schema,
         };
-        Whole { definition, outputs, expect, is_used, unused }
+        Whole { definition, outputs, is_used, unused }
     }
 }
 

@@ -10,6 +10,7 @@ use super::check::Check;
 use super::declaration::Declaration;
 use super::draft::Draft;
 use super::each::Each;
+use super::expected::Expecting;
 use super::parameters::Parameters;
 use super::top::TopLevel;
 use super::{Options, ReadFile};
@@ -34,6 +35,8 @@ pub(super) struct Definition<'a> {
     pub(super) eaches: Vec<Each>,
     /// Its outputs, if other graphs use it; files are kept elsewhere.
     pub(super) ports: Vec<Port>,
+    /// What must hold of its values wherever it is used.
+    pub(super) expect: Vec<Expecting>,
     /// Inputs and parameters, described as a built-in node's fields are.
     pub(super) schema: Json,
 }

@@ -3,12 +3,14 @@
 //! The nodes of a use `nose` are named `nose/mask`. The evaluator knows nothing of uses: two of them with equal inputs have nodes
 //! with equal keys, which are computed once.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::check::{Check, Whole};
 use super::definition::{Definition, World, deeper};
 use super::draft::{Draft, What};
 use super::each::Branches;
+use super::expected::{Expected, Expecter, Expecting};
 use super::input::input_node;
 use super::node::Built;
 use super::parameters::{Parameters, handed_over};
@@ -32,12 +34,13 @@ pub(super) fn expand<'a>(
     whole: Whole<'a>,
     is_broken: bool,
 ) -> Option<Graph> {
-    let Whole { definition, outputs, expect, unused, .. } = whole;
-    let mut expansion = Expansion { world, nodes: Vec::new(), uses: Vec::new(), count: 0 };
+    let Whole { definition, outputs, unused, .. } = whole;
+    let (nodes, uses, expect) = (Vec::new(), Vec::new(), Vec::new());
+    let mut expansion = Expansion { world, nodes, uses, expect, count: 0 };
     let inputs = expansion.inputs(&definition);
     let scope = Scope { prefix: String::new(), uses: Arc::new([]), inputs, values: None };
     let values = expansion.graph(&definition, &scope);
-    let Expansion { nodes, uses, .. } = expansion;
+    let Expansion { nodes, uses, expect, .. } = expansion;
     // Where something is wrong, links may lead to nodes that could not be made.
     if !world.problems.is_empty() || is_broken {
         return None;
@@ -79,7 +82,7 @@ pub(super) fn expand<'a>(
         readers: world.catalog.readers().clone(),
         inputs,
         ports,
-        expect,
+        expect: expect.into(),
         schema,
         uses: uses.into(),
         unused,
@@ -90,6 +93,7 @@ struct Expansion<'w, 'a> {
     world: &'w mut World<'a>,
     nodes: Vec<GraphNode>,
     uses: Vec<GraphUse>,
+    expect: Vec<Expected>,
     /// How many graphs and nodes have been put in.
     count: usize,
 }
@@ -125,6 +129,7 @@ impl<'a> Expansion<'_, 'a> {
 
     /// Puts the nodes of a graph in; what all of its nodes give.
     fn graph(&mut self, definition: &Definition<'a>, scope: &Scope) -> Values {
+        let first = self.nodes.len();
         let mut values: Values = vec![Vec::new(); definition.drafts.len()];
         for &index in &definition.order {
             self.count += 1;
@@ -165,7 +170,45 @@ impl<'a> Expansion<'_, 'a> {
             let kind = format!("ForEach({})", each.kind);
             self.uses.push(GraphUse { name, kind, inputs: Vec::new(), outputs });
         }
+        self.expect(definition, scope, first..self.nodes.len(), &values);
         values
+    }
+
+    /// What a graph expects of its values in this use.
+    fn expect(
+        &mut self,
+        definition: &Definition<'a>,
+        scope: &Scope,
+        inside: Range<usize>,
+        values: &Values,
+    ) {
+        if definition.expect.is_empty() {
+            return;
+        }
+        let target = |&(draft, output): &(usize, usize)| values[draft].get(output).copied();
+        let of = scope.prefix.strip_suffix('/').map(|name| {
+            let ports = definition.ports.iter().filter_map(|port| target(port.target.as_ref()?));
+            let givers = ports.map(|(node, _)| node).collect();
+            (name, Expecter { uses: scope.uses.clone(), inside, givers })
+        });
+        let at_border = |word: &str| {
+            let inputs = definition.drafts[..definition.inputs].iter();
+            definition.ports.iter().any(|port| port.name == word)
+                || inputs.map(|input| &input.name.text).any(|name| name == word)
+        };
+        for Expecting { expectation, span, targets } in &definition.expect {
+            let mut expectation = expectation.clone();
+            if let Some((name, _)) = &of {
+                for word in expectation.values_mut() {
+                    let gap = if at_border(word) { '.' } else { '/' };
+                    *word = format!("{name}{gap}{word}");
+                }
+            }
+            let values = targets.iter().map(|it| it.as_ref().and_then(target)).collect();
+            let (source, span) = definition.sheet.place(*span);
+            let of = of.as_ref().map(|(_, of)| of.clone());
+            self.expect.push(Expected { expectation, values, source, span, of });
+        }
     }
 
     /// Does something that may find problems in the file of a graph.

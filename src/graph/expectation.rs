@@ -152,6 +152,18 @@ impl Expectation {
         }
     }
 
+    /// The same, to give them other names.
+    pub(super) fn values_mut(&mut self) -> Vec<&mut String> {
+        match self {
+            Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
+            Self::Count { of, .. } | Self::Bounds { of, .. } => vec![of],
+            Self::Bend { of, .. } | Self::Attribute { of, .. } => vec![of],
+            Self::Continuity { of, around, .. } => [of].into_iter().chain(around).collect(),
+            Self::Near { of, to, .. } => vec![of, to],
+            Self::Whole { of, around, .. } => vec![of, around],
+        }
+    }
+
     /// The texts in a list of expectations that name values.
     pub(crate) fn value_texts(list: &Tree) -> Vec<&Tree> {
         let Kind::List(items) = &list.kind else { return Vec::new() };

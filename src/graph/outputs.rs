@@ -1,4 +1,4 @@
-//! What a graph gives: files, each in a format that its value has, and what is expected of values.
+//! What a graph gives: files, each in a format that its value has, or values for who uses it.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -6,7 +6,6 @@ use std::path::Path;
 use super::check::Check;
 use super::definition::Port;
 use super::draft::Draft;
-use super::expectation::Expectation;
 use super::link::Names;
 use super::{GraphOutput, is_name};
 use crate::error::{Span, code};
@@ -133,31 +132,6 @@ impl Check<'_, '_> {
             ports.push(Port { name, target, kind, span: key.span });
         }
         ports
-    }
-
-    /// What the graph expects of its values, each of which must be there as an output or as a node, and the drafts that give
-    /// them.
-    pub(super) fn expectations(
-        &mut self,
-        tree: Option<&Tree>,
-        outputs: &[(Tree, Tree)],
-        drafts: &[Draft<'_>],
-        names: &Names<'_>,
-    ) -> (Vec<(Expectation, Span)>, Vec<usize>) {
-        let Some(tree) = tree else { return (Vec::new(), Vec::new()) };
-        let mut drafts_of_values = Vec::new();
-        let (expectations, findings) = Expectation::read_all(tree);
-        self.findings.extend(findings);
-        for (expectation, span) in &expectations {
-            for value in expectation.values() {
-                let is_output = outputs.iter().any(|(key, _)| key.text() == Some(value));
-                if !is_output {
-                    let targets = self.target(value, *span, drafts, names).unwrap_or_default();
-                    drafts_of_values.extend(targets.into_iter().map(|(node, _)| node));
-                }
-            }
-        }
-        (expectations, drafts_of_values)
     }
 
     fn no_format(&mut self, name: &str, ending: &str, kind: Option<&ValueType>, span: Span) {

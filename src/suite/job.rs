@@ -12,8 +12,7 @@ use crate::golden::case::{Allowed, TestFile};
 use crate::golden::compare::{Comparison, Measure, Tolerance, Verdict, limit_of, six};
 use crate::golden::parts::GoldenParts;
 use crate::golden::store::{self, Golden, NoGolden, Written};
-use crate::golden::{ExpectationPlace, violations};
-use crate::graph::{Expectation, Graph, GraphOutput, Options};
+use crate::graph::{Expectation, Expected, Graph, GraphOutput, Options};
 use crate::session::{Finished, Run, Session, Wanted};
 use crate::value::AnyValue;
 use crate::writing::{self, Sources};
@@ -100,24 +99,24 @@ impl Job<'_> {
         };
         case.problems.extend(self.misfits(&graph));
         let expectations = self.expectations(&graph);
-        let outputs = graph.output_names().map(str::to_owned);
-        let expected = expectations.iter().flat_map(|(expectation, _)| expectation.values());
-        let expected = expected.filter(|name| graph.value_named(name).is_some());
-        let wanted = Wanted::Named(outputs.chain(expected.map(str::to_owned)).collect());
+        let values = expectations.iter().flat_map(|expected| expected.expectation.values());
+        let values = values.filter(|name| graph.value_named(name).is_some());
+        let wanted = Wanted::OutputsAnd(values.map(str::to_owned).collect());
         let broken = !case.problems.is_empty();
-        let finished = match session.run(&graph, &Run { wanted, ..Run::default() }) {
+        let mut finished = match session.run(&graph, &Run { wanted, ..Run::default() }) {
             Ok(finished) => finished,
             Err(problems) => {
                 case.problems.extend(problems);
                 return case;
             }
         };
-        case.problems.extend(finished.problems());
+        case.problems.extend(finished.failures());
+        case.violations = std::mem::take(&mut finished.violations);
         case.trace = finished.trace();
         case.nodes = Some(nodes_of(&graph, &case.trace));
         let session = &*session;
         case.outputs = session.install(|| self.outputs(&graph, &finished, session, &mut case));
-        case.violations = violations(&graph, |name| finished.value(name), &expectations);
+        case.violations.extend(finished.judged(&Vec::from_iter(&expectations)));
         case.orphans = self.orphans(&case.outputs);
         case.notes = self.wide(&case.outputs);
         case.notes.extend(outdated(&case.outputs));
@@ -157,16 +156,16 @@ impl Job<'_> {
         Problem { severity, code, source, span, message, help, note, uses }
     }
 
-    fn expectations(&self, graph: &Graph) -> Vec<(Expectation, ExpectationPlace)> {
-        let of_graph = graph.expectations().into_iter();
-        let of_test = self.test.expect.iter();
+    /// What the test expects, beside the graph itself.
+    fn expectations(&self, graph: &Graph) -> Vec<Expected> {
         // A test of many graphs expects of each what it has.
         let many = self.test.graphs.len() > 1;
         let has = |expectation: &Expectation| {
             !many || expectation.values().iter().all(|value| graph.value_named(value).is_some())
         };
-        let of_test = of_test.filter(|(expectation, _)| has(expectation));
-        of_graph.chain(of_test.map(|(e, span)| (e.clone(), self.test.place(*span)))).collect()
+        let expected = self.test.expect.iter().filter(|(expectation, _)| has(expectation));
+        let source = &self.test.source;
+        expected.map(|(expectation, span)| graph.expecting(expectation, source, *span)).collect()
     }
 
     /// Tolerances for outputs that the graph does not have, or that are of another type.

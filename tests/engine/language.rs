@@ -7,6 +7,7 @@ use expect_test::expect_file;
 use crate::graph_files::problems;
 
 mod documentation;
+mod library_expectations;
 
 /// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.
 #[test]

@@ -127,7 +127,7 @@ inputs: { "mesh": Msh(), "Net": Mesh(), "other": Mesh(dok: "x"), "odd": 5 },
 params: { "mesh": Number(default: 1.0) },
 nodes: { "other": Merge(meshes: ["mesh"]), "it": Merge(meshes: ["mesh", "odd"]) },
 outputs: { "out.ply": "it", "mesh": "it", "mesh": "it", "lost": "ti" },
-expect: [Closed("it")],
+expect: [Closed("ti")],
 )"#;
     let text = graph(r#""out": Moved(mesh: "doll", other: "doll", odd: "doll")"#);
     Folder::new(&[("graph.ron", &text), ("lib/moved.ron", moved)]).check(expect![[r#"
@@ -140,7 +140,7 @@ expect: [Closed("it")],
         lib/moved.ron:6:12-21 G006 `out.ply` cannot name an output of a graph that others use (its outputs are ports, not files: lower-case letters, digits, hyphens) <- out at graph.ron:3:1
         lib/moved.ron:6:43-49 G006 there is already an output `mesh` <- out at graph.ron:3:1
         lib/moved.ron:6:65-69 G007 there is no node `ti` (did you mean `it`?) <- out at graph.ron:3:1
-        lib/moved.ron:7:9-23 G004 a graph with inputs can expect nothing of values (what is expected is said by the graph that uses it) <- out at graph.ron:3:1
+        lib/moved.ron:7:10-22 G007 there is no node `ti` (did you mean `it`?) <- out at graph.ron:3:1
     "#]]);
 }
 

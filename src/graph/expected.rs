@@ -1,0 +1,170 @@
+//! What must hold of a graph's values: what its own file expects, and what the graphs that it uses do.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use super::check::Check;
+use super::definition::Port;
+use super::draft::Draft;
+use super::expectation::Expectation;
+use super::link::Names;
+use super::{Graph, GraphOutput};
+use crate::error::{Place, Problem, Severity, Source, Span, Use, code};
+use crate::text::Tree;
+
+/// An expectation in the file that has it, and the drafts and outputs whose values it speaks of; none for one that is not there.
+pub(super) struct Expecting {
+    pub(super) expectation: Expectation,
+    pub(super) span: Span,
+    pub(super) targets: Vec<Option<(usize, usize)>>,
+}
+
+/// An expectation of values of a flat graph, under the names that they have there.
+#[derive(Clone)]
+pub(crate) struct Expected {
+    pub(crate) expectation: Expectation,
+    /// The node and output of each value that it speaks of; none for one that the graph does not have.
+    pub(crate) values: Vec<Option<(usize, usize)>>,
+    /// Where it stands.
+    pub(crate) source: Arc<Source>,
+    pub(crate) span: Span,
+    /// What uses the graph that expects it.
+    pub(super) of: Option<Expecter>,
+}
+
+/// A use of a graph that expects something.
+#[derive(Clone)]
+pub(super) struct Expecter {
+    /// The uses that lead there, the outermost first.
+    pub(super) uses: Arc<[Use]>,
+    /// The nodes inside.
+    pub(super) inside: Range<usize>,
+    /// The nodes that make what it gives.
+    pub(super) givers: Vec<usize>,
+}
+
+impl Expected {
+    /// What is wrong if it does not hold: told where the graph that expects it is used.
+    pub(crate) fn problem(&self, message: String) -> Problem {
+        let (source, span) = (self.source.clone(), self.span);
+        let (severity, code) = (Severity::Error, code::EXPECTED);
+        let (help, note) = (String::new(), None);
+        let uses = self.of.as_ref().map_or(&[][..], |of| &of.uses);
+        let Some((outermost, inner)) = uses.split_first() else {
+            return Problem { severity, code, source, span, message, help, note, uses: Vec::new() };
+        };
+        let Place { line, column } = Place::of(&source.text, span.start);
+        let help = format!("this is expected at {}:{line}:{column}", source.name.display());
+        let (source, span) = (outermost.source.clone(), outermost.span);
+        Problem { severity, code, source, span, message, help, note, uses: inner.to_vec() }
+    }
+
+    /// The nodes whose values it speaks of.
+    fn nodes(&self) -> impl Iterator<Item = usize> {
+        self.values.iter().flatten().map(|(node, _)| *node)
+    }
+
+    /// Whether something of the use that expects it is needed.
+    fn is_live(&self, needed: &[bool]) -> bool {
+        let Some(of) = &self.of else { return true };
+        of.inside.clone().chain(of.givers.iter().copied()).any(|node| needed[node])
+    }
+}
+
+impl Graph {
+    /// What must hold where these nodes are wanted: what the graph's own file expects, and what each graph does of which a use is needed.
+    pub(crate) fn expected(&self, wanted: &[usize]) -> Vec<&Expected> {
+        let mut wanted = wanted.to_vec();
+        let mut live = vec![false; self.expect.len()];
+        // What is expected of a value may need another use.
+        loop {
+            let needed = self.shape.needed_by(&wanted);
+            let is_new = |at: &usize| !live[*at] && self.expect[*at].is_live(&needed);
+            let new = Vec::from_iter((0..live.len()).filter(is_new));
+            if new.is_empty() {
+                break;
+            }
+            for at in new {
+                live[at] = true;
+                wanted.extend(self.expect[at].nodes());
+            }
+        }
+        self.expect.iter().zip(live).filter(|(_, live)| *live).map(|(it, _)| it).collect()
+    }
+
+    /// The same of the graphs that it uses alone, as far as these nodes need what they speak of.
+    pub(crate) fn expected_of_uses(&self, wanted: &[usize]) -> Vec<&Expected> {
+        if self.expect.iter().all(|expected| expected.of.is_none()) {
+            return Vec::new();
+        }
+        let needed = self.shape.needed_by(wanted);
+        let is_there = |expected: &&Expected| {
+            expected.of.is_some()
+                && expected.is_live(&needed)
+                && expected.nodes().all(|it| needed[it])
+        };
+        self.expect.iter().filter(is_there).collect()
+    }
+
+    /// An expectation of another file, such as a test, of this graph's values.
+    pub(crate) fn expecting(
+        &self,
+        expectation: &Expectation,
+        source: &Arc<Source>,
+        span: Span,
+    ) -> Expected {
+        let values = expectation.values().into_iter().map(|name| self.value_named(name)).collect();
+        Expected {
+            expectation: expectation.clone(),
+            values,
+            source: source.clone(),
+            span,
+            of: None,
+        }
+    }
+}
+
+impl Check<'_, '_> {
+    /// What the graph expects of its values, each of which must be there as an output, an input or a node.
+    pub(super) fn expectations(
+        &mut self,
+        tree: Option<&Tree>,
+        (ports, files): (&[Port], &[GraphOutput]),
+        outputs: &[(Tree, Tree)],
+        drafts: &[Draft<'_>],
+        names: &Names<'_>,
+    ) -> Vec<Expecting> {
+        let Some(tree) = tree else { return Vec::new() };
+        let (expectations, findings) = Expectation::read_all(tree);
+        self.findings.extend(findings);
+        let mut expecting = Vec::new();
+        for (expectation, span) in expectations {
+            let target = |value: &str| {
+                // What is wrong with an output is said there.
+                if outputs.iter().any(|(key, _)| key.text() == Some(value)) {
+                    let port = ports.iter().find(|port| port.name == value);
+                    let file = files.iter().find(|file| file.name == value);
+                    return port
+                        .and_then(|port| port.target)
+                        .or_else(|| file.map(|file| (file.node, file.output)));
+                }
+                match &self.target(value, span, drafts, names)?[..] {
+                    [target] => Some(*target),
+                    list => {
+                        let count = list.len();
+                        let message = format!(
+                            "one value is expected to be so, but `{value}` is a list of {count}"
+                        );
+                        let help =
+                            "say it in the graph that makes each of them, or of one: `name/1`";
+                        self.find(code::WRONG_TYPE, span, message, help);
+                        None
+                    }
+                }
+            };
+            let targets = expectation.values().into_iter().map(target).collect();
+            expecting.push(Expecting { expectation, span, targets });
+        }
+        expecting
+    }
+}
