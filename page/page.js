@@ -145,6 +145,9 @@ const hear = {
   progress(message) {
     showRun(`running ${message.node}, ${Math.round(100 * message.share)} %`, "running");
   },
+  stubborn(message) {
+    showRun(message.why, "failed");
+  },
   finished(message) {
     const old = before.get(message.node);
     before.delete(message.node);

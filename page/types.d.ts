@@ -113,6 +113,7 @@ export type Message =
   | { event: "cancelled"; run: number }
   | { event: "problems"; problems: Problem[]; more_problems?: number }
   | { event: "refused"; why: string }
+  | { event: "stubborn"; node: string; why: string }
   | { event: "probe"; id: number; facts?: Record<string, any>; why?: string }
   | { event: "pick"; id: number; nothing?: boolean; at?: [number, number, number]; face?: number; vertex?: number; attributes?: Record<string, any> }
   | Done;

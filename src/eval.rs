@@ -22,9 +22,11 @@ mod files;
 mod key;
 #[cfg(test)]
 mod law;
+mod memory;
 mod plan;
 mod run;
 mod snapshot;
+mod stubborn;
 mod trace;
 mod why;
 
@@ -57,6 +59,11 @@ pub trait Observer: Sync {
         let _ = (node, share);
     }
 
+    /// The evaluation was told to stop some seconds ago, and this node, of this type of this pack, still runs.
+    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+        let _ = (node, kind, pack);
+    }
+
     /// A node came to this end, after so many seconds of work.
     fn finished(&self, node: &str, state: State, seconds: f64) {
         let _ = (node, state, seconds);
@@ -69,6 +76,8 @@ impl Observer for () {}
 pub struct Evaluator {
     pool: rayon::ThreadPool,
     cache: Cache,
+    /// How many bytes results and nodes under way may hold together; none for a share of what the machine has left.
+    most: Option<u64>,
     disk: Option<Arc<Disk>>,
     /// Whether results are put on disk.
     keeps: bool,
@@ -129,6 +138,7 @@ impl Evaluation {
             seconds: news.map_or(0.0, |news| news.seconds),
             thread: news.map_or(0, |news| news.thread),
             bytes: outcome.map_or(0, |outcome| outcome.bytes),
+            estimate: news.and_then(|news| news.estimate),
             warnings: outcome.map_or(Vec::new(), |outcome| outcome.warnings.to_vec()),
         }
     }
@@ -230,7 +240,7 @@ impl Evaluator {
         let (cache, files) = (Cache::new(memory), Known::default());
         let (disk, last) = (None, None);
         let (keeps, owes, fresh) = (true, false, false);
-        Ok(Self { pool, cache, disk, keeps, owes, files, last, fresh, verify: 0.0 })
+        Ok(Self { pool, cache, most: None, disk, keeps, owes, files, last, fresh, verify: 0.0 })
     }
 
     /// The same, with results kept on disk from one process to the next.
@@ -244,6 +254,17 @@ impl Evaluator {
     #[must_use]
     pub fn verifying(self, share: f64) -> Self {
         Self { verify: share, ..self }
+    }
+
+    /// The same, with at most this many bytes for results and nodes under way together. Else it is nine tenths of what the machine,
+    /// or the group of processes that this one is in, has left, where the system tells that.
+    ///
+    /// A node that says by [`Node::estimate`](crate::Node::estimate) that it needs more fails before it begins; one for which
+    /// others leave too little waits for them. Results that no node needs any more make way.
+    #[must_use]
+    pub fn holding_at_most(mut self, bytes: u64) -> Self {
+        self.cache.set_limit(usize::try_from(bytes).unwrap_or(usize::MAX).min(self.cache.limit()));
+        Self { most: Some(bytes), ..self }
     }
 
     /// The results on disk.
@@ -315,9 +336,11 @@ impl Evaluator {
         let run = Run::new(self, graph, &plan, values, observer, cancel);
         let needs_threads = plan.has_work() || !run.has_values(values);
         let values = match needs_threads {
-            true => self.pool.install(|| {
-                rayon::scope(|scope| run.start(scope));
-                run.values_of(values)
+            true => run.told_of_stubborn_nodes(|| {
+                self.pool.install(|| {
+                    rayon::scope(|scope| run.start(scope));
+                    run.values_of(values)
+                })
             }),
             false => run.values_of(values),
         };

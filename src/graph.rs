@@ -96,6 +96,8 @@ pub(crate) struct GraphNode {
     /// The uses of graphs that lead to it.
     pub(crate) uses: Arc<[Use]>,
     pub(crate) node: Arc<dyn AnyNode>,
+    /// The pack that has its type; empty for what is the engine's own.
+    pub(crate) pack: &'static str,
     /// What its ports are linked to; a port's slot is its index here.
     pub(crate) links: Vec<Link>,
     /// The files that it reads.

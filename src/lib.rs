@@ -119,7 +119,7 @@ pub use graph::{
     Change, Checked, Difference, Edit, Edited, Files, Graph, GraphInput, GraphPort, InputValues,
     Options, Put, ReadFile,
 };
-pub use limit::{Limit, TooMuch};
+pub use limit::{Estimate, Limit, TooMuch};
 pub use node::{
     CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
     ReadError, node,

@@ -54,6 +54,55 @@ impl Limit {
     }
 }
 
+/// How much memory a node needs at most, told before it runs: see [`Node::estimate`](crate::Node::estimate).
+///
+/// The evaluator refuses a node that needs more than may be held, or has it wait for others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Bytes that it holds at most at a time: its results and what it works on, without its inputs. A float, so that it does not
+    /// overflow; one that is NaN is too much.
+    pub bytes: f64,
+    /// What the user can do: `choose fewer \`levels\``.
+    pub help: &'static str,
+}
+
+impl Estimate {
+    /// The bytes as a whole number.
+    pub(crate) fn whole(self) -> u64 {
+        if self.bytes.is_nan() { u64::MAX } else { self.bytes as u64 }
+    }
+}
+
+/// A node would need more memory than is left of what may be held.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("it would need {}, {} are held already and {} are allowed in all: {help}, or allow more (--max-memory)", in_bytes(*need), in_bytes(*held as f64), in_bytes(*most as f64))]
+pub(crate) struct NoRoom {
+    /// Bytes, as its [`Estimate`] says.
+    pub(crate) need: f64,
+    /// What other results and nodes hold.
+    pub(crate) held: u64,
+    /// What may be held in all.
+    pub(crate) most: u64,
+    pub(crate) help: &'static str,
+}
+
+/// `4.2 GB`; what is below a kilobyte is told exactly.
+fn in_bytes(bytes: f64) -> String {
+    const UNITS: [&str; 6] = ["kB", "MB", "GB", "TB", "PB", "EB"];
+    let mut unit = 1e3;
+    for name in UNITS {
+        if bytes < 999.5 * unit {
+            return match bytes / unit {
+                less if less < 1.0 => format!("{bytes:.0} B"),
+                few if few < 9.95 => format!("{few:.1} {name}"),
+                many => format!("{many:.0} {name}"),
+            };
+        }
+        unit *= 1e3;
+    }
+    format!("{bytes:.1e} B")
+}
+
 /// A number with two digits that count, in groups of three: `4 100 000`.
 fn in_words(number: f64) -> String {
     const LARGEST: f64 = 1e15;
@@ -82,6 +131,14 @@ mod tests {
             ["0", "7", "100", "1 200", "17 000 000", "4 100 000", "1 000 000 000", "3.0e17"];
         assert_eq!(words, expected);
         assert_eq!([f64::INFINITY, f64::NAN].map(in_words), ["inf", "NaN"]);
+    }
+
+    #[test]
+    fn bytes_are_told_with_two_or_three_digits_in_the_unit_that_fits() {
+        let bytes = [0.0, 999.0, 1000.0, 4.24e9, 9.97e6, 3.5e15, 2e30];
+        let words = ["0 B", "999 B", "1.0 kB", "4.2 GB", "10 MB", "3.5 PB", "2.0e30 B"];
+        assert_eq!(bytes.map(in_bytes), words);
+        assert_eq!([f64::INFINITY, f64::NAN].map(in_bytes), ["inf B", "NaN B"]);
     }
 
     #[test]

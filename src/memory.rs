@@ -8,6 +8,10 @@
     reason = "advice to the system goes through a pointer; each use has its proof"
 )]
 
+mod left;
+
+pub(crate) use left::left;
+
 /// Below this many bytes the advice costs more than it saves: there is hardly a whole large page inside.
 const LEAST: usize = 4 << 20;
 

@@ -15,6 +15,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::json;
 
 use crate::error::{Cancelled, Error};
+use crate::limit::Estimate;
 use crate::reading::{Readers, Reading};
 use crate::text::{FILE, LINK};
 use crate::value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
@@ -39,6 +40,16 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
     /// Files that it reads if they are there, beside those that its fields name.
     fn files(&self) -> Vec<FilePath> {
         Vec::new()
+    }
+
+    /// How much memory [`eval`](Self::eval) will need at most, told before it runs; none if nobody can say. A node whose result may
+    /// be much larger than its inputs says it, so that it is refused with numbers instead of the program being killed.
+    ///
+    /// It sees the same context, so that it knows how large the inputs are, and must be quick: it counts, and allocates nothing
+    /// large. Of two runs on equal inputs it says the same.
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let _ = cx;
+        None
     }
 
     /// Computes the outputs: a pure function of the parameters, the inputs and the files, the same bytes for any number of

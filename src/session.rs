@@ -95,7 +95,9 @@ impl Session {
     /// Those of [`new`](Self::new).
     pub fn with_catalog(catalog: Arc<Catalog>, settings: &Settings) -> Result<Self, SessionError> {
         let (evaluator, disk_warning) = settings.evaluator(&catalog)?;
-        Ok(Self { catalog, evaluator, memory: settings.memory, disk_warning })
+        let most = settings.max_memory.and_then(|most| usize::try_from(most).ok());
+        let memory = settings.memory.min(most.unwrap_or(usize::MAX));
+        Ok(Self { catalog, evaluator, memory, disk_warning })
     }
 
     /// What its packs offer.

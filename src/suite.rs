@@ -14,7 +14,7 @@ use crate::golden::store::{Golden, NoGolden, because};
 use crate::golden::{Comparison, Violation};
 use crate::pack::NewFile;
 use crate::plain;
-use crate::session::{self, CacheFolder, Session};
+use crate::session::{self, Session};
 use crate::value::AnyValue;
 use crate::writing::{Destination, Refused, Sources};
 
@@ -301,7 +301,7 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
         graphs: &BTreeMap::new(),
         cold: true,
         threads,
-        session: &|| cold_session(catalog),
+        session: &|| cold_session(catalog, None),
     };
     let report = run(&case::find(folder), &settings)?;
     let mut failures =
@@ -317,15 +317,18 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
     Ok(TestRun { passed, graphs, failures })
 }
 
-/// A session of one thread that keeps nothing from one process to the next.
+/// A session of one thread that keeps nothing from one process to the next, and holds at most so much memory.
 ///
 /// # Errors
 /// If the thread cannot be started.
-pub(crate) fn cold_session(catalog: &Arc<Catalog>) -> Result<Session, String> {
+pub(crate) fn cold_session(
+    catalog: &Arc<Catalog>,
+    max_memory: Option<u64>,
+) -> Result<Session, String> {
     /// Results of one case are small; this is plenty.
     const MEMORY: usize = 1 << 30;
-    let cache = CacheFolder::None;
-    let settings = session::Settings { threads: 1, memory: MEMORY, cache, verify: 0.0 };
+    let none = session::Settings::in_memory();
+    let settings = session::Settings { threads: 1, memory: MEMORY, max_memory, ..none };
     Session::with_catalog(catalog.clone(), &settings).map_err(|error| error.to_string())
 }
 

@@ -9,27 +9,36 @@
 mod examples;
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard};
 
-use maquette::{CancelToken, Catalog, Evaluator, Graph, Options};
+use maquette::{CancelToken, Catalog, Evaluator, Graph, Observer, Options, State};
 
 /// Counts what is allocated.
 struct Counting;
 
 static NOW: AtomicUsize = AtomicUsize::new(0);
 
+/// The most that was allocated at a time since somebody set it.
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+fn add(bytes: usize) {
+    let now = NOW.fetch_add(bytes, Relaxed) + bytes;
+    PEAK.fetch_max(now, Relaxed);
+}
+
 // SAFETY: every call goes to the system's allocator, with what was given.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        NOW.fetch_add(layout.size(), Relaxed);
+        add(layout.size());
         // SAFETY: as the caller promises.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        NOW.fetch_add(layout.size(), Relaxed);
+        add(layout.size());
         // SAFETY: as the caller promises.
         unsafe { System.alloc_zeroed(layout) }
     }
@@ -96,4 +105,152 @@ fn results_hold_no_more_than_they_may() {
         assert!(evaluator.memory() <= allowed);
         assert!(held <= allowed + allowed / 5 + BASE, "{held} bytes are held, {allowed} allowed");
     }
+}
+
+/// How much was allocated at most, beside what was there, while each node was under way.
+#[derive(Default)]
+struct Peaks {
+    began: AtomicUsize,
+    peaks: Mutex<Vec<(String, usize)>>,
+}
+
+impl Observer for Peaks {
+    fn started(&self, _: &str) {
+        let now = NOW.load(Relaxed);
+        PEAK.store(now, Relaxed);
+        self.began.store(now, Relaxed);
+    }
+
+    fn finished(&self, node: &str, _: State, _: f64) {
+        let peak = PEAK.load(Relaxed) - self.began.load(Relaxed);
+        self.peaks.lock().unwrap().push((node.to_owned(), peak));
+    }
+}
+
+/// Each node of a graph that says how much it needs: its type, that, and what it really took. Only one node is under way at a time.
+fn measured(text: &str) -> Vec<(String, f64, f64)> {
+    let path = graphs().join("measured.ron");
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let options = Options::default().with_text(&path, text);
+    let checked = Graph::load(&path, &catalog, &options);
+    let graph = checked.graph.unwrap_or_else(|| panic!("{text}: {}", checked.problems[0].message));
+    let peaks = Peaks::default();
+    let mut evaluator = Evaluator::new(1, 1 << 32).unwrap();
+    let evaluation = evaluator.evaluate_all_nodes(&graph, &peaks, &CancelToken::default());
+    let peaks = peaks.peaks.into_inner().unwrap();
+    let trace = evaluation.trace();
+    let said = trace.0.iter().filter_map(|node| {
+        assert_eq!(node.state, State::Computed, "{text}: {}", node.reason);
+        let (_, peak) = peaks.iter().find(|(name, _)| *name == node.name)?;
+        Some((node.node.clone(), node.estimate?, *peak as f64))
+    });
+    said.collect()
+}
+
+/// A graph of these nodes, of a doll, its scan, a ring and a surface.
+fn graph_of(nodes: &str) -> String {
+    format!(
+        r#"Graph(format: 1, nodes: {{
+            "doll": ReadMesh(path: "doll/coarse.obj"),
+            "mug": ReadMesh(path: "doll/mug.obj"),
+            "scan": ReadCapture(color: "doll/color.png", range: "doll/range.pcd"),
+            "ring": ReadCurve(path: "doll/ellipse.obj"),
+            "grid": Triangulate(range: "scan.range"),
+            "net": Revolve(profile: [(0, 0), (30, 0), (45, 40), (12, 70), (20, 90)]),
+            "vase": Nurbs(net: "net"),
+            {nodes}
+        }}, outputs: {{}})"#
+    )
+}
+
+/// Nodes large enough that what is allocated in any case does not count.
+const LARGE: [&str; 27] = [
+    r#""a": Subdivide(mesh: "doll", scheme: Loop, levels: 5)"#,
+    r#""a": Subdivide(mesh: "doll", scheme: Loop, levels: 5, limit: true)"#,
+    r#""a": Subdivide(mesh: "doll", scheme: CatmullClark, levels: 5)"#,
+    r#""a": Subdivide(mesh: "mug", scheme: CatmullClark, levels: 6, limit: true, corners: Smooth)"#,
+    r#""a": Subdivide(mesh: "doll", scheme: DooSabin, levels: 5)"#,
+    r#""a": Subdivide(mesh: "doll", scheme: DooSabin, levels: 5, limit: true)"#,
+    r#""a": Subdivide(mesh: "grid", scheme: Loop, levels: 2, boundary: None)"#,
+    r#""a": Subdivide(mesh: "grid", scheme: Loop, levels: 2, limit: true, split: true)"#,
+    r#""a": SubdivideCurve(curve: "ring", scheme: Chaikin, levels: 16)"#,
+    r#""a": SubdivideCurve(curve: "ring", scheme: Cubic, levels: 16)"#,
+    r#""a": Tessellate(surface: "vase", u: 1000, v: 1000)"#,
+    r#""a": Tessellate(surface: "vase", tolerance: 0.001)"#,
+    r#""fine": SubdivideCurve(curve: "ring", scheme: Cubic, levels: 10), "a": Tube(curve: "fine", radius: 0.01, sides: 30)"#,
+    r#""a": GaussianSurface(u: 600, v: 600, points: [(at: (0, 0), to: (0, 0, 0)), (at: (0, 1), to: (0, 9, 0)), (at: (1, 0), to: (9, 0, 0))])"#,
+    r#""a": GaussianSurface(u: 600, v: 600, through: true, points: [(at: (0, 0), to: (0, 0, 0)), (at: (0, 1), to: (0, 9, 0)), (at: (1, 0), to: (9, 0, 0))])"#,
+    r#""a": Reconstruct(points: ["grid"])"#,
+    r#""a": Reconstruct(points: ["scan.range"], normals: Estimated, faces: Quads, skin: Open)"#,
+    r#""fine": Subdivide(mesh: "doll", scheme: Loop, levels: 3), "a": Reconstruct(points: ["fine"], spacing: 0.7)"#,
+    r#""a": FillHoles(mesh: "grid", holes: All, method: ThinPlate)"#,
+    r#""a": FillHoles(mesh: "grid", holes: All, method: Membrane)"#,
+    r#""a": FillHoles(mesh: "grid", holes: Largest)"#,
+    r#""fine": Subdivide(mesh: "doll", scheme: Loop, levels: 3), "a": Interpolate(mesh: "fine", scheme: Loop)"#,
+    r#""fine": Subdivide(mesh: "mug", scheme: CatmullClark, levels: 3), "a": Interpolate(mesh: "fine", scheme: CatmullClark, foot: Closest, solver: Plain)"#,
+    r#""fine": Subdivide(mesh: "doll", scheme: Loop, levels: 2), "a": Interpolate(mesh: "fine", scheme: Loop, solver: Direct)"#,
+    r#""many": Handles(mesh: "doll", on: Farthest(900)), "a": Ffd(mesh: "grid", layout: "many", mode: Displacement, space: World, handles: [(at: (0, 0, 500), to: (0, 0, 505), sigma: (5, 5, 5))])"#,
+    r#""fine": Subdivide(mesh: "doll", scheme: Loop, levels: 5), "a": Merge(meshes: ["fine", "fine", "grid"])"#,
+    r##""red": Threshold(image: "scan.color", select: Near(color: "#c33923", distance: 30.0)), "spots": Label(mask: "red"), "nose": ExtractRegion(labels: "spots", range: "scan.range"), "points": ControlNet(region: "nose", range: "scan.range"), "surface": Nurbs(net: "points"), "a": Blend(range: "scan.range", region: "nose", surface: "surface", resample: (8, 8))"##,
+];
+
+/// What a node needs may be a tenth more than it says, and no less than a quarter of it.
+#[test]
+fn nodes_need_about_as_much_as_they_say() {
+    let _alone = alone();
+    let texts = Vec::from_iter(LARGE.iter().map(|nodes| graph_of(nodes)));
+    let mut kinds = BTreeSet::new();
+    for text in texts {
+        for (kind, said, took) in measured(&text) {
+            assert!(
+                took <= 1.1 * said && said <= 4.0 * took,
+                "{kind} said {said:.0} bytes and took {took:.0}: {text}"
+            );
+            kinds.insert(kind);
+        }
+    }
+    assert!(kinds.len() > 10, "{kinds:?}");
+}
+
+/// In the examples what is allocated in any case counts, too.
+#[test]
+fn nodes_of_examples_need_no_more_than_they_say() {
+    let _alone = alone();
+    for path in examples::examples() {
+        let text = std::fs::read_to_string(&path).unwrap().replace("../doll/", "doll/");
+        for (kind, said, took) in measured(&text) {
+            assert!(took <= 1.1 * said + BASE as f64, "{kind} said {said} bytes and took {took}");
+        }
+    }
+}
+
+#[test]
+fn twelve_levels_of_a_million_faces_are_refused_before_anything_is_allocated() {
+    let _alone = alone();
+    let path = graphs().join("measured.ron");
+    let text = graph_of(
+        r#""million": Tessellate(surface: "vase", u: 1000, v: 1000),
+        "fine": Subdivide(mesh: "million", scheme: CatmullClark, levels: 12),
+        "other": Subdivide(mesh: "mug", scheme: CatmullClark, levels: 1)"#,
+    );
+    let options = Options::default().with_text(&path, text);
+    let graph = Graph::load(&path, &Catalog::new(maquette_nodes::PACKS), &options).graph.unwrap();
+    let mut evaluator = Evaluator::new(1, 1 << 31).unwrap().holding_at_most(4_000_000_000);
+    drop(evaluator.evaluate_nodes(&graph, &["million"]));
+    let before = NOW.load(Relaxed);
+    PEAK.store(before, Relaxed);
+    let evaluation = evaluator.evaluate_nodes(&graph, &["fine", "other"]);
+    let peak = PEAK.load(Relaxed) - before;
+    let problems = evaluation.problems();
+    assert_eq!(problems.len(), 1, "{problems:?}");
+    let message = &problems[0].message;
+    assert!(
+        message.starts_with("`fine` cannot be computed: it would need ")
+            && message.contains(" PB, ")
+            && message.contains("4.0 GB are allowed in all: choose fewer `levels`, or allow more"),
+        "{message}"
+    );
+    assert!(peak < 1 << 20, "{peak} bytes were allocated");
+    let trace = evaluation.trace();
+    assert!(trace.0.iter().any(|node| node.name == "other" && node.state == State::Computed));
 }

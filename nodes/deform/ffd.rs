@@ -1,14 +1,14 @@
 //! Free-form deformation by handles, with rational Gaussian functions.
 
 use maquette::value::{Handle, HandleSpace, Handles};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, Estimate, In, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::ffd_error::FfdError;
 use super::free_form::drag::{self, Drag};
-use super::free_form::object::bounds;
+use super::free_form::object::{bounds, points};
 use super::free_form::pull::{Deforming, deform, prepared};
 use super::gaussian::layout::Bounds;
 use super::gaussian::system::System;
@@ -64,6 +64,14 @@ pub struct Target {
 impl Node for Ffd {
     type Outputs = (Movable,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let from_layout = self.layout.as_ref().map_or(0, |layout| cx.get(layout).at().len());
+        let handles = (from_layout + self.handles.len()) as f64;
+        let points = points(&cx.get(&self.mesh)).len() as f64;
+        let bytes = handles * handles * 16.0 + points * 150.0;
+        Some(Estimate { bytes, help: "take fewer handles" })
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let what = cx.get(&self.mesh);

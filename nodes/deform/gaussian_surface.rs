@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
-use maquette::{Context, Error, Node, TooMuch};
+use maquette::{Context, Error, Estimate, Node, TooMuch};
 use nalgebra::{Matrix3, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -91,6 +91,11 @@ impl Node for GaussianSurface {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
+    fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
+        let solved = if self.through { square(self.points.len()) * 16.0 } else { 0.0 };
+        Some(Estimate { bytes: vertices([self.u, self.v]) * 220.0 + solved, help: VERTICES.help })
+    }
+
     fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((gaussian_surface(&self.points, self.through, [self.u, self.v])?,))
     }
@@ -119,7 +124,7 @@ pub fn gaussian_surface(
     if u == 0 || v == 0 {
         return Err(GaussianSurfaceError::NoQuads { u, v });
     }
-    VERTICES.check("the surface", (u as f64 + 1.0) * (v as f64 + 1.0))?;
+    VERTICES.check("the surface", vertices([u, v]))?;
     let count = (u + 1) * (v + 1);
     let surface = coefficients(points, through)?;
     let at = |index: usize| {
@@ -150,6 +155,15 @@ pub fn gaussian_surface(
     Ok(mesh
         .with_vertex("normal", Attribute::Vector(normals))?
         .with_vertex("uv", Attribute::Pair(uv))?)
+}
+
+/// How many vertices so many quads have.
+fn vertices([u, v]: [usize; 2]) -> f64 {
+    (u as f64 + 1.0) * (v as f64 + 1.0)
+}
+
+fn square(count: usize) -> f64 {
+    count as f64 * count as f64
 }
 
 /// Vertices that one task computes.

@@ -1,7 +1,7 @@
 //! Curves as tubes, to be seen and printed.
 
 use maquette::value::{Curve, Faces, Mesh, MeshError};
-use maquette::{Context, Error, In, Node, TooMuch};
+use maquette::{Context, Error, Estimate, In, Node, TooMuch};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -56,6 +56,11 @@ pub enum TubeError {
 impl Node for Tube {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let vertices = cx.get(&self.curve).sample(0).len() as f64 * self.sides as f64;
+        Some(Estimate { bytes: vertices * 72.0, help: VERTICES.help })
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((tube(cx.get(&self.curve), self.radius, self.sides)?,))

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Mesh, MeshError, Trace};
-use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use maquette::{Cancelled, Context, Error, Estimate, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -54,6 +54,12 @@ pub struct FillHoles {
     pub method: FillMethod,
 }
 
+/// About how many triangles fill a round rim of so many edges, all as long: the area in its circle by that of a triangle.
+fn triangles_within(edges: usize) -> f64 {
+    const PER_SQUARE: f64 = 0.184;
+    (PER_SQUARE * edges as f64 * edges as f64).min(TRIANGLES.most as f64)
+}
+
 /// A mesh with filled holes.
 #[derive(Clone, Debug)]
 pub struct Filled {
@@ -68,6 +74,27 @@ pub struct Filled {
 impl Node for FillHoles {
     type Outputs = (Mesh, Trace);
     const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
+
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let mesh = cx.get(&self.mesh);
+        let corners = mesh.faces().corners().len() as f64;
+        let mut edges = Vec::from_iter(rims(mesh).iter().flatten().map(Vec::len));
+        match &self.holes {
+            HoleChoice::Loops(chosen) => {
+                edges = chosen.iter().filter_map(|&rim| edges.get(rim).copied()).collect();
+            }
+            HoleChoice::Edges { max } => edges.retain(|edges| edges <= max),
+            // The longest is the outer border, or fills as much as any hole if there is none.
+            _ if edges.len() > 1 => {
+                edges.sort_unstable();
+                edges.pop();
+            }
+            _ => {}
+        }
+        let filled: f64 = edges.into_iter().map(triangles_within).sum();
+        let of_data = if matches!(self.method, FillMethod::Exemplar(_)) { 450.0 } else { 110.0 };
+        Some(Estimate { bytes: corners * of_data + filled * 600.0, help: TRIANGLES.help })
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let filled = fill_holes(cx.get(&self.mesh), &self.holes, &self.method, cx.progress())?;

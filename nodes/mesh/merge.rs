@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use maquette::value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
-use maquette::{Context, Error, In, Limit, Node, Value};
+use maquette::{Context, Error, Estimate, In, Limit, Node, Value};
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -33,6 +33,11 @@ pub struct Merge {
 impl Node for Merge {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let sizes = self.meshes.iter().map(|mesh| cx.get(mesh).size() as f64);
+        Some(Estimate { bytes: 3.0 * sizes.sum::<f64>(), help: BYTES.help })
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let meshes: Vec<&Mesh> = self.meshes.iter().map(|mesh| cx.get(mesh)).collect();

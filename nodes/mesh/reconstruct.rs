@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
-use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress, TooMuch};
+use maquette::{Cancelled, Context, Error, Estimate, In, Limit, Node, Progress, TooMuch};
 use nalgebra::{Matrix4, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -152,6 +152,12 @@ impl Node for Reconstruct {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let points = self.points.iter().map(|points| valid(&cx.get(points))).sum::<usize>() as f64;
+        // The grids of the first depths are whole; the finer ones follow the points, and what is not seen between them.
+        Some(Estimate { bytes: 1e7 + points * 3000.0, help: poisson::NODES.help })
+    }
+
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let sources: Vec<Scattered> = self.points.iter().map(|points| cx.get(points)).collect();
         let known = sources.iter().filter(|source| pose(source).is_some()).count();
@@ -294,6 +300,14 @@ fn count(source: &Scattered) -> usize {
         Scattered::Points(points) => points.positions().len(),
         Scattered::RangeImage(range) => range.points().len(),
         Scattered::Mesh(mesh) => mesh.positions().len(),
+    }
+}
+
+/// How many of a source's points are there.
+fn valid(source: &Scattered) -> usize {
+    match source {
+        Scattered::RangeImage(range) => range.points().iter().filter(|at| at.x.is_finite()).count(),
+        other => count(other),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Mask, RangeImage, Region, Surface};
-use maquette::{Cancelled, Context, Error, In, Limit, Node, Progress};
+use maquette::{Cancelled, Context, Error, Estimate, In, Limit, Node, Progress};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -50,6 +50,11 @@ impl Node for Blend {
     type Outputs = (RangeImage,);
     const OUTPUTS: [&'static str; 1] = ["range"];
 
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let cells = cells(cx.get(&self.range), self.resample);
+        Some(Estimate { bytes: cells * 80.0, help: CELLS.help })
+    }
+
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (range, region, surface) =
             (cx.get(&self.range), cx.get(&self.region), cx.get(&self.surface));
@@ -80,6 +85,11 @@ pub struct Blended {
     /// The step that the surface leaves at the border of the region; none for the mode `Displacement`, whose step is that of the
     /// offset, and on a finer grid.
     pub seam: Option<Seam>,
+}
+
+/// How many cells a grid has after each was divided.
+fn cells(range: &RangeImage, [down, right]: [usize; 2]) -> f64 {
+    [range.width(), range.height(), down, right].iter().map(|&count| count as f64).product()
 }
 
 /// Writes `surface` to the cells of `region`; cells of the region that had no point become valid and are marked as filled.
@@ -113,8 +123,7 @@ pub fn blend(
     }
     let divided = resample != [1, 1];
     if divided {
-        let need = [range.width(), range.height(), down, right].map(|count| count as f64);
-        CELLS.check("the finer grid", need.iter().product())?;
+        CELLS.check("the finer grid", cells(range, resample))?;
     }
     let mut same = Canvas::new(range, region, surface, mode)?;
     let own = Neighborhood::of(&same);

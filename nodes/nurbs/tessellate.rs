@@ -1,7 +1,7 @@
 //! Makes a mesh of a surface.
 
 use maquette::value::{Mesh, MeshError, Surface};
-use maquette::{Context, Error, In, Node, TooMuch};
+use maquette::{Context, Error, Estimate, In, Node, TooMuch};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -46,6 +46,13 @@ impl Node for Tessellate {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let vertices = vertices(cx.get(&self.surface), [self.u, self.v]);
+        // How much a tolerance takes is only known when it is done; it stops at a million quads.
+        let estimate = Estimate { bytes: vertices * 110.0, help: VERTICES.help };
+        (self.tolerance == 0.0).then_some(estimate)
+    }
+
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((tessellate(cx.get(&self.surface), [self.u, self.v], self.tolerance)?,))
     }
@@ -62,16 +69,19 @@ pub fn tessellate(
 ) -> Result<Mesh, TessellateError> {
     match (tolerance == 0.0, [u, v]) {
         (true, _) => {
-            // What is chosen is no more than this, unless the net has more spans.
-            let along = |given: usize, control: usize| given.max(control).saturating_add(1) as f64;
-            let net = surface.net();
-            let need = along(u, net.rows()) * along(v, net.columns());
-            VERTICES.check("the mesh of the surface", need)?;
+            VERTICES.check("the mesh of the surface", vertices(surface, [u, v]))?;
             Ok(surface.tessellate(u, v)?)
         }
         (false, [0, 0]) => Ok(surface.tessellate_within(tolerance)?),
         (false, _) => Err(TessellateError::Both),
     }
+}
+
+/// How many vertices a mesh of so many quads has at least; what is chosen is no more than this, unless the net has more spans.
+fn vertices(surface: &Surface, [u, v]: [usize; 2]) -> f64 {
+    let along = |given: usize, control: usize| given.max(control).saturating_add(1) as f64;
+    let net = surface.net();
+    along(u, net.rows()) * along(v, net.columns())
 }
 
 #[cfg(test)]

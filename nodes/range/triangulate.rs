@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, Estimate, In, Node};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -63,6 +63,13 @@ pub enum TriangulateError {
 impl Node for Triangulate {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let points = cx.get(&self.range).points();
+        let valid = points.iter().filter(|point| point.x.is_finite()).count() as f64;
+        let bytes = points.len() as f64 * 8.0 + valid * 130.0;
+        Some(Estimate { bytes, help: "cut out less of the scan (`ExtractRegion`)" })
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = triangulate(cx.get(&self.range), self.jump, self.grazing, self.smooth_border)?;

@@ -1,7 +1,7 @@
 //! Finds the control mesh of a subdivision surface through given vertices.
 
 use maquette::value::{Attribute, Mesh, MeshError, Trace};
-use maquette::{Cancelled, Context, Error, In, Node, Progress, TooMuch};
+use maquette::{Cancelled, Context, Error, Estimate, In, Node, Progress, TooMuch};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -121,6 +121,17 @@ pub struct InterpolateOptions {
 impl Node for Interpolate {
     type Outputs = (Mesh, Trace);
     const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
+
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let corners = cx.get(&self.mesh).faces().corners().len() as f64;
+        let how = self.options.how;
+        let (factors, feet) = (how.solver == Solver::Direct, how.foot == Foot::Closest);
+        let per_corner = 70.0 + if factors { 700.0 } else { 0.0 } + if feet { 150.0 } else { 0.0 };
+        Some(Estimate {
+            bytes: corners * per_corner,
+            help: "interpolate a coarser mesh (`Simplify`)",
+        })
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);

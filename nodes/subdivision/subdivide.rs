@@ -4,14 +4,14 @@
 //! refined by products.
 
 use maquette::value::Mesh;
-use maquette::{Context, Error, In, Node};
+use maquette::{Context, Error, Estimate, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::limit::limit_rows::Limit;
 use super::options::Subdivision;
 use super::refine::manifold::manifold;
-use super::refine::plan::{Before, EndLimit, Plan};
+use super::refine::plan::{Before, EndLimit, Plan, bytes};
 use super::refine::step::{LastLimit, Step};
 use super::subdivide_error::SubdivideError;
 
@@ -38,6 +38,11 @@ pub struct Subdivide {
 impl Node for Subdivide {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let bytes = bytes(cx.get(&self.mesh), self.how);
+        Some(Estimate { bytes, help: "choose fewer `levels`" })
+    }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let split = self.split.then(|| manifold(cx.get(&self.mesh))).transpose()?;

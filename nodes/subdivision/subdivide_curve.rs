@@ -1,7 +1,7 @@
 //! Refines a polyline towards a smooth curve.
 
 use maquette::value::{Curve, CurveError};
-use maquette::{Context, Error, In, Limit, Node, TooMuch};
+use maquette::{Context, Error, Estimate, In, Limit, Node, TooMuch};
 use nalgebra::{Point3, center};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -56,6 +56,11 @@ impl Node for SubdivideCurve {
     type Outputs = (Curve,);
     const OUTPUTS: [&'static str; 1] = ["curve"];
 
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        let bytes = points_after(cx.get(&self.curve), self.levels) * 40.0;
+        Some(Estimate { bytes, help: POINTS.help })
+    }
+
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((subdivide_curve(cx.get(&self.curve), self.scheme, self.levels)?,))
     }
@@ -78,7 +83,7 @@ pub fn subdivide_curve(
     if curve.knots().is_some() {
         return Err(SubdivideCurveError::Spline);
     }
-    let need = curve.points().len() as f64 * libm::exp2(f64::from(levels));
+    let need = points_after(curve, levels);
     POINTS.check(format_args!("a curve of {levels} levels more"), need)?;
     let mut refined = curve.points().to_vec();
     for _ in 0..levels {
@@ -88,6 +93,11 @@ pub fn subdivide_curve(
         };
     }
     Ok(Curve::polyline(refined, curve.is_closed())?)
+}
+
+/// How many points a curve has after so many levels.
+fn points_after(curve: &Curve, levels: u32) -> f64 {
+    curve.points().len() as f64 * libm::exp2(f64::from(levels))
 }
 
 fn cut_corners(points: &[Point3<f64>], closed: bool) -> Vec<Point3<f64>> {

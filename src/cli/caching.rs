@@ -23,6 +23,10 @@ pub(super) struct CacheOptions {
     /// that they read and the program itself, some 20 MB, come on top.
     #[arg(long, value_name = "SIZE", default_value = "2GB", value_parser = size)]
     memory: u64,
+    /// How much memory results and nodes under way may hold together, as 4GB. A node that would need more fails, and says how much,
+    /// before it begins [default: nine tenths of what the machine has left].
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    pub(super) max_memory: Option<u64>,
     /// Compute this percentage of the cached results all the same, and name every node whose result differs.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, value_parser = percentage)]
     verify_cache: f64,
@@ -54,7 +58,13 @@ impl CacheOptions {
             (Some(folder), _) => CacheFolder::At(folder.clone()),
             (None, _) => CacheFolder::Default,
         };
-        Settings { threads, memory: self.memory(), cache, verify: self.verify_cache / 100.0 }
+        Settings {
+            threads,
+            memory: self.memory(),
+            max_memory: self.max_memory,
+            cache,
+            verify: self.verify_cache / 100.0,
+        }
     }
 }
 

@@ -6,6 +6,7 @@
 //! | `run` | evaluation `run` begins, because the content of `changed` changed (`watch` only) |
 //! | `started` | `node` is being computed |
 //! | `progress` | `node` has done this `share` (0 to 1) of its work |
+//! | `stubborn` | the evaluation was told to stop 2 s ago, and `node`, a `type` of `pack`, still runs; `why` says so in words |
 //! | `finished` | `node` came to the end `state` after `seconds` of work; nodes that are as they were are only in `done` |
 //! | `cancelled` | evaluation `run` was stopped by a newer change; nothing more is said of it (`watch` only) |
 //! | `problems` | all problems that are known now, as in `--json`: once after the check, once after the nodes have run; an empty list
@@ -108,6 +109,11 @@ impl Events {
     }
 }
 
+/// What is said of a node that goes on though it was told to stop.
+pub(super) fn does_not_stop(node: &str, kind: &str, pack: &str) -> String {
+    format!("node `{node}` ({kind} of pack {pack}) does not stop")
+}
+
 fn done(ending: &Ending<'_>) -> Json {
     let count = |state| ending.trace.map_or(0, |trace| trace.count(state));
     let nodes = ending.trace.iter().flat_map(|trace| &trace.0);
@@ -143,6 +149,12 @@ impl Observer for Events {
         told.insert(node.to_owned(), now);
         drop(told);
         self.listener.tell("progress", json!({ "node": node, "share": share }));
+    }
+
+    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+        let why = does_not_stop(node, kind, pack);
+        self.listener
+            .tell("stubborn", json!({ "node": node, "type": kind, "pack": pack, "why": why }));
     }
 
     fn finished(&self, node: &str, state: State, seconds: f64) {

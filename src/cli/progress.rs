@@ -7,6 +7,8 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::eprint;
+use super::events::does_not_stop;
 use crate::eval::{Observer, State};
 
 /// Work shorter than this needs no bar.
@@ -55,6 +57,11 @@ impl Observer for Progress {
 
     fn progress(&self, node: &str, share: f64) {
         self.bar.set_message(format!("{node} {:.0} %", share * 100.0));
+    }
+
+    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+        let words = does_not_stop(node, kind, pack);
+        self.bar.suspend(|| eprint(&format!("{words}; Ctrl-C again ends the program\n")));
     }
 
     fn unchanged(&self, count: usize) {

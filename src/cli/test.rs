@@ -98,7 +98,7 @@ impl Test {
             cold: self.cold,
             threads,
             session: &|| match self.cold {
-                true => suite::cold_session(catalog),
+                true => suite::cold_session(catalog, self.cache.max_memory),
                 false => self.cache.session(1, catalog),
             },
         };

@@ -126,6 +126,33 @@ impl Cache {
         lock(&self.state).shrink(limit);
     }
 
+    /// How many bytes are allowed.
+    pub(super) fn limit(&self) -> usize {
+        self.limit
+    }
+
+    /// Drops values that nobody else holds until those left of them are at most this many bytes; those used longest ago go first.
+    pub(super) fn make_way(&self, most: u64) {
+        let state = &mut *lock(&self.state);
+        if state.bytes as u64 <= most {
+            return;
+        }
+        let is_idle = |entry: &Outcome| {
+            lock(&entry.values).as_ref().is_some_and(|values| Arc::strong_count(values) == 1)
+        };
+        let idle = state.entries.iter().filter(|(_, entry)| is_idle(entry));
+        let used = |entry: &Outcome| entry.used.load(Ordering::Relaxed);
+        let mut idle =
+            Vec::from_iter(idle.map(|(key, entry)| (used(entry), *key, entry.bytes as u64)));
+        idle.sort_unstable_by(|a, b| b.cmp(a));
+        let mut left: u64 = idle.iter().map(|(.., bytes)| bytes).sum();
+        while most < left {
+            let Some((_, oldest, bytes)) = idle.pop() else { break };
+            state.drop_entry(oldest);
+            left -= bytes;
+        }
+    }
+
     pub(super) fn find(&self, key: Hash) -> Option<Arc<Outcome>> {
         let outcome = lock(&self.state).entries.get(&key).cloned()?;
         self.touch(&outcome);
@@ -173,10 +200,14 @@ impl State {
         by_use.sort_unstable_by(|a, b| b.cmp(a));
         while goal < self.bytes {
             let Some((_, oldest)) = by_use.pop() else { break };
-            if let Some(dropped) = self.entries.remove(&oldest) {
-                self.bytes -= dropped.bytes + OVERHEAD;
-                *lock(&dropped.values) = None;
-            }
+            self.drop_entry(oldest);
+        }
+    }
+
+    fn drop_entry(&mut self, key: Hash) {
+        if let Some(dropped) = self.entries.remove(&key) {
+            self.bytes -= dropped.bytes + OVERHEAD;
+            *lock(&dropped.values) = None;
         }
     }
 }

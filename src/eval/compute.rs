@@ -9,12 +9,13 @@ use std::time::Instant;
 use super::cache::{Outcome, Values};
 use super::key::Parts;
 use super::plan::Task;
-use super::run::{News, Run};
+use super::run::{News, Run, size};
 use super::snapshot::Done;
 use super::trace::Reason;
 use super::{Panic, State, in_words, lock};
 use crate::error::{Cancelled, Error};
 use crate::graph::{GraphNode, Link};
+use crate::limit::Estimate;
 use crate::node::{Context, File, Progress};
 use crate::value::Hash;
 
@@ -38,24 +39,38 @@ impl Run<'_> {
         Ok(Loaded::Files(paths.zip(files).collect()))
     }
 
-    /// Runs a node, keeps its result and tells what happened; none if it fails.
+    /// Runs a node, keeps its result and tells what happened; none inside if it fails, none at all if it has to wait for memory.
     pub(super) fn compute(
         &self,
         index: usize,
         parts: Parts,
         key: Hash,
         files: &BTreeMap<PathBuf, Option<File>>,
-    ) -> Option<Arc<Done>> {
+    ) -> Option<Option<Arc<Done>>> {
         let node = &self.graph.nodes[index];
-        self.set_ran(index, true);
-        self.observer.started(&node.name);
         let start = Instant::now();
         let inputs = node.links.iter().map(|link| self.values(link.node));
-        let given = inputs.collect::<Result<Vec<Values>, Error>>();
-        let (values, warnings) = match given.and_then(|inputs| self.eval(node, &inputs, files)) {
-            Ok(given) => given,
-            Err(error) => return self.failed(index, error),
+        let inputs = inputs.collect::<Result<Vec<Values>, Error>>();
+        let ready = inputs.and_then(|inputs| {
+            let estimate = self.estimate(index, &inputs, files)?;
+            let own = self.unheld(index, &inputs);
+            Ok((self.memory.admit(index, estimate, own, &self.evaluator.cache)?, estimate, inputs))
+        });
+        let (estimate, inputs) = match ready {
+            Ok((true, estimate, inputs)) => (estimate, inputs),
+            Ok((false, ..)) => return None,
+            Err(error) => {
+                self.set_ran(index, true);
+                return Some(self.failed(index, error));
+            }
         };
+        self.set_ran(index, true);
+        self.observer.started(&node.name);
+        let (values, warnings) = match self.eval(index, &inputs, files) {
+            Ok(given) => given,
+            Err(error) => return Some(self.failed(index, error)),
+        };
+        drop(inputs);
         let seconds = start.elapsed().as_secs_f64();
         let outcome = Arc::new(Outcome::new(&values, warnings, seconds));
         let before = self.before(index);
@@ -76,22 +91,58 @@ impl Run<'_> {
             differs: self.plan.tasks[index] == Task::Verify && !same,
             start: start.duration_since(self.start).as_secs_f64(),
             seconds,
+            estimate: estimate.map(|estimate| estimate.bytes),
             thread: rayon::current_thread_index().unwrap_or(0),
             ..News::new(index, State::Computed, reason)
         });
-        Some(Arc::new(Done { parts, key, outcome }))
+        Some(Some(Arc::new(Done { parts, key, outcome })))
+    }
+
+    /// How much memory the node says that it needs.
+    fn estimate(
+        &self,
+        index: usize,
+        inputs: &[Values],
+        files: &BTreeMap<PathBuf, Option<File>>,
+    ) -> Result<Option<Estimate>, Error> {
+        let node = &self.graph.nodes[index].node;
+        Ok(self.within(index, inputs, files, |cx| Ok(node.estimate(cx)))?.0)
+    }
+
+    /// How many bytes of the node's inputs are held for it alone, because their nodes have no slot.
+    fn unheld(&self, index: usize, inputs: &[Values]) -> u64 {
+        let links = self.graph.nodes[index].links.iter().map(|link| link.node);
+        let sources = BTreeMap::from_iter(links.zip(inputs));
+        let apart = sources.iter().filter(|(source, _)| self.slot(**source).is_none());
+        apart.map(|(_, values)| size(values)).sum()
     }
 
     /// Runs the node on the values of the nodes that its links lead to.
     fn eval(
         &self,
-        node: &GraphNode,
+        index: usize,
         inputs: &[Values],
         files: &BTreeMap<PathBuf, Option<File>>,
     ) -> Result<(Values, Vec<String>), Error> {
         if self.cancel.is_cancelled() {
             return Err(Cancelled.into());
         }
+        let node = &self.graph.nodes[index].node;
+        lock(&self.under_way).insert(index);
+        let done = self.within(index, inputs, files, |cx| node.eval(cx));
+        lock(&self.under_way).remove(&index);
+        done.map(|(values, warnings)| (values.into(), warnings))
+    }
+
+    /// What some code of a node makes of its inputs and files, and what it warns of; a panic becomes an error.
+    fn within<R>(
+        &self,
+        index: usize,
+        inputs: &[Values],
+        files: &BTreeMap<PathBuf, Option<File>>,
+        work: impl FnOnce(&Context<'_>) -> Result<R, Error>,
+    ) -> Result<(R, Vec<String>), Error> {
+        let node = &self.graph.nodes[index];
         let input = |(link, values): (&Link, &Values)| values[link.output].clone();
         let inputs = Vec::from_iter(node.links.iter().zip(inputs).map(input));
         let report = |share: f64| self.observer.progress(&node.name, share);
@@ -103,10 +154,10 @@ impl Run<'_> {
             readers: &self.graph.readers,
             warnings: Mutex::default(),
         };
-        let values = catch_unwind(AssertUnwindSafe(|| node.node.eval(&cx)))
+        let result = catch_unwind(AssertUnwindSafe(|| work(&cx)))
             .unwrap_or_else(|panic| Err(Panic(in_words(&*panic)).into()))?;
         let warnings = cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner());
-        Ok((values.into(), warnings))
+        Ok((result, warnings))
     }
 
     /// The values of a node that has come to its end: from memory, from disk, or computed again if both lost them.
@@ -166,7 +217,8 @@ impl Run<'_> {
             Loaded::Files(files) => files,
             Loaded::Changed(_) => return Err(ChangedMeanwhile.into()),
         };
-        let (values, _) = self.eval(node, inputs, &files)?;
+        self.memory.fits(self.estimate(index, inputs, &files)?, &self.evaluator.cache)?;
+        let (values, _) = self.eval(index, inputs, &files)?;
         if let Some(disk) = self.evaluator.shelf() {
             disk.keep(done.key, &done.outcome, &values, false);
         }

@@ -1,6 +1,6 @@
 //! One evaluation under way: visits the nodes that have a task, each after those that it hangs on.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::hash::BuildHasherDefault;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -10,6 +10,7 @@ use super::cache::{FirstBytes, Outcome, Values};
 use super::compute::Loaded;
 use super::files::Reads;
 use super::key::Parts;
+use super::memory::Memory;
 use super::plan::{Plan, Task};
 use super::snapshot::{Done, Visited};
 use super::trace::Reason;
@@ -17,7 +18,7 @@ use super::{Evaluator, Observer, State, lock};
 use crate::error::Error;
 use crate::graph::{Graph, GraphNode};
 use crate::node::CancelToken;
-use crate::value::Hash;
+use crate::value::{AnyValue, Hash};
 
 /// What happened to a node that is not as it was.
 pub(super) struct News {
@@ -28,6 +29,8 @@ pub(super) struct News {
     /// Whether a result that was computed to compare it is another one.
     pub(super) differs: bool,
     pub(super) error: Option<Error>,
+    /// How many bytes it said that it needs.
+    pub(super) estimate: Option<f64>,
     pub(super) start: f64,
     pub(super) seconds: f64,
     pub(super) thread: usize,
@@ -35,7 +38,7 @@ pub(super) struct News {
 
 impl News {
     pub(super) fn new(index: usize, state: State, reason: Reason) -> Self {
-        let (unchanged, differs, error) = (false, false, None);
+        let (unchanged, differs, error, estimate) = (false, false, None, None);
         Self {
             index,
             state,
@@ -43,6 +46,7 @@ impl News {
             unchanged,
             differs,
             error,
+            estimate,
             start: 0.0,
             seconds: 0.0,
             thread: 0,
@@ -62,6 +66,9 @@ pub(super) struct Run<'a> {
     places: Vec<u32>,
     pub(super) slots: Vec<Slot>,
     pub(super) news: Mutex<Vec<News>>,
+    pub(super) memory: Memory,
+    /// The nodes whose code runs now.
+    pub(super) under_way: Mutex<BTreeSet<usize>>,
     /// Nodes that wait for another one with the same key.
     in_flight: Mutex<HashMap<Hash, Vec<usize>, BuildHasherDefault<FirstBytes>>>,
 }
@@ -80,6 +87,11 @@ pub(super) struct Slot {
     pub(super) held: Mutex<Option<Values>>,
     /// How many links of nodes that have a task still need them; one more if they are wanted afterwards.
     pub(super) users: AtomicUsize,
+}
+
+/// How many bytes values count as.
+pub(super) fn size(values: &Values) -> u64 {
+    values.iter().map(AnyValue::size).sum::<usize>() as u64
 }
 
 /// The place of a node without a slot.
@@ -122,6 +134,8 @@ impl<'a> Run<'a> {
             places,
             slots,
             news: Mutex::default(),
+            memory: Memory::new(evaluator.most),
+            under_way: Mutex::default(),
             in_flight: Mutex::default(),
         };
         for slot in values.iter().filter_map(|&node| run.slot(node)) {
@@ -141,6 +155,7 @@ impl<'a> Run<'a> {
         // visited twice.
         let is_ready = |slot: &&'s Slot| slot.waiting.load(Ordering::Relaxed) == 0;
         let ready = Vec::from_iter(self.slots.iter().filter(is_ready));
+        self.memory.begin(ready.len());
         for slot in ready {
             scope.spawn(move |scope| self.visit(slot.node, scope));
         }
@@ -152,7 +167,10 @@ impl<'a> Run<'a> {
         // One of the nodes that become ready goes on here, without the cost of a task: long chains are common. Going deep
         // first, values are used, and dropped, soon after they are made.
         while let Some(index) = next.take() {
-            let Some((done, mut ready)) = self.node(index) else { return };
+            let Some((done, mut ready)) = self.node(index) else {
+                next = self.memory.end();
+                continue;
+            };
             if let Some(slot) = self.slot(index) {
                 let _ = slot.done.set(done);
             }
@@ -163,10 +181,13 @@ impl<'a> Run<'a> {
                     ready.push(user.node);
                 }
             }
+            ready.extend(self.memory.leave(index, &self.evaluator.cache));
             next = ready.pop();
+            self.memory.begin(ready.len());
             for other in ready {
                 scope.spawn(move |scope| self.visit(other, scope));
             }
+            next = next.or_else(|| self.memory.end());
         }
     }
 
@@ -174,8 +195,10 @@ impl<'a> Run<'a> {
     fn let_go(&self, index: usize) {
         let links = self.graph.nodes[index].links.iter();
         for slot in links.filter_map(|link| self.slot(link.node)) {
-            if slot.users.fetch_sub(1, Ordering::AcqRel) == 1 {
-                *lock(&slot.held) = None;
+            if slot.users.fetch_sub(1, Ordering::AcqRel) == 1
+                && let Some(values) = lock(&slot.held).take()
+            {
+                self.memory.let_go(size(&values));
             }
         }
     }
@@ -203,8 +226,10 @@ impl<'a> Run<'a> {
     /// Holds a node's values as long as somebody still needs them.
     pub(super) fn hold(&self, index: usize, values: &Values) {
         let needed = |slot: &&Slot| 0 < slot.users.load(Ordering::Acquire);
-        if let Some(slot) = self.slot(index).filter(needed) {
-            *lock(&slot.held) = Some(values.clone());
+        if let Some(slot) = self.slot(index).filter(needed)
+            && lock(&slot.held).replace(values.clone()).is_none()
+        {
+            self.memory.hold(size(values));
         }
     }
 
@@ -215,7 +240,8 @@ impl<'a> Run<'a> {
         last.filter(|last| last.graph == self.graph.source.name)?.before(name, index)
     }
 
-    /// What becomes of a node, and the nodes of the same key that waited for it; none if it waits itself.
+    /// What becomes of a node, and the nodes of the same key that waited for it; none if it waits itself, for one of the same key or
+    /// for memory.
     fn node(&self, index: usize) -> Option<(Option<Arc<Done>>, Vec<usize>)> {
         let node = &self.graph.nodes[index];
         let ran_above = node.links.iter().any(|link| self.ran(link.node));
@@ -249,7 +275,15 @@ impl<'a> Run<'a> {
             }
             drop(flight);
             let done = match self.load(node, &parts) {
-                Ok(Loaded::Files(files)) => self.compute(index, parts, key, &files),
+                Ok(Loaded::Files(files)) => match self.compute(index, parts, key, &files) {
+                    Some(done) => done,
+                    None => {
+                        // It waits for memory, and so do those that wait for it.
+                        let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
+                        self.memory.wait(waiters);
+                        return None;
+                    }
+                },
                 Ok(Loaded::Changed(now)) => {
                     lock(&self.in_flight).remove(&key);
                     parts.files = now;

@@ -276,6 +276,7 @@ impl<'a> Expansion<'_, 'a> {
             span: draft.tree.span,
             uses: scope.uses.clone(),
             node: built.node,
+            pack: built.pack,
             links,
             files: built.files,
             tree: built.tree,

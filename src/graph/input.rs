@@ -221,5 +221,5 @@ impl AnyNode for Input {
 pub(super) fn input_node(name: &str, tree: &Tree) -> Built {
     let recipe = Arc::new(Recipe::new(INPUT, json!({ "name": name }), &[]));
     let node = Arc::new(Input { name: name.to_owned(), value: None });
-    Built { node, recipe, files: Vec::new(), tree: Arc::new(tree.clone()) }
+    Built { node, pack: "", recipe, files: Vec::new(), tree: Arc::new(tree.clone()) }
 }

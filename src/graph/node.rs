@@ -30,6 +30,7 @@ pub(super) struct Survey {
 #[derive(Clone)]
 pub(super) struct Built {
     pub(super) node: Arc<dyn AnyNode>,
+    pub(super) pack: &'static str,
     pub(super) recipe: Arc<Recipe>,
     pub(super) files: Vec<NodeFile>,
     pub(super) tree: Arc<Tree>,
@@ -123,7 +124,8 @@ impl<'a> Check<'_, 'a> {
         let optional = optional.iter().map(|found| file(found.given(), found.resolved(), false));
         let files = Vec::from_iter(named.chain(optional));
         let recipe = Arc::new(Recipe::new(&entry.name, parameters, &files));
-        Some(Built { node: node.into(), recipe, files, tree: Arc::new(survey.tree) })
+        let (pack, tree) = (entry.pack, Arc::new(survey.tree));
+        Some(Built { node: node.into(), pack, recipe, files, tree })
     }
 
     /// Says what is wrong with a file: where it is, its ending, or that it is not there.

@@ -6,6 +6,7 @@ use schemars::Schema;
 
 use super::{Context, FilePath, Node, Outputs};
 use crate::error::Error;
+use crate::limit::Estimate;
 use crate::text::Reader;
 use crate::value::{AnyValue, ValueType};
 
@@ -81,12 +82,19 @@ pub const fn node<T: Node>() -> NodeType {
 
 /// A node of a graph, of whatever type.
 pub(crate) trait AnyNode: Send + Sync {
+    fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
+        None
+    }
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error>;
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
     fn files(&self) -> Vec<FilePath>;
 }
 
 impl<T: Node> AnyNode for T {
+    fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
+        Node::estimate(self, cx)
+    }
+
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
         Node::eval(self, cx).map(Outputs::into_any)
     }

@@ -5,13 +5,16 @@ use std::path::PathBuf;
 use crate::catalog::Catalog;
 use crate::eval::{Disk, DiskError, Evaluator, ThreadsError};
 
-/// How a session works. Nothing of it changes a result.
+/// How a session works. Nothing of it changes a result, but a node for which there is too little memory has none.
 #[derive(Clone, Debug)]
 pub struct Settings {
     /// How many threads there are; 0: as many as the machine has.
     pub threads: usize,
     /// How many bytes of memory results may hold when no node needs them any more.
     pub memory: usize,
+    /// How many bytes results and nodes under way may hold together; none for nine tenths of what the machine has left, where the
+    /// system tells that. A node that says that it needs more fails before it begins: see [`Node::estimate`](crate::Node::estimate).
+    pub max_memory: Option<u64>,
     /// Where results are kept from one process to the next.
     pub cache: CacheFolder,
     /// Which share (0 to 1) of the results that are known is computed all the same, and compared.
@@ -53,7 +56,8 @@ const DISK_SIZE: u64 = 4_000_000_000;
 impl Default for Settings {
     /// As the command line works: all threads, 2 GB, and the folder of results that it uses, too.
     fn default() -> Self {
-        Self { threads: 0, memory: MEMORY, cache: CacheFolder::Default, verify: 0.0 }
+        let cache = CacheFolder::Default;
+        Self { threads: 0, memory: MEMORY, max_memory: None, cache, verify: 0.0 }
     }
 }
 
@@ -71,12 +75,23 @@ impl Settings {
         Ok(Self { memory: usize::try_from(size(text)?).unwrap_or(usize::MAX), ..self })
     }
 
+    /// The same, with at most so much memory for results and nodes under way together, as [`with_memory`](Self::with_memory) reads it.
+    ///
+    /// # Errors
+    /// In words, if the text is no size.
+    pub fn with_max_memory(self, text: &str) -> Result<Self, String> {
+        Ok(Self { max_memory: Some(size(text)?), ..self })
+    }
+
     /// An evaluator, and why it does not keep results on disk though it should.
     pub(super) fn evaluator(
         &self,
         catalog: &Catalog,
     ) -> Result<(Evaluator, Option<String>), SessionError> {
-        let evaluator = Evaluator::new(self.threads, self.memory)?.verifying(self.verify);
+        let mut evaluator = Evaluator::new(self.threads, self.memory)?.verifying(self.verify);
+        if let Some(most) = self.max_memory {
+            evaluator = evaluator.holding_at_most(most);
+        }
         let (folder, named) = match &self.cache {
             CacheFolder::Default => (default_folder(), false),
             CacheFolder::At(folder) => (Some(folder.clone()), true),

@@ -55,8 +55,8 @@ const ROOMS: [(&str, &[&str]); 31] = [
     (
         "eval",
         &[
-            "catalog", "error", "graph", "node", "pack", "parallel", "paths", "plain", "reading",
-            "stamp", "text", "value", "writing",
+            "catalog", "error", "graph", "limit", "memory", "node", "pack", "parallel", "paths",
+            "plain", "reading", "stamp", "text", "value", "writing",
         ],
     ),
     ("format", &["error", "memory", "pack", "parallel", "reading", "render", "text", "value"]),
@@ -76,7 +76,7 @@ const ROOMS: [(&str, &[&str]); 31] = [
         &["catalog", "draw", "format", "graph", "plain", "probe", "render", "value", "writing"],
     ),
     ("parallel", &[]),
-    ("node", &["error", "plain", "reading", "text", "value"]),
+    ("node", &["error", "limit", "plain", "reading", "text", "value"]),
     ("pack", &["error", "node", "reading", "value"]),
     ("paths", &["text"]),
     ("plain", &[]),

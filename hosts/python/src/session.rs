@@ -107,15 +107,24 @@ impl Session {
 #[pymethods]
 impl Session {
     /// `cache`: a folder, empty for none, None for that of the command line.
+    /// `max_memory`: what results and nodes under way may hold together.
     #[new]
-    fn new(cache: Option<PathBuf>, memory: &str, threads: usize) -> PyResult<Self> {
+    fn new(
+        cache: Option<PathBuf>,
+        memory: &str,
+        threads: usize,
+        max_memory: Option<&str>,
+    ) -> PyResult<Self> {
         let cache = match cache {
             None => CacheFolder::Default,
             Some(folder) if folder.as_os_str().is_empty() => CacheFolder::None,
             Some(folder) => CacheFolder::At(folder),
         };
         let settings = Settings { cache, threads, ..Settings::default() };
-        let settings = settings.with_memory(memory).map_err(PyValueError::new_err)?;
+        let mut settings = settings.with_memory(memory).map_err(PyValueError::new_err)?;
+        if let Some(most) = max_memory {
+            settings = settings.with_max_memory(most).map_err(PyValueError::new_err)?;
+        }
         let host = Mutex::new(Host::new(&settings)?);
         Ok(Self { settings, host })
     }

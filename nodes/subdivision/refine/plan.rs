@@ -1,7 +1,7 @@
 //! What of a subdivision depends on topology alone, and its products.
 
 use maquette::value::{Attribute, Mesh};
-use maquette::{Limit as Most, Progress};
+use maquette::{Limit as Most, Progress, Value};
 
 use super::live::Live;
 use super::smooth_corners::smooth_corners;
@@ -185,7 +185,27 @@ fn ancestors(mesh: &Mesh, steps: &[Step]) -> Vec<u32> {
     })
 }
 
+/// How many corners a mesh has after so many levels.
+fn corners_after(mesh: &Mesh, levels: u32) -> f64 {
+    mesh.faces().corners().len() as f64 * libm::exp2(2.0 * f64::from(levels))
+}
+
+/// Bytes that refining a mesh takes at most, with its plan.
+pub(crate) fn bytes(mesh: &Mesh, how: Subdivision) -> f64 {
+    let Subdivision { scheme, levels, limit, boundary, corners, .. } = how;
+    // As measured; for the limit there are rows of numbers, and normals.
+    let (plain, of_limit) = if scheme.is_dual() { (34.0, 56.0) } else { (20.0, 26.0) };
+    let extra =
+        [(limit, of_limit), (boundary == Boundary::None, 15.0), (corners == Corners::Smooth, 10.0)];
+    let extra: f64 = extra.iter().filter(|(is_so, _)| *is_so).map(|(_, bytes)| bytes).sum();
+    // Attributes become as many times more as corners, and are there twice while they are carried over.
+    let faces = Value::size(mesh) - mesh.texture().map_or(0, Value::size);
+    let own = mesh.positions().size() + mesh.faces().corners().len() * size_of::<u32>();
+    let attributes = 2.5 * faces.saturating_sub(own) as f64 * libm::exp2(2.0 * f64::from(levels));
+    corners_after(mesh, levels) * (plain + extra) + attributes
+}
+
 fn check_size(mesh: &Mesh, levels: u32) -> Result<(), SubdivideError> {
-    let need = mesh.faces().corners().len() as f64 * libm::exp2(2.0 * f64::from(levels));
+    let need = corners_after(mesh, levels);
     Ok(CORNERS.check(format_args!("a mesh of {levels} levels more"), need)?)
 }

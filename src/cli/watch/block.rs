@@ -38,6 +38,8 @@ pub(super) struct Block {
     pub(super) running: bool,
     /// The node under way, and its share if it is known.
     pub(super) node: Option<(String, Option<f64>)>,
+    /// The nodes that go on though they were told to stop, in words.
+    pub(super) stubborn: Vec<String>,
     /// What became of the user's command, if it failed.
     pub(super) command: Option<String>,
     pub(super) profile: bool,
@@ -81,6 +83,7 @@ impl Block {
             Some(report) => status.extend(summary(report, &self.folder, width, paint)),
             None => {}
         }
+        status.extend(self.stubborn.iter().map(|words| paint.red(words)));
         status.extend(self.command.as_ref().map(|text| paint.red(text)));
         status.extend(self.link.as_ref().map(|link| paint.dim(&format!("live page: {link}"))));
         status.extend(self.not_opened.as_ref().map(|why| paint.dim(why)));
@@ -274,6 +277,7 @@ mod tests {
             thread: 0,
             seconds: if state == State::Computed { 0.0123 } else { 0.0 },
             bytes: 4_100_000,
+            estimate: None,
             warnings: Vec::new(),
         }
     }

@@ -10,7 +10,7 @@ use serde_json::json;
 use super::block::Block;
 use super::worker::{Observe, Report, Seen};
 use crate::catalog::Catalog;
-use crate::cli::events::{Ending, Events, Listener};
+use crate::cli::events::{Ending, Events, Listener, does_not_stop};
 use crate::cli::run::counts;
 use crate::cli::terminal::{Input, Screen};
 use crate::cli::{counted, eprint, print, print_as_it_is, report, shows_color};
@@ -23,7 +23,7 @@ use crate::page::Page;
 pub(super) trait View {
     /// What follows the evaluations.
     fn observe(&self) -> Observe {
-        Box::new(|_| Box::new(()))
+        Box::new(|_| Box::new(Stubborn))
     }
 
     /// These many files are watched from now on; `polled` says why the system's events do not suffice.
@@ -205,6 +205,15 @@ impl View for WithPage {
     }
 }
 
+/// Says nothing but which nodes do not stop.
+struct Stubborn;
+
+impl Observer for Stubborn {
+    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+        eprint(&format!("{}\n", does_not_stop(node, kind, pack)));
+    }
+}
+
 /// Two that follow one evaluation.
 struct Both(Box<dyn Observer>, Box<dyn Observer>);
 
@@ -217,6 +226,11 @@ impl Observer for Both {
     fn progress(&self, node: &str, share: f64) {
         self.0.progress(node, share);
         self.1.progress(node, share);
+    }
+
+    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+        self.0.does_not_stop(node, kind, pack);
+        self.1.does_not_stop(node, kind, pack);
     }
 
     fn finished(&self, node: &str, state: State, seconds: f64) {
@@ -294,6 +308,9 @@ fn has_errors(problems: &[Problem]) -> bool {
 /// The nodes under way, in the order of their names, each with its share.
 type UnderWay = Arc<Mutex<BTreeMap<String, Option<f64>>>>;
 
+/// The nodes that do not stop, in words.
+type Unheeding = Arc<Mutex<Vec<String>>>;
+
 /// An evaluation that takes longer than this shows which node it is at.
 const PATIENCE: Duration = Duration::from_millis(300);
 
@@ -303,6 +320,7 @@ pub(super) struct Terminal {
     color: bool,
     block: Block,
     under_way: UnderWay,
+    unheeding: Unheeding,
     began: Option<Instant>,
 }
 
@@ -317,7 +335,8 @@ impl Terminal {
         let color = shows_color(&std::io::stdout());
         let (graph, folder) = (graph.display().to_string(), folder.display().to_string());
         let block = Block { graph, folder, link, ..Block::default() };
-        Ok(Self { screen, color, block, under_way: UnderWay::default(), began: None })
+        let (under_way, unheeding) = (UnderWay::default(), Unheeding::default());
+        Ok(Self { screen, color, block, under_way, unheeding, began: None })
     }
 
     fn draw(&self) {
@@ -337,8 +356,11 @@ impl Drop for Terminal {
 
 impl View for Terminal {
     fn observe(&self) -> Observe {
-        let under_way = self.under_way.clone();
-        Box::new(move |_| Box::new(Follow(under_way.clone())))
+        let (under_way, unheeding) = (self.under_way.clone(), self.unheeding.clone());
+        Box::new(move |_| {
+            unheeding.lock().unwrap_or_else(|broken| broken.into_inner()).clear();
+            Box::new(Follow(under_way.clone(), unheeding.clone()))
+        })
     }
 
     fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
@@ -373,10 +395,12 @@ impl View for Terminal {
 
     fn cancelled(&mut self, _: usize) {
         self.began = None;
+        self.block.stubborn.clear();
     }
 
     fn end(&mut self, report: &Report) {
         self.began = None;
+        self.block.stubborn.clear();
         self.block.running = false;
         self.block.command = None;
         self.block.run = report.run;
@@ -404,6 +428,9 @@ impl View for Terminal {
             let first = under_way.iter().next();
             self.block.node = first.map(|(node, share)| (node.clone(), *share));
             drop(under_way);
+            let unheeding = self.unheeding.lock().unwrap_or_else(|broken| broken.into_inner());
+            self.block.stubborn.clone_from(&unheeding);
+            drop(unheeding);
             self.draw();
         }
     }
@@ -419,7 +446,7 @@ impl View for Terminal {
 }
 
 /// Notes which nodes are under way.
-struct Follow(UnderWay);
+struct Follow(UnderWay, Unheeding);
 
 impl Observer for Follow {
     fn started(&self, node: &str) {
@@ -428,6 +455,11 @@ impl Observer for Follow {
 
     fn progress(&self, node: &str, share: f64) {
         self.note(|nodes| nodes.get_mut(node).map(|known| known.replace(share)));
+    }
+
+    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+        let words = does_not_stop(node, kind, pack);
+        self.1.lock().unwrap_or_else(|broken| broken.into_inner()).push(words);
     }
 
     fn finished(&self, node: &str, _: State, _: f64) {

@@ -320,4 +320,64 @@ mod tests {
         });
         assert_eq!(messages, [vec!["the evaluation panicked: out of order".to_owned()], vec![]]);
     }
+
+    /// A picture, or a panic.
+    #[derive(serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+    struct Faulty {
+        panics: bool,
+    }
+
+    impl crate::node::Node for Faulty {
+        type Outputs = (crate::value::Mask,);
+        const OUTPUTS: [&'static str; 1] = ["mask"];
+
+        fn eval(&self, _: &crate::node::Context<'_>) -> Result<Self::Outputs, crate::error::Error> {
+            assert!(!self.panics, "a fault");
+            Ok((crate::value::Mask::new(1, 1, vec![1])?,))
+        }
+    }
+
+    const FAULTY: crate::pack::Pack = crate::pack::Pack {
+        name: "faulty",
+        nodes: &[crate::node::node::<Faulty>()],
+        values: &[],
+        formats: &[],
+        readers: &[],
+    };
+
+    #[test]
+    fn a_node_that_panics_is_red_the_rest_is_written_and_the_next_run_works() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("graph.ron");
+        let catalog = Arc::new(Catalog::new(&[&FAULTY]));
+        let graph = |panics: bool| {
+            let text = format!(
+                "Graph(format: 1, nodes: {{ \"bad\": Faulty(panics: {panics}), \"good\": Faulty(panics: false) }},
+                    outputs: {{ \"bad.png\": \"bad\", \"good.png\": \"good\" }})"
+            );
+            std::fs::write(&path, &text).unwrap();
+            Arc::new(Graph::load(&path, &catalog, &Options::default()).graph.unwrap())
+        };
+        let (sender, reports) = channel();
+        let session = Session::with_catalog(catalog.clone(), &Settings::in_memory()).unwrap();
+        let wishes = Wishes {
+            folder: OutputFolder::new(Some(&folder.path().join("out")), &path),
+            only: Vec::new(),
+            inputs: InputOptions::default(),
+        };
+        let sink = move |report| drop(sender.send(report));
+        let worker = Worker::new(session, wishes, Box::new(|_| Box::new(())), sink);
+        let mut run = |run: usize, panics: bool| {
+            let (graph, problems, cancel) = (graph(panics), Vec::new(), CancelToken::default());
+            let (recompute, purpose, views) = (false, Purpose::Outputs, Views::new());
+            worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
+            let report: Report = reports.recv().unwrap();
+            let codes = Vec::from_iter(report.problems.iter().map(|problem| problem.code));
+            let written = Vec::from_iter(report.written.iter().map(|file| file.output.clone()));
+            (codes, written)
+        };
+        assert_eq!(run(1, true), (vec![code::PANIC], vec!["good.png".to_owned()]));
+        assert_eq!(run(2, false).0, Vec::<&str>::new());
+        assert!(folder.path().join("out/bad.png").exists());
+    }
 }

@@ -144,18 +144,21 @@ def load(
     cache: Union[Path, bool, None] = True,
     memory: Union[str, int] = "2GB",
     threads: int = 0,
+    max_memory: Union[str, int, None] = None,
 ) -> Graph:
     """Reads and checks a graph file and those that it uses; runs nothing.
 
     `text` stands in place of the file's content; paths in it are relative to `path` all the same. `roots`: folders outside of the project
     that the graph may read. `cache`: where results are kept from one process to the next: True for the command line's folder, False or None
     for nowhere, or a folder. `memory`: how much results may hold. `threads`: how many there are, 0 for as many as the machine has.
+    `max_memory`: how much results and nodes under way may hold together, as "4GB": a node that would need more fails before it begins; None
+    for nine tenths of what the machine has left.
 
     The graph stays as it is now when files of graphs change; files that its nodes read are looked at in every run.
 
     Raises GraphError with every problem of the file, OSError if it cannot be read.
     """
-    return Graph(path, text, roots, cache, memory, threads)
+    return Graph(path, text, roots, cache, memory, threads, max_memory)
 
 
 class Graph:
@@ -169,6 +172,7 @@ class Graph:
         cache: Union[Path, bool, None],
         memory: Union[str, int],
         threads: int,
+        max_memory: Union[str, int, None],
     ) -> None:
         # It is read again, with other values, wherever the program has gone meanwhile.
         self._path = os.path.abspath(path)
@@ -185,7 +189,8 @@ class Graph:
             folder: Optional[str] = None
         else:
             folder = "" if cache is None or cache is False else os.path.abspath(cache)
-        self._session = _maquette.Session(folder, str(memory), threads)
+        most = None if max_memory is None else str(max_memory)
+        self._session = _maquette.Session(folder, str(memory), threads, most)
 
     def _checked(
         self, params: Mapping[str, Any], texts: Dict[str, str]

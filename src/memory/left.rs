@@ -1,0 +1,92 @@
+//! How much memory a process can still get before the system kills one.
+
+use std::fs::read_to_string;
+use std::path::{Path, PathBuf};
+
+/// Bytes that the machine, and the groups of processes that this one is in, have left. None where the system does not tell, as
+/// elsewhere than on Linux, or kills nobody.
+pub(crate) fn left() -> Option<u64> {
+    if !cfg!(target_os = "linux") {
+        return None;
+    }
+    let machine = of_machine(&read_to_string("/proc/meminfo").ok()?)?;
+    let groups = read_to_string("/proc/self/cgroup").unwrap_or_default();
+    let groups = folders(&groups, Path::new("/sys/fs/cgroup"));
+    Some(groups.iter().filter_map(|folder| of_group(folder)).fold(machine, u64::min))
+}
+
+/// What `/proc/meminfo` says that programs can have without swapping, and what can be swapped.
+fn of_machine(text: &str) -> Option<u64> {
+    let line = |name: &str| {
+        let rest = text.lines().find_map(|line| line.strip_prefix(name))?;
+        rest.trim_end_matches("kB").trim().parse::<u64>().ok()
+    };
+    Some((line("MemAvailable:")? + line("SwapFree:").unwrap_or(0)) * 1024)
+}
+
+/// The folders of the groups that `/proc/self/cgroup` names, and of those around them, of both versions of groups. In a container the
+/// outermost folder is that of the container.
+fn folders(text: &str, root: &Path) -> Vec<PathBuf> {
+    let mut folders = Vec::new();
+    for line in text.lines() {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (Some(kinds), Some(path)) = (parts.next(), parts.next()) else { continue };
+        let root = match kinds {
+            "" => root.to_owned(),
+            kinds if kinds.split(',').any(|kind| kind == "memory") => root.join("memory"),
+            _ => continue,
+        };
+        let inner = root.join(path.trim_start_matches('/'));
+        let around = inner.ancestors().take_while(|folder| folder.starts_with(&root));
+        folders.extend(around.map(Path::to_owned));
+    }
+    folders
+}
+
+/// What a group may still get; none if it has no limit. What it holds of files is given back when somebody needs it.
+fn of_group(folder: &Path) -> Option<u64> {
+    let number = |name: &str| read_to_string(folder.join(name)).ok()?.trim().parse::<u64>().ok();
+    let limit = number("memory.max").or_else(|| number("memory.limit_in_bytes"))?;
+    let used = number("memory.current").or_else(|| number("memory.usage_in_bytes"))?;
+    let stat = read_to_string(folder.join("memory.stat")).unwrap_or_default();
+    let files = stat.lines().find_map(|line| {
+        let rest =
+            line.strip_prefix("total_inactive_file ").or(line.strip_prefix("inactive_file "));
+        rest?.trim().parse::<u64>().ok()
+    });
+    Some(limit.saturating_sub(used.saturating_sub(files.unwrap_or(0))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_system_says_is_understood() {
+        let text = "MemTotal:  8000000 kB\nMemAvailable:   2000 kB\nSwapFree:    500 kB\n";
+        assert_eq!(of_machine(text), Some(2500 * 1024));
+        assert_eq!(of_machine("MemTotal: 3 kB\n"), None);
+        let text = "5:cpu,memory:/a\n2:cpu:/x\n0::/b/c\n";
+        let paths = ["/r/memory/a", "/r/memory", "/r/b/c", "/r/b", "/r"];
+        assert_eq!(folders(text, Path::new("/r")), paths.map(PathBuf::from));
+    }
+
+    #[test]
+    fn a_group_has_left_what_it_does_not_use_and_what_it_holds_of_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let write =
+            |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+        write("memory.current", "700\n");
+        write("memory.stat", "anon 500\ninactive_file 150\n");
+        write("memory.max", "max\n");
+        assert_eq!(of_group(folder.path()), None);
+        write("memory.max", "1000\n");
+        assert_eq!(of_group(folder.path()), Some(450));
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn something_is_left() {
+        assert!(left().is_some_and(|bytes| 1 << 20 < bytes));
+    }
+}

@@ -1,0 +1,227 @@
+//! Rows 21, 27, 55 and 67: a node that needs too much memory is refused before it begins, one that could have it waits, and one that
+//! does not stop is told of.
+
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use maquette::value::Mask;
+use maquette::{
+    CancelToken, Catalog, Context, Error, Estimate, Evaluator, Graph, In, Node, Observer, Options,
+    Pack, RunTrace, Severity, State, node,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A mask of some kilobytes, for which it says to need as many.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Hold {
+    /// Kilobytes.
+    kb: u32,
+    /// Another one gives another key.
+    #[serde(default)]
+    seed: u8,
+    /// Comes after it.
+    after: Option<In<Mask>>,
+}
+
+/// What nodes that are under way say to need, in kilobytes, and the most of it at a time.
+static UNDER_WAY: AtomicUsize = AtomicUsize::new(0);
+static MOST: AtomicUsize = AtomicUsize::new(0);
+
+impl Node for Hold {
+    type Outputs = (Mask,);
+    const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
+        Some(Estimate { bytes: f64::from(self.kb) * 1e3, help: "hold less" })
+    }
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let kb = self.kb as usize;
+        let now = UNDER_WAY.fetch_add(kb, Ordering::SeqCst) + kb;
+        MOST.fetch_max(now, Ordering::SeqCst);
+        std::thread::sleep(Duration::from_millis(30));
+        UNDER_WAY.fetch_sub(kb, Ordering::SeqCst);
+        // A little less than it said.
+        let pixels = vec![self.seed % 2; kb * 1000 - 500];
+        Ok((Mask::new(kb * 1000 - 500, 1, pixels)?,))
+    }
+}
+
+/// Goes on for so long, whatever happens.
+#[derive(Serialize, Deserialize, JsonSchema)]
+struct Deaf {
+    /// Seconds.
+    seconds: f64,
+}
+
+impl Node for Deaf {
+    type Outputs = (Mask,);
+    const OUTPUTS: [&'static str; 1] = ["mask"];
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        std::thread::sleep(Duration::from_secs_f64(self.seconds));
+        Ok((Mask::new(1, 1, vec![0])?,))
+    }
+}
+
+const PACK: Pack = Pack {
+    name: "greedy",
+    nodes: &[node::<Hold>(), node::<Deaf>()],
+    values: &[],
+    formats: &[],
+    readers: &[],
+};
+
+/// One test at a time: they share what is counted.
+static ALONE: Mutex<()> = Mutex::new(());
+
+fn graph(nodes: &str) -> Graph {
+    let path = Path::new("limits.ron");
+    let text = format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{}})");
+    let options = Options::default().with_text(path, text);
+    let checked = Graph::load(path, &Catalog::new(&[&PACK]), &options);
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+}
+
+/// An evaluator of four threads for results of a megabyte, all in all.
+fn megabyte() -> Evaluator {
+    Evaluator::new(4, 1 << 30).unwrap().holding_at_most(1_000_000)
+}
+
+fn states(trace: &RunTrace) -> Vec<(&str, State)> {
+    trace.0.iter().map(|node| (&node.name[..], node.state)).collect()
+}
+
+#[test]
+fn a_node_that_needs_too_much_is_refused_with_numbers_and_the_rest_goes_on() {
+    let _alone = ALONE.lock();
+    let graph = graph(
+        r#""large": Hold(kb: 4200), "small": Hold(kb: 10), "next": Hold(kb: 20, after: "small"), "behind": Hold(kb: 1, after: "large")"#,
+    );
+    let mut evaluator = megabyte();
+    let evaluation = evaluator.evaluate_all_nodes(&graph, &(), &CancelToken::default());
+    let problems = evaluation.problems();
+    assert_eq!(problems.len(), 1, "{problems:?}");
+    assert_eq!(problems[0].severity, Severity::Error);
+    let message = &problems[0].message;
+    let need = "`large` cannot be computed: it would need 4.2 MB, ";
+    let rest =
+        " are held already and 1.0 MB are allowed in all: hold less, or allow more (--max-memory)";
+    assert!(message.starts_with(need) && message.ends_with(rest), "{message}");
+    let trace = evaluation.trace();
+    let mut states = states(&trace);
+    states.sort_unstable_by_key(|(name, _)| *name);
+    let expected = [
+        ("behind", State::Skipped),
+        ("large", State::Failed),
+        ("next", State::Computed),
+        ("small", State::Computed),
+    ];
+    assert_eq!(states, expected);
+}
+
+#[test]
+fn nodes_that_fit_one_after_the_other_wait_for_each_other() {
+    let _alone = ALONE.lock();
+    MOST.store(0, Ordering::SeqCst);
+    // Nobody needs what they give: it makes way.
+    let nodes = (0..8).map(|seed| format!("\"n{seed}\": Hold(kb: 400, seed: {seed}), "));
+    let graph = graph(&nodes.collect::<String>());
+    let mut evaluator = megabyte();
+    let names = Vec::from_iter((0..8).map(|seed| format!("n{seed}")));
+    for name in &names {
+        let evaluation = evaluator.evaluate_nodes(&graph, &[name]);
+        assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+    }
+    assert!(evaluator.memory() <= 1_000_000, "{}", evaluator.memory());
+
+    // Those that are needed together do not fit, but two of them do.
+    let pairs = r#""a": Hold(kb: 300, seed: 9), "b": Hold(kb: 300, seed: 10), "c": Hold(kb: 300, seed: 11), "d": Hold(kb: 300, seed: 12),
+        "x": Hold(kb: 1, after: "a"), "y": Hold(kb: 1, seed: 1, after: "b"), "z": Hold(kb: 1, seed: 2, after: "c"), "w": Hold(kb: 1, seed: 3, after: "d")"#;
+    let graph = self::graph(pairs);
+    MOST.store(0, Ordering::SeqCst);
+    let evaluation = evaluator.evaluate_nodes(&graph, &["x", "y", "z", "w"]);
+    assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+    let most = MOST.load(Ordering::SeqCst);
+    assert!((300..=1000).contains(&most), "{most} kB were under way at a time");
+}
+
+#[test]
+fn what_nobody_needs_makes_way_before_anything_is_refused() {
+    let _alone = ALONE.lock();
+    let mut evaluator = megabyte();
+    for seed in 0..4 {
+        let graph = graph(&format!("\"a\": Hold(kb: 700, seed: {seed})"));
+        let evaluation = evaluator.evaluate_nodes(&graph, &["a"]);
+        assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+        assert!(evaluator.memory() <= 1_000_000);
+    }
+}
+
+#[test]
+fn values_that_nodes_still_need_count() {
+    let _alone = ALONE.lock();
+    // `first` is needed to the end, so that there is never room for `second`.
+    let graph = graph(
+        r#""first": Hold(kb: 700), "second": Hold(kb: 700, seed: 1, after: "first"), "last": Hold(kb: 1, after: "second")"#,
+    );
+    let evaluation = megabyte().evaluate_nodes(&graph, &["last"]);
+    let trace = evaluation.trace();
+    let expected =
+        [("first", State::Computed), ("second", State::Failed), ("last", State::Skipped)];
+    assert_eq!(states(&trace), expected);
+    let message = &evaluation.problems()[0].message;
+    assert!(message.contains("would need 700 kB, 700 kB are held already"), "{message}");
+}
+
+/// Notes which nodes do not stop, and when that was told.
+struct Listening {
+    cancel: CancelToken,
+    began: Mutex<Option<Instant>>,
+    told: Mutex<Vec<(String, f64)>>,
+    cancels: AtomicBool,
+}
+
+impl Observer for Listening {
+    fn started(&self, _: &str) {
+        *self.began.lock().unwrap() = Some(Instant::now());
+        if self.cancels.load(Ordering::SeqCst) {
+            let cancel = self.cancel.clone();
+            std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(50));
+                cancel.cancel();
+            });
+        }
+    }
+
+    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+        let seconds = self.began.lock().unwrap().unwrap().elapsed().as_secs_f64();
+        self.told.lock().unwrap().push((format!("{node} {kind} {pack}"), seconds));
+    }
+}
+
+#[test]
+fn a_node_that_takes_no_notice_of_cancel_is_told_of_after_two_seconds() {
+    let graph = graph(r#""deaf": Deaf(seconds: 3.0)"#);
+    let listening = |cancels| Listening {
+        cancel: CancelToken::default(),
+        began: Mutex::default(),
+        told: Mutex::default(),
+        cancels: AtomicBool::new(cancels),
+    };
+    let mut evaluator = Evaluator::new(1, 1 << 20).unwrap();
+    for (cancels, expected) in [(true, 1), (false, 0)] {
+        let listening = listening(cancels);
+        evaluator.forget();
+        drop(evaluator.evaluate_all_nodes(&graph, &listening, &listening.cancel));
+        let told = listening.told.into_inner().unwrap();
+        assert_eq!(told.len(), expected, "{told:?}");
+        for (words, seconds) in told {
+            assert_eq!(words, "deaf Deaf greedy");
+            assert!((1.9..2.9).contains(&seconds), "after {seconds} s");
+        }
+    }
+}
