@@ -16,7 +16,7 @@ use crate::catalog::Catalog;
 use crate::error::{MOST_TOLD, Problem};
 use crate::graph::{Checked, Graph, Options};
 use crate::pack::Pack;
-use crate::session::{Finished, Run, Session, Wanted};
+use crate::session::{Finished, OutputFolder, Run, Session, Wanted};
 use crate::telling::{escaped, harmless, in_full};
 
 mod cache;
@@ -118,6 +118,9 @@ struct GraphOptions {
     /// Let the graph read files of this folder, too.
     #[arg(long = "root", value_name = "DIR")]
     roots: Vec<PathBuf>,
+    /// Take the draft of each `Draft(final: .., draft: ..)`, for a first look.
+    #[arg(long)]
+    draft: bool,
 }
 
 fn assignment(text: &str) -> Result<(String, String), String> {
@@ -131,7 +134,17 @@ impl GraphOptions {
     }
 
     fn all(&self) -> Options {
-        Options { roots: self.roots.clone(), set: self.set.clone(), ..Options::default() }
+        let (roots, set) = (self.roots.clone(), self.set.clone());
+        Options { roots, set, draft: self.draft, ..Options::default() }
+    }
+
+    /// The folder for the outputs of a graph: the one that was named, else one that drafts have apart.
+    fn folder(&self, named: Option<&Path>, graph: &Path) -> OutputFolder {
+        if self.draft {
+            OutputFolder::of_draft(named, graph)
+        } else {
+            OutputFolder::new(named, graph)
+        }
     }
 }
 

@@ -35,6 +35,7 @@ mod outline;
 mod outputs;
 mod parameters;
 mod patch;
+mod quality;
 mod recipe;
 mod shape;
 mod top;
@@ -149,6 +150,9 @@ pub struct Options {
     pub roots: Vec<PathBuf>,
     /// Values in place of defaults and fields: (`name` or `node.field`, RON).
     pub set: Vec<(String, String)>,
+    /// Whether each `Draft(final: .., draft: ..)` stands for its draft. What is computed from another value has another key, so that a
+    /// final run never takes what a draft gave.
+    pub draft: bool,
     /// Whether the files that the graph reads must be there.
     pub files: Files,
     /// Texts that stand in place of files of graphs, by path: those that an editor has not saved yet.

@@ -103,7 +103,12 @@ impl What {
 
 impl Edit {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        let file = GraphFile { graph: &self.graph, roots: &self.roots, dry_run: self.dry_run };
+        let file = GraphFile {
+            graph: &self.graph,
+            roots: &self.roots,
+            draft: false,
+            dry_run: self.dry_run,
+        };
         let Some(edited) = file.edit(&[self.what.edit()], catalog) else { return Exit::Failed };
         if self.dry_run {
             print_document(&changed_lines(&edited.before, &edited.text));
@@ -121,6 +126,8 @@ impl Edit {
 pub(super) struct GraphFile<'a> {
     pub(super) graph: &'a Path,
     pub(super) roots: &'a [PathBuf],
+    /// Whether values are put to the drafts of each `Draft`.
+    pub(super) draft: bool,
     /// Whether the edits are only tried, and nothing is written.
     pub(super) dry_run: bool,
 }
@@ -153,8 +160,8 @@ impl GraphFile<'_> {
     ) -> Result<Edited, EditError> {
         let failed = |error| EditError::Read(self.graph.to_owned(), error);
         let text = plain::read_text(self.graph).map_err(failed)?;
-        let options =
-            Options { roots: self.roots.to_vec(), files: Files::Ignored, ..Options::default() };
+        let (roots, draft) = (self.roots.to_vec(), self.draft);
+        let options = Options { roots, draft, files: Files::Ignored, ..Options::default() };
         Graph::edit(self.graph, &text, edits, catalog, &options).map_err(EditError::Refused)
     }
 

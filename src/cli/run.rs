@@ -22,14 +22,14 @@ use crate::error::{Problem, Severity};
 use crate::eval::{Forecast, Observer, RunTrace, State};
 use crate::graph::Graph;
 use crate::node::CancelToken;
-use crate::session::{OutputFolder, Produced, Written};
+use crate::session::{Produced, Written};
 use crate::writing::Sources;
 
 #[derive(Args)]
 pub(super) struct Run {
     /// The graph file.
     graph: PathBuf,
-    /// The folder for the outputs; `out/GRAPH` if left out.
+    /// The folder for the outputs; `out/GRAPH` if left out, `out/GRAPH-draft` with --draft.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Write only this output; may be given several times.
@@ -96,7 +96,8 @@ impl Run {
         }
         let progress = Progress::new(graph.nodes.len());
         let observer: &dyn Observer = events.as_ref().map_or(&progress, |events| events);
-        let into = OutputFolder::new(self.out.as_deref(), &self.graph).keeping(self.inputs.files());
+        let into = self.options.folder(self.out.as_deref(), &self.graph);
+        let into = into.keeping(self.inputs.files());
         session.recall(&into);
         let produced = session.produce(&graph, &self.only, &into, observer, &cancel);
         progress.end();

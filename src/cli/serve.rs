@@ -162,8 +162,8 @@ impl Server<'_> {
                 return self.pass(id, Job::Run(run, token));
             }
             Ok(Wish::Input(input)) => return self.pass(id, Job::Input(input)),
-            Ok(Wish::Why { graph, roots, set, node }) => {
-                return self.pass(id, Job::Why(Load { graph, roots, set }, node));
+            Ok(Wish::Why { graph, roots, set, draft, node }) => {
+                return self.pass(id, Job::Why(Load { graph, roots, set, draft }, node));
             }
             Err(why) => Err(why.into()),
         };
@@ -225,7 +225,7 @@ impl Server<'_> {
 
     fn edit(&self, wish: &EditWish) -> Result<Json, Refused> {
         let EditWish { graph, roots, edits, dry } = wish;
-        let file = GraphFile { graph, roots, dry_run: *dry };
+        let file = GraphFile { graph, roots, draft: false, dry_run: *dry };
         let edited = file.edited(edits, self.catalog);
         let done = edited.and_then(|edited| match dry {
             true => Ok(edited),
@@ -238,7 +238,7 @@ impl Server<'_> {
 /// Puts a text in place of another one.
 fn put(graph: &Path, was: String, text: String) -> Result<Json, Refused> {
     let found = plain::read_text(graph).map_err(|error| EditError::Read(graph.to_owned(), error));
-    let file = GraphFile { graph, roots: &[], dry_run: false };
+    let file = GraphFile { graph, roots: &[], draft: false, dry_run: false };
     told_edit(found.and_then(|found| {
         if found != was {
             return Err(EditError::Changed(graph.to_owned()));

@@ -17,6 +17,9 @@ pub(super) struct Set {
     /// raised.steps.0.distance=3. A value that is no RON is text.
     #[arg(required = true, value_name = "NODE.FIELD=VALUE", value_parser = assignment)]
     values: Vec<(String, String)>,
+    /// Put the values to the drafts of each `Draft(final: .., draft: ..)`, not to the final ones.
+    #[arg(long)]
+    draft: bool,
     /// Print the new text; write nothing.
     #[arg(long)]
     dry_run: bool,
@@ -32,7 +35,12 @@ impl Set {
             value: value.clone(),
         };
         let edits = Vec::from_iter(self.values.iter().map(edit));
-        let file = GraphFile { graph: &self.graph, roots: &self.roots, dry_run: self.dry_run };
+        let file = GraphFile {
+            graph: &self.graph,
+            roots: &self.roots,
+            draft: self.draft,
+            dry_run: self.dry_run,
+        };
         let Some(edited) = file.edit(&edits, catalog) else { return Exit::Failed };
         if self.dry_run {
             print_document(&edited.text);

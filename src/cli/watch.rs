@@ -23,7 +23,6 @@ use crate::format::camera;
 use crate::graph::ReadFile;
 use crate::page::{Page, Redirect, Wish};
 use crate::paths::{MARKER, project_root};
-use crate::session::OutputFolder;
 use crate::watch::{self, Event, Sources, WatchList};
 
 mod block;
@@ -45,7 +44,7 @@ use worker::{Report, Wishes, Worker};
 pub(super) struct Watch {
     /// The graph file.
     graph: PathBuf,
-    /// The folder for the outputs; `out/GRAPH` if left out.
+    /// The folder for the outputs; `out/GRAPH` if left out, `out/GRAPH-draft` with --draft.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Write only this output; may be given several times.
@@ -107,7 +106,7 @@ impl Watch {
             return self.print_list(catalog);
         }
         let (sender, receiver) = channel();
-        let outputs = OutputFolder::new(self.out.as_deref(), &self.graph);
+        let outputs = self.options.folder(self.out.as_deref(), &self.graph);
         let outputs = outputs.keeping(self.inputs.files());
         let folder = outputs.path().to_owned();
         let stop = sender.clone();

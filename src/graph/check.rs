@@ -202,7 +202,8 @@ impl<'w, 'a> Check<'w, 'a> {
         let parameters = self.named(top.params, "parameter", entries);
         let options = self.world.options;
         let set: &[_] = if self.is_first() { &options.set } else { &[] };
-        let (declared, defaults) = Parameters::read(&parameters, set, &mut self.findings);
+        let draft = options.draft;
+        let (declared, defaults) = Parameters::read(&parameters, set, draft, &mut self.findings);
         fields.extend(declared.iter().map(|declared| (declared.name.clone(), declared.schema())));
         let nodes = self.named(top.nodes, "node", entries);
         let eaches = self.drafts(&nodes, &subgraphs, &defaults, &mut drafts);

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use super::check::Check;
+use super::quality::chosen;
 use crate::error::{Span, code};
 use crate::text::{Body, Field, Kind, Name, Tree, nearest_or_all};
 
@@ -89,8 +90,10 @@ impl Check<'_, '_> {
         let (mut kind, mut over) = (None, None);
         let (mut with, mut links, mut carry) = (Vec::new(), Vec::new(), Vec::new());
         for field in fields {
-            let group = field.value.fields().filter(|_| is_group(&field.value));
-            match (&field.name.text[..], &field.value.kind, group) {
+            let draft = self.world.options.draft;
+            let Some(value) = chosen(&field.value, draft, &mut self.findings) else { continue };
+            let group = value.fields().filter(|_| is_group(value));
+            match (&field.name.text[..], &value.kind, group) {
                 ("graph", Kind::Text(text), _) => kind = Some((text.clone(), field.value.span)),
                 ("graph", ..) => {
                     self.wants("ForEach", field, "the name of a node type: \"Feature\"");

@@ -189,7 +189,7 @@ impl Judge<'_> {
                 // A word in place of a text is meant as a text.
                 let is_text = match edit {
                     Edit::Set { target, .. } => {
-                        let old = place(text, target, &spellings[0], false);
+                        let old = place(text, target, &spellings[0], false, self.options.draft);
                         let old = old.ok().and_then(|(_, before)| before);
                         old.is_some_and(|old| old.starts_with('"'))
                     }
@@ -240,7 +240,7 @@ impl Judge<'_> {
             };
             if let Edit::Set { target, value: given } = edit {
                 let value = values.concat();
-                let put = place(&edited.text, target, &value, false);
+                let put = place(&edited.text, target, &value, false, self.options.draft);
                 let (splices, before) = put.map_err(|refusal| {
                     let message = format!("{target}={given}: {}", refusal.message);
                     refused(vec![Refusal { message, ..refusal }])

@@ -11,6 +11,7 @@ use serde_json::Value as Json;
 
 use super::describe::Subgraph;
 use super::expression::named_parameters;
+use super::quality::is_draft;
 use crate::catalog::{Catalog, Entry};
 use crate::error::Span;
 use crate::text::{Body, Field, Kind, Name, Tree, as_tree, inside_option, resolve, variants};
@@ -237,6 +238,11 @@ impl Reading<'_> {
     fn value(&self, tree: &Tree, schema: &Json, root: &Json) -> Tree {
         if is_computed(tree) {
             return plain(tree);
+        }
+        if is_draft(tree) {
+            let side = |field: &Field| named(&field.name, self.value(&field.value, schema, root));
+            let body = sorted(tree.fields().unwrap_or_default().iter().map(side).collect());
+            return bare(Kind::Call { name: tree.name().as_ref().map(bare_name), body });
         }
         let schema = resolve(root, schema);
         if schema.get("port").is_some() {

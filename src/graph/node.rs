@@ -8,6 +8,7 @@ use super::check::Check;
 use super::draft::{Draft, What};
 use super::each::Each;
 use super::parameters::{Parameters, read_set};
+use super::quality::{has_draft, is_draft, is_side};
 use super::recipe::{NodeFile, Recipe};
 use super::{Files, ReadFile};
 use crate::catalog::Entry;
@@ -37,8 +38,33 @@ pub(super) struct Built {
 }
 
 impl<'a> Check<'_, 'a> {
-    /// Finds the problems of a node's fields with these values of parameters.
+    /// Finds the problems of a node's fields with these values of parameters; what a `Draft` does not stand for now must be right, too.
     pub(super) fn survey(&mut self, what: &What<'a>, tree: &Tree, values: &Parameters) -> Survey {
+        let survey = self.survey_of_side(what, tree, values);
+        if has_draft(tree) {
+            let known = std::mem::take(&mut self.findings);
+            let other = self.survey_of_side(what, tree, &values.of_other_side());
+            let found = std::mem::replace(&mut self.findings, known);
+            for finding in found {
+                let same = |known: &Finding| {
+                    (known.code, known.span, &known.message)
+                        == (finding.code, finding.span, &finding.message)
+                };
+                if !self.findings.iter().any(same) {
+                    self.findings.push(finding);
+                }
+            }
+            let is_elsewhere = |link: &&FoundLink| other.links.iter().all(|o| o.span != link.span);
+            if let Some(link) = survey.links.iter().find(is_elsewhere) {
+                let message = format!("port `{}` cannot take a Draft: it takes a link", link.port);
+                let help = "give a parameter of the node before it a Draft, or choose by a Switch";
+                self.find(code::WRONG_VALUE, link.span, message, help);
+            }
+        }
+        survey
+    }
+
+    fn survey_of_side(&mut self, what: &What<'a>, tree: &Tree, values: &Parameters) -> Survey {
         let tree = values.substitute(tree, &mut self.findings);
         let (name, schema) = match what {
             What::Node(entry) => (&entry.name, entry.schema()),
@@ -229,6 +255,13 @@ fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
         Some((name, rest)) => (name, Some(rest)),
         None => (path, None),
     };
+    if is_draft(tree) && !is_side(name) {
+        // For this run it counts in any case.
+        if let Kind::Call { body: Body::Fields(sides), .. } = &mut tree.kind {
+            sides.iter_mut().for_each(|side| set_field(&mut side.value, path, value));
+        }
+        return;
+    }
     let span = tree.span;
     let index = name.parse::<usize>().ok();
     let field = match &mut tree.kind {

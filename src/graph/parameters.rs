@@ -7,6 +7,7 @@ use indexmap::IndexMap;
 
 use super::declaration::Declaration;
 use super::expression::{Outcome, evaluate};
+use super::quality::{chosen, is_draft};
 use crate::error::{MOST_TOLD, Span, code};
 use crate::text::{Body, Field, Finding, Given, Kind, Origin, Sheet, Tree, nearest_or_all, parse};
 
@@ -15,16 +16,19 @@ use crate::text::{Body, Field, Finding, Given, Kind, Origin, Sheet, Tree, neares
 pub(crate) struct Parameters {
     values: IndexMap<String, Tree>,
     numbers: BTreeMap<String, Outcome>,
+    /// Whether a `Draft` stands for its draft.
+    draft: bool,
 }
 
 impl Parameters {
-    /// Reads the declarations, with `--set` values in place of defaults.
+    /// Reads the declarations, with `--set` values in place of defaults, for a draft or for final results.
     pub(crate) fn read(
         entries: &[(&Tree, &Tree)],
         set: &[(String, String)],
+        draft: bool,
         findings: &mut Vec<Finding>,
     ) -> (Vec<Declaration>, Self) {
-        let mut parameters = Self::default();
+        let mut parameters = Self { draft, ..Self::default() };
         let mut declarations = Vec::with_capacity(entries.len());
         for (key, declaration) in entries {
             let Some(name) = key.text() else { continue };
@@ -36,6 +40,14 @@ impl Parameters {
             if let Some((_, text)) = set.iter().rev().find(|(target, _)| target == name) {
                 declared.default = read_set(text, &format!("{name}={text}"), declaration.span);
             }
+            let default = declared.default.clone();
+            if is_draft(&default) {
+                // The other value must fit, too; what is wrong with both is told below.
+                let other = chosen(&default, !draft, &mut Vec::new());
+                declared.default = of_side(other, &default);
+                declared.value(findings);
+            }
+            declared.default = of_side(chosen(&default, draft, findings), &default);
             declared.default = declared.value(findings);
             parameters.put(name, declared.default.clone());
             declarations.push(declared);
@@ -65,12 +77,23 @@ impl Parameters {
         self.values.insert(name.to_owned(), value);
     }
 
+    /// The same for what a `Draft` does not stand for now.
+    pub(super) fn of_other_side(&self) -> Self {
+        Self { draft: !self.draft, ..self.clone() }
+    }
+
     pub(crate) fn names(&self) -> Vec<&str> {
         self.values.keys().map(String::as_str).collect()
     }
 
     /// The tree with every `Param` and `Expr` in it replaced by its value; one that has no value becomes broken.
     pub(crate) fn substitute(&self, tree: &Tree, findings: &mut Vec<Finding>) -> Tree {
+        if is_draft(tree) {
+            return match chosen(tree, self.draft, findings) {
+                Some(value) => self.substitute(value, findings),
+                None => Tree::new(tree.span, Kind::Broken),
+            };
+        }
         if let Some(argument) = tree.call_of("Param").or_else(|| tree.call_of("Expr")) {
             let is_param = tree.call_of("Param").is_some();
             let found = match argument.text() {
@@ -158,6 +181,17 @@ impl Parameters {
                 Outcome::Truth(truth) => Kind::Bool(truth),
             },
         ))
+    }
+}
+
+/// What a default has for this side of a `Draft`, with what is known of the default; broken if it has nothing.
+fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
+    match (side, &default.origin) {
+        (None, _) => Tree::new(default.span, Kind::Broken),
+        (Some(side), Some(Origin::Default(_))) => {
+            Tree { origin: Some(Origin::Default(side.span)), ..side.clone() }
+        }
+        (Some(side), origin) => Tree { origin: origin.clone(), ..side.clone() },
     }
 }
 

@@ -99,7 +99,7 @@ impl Check<'_, '_> {
         let mut sheet = self.base(&path, span)?;
         for (target, named, value) in puts {
             let text = &own.source.text[value.span.start..value.span.end];
-            match place(&sheet.source.text, &target, text, true) {
+            match place(&sheet.source.text, &target, text, true, false) {
                 Ok((edits, _)) => sheet = spliced(&sheet, edits, text, &own, value.span),
                 Err(refusal) => {
                     let message = format!("`{target}`: {}", refusal.message);

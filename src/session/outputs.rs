@@ -112,6 +112,16 @@ impl OutputFolder {
         Self { folder, named, kept: Sources::default(), known: Mutex::default() }
     }
 
+    /// The folder that the user named, else `out/GRAPH-draft`: what is only a draft must not lie where a final result is looked for.
+    pub fn of_draft(folder: Option<&Path>, graph: &Path) -> Self {
+        let mut name = graph.file_stem().unwrap_or_default().to_owned();
+        name.push("-draft");
+        Self {
+            folder: folder.map_or_else(|| Path::new("out").join(name), Path::to_owned),
+            ..Self::new(folder, graph)
+        }
+    }
+
     /// The same, which never replaces these files.
     #[must_use]
     pub fn keeping<'a>(mut self, files: impl Iterator<Item = &'a Path>) -> Self {

@@ -8,6 +8,7 @@ use crate::graph_files::problems;
 
 mod documentation;
 mod library_expectations;
+mod drafts;
 mod limits;
 
 /// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.

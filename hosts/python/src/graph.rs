@@ -32,9 +32,10 @@ impl Graph {
         roots: Vec<PathBuf>,
         set: Vec<(String, String)>,
         texts: HashMap<PathBuf, String>,
+        draft: bool,
     ) -> PyResult<Loaded<'py>> {
         let texts = texts.into_iter().collect();
-        let options = Options { roots, set, texts, ..Options::default() };
+        let options = Options { roots, set, texts, draft, ..Options::default() };
         let checked = on_threads(py, || maquette::Graph::load(&path, &CATALOG, &options))?;
         let problems = plain::problems(py, &checked.problems)?;
         let graph = checked.graph.map(|graph| Self { graph, path });

@@ -53,6 +53,8 @@ pub(super) enum Wish {
         roots: Vec<PathBuf>,
         #[serde(default)]
         set: BTreeMap<String, String>,
+        #[serde(default)]
+        draft: bool,
         node: String,
     },
 }
@@ -67,6 +69,9 @@ pub(super) struct Load {
     /// Values in place of defaults and fields, as RON.
     #[serde(default)]
     pub(super) set: BTreeMap<String, String>,
+    /// Whether each `Draft` stands for its draft.
+    #[serde(default)]
+    pub(super) draft: bool,
 }
 
 #[derive(Deserialize)]
@@ -87,6 +92,8 @@ pub(super) struct Run {
     pub(super) roots: Vec<PathBuf>,
     #[serde(default)]
     pub(super) set: BTreeMap<String, String>,
+    #[serde(default)]
+    pub(super) draft: bool,
     /// The hashes of values for inputs, by the inputs' names.
     #[serde(default)]
     pub(super) inputs: BTreeMap<String, String>,

@@ -87,8 +87,9 @@ impl Runner {
 
     fn run(&mut self, id: &Json, run: &Run, cancel: &CancelToken) -> Result<Json, Refused> {
         let start = Instant::now();
-        let Run { graph, roots, set, inputs, want, .. } = run;
-        let load = Load { graph: graph.clone(), roots: roots.clone(), set: set.clone() };
+        let Run { graph, roots, set, draft, inputs, want, .. } = run;
+        let (graph, roots, set) = (graph.clone(), roots.clone(), set.clone());
+        let load = Load { graph, roots, set, draft: *draft };
         let (graph, mut problems) = self.graph(&load)?;
         let inputs = self.inputs(inputs)?;
         let wanted = match want {
@@ -180,7 +181,7 @@ fn is_of(job: &Job, run: &Run) -> bool {
 
 pub(super) fn options(load: &Load) -> Options {
     let set = load.set.clone().into_iter().collect();
-    Options { roots: load.roots.clone(), set, ..Options::default() }
+    Options { roots: load.roots.clone(), set, draft: load.draft, ..Options::default() }
 }
 
 /// Why a host does not get what it wants.

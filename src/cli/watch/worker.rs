@@ -367,7 +367,7 @@ mod tests {
         };
         let sink = move |report| drop(sender.send(report));
         let worker = Worker::new(session, wishes, Box::new(|_| Box::new(())), sink);
-        let mut run = |run: usize, panics: bool| {
+        let run = |run: usize, panics: bool| {
             let (graph, problems, cancel) = (graph(panics), Vec::new(), CancelToken::default());
             let (recompute, purpose, views) = (false, Purpose::Outputs, Views::new());
             worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });

@@ -2,6 +2,7 @@
 
 use super::splice::{Splice, added, put_entry};
 use crate::error::{Span, code};
+use crate::graph::quality::{self, is_draft, is_side};
 use crate::text::{Body, Field, Kind, Tree, nearest_or_all, parse};
 
 /// Why a value cannot be put where it should be.
@@ -19,18 +20,22 @@ impl Refusal {
 }
 
 /// The edits that put a value to its place, and what stands there now. What stands for a parameter is replaced only if
-/// `overrules`.
+/// `overrules`. In a `Draft` it is the value for final results, or for drafts if the edit is of a `draft`, unless the new value is a
+/// `Draft` itself.
 pub(in crate::graph) fn place(
     text: &str,
     target: &str,
     value: &str,
     overrules: bool,
+    draft: bool,
 ) -> Result<(Vec<Splice>, Option<String>), Refusal> {
+    let side = (!is_draft(&parse(value).0)).then_some(draft);
+    let put = |entry: &Tree, steps: &[&str]| in_call(text, entry, steps, value, overrules, side);
     let (tree, _) = parse(text);
     let is_patch = tree.name().is_some_and(|name| name.text == "Patch");
     let (section, what, name, path) = match target.split_once('.') {
         _ if overrules && target == "doc" => {
-            return in_call(text, &tree, &["doc"], value, overrules);
+            return put(&tree, &["doc"]);
         }
         Some((node, path)) => ("nodes", "node", node, path),
         None if is_patch => ("params", "parameter", target, ""),
@@ -51,10 +56,8 @@ pub(in crate::graph) fn place(
         };
         let known = entries.iter().filter_map(|(key, entry)| Some((begins(key.text()?)?, entry)));
         return match (known.min_by_key(|(rest, _)| rest.len()), entry) {
-            (Some((rest, entry)), _) => {
-                in_call(text, entry, &Vec::from_iter(rest.split('.')), value, overrules)
-            }
-            (None, Some((_, entry))) => in_call(text, entry, &[], value, overrules),
+            (Some((rest, entry)), _) => put(entry, &Vec::from_iter(rest.split('.'))),
+            (None, Some((_, entry))) => put(entry, &[]),
             (None, None) => Ok((new_entry(text, &tree, section, target, value), None)),
         };
     }
@@ -67,7 +70,7 @@ pub(in crate::graph) fn place(
             ..Refusal::new(Span::default(), message, help)
         });
     };
-    in_call(text, entry, &Vec::from_iter(path.split('.')), value, overrules)
+    put(entry, &Vec::from_iter(path.split('.')))
 }
 
 /// The same within one value.
@@ -77,12 +80,13 @@ fn in_call(
     steps: &[&str],
     value: &str,
     overrules: bool,
+    side: Option<bool>,
 ) -> Result<(Vec<Splice>, Option<String>), Refusal> {
     let is_computed = |text: &str| {
         let tree = parse(text).0;
         tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
     };
-    match find(entry, steps)? {
+    match find(entry, steps, side)? {
         Found::Value(tree) => {
             if !overrules && !is_computed(value) {
                 not_computed(tree, value)?;
@@ -124,12 +128,23 @@ pub(super) enum Found<'t> {
     Missing(&'t Tree, Vec<String>),
 }
 
-/// Follows a way through fields, entries and items. The name of a choice, `Near` of `Near(..)`, may be a step of it.
-pub(super) fn find<'t>(tree: &'t Tree, path: &[&str]) -> Result<Found<'t>, Refusal> {
+/// Follows a way through fields, entries and items. The name of a choice, `Near` of `Near(..)`, may be a step of it. Of a `Draft` it goes on
+/// in this side, unless it names one itself; without a side it ends there.
+pub(super) fn find<'t>(
+    tree: &'t Tree,
+    path: &[&str],
+    side: Option<bool>,
+) -> Result<Found<'t>, Refusal> {
+    if is_draft(tree)
+        && !path.first().is_some_and(|step| is_side(step))
+        && let Some(inside) = side.and_then(|draft| quality::side(tree, draft))
+    {
+        return find(inside, path, side);
+    }
     let Some((step, rest)) = path.split_first() else { return Ok(Found::Value(tree)) };
     not_computed(tree, "VALUE")?;
     let numbered = |items: &'t [Tree]| match step.parse::<usize>() {
-        Ok(index) if index < items.len() => find(&items[index], rest),
+        Ok(index) if index < items.len() => find(&items[index], rest, side),
         _ => {
             let message = format!("there is no item `{step}`");
             let help = match items.len() {
@@ -142,24 +157,24 @@ pub(super) fn find<'t>(tree: &'t Tree, path: &[&str]) -> Result<Found<'t>, Refus
     let missing = || Ok(Found::Missing(tree, path.iter().map(|&step| step.to_owned()).collect()));
     match &tree.kind {
         Kind::Call { name: Some(name), .. } if name.text == *step && !rest.is_empty() => {
-            find_inside(tree, rest)
+            find_inside(tree, rest, side)
         }
         Kind::List(items) => numbered(items),
         Kind::Call { body: Body::Items(items), .. } => match &items[..] {
             // `Some(..)` and other choices with one value have the fields of the value.
-            [item] if step.parse::<usize>().is_err() => find(item, path),
+            [item] if step.parse::<usize>().is_err() => find(item, path, side),
             _ => numbered(items),
         },
         Kind::Map(entries) => {
             let entry = entries.iter().find(|(key, _)| key.text() == Some(step));
-            entry.map(|(_, value)| find(value, rest)).unwrap_or_else(|| {
+            entry.map(|(_, value)| find(value, rest, side)).unwrap_or_else(|| {
                 let known: Vec<&str> = entries.iter().filter_map(|(key, _)| key.text()).collect();
                 let help = nearest_or_all(step, "its entries", &known);
                 Err(Refusal::new(tree.span, format!("there is no entry `{step}`"), help))
             })
         }
         Kind::Call { .. } => match field(tree, step) {
-            Some(field) => find(&field.value, rest),
+            Some(field) => find(&field.value, rest, side),
             None => missing(),
         },
         Kind::Word(_) => missing(),
@@ -171,12 +186,16 @@ pub(super) fn find<'t>(tree: &'t Tree, path: &[&str]) -> Result<Found<'t>, Refus
 }
 
 /// The same behind the name of a choice.
-fn find_inside<'t>(tree: &'t Tree, path: &[&str]) -> Result<Found<'t>, Refusal> {
+fn find_inside<'t>(
+    tree: &'t Tree,
+    path: &[&str],
+    side: Option<bool>,
+) -> Result<Found<'t>, Refusal> {
     match (&tree.kind, field(tree, path[0])) {
         (Kind::Call { body: Body::Items(items), .. }, _) if items.len() == 1 => {
-            find(&items[0], path)
+            find(&items[0], path, side)
         }
-        (_, Some(field)) => find(&field.value, &path[1..]),
+        (_, Some(field)) => find(&field.value, &path[1..], side),
         _ => Ok(Found::Missing(tree, path.iter().map(|&step| step.to_owned()).collect())),
     }
 }

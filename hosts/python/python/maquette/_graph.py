@@ -193,11 +193,11 @@ class Graph:
         self._session = _maquette.Session(folder, str(memory), threads, most)
 
     def _checked(
-        self, params: Mapping[str, Any], texts: Dict[str, str]
+        self, params: Mapping[str, Any], texts: Dict[str, str], draft: bool = False
     ) -> Tuple[_maquette.Graph, List[Problem], List[str]]:
         """The graph with these values; raises GraphError if it has mistakes then."""
         values = [(name, self._as_ron(name, value)) for name, value in params.items()]
-        graph, told, used = _maquette.Graph.load(self._path, self._roots, values, texts)
+        graph, told, used = _maquette.Graph.load(self._path, self._roots, values, texts, draft)
         if graph is None:
             raise GraphError(problems(told))
         return graph, problems(told), [os.fspath(path) for path in used]
@@ -267,13 +267,14 @@ class Graph:
         inputs: Optional[Mapping[str, Any]] = None,
         progress: Union[Callable[[Progress], object], bool, None] = None,
         strict: bool = True,
+        draft: bool = False,
         **params: Any,
     ) -> Run:
         """Evaluates outputs of the graph, all if none is named, and these nodes (`node` or `node.output`) beside them.
 
         `params`: values in place of defaults, `run(growth=12)`; those of fields of nodes as `run(**{"cage.levels": 2})`. `inputs`: values by
         the names of the graph's inputs: a `Value`, the path of a file, or whatever the class of the input's type takes, as a mesh of trimesh
-        or an array of points. `progress`: is called with `Progress`; True draws a bar. Ctrl-C stops the run.
+        or an array of points. `draft`: whether each `Draft(final: .., draft: ..)` stands for its draft. `progress`: is called with `Progress`; True draws a bar. Ctrl-C stops the run.
 
         Only what hangs on something changed is computed. Raises GraphError if something failed or does not hold, with what was found in its
         `run`; with `strict=False` the run is given all the same, and its `problems` tell.
@@ -282,7 +283,7 @@ class Graph:
         wanted = [nodes] if isinstance(nodes, str) else list(nodes)
         for output in named or ():
             self.outputs[output]
-        graph = self._checked(params, self._texts)[0] if params else self._graph
+        graph = self._checked(params, self._texts, draft)[0] if params or draft else self._graph
         values = self._values(inputs or {})
         told, end = _told(progress, len(self.nodes))
         try:

@@ -69,6 +69,7 @@ class Graph:
         roots: Sequence[_Path],
         set: Sequence[Tuple[str, str]],
         texts: Dict[str, str],
+        draft: bool,
     ) -> Tuple[Optional[Graph], List[_Problem], List[str]]: ...
     @property
     def path(self) -> str: ...

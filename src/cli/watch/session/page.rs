@@ -140,6 +140,6 @@ impl<'a> Session<'a> {
 
     fn file(&self) -> GraphFile<'a> {
         let Watch { graph, options, .. } = self.command;
-        GraphFile { graph, roots: &options.roots, dry_run: false }
+        GraphFile { graph, roots: &options.roots, draft: options.draft, dry_run: false }
     }
 }

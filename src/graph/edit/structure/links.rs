@@ -40,7 +40,7 @@ impl Structure<'_> {
         let (tree, _) = parse(&text);
         let references = References::of(self.judge, &text, &tree);
         let way = Vec::from_iter(way.iter().map(String::as_str));
-        let is_link = match call_of(&tree, node).map(|call| find(call, &way)) {
+        let is_link = match call_of(&tree, node).map(|call| find(call, &way, None)) {
             Some(Ok(Found::Value(link))) => references.is_ok_and(|all| all.is_link(link.span)),
             _ => false,
         };
@@ -99,7 +99,7 @@ impl Structure<'_> {
         };
         let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
         let listed = || format!("[{link}]");
-        match find(call, steps)? {
+        match find(call, steps, None)? {
             Found::Value(list @ Tree { kind: Kind::List(items), .. }) => {
                 let index = index.unwrap_or(items.len());
                 let places = parts(list);
@@ -149,7 +149,7 @@ impl Structure<'_> {
     pub(super) fn unlink(&self, given: &str) -> Result<Vec<Splice>, Vec<Refusal>> {
         let (node, call, steps) = self.port(given).map_err(one)?;
         let is_link = |tree: &Tree| self.references.is_link(tree.span);
-        let found = find(call, &steps).map_err(one)?;
+        let found = find(call, &steps, None).map_err(one)?;
         let value = match found {
             Found::Value(value) => value.call_of("Some").unwrap_or(value),
             Found::Missing(owner, _) => owner,

@@ -1,0 +1,127 @@
+//! Row 39: `Draft(final: .., draft: ..)` beside any parameter; a final run never reads a draft's result.
+
+use std::path::{Path, PathBuf};
+
+use maquette::value::Mesh;
+use maquette::{Catalog, Edit, Graph, Options, Run, Session, Settings, Source, State, test_graphs};
+use maquette_nodes::PACKS;
+
+const TEXT: &str = r#"Graph(
+    format: 1,
+    params: { "levels": Integer(default: Draft(final: 3, draft: 1), min: 0, max: 5), "far": Number(default: 2.0) },
+    nodes: {
+        "doll": ReadMesh(path: "doll/coarse.obj"),
+        "skin": Subdivide(mesh: "doll", scheme: Loop, levels: Param("levels")),
+        "moved": Transform(mesh: "skin", translate: (Draft(final: Param("far"), draft: Expr("far * 10")), 0, 0), scale: Draft(final: (1, 1, 1), draft: (2, 2, 2))),
+        "many": ForEach(graph: "Transform", over: Draft(final: [(scale: (1, 1, 1)), (scale: (1, 2, 1))], draft: [(scale: (1, 1, 1))]), with: (mesh: "doll")),
+        "plain": Transform(mesh: "doll", translate: (1, 0, 0)),
+    },
+    outputs: { "moved.ply": "moved", "plain.ply": "plain" },
+)"#;
+
+fn path() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/drafted.ron")
+}
+
+fn options(draft: bool) -> Options {
+    Options { draft, ..Options::default() }.with_text(path(), TEXT)
+}
+
+fn load(options: &Options) -> Graph {
+    let checked = Graph::load(&path(), &Catalog::new(PACKS), options);
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+}
+
+/// The number of faces of the skin, where the first vertex of the moved one lies, and what became of each node.
+fn run(session: &mut Session, options: &Options) -> (usize, f64, Vec<(String, State)>) {
+    let done = session.run(&load(options), &Run::default()).unwrap();
+    assert!(done.problems().is_empty(), "{:?}", done.problems());
+    let moved = done.get::<Mesh>("moved.ply").unwrap();
+    let trace = done.trace();
+    let states = trace.0.into_iter().map(|node| (node.name, node.state)).collect();
+    (moved.faces().len(), moved.positions()[0].x, states)
+}
+
+#[test]
+fn a_final_run_never_reads_what_a_draft_gave() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = maquette::CacheFolder::At(folder.path().to_owned());
+    let settings = Settings { threads: 2, cache, ..Settings::default() };
+    let mut session = Session::new(PACKS, &settings).unwrap();
+    let draft = run(&mut session, &options(true));
+    let last = run(&mut session, &options(false));
+    assert_eq!(last.0, 16 * draft.0);
+    assert_ne!(draft.1, last.1);
+    let computed = |states: &[(String, State)], name: &str| {
+        states.iter().any(|(known, state)| known == name && *state == State::Computed)
+    };
+    // What no Draft shapes is the same; all else was computed anew.
+    assert!(computed(&draft.2, "plain") && !computed(&last.2, "plain"));
+    assert!(computed(&last.2, "skin") && computed(&last.2, "moved"));
+    // Each finds its own again, and a session that knows nothing of drafts gives the same final result.
+    assert_eq!(
+        (run(&mut session, &options(true)).0, run(&mut session, &options(false)).0),
+        (draft.0, last.0)
+    );
+    let mut other = Session::new(PACKS, &Settings::in_memory()).unwrap();
+    let alone = run(&mut other, &options(false));
+    assert_eq!((alone.0, alone.1), (last.0, last.1));
+}
+
+#[test]
+fn a_draft_stands_in_lists_structs_defaults_and_elements() {
+    let (draft, last) = (load(&options(true)), load(&options(false)));
+    let elements =
+        |graph: &Graph| graph.node_names().filter(|name| name.starts_with("many/")).count();
+    assert_eq!((elements(&draft), elements(&last)), (1, 2));
+    let default = |graph: &Graph| graph.schema()["properties"]["levels"]["default"].clone();
+    assert_eq!((default(&draft), default(&last)), (1.into(), 3.into()));
+}
+
+#[test]
+fn what_is_set_for_one_run_counts_for_drafts_and_final_results() {
+    for draft in [false, true] {
+        let set = vec![("levels".to_owned(), "2".to_owned())];
+        let graph = load(&Options { set, ..options(draft) });
+        assert_eq!(graph.schema()["properties"]["levels"]["default"], 2, "{draft}");
+    }
+}
+
+fn set(target: &str, value: &str, draft: bool) -> String {
+    let edit = Edit::Set { target: target.into(), value: value.into() };
+    let options = Options { draft, ..Options::default() };
+    let edited = Graph::edit(&path(), TEXT, &[edit], &Catalog::new(PACKS), &options);
+    edited.unwrap_or_else(|problems| panic!("{problems:?}")).text
+}
+
+#[test]
+fn set_changes_the_final_value_or_that_of_drafts_or_the_whole() {
+    let cases = [
+        ("levels", "4", false, "Draft(final: 4, draft: 1)"),
+        ("levels", "0", true, "Draft(final: 3, draft: 0)"),
+        ("moved.scale.1", "7", false, "Draft(final: (1, 7, 1), draft: (2, 2, 2))"),
+        ("moved.scale.draft.1", "7", false, "Draft(final: (1, 1, 1), draft: (2, 7, 2))"),
+        ("moved.scale", "Draft(final: (1, 1, 1), draft: (3, 3, 3))", false, "draft: (3, 3, 3))"),
+    ];
+    for (target, value, draft, expected) in cases {
+        let text = set(target, value, draft);
+        assert!(text.contains(expected), "{target}={value}: {text}");
+    }
+}
+
+#[test]
+fn fmt_and_diff_keep_a_draft_and_tell_what_changed_in_it() {
+    let text = set("moved.scale.draft.1", "7", false);
+    let source = |text: &str| Source { name: path(), text: text.to_owned() };
+    let differences = Graph::differences(&source(TEXT), &source(&text), &Catalog::new(PACKS));
+    let told = format!("{:?}", differences.unwrap());
+    assert!(told.contains("scale") && told.contains('7'), "{told}");
+}
+
+#[test]
+fn goldens_are_of_final_results() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/language");
+    let report = test_graphs(&folder, &Catalog::new(PACKS), 2).unwrap();
+    assert!(report.failures.is_empty(), "{:?}", report.failures);
+    assert!(report.graphs.iter().any(|graph| graph.ends_with("drafts.ron")));
+}
