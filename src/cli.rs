@@ -38,6 +38,7 @@ mod nodes;
 mod profile;
 mod progress;
 mod render;
+mod replay;
 mod run;
 mod serve;
 mod set;
@@ -80,6 +81,8 @@ enum Command {
     Compare(compare::Compare),
     /// Make a picture of any value, of a graph or a file.
     Render(render::Render),
+    /// Make an output again by what it tells of the graph that it came from, and say whether it is the same.
+    Replay(replay::Replay),
     /// Show what graphs give from five sides, with the least and the greatest of each parameter, in one picture each.
     Sheet(sheet::Sheet),
     /// Print the reference of all nodes, or of one.
@@ -194,6 +197,7 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Test(command) => command.run(&catalog),
         Command::Compare(command) => command.run(&catalog),
         Command::Render(command) => command.run(&catalog),
+        Command::Replay(command) => command.run(&catalog),
         Command::Sheet(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
         Command::Gallery(command) => command.run(&catalog),

@@ -13,6 +13,7 @@ use crate::error::{Error, Problem, Severity, code};
 use crate::graph::{Graph, GraphNode, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
+use crate::provenance::Signature;
 use crate::value::{AnyValue, Hash};
 
 mod cache;
@@ -193,11 +194,20 @@ impl Evaluation {
         |node, output| self.value(node, output)
     }
 
-    /// The files of one of the graph's outputs; none if its node failed.
-    pub(crate) fn files(&self, output: &GraphOutput) -> Option<Result<Vec<NewFile>, Error>> {
+    /// The hashes of the files that a node has read; none for those that are not there.
+    pub(crate) fn read_by(&self, node: usize) -> &[Option<Hash>] {
+        self.found.current(node).map_or(&[], |done| &done.parts.files)
+    }
+
+    /// The files of one of the graph's outputs, which tell where they came from if that is known; none if its node failed.
+    pub(crate) fn files(
+        &self,
+        output: &GraphOutput,
+        signature: Option<&Signature>,
+    ) -> Option<Result<Vec<NewFile>, Error>> {
         let value = self.value(output.node, output.output)?;
         let name = Path::new(&output.name).file_name()?.to_string_lossy().into_owned();
-        let write = AssertUnwindSafe(|| output.format.write(value, &name));
+        let write = AssertUnwindSafe(|| output.format.write_signed(value, &name, signature));
         Some(catch_unwind(write).unwrap_or_else(|panic| Err(Panic(in_words(&*panic)).into())))
     }
 }
@@ -305,20 +315,10 @@ impl Evaluator {
         self.fresh = true;
     }
 
-    /// The hash of each of these outputs (node and output) of which is known, before anything is evaluated, that it is as it
-    /// was.
-    pub(crate) fn known_hashes(
-        &mut self,
-        graph: &Graph,
-        outputs: &[(usize, usize)],
-    ) -> Vec<Option<Hash>> {
+    /// What is known of these nodes before anything is evaluated: of those that are as they were.
+    pub(crate) fn foreseen(&mut self, graph: &Graph, nodes: &[usize]) -> Foreseen {
         self.recall(graph);
-        let roots = Vec::from_iter(outputs.iter().map(|(node, _)| *node));
-        let plan = Plan::new(self, graph, &roots, &[]);
-        let hash = |&(node, output): &(usize, usize)| {
-            Some(plan.known.get(node)?.outcome.outputs.get(output)?.1)
-        };
-        outputs.iter().map(hash).collect()
+        Foreseen(Plan::new(self, graph, nodes, &[]).known)
     }
 
     /// Evaluates what these nodes, by their place in the graph, need. The values of the nodes `values` are wanted afterwards.
@@ -399,6 +399,21 @@ impl Evaluator {
     ) -> Evaluation {
         let all: Vec<usize> = (0..graph.nodes.len()).collect();
         self.evaluate(graph, &all, &all, observer, cancel)
+    }
+}
+
+/// What is known of nodes before they are evaluated.
+pub(crate) struct Foreseen(plan::Known);
+
+impl Foreseen {
+    /// The hash of the value of a node's output, if it is as it was.
+    pub(crate) fn hash(&self, node: usize, output: usize) -> Option<Hash> {
+        Some(self.0.get(node)?.outcome.outputs.get(output)?.1)
+    }
+
+    /// As [`Evaluation::read_by`].
+    pub(crate) fn read_by(&self, node: usize) -> &[Option<Hash>] {
+        self.0.get(node).map_or(&[], |done| &done.parts.files)
     }
 }
 

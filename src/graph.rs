@@ -26,6 +26,7 @@ mod expected;
 mod expression;
 mod format;
 mod input;
+mod lineage;
 mod link;
 mod meaning;
 mod needs;
@@ -58,6 +59,7 @@ pub(crate) use top::is_name;
 pub(crate) use words::{Word, words, words_of_choices, words_of_fields};
 
 use crate::catalog::Catalog;
+use lineage::Lineage;
 
 /// A graph that has been checked: every name, type, range and path in it is right.
 #[derive(Clone)]
@@ -138,6 +140,8 @@ pub(crate) struct GraphOutput {
     pub(crate) node: usize,
     pub(crate) output: usize,
     pub(crate) format: Format,
+    /// What from outside may shape it.
+    pub(crate) lineage: Arc<Lineage>,
     /// The file that names it, and where.
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,

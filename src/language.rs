@@ -25,6 +25,7 @@ pub(crate) const TOPICS: &[Topic] = &[
     Topic { name: "patch", text: include_str!("language/patch.md") },
     Topic { name: "expect", text: include_str!("language/expect.md") },
     Topic { name: "test", text: include_str!("language/test.md") },
+    Topic { name: "provenance", text: include_str!("language/provenance.md") },
 ];
 
 impl Topic {

@@ -99,6 +99,7 @@ mod paths;
 mod plain;
 #[cfg(feature = "cli")]
 mod probe;
+mod provenance;
 mod reading;
 mod session;
 mod stamp;
@@ -125,6 +126,7 @@ pub use node::{
     ReadError, node,
 };
 pub use pack::{FileFormat, Format, NewFile, Pack, format};
+pub use provenance::Signature;
 pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use session::{
     CacheFolder, Finished, OutputFolder, Produced, Run, Session, SessionError, Settings, Wanted,

@@ -2,6 +2,8 @@
 
 use crate::error::Error;
 use crate::node::NodeType;
+use crate::plain::ending;
+use crate::provenance::{self, Signature};
 use crate::reading::AnyReader;
 use crate::value::{AnyValue, Value, ValueType, value_type};
 
@@ -33,6 +35,23 @@ pub trait FileFormat {
     /// # Errors
     /// If the value cannot be written in this format.
     fn write(value: &Self::Value, name: &str) -> Result<Vec<NewFile>, Error>;
+
+    /// The same, where the files tell where the value came from. If this is left out, files of well-known formats do so in their own
+    /// way (GLB, PLY, OBJ, MTL, PCD, PNG, STEP, JSON objects, and by a hash STL), and others do not.
+    ///
+    /// # Errors
+    /// Those of [`write`](Self::write).
+    fn write_signed(
+        value: &Self::Value,
+        name: &str,
+        signature: &Signature,
+    ) -> Result<Vec<NewFile>, Error> {
+        let mut files = Self::write(value, name)?;
+        for file in &mut files {
+            provenance::sign(&ending(file.name.as_ref()), &mut file.bytes, signature);
+        }
+        Ok(files)
+    }
 }
 
 /// A file to be written.
@@ -57,7 +76,7 @@ pub struct Format {
     /// The ending of the file's name.
     pub ending: &'static str,
     pub(crate) kind: fn() -> &'static ValueType,
-    write: fn(&AnyValue, &str) -> Result<Vec<NewFile>, Error>,
+    write: fn(&AnyValue, &str, Option<&Signature>) -> Result<Vec<NewFile>, Error>,
 }
 
 impl Format {
@@ -68,7 +87,17 @@ impl Format {
 
     /// Writes a value of the format's type.
     pub(crate) fn write(&self, value: &AnyValue, name: &str) -> Result<Vec<NewFile>, Error> {
-        (self.write)(value, name)
+        (self.write)(value, name, None)
+    }
+
+    /// The same; the files tell where the value came from, if that is known.
+    pub(crate) fn write_signed(
+        &self,
+        value: &AnyValue,
+        name: &str,
+        signature: Option<&Signature>,
+    ) -> Result<Vec<NewFile>, Error> {
+        (self.write)(value, name, signature)
     }
 }
 
@@ -77,11 +106,14 @@ pub const fn format<F: FileFormat>() -> Format {
     Format {
         ending: F::ENDING,
         kind: value_type::<F::Value>,
-        write: |value, name| {
+        write: |value, name, signature| {
             let value = value.get::<F::Value>().unwrap_or_else(|| {
                 panic!("a {value:?} came to a writer of {}", <F::Value as Value>::NAME)
             });
-            F::write(value, name)
+            match signature {
+                Some(signature) => F::write_signed(value, name, signature),
+                None => F::write(value, name),
+            }
         },
     }
 }

@@ -86,6 +86,17 @@ pub(crate) fn without_dots(path: &Path) -> PathBuf {
     clean
 }
 
+/// A path as it is told to others: from the root of the project on, or its last name alone where it lies elsewhere.
+pub(crate) fn within(root: &Path, path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+    let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| without_dots(folder));
+    let whole = folder.join(name);
+    let inside = whole.strip_prefix(root).unwrap_or(Path::new(name));
+    let parts = inside.components().map(|part| part.as_os_str().to_string_lossy());
+    Vec::from_iter(parts).join("/")
+}
+
 /// Whether an output's name stays in the folder of outputs.
 pub(crate) fn stays_inside(name: &str) -> bool {
     let normal = |part| matches!(part, Component::Normal(_));

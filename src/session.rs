@@ -10,13 +10,16 @@ use crate::golden::{self, Violation};
 use crate::graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
 use crate::node::CancelToken;
 use crate::pack::{NewFile, Pack};
+use crate::provenance::{Provenance, Signature};
 use crate::text::{unknown, with_article};
 use crate::value::{AnyValue, Value};
 
 mod outputs;
+mod provenance;
 mod settings;
 
 pub use outputs::{OutputFolder, Written, save};
+pub(crate) use provenance::{Teller, sign};
 pub use settings::{CacheFolder, SessionError, Settings};
 pub(crate) use settings::{default_folder, disk_size, size};
 
@@ -172,10 +175,11 @@ impl Session {
         let judged = golden::nodes_of(&expected);
         nodes.extend(&judged);
         let evaluator = &mut self.evaluator;
-        let mut values = folder.nodes_to_write(&outputs, graph, evaluator);
+        let mut values = folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator);
         values.extend(judged);
         let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, cancel);
-        let (written, unwritten) = folder.write(&outputs, &evaluation, graph, evaluator, cancel);
+        let (written, unwritten) =
+            folder.write(&outputs, &evaluation, graph, &self.catalog, evaluator, cancel);
         folder.keep(evaluator);
         let mut problems = evaluation.problems();
         let judge = || golden::violations(graph, evaluation.by_place(), &expected);
@@ -194,7 +198,8 @@ impl Session {
     ) -> (Vec<Written>, Vec<Problem>) {
         let outputs = Vec::from_iter(&finished.graph.outputs);
         let cancel = CancelToken::default();
-        folder.write(&outputs, &finished.evaluation, &finished.graph, &self.evaluator, &cancel)
+        let Finished { graph, evaluation, .. } = finished;
+        folder.write(&outputs, evaluation, graph, &self.catalog, &self.evaluator, &cancel)
     }
 
     /// Finds out what the last process knew of the files in a folder of outputs.
@@ -372,7 +377,22 @@ impl Finished {
     /// If the value cannot be written in the output's format.
     pub fn files(&self, output: &str) -> Option<Result<Vec<NewFile>, Error>> {
         let output = self.graph.outputs.iter().find(|known| known.name == output)?;
-        self.evaluation.files(output)
+        self.evaluation.files(output, None)
+    }
+
+    /// Where an output of the graph, which was wanted, comes from.
+    pub(crate) fn provenance(&self, output: &GraphOutput, catalog: &Catalog) -> Provenance {
+        let teller = Teller::new(&self.graph, catalog);
+        teller.provenance(output, |node| self.evaluation.read_by(node))
+    }
+
+    /// The files of an output, signed; none if its value is not there.
+    pub(crate) fn signed_files(
+        &self,
+        output: &GraphOutput,
+        signature: Option<&Signature>,
+    ) -> Option<Result<Vec<NewFile>, Error>> {
+        self.evaluation.files(output, signature)
     }
 
     /// What happened to each node, each after those that it hangs on.

@@ -13,6 +13,7 @@ use super::events::{Ending, Events, Listener};
 use super::inputs::InputOptions;
 use super::profile;
 use super::progress::Progress;
+use super::replay::ProvenanceOptions;
 use super::{
     Exit, GraphOptions, counted, eprint, in_bytes, interrupt, print, print_json, put_problems,
     report,
@@ -41,6 +42,8 @@ pub(super) struct Run {
     options: GraphOptions,
     #[command(flatten)]
     cache: CacheOptions,
+    #[command(flatten)]
+    provenance: ProvenanceOptions,
     /// Only say what would run, and why.
     #[arg(short = 'n', long)]
     dry_run: bool,
@@ -97,7 +100,7 @@ impl Run {
         let progress = Progress::new(graph.nodes.len());
         let observer: &dyn Observer = events.as_ref().map_or(&progress, |events| events);
         let into = self.options.folder(self.out.as_deref(), &self.graph);
-        let into = into.keeping(self.inputs.files());
+        let into = self.provenance.applied(into.keeping(self.inputs.files()));
         session.recall(&into);
         let produced = session.produce(&graph, &self.only, &into, observer, &cancel);
         progress.end();

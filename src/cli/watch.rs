@@ -14,6 +14,7 @@ use serde_json::json;
 use super::caching::CacheOptions;
 use super::events::Listener;
 use super::inputs::InputOptions;
+use super::replay::ProvenanceOptions;
 use super::terminal::{Input, Screen};
 use super::{Exit, GraphOptions, eprint, interrupt, print, report};
 use crate::catalog::Catalog;
@@ -59,6 +60,8 @@ pub(super) struct Watch {
     /// How many threads to use; 0 is all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
+    #[command(flatten)]
+    provenance: ProvenanceOptions,
     /// Evaluate once, as a watch does, and end.
     #[arg(long)]
     once: bool,
@@ -107,7 +110,7 @@ impl Watch {
         }
         let (sender, receiver) = channel();
         let outputs = self.options.folder(self.out.as_deref(), &self.graph);
-        let outputs = outputs.keeping(self.inputs.files());
+        let outputs = self.provenance.applied(outputs.keeping(self.inputs.files()));
         let folder = outputs.path().to_owned();
         let stop = sender.clone();
         interrupt::handle(move || drop(stop.send(Message::Input(Input::Stop))));

@@ -249,9 +249,9 @@ impl World {
         let last = process.last.get_or_insert(told).clone();
         let known: HashSet<Hash> = process.keys.union(&kept).copied().collect();
 
-        let pairs = Vec::from_iter(roots.iter().map(|root| (*root, 0)));
-        let hashes = evaluator.known_hashes(&graph, &pairs);
-        for (root, hash) in roots.iter().zip(hashes) {
+        let foreseen = evaluator.foreseen(&graph, &roots);
+        for root in &roots {
+            let hash = foreseen.hash(*root, 0);
             let (name, truth) = (&graph.nodes[*root].name, truths[*root].hash(0));
             promise!(
                 hash.is_none() || hash == truth,

@@ -13,6 +13,7 @@ use serde_json::json;
 use super::definition::{Definition, World};
 use super::draft::Draft;
 use super::expand::expand;
+use super::lineage::Lineage;
 use super::needs::Needs;
 use super::parameters::Parameters;
 use super::recipe::NodeFile;
@@ -221,6 +222,13 @@ impl<'w, 'a> Check<'w, 'a> {
         match is_used {
             true => ports = self.ports(top.outputs, &drafts, &names),
             false => outputs = self.outputs(top.outputs, &drafts, &names),
+        }
+        if self.is_first() {
+            let lineage = |draft| Arc::new(Lineage::of(draft, &drafts, &needs, &defaults, set));
+            outputs.iter_mut().for_each(|output| output.lineage = lineage(output.node));
+            for port in &mut ports {
+                port.lineage = port.target.map(|(draft, _)| lineage(draft)).unwrap_or_default();
+            }
         }
         let given_there = (&ports[..], &outputs[..]);
         let expect = self.expectations(top.expect, given_there, top.outputs, &drafts, &names);

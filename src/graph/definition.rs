@@ -11,6 +11,7 @@ use super::declaration::Declaration;
 use super::draft::Draft;
 use super::each::Each;
 use super::expected::Expecting;
+use super::lineage::Lineage;
 use super::parameters::Parameters;
 use super::top::TopLevel;
 use super::{Options, ReadFile};
@@ -47,6 +48,8 @@ pub(super) struct Port {
     /// The draft and output that it gives; none if its link is wrong.
     pub(super) target: Option<(usize, usize)>,
     pub(super) kind: Option<&'static ValueType>,
+    /// What from outside may shape it.
+    pub(super) lineage: Arc<Lineage>,
     /// Its name in the file.
     pub(super) span: Span,
 }

@@ -53,7 +53,8 @@ pub(super) fn expand<'a>(
     let port = |port: &super::definition::Port| {
         let (draft, index) = port.target?;
         let &(node, output) = values.get(draft)?.get(index)?;
-        Some(GraphPort { name: port.name.clone(), kind: port.kind, node, output, span: port.span })
+        let (name, lineage) = (port.name.clone(), port.lineage.clone());
+        Some(GraphPort { name, kind: port.kind, node, output, lineage, span: port.span })
     };
     let ports = definition.ports.iter().filter_map(port).collect();
     let input = |(draft, &(node, _)): (&Draft<'_>, &Target)| {

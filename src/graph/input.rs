@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use serde_json::json;
 
+use super::lineage::Lineage;
 use super::node::Built;
 use super::recipe::Recipe;
 use super::{Graph, GraphOutput, Shape};
@@ -40,6 +41,7 @@ pub struct GraphPort {
     pub kind: Option<&'static ValueType>,
     pub(super) node: usize,
     pub(super) output: usize,
+    pub(super) lineage: Arc<Lineage>,
     pub(super) span: Span,
 }
 
@@ -104,8 +106,10 @@ impl Graph {
     fn file_of(&self, port: &GraphPort, catalog: &Catalog) -> Option<GraphOutput> {
         let format = *catalog.preferred_format(port.kind?)?;
         let (node, output, span) = (port.node, port.output, port.span);
+        let lineage = port.lineage.clone();
         let name = Path::new(&port.name).with_extension(format.ending).display().to_string();
-        Some(GraphOutput { name, node, output, format, source: self.source.clone(), span })
+        let source = self.source.clone();
+        Some(GraphOutput { name, node, output, format, lineage, source, span })
     }
 
     /// The values in some files for its inputs, by their types and the files' endings, and warnings of what is to be doubted of them.

@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::check::Check;
 use super::definition::Port;
@@ -57,7 +58,8 @@ impl Check<'_, '_> {
                 taken.insert(name);
                 let (name, format) = (name.to_owned(), *format);
                 let (source, span) = self.sheet.place(key.span);
-                outputs.push(GraphOutput { name, node, output, format, source, span });
+                let lineage = Arc::default();
+                outputs.push(GraphOutput { name, node, output, format, lineage, source, span });
             } else if kind.is_some() || !self.world.catalog.endings(None).contains(&&ending[..]) {
                 self.no_format(name, &ending, kind, key.span);
             }
@@ -129,7 +131,8 @@ impl Check<'_, '_> {
             let target = targets.and_then(|targets| self.only(name, value, &targets));
             let kind = target.and_then(|(node, output)| drafts[node].types.get(output));
             let (name, kind) = (name.to_owned(), kind.copied().flatten());
-            ports.push(Port { name, target, kind, span: key.span });
+            let lineage = Arc::default();
+            ports.push(Port { name, target, kind, lineage, span: key.span });
         }
         ports
     }

@@ -19,6 +19,8 @@ pub struct NodeType {
     pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, crate::text::ReadError>,
     /// The id of the build that its code is of; empty if that is not known.
     pub(crate) build: fn() -> &'static str,
+    /// The version of its pack; empty if that is not known.
+    pub(crate) version: &'static str,
 }
 
 impl NodeType {
@@ -28,6 +30,12 @@ impl NodeType {
     #[must_use]
     pub const fn of_build(self, id: fn() -> &'static str) -> Self {
         Self { build: id, ..self }
+    }
+
+    /// The same node, with the version of its pack, which files tell that were made by it.
+    #[must_use]
+    pub const fn of_version(self, version: &'static str) -> Self {
+        Self { version, ..self }
     }
 }
 
@@ -44,7 +52,7 @@ macro_rules! nodes_of_this_build {
         }
 
         const fn node<T: $crate::Node>() -> $crate::NodeType {
-            $crate::node::<T>().of_build(build_id::build_id)
+            $crate::node::<T>().of_build(build_id::build_id).of_version(env!("CARGO_PKG_VERSION"))
         }
     };
 }
@@ -77,6 +85,7 @@ pub const fn node<T: Node>() -> NodeType {
         },
         read: |reader| Ok(Box::new(reader.read::<T>()?)),
         build: || "",
+        version: "",
     }
 }
 

@@ -9,6 +9,8 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use super::provenance::Teller;
+use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, code};
 use crate::eval::{Evaluation, Evaluator};
 use crate::graph::{Graph, GraphOutput};
@@ -16,6 +18,7 @@ use crate::node::CancelToken;
 use crate::pack::NewFile;
 use crate::parallel::*;
 use crate::plain;
+use crate::provenance::Signature;
 use crate::stamp::Stamp;
 use crate::value::Hash;
 use crate::writing::{Destination, Refused, Sources};
@@ -57,15 +60,18 @@ pub struct OutputFolder {
     folder: PathBuf,
     /// The user named the folder, so that it may be anywhere.
     named: bool,
+    /// Files tell where they came from.
+    signs: bool,
     /// Files that are not replaced, beside those of the graph.
     kept: Sources,
-    /// By output: the value that its files were made of, and they, each as it was left.
+    /// By output: what its files were made of, and they, each as it was left.
     known: Mutex<HashMap<String, Known>>,
 }
 
 #[derive(Serialize, Deserialize)]
 struct Known {
-    value: Hash,
+    /// What they were made of: the value, and what they tell of it.
+    made_of: Hash,
     /// Each as it was left; none if somebody changed it while it was written.
     files: Vec<(Written, Option<Left>)>,
 }
@@ -109,7 +115,13 @@ impl OutputFolder {
     pub fn new(folder: Option<&Path>, graph: &Path) -> Self {
         let named = folder.is_some();
         let folder = folder.map_or_else(|| default_folder(graph), Path::to_owned);
-        Self { folder, named, kept: Sources::default(), known: Mutex::default() }
+        Self { folder, named, signs: true, kept: Sources::default(), known: Mutex::default() }
+    }
+
+    /// The same, whose files do not tell where they came from.
+    #[must_use]
+    pub fn without_provenance(self) -> Self {
+        Self { signs: false, ..self }
     }
 
     /// The folder that the user named, else `out/GRAPH-draft`: what is only a draft must not lie where a final result is looked for.
@@ -162,15 +174,20 @@ impl OutputFolder {
         &self,
         outputs: &[&GraphOutput],
         graph: &Graph,
+        catalog: &Catalog,
         evaluator: &mut Evaluator,
     ) -> Vec<usize> {
-        let places = Vec::from_iter(outputs.iter().map(|output| (output.node, output.output)));
-        let hashes = evaluator.known_hashes(graph, &places);
-        let is_right = |(output, hash): &(&&GraphOutput, Option<Hash>)| {
-            hash.is_some_and(|hash| self.still_there(&output.name, hash).is_some())
+        let nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
+        let known = evaluator.foreseen(graph, &nodes);
+        let teller = self.signs.then(|| Teller::new(graph, catalog));
+        let is_right = |output: &&&GraphOutput| {
+            known.hash(output.node, output.output).is_some_and(|value| {
+                let told =
+                    teller.as_ref().map(|it| it.signature(output, |node| known.read_by(node)));
+                self.still_there(&output.name, made_of(value, told.as_ref())).is_some()
+            })
         };
-        let to_write = outputs.iter().zip(hashes).filter(|output| !is_right(output));
-        to_write.map(|(output, _)| output.node).collect()
+        outputs.iter().filter(|output| !is_right(output)).map(|output| output.node).collect()
     }
 
     /// Writes outputs in parallel; those whose nodes failed are left out, because that has been reported. What cannot be
@@ -180,6 +197,7 @@ impl OutputFolder {
         outputs: &[&GraphOutput],
         evaluation: &Evaluation,
         graph: &Graph,
+        catalog: &Catalog,
         evaluator: &Evaluator,
         cancel: &CancelToken,
     ) -> (Vec<Written>, Vec<Problem>) {
@@ -189,9 +207,13 @@ impl OutputFolder {
         sources.extend(&self.kept);
         let destination = self.destination(&sources);
         folders.iter().for_each(|folder| destination.sweep(folder));
+        let teller = self.signs.then(|| Teller::new(graph, catalog));
+        let signature = |output: &GraphOutput| {
+            Some(teller.as_ref()?.signature(output, |it| evaluation.read_by(it)))
+        };
         let write = |output: &&GraphOutput| match cancel.is_cancelled() {
             true => Ok(Vec::new()),
-            false => self.output(output, evaluation, graph, &destination),
+            false => self.output(output, evaluation, graph, signature(output), &destination),
         };
         let results: Vec<_> = evaluator.install(|| outputs.par_iter().map(write).collect());
         let (mut files, mut problems) = (Vec::new(), Vec::new());
@@ -209,12 +231,14 @@ impl OutputFolder {
         output: &GraphOutput,
         evaluation: &Evaluation,
         graph: &Graph,
+        signature: Option<Signature>,
         destination: &Destination<'_>,
     ) -> Result<Vec<Written>, Box<Problem>> {
         let Some(value) = evaluation.hash(output.node, output.output) else {
             return Ok(Vec::new());
         };
-        if let Some(files) = self.still_there(&output.name, value) {
+        let made_of = made_of(value, signature.as_ref());
+        if let Some(files) = self.still_there(&output.name, made_of) {
             return Ok(files);
         }
         let problem = |message: String, help: &str| {
@@ -230,7 +254,7 @@ impl OutputFolder {
             })
         };
         let mut start = Instant::now();
-        let files = match evaluation.files(output) {
+        let files = match evaluation.files(output, signature.as_ref()) {
             None => return Ok(Vec::new()),
             Some(Ok(files)) => files,
             Some(Err(error)) => {
@@ -264,14 +288,14 @@ impl OutputFolder {
             written.push((Written { seconds, ..file }, left));
         }
         let files = written.iter().map(|(file, _)| file.clone()).collect();
-        self.lock().insert(output.name.clone(), Known { value, files: written });
+        self.lock().insert(output.name.clone(), Known { made_of, files: written });
         Ok(files)
     }
 
-    /// The files of an output if they were made of this value and nobody has changed them since.
-    fn still_there(&self, output: &str, value: Hash) -> Option<Vec<Written>> {
+    /// The files of an output if they were made of this and nobody has changed them since.
+    fn still_there(&self, output: &str, made_of: Hash) -> Option<Vec<Written>> {
         let known = self.lock();
-        let mut files = known.get(output).filter(|known| known.value == value)?.files.clone();
+        let mut files = known.get(output).filter(|known| known.made_of == made_of)?.files.clone();
         drop(known);
         let is_as_left = |(file, left): &mut (Written, Option<Left>)| {
             left.as_mut().is_some_and(|left| left.is_there(file))
@@ -282,7 +306,7 @@ impl OutputFolder {
         let unchanged =
             |(file, _): &(Written, _)| Written { unchanged: true, seconds: 0.0, ..file.clone() };
         let unchanged = files.iter().map(unchanged).collect();
-        self.lock().insert(output.to_owned(), Known { value, files });
+        self.lock().insert(output.to_owned(), Known { made_of, files });
         Some(unchanged)
     }
 
@@ -314,6 +338,14 @@ impl OutputFolder {
 
     fn lock(&self) -> MutexGuard<'_, HashMap<String, Known>> {
         self.known.lock().unwrap_or_else(|broken| broken.into_inner())
+    }
+}
+
+/// What files are made of: a value, and what they tell of it.
+fn made_of(value: Hash, signature: Option<&Signature>) -> Hash {
+    match signature {
+        Some(signature) => Hash::of(&[&value.0, signature.words.as_bytes()].concat()),
+        None => value,
     }
 }
 
@@ -352,7 +384,7 @@ mod tests {
         let destination = Destination::anywhere(&sources);
         let (written, left) = outputs.file("a", path.to_owned(), &file, &destination).unwrap();
         let unchanged = written.unchanged;
-        let known = Known { value: Hash::of(b"value"), files: vec![(written, left)] };
+        let known = Known { made_of: Hash::of(b"value"), files: vec![(written, left)] };
         outputs.lock().insert("a".into(), known);
         unchanged
     }

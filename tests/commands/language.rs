@@ -1,3 +1,4 @@
 //! The language of graphs, as users of the commands meet it: a file for each row of what it promises.
 
 mod help;
+mod provenance;

@@ -33,7 +33,7 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 31] = [
+const ROOMS: [(&str, &[&str]); 32] = [
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
     (
         "cli",
@@ -56,7 +56,7 @@ const ROOMS: [(&str, &[&str]); 31] = [
         "eval",
         &[
             "catalog", "error", "graph", "limit", "memory", "node", "pack", "parallel", "paths",
-            "plain", "reading", "stamp", "text", "value", "writing",
+            "plain", "provenance", "reading", "stamp", "text", "value", "writing",
         ],
     ),
     ("format", &["error", "memory", "pack", "parallel", "reading", "render", "text", "value"]),
@@ -77,18 +77,32 @@ const ROOMS: [(&str, &[&str]); 31] = [
     ),
     ("parallel", &[]),
     ("node", &["error", "limit", "plain", "reading", "text", "value"]),
-    ("pack", &["error", "node", "reading", "value"]),
+    ("pack", &["error", "node", "plain", "provenance", "reading", "value"]),
     ("paths", &["text"]),
     ("plain", &[]),
     ("probe", &["render", "text", "value"]),
+    ("provenance", &[]),
     ("random", &[]),
     ("reading", &["error", "paths", "plain", "value"]),
     ("render", &["parallel", "simd", "value"]),
     (
         "session",
         &[
-            "catalog", "error", "eval", "golden", "graph", "node", "pack", "parallel", "plain",
-            "stamp", "text", "value", "writing",
+            "catalog",
+            "error",
+            "eval",
+            "golden",
+            "graph",
+            "node",
+            "pack",
+            "parallel",
+            "plain",
+            "stamp",
+            "text",
+            "value",
+            "writing",
+            "paths",
+            "provenance",
         ],
     ),
     ("simd", &[]),

@@ -1,0 +1,204 @@
+//! `maquette replay`: makes an output again by what it tells of where it came from.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::Args;
+use serde_json::json;
+
+use super::caching::CacheOptions;
+use super::inputs::InputOptions;
+use super::progress::Progress;
+use super::{Exit, eprint, print, print_json, report};
+use crate::catalog::Catalog;
+use crate::graph::{Files, Graph, GraphOutput, Options};
+use crate::paths::project_root;
+use crate::plain::{ending, read_own};
+use crate::provenance::{Found, Provenance, find};
+use crate::session::{OutputFolder, Run, Wanted, sign};
+use crate::text::unknown;
+use crate::value::Hash;
+
+/// Whether files tell where they came from.
+#[derive(Args, Clone, Default)]
+pub(super) struct ProvenanceOptions {
+    /// Do not let outputs tell of the graph, the parameters and the files that they were made of.
+    #[arg(long)]
+    no_provenance: bool,
+}
+
+impl ProvenanceOptions {
+    pub(super) fn applied(&self, folder: OutputFolder) -> OutputFolder {
+        if self.no_provenance { folder.without_provenance() } else { folder }
+    }
+}
+
+#[derive(Args)]
+pub(super) struct Replay {
+    /// A file that a graph gave.
+    file: PathBuf,
+    /// The graph; if left out, that of the name that the file tells, in the project of the current folder.
+    #[arg(long, value_name = "GRAPH")]
+    graph: Option<PathBuf>,
+    #[command(flatten)]
+    inputs: InputOptions,
+    /// Let the graph read files of this folder, too.
+    #[arg(long = "root", value_name = "DIR")]
+    roots: Vec<PathBuf>,
+    #[command(flatten)]
+    cache: CacheOptions,
+    /// How many threads to use; 0 is all.
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What the file tells, and all of its bytes.
+struct Told {
+    found: Found,
+    /// What there is to read of it.
+    provenance: Provenance,
+    bytes: Vec<u8>,
+}
+
+impl Replay {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
+        match self.told().and_then(|told| Ok((self.graph(&told.provenance)?, told))) {
+            Ok((graph, told)) => self.replay(&graph, &told, catalog),
+            Err(why) => Exit::Usage(why),
+        }
+    }
+
+    fn told(&self) -> Result<Told, String> {
+        let path = self.file.display();
+        let bytes = read_own(&self.file).map_err(|why| format!("cannot read {path}: {why}"))?;
+        let found = find(&ending(&self.file), &bytes);
+        let found = found.ok_or_else(|| format!("{path} does not tell where it came from"))?;
+        let provenance = match &found {
+            Found::Words(words) => Provenance::read(words)
+                .ok_or_else(|| format!("{path} does not tell where it came from as we do"))?,
+            Found::Hash(_) => Provenance {
+                output: self.file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+                ..Provenance::default()
+            },
+        };
+        Ok(Told { found, provenance, bytes })
+    }
+
+    /// The graph's file.
+    fn graph(&self, told: &Provenance) -> Result<PathBuf, String> {
+        if let Some(graph) = &self.graph {
+            return Ok(graph.clone());
+        }
+        let graph = project_root(Path::new(".")).join(&told.graph);
+        let name = match &told.graph[..] {
+            "" => return Err("the file has room for a hash alone: --graph names its graph".into()),
+            name => name,
+        };
+        let is_there = graph.is_file();
+        is_there.then_some(graph).ok_or_else(|| {
+            format!("there is no graph `{name}` in this project: --graph says where it is")
+        })
+    }
+
+    fn replay(&self, path: &Path, told: &Told, catalog: &Arc<Catalog>) -> Exit {
+        let mut session = match self.cache.session(self.threads, catalog) {
+            Ok(session) => session,
+            Err(why) => return Exit::Usage(why),
+        };
+        let roots = self.roots.clone();
+        let set = values(path, &told.provenance, catalog);
+        let checked = session.load(path, &Options { roots, set, ..Options::default() });
+        let Some(graph) = checked.graph else {
+            report(&checked.problems);
+            return Exit::Failed;
+        };
+        let graph = match self.inputs.told(&session, &graph) {
+            Ok(graph) => graph,
+            Err(exit) => return exit,
+        };
+        let Some(output) = output(&graph, &told.provenance.output) else {
+            let name = &told.provenance.output;
+            let known = Vec::from_iter(graph.output_names());
+            return Exit::Usage(unknown(
+                format!("the graph has no output `{name}` any more"),
+                name,
+                "its outputs",
+                &known,
+            ));
+        };
+        let progress = Progress::new(graph.nodes.len());
+        let wanted = Wanted::Named(vec![output.name.clone()]);
+        let run = session.run(&graph, &Run { wanted, observer: &progress, ..Run::default() });
+        progress.end();
+        let run = match run {
+            Ok(run) => run,
+            Err(problems) => {
+                report(&problems);
+                return Exit::Failed;
+            }
+        };
+        report(&run.problems());
+        let now = run.provenance(output, catalog);
+        let (before, changes) = match &told.found {
+            Found::Words(_) => (sign(&told.provenance), told.provenance.changes(&now)),
+            Found::Hash(hash) => {
+                let signature = crate::Signature { hash: hash.clone(), ..sign(&now) };
+                let is_same = sign(&now).hash == *hash;
+                let change = "something that it was made of, of which it has a hash alone, changed";
+                (signature, if is_same { Vec::new() } else { vec![change.to_owned()] })
+            }
+        };
+        // With the words that the file has: then the rest of the bytes tells whether the value is the same.
+        let bytes = match run.signed_files(output, Some(&before)) {
+            Some(Ok(files)) => files.into_iter().next().map(|file| file.bytes).unwrap_or_default(),
+            Some(Err(why)) => {
+                eprint(&format!("error: cannot make `{}` again: {why}\n", output.name));
+                return Exit::Failed;
+            }
+            None => return Exit::Failed,
+        };
+        let same_value = bytes == told.bytes;
+        let same = same_value && changes.is_empty();
+        let [before, now] = [&told.bytes, &bytes].map(|bytes| Hash::of(bytes).to_string());
+        if self.json {
+            print_json(&json!({
+                "same": same, "sameValue": same_value, "changes": changes, "hash": before, "now": now,
+            }));
+        } else {
+            let file = self.file.display();
+            let mut text = match (same, same_value) {
+                (true, _) => format!("{file} is made again with the same bytes: {before}\n"),
+                (_, true) => format!("{file} has the same value, but is made of something else:\n"),
+                _ => format!("{file} comes out different: {before} before, {now} now\n"),
+            };
+            if !same && changes.is_empty() {
+                text += "  nothing that it tells of changed: another build of the program made it, or somebody edited it\n";
+            }
+            changes.iter().for_each(|change| text += &format!("  {change}\n"));
+            print(&text);
+        }
+        if same { Exit::Done } else { Exit::Failed }
+    }
+}
+
+/// The values that the file was made with, as `--set` has them: of those parameters that the graph still declares.
+fn values(path: &Path, told: &Provenance, catalog: &Catalog) -> Vec<(String, String)> {
+    let options = Options { files: Files::Ignored, ..Options::default() };
+    let graph = Graph::load(path, catalog, &options).graph;
+    let parameter = |(name, value): (&String, &serde_json::Value)| {
+        Some((name.clone(), graph.as_ref()?.as_ron(name, value)?))
+    };
+    let field = |(name, value): (&String, &serde_json::Value)| {
+        Some((name.clone(), value.as_str()?.to_owned()))
+    };
+    let parameters = told.parameters.iter().filter_map(parameter);
+    parameters.chain(told.set.iter().filter_map(field)).collect()
+}
+
+/// The output of this name.
+fn output<'g>(graph: &'g Graph, name: &str) -> Option<&'g GraphOutput> {
+    graph.outputs.iter().find(|output| output.name == name)
+}

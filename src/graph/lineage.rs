@@ -1,0 +1,82 @@
+//! Which values from outside may shape an output: those that are named by what it hangs on, `Switch`es included.
+
+use serde_json::Value as Json;
+
+use super::draft::Draft;
+use super::expression::named_parameters;
+use super::needs::Needs;
+use super::parameters::Parameters;
+use crate::text::{Body, Kind, Tree};
+
+/// The values from outside that may shape an output.
+#[derive(Debug, Default)]
+pub(crate) struct Lineage {
+    /// Names of parameters, in the order of the file.
+    pub(crate) parameters: Vec<String>,
+    /// Values of nodes' fields from `--set`.
+    pub(crate) set: Vec<(String, Json)>,
+}
+
+impl Lineage {
+    /// What shapes the draft at this place.
+    pub(super) fn of(
+        draft: usize,
+        drafts: &[Draft<'_>],
+        needs: &Needs,
+        declared: &Parameters,
+        set: &[(String, String)],
+    ) -> Self {
+        let names = declared.names();
+        if names.is_empty() && set.is_empty() {
+            return Self::default();
+        }
+        let needed = needs.of([draft]);
+        let needed = || drafts.iter().zip(&needed).filter(|(_, needed)| **needed);
+        let mut is_named = vec![false; names.len()];
+        for (draft, _) in needed() {
+            named(&draft.tree, &names, &mut is_named);
+        }
+        let is_of = |target: &str| {
+            let of = |name: &str| target.strip_prefix(name).is_some_and(|it| it.starts_with('.'));
+            let each = |name: &str| name.split_once('/').is_some_and(|(each, _)| of(each));
+            needed().any(|(draft, _)| of(&draft.name.text) || each(&draft.name.text))
+        };
+        let set = set.iter().filter(|(target, _)| is_of(target));
+        Self {
+            parameters: names
+                .iter()
+                .zip(is_named)
+                .filter(|(_, is_named)| *is_named)
+                .map(|(name, _)| (*name).to_owned())
+                .collect(),
+            set: set.map(|(target, value)| (target.clone(), value.clone().into())).collect(),
+        }
+    }
+}
+
+/// Marks the parameters that are named in a value.
+fn named(tree: &Tree, names: &[&str], is_named: &mut [bool]) {
+    let mut mark = |found: &str| {
+        if let Some(index) = names.iter().position(|name| *name == found) {
+            is_named[index] = true;
+        }
+    };
+    if let Some(name) = tree.call_of("Param").and_then(Tree::text) {
+        return mark(name);
+    }
+    if let Some(text) = tree.call_of("Expr").and_then(Tree::text) {
+        let found = named_parameters(text, &|name| names.contains(&name));
+        return found.into_iter().flatten().for_each(|at| mark(&text[at]));
+    }
+    let mut inside = |tree: &Tree| named(tree, names, is_named);
+    match &tree.kind {
+        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
+            items.iter().for_each(inside);
+        }
+        Kind::Map(entries) => entries.iter().for_each(|(_, value)| inside(value)),
+        Kind::Call { body: Body::Fields(fields), .. } => {
+            fields.iter().for_each(|field| inside(&field.value));
+        }
+        _ => {}
+    }
+}

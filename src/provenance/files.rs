@@ -1,0 +1,221 @@
+//! Provenance in the bytes of files, each in its own format: put in behind the writers, so that no writer need know of it.
+
+use serde_json::{Value as Json, json};
+
+use super::Signature;
+
+/// The word before it in comments, and its key where there are keys.
+const KEY: &str = "maquette";
+
+/// The header of an STL file before the hash.
+const STL: &str = "binary STL of maquette, mm, ";
+
+/// What a file tells of where it came from.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Found {
+    /// All of it.
+    Words(String),
+    /// The hash of the words: there is no room for more.
+    Hash(String),
+}
+
+/// Puts the words into a file of this ending, or their hash where the format has no room for more. What has no place for either
+/// stays as it is: PTX, XYZ, TIFF, and what the engine does not know.
+pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }: &Signature) {
+    let signed = match ending {
+        "glb" => glb(bytes, words),
+        "png" => png(bytes, words),
+        "json" => json_text(bytes, words),
+        "ply" => line_behind(bytes, b"ply\n", &format!("comment {KEY} {words}\n")),
+        "pcd" => line_behind(bytes, b"# .PCD", &format!("# {KEY} {words}\n")),
+        "step" => {
+            line_behind(bytes, b"ISO-10303-21;\nHEADER;\n", &format!("/* {KEY} {words} */\n"))
+        }
+        "obj" | "mtl" => Some((0, 0, format!("# {KEY} {words}\n").into_bytes())),
+        "stl" => stl(bytes, hash),
+        _ => None,
+    };
+    if let Some((at, replaced, new)) = signed {
+        bytes.splice(at..at + replaced, new);
+        if ending == "glb" {
+            let length = (bytes.len() as u32).to_le_bytes();
+            bytes[8..12].copy_from_slice(&length);
+        }
+    }
+}
+
+/// What a file of this ending tells.
+pub(crate) fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
+    let words = |text: &str| Some(Found::Words(text.to_owned()));
+    match ending {
+        "glb" => {
+            let document = glb_document(bytes)?;
+            words(&document["asset"]["extras"].get(KEY)?.to_string())
+        }
+        "png" => {
+            let text = chunks(bytes).find_map(|(kind, content)| {
+                let content = content.strip_prefix(KEY.as_bytes())?.strip_prefix(&[0])?;
+                (kind == b"tEXt").then(|| str::from_utf8(content).ok())?
+            });
+            words(text?)
+        }
+        "json" => {
+            let document: Json = serde_json::from_slice(bytes).ok()?;
+            words(&document.get(KEY)?.to_string())
+        }
+        "stl" => {
+            let header = str::from_utf8(bytes.get(..80)?).ok()?;
+            Some(Found::Hash(header.strip_prefix(STL)?.trim().to_owned()))
+        }
+        "ply" | "pcd" | "step" | "obj" | "mtl" => {
+            // Headers are short, and behind them there may be no text.
+            let head = String::from_utf8_lossy(&bytes[..bytes.len().min(1 << 16)]);
+            let marks =
+                [format!("comment {KEY} {{"), format!("# {KEY} {{"), format!("/* {KEY} {{")];
+            let line = head.lines().find_map(|line| {
+                let mark = marks.iter().find(|mark| line.starts_with(&mark[..]))?;
+                Some(line[mark.len() - 1..].trim_end_matches(" */").to_owned())
+            });
+            words(&line?)
+        }
+        _ => None,
+    }
+}
+
+/// Where something is put, how many bytes there it replaces, and what it is.
+type Splice = (usize, usize, Vec<u8>);
+
+/// A line behind the one that begins with `start`, if the file begins so.
+fn line_behind(bytes: &[u8], start: &[u8], line: &str) -> Option<Splice> {
+    if !bytes.starts_with(start) {
+        return None;
+    }
+    let at = match start.ends_with(b"\n") {
+        true => start.len(),
+        false => bytes.iter().position(|byte| *byte == b'\n')? + 1,
+    };
+    Some((at, 0, line.as_bytes().to_vec()))
+}
+
+fn glb_document(bytes: &[u8]) -> Option<Json> {
+    let length = u32::from_le_bytes(*bytes.get(12..)?.first_chunk()?) as usize;
+    let is_document = bytes.starts_with(b"glTF") && bytes.get(16..20)? == b"JSON";
+    serde_json::from_slice(bytes.get(20..20 + length)?).ok().filter(|_| is_document)
+}
+
+/// The first chunk, with `asset.extras`.
+fn glb(bytes: &[u8], words: &str) -> Option<Splice> {
+    let mut document = glb_document(bytes)?;
+    let before = u32::from_le_bytes(*bytes.get(12..)?.first_chunk()?) as usize;
+    let told: Json = serde_json::from_str(words).ok()?;
+    document.get_mut("asset")?["extras"] = json!({ KEY: told });
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let mut chunk = (text.len() as u32).to_le_bytes().to_vec();
+    chunk.extend_from_slice(b"JSON");
+    chunk.append(&mut text);
+    Some((12, 8 + before, chunk))
+}
+
+/// The last field of an object.
+fn json_text(bytes: &[u8], words: &str) -> Option<Splice> {
+    let text = str::from_utf8(bytes).ok()?.trim_end();
+    let inside = text.strip_prefix('{')?.strip_suffix('}')?.trim_end();
+    let comma = if inside.is_empty() { "" } else { "," };
+    let end = 1 + inside.len();
+    Some((end, bytes.len() - end, format!("{comma}\n  \"{KEY}\": {words}\n}}\n").into_bytes()))
+}
+
+fn stl(bytes: &[u8], hash: &str) -> Option<Splice> {
+    let is_binary = bytes.len() >= 84 && !bytes.starts_with(b"solid");
+    is_binary.then(|| (0, 80, format!("{:<80}", format!("{STL}{hash}")).into_bytes()))
+}
+
+/// The bytes before the first chunk of a PNG file.
+const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
+
+/// Kinds and contents of the chunks of a PNG file.
+fn chunks(bytes: &[u8]) -> impl Iterator<Item = (&[u8], &[u8])> {
+    let mut rest = bytes.strip_prefix(SIGNATURE).unwrap_or_default();
+    std::iter::from_fn(move || {
+        let length = u32::from_be_bytes(*rest.first_chunk()?) as usize;
+        let chunk = rest.get(4..8 + length)?;
+        rest = rest.get(12 + length..)?;
+        Some(chunk.split_at(4))
+    })
+}
+
+/// A chunk `tEXt` behind the header.
+fn png(bytes: &[u8], words: &str) -> Option<Splice> {
+    let (kind, header) = chunks(bytes).next().filter(|(kind, _)| *kind == b"IHDR")?;
+    let at = SIGNATURE.len() + 4 + kind.len() + header.len() + 4;
+    let content = [b"tEXt", KEY.as_bytes(), &[0], words.as_bytes()].concat();
+    let mut chunk = (content.len() as u32 - 4).to_be_bytes().to_vec();
+    chunk.extend_from_slice(&content);
+    chunk.extend_from_slice(&checksum(&content).to_be_bytes());
+    Some((at, 0, chunk))
+}
+
+/// CRC-32 of ISO 3309, as in W3C, "PNG Specification", 3rd edition (2025), annex D.
+fn checksum(bytes: &[u8]) -> u32 {
+    let bit = |crc: u32, _: u32| if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 };
+    !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), bit))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WORDS: &str = r#"{"maquette":"0.1.0","graph":"a*\/b.ron"}"#;
+
+    fn signature() -> Signature {
+        Signature { words: WORDS.into(), hash: "0123456789abcdef".into() }
+    }
+
+    #[track_caller]
+    fn check(ending: &str, plain: &[u8], place: &str) {
+        let mut bytes = plain.to_vec();
+        assert_eq!(find(ending, &bytes), None);
+        sign(ending, &mut bytes, &signature());
+        let read = find(ending, &bytes);
+        let Some(Found::Words(words)) = read else { panic!("{ending}: {read:?}") };
+        let [words, expected] =
+            [&words[..], WORDS].map(|words| serde_json::from_str::<Json>(words).unwrap());
+        assert_eq!(words, expected);
+        assert!(String::from_utf8_lossy(&bytes).contains(place), "{ending}");
+    }
+
+    #[test]
+    fn each_format_tells_in_its_own_way() {
+        check("ply", b"ply\nformat ascii 1.0\nend_header\n", "ply\ncomment maquette {");
+        check("pcd", b"# .PCD v0.7\nVERSION 0.7\n", "# .PCD v0.7\n# maquette {");
+        check("obj", b"v 0 0 0\n", "# maquette {");
+        check("step", b"ISO-10303-21;\nHEADER;\nENDSEC;\n", "HEADER;\n/* maquette {");
+        check("json", b"{}\n", "\"maquette\": {");
+        check("json", b"{\n  \"a\": 1\n}\n", "1,\n  \"maquette\": {");
+        let document = br#"{"asset":{"version":"2.0"}}  "#;
+        let mut glb = [&b"glTF\x02\0\0\0\0\0\0\0"[..], &[28, 0, 0, 0], b"JSON"].concat();
+        glb.extend_from_slice(&document[..28]);
+        check("glb", &glb, "\"extras\":{\"maquette\":{");
+        let header = [SIGNATURE, &[0, 0, 0, 1], b"IHDR", &[7], &[0; 4]].concat();
+        check("png", &header, "tEXtmaquette\0{");
+        assert_eq!(checksum(b"IEND"), 0xae42_6082);
+    }
+
+    #[test]
+    fn a_header_of_80_bytes_has_room_for_a_hash_and_others_for_nothing() {
+        let mut stl = vec![b' '; 84];
+        sign("stl", &mut stl, &signature());
+        assert_eq!(
+            (stl.len(), find("stl", &stl)),
+            (84, Some(Found::Hash("0123456789abcdef".into())))
+        );
+        for (ending, text) in
+            [("ptx", "2\n2\n"), ("xyz", "0 0 0\n"), ("json", "[1]\n"), ("ply", "no")]
+        {
+            let mut bytes = text.as_bytes().to_vec();
+            sign(ending, &mut bytes, &signature());
+            assert_eq!((bytes, find(ending, text.as_bytes())), (text.as_bytes().to_vec(), None));
+        }
+    }
+}

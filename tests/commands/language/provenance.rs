@@ -1,0 +1,131 @@
+//! What outputs tell of where they came from, and that they can be made again by it.
+
+use std::collections::BTreeMap;
+use std::process::Output;
+
+use serde_json::Value as Json;
+
+use crate::project::Project;
+
+/// A graph that writes all formats, of which some hang on a parameter and some do not.
+const GRAPH: &str = r#"Graph(
+    format: 1,
+    params: { "height": Number(default: 10.0, min: 0.0, max: 90.0, unit: "mm", doc: "How high.") },
+    nodes: {
+        "mesh": ReadMesh(path: "doll/coarse.obj"),
+        "lifted": Transform(mesh: "mesh", translate: (0, Param("height"), 0)),
+        "scan": ReadRange(path: "doll/range.pcd"),
+        "color": ReadImage(path: "doll/color.png"),
+        "net": PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 1)]]),
+        "surface": Nurbs(net: "net"),
+    },
+    outputs: {
+        "lifted.glb": "lifted", "lifted.ply": "lifted", "lifted.obj": "lifted", "lifted.stl": "lifted",
+        "scan.pcd": "scan", "scan.ptx": "scan", "color.png": "color", "surface.step": "surface", "net.json": "net",
+    },
+)"#;
+
+fn project() -> Project {
+    let project = Project::doll();
+    project.copy_asset("coarse.obj", "doll/coarse.obj");
+    project.save(GRAPH);
+    project
+}
+
+fn told(output: &Output) -> String {
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    text + &String::from_utf8_lossy(&output.stderr)
+}
+
+fn run(project: &Project, more: &[&str]) -> BTreeMap<String, Vec<u8>> {
+    let words = [&["run", "doll.ron", "--out", "out"], more].concat();
+    let output = project.maquette(&words);
+    assert!(output.status.success(), "{}", told(&output));
+    project.outputs()
+}
+
+fn replay(project: &Project, name: &str) -> (String, bool) {
+    let output = project.maquette(&["replay", &format!("out/{name}"), "--graph", "doll.ron"]);
+    (told(&output), output.status.success())
+}
+
+/// The document in a GLB file.
+fn asset(bytes: &[u8]) -> Json {
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let document: Json = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    document["asset"]["extras"]["maquette"].clone()
+}
+
+#[test]
+fn every_output_is_made_again_with_the_same_bytes() {
+    let project = project();
+    let outputs = run(&project, &["--set", "height=25", "--set", "lifted.scale=(1, 2, 1)"]);
+    for name in outputs.keys() {
+        let (text, is_same) = replay(&project, name);
+        match &name[..] {
+            "scan.ptx" => assert!(text.contains("does not tell where it came from"), "{text}"),
+            // A hash does not tell the values.
+            "lifted.stl" => assert!(!is_same && text.contains("a hash alone"), "{text}"),
+            _ => assert!(is_same && text.contains("with the same bytes"), "{name}: {text}"),
+        }
+    }
+    let output = project.maquette(&["replay", "out/lifted.glb"]);
+    assert!(output.status.success(), "it knows its graph: {}", told(&output));
+    let told = asset(&outputs["lifted.glb"]);
+    assert_eq!((&told["graph"], &told["output"]), (&"doll.ron".into(), &"lifted.glb".into()));
+    assert_eq!(told["parameters"]["height"], 25);
+    assert_eq!(told["set"]["lifted.scale"], "(1, 2, 1)");
+    assert!(told["files"]["doll/coarse.obj"].is_string() && told["packs"]["mesh"].is_string());
+    assert!(told.to_string().len() < 600, "{told}");
+    let place = project.folder().display().to_string();
+    assert!(!told.to_string().contains(&place), "{told}");
+    let stl = run(&project, &[]);
+    assert_ne!(stl["lifted.stl"], outputs["lifted.stl"]);
+    assert!(replay(&project, "lifted.stl").1);
+}
+
+#[test]
+fn what_does_not_matter_changes_no_byte() {
+    let project = project();
+    let (outputs, times) = (run(&project, &[]), project.output_times());
+    let text = std::fs::read_to_string(project.graph()).unwrap();
+    let renamed =
+        text.replace("\"lifted\"", "\"higher\"").replace("        \"scan\"", "// Why?\n \"scan\"");
+    project.save(&renamed);
+    assert_eq!(run(&project, &[]), outputs);
+    assert_eq!(project.output_times(), times);
+    let lifted = run(&project, &["--set", "height=11"]);
+    for (name, bytes) in &lifted {
+        assert_eq!(outputs[name] != *bytes, name.starts_with("lifted"), "{name}");
+    }
+}
+
+#[test]
+fn what_differs_is_named() {
+    let project = project();
+    run(&project, &[]);
+    let text = std::fs::read_to_string(project.graph()).unwrap();
+    project.save(&text.replace("translate: (0, ", "translate: (1, "));
+    let (told, is_same) = replay(&project, "lifted.glb");
+    assert!(!is_same && told.contains("comes out different"), "{told}");
+    assert!(told.contains("  the graph changed\n"), "{told}");
+    project.save(&text);
+    project.copy_asset("mug.obj", "doll/coarse.obj");
+    let (told, _) = replay(&project, "lifted.ply");
+    assert!(told.contains("  file `doll/coarse.obj` was "), "{told}");
+    assert!(!told.contains("the graph changed"), "{told}");
+    std::fs::write(project.folder().join("out/net.json"), "{}").unwrap();
+    let (told, _) = replay(&project, "net.json");
+    assert!(told.contains("does not tell where it came from"), "{told}");
+}
+
+#[test]
+fn files_tell_nothing_if_they_must_not() {
+    let project = project();
+    for (name, bytes) in run(&project, &["--no-provenance"]) {
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        assert!(!text.contains("\"made\":"), "{name}");
+    }
+    let (told, is_known) = replay(&project, "lifted.glb");
+    assert!(!is_known && told.contains("does not tell where it came from"), "{told}");
+}
