@@ -32,6 +32,9 @@ pub(crate) struct Provenance {
     pub(crate) graph: String,
     /// The output's name.
     pub(crate) output: String,
+    /// Whether it is a draft.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) draft: bool,
     /// The hash of what the output hangs on: types of nodes, their parameters, and their links.
     pub(crate) made: String,
     /// The values of the graph's parameters that may shape it.

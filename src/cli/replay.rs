@@ -110,7 +110,8 @@ impl Replay {
         };
         let roots = self.roots.clone();
         let set = values(path, &told.provenance, catalog);
-        let checked = session.load(path, &Options { roots, set, ..Options::default() });
+        let draft = told.provenance.draft;
+        let checked = session.load(path, &Options { roots, set, draft, ..Options::default() });
         let Some(graph) = checked.graph else {
             report(&checked.problems);
             return Exit::Failed;

@@ -224,7 +224,7 @@ impl<'w, 'a> Check<'w, 'a> {
             false => outputs = self.outputs(top.outputs, &drafts, &names),
         }
         if self.is_first() {
-            let lineage = |draft| Arc::new(Lineage::of(draft, &drafts, &needs, &defaults, set));
+            let lineage = |draft| Arc::new(Lineage::of(draft, &drafts, &needs, &defaults, options));
             outputs.iter_mut().for_each(|output| output.lineage = lineage(output.node));
             for port in &mut ports {
                 port.lineage = port.target.map(|(draft, _)| lineage(draft)).unwrap_or_default();

@@ -2,6 +2,7 @@
 
 use serde_json::Value as Json;
 
+use super::Options;
 use super::draft::Draft;
 use super::expression::named_parameters;
 use super::needs::Needs;
@@ -11,6 +12,8 @@ use crate::text::{Body, Kind, Tree};
 /// The values from outside that may shape an output.
 #[derive(Debug, Default)]
 pub(crate) struct Lineage {
+    /// Whether each `Draft(..)` stands for its draft.
+    pub(crate) draft: bool,
     /// Names of parameters, in the order of the file.
     pub(crate) parameters: Vec<String>,
     /// Values of nodes' fields from `--set`.
@@ -24,11 +27,12 @@ impl Lineage {
         drafts: &[Draft<'_>],
         needs: &Needs,
         declared: &Parameters,
-        set: &[(String, String)],
+        options: &Options,
     ) -> Self {
+        let Options { draft: is_draft, set, .. } = options;
         let names = declared.names();
         if names.is_empty() && set.is_empty() {
-            return Self::default();
+            return Self { draft: *is_draft, ..Self::default() };
         }
         let needed = needs.of([draft]);
         let needed = || drafts.iter().zip(&needed).filter(|(_, needed)| **needed);
@@ -43,6 +47,7 @@ impl Lineage {
         };
         let set = set.iter().filter(|(target, _)| is_of(target));
         Self {
+            draft: *is_draft,
             parameters: names
                 .iter()
                 .zip(is_named)

@@ -35,6 +35,7 @@ impl<'a> Teller<'a> {
             maquette: env!("CARGO_PKG_VERSION").into(),
             graph: within(root, &graph.source.name),
             output: output.name.clone(),
+            draft: output.lineage.draft,
             set: Map::from_iter(output.lineage.set.clone()),
             ..Provenance::default()
         };

@@ -129,3 +129,14 @@ fn files_tell_nothing_if_they_must_not() {
     let (told, is_known) = replay(&project, "lifted.glb");
     assert!(!is_known && told.contains("does not tell where it came from"), "{told}");
 }
+
+#[test]
+fn a_draft_is_made_again_as_one() {
+    let project = project();
+    let text = std::fs::read_to_string(project.graph()).unwrap();
+    project.save(&text.replace("Param(\"height\")", "Draft(final: 9.0, draft: 1.0)"));
+    let outputs = run(&project, &["--draft"]);
+    assert_eq!(asset(&outputs["lifted.glb"])["draft"], true);
+    assert!(replay(&project, "lifted.glb").1);
+    assert_eq!(asset(&run(&project, &[])["lifted.glb"])["draft"], Json::Null);
+}
