@@ -138,6 +138,9 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
 
 const KINDS: [&str; 7] = ["add", "remove", "rename", "link", "unlink", "set", "output"];
 
+/// What of a walk is no edit, but takes the last one back: the text is what it was, and edits go on from there.
+const UNDO: usize = KINDS.len();
+
 fn kind_of(edit: &Edit) -> &'static str {
     KINDS[match edit {
         Edit::Add { .. } => 0,
@@ -291,7 +294,12 @@ fn follow(
     counts: &Mutex<BTreeMap<(&str, bool), usize>>,
 ) -> Result<(), TestCaseError> {
     let mut text = text.to_owned();
+    let mut undo = Vec::new();
     for (kind, dice) in steps {
+        if *kind == UNDO {
+            text = undo.pop().unwrap_or(text);
+            continue;
+        }
         let next = random_edit(&Sketch::of(&text), *kind, dice);
         let told = |error: TestCaseError| {
             TestCaseError::fail(format!("{next:?} of {}: {error}\n--- was\n{text}", path.display()))
@@ -301,6 +309,7 @@ fn follow(
         match done {
             Ok(edited) => {
                 judge(path, &text, &next, &edited).map_err(told)?;
+                undo.push(edited.before);
                 text = edited.text;
             }
             Err(problems) => {
@@ -333,7 +342,7 @@ fn a_random_edit_does_what_it_says_and_nothing_else_or_is_refused() {
         let rng = TestRng::from_seed(RngAlgorithm::ChaCha, &bytes);
         let cases = edits.div_ceil(WALK as u64) as u32;
         let config = Config { cases, failure_persistence: None, ..Config::default() };
-        let step = (0..KINDS.len(), any::<[Index; 4]>());
+        let step = (0..=UNDO, any::<[Index; 4]>());
         let walk = prop::collection::vec(step, WALK);
         let mut runner = TestRunner::new_with_rng(config, rng);
         runner.run(&walk, |steps| follow(path, text, &steps, &counts)).err()
