@@ -279,6 +279,11 @@ function showProblems(problems, more) {
     item.append(element("b", {}, `${problem.severity}: ${problem.message}`));
     const { file, line, column, code } = problem;
     item.append(placeButton(problem, `${file}:${line}:${column}  ${code}`, () => openEditor({ problem: { file, line, column } })));
+    if (problem.note) {
+      const { file, line, column, message } = problem.note;
+      const words = `${file}:${line}:${column}  ${message}`;
+      item.append(placeButton(problem.note, words, () => openEditor({ problem: { file, line, column } })));
+    }
     if (problem.help) item.append(element("span", { class: "help" }, problem.help));
     return item;
   });

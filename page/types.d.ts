@@ -48,6 +48,8 @@ export type Problem = {
   column: number;
   message: string;
   help: string;
+  /** Another place that explains it. */
+  note?: Location & { message: string };
 };
 
 export type Viewed = { node: string; output: string };

@@ -370,6 +370,8 @@ pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
             .collect::<Vec<_>>()
             .join(" | ");
     }
+    let unit = schema.get("unit").and_then(Json::as_str);
+    let unit = unit.map_or_else(String::new, |unit| format!(" {unit}"));
     match schema.get("type").and_then(Json::as_str) {
         Some("array") => {
             let fixed = schema.get("prefixItems").and_then(Json::as_array);
@@ -384,9 +386,10 @@ pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
             let words = |k| item(k).map_or_else(String::new, |item| describe_parameter(item, root));
             match count {
                 Some(count) => {
-                    format!("({})", (0..count).map(words).collect::<Vec<_>>().join(", "))
+                    let words = Vec::from_iter((0..count).map(words)).join(", ");
+                    format!("({words}){unit}")
                 }
-                None => format!("[{}, ..]", words(0)),
+                None => format!("[{}, ..]{unit}", words(0)),
             }
         }
         Some("object") => describe_content(schema, root),
@@ -397,10 +400,6 @@ pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
                 |names: [&str; 2]| names.into_iter().find_map(|name| schema.get(name)?.as_f64());
             let (least, most) =
                 (limit(["minimum", "exclusiveMinimum"]), limit(["maximum", "exclusiveMaximum"]));
-            let unit = schema
-                .get("unit")
-                .and_then(Json::as_str)
-                .map_or_else(String::new, |unit| format!(" {unit}"));
             match (least, most) {
                 (Some(least), Some(most)) => format!("{kind} {least} to {most}{unit}"),
                 (Some(least), None) => format!("{kind} from {least}{unit}"),

@@ -245,7 +245,8 @@ pub mod code {
 }
 
 impl Problem {
-    /// The problem as `--json` prints it.
+    /// The problem as `--json` prints it. Its `note`, if it has one, is a place of its own with a message, as the related information
+    /// of an editor's diagnostics is.
     pub fn to_json(&self) -> serde_json::Value {
         let start = Place::of(&self.source.text, self.span.start);
         let end = Place::of(&self.source.text, self.span.end);
@@ -260,6 +261,18 @@ impl Problem {
             "message": self.message,
             "help": self.help,
         });
+        if let Some((span, words)) = &self.note {
+            let start = Place::of(&self.source.text, span.start);
+            let end = Place::of(&self.source.text, span.end);
+            json["note"] = json!({
+                "file": self.source.name.display().to_string(),
+                "line": start.line,
+                "column": start.column,
+                "end_line": end.line,
+                "end_column": end.column,
+                "message": words,
+            });
+        }
         if !self.uses.is_empty() {
             json["uses"] = self.uses.iter().map(Use::to_json).collect();
         }

@@ -24,6 +24,7 @@ mod expand;
 mod expectation;
 mod expected;
 mod expression;
+mod fitting;
 mod format;
 mod input;
 mod lineage;

@@ -35,18 +35,36 @@ fn snippet(problem: &Problem) -> Group<'_> {
     let path = harmless(&problem.source.name.to_string_lossy()).into_owned();
     let group = if problem.span == Span::default() || text.is_empty() {
         group.element(Origin::path(path))
-    } else if let Some(shown) = shown_lines(problem) {
-        let inside =
-            |span: Span| span.start - shown.start..first_line_end(span, text) - shown.start;
-        let mut snippet = Snippet::source(harmless_in_place(&text[shown.start..shown.end]))
-            .line_start(Place::of(text, shown.start).line)
-            .path(path)
-            .annotation(AnnotationKind::Primary.span(inside(problem.span)));
-        if let Some((span, words)) = &problem.note {
-            snippet = snippet
-                .annotation(AnnotationKind::Context.span(inside(*span)).label(harmless(words)));
+    } else if let Some(shown) = shown_lines(text, &[problem.span]) {
+        let label = problem.note.as_ref();
+        let both = label.and_then(|(note, _)| shown_lines(text, &[problem.span, *note]));
+        let part = |shown: Span| {
+            Snippet::source(harmless_in_place(&text[shown.start..shown.end]))
+                .line_start(Place::of(text, shown.start).line)
+                .path(path.clone())
+        };
+        let inside = |span: Span, shown: Span| {
+            span.start - shown.start..first_line_end(span, text) - shown.start
+        };
+        let shown = both.unwrap_or(shown);
+        let mut snippet =
+            part(shown).annotation(AnnotationKind::Primary.span(inside(problem.span, shown)));
+        let mut other = None;
+        if let Some((span, words)) = label {
+            let context =
+                |shown| AnnotationKind::Context.span(inside(*span, shown)).label(harmless(words));
+            match (both, shown_lines(text, &[*span])) {
+                (Some(shown), _) => snippet = snippet.annotation(context(shown)),
+                // Too far away for one picture.
+                (None, Some(shown)) => other = Some(part(shown).annotation(context(shown))),
+                (None, None) => {}
+            }
         }
-        group.element(snippet)
+        let group = group.element(snippet);
+        match other {
+            Some(other) => group.element(other),
+            None => group,
+        }
     } else {
         let Place { line, column } = Place::of(text, problem.span.start);
         group.element(Origin::path(path).line(line).char_column(column))
@@ -63,13 +81,10 @@ fn snippet(problem: &Problem) -> Group<'_> {
 /// A text longer than this is not shown around a problem: nobody would read it, and drawing marks under it takes long.
 const MOST_SHOWN: usize = 4096;
 
-/// The lines that hold a problem and its note; none if they are too long to show.
-fn shown_lines(problem: &Problem) -> Option<Span> {
-    let text = &problem.source.text;
-    let spans = [Some(problem.span), problem.note.as_ref().map(|(span, _)| *span)];
-    let spans = || spans.into_iter().flatten();
-    let start = spans().map(|span| span.start).min()?;
-    let end = spans().map(|span| first_line_end(span, text)).max()?;
+/// The lines that hold some places; none if they are too long to show.
+fn shown_lines(text: &str, spans: &[Span]) -> Option<Span> {
+    let start = spans.iter().map(|span| span.start).min()?;
+    let end = spans.iter().map(|span| first_line_end(*span, text)).max()?;
     let start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
     let end = text[end..].find('\n').map_or(text.len(), |newline| end + newline);
     (end - start <= MOST_SHOWN).then_some(Span { start, end })

@@ -1,5 +1,6 @@
 //! RON text alone: a file's tree with the place of every value, its lossless tokens, and checks of a value against a schema.
 
+mod expected;
 mod file;
 #[cfg(test)]
 mod peer;
@@ -11,7 +12,9 @@ mod sheet;
 mod suggest;
 mod tree;
 mod tree_reader;
+mod unit;
 
+pub(crate) use expected::Expected;
 pub(crate) use file::{DEEPEST, Mistake, Token, first_word, parse, printed, tokens};
 pub(crate) use problems::syntax_problems;
 pub use reader::Reader;
@@ -24,7 +27,8 @@ pub(crate) use sheet::{Sheet, TextPart};
 #[cfg(test)]
 pub(crate) use suggest::tests::LOOKS;
 pub(crate) use suggest::{nearest, nearest_or_all, unknown};
-pub(crate) use tree::{Body, Field, Given, Kind, Name, Origin, Tree};
+pub(crate) use tree::{Body, Field, Given, Kind, Name, Origin, Tree, cut};
+pub(crate) use unit::{Quantity, Unit, unit_names};
 
 /// `a Mask`, `an Image`.
 pub(crate) fn with_article(word: &str) -> String {

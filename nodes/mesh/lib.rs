@@ -22,8 +22,8 @@ pub use merge_error::MergeError;
 pub use motion::{Motion, TransformError};
 pub use movable::Movable;
 pub use poses::Poses;
-pub use read_curve::{ReadCurve, ReadCurveError, read_curve};
-pub use read_mesh::{ReadMesh, read_mesh};
+pub use read_curve::{ReadCurve, ReadCurveError, curve_in_millimeters, read_curve};
+pub use read_mesh::{ReadMesh, mesh_in_millimeters, read_mesh};
 pub use read_points::{ReadPoints, in_millimeters};
 pub use reconstruct::{
     FaceKind, Normals, Options, Reconstruct, ReconstructError, SkinKind, reconstruct,

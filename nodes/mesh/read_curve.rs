@@ -1,19 +1,24 @@
 //! Reads a curve from a file.
 
 use maquette::format::obj;
-use maquette::value::Curve;
+use maquette::value::{Curve, CurveError};
 use maquette::{Context, Error, FilePath, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use maquette_range::Unit;
+
 /// Reads a curve: an OBJ file with lines `l`, or with one free-form curve `curv` of type `bspline`.
 ///
-/// A line that returns to its first vertex is closed. Coordinates are taken as they are: mm.
+/// A line that returns to its first vertex is closed. The axes are the file's own.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadCurve {
     /// The file: `obj`.
     #[schemars(extend("reads" = "Curve"))]
     pub path: FilePath,
+    /// The unit of the file's coordinates; they are converted to mm.
+    #[serde(default, skip_serializing_if = "Unit::is_millimeters")]
+    pub unit: Unit,
 }
 
 /// Why there is no curve.
@@ -32,8 +37,19 @@ impl Node for ReadCurve {
     const OUTPUTS: [&'static str; 1] = ["curve"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((cx.read(&self.path)?,))
+        Ok((curve_in_millimeters(cx.read(&self.path)?, self.unit)?,))
     }
+}
+
+/// A curve whose coordinates are in this unit.
+///
+/// # Errors
+/// If a coordinate is too large for mm.
+pub fn curve_in_millimeters(curve: Curve, unit: Unit) -> Result<Curve, CurveError> {
+    if unit.is_millimeters() {
+        return Ok(curve);
+    }
+    curve.with_points(curve.points().iter().map(|point| point * unit.millimeters()).collect())
 }
 
 /// The curve in a file whose name ends in `ending`: `obj`.
@@ -57,5 +73,13 @@ mod tests {
         assert!(read_curve(text, "obj").unwrap().is_closed());
         let error = read_curve(text, "svg").unwrap_err();
         assert_eq!(error.to_string(), "no curve can be read from `.svg`; known is obj");
+    }
+
+    #[test]
+    fn every_unit_is_converted_to_millimeters() {
+        let curve = read_curve(b"v 1 2 3\nv 1 0 0\nl 1 2\n", "obj").unwrap();
+        let scaled = curve_in_millimeters(curve.clone(), Unit::Inch).unwrap();
+        assert_eq!(scaled.points()[0], nalgebra::Point3::new(25.4, 50.8, 3.0 * 25.4));
+        assert_eq!(curve_in_millimeters(curve.clone(), Unit::Mm).unwrap(), curve);
     }
 }

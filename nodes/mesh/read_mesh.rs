@@ -1,13 +1,16 @@
 //! Reads a mesh from a file.
 
-use maquette::value::Mesh;
+use maquette::parallel::*;
+use maquette::value::{Mesh, MeshError};
 use maquette::{Context, Error, FilePath, NoReader, Node, Reading, format};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use maquette_range::Unit;
+
 /// Reads a mesh: an OBJ, PLY, STL or GLB file.
 ///
-/// Coordinates are taken as they are: mm, y up. GLB has meters, which become mm, and its nodes' motions are applied. Corners of STL
+/// Coordinates are taken as they are, y up, and become mm. A GLB file has meters, and its nodes' motions are applied. Corners of STL
 /// and GLB that are at the same place become one vertex.
 ///
 /// The picture of a GLB file is in it. Of an OBJ file it is that which its material file names (`map_Kd`), of the first material in
@@ -17,6 +20,9 @@ pub struct ReadMesh {
     /// The file; its ending says of which format it is.
     #[schemars(extend("reads" = "Mesh"))]
     pub path: FilePath,
+    /// The unit of the file's coordinates; they are converted to mm. A GLB file, which says its unit itself, is taken at its word.
+    #[serde(default, skip_serializing_if = "Unit::is_millimeters")]
+    pub unit: Unit,
 }
 
 impl Node for ReadMesh {
@@ -24,8 +30,31 @@ impl Node for ReadMesh {
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((cx.read(&self.path)?,))
+        let mesh = cx.read(&self.path)?;
+        let says_its_unit = cx.file(&self.path)?.ending() == "glb";
+        Ok((if says_its_unit { mesh } else { mesh_in_millimeters(mesh, self.unit)? },))
     }
+}
+
+/// A mesh whose coordinates are in this unit.
+///
+/// # Errors
+/// If a coordinate is too large for mm.
+pub fn mesh_in_millimeters(mesh: Mesh, unit: Unit) -> Result<Mesh, MeshError> {
+    if unit.is_millimeters() {
+        return Ok(mesh);
+    }
+    let scale = unit.millimeters();
+    let positions = mesh.positions().par_iter().with_min_len(4096).map(|point| point * scale);
+    let mut scaled = mesh.with_positions(positions.collect())?;
+    // A unit changes no direction.
+    if let Some(normals) = mesh.vertex().get("normal") {
+        scaled = scaled.with_vertex("normal", normals.clone())?;
+    }
+    if let Some(normals) = mesh.corner().get("normal") {
+        scaled = scaled.with_corner("normal", normals.clone())?;
+    }
+    Ok(scaled)
 }
 
 /// The mesh in a file whose name ends in `ending`, of those that the engine reads; without what stands in other files.
@@ -55,6 +84,23 @@ mod tests {
             read_mesh(&[[0; 80], [0; 80]].as_flattened()[..84], "stl").unwrap().faces().len(),
             0
         );
+    }
+
+    #[test]
+    fn every_unit_is_converted_to_millimeters_and_normals_stay() {
+        let text = b"v 1 2 3\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n";
+        let mesh = read_mesh(text, "obj").unwrap();
+        for (unit, z) in
+            [(Unit::Mm, 3.0), (Unit::Cm, 30.0), (Unit::M, 3000.0), (Unit::Inch, 3.0 * 25.4)]
+        {
+            let scaled = mesh_in_millimeters(mesh.clone(), unit).unwrap();
+            assert_eq!(scaled.positions()[0].z, z);
+            assert_eq!(scaled.corner().get("normal"), mesh.corner().get("normal"));
+            assert_eq!(scaled.vertex().get("normal"), mesh.vertex().get("normal"));
+            assert_eq!(scaled.faces(), mesh.faces());
+        }
+        let far = read_mesh(b"v 1e308 0 0\n", "obj").unwrap();
+        assert!(mesh_in_millimeters(far, Unit::M).is_err());
     }
 
     #[test]

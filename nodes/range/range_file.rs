@@ -32,6 +32,11 @@ impl Unit {
         }
     }
 
+    /// Whether it is the one that values carry; as a field it is left out of a node's key then, as if there were no such field.
+    pub fn is_millimeters(&self) -> bool {
+        *self == Self::Mm
+    }
+
     /// The word for it in camera files.
     fn word(self) -> &'static str {
         match self {

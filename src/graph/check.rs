@@ -215,7 +215,7 @@ impl<'w, 'a> Check<'w, 'a> {
         self.link(&mut drafts, &names);
         let needs = Self::needs(&drafts);
         let order = self.order(&drafts, &needs);
-        self.types(&mut drafts, &order);
+        self.types(&mut drafts, &order, &eaches);
         self.build(&mut drafts);
         let is_used = !self.is_first() || top.inputs.is_some();
         let (mut ports, mut outputs) = (Vec::new(), Vec::new());

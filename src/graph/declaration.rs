@@ -2,7 +2,8 @@
 
 use serde_json::{Value as Json, json};
 
-use crate::error::code;
+use super::fitting::declaration_in_own_unit;
+use crate::error::{Span, code};
 use crate::text::{Body, Finding, Kind, Origin, Tree, nearest, nearest_or_all};
 use crate::value::Color;
 
@@ -29,12 +30,15 @@ pub(crate) struct Declaration {
     max: Option<f64>,
     choices: Vec<String>,
     unit: Option<String>,
+    /// Where the unit stands.
+    pub(super) unit_span: Span,
     doc: String,
 }
 
 impl Declaration {
     /// The declaration; none if it has no type or default.
     pub(crate) fn read(name: &str, tree: &Tree, findings: &mut Vec<Finding>) -> Option<Self> {
+        let tree = &declaration_in_own_unit(tree, name, findings);
         let mut find = |code, span, message: String, help: String| {
             findings.push(Finding { code, span, message, help, note: None });
         };
@@ -66,6 +70,7 @@ impl Declaration {
             max: None,
             choices: Vec::new(),
             unit: None,
+            unit_span: Span::default(),
             doc: String::new(),
         };
         // What is known to be wrong says nothing of the default.
@@ -74,6 +79,7 @@ impl Declaration {
         for field in tree.fields().unwrap_or_default() {
             let (word, value) = (&field.name.text[..], &field.value);
             has_choices |= word == "of";
+            has_default |= word == "default";
             if !known.contains(&word) {
                 let message = format!("{} has no field `{word}`", declaration.kind);
                 find(
@@ -87,7 +93,6 @@ impl Declaration {
             let fits = match (word, &value.kind) {
                 (_, Kind::Broken) => true,
                 ("default", _) => {
-                    has_default = true;
                     declaration.default =
                         Tree { origin: Some(Origin::Default(value.span)), ..value.clone() };
                     true
@@ -117,7 +122,10 @@ impl Declaration {
                     declaration.doc.clone_from(text);
                     true
                 }
-                ("unit", Kind::Text(text)) => declaration.unit.replace(text.clone()).is_none(),
+                ("unit", Kind::Text(text)) => {
+                    declaration.unit_span = value.span;
+                    declaration.unit.replace(text.clone()).is_none()
+                }
                 _ => false,
             };
             if !fits {
@@ -158,9 +166,16 @@ impl Declaration {
         is_whole.then_some(declaration)
     }
 
+    pub(super) fn unit(&self) -> Option<&str> {
+        self.unit.as_deref()
+    }
+
     /// The value, if it is one of the declared type and in range.
     pub(crate) fn value(&self, findings: &mut Vec<Finding>) -> Tree {
         let tree = &self.default;
+        if !tree.is_whole() {
+            return Tree::new(tree.span, Kind::Broken);
+        }
         let is_set = matches!(tree.origin, Some(Origin::Set(_)));
         let in_range =
             |x: f64| self.min.is_none_or(|min| min <= x) && self.max.is_none_or(|max| x <= max);

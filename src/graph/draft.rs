@@ -3,6 +3,8 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use serde_json::Value as Json;
+
 use super::check::Check;
 use super::definition::{Definition, Used};
 use super::each::{Branches, Each, element_name};
@@ -68,6 +70,15 @@ impl What<'_> {
             Self::Node(entry) => entry.outputs().iter().map(of_node).collect(),
             Self::Use(_, graph) => graph.ports.iter().map(|port| port.kind).collect(),
             Self::Input | Self::Switch(_) | Self::Unknown => Vec::new(),
+        }
+    }
+
+    /// The description of its fields.
+    pub(super) fn schema(&self) -> Option<&Json> {
+        match self {
+            Self::Node(entry) => Some(entry.schema()),
+            Self::Use(_, graph) => Some(&graph.schema),
+            Self::Input | Self::Switch(_) | Self::Unknown => None,
         }
     }
 
@@ -171,6 +182,7 @@ impl<'a> Check<'_, 'a> {
         }
         Some(Each {
             name: name.text,
+            span: name.span,
             kind: repeated.kind,
             elements: (first..drafts.len()).collect(),
             carry: repeated.carry,

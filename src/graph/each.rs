@@ -10,6 +10,8 @@ use crate::text::{Body, Field, Kind, Name, Tree, nearest_or_all};
 /// A `ForEach`: one node for each element of a list.
 pub(super) struct Each {
     pub(super) name: String,
+    /// Where its name stands.
+    pub(super) span: Span,
     /// The type of its nodes.
     pub(super) kind: String,
     /// Their places among the drafts.
@@ -18,6 +20,13 @@ pub(super) struct Each {
     pub(super) carry: Vec<(String, Tree)>,
     /// The outputs of its nodes, if it has none.
     pub(super) outputs: Option<Vec<String>>,
+}
+
+impl Each {
+    /// Whether a link begins with its name.
+    pub(super) fn is_named(&self, link: &str) -> bool {
+        link.split('.').next() == Some(&self.name)
+    }
 }
 
 /// The elements of a `ForEach` as calls of their own, and what they carry.

@@ -299,7 +299,9 @@ impl<'a> Expansion<'_, 'a> {
         let own = scope.values(definition);
         let is_known = scope.values.is_none() || !draft.parametric;
         let tree = match is_known {
-            true => draft.is_sound.then(|| own.substitute(&draft.tree, &mut Vec::new())),
+            true => draft.is_sound.then(|| {
+                own.fitted(&draft.tree, draft.what.kind(), &graph.schema, &mut Vec::new())
+            }),
             // Other values than those that the file has been checked with.
             false => self.checked(definition, scope, |check| {
                 let survey = check.survey(&draft.what, &draft.tree, own);

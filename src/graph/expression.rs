@@ -3,24 +3,31 @@
 //! Numbers and truth values; `+ - * / %`, comparisons, `and or not`; the functions in [`FUNCTIONS`] and `if(condition, then,
 //! else)`. No loops, no I/O. A parameter's name may hold hyphens: `eye-step` is the parameter of that name if there is one,
 //! and otherwise a difference.
+//!
+//! Numbers have units: those of parameters, and those that are written, as in `growth + cm(1)`. What is added, compared or chosen from
+//! measures the same, and is converted to the unit of the first that has one; a pure number takes on the unit of the others. Products and
+//! quotients combine units.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
-use crate::text::nearest;
+use crate::text::{Quantity, Unit, cut, nearest, unit_names};
 
 /// What an expression gives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Outcome {
-    Number(f64),
+    Number(Quantity),
     Truth(bool),
 }
 
 /// Why an expression cannot be computed, and what may have been meant.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ExpressionError {
     pub(crate) message: String,
+    /// Where in the text, if it is not the whole of it, and another place with words for it.
+    pub(crate) at: Option<Range<usize>>,
+    pub(crate) note: Option<(Range<usize>, String)>,
     help: String,
     /// The parameter that is not there, if that is why.
     unknown: Option<String>,
@@ -43,17 +50,16 @@ impl fmt::Display for ExpressionError {
 }
 
 fn error<T>(message: impl Into<String>) -> Result<T, ExpressionError> {
-    Err(ExpressionError { message: message.into(), help: String::new(), unknown: None })
+    Err(ExpressionError { message: message.into(), ..ExpressionError::default() })
 }
 
-/// Functions by name: least number of arguments, most, and what they compute.
+/// Functions by name: least number of arguments, most, and what they compute. What comes out has the unit of what goes in.
 pub(super) type Function = (&'static str, usize, usize, fn(&[f64]) -> f64);
-pub(super) const FUNCTIONS: [Function; 7] = [
+pub(super) const FUNCTIONS: [Function; 6] = [
     ("min", 1, 99, |x| x.iter().copied().fold(f64::INFINITY, f64::min)),
     ("max", 1, 99, |x| x.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
     ("clamp", 3, 3, |x| x[0].max(x[1]).min(x[2])),
     ("abs", 1, 1, |x| x[0].abs()),
-    ("sqrt", 1, 1, |x| x[0].sqrt()),
     ("floor", 1, 1, |x| x[0].floor()),
     ("round", 1, 1, |x| x[0].round()),
 ];
@@ -69,15 +75,15 @@ pub(crate) fn evaluate(
     text: &str,
     parameters: &BTreeMap<String, Outcome>,
 ) -> Result<Outcome, ExpressionError> {
-    let tokens = tokenize(text, parameters)?;
-    let mut parser = Parser { tokens: &tokens, next: 0, parameters, depth: 0 };
+    let tokens = pieces(text, &|name| parameters.contains_key(name))?;
+    let mut parser = Parser { text, tokens: &tokens, next: 0, parameters, depth: 0 };
     let outcome = parser.binary(0)?;
     if let Some(token) = parser.peek() {
         return error(format!("the expression has `{token}` where it should end"));
     }
     match outcome {
-        Outcome::Number(x) if !x.is_finite() => {
-            error(format!("the expression gives {x}, which is not a finite number"))
+        Outcome::Number(Quantity { value, .. }) if !value.is_finite() => {
+            error(format!("the expression gives {value}, which is not a finite number"))
         }
         outcome => Ok(outcome),
     }
@@ -106,14 +112,6 @@ const SIGNS: [&str; 14] =
 /// Operators by how tightly they bind, loosest first.
 const LEVELS: [&[&str]; 5] =
     [&["or"], &["and"], &["<=", ">=", "==", "!=", "<", ">"], &["+", "-"], &["*", "/", "%"]];
-
-fn tokenize(
-    text: &str,
-    parameters: &BTreeMap<String, Outcome>,
-) -> Result<Vec<Token>, ExpressionError> {
-    let tokens = pieces(text, &|name| parameters.contains_key(name))?;
-    Ok(tokens.into_iter().map(|(_, token)| token).collect())
-}
 
 /// Where an expression names parameters: places in its text. None if it is no expression.
 pub(crate) fn named_parameters(
@@ -192,15 +190,19 @@ fn name_at<'a>(text: &'a str, is_known: &dyn Fn(&str) -> bool) -> &'a str {
 }
 
 struct Parser<'a> {
-    tokens: &'a [Token],
+    text: &'a str,
+    tokens: &'a [(Range<usize>, Token)],
     next: usize,
     parameters: &'a BTreeMap<String, Outcome>,
     depth: usize,
 }
 
+/// A part of an expression, by its tokens, and what it gives.
+type Part = (Range<usize>, Quantity);
+
 impl Parser<'_> {
     fn peek(&self) -> Option<&Token> {
-        self.tokens.get(self.next)
+        self.tokens.get(self.next).map(|(_, token)| token)
     }
 
     /// The operator that comes next, if it is one of these.
@@ -227,10 +229,12 @@ impl Parser<'_> {
 
     fn binary(&mut self, level: usize) -> Result<Outcome, ExpressionError> {
         let Some(operators) = LEVELS.get(level) else { return self.unary() };
+        let first = self.next;
         let mut left = self.binary(level + 1)?;
         while let Some(operator) = self.operator(operators) {
+            let (end, second) = (self.next - 1, self.next);
             let right = self.binary(level + 1)?;
-            left = combine(operator, left, right)?;
+            left = self.combine(operator, (first..end, left), (second..self.next, right))?;
         }
         Ok(left)
     }
@@ -247,7 +251,8 @@ impl Parser<'_> {
             },
             Some(sign) => {
                 let x = number(self.unary()?, sign)?;
-                Ok(Outcome::Number(if sign == "-" { -x } else { x }))
+                let value = if sign == "-" { -x.value } else { x.value };
+                Ok(Outcome::Number(Quantity { value, ..x }))
             }
             None => self.primary(),
         };
@@ -264,7 +269,7 @@ impl Parser<'_> {
         let token = self.peek().cloned();
         self.next += 1;
         match token {
-            Some(Token::Number(x)) => Ok(Outcome::Number(x)),
+            Some(Token::Number(x)) => Ok(Outcome::Number(Quantity::pure(x))),
             Some(Token::Name(name)) if self.operator(&["("]).is_some() => self.call(&name),
             Some(Token::Name(name)) => self.parameter(&name),
             Some(Token::Sign(sign)) => {
@@ -279,11 +284,8 @@ impl Parser<'_> {
             (Some(outcome), _) => Ok(*outcome),
             (None, "true") => Ok(Outcome::Truth(true)),
             (None, "false") => Ok(Outcome::Truth(false)),
-            (None, _) => Err(ExpressionError {
-                message: format!("the graph has no parameter `{name}`"),
-                help: String::new(),
-                unknown: Some(name.to_owned()),
-            }),
+            (None, _) => error(format!("the graph has no parameter `{name}`"))
+                .map_err(|error| ExpressionError { unknown: Some(name.to_owned()), ..error }),
         }
     }
 
@@ -293,64 +295,134 @@ impl Parser<'_> {
             if !arguments.is_empty() {
                 self.expect(",")?;
             }
-            arguments.push(self.binary(0)?);
+            let first = self.next;
+            let argument = self.binary(0)?;
+            arguments.push((first..self.next, argument));
         }
         if name == "if" {
-            return match arguments[..] {
-                [Outcome::Truth(condition), then, otherwise] => {
-                    Ok(if condition { then } else { otherwise })
+            return match &arguments[..] {
+                [(_, Outcome::Truth(condition)), then, otherwise] => {
+                    if let (Outcome::Number(a), Outcome::Number(b)) = (then.1, otherwise.1) {
+                        self.alike(name, &[(then.0.clone(), a), (otherwise.0.clone(), b)])?;
+                    }
+                    Ok(if *condition { then.1 } else { otherwise.1 })
                 }
                 _ => error("`if` wants a condition and two values: if(a < b, a, b)"),
             };
         }
-        let Some((_, least, most, compute)) = FUNCTIONS.iter().find(|f| f.0 == name) else {
-            return Err(ExpressionError {
-                message: format!("there is no function `{name}`"),
-                help: nearest(name, FUNCTIONS.iter().map(|f| f.0).chain(["if"])),
-                unknown: None,
-            });
+        let function = FUNCTIONS.iter().find(|f| f.0 == name);
+        let unit = Unit::named(name);
+        let (least, most) = match function {
+            Some((_, least, most, _)) => (*least, *most),
+            None if name == "sqrt" || unit.is_some() => (1, 1),
+            None => {
+                let known = FUNCTIONS.iter().map(|f| f.0).chain(["if", "sqrt"]).chain(unit_names());
+                let help = nearest(name, known);
+                return error(format!("there is no function `{name}`"))
+                    .map_err(|error| ExpressionError { help, ..error });
+            }
         };
-        if !(*least..=*most).contains(&arguments.len()) {
+        if !(least..=most).contains(&arguments.len()) {
             return error(format!("`{name}` does not take {} arguments", arguments.len()));
         }
-        let numbers: Result<Vec<f64>, _> =
-            arguments.into_iter().map(|argument| number(argument, name)).collect();
-        Ok(Outcome::Number(compute(&numbers?)))
+        let part = |(at, argument): (Range<usize>, _)| Ok((at, number(argument, name)?));
+        let parts = arguments.into_iter().map(part).collect::<Result<Vec<Part>, _>>()?;
+        if let Some((_, _, _, compute)) = function {
+            let (values, unit) = self.alike(name, &parts)?;
+            return Ok(Outcome::Number(Quantity { value: compute(&values), unit }));
+        }
+        let (at, argument) = &parts[0];
+        let found = match unit {
+            Some(unit) if argument.unit.is_pure() => Some(Quantity { unit, ..*argument }),
+            Some(_) => None,
+            None => argument.root(),
+        };
+        found.map(Outcome::Number).ok_or_else(|| {
+            let wanted = if unit.is_some() { "a pure number" } else { "a square, as mm^2 is" };
+            let message =
+                format!("`{name}` wants {wanted}, but {} is in {}", self.words(at), argument.unit);
+            let at = Some(self.place(at));
+            ExpressionError { message, at, ..ExpressionError::default() }
+        })
+    }
+
+    fn combine(
+        &self,
+        operator: &str,
+        (left_at, left): (Range<usize>, Outcome),
+        (right_at, right): (Range<usize>, Outcome),
+    ) -> Result<Outcome, ExpressionError> {
+        if let (Outcome::Truth(a), Outcome::Truth(b)) = (left, right) {
+            return match operator {
+                "and" => Ok(Outcome::Truth(a && b)),
+                "or" => Ok(Outcome::Truth(a || b)),
+                "==" => Ok(Outcome::Truth(a == b)),
+                "!=" => Ok(Outcome::Truth(a != b)),
+                _ => error(format!("`{operator}` wants numbers, not conditions")),
+            };
+        }
+        let (left, right) = (number(left, operator)?, number(right, operator)?);
+        match operator {
+            "*" => return Ok(Outcome::Number(left.times(right))),
+            "/" => return Ok(Outcome::Number(left.over(right))),
+            "and" | "or" => return error(format!("`{operator}` wants conditions, not numbers")),
+            _ => {}
+        }
+        let (values, unit) = self.alike(operator, &[(left_at, left), (right_at, right)])?;
+        let (a, b) = (values[0], values[1]);
+        let number = |value| Outcome::Number(Quantity { value, unit });
+        Ok(match operator {
+            "+" => number(a + b),
+            "-" => number(a - b),
+            "%" => number(a % b),
+            "<" => Outcome::Truth(a < b),
+            "<=" => Outcome::Truth(a <= b),
+            ">" => Outcome::Truth(a > b),
+            ">=" => Outcome::Truth(a >= b),
+            "==" => Outcome::Truth(a == b),
+            _ => Outcome::Truth(a != b),
+        })
+    }
+
+    /// The numbers in the unit of the first of them that has one, and that unit; pure numbers take it on.
+    fn alike(&self, user: &str, parts: &[Part]) -> Result<(Vec<f64>, Unit), ExpressionError> {
+        let Some((first, Quantity { unit, .. })) = parts.iter().find(|(_, it)| !it.unit.is_pure())
+        else {
+            return Ok((parts.iter().map(|(_, it)| it.value).collect(), Unit::default()));
+        };
+        let value = |(at, it): &Part| match it.unit {
+            own if own.is_pure() => Ok(it.value),
+            own if own.is_like(*unit) => Ok(it.in_unit(*unit)),
+            own => Err(ExpressionError {
+                message: format!(
+                    "`{user}` wants one unit, but {} is in {unit} and {} in {own}",
+                    self.words(first),
+                    self.words(at)
+                ),
+                at: Some(self.place(at)),
+                note: Some((self.place(first), format!("this is in {unit}"))),
+                help: "what is added, compared or chosen from measures the same".into(),
+                ..ExpressionError::default()
+            }),
+        };
+        Ok((parts.iter().map(value).collect::<Result<_, _>>()?, *unit))
+    }
+
+    /// Where in the text some tokens stand.
+    fn place(&self, tokens: &Range<usize>) -> Range<usize> {
+        self.tokens[tokens.start].0.start..self.tokens[tokens.end - 1].0.end
+    }
+
+    fn words(&self, tokens: &Range<usize>) -> String {
+        format!("`{}`", cut(&self.text[self.place(tokens)]))
     }
 }
 
-fn number(outcome: Outcome, user: &str) -> Result<f64, ExpressionError> {
+fn number(outcome: Outcome, user: &str) -> Result<Quantity, ExpressionError> {
     match outcome {
         Outcome::Number(x) => Ok(x),
         Outcome::Truth(_) => error(format!("`{user}` wants a number, not a condition")),
     }
-}
-
-fn combine(operator: &str, left: Outcome, right: Outcome) -> Result<Outcome, ExpressionError> {
-    if let (Outcome::Truth(a), Outcome::Truth(b)) = (left, right) {
-        return match operator {
-            "and" => Ok(Outcome::Truth(a && b)),
-            "or" => Ok(Outcome::Truth(a || b)),
-            "==" => Ok(Outcome::Truth(a == b)),
-            "!=" => Ok(Outcome::Truth(a != b)),
-            _ => error(format!("`{operator}` wants numbers, not conditions")),
-        };
-    }
-    let (a, b) = (number(left, operator)?, number(right, operator)?);
-    Ok(match operator {
-        "+" => Outcome::Number(a + b),
-        "-" => Outcome::Number(a - b),
-        "*" => Outcome::Number(a * b),
-        "/" => Outcome::Number(a / b),
-        "%" => Outcome::Number(a % b),
-        "<" => Outcome::Truth(a < b),
-        "<=" => Outcome::Truth(a <= b),
-        ">" => Outcome::Truth(a > b),
-        ">=" => Outcome::Truth(a >= b),
-        "==" => Outcome::Truth(a == b),
-        "!=" => Outcome::Truth(a != b),
-        _ => return error(format!("`{operator}` wants conditions, not numbers")),
-    })
 }
 
 #[cfg(test)]
@@ -358,17 +430,38 @@ mod tests {
     use super::*;
 
     fn value(text: &str) -> Result<Outcome, String> {
+        let number = |value, unit: &str| {
+            let unit = Unit::read(unit).unwrap_or_default();
+            Outcome::Number(Quantity { value, unit })
+        };
         let parameters = BTreeMap::from([
-            ("growth".to_owned(), Outcome::Number(12.0)),
-            ("eye-step".to_owned(), Outcome::Number(3.0)),
-            ("eye".to_owned(), Outcome::Number(5.0)),
+            ("growth".to_owned(), number(12.0, "")),
+            ("eye-step".to_owned(), number(3.0, "")),
+            ("eye".to_owned(), number(5.0, "")),
+            ("depth".to_owned(), number(12.0, "mm")),
+            ("width".to_owned(), number(2.5, "cm")),
+            ("turn".to_owned(), number(30.0, "deg")),
+            ("band".to_owned(), number(4.0, "px")),
             ("flat".to_owned(), Outcome::Truth(true)),
         ]);
-        evaluate(text, &parameters).map_err(|error| format!("{error}; {}", error.help(&parameters)))
+        evaluate(text, &parameters).map_err(|error| {
+            let place = |at: &Range<usize>| text[at.clone()].to_owned();
+            let at = error.at.as_ref().map_or_else(String::new, |at| format!(" at {}", place(at)));
+            let note = error.note.as_ref();
+            let note =
+                note.map_or_else(String::new, |(at, words)| format!(" ({}: {words})", place(at)));
+            format!("{error}; {}{at}{note}", error.help(&parameters))
+        })
     }
 
     fn check(text: &str, expected: f64) {
-        assert_eq!(value(text), Ok(Outcome::Number(expected)), "{text}");
+        assert_eq!(value(text), Ok(Outcome::Number(Quantity::pure(expected))), "{text}");
+    }
+
+    fn check_unit(text: &str, expected: f64, unit: &str) {
+        let unit = Unit::read(unit).unwrap_or_else(|| panic!("{unit}"));
+        let expected = Outcome::Number(Quantity { value: expected, unit });
+        assert_eq!(value(text), Ok(expected), "{text}");
     }
 
     #[test]
@@ -401,6 +494,72 @@ mod tests {
         assert_eq!(named(" a-b*min(min, 2)-a").as_deref(), Some("a-b min a"));
         assert_eq!(named("if(not a and and, (a) and 1e3, 2)").as_deref(), Some("a and a"));
         assert_eq!(named("a $"), None);
+    }
+
+    #[test]
+    fn what_measures_the_same_is_added_in_the_unit_of_the_first() {
+        check_unit("depth + cm(1)", 22.0, "mm");
+        check_unit("cm(1) + depth", 2.2, "cm");
+        check_unit("depth - width", -13.0, "mm");
+        check_unit("width % mm(10)", 0.5, "cm");
+        check_unit("min(depth, width, 3)", 3.0, "mm");
+        check_unit("clamp(width, mm(5), inch(0.5))", 1.27, "cm");
+        check_unit("if(depth < width, turn, rad(0))", 30.0, "deg");
+        assert_eq!(value("depth == mm(12) and depth < width"), Ok(Outcome::Truth(true)));
+    }
+
+    #[test]
+    fn a_pure_number_takes_on_the_unit_of_what_it_meets() {
+        check_unit("depth + 2", 14.0, "mm");
+        check_unit("2 * 4 + depth", 20.0, "mm");
+        check_unit("max(1, width)", 2.5, "cm");
+        check_unit("-depth / 2", -6.0, "mm");
+        check_unit("floor(width)", 2.0, "cm");
+        check_unit("mm(2 * growth)", 24.0, "mm");
+    }
+
+    #[test]
+    fn products_and_quotients_combine_units_or_cancel_them() {
+        check("depth / mm(2)", 6.0);
+        check("width / mm(5)", 5.0);
+        check_unit("depth * width", 300.0, "mm^2");
+        check_unit("sqrt(depth * mm(3))", 6.0, "mm");
+        check_unit("1 / width", 0.4, "1/cm");
+        check_unit("depth * (band / mm(3))", 16.0, "px");
+    }
+
+    #[test]
+    fn units_that_do_not_go_together_are_named_with_both_places() {
+        let wrong = |text: &str| value(text).unwrap_err();
+        let help = "what is added, compared or chosen from measures the same";
+        assert_eq!(
+            wrong("2 * depth + turn"),
+            format!(
+                "`+` wants one unit, but `2 * depth` is in mm and `turn` in deg; {help} at turn (2 * depth: this is in mm)"
+            )
+        );
+        assert_eq!(
+            wrong("min(1, px(2), depth)"),
+            format!(
+                "`min` wants one unit, but `px(2)` is in px and `depth` in mm; {help} at depth (px(2): this is in px)"
+            )
+        );
+        assert_eq!(
+            wrong("if(flat, band, turn)"),
+            format!(
+                "`if` wants one unit, but `band` is in px and `turn` in deg; {help} at turn (band: this is in px)"
+            )
+        );
+        assert!(wrong("depth < band").starts_with("`<` wants one unit, but `depth` is in mm"));
+        assert!(
+            wrong("depth * width - depth").contains("`depth * width` is in mm^2 and `depth` in mm")
+        );
+        assert_eq!(
+            wrong("sqrt(depth)"),
+            "`sqrt` wants a square, as mm^2 is, but `depth` is in mm;  at depth"
+        );
+        assert_eq!(wrong("cm(depth)"), "`cm` wants a pure number, but `depth` is in mm;  at depth");
+        assert_eq!(wrong("inhc(2)"), "there is no function `inhc`; did you mean `inch`?");
     }
 
     #[test]

@@ -175,7 +175,7 @@ impl<'a> Check<'_, 'a> {
     }
 
     /// Finds the type of every output and checks that every link fits.
-    pub(super) fn types(&mut self, drafts: &mut [Draft<'a>], order: &[usize]) {
+    pub(super) fn types(&mut self, drafts: &mut [Draft<'a>], order: &[usize], eaches: &[Each]) {
         for &index in order {
             let draft = &drafts[index];
             let mut came_in: Vec<(&str, &'static ValueType)> = Vec::new();
@@ -183,7 +183,15 @@ impl<'a> Check<'_, 'a> {
             for (link, targets) in draft.links.iter().zip(&draft.targets) {
                 let Some(targets) = targets else { continue };
                 if targets.len() != 1 && !link.many {
+                    let place = match targets.first() {
+                        Some(&(node, _)) => Some(drafts[node].name.span),
+                        None => eaches
+                            .iter()
+                            .find(|each| each.is_named(&link.text))
+                            .map(|each| each.span),
+                    };
                     self.not_one(draft.what.kind(), link, targets.len());
+                    self.note(place, || "this gives the list".into());
                     continue;
                 }
                 for &(node, output) in targets {
@@ -197,7 +205,7 @@ impl<'a> Check<'_, 'a> {
                     if fits {
                         came_in.push((&link.wants, kind));
                     } else {
-                        misfits.push((link.clone(), kind));
+                        misfits.push((link.clone(), kind, drafts[node].name.span));
                         break;
                     }
                 }
@@ -217,12 +225,20 @@ impl<'a> Check<'_, 'a> {
             let is_switch = matches!(draft.what, What::Switch(_));
             let owner = draft.what.kind().to_owned();
             drafts[index].types = types;
-            for (link, kind) in misfits {
+            for (link, kind, place) in misfits {
                 match first.filter(|_| is_switch) {
                     Some(first) => self.unlike(&link, first, kind),
                     None => self.misfit(&owner, &link, kind),
                 }
+                self.note(Some(place), || format!("this gives {}", with_article(kind.name)));
             }
+        }
+    }
+
+    /// Gives the last finding its other end.
+    fn note(&mut self, place: Option<Span>, words: impl FnOnce() -> String) {
+        if let Some(finding) = self.findings.last_mut() {
+            finding.note = place.map(|place| (place, words()));
         }
     }
 

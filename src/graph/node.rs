@@ -65,12 +65,12 @@ impl<'a> Check<'_, 'a> {
     }
 
     fn survey_of_side(&mut self, what: &What<'a>, tree: &Tree, values: &Parameters) -> Survey {
-        let tree = values.substitute(tree, &mut self.findings);
-        let (name, schema) = match what {
-            What::Node(entry) => (&entry.name, entry.schema()),
-            What::Use(name, graph) => (name, &graph.schema),
-            _ => return Survey { tree, links: Vec::new(), files: Vec::new() },
+        let Some(schema) = what.schema() else {
+            let tree = values.substitute(tree, &mut self.findings);
+            return Survey { tree, links: Vec::new(), files: Vec::new() };
         };
+        let name = what.kind();
+        let tree = values.fitted(tree, name, schema, &mut self.findings);
         let folder = self.sheet.folder_of(tree.span).to_owned();
         let mut walk = Walk {
             node: name,

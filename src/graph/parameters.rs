@@ -1,15 +1,20 @@
 //! A graph's own parameters, and how their values stand in for `Param` and `Expr`.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use indexmap::IndexMap;
 
 use super::declaration::Declaration;
-use super::expression::{Outcome, evaluate};
+use super::expression::{ExpressionError, Outcome, evaluate, named_parameters};
+use super::fitting::in_own_unit;
 use super::quality::{chosen, is_draft};
 use crate::error::{MOST_TOLD, Span, code};
-use crate::text::{Body, Field, Finding, Given, Kind, Origin, Sheet, Tree, nearest_or_all, parse};
+use crate::text::{
+    Body, Field, Finding, Given, Kind, Origin, Quantity, Sheet, Tree, Unit, cut, nearest_or_all,
+    parse,
+};
 
 /// The values of a graph's parameters.
 #[derive(Clone, Debug, Default)]
@@ -18,6 +23,18 @@ pub(crate) struct Parameters {
     numbers: BTreeMap<String, Outcome>,
     /// Whether a `Draft` stands for its draft.
     draft: bool,
+    /// The known units of those that have one, and where these are declared.
+    units: BTreeMap<String, (Unit, Span)>,
+}
+
+/// What a `Param` or `Expr` gives, or a number that is written with its unit.
+pub(super) struct Worked {
+    pub(super) value: Tree,
+    pub(super) unit: Unit,
+    /// What it is, for messages: `Param("near")`.
+    pub(super) words: String,
+    /// Where its unit comes from, if that is another place.
+    pub(super) note: Option<(Span, String)>,
 }
 
 impl Parameters {
@@ -38,7 +55,8 @@ impl Parameters {
                 continue;
             };
             if let Some((_, text)) = set.iter().rev().find(|(target, _)| target == name) {
-                declared.default = read_set(text, &format!("{name}={text}"), declaration.span);
+                let given = read_set(text, &format!("{name}={text}"), declaration.span);
+                declared.default = in_own_unit(&given, name, declared.unit(), findings);
             }
             let default = declared.default.clone();
             if is_draft(&default) {
@@ -49,6 +67,9 @@ impl Parameters {
             }
             declared.default = of_side(chosen(&default, draft, findings), &default);
             declared.default = declared.value(findings);
+            let unit = declared.unit().and_then(Unit::read);
+            let unit = unit.map(|unit| (name.to_owned(), (unit, declared.unit_span)));
+            parameters.units.extend(unit);
             parameters.put(name, declared.default.clone());
             declarations.push(declared);
         }
@@ -67,7 +88,8 @@ impl Parameters {
     fn put(&mut self, name: &str, value: Tree) {
         match value.kind {
             Kind::Number { value, .. } => {
-                self.numbers.insert(name.to_owned(), Outcome::Number(value));
+                let unit = self.unit(name);
+                self.numbers.insert(name.to_owned(), Outcome::Number(Quantity { value, unit }));
             }
             Kind::Bool(truth) => {
                 self.numbers.insert(name.to_owned(), Outcome::Truth(truth));
@@ -82,105 +104,84 @@ impl Parameters {
         Self { draft: !self.draft, ..self.clone() }
     }
 
+    /// What a `Draft` stands for now; none if something is wrong with it, which is reported.
+    pub(super) fn side<'t>(&self, tree: &'t Tree, findings: &mut Vec<Finding>) -> Option<&'t Tree> {
+        chosen(tree, self.draft, findings)
+    }
+
     pub(crate) fn names(&self) -> Vec<&str> {
         self.values.keys().map(String::as_str).collect()
     }
 
-    /// The tree with every `Param` and `Expr` in it replaced by its value; one that has no value becomes broken.
-    pub(crate) fn substitute(&self, tree: &Tree, findings: &mut Vec<Finding>) -> Tree {
-        if is_draft(tree) {
-            return match chosen(tree, self.draft, findings) {
-                Some(value) => self.substitute(value, findings),
-                None => Tree::new(tree.span, Kind::Broken),
-            };
-        }
-        if let Some(argument) = tree.call_of("Param").or_else(|| tree.call_of("Expr")) {
-            let is_param = tree.call_of("Param").is_some();
-            let found = match argument.text() {
-                Some(name) if is_param => self.parameter(name, findings.len() < MOST_TOLD),
-                Some(text) => self.expression(text, findings.len() < MOST_TOLD),
-                None => Err((
-                    format!("this wants a text, not {}", argument.in_words()),
-                    "write Param(\"name\") or Expr(\"a + b\")".into(),
-                )),
-            };
-            return match found {
-                Ok(value) if matches!(value.origin, Some(Origin::Given(_))) => {
-                    moved(value, tree.span)
-                }
-                Ok(value) => Tree { span: tree.span, ..value },
-                Err((message, help)) => {
-                    let span = argument.span;
-                    findings.push(Finding {
-                        code: code::EXPRESSION,
-                        span,
-                        message,
-                        help,
-                        note: None,
-                    });
-                    Tree::new(tree.span, Kind::Broken)
-                }
-            };
-        }
-        let all = |trees: &[Tree], findings: &mut _| -> Vec<Tree> {
-            trees.iter().map(|tree| self.substitute(tree, findings)).collect()
-        };
-        let kind = match &tree.kind {
-            Kind::List(items) => Kind::List(all(items, findings)),
-            Kind::Map(entries) => {
-                let mut entry =
-                    |(key, value): &(Tree, Tree)| (key.clone(), self.substitute(value, findings));
-                Kind::Map(entries.iter().map(&mut entry).collect())
-            }
-            Kind::Call { name, body } => {
-                let body = match body {
-                    Body::Empty => Body::Empty,
-                    Body::Items(items) => Body::Items(all(items, findings)),
-                    Body::Fields(fields) => {
-                        let mut field = |field: &Field| Field {
-                            name: field.name.clone(),
-                            value: self.substitute(&field.value, findings),
-                        };
-                        Body::Fields(fields.iter().map(&mut field).collect())
-                    }
-                };
-                Kind::Call { name: name.clone(), body }
-            }
-            plain => plain.clone(),
-        };
-        Tree { kind, ..tree.clone() }
+    fn unit(&self, name: &str) -> Unit {
+        self.units.get(name).map(|(unit, _)| *unit).unwrap_or_default()
     }
 
-    fn parameter(&self, name: &str, guesses: bool) -> Result<Tree, (String, String)> {
-        self.values.get(name).cloned().ok_or_else(|| {
+    /// Where the unit of a parameter is declared.
+    fn note(&self, name: &str) -> Option<(Span, String)> {
+        let (unit, span) = self.units.get(name)?;
+        Some((*span, format!("`{name}` is in {unit}")))
+    }
+
+    /// What a `Param` or `Expr` gives: something broken if that cannot be said, which is reported.
+    pub(super) fn worked_out(&self, tree: &Tree, findings: &mut Vec<Finding>) -> Worked {
+        let guesses = findings.len() < MOST_TOLD;
+        let worked = match (tree.call_of("Param"), tree.call_of("Expr")) {
+            (Some(argument), _) => self.parameter(argument, guesses),
+            (None, argument) => self.expression(tree, argument.unwrap_or(tree), guesses),
+        };
+        match worked {
+            Ok(Worked { value, unit, words, note }) => {
+                let value = match value.origin {
+                    Some(Origin::Given(_)) => moved(value, tree.span),
+                    _ => Tree { span: tree.span, ..value },
+                };
+                Worked { value, unit, words, note }
+            }
+            Err(finding) => {
+                findings.push(finding);
+                let (value, unit) = (Tree::new(tree.span, Kind::Broken), Unit::default());
+                Worked { value, unit, words: String::new(), note: None }
+            }
+        }
+    }
+
+    fn parameter(&self, argument: &Tree, guesses: bool) -> Result<Worked, Finding> {
+        let name = written(argument)?;
+        let Some(value) = self.values.get(name).cloned() else {
             let help = match self.values.is_empty() {
                 true => "declare it under `params`".into(),
                 false if !guesses => String::new(),
                 false => nearest_or_all(name, "its parameters", &self.names()),
             };
-            (format!("the graph has no parameter `{name}`"), help)
-        })
+            return Err(wrong(argument.span, format!("the graph has no parameter `{name}`"), help));
+        };
+        let words = format!("`Param(\"{name}\")`");
+        Ok(Worked { value, unit: self.unit(name), words, note: self.note(name) })
     }
 
-    fn expression(&self, text: &str, guesses: bool) -> Result<Tree, (String, String)> {
-        let outcome = match evaluate(text, &self.numbers) {
-            Ok(outcome) => outcome,
-            // A parameter without a value has been reported where it is declared.
-            Err(_) if self.values.values().any(Tree::is_broken) => {
-                return Ok(Tree::new(Span::default(), Kind::Broken));
+    fn expression(&self, call: &Tree, argument: &Tree, guesses: bool) -> Result<Worked, Finding> {
+        let text = written(argument)?;
+        let (kind, unit) = match evaluate(text, &self.numbers) {
+            Ok(Outcome::Number(Quantity { value, unit })) => {
+                (Kind::Number { value, whole: value.fract() == 0.0 }, unit)
             }
+            Ok(Outcome::Truth(truth)) => (Kind::Bool(truth), Unit::default()),
+            // A parameter without a value has been reported where it is declared.
+            Err(_) if self.values.values().any(Tree::is_broken) => (Kind::Broken, Unit::default()),
             Err(error) => {
                 let help = if guesses { error.help(&self.numbers) } else { String::new() };
-                return Err((error.message, help));
+                let ExpressionError { message, at, note, .. } = error;
+                let place = |at: Range<usize>| place_in(call, argument, text, at);
+                let span = at.and_then(place).unwrap_or(argument.span);
+                let note = note.and_then(|(at, words)| Some((place(at)?, words)));
+                return Err(Finding { note, ..wrong(span, message, help) });
             }
         };
-        Ok(Tree::new(
-            Span::default(),
-            match outcome {
-                Outcome::Number(value) => Kind::Number { value, whole: value.fract() == 0.0 },
-                Outcome::Truth(truth) => Kind::Bool(truth),
-            },
-        ))
+        let named = named_parameters(text, &|name| self.values.contains_key(name));
+        let note = named.into_iter().flatten().find_map(|at| self.note(&text[at]));
+        let words = format!("`Expr(\"{}\")`", cut(text));
+        Ok(Worked { value: Tree::new(Span::default(), kind), unit, words, note })
     }
 }
 
@@ -193,6 +194,25 @@ fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
         }
         (Some(side), origin) => Tree { origin: origin.clone(), ..side.clone() },
     }
+}
+
+/// The text in a `Param` or `Expr`.
+fn written(argument: &Tree) -> Result<&str, Finding> {
+    let found = || format!("this wants a text, not {}", argument.in_words());
+    let help = "write Param(\"name\") or Expr(\"a + b\")";
+    argument.text().ok_or_else(|| wrong(argument.span, found(), help.into()))
+}
+
+fn wrong(span: Span, message: String, help: String) -> Finding {
+    Finding { code: code::EXPRESSION, span, message, help, note: None }
+}
+
+/// The place of a part of an expression's text, if the text stands in the file as it is, without escapes.
+fn place_in(call: &Tree, argument: &Tree, text: &str, part: Range<usize>) -> Option<Span> {
+    let Span { start, end } = argument.span;
+    // What was given elsewhere has one place for all of it.
+    let is_there = argument.span != call.span && end - start == text.len() + 2;
+    is_there.then(|| Span { start: start + 1 + part.start, end: start + 1 + part.end })
 }
 
 /// A value from `--set`: RON, or else text.
@@ -222,6 +242,11 @@ pub(crate) fn handed_over(tree: Tree, sheet: &Arc<Sheet>) -> Tree {
         plain => plain,
     };
     Tree { span: tree.span, kind, origin }
+}
+
+/// Whether the value is a parameter's, or computed from such.
+pub(super) fn is_computed(tree: &Tree) -> bool {
+    tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
 }
 
 /// Whether a part of the value is computed from parameters.

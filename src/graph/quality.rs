@@ -1,7 +1,7 @@
 //! `Draft(final: 4, draft: 1)`: a value for final results, and one for a first look.
 
 use crate::error::code;
-use crate::text::{Body, Finding, Kind, Tree, nearest_or_all};
+use crate::text::{Body, Field, Finding, Kind, Tree, nearest_or_all};
 
 /// The fields of a `Draft`: of final runs, and of drafts.
 const SIDES: [&str; 2] = ["final", "draft"];
@@ -36,6 +36,14 @@ pub(super) fn side(tree: &Tree, draft: bool) -> Option<&Tree> {
     let wanted = SIDES[usize::from(draft)];
     let found = tree.fields()?.iter().find(|field| field.name.text == wanted);
     found.map(|field| &field.value)
+}
+
+/// The `Draft` with each of its values replaced.
+pub(super) fn each_side(tree: &Tree, mut replaced: impl FnMut(&Tree) -> Tree) -> Tree {
+    let Kind::Call { name, body: Body::Fields(fields) } = &tree.kind else { return tree.clone() };
+    let field = |field: &Field| Field { name: field.name.clone(), value: replaced(&field.value) };
+    let body = Body::Fields(fields.iter().map(field).collect());
+    Tree { kind: Kind::Call { name: name.clone(), body }, ..tree.clone() }
 }
 
 /// The same of any value, which stands for itself if it is no `Draft`. What is wrong with the `Draft` goes to the findings; then it

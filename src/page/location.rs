@@ -24,14 +24,15 @@ impl Shared {
         Location::deserialize(boxes.find(|told| told["name"] == name)?).ok()
     }
 
-    /// Whether pages were told of a problem, or of a use that leads to one, at this place now.
+    /// Whether pages were told of a problem, of its other end, or of a use that leads to one, at this place now.
     pub(super) fn has_problem_at(&self, place: &Location) -> bool {
         let text = unpoisoned(&self.feed).problems.clone();
         let told = text.and_then(|text| serde_json::from_str::<Json>(&text).ok());
         let problems = told.iter().flat_map(|told| told["problems"].as_array()).flatten();
         let is_it = |told: &Json| Location::deserialize(told).is_ok_and(|told| told == *place);
         problems.into_iter().any(|problem| {
-            is_it(problem) || problem["uses"].as_array().is_some_and(|uses| uses.iter().any(is_it))
+            let is_end = is_it(problem) || is_it(&problem["note"]);
+            is_end || problem["uses"].as_array().is_some_and(|uses| uses.iter().any(is_it))
         })
     }
 }

@@ -6,10 +6,12 @@ use expect_test::expect_file;
 
 use crate::graph_files::problems;
 
+mod both_ends;
 mod documentation;
-mod library_expectations;
 mod drafts;
+mod library_expectations;
 mod limits;
+mod units;
 
 /// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.
 #[test]

@@ -21,6 +21,23 @@ class Use(NamedTuple):
     """The column there, from 1, in characters."""
 
 
+class Note(NamedTuple):
+    """Another place that explains a problem, such as the other end of a link."""
+
+    file: str
+    """The graph file."""
+    line: int
+    """The line where it begins, from 1."""
+    column: int
+    """The column where it begins, from 1, in characters."""
+    end_line: int
+    """The line where it ends."""
+    end_column: int
+    """The column behind its end."""
+    message: str
+    """What is there."""
+
+
 class Problem(NamedTuple):
     """Something wrong at a place of a graph file: where, what, and what to do."""
 
@@ -46,6 +63,8 @@ class Problem(NamedTuple):
     """For a problem in a graph that is used: the uses that lead there, from the outermost on."""
     text: str
     """The whole as a terminal shows it, with the lines of the graph."""
+    note: Optional[Note] = None
+    """Another place that explains it, if there is one."""
 
     def __str__(self) -> str:
         """The whole as a terminal shows it, with the lines of the graph."""
@@ -55,7 +74,8 @@ class Problem(NamedTuple):
 def problem(told: Dict[str, Any]) -> Problem:
     """A problem as the engine tells it."""
     uses = tuple(Use(**use) for use in told.pop("uses", ()))
-    return Problem(uses=uses, **told)
+    note = told.pop("note", None)
+    return Problem(uses=uses, note=Note(**note) if note else None, **told)
 
 
 def problems(told: Sequence[Dict[str, Any]]) -> List[Problem]:

@@ -1,0 +1,284 @@
+//! What fields and parameters say once `Param`, `Expr` and `cm(1.2)` are worked out: plain numbers in the unit of each.
+
+use serde_json::{Value as Json, json};
+
+use super::parameters::{Parameters, Worked, is_computed};
+use super::quality::{each_side, is_draft};
+use crate::error::code;
+use crate::text::{Body, Expected, Field, Finding, Kind, Origin, Quantity, Tree, Unit};
+
+/// Works out the values in a call.
+struct Fitting<'a> {
+    /// None leaves `Param` and `Expr` as they are.
+    parameters: Option<&'a Parameters>,
+    /// The type of node whose fields they are; none for a parameter.
+    owner: Option<&'a str>,
+    findings: &'a mut Vec<Finding>,
+}
+
+impl Parameters {
+    /// The call of a node with every `Param`, `Expr` and unit in it replaced by its value; what has none becomes broken.
+    pub(super) fn fitted(
+        &self,
+        tree: &Tree,
+        owner: &str,
+        schema: &Json,
+        findings: &mut Vec<Finding>,
+    ) -> Tree {
+        let mut fitting = Fitting { parameters: Some(self), owner: Some(owner), findings };
+        fitting.value(tree, Some(Expected::of_node(owner, schema)))
+    }
+
+    /// A value of which nothing is known, with every `Param` and `Expr` in it replaced.
+    pub(super) fn substitute(&self, tree: &Tree, findings: &mut Vec<Finding>) -> Tree {
+        Fitting { parameters: Some(self), owner: None, findings }.value(tree, None)
+    }
+}
+
+/// The call of a node with plain numbers in place of those with units, as far as these fit.
+pub(super) fn in_plain_numbers(tree: &Tree, schema: &Json) -> Tree {
+    let mut fitting = Fitting { parameters: None, owner: None, findings: &mut Vec::new() };
+    fitting.value(tree, Some(Expected::of_node("", schema)))
+}
+
+/// A value for the parameter `name`, in plain numbers of its unit.
+pub(super) fn in_own_unit(
+    tree: &Tree,
+    name: &str,
+    unit: Option<&str>,
+    findings: &mut Vec<Finding>,
+) -> Tree {
+    if is_draft(tree) {
+        return each_side(tree, |side| in_own_unit(side, name, unit, findings));
+    }
+    let number = json!({ "type": "number" });
+    let schema = match tree.kind {
+        Kind::Call { name: None, .. } => json!({ "type": "array", "items": number }),
+        _ => number,
+    };
+    let unit = unit.map(str::to_owned);
+    let expected = Expected { unit, ..Expected::of_node(name, &schema) };
+    Fitting { parameters: None, owner: None, findings }.value(tree, Some(expected))
+}
+
+/// The declaration of a parameter with all of its numbers in its unit.
+pub(super) fn declaration_in_own_unit(
+    tree: &Tree,
+    name: &str,
+    findings: &mut Vec<Finding>,
+) -> Tree {
+    let Kind::Call { name: kind, body: Body::Fields(fields) } = &tree.kind else {
+        return tree.clone();
+    };
+    let unit = fields.iter().find(|field| field.name.text == "unit");
+    let unit = unit.and_then(|field| field.value.text());
+    let field = |field: &Field| match &field.name.text[..] {
+        "default" | "min" | "max" => {
+            let value = in_own_unit(&field.value, name, unit, findings);
+            Field { name: field.name.clone(), value }
+        }
+        _ => field.clone(),
+    };
+    let body = Body::Fields(fields.iter().map(field).collect());
+    Tree { kind: Kind::Call { name: kind.clone(), body }, ..tree.clone() }
+}
+
+impl Fitting<'_> {
+    fn value(&mut self, tree: &Tree, expected: Option<Expected<'_>>) -> Tree {
+        if is_plain(tree) {
+            return tree.clone();
+        }
+        if is_draft(tree) {
+            return match self.parameters {
+                Some(parameters) => match parameters.side(tree, self.findings) {
+                    Some(side) => self.value(side, expected),
+                    None => Tree::new(tree.span, Kind::Broken),
+                },
+                None => each_side(tree, |side| self.value(side, expected.clone())),
+            };
+        }
+        if is_computed(tree) {
+            let Some(parameters) = self.parameters else { return tree.clone() };
+            let worked = parameters.worked_out(tree, self.findings);
+            return match expected {
+                Some(expected) => self.fit(worked, &expected),
+                None => worked.value,
+            };
+        }
+        if let Some(expected) = expected.as_ref().filter(|expected| expected.is_number())
+            && let Some(name) = tree.name()
+            && let Some(unit) = Unit::named(&name.text)
+        {
+            let Some(Quantity { value, .. }) = Quantity::read(tree) else {
+                let message = format!("`{}(..)` holds one number", name.text);
+                let help = format!("write {0}(1.5), or Expr(\"{0}(a)\")", name.text);
+                return self.wrong(tree, message, help);
+            };
+            let whole = value.fract() == 0.0;
+            let number = Tree { kind: Kind::Number { value, whole }, ..tree.clone() };
+            let words = format!("`{}({value})`", name.text);
+            let note = match &tree.origin {
+                Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
+                _ => None,
+            };
+            return self.literal(Worked { value: number, unit, words, note }, expected);
+        }
+        let expected = expected.as_ref();
+        let kind = match &tree.kind {
+            Kind::List(items) => Kind::List(self.items(items, |k| expected?.item(k))),
+            Kind::Map(entries) => {
+                let entry = |(key, value): &(Tree, Tree)| {
+                    let value = self.value(value, expected.and_then(Expected::entry));
+                    (key.clone(), value)
+                };
+                Kind::Map(entries.iter().map(entry).collect())
+            }
+            Kind::Call { name, body } => {
+                let inside = match name {
+                    Some(name) => expected.and_then(|expected| expected.behind(&name.text)),
+                    None => expected.cloned(),
+                };
+                let inside = inside.as_ref();
+                let body = match body {
+                    Body::Empty => Body::Empty,
+                    Body::Items(items) if name.is_some() => {
+                        Body::Items(self.items(items, |k| inside?.argument(k)))
+                    }
+                    Body::Items(items) => Body::Items(self.items(items, |k| inside?.item(k))),
+                    Body::Fields(fields) => {
+                        let mut field = |field: &Field| {
+                            let expected = inside.and_then(|inside| inside.field(&field.name.text));
+                            let value = self.value(&field.value, expected);
+                            Field { name: field.name.clone(), value }
+                        };
+                        Body::Fields(fields.iter().map(&mut field).collect())
+                    }
+                };
+                Kind::Call { name: name.clone(), body }
+            }
+            plain => plain.clone(),
+        };
+        Tree { kind, ..tree.clone() }
+    }
+
+    fn items<'e>(
+        &mut self,
+        items: &[Tree],
+        expected: impl Fn(usize) -> Option<Expected<'e>>,
+    ) -> Vec<Tree> {
+        let items = items.iter().enumerate();
+        items.map(|(index, item)| self.value(item, expected(index))).collect()
+    }
+
+    /// What was written with a unit, in the unit of its place.
+    fn literal(&mut self, worked: Worked, expected: &Expected<'_>) -> Tree {
+        let known = expected.unit.as_deref().and_then(Unit::read);
+        if known.is_some() {
+            return self.fit(worked, expected);
+        }
+        let (subject, Worked { words, unit, .. }) = (self.subject(expected), &worked);
+        let (message, help) = match &expected.unit {
+            Some(own) => (
+                format!("{subject} is in {own}, but {words} is in {unit}"),
+                format!("write a plain number, which is in {own}"),
+            ),
+            None => {
+                let message = format!("{subject} has no unit, but {words} is in {unit}");
+                (message, "write a plain number".to_owned())
+            }
+        };
+        self.misfit(&worked, message, help)
+    }
+
+    /// A value in the unit of its place, if that is known; else the plain numbers as they are.
+    fn fit(&mut self, worked: Worked, expected: &Expected<'_>) -> Tree {
+        let Worked { value, unit, words, .. } = &worked;
+        let (Some(wanted), false) = (expected.unit.as_deref().and_then(Unit::read), unit.is_pure())
+        else {
+            return worked.value;
+        };
+        if !unit.is_like(wanted) {
+            let subject = self.subject(expected);
+            let message = format!("{subject} is in {wanted}, but {words} is in {unit}");
+            let help = format!(
+                "a plain number is in {wanted}; other units of the same kind are converted"
+            );
+            return self.misfit(&worked, message, help);
+        }
+        let mut is_finite = true;
+        let fitted = scaled(value, &mut |value| {
+            let value = Quantity { value, unit: *unit }.in_unit(wanted);
+            is_finite &= value.is_finite();
+            value
+        });
+        if !is_finite {
+            return self.misfit(
+                &worked,
+                format!("{words} is too large for a number of {wanted}"),
+                String::new(),
+            );
+        }
+        fitted
+    }
+
+    fn subject(&self, expected: &Expected<'_>) -> String {
+        match self.owner {
+            Some(owner) => format!("field `{}` of {owner}", expected.field),
+            None => format!("parameter `{}`", expected.field),
+        }
+    }
+
+    fn misfit(&mut self, worked: &Worked, message: String, help: String) -> Tree {
+        let broken = self.wrong(&worked.value, message, help);
+        if let Some(finding) = self.findings.last_mut() {
+            finding.note.clone_from(&worked.note);
+        }
+        broken
+    }
+
+    fn wrong(&mut self, tree: &Tree, message: String, help: String) -> Tree {
+        let (code, span) = (code::WRONG_VALUE, tree.span);
+        self.findings.push(Finding { code, span, message, help, note: None });
+        Tree::new(span, Kind::Broken)
+    }
+}
+
+/// The value with other numbers; a whole number stays one, if it can.
+fn scaled(tree: &Tree, scale: &mut impl FnMut(f64) -> f64) -> Tree {
+    let mut all = |items: &[Tree]| items.iter().map(|item| scaled(item, scale)).collect();
+    let kind = match &tree.kind {
+        Kind::Number { value, whole } => {
+            let value = scale(*value);
+            Kind::Number { value, whole: *whole && value.fract() == 0.0 }
+        }
+        Kind::List(items) => Kind::List(all(items)),
+        Kind::Call { name, body: Body::Items(items) } => {
+            Kind::Call { name: name.clone(), body: Body::Items(all(items)) }
+        }
+        other => other.clone(),
+    };
+    Tree { kind, ..tree.clone() }
+}
+
+/// Whether nothing in a value is to be worked out.
+fn is_plain(tree: &Tree) -> bool {
+    match &tree.kind {
+        Kind::Call { name: Some(name), body } => {
+            let is_word = matches!(&name.text[..], "Param" | "Expr" | "Draft")
+                || Unit::named(&name.text).is_some();
+            !is_word && is_plain_inside(body)
+        }
+        Kind::Call { body, .. } => is_plain_inside(body),
+        Kind::List(items) => items.iter().all(is_plain),
+        Kind::Map(entries) => entries.iter().all(|(_, value)| is_plain(value)),
+        _ => true,
+    }
+}
+
+fn is_plain_inside(body: &Body) -> bool {
+    match body {
+        Body::Empty => true,
+        Body::Items(items) => items.iter().all(is_plain),
+        Body::Fields(fields) => fields.iter().all(|field| is_plain(&field.value)),
+    }
+}

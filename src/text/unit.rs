@@ -1,0 +1,300 @@
+//! Units of numbers: what `cm(1.2)` says, what the unit of a field or parameter is, and how one becomes another.
+//!
+//! The text of a unit may be anything. One that is not made of the [`KNOWN`] units, as `cells` and `%` are not, is a word for people:
+//! nothing is converted or refused by it.
+
+use std::fmt;
+
+use super::tree::{Kind, Tree};
+
+/// What a unit measures. Numbers of two measures cannot be added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Measure {
+    Length,
+    Angle,
+    Pixels,
+}
+
+const MEASURES: [Measure; 3] = [Measure::Length, Measure::Angle, Measure::Pixels];
+
+/// The units that numbers may be written in.
+const KNOWN: [(&str, Measure); 7] = [
+    ("mm", Measure::Length),
+    ("cm", Measure::Length),
+    ("m", Measure::Length),
+    ("inch", Measure::Length),
+    ("deg", Measure::Angle),
+    ("rad", Measure::Angle),
+    ("px", Measure::Pixels),
+];
+
+/// The names of the units that numbers may be written in.
+pub(crate) fn unit_names() -> impl Iterator<Item = &'static str> {
+    KNOWN.iter().map(|(name, _)| *name)
+}
+
+/// A product of powers of known units: `mm`, `1/mm`, `px/mm`. A pure number has none.
+///
+/// Each known unit has its exponent, and only one of each measure has another one than 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Unit([i32; KNOWN.len()]);
+
+impl Unit {
+    /// The known unit of this name.
+    pub(crate) fn named(name: &str) -> Option<Self> {
+        Self::power(name, 1)
+    }
+
+    fn power(name: &str, exponent: i32) -> Option<Self> {
+        let place = unit_names().position(|known| known == name)?;
+        let mut unit = Self::default();
+        unit.0[place] = exponent;
+        Some(unit)
+    }
+
+    /// The unit that a text means: `mm`, `mm^2`, `px/mm`, `1/mm`. None if it is not made of known units.
+    pub(crate) fn read(text: &str) -> Option<Self> {
+        let (above, below) = match text.split_once('/') {
+            Some((above, below)) => (above, Some(below)),
+            None => (text, None),
+        };
+        let above = above.split('*').filter(|name| *name != "1").map(|name| (name, 1));
+        let below = below.into_iter().flat_map(|below| below.split('*')).map(|name| (name, -1));
+        let mut unit = Self::default();
+        for (factor, sign) in above.chain(below) {
+            let (name, times) = factor.split_once('^').unwrap_or((factor, "1"));
+            let times = times.parse().ok().filter(|times: &i32| (1..10).contains(times))?;
+            let factor = Self::power(name, sign * times)?;
+            if MEASURES.iter().any(|&measure| unit.of(measure).and(factor.of(measure)).is_some()) {
+                return None;
+            }
+            unit = unit.times(factor);
+        }
+        (!unit.is_pure()).then_some(unit)
+    }
+
+    pub(crate) fn is_pure(self) -> bool {
+        self == Self::default()
+    }
+
+    /// Whether both measure the same, so that one can be converted to the other.
+    pub(crate) fn is_like(self, other: Self) -> bool {
+        let exponent = |unit: Self, measure| unit.of(measure).map(|(_, exponent)| exponent);
+        MEASURES.iter().all(|&measure| exponent(self, measure) == exponent(other, measure))
+    }
+
+    /// Which unit of a measure is in it, and its exponent.
+    fn of(self, measure: Measure) -> Option<(usize, i32)> {
+        let mut places = (0..KNOWN.len()).filter(|&place| KNOWN[place].1 == measure);
+        places.find(|&place| self.0[place] != 0).map(|place| (place, self.0[place]))
+    }
+
+    /// The same measures, in the other's units where it has such.
+    fn in_units_of(mut self, other: Self) -> Self {
+        for measure in MEASURES {
+            if let (Some((own, exponent)), Some((wanted, _))) =
+                (self.of(measure), other.of(measure))
+            {
+                self.0[own] = 0;
+                self.0[wanted] = exponent;
+            }
+        }
+        self
+    }
+
+    fn times(self, other: Self) -> Self {
+        Self(std::array::from_fn(|place| self.0[place].saturating_add(other.0[place])))
+    }
+
+    fn inverse(self) -> Self {
+        Self(self.0.map(|exponent| -exponent))
+    }
+}
+
+impl fmt::Display for Unit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let part = |sign: i32| {
+            let powers =
+                self.0.iter().zip(unit_names()).filter(|(exponent, _)| 0 < **exponent * sign);
+            let power = |(exponent, name): (&i32, &str)| match exponent.abs() {
+                1 => name.to_owned(),
+                exponent => format!("{name}^{exponent}"),
+            };
+            Vec::from_iter(powers.map(power)).join("*")
+        };
+        match (part(1), part(-1)) {
+            (above, below) if below.is_empty() => f.write_str(&above),
+            (above, below) if above.is_empty() => write!(f, "1/{below}"),
+            (above, below) => write!(f, "{above}/{below}"),
+        }
+    }
+}
+
+/// A number and its unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Quantity {
+    pub(crate) value: f64,
+    pub(crate) unit: Unit,
+}
+
+impl Quantity {
+    pub(crate) fn pure(value: f64) -> Self {
+        Self { value, unit: Unit::default() }
+    }
+
+    /// What `cm(1.2)` says.
+    pub(crate) fn read(tree: &Tree) -> Option<Self> {
+        let name = tree.name()?.text;
+        let unit = Unit::named(&name)?;
+        match tree.call_of(&name)?.kind {
+            Kind::Number { value, .. } => Some(Self { value, unit }),
+            _ => None,
+        }
+    }
+
+    /// The number in another unit, which measures the same.
+    pub(crate) fn in_unit(self, unit: Unit) -> f64 {
+        let mut value = self.value;
+        for measure in MEASURES {
+            let (Some((from, exponent)), Some((to, _))) = (self.unit.of(measure), unit.of(measure))
+            else {
+                continue;
+            };
+            let (from, to) = if exponent < 0 { (to, from) } else { (from, to) };
+            let mut times = if from == to { 0 } else { exponent.unsigned_abs() };
+            // Further steps would not change these.
+            while 0 < times && value != 0.0 && value.is_finite() {
+                value = converted(value, KNOWN[from].0, KNOWN[to].0);
+                times -= 1;
+            }
+        }
+        value
+    }
+
+    pub(crate) fn times(self, other: Self) -> Self {
+        let unit = other.unit.in_units_of(self.unit);
+        Self { value: self.value * other.in_unit(unit), unit: self.unit.times(unit) }
+    }
+
+    pub(crate) fn over(self, other: Self) -> Self {
+        let unit = other.unit.in_units_of(self.unit);
+        Self { value: self.value / other.in_unit(unit), unit: self.unit.times(unit.inverse()) }
+    }
+
+    /// Its square root; none if its unit is no square.
+    pub(crate) fn root(self) -> Option<Self> {
+        let is_square = self.unit.0.iter().all(|exponent| exponent % 2 == 0);
+        let unit = Unit(self.unit.0.map(|exponent| exponent / 2));
+        is_square.then(|| Self { value: self.value.sqrt(), unit })
+    }
+}
+
+/// So many units of this name, in units of another one of the same measure.
+fn converted(value: f64, from: &str, to: &str) -> f64 {
+    match (from, to) {
+        ("deg", "rad") => value.to_radians(),
+        ("rad", "deg") => value.to_degrees(),
+        _ => fraction(value, tenths(from), tenths(to)),
+    }
+}
+
+/// How many tenths of a millimeter a unit of length has.
+fn tenths(name: &str) -> i128 {
+    match name {
+        "cm" => 100,
+        "m" => 10_000,
+        "inch" => 254,
+        _ => 10,
+    }
+}
+
+/// `value * numerator / denominator`, of the shortest decimal number that says the value: so 1.13 cm are exactly what 11.3 mm are, while
+/// `1.13 * 10.0` is another number.
+fn fraction(value: f64, numerator: i128, denominator: i128) -> f64 {
+    let text = format!("{value:e}");
+    let (digits, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    let decimals = digits.split_once('.').map_or(0, |(_, behind)| behind.len());
+    // At most 17 digits: what follows is far from the largest integers.
+    let digits: i128 = digits.replace('.', "").parse().unwrap_or_default();
+    let mut exponent = exponent.parse::<i32>().unwrap_or_default() - decimals as i32;
+    let mut product = digits * numerator;
+    // A quotient that ends does so after four more digits, for no denominator has more tens.
+    for _ in 0..4 {
+        if product % denominator != 0 {
+            (product, exponent) = (product * 10, exponent - 1);
+        }
+    }
+    let (product, rest) = match product % denominator {
+        0 => (product / denominator, 1.0),
+        _ => (product, denominator as f64),
+    };
+    format!("{product}e{exponent}").parse().unwrap_or(f64::NAN) / rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unit(text: &str) -> Unit {
+        Unit::read(text).unwrap_or_else(|| panic!("{text}"))
+    }
+
+    fn check(value: f64, from: &str, to: &str, expected: f64) {
+        let found = Quantity { value, unit: unit(from) }.in_unit(unit(to));
+        assert_eq!(found, expected, "{value} {from} in {to}");
+    }
+
+    #[test]
+    fn decimals_are_converted_exactly() {
+        check(1.2, "cm", "mm", 12.0);
+        check(1.13, "cm", "mm", 11.3);
+        assert_ne!(1.13 * 10.0, 11.3);
+        check(0.57, "m", "cm", 57.0);
+        check(-4.35, "m", "mm", -4350.0);
+        check(0.1, "inch", "mm", 2.54);
+        check(2.54, "cm", "inch", 1.0);
+        check(12.0, "mm", "m", 0.012);
+        check(1.0, "mm", "inch", 1.0 / 25.4);
+        check(1e-300, "m", "mm", 1e-297);
+        check(0.0, "m", "mm", 0.0);
+        check(2.0, "1/cm", "1/mm", 0.2);
+        check(1.5, "cm^2", "mm^2", 150.0);
+        check(180.0, "deg", "rad", std::f64::consts::PI);
+        check(std::f64::consts::PI, "rad", "deg", 180.0);
+    }
+
+    #[test]
+    fn every_decimal_of_a_few_digits_is_what_is_written_in_the_other_unit() {
+        for n in 1..20_000 {
+            let cm: f64 = format!("{n}e-3").parse().unwrap();
+            let mm: f64 = format!("{n}e-2").parse().unwrap();
+            check(cm, "cm", "mm", mm);
+            check(mm, "mm", "cm", cm);
+        }
+    }
+
+    #[test]
+    fn a_unit_is_read_as_it_is_written_and_other_words_are_none() {
+        for text in ["mm", "px", "inch", "1/mm", "mm^2", "px/mm", "mm*px", "1/mm^2", "m/deg*px"] {
+            assert_eq!(unit(text).to_string(), text);
+        }
+        for text in
+            ["", "1", "cells", "%", "MM", "mm/cm", "mm*mm", "mm^0", "mm^10", "mm/", "/mm", "mm^"]
+        {
+            assert_eq!(Unit::read(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn products_combine_and_quotients_cancel() {
+        let quantity = |value, text: &str| Quantity { value, unit: unit(text) };
+        let area = quantity(2.0, "cm").times(quantity(30.0, "mm"));
+        assert_eq!(area, quantity(6.0, "cm^2"));
+        assert_eq!(area.over(quantity(30.0, "mm")), quantity(2.0, "cm"));
+        assert_eq!(quantity(12.0, "mm").over(quantity(1.2, "cm")), Quantity::pure(1.0));
+        assert_eq!(quantity(9.0, "cm^2").root(), Some(quantity(3.0, "cm")));
+        assert_eq!(quantity(9.0, "cm").root(), None);
+        assert!(unit("cm").is_like(unit("inch")) && !unit("mm").is_like(unit("px")));
+        assert!(!unit("mm^2").is_like(unit("mm")));
+    }
+}

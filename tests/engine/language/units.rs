@@ -1,0 +1,225 @@
+//! Units are real: `cm(1.2)` is 12 where millimeters are wanted, and what does not go together is told when a graph is checked.
+
+use std::path::Path;
+
+use maquette::value::{Curve, Mesh, Points};
+use maquette::{
+    Catalog, Graph, Options, Run, RunTrace, Session, Settings, Severity, State, Wanted,
+};
+use maquette_nodes::PACKS;
+use tempfile::TempDir;
+
+const BALL: &str = "v 1.5 0 0\nv 0 2.25 0\nv 0 0 3\nv 0 0 0\nf 1 2 3\nf 2 1 4\nf 3 2 4\nf 1 3 4\n";
+
+fn session() -> Session {
+    Session::new(PACKS, &Settings { threads: 2, ..Settings::in_memory() }).unwrap()
+}
+
+/// A folder with a mesh, points and a curve: in mm, and the same in m.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    let in_meters = |text: &str| {
+        let word = |word: &str| match word.parse::<f64>() {
+            Ok(number) => format!("{}", number / 1000.0),
+            Err(_) => word.to_owned(),
+        };
+        let line = |line: &str| match line.starts_with('f') || line.starts_with('l') {
+            true => line.to_owned(),
+            false => Vec::from_iter(line.split(' ').map(word)).join(" "),
+        };
+        Vec::from_iter(text.lines().map(line)).join("\n") + "\n"
+    };
+    let line = "v 1 2 3\nv 4.5 0 0\nv 0 6 1\nl 1 2 3\n";
+    let points = "1.25 2 3\n4 5 6.5\n";
+    for (name, text) in [("ball.obj", BALL), ("line.obj", line), ("points.xyz", points)] {
+        write(name, text);
+        write(&format!("m-{name}"), &in_meters(text));
+    }
+    folder
+}
+
+fn graph(params: &str, nodes: &str) -> String {
+    format!(
+        "Graph(format: 1, params: {{{params}}}, nodes: {{{nodes}}}, outputs: {{\"out.ply\": \"out\"}})"
+    )
+}
+
+fn loaded(folder: &TempDir, text: &str, set: &[(&str, &str)]) -> Graph {
+    let own = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
+    let options = Options { set: set.iter().map(own).collect(), ..Options::default() };
+    let checked = Graph::load_text(
+        &folder.path().join("graph.ron"),
+        text.to_owned(),
+        &Catalog::new(PACKS),
+        &options,
+    );
+    checked.graph.unwrap_or_else(|| panic!("{text}: {:?}", checked.problems))
+}
+
+fn computed(trace: &RunTrace) -> Vec<String> {
+    let computed = trace.0.iter().filter(|node| node.state == State::Computed);
+    computed.map(|node| node.name.clone()).collect()
+}
+
+/// Nothing of the second graph is computed once the first one has been: all keys are the same.
+fn check_same(folder: &TempDir, graphs: [&Graph; 2]) {
+    let mut session = session();
+    for (index, graph) in graphs.into_iter().enumerate() {
+        let run =
+            session.run(graph, &Run { wanted: Wanted::Everything, ..Run::default() }).unwrap();
+        // A ball has no hole to be filled, which is warned of.
+        let wrong = run.problems().into_iter().find(|it| it.severity == Severity::Error);
+        assert_eq!(wrong, None);
+        let computed = computed(&run.trace());
+        assert_eq!(computed.is_empty(), index == 1, "{}: {computed:?}", folder.path().display());
+    }
+}
+
+fn check_nodes(written: &str, plain: &str) {
+    let folder = folder();
+    let ball = "\"ball\": ReadMesh(path: \"ball.obj\"), ";
+    let graphs =
+        [written, plain].map(|nodes| loaded(&folder, &graph("", &format!("{ball}{nodes}")), &[]));
+    check_same(&folder, [&graphs[0], &graphs[1]]);
+}
+
+#[test]
+fn a_number_with_a_unit_has_the_key_of_the_plain_number_in_the_fields_unit() {
+    check_nodes(
+        r#""out": Transform(mesh: "ball", translate: (cm(1.13), m(0.0123), inch(-0.1)), rotate: (0, 0, rad(3.141592653589793)))"#,
+        r#""out": Transform(mesh: "ball", translate: (11.3, 12.3, -2.54), rotate: (0, 0, 180))"#,
+    );
+    // In choices, in lists of groups, in lists of lists and behind `Some`.
+    check_nodes(
+        r#""out": FillHoles(mesh: "ball", holes: Region(Ball(at: (cm(1), 0, 0), radius: cm(0.2))))"#,
+        r#""out": FillHoles(mesh: "ball", holes: Region(Ball(at: (10, 0, 0), radius: 2)))"#,
+    );
+    check_nodes(
+        r#""net": PointNet(points: [[(0, 0, 0), (cm(1), 0, 0)], [(0, 1, 0), (1, 1, mm(2))]]), "s": Nurbs(net: "net", degrees: (1, 1)), "out": Tessellate(surface: "s", tolerance: cm(0.01))"#,
+        r#""net": PointNet(points: [[(0, 0, 0), (10, 0, 0)], [(0, 1, 0), (1, 1, 2)]]), "s": Nurbs(net: "net", degrees: (1, 1)), "out": Tessellate(surface: "s", tolerance: 0.1)"#,
+    );
+    check_nodes(
+        r#""all": ForEach(graph: "Transform", over: [(translate: (cm(1), 0, 0)), ()], with: (mesh: "ball", rotate: (deg(5), 0, 0))), "out": Merge(meshes: "all")"#,
+        r#""all": ForEach(graph: "Transform", over: [(translate: (10, 0, 0)), ()], with: (mesh: "ball", rotate: (5, 0, 0))), "out": Merge(meshes: "all")"#,
+    );
+}
+
+#[test]
+fn a_parameters_values_are_in_its_own_unit_wherever_they_are_given() {
+    let folder = folder();
+    let nodes = r#""ball": ReadMesh(path: "ball.obj"), "out": Transform(mesh: "ball", translate: (Param("far"), Expr("far + mm(2)"), 0))"#;
+    let declared = |text: &str| graph(&format!("\"far\": Number({text})"), nodes);
+    let plain = loaded(&folder, &declared("default: 12.0, unit: \"mm\""), &[]);
+    for text in [
+        "default: cm(1.2), unit: \"mm\"",
+        "default: 12.0, min: cm(1), max: inch(1), unit: \"mm\"",
+        // The parameter's unit need not be the field's.
+        "default: 1.2, unit: \"cm\"",
+        "default: mm(12), unit: \"m\"",
+    ] {
+        check_same(&folder, [&loaded(&folder, &declared(text), &[]), &plain]);
+    }
+    let set = loaded(&folder, &declared("default: 3.0, unit: \"mm\""), &[("far", "cm(1.2)")]);
+    check_same(&folder, [&set, &plain]);
+    let field = loaded(
+        &folder,
+        &graph("", &nodes.replace("Expr(\"far + mm(2)\")", "14").replace("Param(\"far\")", "0")),
+        &[("out.translate.0", "cm(1.2)")],
+    );
+    check_same(&folder, [&field, &plain]);
+    let schema = loaded(&folder, &declared("default: cm(1.2), max: m(1), unit: \"mm\""), &[])
+        .schema()
+        .clone();
+    let far = &schema["properties"]["far"];
+    assert_eq!((&far["default"], &far["maximum"]), (&12.0.into(), &1000.0.into()));
+}
+
+#[test]
+fn a_patch_and_a_use_give_numbers_with_units() {
+    let folder = folder();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write(
+        "used.ron",
+        r#"Graph(format: 1, inputs: {"mesh": Mesh()}, params: {"far": Number(default: 1.0, max: 50.0, unit: "mm")},
+        nodes: {"moved": Transform(mesh: "mesh", translate: (Param("far"), 0, 0))}, outputs: {"mesh": "moved"})"#,
+    );
+    let using = |far: &str| {
+        format!(
+            r#"Graph(format: 1, use: {{"Moved": "used.ron"}}, params: {{"own": Number(default: 1.2, unit: "cm")}},
+        nodes: {{"ball": ReadMesh(path: "ball.obj"), "out": Moved(mesh: "ball", far: {far})}}, outputs: {{"out.ply": "out"}})"#
+        )
+    };
+    let plain = loaded(&folder, &using("12.0"), &[]);
+    for far in ["cm(1.2)", "Param(\"own\")", "Expr(\"own\")"] {
+        check_same(&folder, [&loaded(&folder, &using(far), &[]), &plain]);
+    }
+    write("whole.ron", &using("Param(\"own\")"));
+    let patch = r#"Patch(format: 1, of: "whole.ron", params: {"own": mm(3)}, nodes: {"out": (far: inch(1))})"#;
+    check_same(&folder, [&loaded(&folder, patch, &[]), &loaded(&folder, &using("25.4"), &[])]);
+}
+
+#[test]
+fn custom_units_are_words_and_nothing_is_refused_by_them() {
+    let folder = folder();
+    let nodes = r#""ball": ReadMesh(path: "ball.obj"), "out": Transform(mesh: "ball", translate: (Param("a"), Expr("a + b"), Expr("c * 2")))"#;
+    let params = r#""a": Number(default: 1.0, unit: "paces"), "b": Number(default: 2.0, unit: "mm"), "c": Number(default: 3.0)"#;
+    let plain = nodes
+        .replace("Param(\"a\")", "1")
+        .replace("Expr(\"a + b\")", "3")
+        .replace("Expr(\"c * 2\")", "6");
+    check_same(
+        &folder,
+        [&loaded(&folder, &graph(params, nodes), &[]), &loaded(&folder, &graph("", &plain), &[])],
+    );
+}
+
+#[test]
+fn one_scan_in_meters_and_in_millimeters_gives_the_same_results() {
+    let folder = folder();
+    let nodes = |prefix: &str, unit: &str| {
+        graph(
+            "",
+            &format!(
+                r#""mesh": ReadMesh(path: "{prefix}ball.obj"{unit}), "fine": Subdivide(mesh: "mesh", scheme: Loop, levels: 2), "out": Transform(mesh: "fine", translate: (cm(1), 0, 0), rotate: (20, 30, 0)),
+            "points": ReadPoints(path: "{prefix}points.xyz"{unit}), "curve": ReadCurve(path: "{prefix}line.obj"{unit}), "tube": Tube(curve: "curve", radius: 0.5)"#
+            ),
+        )
+    };
+    let mut runs = Vec::new();
+    for (prefix, unit) in [("", ""), ("m-", ", unit: M")] {
+        let graph = loaded(&folder, &nodes(prefix, unit), &[]);
+        let run =
+            session().run(&graph, &Run { wanted: Wanted::Everything, ..Run::default() }).unwrap();
+        assert!(run.problems().is_empty(), "{:?}", run.problems());
+        let mut places = Vec::new();
+        for mesh in ["out", "tube"] {
+            places.extend_from_slice(run.get::<Mesh>(mesh).unwrap().positions());
+        }
+        places.extend_from_slice(run.get::<Points>("points").unwrap().positions());
+        places.extend_from_slice(run.get::<Curve>("curve").unwrap().points());
+        runs.push(places);
+    }
+    let [millimeters, meters] = &runs[..] else { panic!("two runs") };
+    assert!(millimeters.len() > 60 && millimeters.len() == meters.len());
+    for (a, b) in millimeters.iter().zip(meters) {
+        assert!((a - b).norm() <= 1e-9 * a.coords.norm(), "{a} {b}");
+    }
+}
+
+#[test]
+fn edits_keep_what_is_written_and_refuse_what_does_not_fit() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/doll.ron");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let catalog = Catalog::new(PACKS);
+    let set = |value: &str| {
+        let set = [("growth".to_owned(), value.to_owned())];
+        Graph::edited(&path, &text, &set, &catalog, &Options::default())
+    };
+    let edited = set("cm(1.2)").unwrap();
+    assert_eq!(edited.text, text.replace("default: 12.0", "default: cm(1.2)"));
+    assert_eq!(Graph::formatted(&path, &edited.text).unwrap(), edited.text);
+    let problems = set("px(3)").unwrap_err();
+    assert_eq!(problems[0].message, "parameter `growth` is in mm, but `px(3)` is in px");
+    assert!(set("cm(5)").unwrap_err()[0].message.contains("is 50, but must be"));
+}
