@@ -30,6 +30,7 @@ mod input;
 mod lineage;
 mod link;
 mod meaning;
+mod minimal;
 mod needs;
 mod node;
 #[cfg(feature = "cli")]

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{Exit, eprint, print, print_document, report};
-use crate::graph::Graph;
+use crate::catalog::Catalog;
+use crate::graph::{Graph, Options};
 use crate::plain;
 use crate::writing::rewrite;
 
@@ -18,10 +19,13 @@ pub(super) struct Fmt {
     /// Write nothing; list the files that would change and fail if there is one.
     #[arg(long)]
     check: bool,
+    /// Leave out what is said by default: values that are as they would be without being written. Comments stay.
+    #[arg(long)]
+    minimal: bool,
 }
 
 impl Fmt {
-    pub(super) fn run(&self) -> Exit {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
         let mut files = Vec::new();
         let mut failed = false;
         for graph in &self.graphs {
@@ -31,13 +35,13 @@ impl Fmt {
             }
         }
         for file in &files {
-            failed |= !self.file(file);
+            failed |= !self.file(file, catalog);
         }
         if failed { Exit::Failed } else { Exit::Done }
     }
 
     /// Whether all went well; with `--check`, whether the file is in its canonical form.
-    fn file(&self, path: &Path) -> bool {
+    fn file(&self, path: &Path, catalog: &Catalog) -> bool {
         let is_stdin = path == Path::new("-");
         let text = match read(path) {
             Ok(text) => text,
@@ -46,7 +50,11 @@ impl Fmt {
                 return false;
             }
         };
-        let form = match Graph::formatted(path, &text) {
+        let form = match self.minimal {
+            true => Graph::minimal(path, &text, catalog, &Options::default()),
+            false => Graph::formatted(path, &text),
+        };
+        let form = match form {
             Ok(form) => form,
             Err(problems) => {
                 report(&problems);

@@ -54,8 +54,8 @@ fn error<T>(message: impl Into<String>) -> Result<T, ExpressionError> {
 }
 
 /// Functions by name: least number of arguments, most, and what they compute. What comes out has the unit of what goes in.
-pub(super) type Function = (&'static str, usize, usize, fn(&[f64]) -> f64);
-pub(super) const FUNCTIONS: [Function; 6] = [
+type Function = (&'static str, usize, usize, fn(&[f64]) -> f64);
+const FUNCTIONS: [Function; 6] = [
     ("min", 1, 99, |x| x.iter().copied().fold(f64::INFINITY, f64::min)),
     ("max", 1, 99, |x| x.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
     ("clamp", 3, 3, |x| x[0].max(x[1]).min(x[2])),
@@ -63,6 +63,11 @@ pub(super) const FUNCTIONS: [Function; 6] = [
     ("floor", 1, 1, |x| x[0].floor()),
     ("round", 1, 1, |x| x[0].round()),
 ];
+
+/// The names of all functions, those that are no plain arithmetic included.
+pub(super) fn function_names() -> impl Iterator<Item = &'static str> {
+    FUNCTIONS.iter().map(|function| function.0).chain(["if", "sqrt"])
+}
 
 /// Deepest nesting of an expression: far more than anyone writes, far less than the stack holds.
 const DEEPEST: usize = 64;
@@ -316,7 +321,7 @@ impl Parser<'_> {
             Some((_, least, most, _)) => (*least, *most),
             None if name == "sqrt" || unit.is_some() => (1, 1),
             None => {
-                let known = FUNCTIONS.iter().map(|f| f.0).chain(["if", "sqrt"]).chain(unit_names());
+                let known = function_names().chain(unit_names());
                 let help = nearest(name, known);
                 return error(format!("there is no function `{name}`"))
                     .map_err(|error| ExpressionError { help, ..error });

@@ -40,21 +40,26 @@ impl Graph {
         if inventory(text) == inventory(&form) {
             return Ok(form);
         }
-        Err(vec![Problem {
-            severity: Severity::Error,
-            code: code::SYNTAX,
-            source: Arc::new(Source { name: name.to_owned(), text: text.to_owned() }),
-            span: Span::default(),
-            message: "the canonical form would not say the same".into(),
-            help: "this is a fault of the formatter: the file is left as it is".into(),
-            note: None,
-            uses: Vec::new(),
-        }])
+        Err(vec![fault(name, text, "the canonical form")])
     }
 
     /// The text as its syntax tree prints it: the same bytes, however broken the text is.
     pub fn printed(text: &str) -> String {
         printed(text)
+    }
+}
+
+/// What is made of a text, and would not say the same.
+pub(super) fn fault(name: &Path, text: &str, what: &str) -> Problem {
+    Problem {
+        severity: Severity::Error,
+        code: code::SYNTAX,
+        source: Arc::new(Source { name: name.to_owned(), text: text.to_owned() }),
+        span: Span::default(),
+        message: format!("{what} would not say the same"),
+        help: "this is a fault of the formatter: the file is left as it is".into(),
+        note: None,
+        uses: Vec::new(),
     }
 }
 

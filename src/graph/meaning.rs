@@ -11,6 +11,8 @@ use serde_json::Value as Json;
 
 use super::describe::Subgraph;
 use super::expression::named_parameters;
+use super::fitting::{declaration_in_own_unit, in_plain_numbers};
+use super::parameters::is_computed;
 use super::quality::is_draft;
 use crate::catalog::{Catalog, Entry};
 use crate::error::Span;
@@ -70,6 +72,7 @@ impl Meaning {
                 let value = match section {
                     "nodes" => reader.node(value),
                     "outputs" => reader.links(value),
+                    "params" => plain(&declaration_in_own_unit(value, name, &mut Vec::new())),
                     _ => plain(value),
                 };
                 let count = seen.entry(name).or_default();
@@ -164,8 +167,11 @@ fn sorted_map(mut entries: Vec<(Tree, Tree)>) -> Kind {
     Kind::Map(entries)
 }
 
-fn is_computed(tree: &Tree) -> bool {
-    tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
+/// Whether a field, which has no links in it, says what it means if it is left out.
+pub(super) fn is_default(tree: &Tree, schema: &Json, root: &Json, catalog: &Catalog) -> bool {
+    let kinds = HashMap::new();
+    let reader = Reading { catalog, graphs: &[], kinds: &kinds };
+    reader.value(tree, schema, root) == reader.default(schema, root)
 }
 
 struct Reading<'a> {
@@ -181,7 +187,9 @@ impl Reading<'_> {
         let built_in = self.catalog.find(&name.text).map(Entry::schema);
         let schema = built_in.or_else(|| Some(self.graph(&name.text)?.schema()));
         match (schema, tree.fields()) {
-            (Some(schema), Some(fields)) => {
+            (Some(schema), Some(_)) => {
+                let tree = in_plain_numbers(tree, schema);
+                let fields = tree.fields().unwrap_or_default();
                 let body = self.fields(fields, schema, schema);
                 bare(Kind::Call { name: Some(bare_name(&name)), body })
             }
@@ -221,18 +229,21 @@ impl Reading<'_> {
                 return Some(named(&field.name, self.links(&field.value)));
             };
             let value = self.value(&field.value, schema, root);
-            let default = schema.get("default").cloned().unwrap_or_default();
-            let default = match &default {
-                // A graph's own choices may be in lower case.
-                Json::String(word) if schema.get("enum").is_some() => {
-                    bare(Kind::Word(word.clone()))
-                }
-                default => as_tree(default),
-            };
-            let is_default = value == self.value(&default, schema, root);
+            let is_default = value == self.default(schema, root);
             (!is_default).then(|| named(&field.name, value))
         });
         sorted(kept.collect())
+    }
+
+    /// What a field means that is left out.
+    fn default(&self, schema: &Json, root: &Json) -> Tree {
+        let default = schema.get("default").cloned().unwrap_or_default();
+        let default = match &default {
+            // A graph's own choices may be in lower case.
+            Json::String(word) if schema.get("enum").is_some() => bare(Kind::Word(word.clone())),
+            default => as_tree(default),
+        };
+        self.value(&default, schema, root)
     }
 
     fn value(&self, tree: &Tree, schema: &Json, root: &Json) -> Tree {

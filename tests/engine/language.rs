@@ -11,6 +11,7 @@ mod documentation;
 mod drafts;
 mod library_expectations;
 mod limits;
+mod minimal;
 mod units;
 
 /// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.

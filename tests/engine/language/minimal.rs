@@ -1,0 +1,136 @@
+//! `fmt --minimal`: only what differs from the defaults is stored.
+
+use std::path::{Path, PathBuf};
+
+use expect_test::{Expect, expect};
+use maquette::{Catalog, Files, Graph, Options, Run, Session, Settings, State, Wanted};
+use maquette_nodes::PACKS;
+
+fn graphs() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs")
+}
+
+fn all(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            all(&path, found);
+        } else if path.extension().is_some_and(|ending| ending == "ron") {
+            found.push(path);
+        }
+    }
+}
+
+fn minimal(path: &Path, text: &str, catalog: &Catalog) -> String {
+    Graph::minimal(path, text, catalog, &Options::default())
+        .unwrap_or_else(|problems| panic!("{}: {problems:?}", path.display()))
+}
+
+/// The words of comments, in order.
+fn comments(text: &str) -> Vec<&str> {
+    let mut words = Vec::from_iter(text.lines().filter_map(|line| Some(line.split_once("// ")?.1)));
+    words.sort_unstable();
+    words
+}
+
+#[test]
+fn every_graph_says_the_same_without_its_defaults_and_again() {
+    let catalog = Catalog::new(PACKS);
+    let mut paths = Vec::new();
+    all(&graphs(), &mut paths);
+    let mut shorter = 0;
+    for path in &paths {
+        let text = std::fs::read_to_string(path).unwrap();
+        let form = Graph::formatted(path, &text).unwrap();
+        let short = minimal(path, &text, &catalog);
+        assert_eq!(minimal(path, &short, &catalog), short, "{}", path.display());
+        assert_eq!(comments(&form), comments(&short), "{}", path.display());
+        shorter += usize::from(short.len() < form.len());
+        let options = Options { files: Files::Ignored, ..Options::default() };
+        let load = |text: &str| Graph::load_text(path, text.to_owned(), &catalog, &options);
+        let (before, after) = (load(&form), load(&short));
+        assert_eq!(before.graph.is_some(), after.graph.is_some(), "{}", path.display());
+    }
+    assert!(paths.len() > 100 && shorter > 5, "{shorter} of {}", paths.len());
+}
+
+#[test]
+fn nothing_is_computed_again_without_the_defaults() {
+    let mut session =
+        Session::new(PACKS, &Settings { threads: 2, ..Settings::in_memory() }).unwrap();
+    let path = graphs().join("nodes/whole.ron");
+    let text = format!(
+        "Graph(format: 1, doc: \"\", use: {{}}, params: {{}}, {WHOLE}, outputs: {{ \"out.ply\": \"out\" }})"
+    );
+    let short = minimal(&path, &text, session.catalog());
+    assert!(short.len() + 100 < text.len(), "{short}");
+    for (index, text) in [text, short].iter().enumerate() {
+        let graph = session.load(&path, &Options::default().with_text(&path, text)).graph.unwrap();
+        let run = session.run(&graph, &Run { wanted: Wanted::Everything, ..Run::default() });
+        let trace = run.unwrap().trace();
+        let computed = trace.0.iter().filter(|node| node.state == State::Computed).count();
+        assert_eq!(computed == 0, index == 1, "{trace:?}");
+    }
+}
+
+const WHOLE: &str = r#"nodes: {
+    "mug": ReadMesh(path: "../doll/mug.obj", unit: Mm),
+    "fine": Subdivide(mesh: "mug", scheme: CatmullClark, levels: 1, limit: false),
+    "moved": Transform(mesh: "fine", translate: (0, 0.0, 0), rotate: (0, 0, deg(0)), scale: (1, 1, 1), sensor_axes: false),
+    "all": ForEach(graph: "Transform", over: [(scale: (1, 1, 1)), (translate: (cm(0), 0, 0))], with: (mesh: "moved", rotate: (0, 0, 0)), links: ()),
+    "out": Merge(meshes: "all"),
+}"#;
+
+fn check(nodes: &str, expected: Expect) {
+    let path = graphs().join("nodes/graph.ron");
+    let text = format!("Graph(format: 1, nodes: {{{nodes}}}, outputs: {{}})");
+    expected.assert_eq(&minimal(&path, &text, &Catalog::new(PACKS)));
+}
+
+#[test]
+fn comments_stay_and_what_all_others_have_is_said_by_the_one_that_has_not() {
+    check(
+        r#"
+        "ball": ReadMesh(path: "../doll/mug.obj"),
+        "all": ForEach(graph: "Transform", over: [
+            (rotate: (0, 0, 0)), // as it stands
+            (scale: (1, 1, 1), /* no turn */ translate: (0, 0, 0) /* none */, rotate: (1, 0, 0)),
+        ], with: (mesh: "ball", rotate: (0, 0, 90))),
+        // Much is said here.
+        "soft": Transform(
+            mesh: "ball", // the ball
+            // no move
+            translate: (0, 0, 0), // at all
+            rotate: (0,
+                // none
+                0, 0),
+        ),"#,
+        expect![[r#"
+            Graph(
+                format: 1,
+                nodes: {
+                    "ball": ReadMesh(path: "../doll/mug.obj"),
+                    "all": ForEach(
+                        graph: "Transform",
+                        over: [
+                            (rotate: (0, 0, 0)), // as it stands
+                            (
+                                /* no turn */
+                                /* none */ rotate: (1, 0, 0),
+                            ),
+                        ],
+                        with: (mesh: "ball", rotate: (0, 0, 90)),
+                    ),
+                    // Much is said here.
+                    "soft": Transform(
+                        mesh: "ball", // the ball
+                        // no move
+                        // at all
+                        // none
+                    ),
+                },
+                outputs: {},
+            )
+        "#]],
+    );
+}
