@@ -9,7 +9,7 @@ use serde_json::{Value as Json, json};
 
 use crate::error::Error;
 use crate::format::{FORMATS, READERS};
-use crate::node::{NodeType, Output};
+use crate::node::{Carry, NodeType, Output, Term};
 use crate::pack::{Format, NewFile, Pack};
 use crate::plain::ending;
 use crate::reading::{AnyReader, Readers};
@@ -73,8 +73,25 @@ impl Entry {
         self.schema.get_or_init(|| {
             let mut schema = Json::from((self.node.schema)());
             name_endings(&mut schema, &self.readers);
+            for term in self.terms().iter().filter(|term| term.source.is_none()) {
+                let wants = &mut schema["properties"][term.at]["wants"];
+                if wants.is_null() {
+                    *wants = json!([]);
+                }
+                wants.as_array_mut().into_iter().for_each(|all| all.push(json!(term.in_words())));
+            }
             schema
         })
+    }
+
+    /// What becomes of attributes.
+    pub(crate) fn carries(&self) -> &'static [Carry] {
+        (self.node.carries)()
+    }
+
+    /// What it wants of its ports and promises of its outputs.
+    pub(crate) fn terms(&self) -> Vec<Term> {
+        (self.node.terms)()
     }
 
     pub(crate) fn outputs(&self) -> &[Output] {
@@ -101,6 +118,13 @@ impl Entry {
             pack: self.pack,
             schema: self.schema(),
             outputs: self.outputs().iter().map(output).collect(),
+            promises: self
+                .terms()
+                .iter()
+                .filter(|term| term.source.is_some())
+                .map(|term| (term.at.to_owned(), term.in_words()))
+                .collect(),
+            carries: self.carries(),
         }
     }
 }
@@ -113,12 +137,22 @@ pub(crate) struct Description<'a> {
     pub(crate) schema: &'a Json,
     /// Names and types.
     pub(crate) outputs: Vec<(String, Vec<&'static str>)>,
+    /// Outputs and what is promised of them, in words.
+    pub(crate) promises: Vec<(String, String)>,
+    /// What becomes of attributes, where that is said.
+    pub(crate) carries: &'static [Carry],
 }
 
 impl Description<'_> {
     /// Its ports, in order.
     pub(crate) fn ports(&self) -> Vec<PortDescription> {
         ports(self.schema)
+    }
+
+    /// What is promised of an output, in words.
+    pub(crate) fn promised<'d>(&'d self, output: &str) -> impl Iterator<Item = &'d str> {
+        let of_it = self.promises.iter().filter(move |(name, _)| name == output);
+        of_it.map(|(_, words)| &words[..])
     }
 
     pub(crate) fn to_json(&self) -> Json {
@@ -130,16 +164,26 @@ impl Description<'_> {
         if let Some(required) = parameters.get_mut("required").and_then(Json::as_array_mut) {
             required.retain(|name| ports.iter().all(|port| name.as_str() != Some(&port.name)));
         }
-        let outputs =
-            self.outputs.iter().map(|(name, types)| json!({ "name": name, "types": types }));
-        json!({
+        let outputs = self.outputs.iter().map(|(name, types)| {
+            let mut output = json!({ "name": name, "types": types });
+            let promises = Vec::from_iter(self.promised(name));
+            if !promises.is_empty() {
+                output["promises"] = json!(promises);
+            }
+            output
+        });
+        let mut json = json!({
             "name": self.name,
             "pack": self.pack,
             "doc": self.schema.get("description").cloned().unwrap_or_default(),
             "inputs": ports.iter().map(PortDescription::to_json).collect::<Vec<_>>(),
             "outputs": outputs.collect::<Vec<_>>(),
             "parameters": parameters,
-        })
+        });
+        if !self.carries.is_empty() {
+            json["attributes"] = self.carries.iter().map(|carry| carry.to_json()).collect();
+        }
+        json
     }
 }
 
@@ -149,18 +193,24 @@ pub(crate) struct PortDescription {
     pub(crate) types: Vec<String>,
     pub(crate) optional: bool,
     pub(crate) many: bool,
+    /// Properties of the values, in words.
+    pub(crate) wants: Vec<String>,
     pub(crate) doc: String,
 }
 
 impl PortDescription {
     fn to_json(&self) -> Json {
-        json!({
+        let mut port = json!({
             "name": self.name,
             "types": self.types,
             "optional": self.optional,
             "many": self.many,
             "doc": self.doc,
-        })
+        });
+        if !self.wants.is_empty() {
+            port["wants"] = json!(self.wants);
+        }
+        port
     }
 }
 
@@ -175,6 +225,11 @@ pub(crate) fn ports(schema: &Json) -> Vec<PortDescription> {
     properties.into_iter().flatten().filter_map(port).collect()
 }
 
+fn words(list: &Json) -> Vec<String> {
+    let words = list.as_array().into_iter().flatten();
+    words.filter_map(Json::as_str).map(str::to_owned).collect()
+}
+
 fn port(name: &str, field: &Json, optional: bool) -> Option<PortDescription> {
     let items = field.get("items").filter(|items| items.get("port").is_some());
     let types = items.unwrap_or(field).get("types")?.as_array()?;
@@ -183,6 +238,7 @@ fn port(name: &str, field: &Json, optional: bool) -> Option<PortDescription> {
         types: types.iter().filter_map(Json::as_str).map(str::to_owned).collect(),
         optional,
         many: items.is_some(),
+        wants: words(&field["wants"]),
         doc: field["description"].as_str().unwrap_or_default().to_owned(),
     })
 }
@@ -239,7 +295,14 @@ impl Catalog {
         kinds.sort_by_key(|kind| kind.name);
         let value = |kind: &ValueType| {
             let (read, written) = (self.readers.endings(Some(kind.name)), self.endings(Some(kind)));
-            json!({ "name": kind.name, "read": read, "written": written })
+            let mut value = json!({ "name": kind.name, "read": read, "written": written });
+            let properties = kind.properties().into_iter();
+            let properties = properties.map(|(name, doc)| json!({ "name": name, "doc": doc }));
+            let properties = Vec::from_iter(properties);
+            if !properties.is_empty() {
+                value["properties"] = json!(properties);
+            }
+            value
         };
         json!({
             "nodes": self.entries().map(Entry::to_json).collect::<Vec<_>>(),

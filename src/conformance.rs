@@ -17,8 +17,10 @@ use crate::reading::Readers;
 use crate::text::{check_default, inside_option, resolve, variants};
 use crate::value::{AnyValue, ValueType};
 
+mod attributes;
 mod extremes;
 mod files;
+mod promises;
 mod values;
 
 /// How much memory the evaluators of a check may hold.
@@ -36,6 +38,8 @@ const MEMORY: usize = 1 << 30;
 /// 8. With its numbers at the ends of their ranges, one by one and together, on the values of its example and on hostile ones, a node
 ///    ends, fails with an error, or stops soon when it is told to.
 /// 9. Readers of files give a value or an error, whatever the bytes are; tried with files that the pack writes, whole and damaged.
+/// 10. What a node promises of its outputs holds: on its example, and on hostile values that it accepts.
+/// 11. Of the attributes of meshes and points becomes what the node declares, from each port to each output.
 ///
 /// `others` are the packs whose nodes the examples use beside those of `pack`.
 ///
@@ -53,6 +57,7 @@ pub fn check(pack: &Pack, others: &[&Pack], examples: &Path) -> Result<(), Vec<S
         let Some(entry) = catalog.find(&name) else { continue };
         documentation(entry, &mut broken);
         defaults(entry, &mut broken);
+        promises::names(entry, &catalog, &mut broken);
         example(entry, &catalog, examples, &mut broken);
     }
     if broken.is_empty() { Ok(()) } else { Err(broken) }
@@ -206,11 +211,10 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     let hostile = Hostile(catalog.value_types());
     hostile_inputs(entry, &graph, index, &values, &hostile, broken);
     let load = |set| load(set).graph;
-    extremes::check(
-        &extremes::Case { entry, graph: &graph, index, values: &values, hostile: &hostile },
-        &load,
-        broken,
-    );
+    let case = extremes::Case { entry, graph: &graph, index, values: &values, hostile: &hostile };
+    promises::check(&case, broken);
+    attributes::check(&case, broken);
+    extremes::check(&case, &load, broken);
 }
 
 /// The first output of every node.
@@ -348,6 +352,15 @@ fn run_all(graph: &Graph) -> Result<Values, String> {
 
 /// Evaluates a node by itself; an error is what a panic said.
 fn call(node: &GraphNode, inputs: &[AnyValue], progress: Progress<'_>) -> Result<(), String> {
+    made(node, inputs, progress).map(|_| ())
+}
+
+/// What a node makes of some values, by itself; none if it fails.
+fn made(
+    node: &GraphNode,
+    inputs: &[AnyValue],
+    progress: Progress<'_>,
+) -> Result<Option<Vec<AnyValue>>, String> {
     let (files, readers) = (BTreeMap::new(), Readers::default());
     let cx = Context {
         inputs,
@@ -358,7 +371,7 @@ fn call(node: &GraphNode, inputs: &[AnyValue], progress: Progress<'_>) -> Result
         warnings: Mutex::default(),
     };
     let eval = AssertUnwindSafe(|| -> Result<_, Error> { node.node.eval(&cx) });
-    catch_unwind(eval).map(|_| ()).map_err(|panic| crate::eval::in_words(&*panic))
+    catch_unwind(eval).map(Result::ok).map_err(|panic| crate::eval::in_words(&*panic))
 }
 
 #[cfg(test)]

@@ -20,6 +20,7 @@ mod cache;
 mod compute;
 mod disk;
 mod files;
+mod guard;
 mod key;
 #[cfg(test)]
 mod law;
@@ -36,6 +37,7 @@ pub(crate) use disk::this_is_a_program;
 pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
 use files::Known;
 pub(crate) use files::named_in;
+use guard::Guards;
 use plan::Plan;
 use run::{News, Run};
 use snapshot::Snapshot;
@@ -85,6 +87,7 @@ pub struct Evaluator {
     /// Whether something was found since results were last put there.
     owes: bool,
     files: Known,
+    guards: Guards,
     /// What the last evaluation found.
     last: Option<Arc<Snapshot>>,
     /// Whether the next evaluation believes nothing that is on disk.
@@ -247,10 +250,22 @@ impl Evaluator {
     pub fn new(threads: usize, memory: usize) -> Result<Self, ThreadsError> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|error| ThreadsError(error.to_string()))?;
-        let (cache, files) = (Cache::new(memory), Known::default());
+        let (cache, files, guards) = (Cache::new(memory), Known::default(), Guards::default());
         let (disk, last) = (None, None);
         let (keeps, owes, fresh) = (true, false, false);
-        Ok(Self { pool, cache, most: None, disk, keeps, owes, files, last, fresh, verify: 0.0 })
+        Ok(Self {
+            pool,
+            cache,
+            most: None,
+            disk,
+            keeps,
+            owes,
+            files,
+            guards,
+            last,
+            fresh,
+            verify: 0.0,
+        })
     }
 
     /// The same, with results kept on disk from one process to the next.

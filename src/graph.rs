@@ -26,6 +26,7 @@ mod expected;
 mod expression;
 mod fitting;
 mod format;
+mod guards;
 mod input;
 mod lineage;
 mod link;
@@ -38,6 +39,7 @@ mod outline;
 mod outputs;
 mod parameters;
 mod patch;
+mod promises;
 mod quality;
 mod recipe;
 mod shape;
@@ -50,6 +52,7 @@ pub use diff::{Change, Difference};
 pub use edit::{Edit, Edited, Put};
 pub(crate) use expectation::Expectation;
 pub(crate) use expected::Expected;
+pub(crate) use guards::Guard;
 pub(crate) use input::INPUT;
 pub use input::{GraphInput, GraphPort, InputValues};
 #[cfg(feature = "cli")]
@@ -86,8 +89,8 @@ pub struct Graph {
     pub(crate) schema: serde_json::Value,
     /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
     pub(crate) uses: Arc<[GraphUse]>,
-    /// Names in its own file that no output of it needs.
-    unused: Vec<Problem>,
+    /// Names in its own file that no output of it needs, and what is wanted and never given.
+    warnings: Vec<Problem>,
 }
 
 /// A node of a graph.
@@ -112,6 +115,8 @@ pub(crate) struct GraphNode {
     pub(crate) outputs: Vec<&'static str>,
     /// The type of each output; none for that of a union whose port has no link.
     pub(crate) types: Vec<Option<&'static ValueType>>,
+    /// What is tested of the values that come to it before it runs.
+    pub(crate) guards: Vec<Guard>,
 }
 
 /// A use of a graph, or what else stands for nodes.
@@ -269,9 +274,10 @@ impl Graph {
         Problem { severity, code, source, span, message, help, note, uses }
     }
 
-    /// A warning for each node of its own file that nothing needs: no output, and nothing that is expected of a value.
+    /// A warning for each node of its own file that nothing needs: no output, and nothing that is expected of a value; and for each
+    /// property that is wanted of a value that never has it.
     pub fn unused(&self) -> &[Problem] {
-        &self.unused
+        &self.warnings
     }
 
     /// What it is for, in its author's words.

@@ -122,8 +122,8 @@ pub use graph::{
 };
 pub use limit::{Estimate, Limit, TooMuch};
 pub use node::{
-    CancelToken, Context, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Progress,
-    ReadError, node,
+    CancelToken, Carry, Context, Fate, File, FilePath, In, Node, NodeType, Output, Outputs,
+    PortType, Progress, Promise, ReadError, Want, node,
 };
 pub use pack::{FileFormat, Format, NewFile, Pack, format};
 pub use provenance::Signature;

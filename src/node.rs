@@ -20,10 +20,16 @@ use crate::reading::{Readers, Reading};
 use crate::text::{FILE, LINK};
 use crate::value::{AnyValue, Hash, Memo, Value, ValueType, hash_of_memo, value_type};
 
+mod carry;
 mod kind;
+mod terms;
 
+pub(crate) use carry::DOMAINS;
+pub use carry::{Carry, Fate};
 pub(crate) use kind::AnyNode;
 pub use kind::{NodeType, Output, node};
+pub use terms::{Promise, Want};
+pub(crate) use terms::{Source, Term};
 
 /// One step of a graph, and its whole description.
 ///
@@ -36,6 +42,15 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
 
     /// The names of its outputs, the first being the one that a link without a name means.
     const OUTPUTS: <Self::Outputs as Outputs>::Names;
+
+    /// What it wants of the values that come in, beyond their types.
+    const WANTS: &'static [Want<Self>] = &[];
+
+    /// What it promises of the values that it gives, beyond their types: only what holds for all values that it accepts.
+    const PROMISES: &'static [Promise<Self>] = &[];
+
+    /// What becomes of the attributes of meshes and points, for each port that takes and each output that gives some.
+    const CARRIES: &'static [Carry] = &[];
 
     /// Files that it reads if they are there, beside those that its fields name.
     fn files(&self) -> Vec<FilePath> {

@@ -27,6 +27,7 @@ mod memo;
 mod mesh;
 mod parts;
 mod points;
+mod property;
 mod range;
 mod region;
 mod surface;
@@ -56,6 +57,7 @@ pub use mesh::{Edges, Faces, Mesh, MeshError, NearestPlace, RayHit, TriangleTree
 pub(crate) use parts::ranges;
 pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};
 pub use points::{Points, PointsError};
+pub use property::{Offence, Property};
 pub use range::{RangeError, RangeImage};
 pub use region::{Contour, Region, RegionError};
 pub use surface::{Along, Derivatives, Foot, IsoCurve, Surface, SurfaceError};
@@ -143,6 +145,11 @@ pub trait Value: Clone + Send + Sync + 'static {
     /// [`conformance`](crate::conformance) tries nodes on, and tell which tolerances a test may give.
     fn hostile() -> Vec<Self> {
         Vec::new()
+    }
+
+    /// What may hold of a value of this type, so that ports can want it and outputs promise it.
+    fn properties() -> &'static [Property<Self>] {
+        &[]
     }
 }
 
@@ -252,6 +259,8 @@ pub struct ValueType {
     show: fn(&(dyn Any + Send + Sync)) -> Vec<Layer>,
     as_mesh: fn(&(dyn Any + Send + Sync)) -> Option<Mesh>,
     hostile: fn() -> Vec<AnyValue>,
+    properties: fn() -> Vec<(&'static str, &'static str)>,
+    offence: fn(&(dyn Any + Send + Sync), &str) -> Option<Offence>,
 }
 
 impl fmt::Debug for ValueType {
@@ -288,6 +297,16 @@ impl ValueType {
     pub fn hostile(&self) -> Vec<AnyValue> {
         (self.hostile)()
     }
+
+    /// The names of the properties that its values may have, and what they mean: see [`Value::properties`].
+    pub fn properties(&self) -> Vec<(&'static str, &'static str)> {
+        (self.properties)()
+    }
+
+    /// The property of this name, if its values may have it.
+    pub(crate) fn property(&self, name: &str) -> Option<&'static str> {
+        self.properties().into_iter().map(|(known, _)| known).find(|known| *known == name)
+    }
 }
 
 impl PartialEq for ValueType {
@@ -314,6 +333,11 @@ impl<T: Value> TypeOf<T> {
         show: |value| downcast::<T>(value).show(),
         as_mesh: |value| downcast::<T>(value).as_mesh(),
         hostile: || T::hostile().into_iter().map(AnyValue::new).collect(),
+        properties: || T::properties().iter().map(|it| (it.name, it.doc)).collect(),
+        offence: |value, name| {
+            let property = T::properties().iter().find(|property| property.name == name)?;
+            (property.test)(downcast::<T>(value))
+        },
     };
 }
 
@@ -396,6 +420,11 @@ impl AnyValue {
     /// The faces that it shows, as one mesh; nothing if it shows none.
     pub fn as_mesh(&self) -> Option<Mesh> {
         (self.kind.as_mesh)(&*self.value)
+    }
+
+    /// What stands against a property of its type, by name; none if it holds.
+    pub fn offence(&self, property: &str) -> Option<Offence> {
+        (self.kind.offence)(&*self.value, property)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Free-form deformation by handles, with rational Gaussian functions.
 
 use maquette::value::{Handle, HandleSpace, Handles};
-use maquette::{Context, Error, Estimate, In, Node};
+use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -64,6 +64,18 @@ pub struct Target {
 impl Node for Ffd {
     type Outputs = (Movable,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Closed", "mesh"),
+        Promise::from("mesh", "Manifold", "mesh"),
+        Promise::from("mesh", "Oriented", "mesh"),
+        Promise::from("mesh", "Unpinched", "mesh"),
+        Promise::from("mesh", "Triangles", "mesh"),
+        Promise::from("mesh", "NonEmpty", "mesh"),
+    ];
+
+    const CARRIES: &'static [Carry] =
+        &[Carry::all("mesh", "mesh", Fate::Kept), Carry::all("frame", "mesh", Fate::Dropped)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let from_layout = self.layout.as_ref().map_or(0, |layout| cx.get(layout).at().len());

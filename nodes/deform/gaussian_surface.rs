@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
-use maquette::{Context, Error, Estimate, Node, TooMuch};
+use maquette::{Context, Error, Estimate, Node, Promise, TooMuch};
 use nalgebra::{Matrix3, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -90,6 +90,14 @@ pub enum GaussianSurfaceError {
 impl Node for GaussianSurface {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::always("mesh", "Manifold"),
+        Promise::always("mesh", "Oriented"),
+        Promise::always("mesh", "Unpinched"),
+        Promise::always("mesh", "NonEmpty"),
+        Promise::never("mesh", "Triangles"),
+    ];
 
     fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
         let solved = if self.through { square(self.points.len()) * 16.0 } else { 0.0 };

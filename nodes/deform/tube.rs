@@ -1,7 +1,7 @@
 //! Curves as tubes, to be seen and printed.
 
 use maquette::value::{Curve, Faces, Mesh, MeshError};
-use maquette::{Context, Error, Estimate, In, Node, TooMuch};
+use maquette::{Context, Error, Estimate, In, Node, Promise, TooMuch};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -56,6 +56,9 @@ pub enum TubeError {
 impl Node for Tube {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] =
+        &[Promise::always("mesh", "Closed"), Promise::always("mesh", "NonEmpty")];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let vertices = cx.get(&self.curve).sample(0).len() as f64 * self.sides as f64;

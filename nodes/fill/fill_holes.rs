@@ -4,11 +4,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Mesh, MeshError, Trace};
-use maquette::{Cancelled, Context, Error, Estimate, In, Node, Progress};
+use maquette::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise, Want,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::attributes::carry::Carry;
+use super::attributes::carry::Carry as Mixed;
 use super::attributes::colors::colors;
 use super::border::clashes::check_rims;
 use super::border::holes::{Components, HoleChoice, choose, without_isolated_components};
@@ -75,6 +77,26 @@ impl Node for FillHoles {
     type Outputs = (Mesh, Trace);
     const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
 
+    const WANTS: &'static [Want<Self>] = &[
+        Want::new("mesh", "Manifold").when("unless a region is cut out", |it| !it.cuts()),
+        Want::new("mesh", "Oriented").when("unless a region is cut out", |it| !it.cuts()),
+    ];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::always("mesh", "Manifold"),
+        Promise::always("mesh", "Oriented"),
+        Promise::from("mesh", "Closed", "mesh").when("unless a region is cut out", |it| !it.cuts()),
+        Promise::from("mesh", "Triangles", "mesh"),
+        Promise::from("mesh", "NonEmpty", "mesh")
+            .when("unless a region is cut out", |it| !it.cuts()),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::each(
+        "mesh",
+        "mesh",
+        [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+    )];
+
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let mesh = cx.get(&self.mesh);
         let corners = mesh.faces().corners().len() as f64;
@@ -100,6 +122,12 @@ impl Node for FillHoles {
         let filled = fill_holes(cx.get(&self.mesh), &self.holes, &self.method, cx.progress())?;
         filled.warnings.into_iter().for_each(|warning| cx.warn(warning));
         Ok((filled.mesh, filled.trace))
+    }
+}
+
+impl FillHoles {
+    fn cuts(&self) -> bool {
+        matches!(self.holes, HoleChoice::Region(_))
     }
 }
 
@@ -284,7 +312,7 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
         Faces::polygons(&sides, corners.copied().collect())?
     };
     let (onto, carry) =
-        rayon::join(|| Mesh::new(filling.points.clone(), faces), || Carry::new(filling, copies));
+        rayon::join(|| Mesh::new(filling.points.clone(), faces), || Mixed::new(filling, copies));
     let onto = onto?
         .with_creases(mesh.creases())?
         .with_texture(mesh.texture().cloned())

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use maquette::value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
-use maquette::{Context, Error, Estimate, In, Limit, Node, Value};
+use maquette::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Promise, Value};
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -33,6 +33,17 @@ pub struct Merge {
 impl Node for Merge {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Closed", "meshes"),
+        Promise::from("mesh", "Manifold", "meshes"),
+        Promise::from("mesh", "Oriented", "meshes"),
+        Promise::from("mesh", "Unpinched", "meshes"),
+        Promise::from("mesh", "Triangles", "meshes"),
+        Promise::from("mesh", "NonEmpty", "meshes"),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::all("meshes", "mesh", Fate::Kept)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let sizes = self.meshes.iter().map(|mesh| cx.get(mesh).size() as f64);

@@ -2,7 +2,9 @@
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
-use maquette::{Cancelled, Context, Error, Estimate, In, Limit, Node, Progress, TooMuch};
+use maquette::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, TooMuch,
+};
 use nalgebra::{Matrix4, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -151,6 +153,21 @@ const POINTS: Limit = Limit { most: 20_000_000, of: "points", help: "leave out s
 impl Node for Reconstruct {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::always("mesh", "Manifold"),
+        Promise::always("mesh", "Oriented"),
+        Promise::always("mesh", "Unpinched"),
+        Promise::always("mesh", "NonEmpty"),
+        Promise::always("mesh", "Closed")
+            .when("with `skin: Closed`", |it| it.how.skin == SkinKind::Closed),
+        Promise::always("mesh", "Triangles")
+            .when("with `faces: Triangles`", |it| it.how.faces == FaceKind::Triangles),
+        Promise::never("mesh", "Triangles")
+            .when("with `faces: Quads`", |it| it.how.faces == FaceKind::Quads),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::all("points", "mesh", Fate::Dropped)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = self.points.iter().map(|points| valid(&cx.get(points))).sum::<usize>() as f64;

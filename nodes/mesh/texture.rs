@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, CaptureFrame, Image, Mesh, MeshError, RangeError, RangeImage};
-use maquette::{Context, Error, In, Node};
+use maquette::{Carry, Context, Error, Fate, In, Node, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -66,6 +66,17 @@ pub enum TextureError {
 impl Node for Texture {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Closed", "mesh"),
+        Promise::from("mesh", "Manifold", "mesh"),
+        Promise::from("mesh", "Oriented", "mesh"),
+        Promise::from("mesh", "Unpinched", "mesh"),
+        Promise::from("mesh", "Triangles", "mesh"),
+        Promise::from("mesh", "NonEmpty", "mesh"),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (mesh, image) = (cx.get(&self.mesh), cx.get(&self.image));

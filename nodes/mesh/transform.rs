@@ -1,7 +1,7 @@
 //! Moves, turns and scales.
 
 use maquette::value::{Attribute, ControlNet, ControlNetError, Points, PointsError};
-use maquette::{Context, Error, In, Node};
+use maquette::{Carry, Context, Error, Fate, In, Node, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -45,6 +45,17 @@ fn ones() -> [f64; 3] {
 impl Node for Transform {
     type Outputs = (Movable,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Closed", "mesh"),
+        Promise::from("mesh", "Manifold", "mesh"),
+        Promise::from("mesh", "Oriented", "mesh"),
+        Promise::from("mesh", "Unpinched", "mesh"),
+        Promise::from("mesh", "Triangles", "mesh"),
+        Promise::from("mesh", "NonEmpty", "mesh"),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let motion = Motion::new(self.translate, self.rotate, self.scale)?;

@@ -1,7 +1,7 @@
 //! Makes a mesh of a surface.
 
 use maquette::value::{Mesh, MeshError, Surface};
-use maquette::{Context, Error, Estimate, In, Node, TooMuch};
+use maquette::{Context, Error, Estimate, In, Node, Promise, TooMuch};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -45,6 +45,10 @@ pub enum TessellateError {
 impl Node for Tessellate {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] =
+        &[Promise::never("mesh", "Triangles")
+            .when("without `tolerance`", |it| it.tolerance == 0.0)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let vertices = vertices(cx.get(&self.surface), [self.u, self.v]);

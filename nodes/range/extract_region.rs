@@ -1,7 +1,7 @@
 //! Takes one labelled part of a picture as a region of the range grid.
 
 use maquette::value::{Labels, RangeImage, Region, RegionError};
-use maquette::{Context, Error, In, Node, Progress};
+use maquette::{Context, Error, In, Node, Progress, Want};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -142,6 +142,8 @@ pub enum ExtractRegionError {
 impl Node for ExtractRegion {
     type Outputs = (Region,);
     const OUTPUTS: [&'static str; 1] = ["region"];
+
+    const WANTS: &'static [Want<Self>] = &[Want::new("labels", "NonEmpty")];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (labels, range) = (cx.get(&self.labels), cx.get(&self.range));

@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
-use maquette::{Context, Error, Estimate, In, Node};
+use maquette::{Context, Error, Estimate, In, Node, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -63,6 +63,13 @@ pub enum TriangulateError {
 impl Node for Triangulate {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::always("mesh", "Triangles"),
+        Promise::always("mesh", "Manifold"),
+        Promise::always("mesh", "Oriented"),
+        Promise::always("mesh", "Unpinched"),
+    ];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = cx.get(&self.range).points();

@@ -1,7 +1,7 @@
 //! Sets creases where a mesh bends.
 
 use maquette::value::Mesh;
-use maquette::{Context, Error, In, Node};
+use maquette::{Carry, Context, Error, Fate, In, Node, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +35,17 @@ fn ten() -> f64 {
 impl Node for Crease {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Closed", "mesh"),
+        Promise::from("mesh", "Manifold", "mesh"),
+        Promise::from("mesh", "Oriented", "mesh"),
+        Promise::from("mesh", "Unpinched", "mesh"),
+        Promise::from("mesh", "Triangles", "mesh"),
+        Promise::from("mesh", "NonEmpty", "mesh"),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);

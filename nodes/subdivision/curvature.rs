@@ -1,7 +1,7 @@
 //! How a surface bends, at each vertex.
 
 use maquette::value::Mesh;
-use maquette::{Context, Error, In, Node};
+use maquette::{Carry, Context, Error, Fate, In, Node, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -69,6 +69,23 @@ pub enum CurvatureMethod {
 impl Node for Curvature {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Closed", "mesh")
+            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
+        Promise::from("mesh", "Manifold", "mesh")
+            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
+        Promise::from("mesh", "Oriented", "mesh")
+            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
+        Promise::from("mesh", "Unpinched", "mesh")
+            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
+        Promise::from("mesh", "Triangles", "mesh")
+            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
+        Promise::from("mesh", "NonEmpty", "mesh")
+            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let bent = curvature(cx.get(&self.mesh), self.method, self.scheme, self.boundary)?;

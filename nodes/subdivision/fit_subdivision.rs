@@ -1,7 +1,7 @@
 //! Fits a subdivision surface to scattered points.
 
 use maquette::value::{Mesh, Trace};
-use maquette::{Context, Error, In, Node};
+use maquette::{Carry, Context, Error, Fate, In, Node, Promise, Want};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -69,6 +69,28 @@ fn six() -> u32 {
 impl Node for FitSubdivision {
     type Outputs = (Mesh, Trace);
     const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
+
+    const WANTS: &'static [Want<Self>] = &[
+        Want::new("mesh", "Manifold"),
+        Want::new("mesh", "Oriented"),
+        Want::new("mesh", "Unpinched"),
+        Want::new("mesh", "Triangles"),
+    ];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::always("mesh", "Triangles"),
+        Promise::from("mesh", "Closed", "mesh")
+            .when("without `moves`", |it| it.moves == Moves::Nothing),
+        Promise::from("mesh", "Manifold", "mesh")
+            .when("without `moves`", |it| it.moves == Moves::Nothing),
+        Promise::from("mesh", "Oriented", "mesh")
+            .when("without `moves`", |it| it.moves == Moves::Nothing),
+        Promise::from("mesh", "Unpinched", "mesh")
+            .when("without `moves`", |it| it.moves == Moves::Nothing),
+    ];
+
+    const CARRIES: &'static [Carry] =
+        &[Carry::all("mesh", "mesh", Fate::Kept), Carry::all("points", "mesh", Fate::Dropped)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (mesh, scattered) = (cx.get(&self.mesh), cx.get(&self.points));

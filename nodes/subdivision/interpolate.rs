@@ -1,7 +1,9 @@
 //! Finds the control mesh of a subdivision surface through given vertices.
 
 use maquette::value::{Attribute, Mesh, MeshError, Trace};
-use maquette::{Cancelled, Context, Error, Estimate, In, Node, Progress, TooMuch};
+use maquette::{
+    Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise, TooMuch, Want,
+};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -121,6 +123,26 @@ pub struct InterpolateOptions {
 impl Node for Interpolate {
     type Outputs = (Mesh, Trace);
     const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
+
+    const WANTS: &'static [Want<Self>] = &[
+        Want::new("mesh", "Manifold"),
+        Want::new("mesh", "Oriented"),
+        Want::new("mesh", "Unpinched"),
+        Want::new("mesh", "Triangles")
+            .when("with the scheme `Loop`", |it| it.scheme == Scheme::Loop),
+    ];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Closed", "mesh"),
+        Promise::from("mesh", "Manifold", "mesh"),
+        Promise::from("mesh", "Oriented", "mesh"),
+        Promise::from("mesh", "Unpinched", "mesh"),
+        Promise::from("mesh", "NonEmpty", "mesh"),
+        Promise::from("mesh", "Triangles", "mesh")
+            .when("with the scheme `Loop`", |it| it.scheme == Scheme::Loop),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let corners = cx.get(&self.mesh).faces().corners().len() as f64;

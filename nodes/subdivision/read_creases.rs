@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use maquette::value::Mesh;
-use maquette::{Context, Error, FilePath, In, Node};
+use maquette::{Carry, Context, Error, Fate, FilePath, In, Node, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -65,6 +65,17 @@ struct Edge {
 impl Node for ReadCreases {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Closed", "mesh"),
+        Promise::from("mesh", "Manifold", "mesh"),
+        Promise::from("mesh", "Oriented", "mesh"),
+        Promise::from("mesh", "Unpinched", "mesh"),
+        Promise::from("mesh", "Triangles", "mesh"),
+        Promise::from("mesh", "NonEmpty", "mesh"),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((read_creases(cx.get(&self.mesh), cx.file(&self.path)?.bytes())?,))

@@ -3,7 +3,7 @@
 use std::collections::BinaryHeap;
 
 use maquette::value::{Mesh, MeshError};
-use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -40,6 +40,11 @@ pub enum SimplifyError {
 impl Node for Simplify {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const PROMISES: &'static [Promise<Self>] = &[Promise::always("mesh", "Triangles")];
+
+    const CARRIES: &'static [Carry] =
+        &[Carry::each("mesh", "mesh", [Fate::Interpolated, Fate::Dropped, Fate::Kept, Fate::Kept])];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);

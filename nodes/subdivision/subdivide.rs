@@ -4,15 +4,17 @@
 //! refined by products.
 
 use maquette::value::Mesh;
-use maquette::{Context, Error, Estimate, In, Node};
+use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Promise, Want};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::boundary::Boundary;
 use super::limit::limit_rows::Limit;
 use super::options::Subdivision;
 use super::refine::manifold::manifold;
 use super::refine::plan::{Before, EndLimit, Plan, bytes};
 use super::refine::step::{LastLimit, Step};
+use super::scheme::Scheme;
 use super::subdivide_error::SubdivideError;
 
 /// Refines a mesh towards a smooth surface.
@@ -38,6 +40,33 @@ pub struct Subdivide {
 impl Node for Subdivide {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
+
+    const WANTS: &'static [Want<Self>] = &[
+        Want::new("mesh", "Manifold").when("unless `split`", Self::wants_surface),
+        Want::new("mesh", "Oriented").when("unless `split`", Self::wants_surface),
+        Want::new("mesh", "Unpinched").when("unless `split`", Self::wants_surface),
+        Want::new("mesh", "Triangles").when("with the scheme `Loop`", Self::wants_triangles),
+    ];
+
+    const PROMISES: &'static [Promise<Self>] = &[
+        Promise::from("mesh", "Closed", "mesh").when("unless `split`", |it| !it.split),
+        Promise::from("mesh", "Manifold", "mesh"),
+        Promise::from("mesh", "Oriented", "mesh"),
+        Promise::from("mesh", "Unpinched", "mesh")
+            .when("with a `boundary` and a scheme other than `DooSabin`", Self::keeps_fans),
+        Promise::from("mesh", "Triangles", "mesh")
+            .when("with the scheme `Loop`", |it| it.how.scheme == Scheme::Loop),
+        Promise::never("mesh", "Triangles")
+            .when("with the scheme `CatmullClark`", Self::makes_quads),
+        Promise::from("mesh", "NonEmpty", "mesh")
+            .when("with a `boundary`", |it| it.how.boundary != Boundary::None),
+    ];
+
+    const CARRIES: &'static [Carry] = &[Carry::each(
+        "mesh",
+        "mesh",
+        [Fate::Interpolated, Fate::Interpolated, Fate::Interpolated, Fate::Kept],
+    )];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let bytes = bytes(cx.get(&self.mesh), self.how);
@@ -75,6 +104,25 @@ impl Node for Subdivide {
         };
         let plan = Plan::with::<Error>(mesh, self.how, step, end)?;
         Ok((plan.apply_within(mesh, cx.progress())?,))
+    }
+}
+
+impl Subdivide {
+    /// Whether anything is done that asks for the surface around each vertex.
+    fn wants_surface(&self) -> bool {
+        !self.split && (0 < self.how.levels || self.how.limit)
+    }
+
+    fn wants_triangles(&self) -> bool {
+        self.how.scheme == Scheme::Loop && (0 < self.how.levels || self.how.limit)
+    }
+
+    fn makes_quads(&self) -> bool {
+        self.how.scheme == Scheme::CatmullClark && 0 < self.how.levels
+    }
+
+    fn keeps_fans(&self) -> bool {
+        self.how.boundary != Boundary::None && !self.how.scheme.is_dual()
     }
 }
 

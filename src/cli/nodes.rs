@@ -9,6 +9,7 @@ use serde_json::{Value as Json, json};
 use super::{Exit, print, print_json, program, report};
 use crate::catalog::{Catalog, Description, Entry, describe_default, describe_parameter, inside};
 use crate::graph::{Files, Graph, Options, Subgraph};
+use crate::node::DOMAINS;
 use crate::text::{any_of, unknown, variants};
 
 #[derive(Args)]
@@ -112,6 +113,9 @@ fn in_full(entry: &Description<'_>) -> String {
         let optional = if port.optional { ", optional" } else { "" };
         let _ =
             writeln!(text, "  {}: {types}{many}{optional}\n{}", port.name, indent(&port.doc, 6));
+        for want in &port.wants {
+            let _ = writeln!(text, "      wants {want}");
+        }
     }
     let fields = schema.get("properties").and_then(Json::as_object).into_iter().flatten();
     let parameters: Vec<_> =
@@ -126,6 +130,18 @@ fn in_full(entry: &Description<'_>) -> String {
     for (name, types) in &entry.outputs {
         let same = if types.len() > 1 { " (the type that came in)" } else { "" };
         let _ = writeln!(text, "  {name}: {}{same}", any_of(types.iter().copied()));
+        for promise in entry.promised(name) {
+            let _ = writeln!(text, "      promises {promise}");
+        }
+    }
+    if !entry.carries.is_empty() {
+        text += "\nAttributes\n";
+    }
+    for carry in entry.carries {
+        let fates = DOMAINS.iter().zip(carry.fates);
+        let fates = fates.map(|(domain, fate)| format!("{domain} {}", fate.word()));
+        let fates = Vec::from_iter(fates).join(", ");
+        let _ = writeln!(text, "  {} to {}: {fates}", carry.port, carry.output);
     }
     text
 }

@@ -145,6 +145,7 @@ impl Run<'_> {
         let node = &self.graph.nodes[index];
         let input = |(link, values): (&Link, &Values)| values[link.output].clone();
         let inputs = Vec::from_iter(node.links.iter().zip(inputs).map(input));
+        self.evaluator.guards.check(self.graph, node, &inputs)?;
         let report = |share: f64| self.observer.progress(&node.name, share);
         let cx = Context {
             inputs: &inputs,

@@ -32,6 +32,9 @@ impl Expectation {
         let value = values.first()?;
         match self {
             Self::Count { what, min, max, .. } => count(value, what, *min, *max),
+            Self::Promised { property, .. } => {
+                value.offence(property).map(|offence| (offence.what, offence.places))
+            }
             Self::Bounds { low, high, .. } => {
                 bounds(value, [low.0, low.1, low.2], [high.0, high.1, high.2])
             }

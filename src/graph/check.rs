@@ -197,7 +197,7 @@ impl<'w, 'a> Check<'w, 'a> {
     fn graph(&mut self, top: &TopLevel<'_>) -> Whole<'a> {
         let subgraphs = self.subgraphs(top);
         let entries = top.inputs.unwrap_or_default();
-        let (mut drafts, mut fields) = self.inputs(entries);
+        let (mut drafts, mut fields, wants) = self.inputs(entries);
         let inputs = drafts.len();
         let required = Vec::from_iter(fields.keys().cloned());
         let parameters = self.named(top.params, "parameter", entries);
@@ -231,7 +231,8 @@ impl<'w, 'a> Check<'w, 'a> {
             }
         }
         let given_there = (&ports[..], &outputs[..]);
-        let expect = self.expectations(top.expect, given_there, top.outputs, &drafts, &names);
+        let mut expect = self.expectations(top.expect, given_there, top.outputs, &drafts, &names);
+        expect.extend(self.promises(top, &ports));
         let expected =
             expect.iter().flat_map(|it| it.targets.iter().flatten().map(|(node, _)| *node));
         let given = outputs.iter().map(|output| output.node);
@@ -248,6 +249,7 @@ impl<'w, 'a> Check<'w, 'a> {
             order,
             eaches,
             ports,
+            wants,
             expect,
             schema,
         };

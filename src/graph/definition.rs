@@ -36,6 +36,8 @@ pub(super) struct Definition<'a> {
     pub(super) eaches: Vec<Each>,
     /// Its outputs, if other graphs use it; files are kept elsewhere.
     pub(super) ports: Vec<Port>,
+    /// The properties that it wants of each input.
+    pub(super) wants: Vec<Vec<&'static str>>,
     /// What must hold of its values wherever it is used.
     pub(super) expect: Vec<Expecting>,
     /// Inputs and parameters, described as a built-in node's fields are.
@@ -225,11 +227,15 @@ impl<'a> Check<'_, 'a> {
     pub(super) fn inputs(
         &mut self,
         entries: &[(Tree, Tree)],
-    ) -> (Vec<Draft<'a>>, Map<String, Json>) {
-        let (mut drafts, mut schema) = (Vec::new(), Map::new());
+    ) -> (Vec<Draft<'a>>, Map<String, Json>, Vec<Vec<&'static str>>) {
+        let (mut drafts, mut schema, mut all_wants) = (Vec::new(), Map::new(), Vec::new());
         for (key, value) in self.named(entries, "input", &[]) {
             let name = key.text().unwrap_or_default();
             let kind = self.input(name, value);
+            let fields = value.fields().unwrap_or_default().iter();
+            let wants = fields.filter(|field| field.name.text == "wants");
+            let wants = wants.flat_map(|field| self.properties(&field.value, kind));
+            let wants = Vec::from_iter(wants.map(|(property, _)| property));
             let text = name.to_owned();
             drafts.push(Draft::input(Name { text, span: key.span }, value.clone(), kind));
             let doc = value.fields().unwrap_or_default().iter();
@@ -237,10 +243,14 @@ impl<'a> Check<'_, 'a> {
             // A port of which nothing is known takes nothing; what is linked to it is not judged either.
             let kind = kind.map_or("", |kind| kind.name);
             let doc = doc.unwrap_or_default();
-            let port = json!({ "port": kind, "types": [kind], "description": doc });
+            let mut port = json!({ "port": kind, "types": [kind], "description": doc });
+            if !wants.is_empty() {
+                port["wants"] = json!(wants);
+            }
             schema.insert(name.to_owned(), port);
+            all_wants.push(wants);
         }
-        (drafts, schema)
+        (drafts, schema, all_wants)
     }
 
     fn input(&mut self, name: &str, value: &Tree) -> Option<&'static ValueType> {
@@ -251,6 +261,9 @@ impl<'a> Check<'_, 'a> {
         };
         for field in value.fields().unwrap_or_default() {
             let word = &field.name.text;
+            if word == "wants" {
+                continue;
+            }
             if !INPUT_FIELDS.contains(&&word[..]) {
                 let message = format!("an input has no field `{word}`");
                 let help = nearest_or_all(word, "its fields", &INPUT_FIELDS);

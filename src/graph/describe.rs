@@ -17,6 +17,7 @@ pub(crate) struct Subgraph {
     pub(crate) file: String,
     schema: Json,
     outputs: Vec<(String, Vec<&'static str>)>,
+    promises: Vec<(String, String)>,
 }
 
 impl Subgraph {
@@ -29,12 +30,14 @@ impl Subgraph {
             file: definition.sheet.source.name.display().to_string(),
             schema: definition.schema.clone(),
             outputs: definition.ports.iter().map(output).collect(),
+            promises: definition.promises().map(|(port, it)| (port.into(), it.into())).collect(),
         }
     }
 
     pub(crate) fn description(&self) -> Description<'_> {
         let (name, pack, schema) = (&self.name[..], &self.file[..], &self.schema);
-        Description { name, pack, schema, outputs: self.outputs.clone() }
+        let (outputs, promises) = (self.outputs.clone(), self.promises.clone());
+        Description { name, pack, schema, outputs, promises, carries: &[] }
     }
 
     /// The description of its fields as a built-in node's.

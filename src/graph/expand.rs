@@ -11,10 +11,11 @@ use super::definition::{Definition, World, deeper};
 use super::draft::{Draft, What};
 use super::each::Branches;
 use super::expected::{Expected, Expecter, Expecting};
+use super::guards::Known;
 use super::input::input_node;
 use super::node::Built;
 use super::parameters::{Parameters, handed_over};
-use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Link, Shape};
+use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Guard, Link, Shape};
 use crate::error::{Problem, Severity, Use, code};
 use crate::text::Finding;
 
@@ -40,11 +41,14 @@ pub(super) fn expand<'a>(
     let inputs = expansion.inputs(&definition);
     let scope = Scope { prefix: String::new(), uses: Arc::new([]), inputs, values: None };
     let values = expansion.graph(&definition, &scope);
-    let Expansion { nodes, uses, expect, .. } = expansion;
+    expansion.guard(&definition, &scope, 0);
+    let Expansion { mut nodes, uses, mut expect, .. } = expansion;
     // Where something is wrong, links may lead to nodes that could not be made.
     if !world.problems.is_empty() || is_broken {
         return None;
     }
+    let (known, mut doubts) = Known::settle(&mut nodes);
+    known.judge(&mut expect, &mut doubts);
     let output = |output: GraphOutput| {
         let (node, index) = *values.get(output.node)?.get(output.output)?;
         Some(GraphOutput { node, output: index, ..output })
@@ -71,7 +75,7 @@ pub(super) fn expand<'a>(
         let finding = Finding { code: code::UNUSED, span, message, help, note: None };
         Problem { severity: Severity::Warning, ..sheet.problem(finding, &[]) }
     });
-    let unused = unused.collect();
+    let warnings = unused.chain(doubts).collect();
     let subgraphs = world.subgraphs.clone();
     Some(Graph {
         source,
@@ -86,7 +90,7 @@ pub(super) fn expand<'a>(
         expect: expect.into(),
         schema,
         uses: uses.into(),
-        unused,
+        warnings,
     })
 }
 
@@ -173,6 +177,29 @@ impl<'a> Expansion<'_, 'a> {
         }
         self.expect(definition, scope, first..self.nodes.len(), &values);
         values
+    }
+
+    /// What a graph wants of its inputs is tested where a node inside takes them, which stand behind the `first`.
+    fn guard(&mut self, graph: &Definition<'a>, scope: &Scope, first: usize) {
+        for (input, wants) in graph.wants.iter().enumerate().filter(|(_, wants)| !wants.is_empty())
+        {
+            let name = &graph.drafts[input].name.text;
+            let by: Arc<str> = match scope.prefix.strip_suffix('/') {
+                Some(prefix) => format!("input `{name}` of `{prefix}`").into(),
+                None => format!("input `{name}`").into(),
+            };
+            for node in &mut self.nodes[first..] {
+                let slots = node.links.iter().enumerate();
+                let slots = slots.filter(|(_, it)| (it.node, it.output) == scope.inputs[input]);
+                let tests = slots.flat_map(|(slot, _)| wants.iter().map(move |&want| (slot, want)));
+                let tests = Vec::from_iter(tests);
+                if !tests.is_empty() {
+                    node.recipe = Arc::new(node.recipe.guarded(&tests));
+                }
+                let guard = |(slot, property)| Guard { slot, property, by: by.clone() };
+                node.guards.extend(tests.into_iter().map(guard));
+            }
+        }
     }
 
     /// What a graph expects of its values in this use.
@@ -283,6 +310,7 @@ impl<'a> Expansion<'_, 'a> {
             tree: built.tree,
             outputs,
             types: draft.types.clone(),
+            guards: Vec::new(),
         });
         self.nodes.len() - 1
     }
@@ -332,7 +360,9 @@ impl<'a> Expansion<'_, 'a> {
         let name = format!("{}{}", scope.prefix, draft.name.text);
         let values = (!given.is_empty()).then(|| graph.defaults.with(given));
         let inside = Scope { prefix: format!("{name}/"), uses, inputs, values };
+        let first = self.nodes.len();
         let values = deeper(inside.uses.len(), || self.graph(graph, &inside));
+        self.guard(graph, &inside, first);
         let output = |port: &super::definition::Port| {
             let (node, output) = port.target?;
             values.get(node)?.get(output).copied()

@@ -98,6 +98,14 @@ pub(crate) enum Expectation {
         #[serde(default)]
         max: Option<f64>,
     },
+    /// A property of an output of a graph that others use, which it promises.
+    #[serde(skip)]
+    Promised {
+        /// The output.
+        of: String,
+        /// The property.
+        property: String,
+    },
 }
 
 fn fifteen() -> f64 {
@@ -143,7 +151,9 @@ impl Expectation {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
             Self::Count { of, .. } | Self::Bounds { of, .. } => vec![of],
-            Self::Bend { of, .. } | Self::Attribute { of, .. } => vec![of],
+            Self::Bend { of, .. } | Self::Attribute { of, .. } | Self::Promised { of, .. } => {
+                vec![of]
+            }
             Self::Continuity { of, around, .. } => {
                 [&of[..]].into_iter().chain(around.as_deref()).collect()
             }
@@ -157,7 +167,9 @@ impl Expectation {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
             Self::Count { of, .. } | Self::Bounds { of, .. } => vec![of],
-            Self::Bend { of, .. } | Self::Attribute { of, .. } => vec![of],
+            Self::Bend { of, .. } | Self::Attribute { of, .. } | Self::Promised { of, .. } => {
+                vec![of]
+            }
             Self::Continuity { of, around, .. } => [of].into_iter().chain(around).collect(),
             Self::Near { of, to, .. } => vec![of, to],
             Self::Whole { of, around, .. } => vec![of, around],
@@ -184,8 +196,16 @@ impl Expectation {
         texts
     }
 
+    /// The property that it is a promise of, if it is one.
+    pub(super) fn promised(&self) -> Option<&str> {
+        match self {
+            Self::Promised { property, .. } => Some(property),
+            _ => None,
+        }
+    }
+
     /// Its name, as in the file.
-    pub(crate) fn name(&self) -> &'static str {
+    pub(crate) fn name(&self) -> &str {
         match self {
             Self::Closed(_) => "Closed",
             Self::Manifold(_) => "Manifold",
@@ -197,6 +217,7 @@ impl Expectation {
             Self::Bend { .. } => "Bend",
             Self::Continuity { .. } => "Continuity",
             Self::Attribute { .. } => "Attribute",
+            Self::Promised { property, .. } => property,
         }
     }
 }

@@ -39,6 +39,13 @@ impl Recipe {
         let identity = Hash::of(content.to_string().as_bytes());
         Self { kind: kind.to_owned(), parameters, identity }
     }
+
+    /// The same with tests of what comes in, by slots and properties: its results are of values that have passed them.
+    pub(crate) fn guarded(&self, tests: &[(usize, &str)]) -> Self {
+        let content = json!([self.identity, tests]);
+        let identity = Hash::of(content.to_string().as_bytes());
+        Self { kind: self.kind.clone(), parameters: self.parameters.clone(), identity }
+    }
 }
 
 /// The parameters with nothing but the ending of each file's path.

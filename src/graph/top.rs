@@ -10,8 +10,8 @@ use crate::text::{Field, Kind, Tree, nearest_or_all, with_article};
 const FORMAT: f64 = 1.0;
 
 /// The fields of a graph.
-pub(super) const FIELDS: [&str; 8] =
-    ["format", "doc", "use", "inputs", "params", "nodes", "outputs", "expect"];
+pub(super) const FIELDS: [&str; 9] =
+    ["format", "doc", "use", "inputs", "params", "nodes", "outputs", "promises", "expect"];
 
 /// What stands in the fields of a graph.
 pub(super) struct TopLevel<'t> {
@@ -22,6 +22,8 @@ pub(super) struct TopLevel<'t> {
     pub(super) params: &'t [(Tree, Tree)],
     pub(super) nodes: &'t [(Tree, Tree)],
     pub(super) outputs: &'t [(Tree, Tree)],
+    /// Properties of the outputs.
+    pub(super) promises: &'t [(Tree, Tree)],
     pub(super) expect: Option<&'t Tree>,
 }
 
@@ -69,6 +71,7 @@ impl Check<'_, '_> {
             params: &[],
             nodes: &[],
             outputs: &[],
+            promises: &[],
             expect: None,
         };
         let mut given = HashSet::new();
@@ -86,6 +89,7 @@ impl Check<'_, '_> {
                 ("params", Kind::Map(entries)) => top.params = entries,
                 ("nodes", Kind::Map(entries)) => top.nodes = entries,
                 ("outputs", Kind::Map(entries)) => top.outputs = entries,
+                ("promises", Kind::Map(entries)) => top.promises = entries,
                 ("expect", _) => top.expect = Some(value),
                 (known, _) if FIELDS.contains(&known) => self.wrong_field(known, value),
                 (unknown, _) => {

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use schemars::Schema;
 
-use super::{Context, FilePath, Node, Outputs};
+use super::{Carry, Context, FilePath, Node, Outputs, Source, Term};
 use crate::error::Error;
 use crate::limit::Estimate;
 use crate::text::Reader;
@@ -16,6 +16,8 @@ pub struct NodeType {
     pub(crate) name: fn() -> Cow<'static, str>,
     pub(crate) schema: fn() -> Schema,
     pub(crate) outputs: fn() -> Vec<Output>,
+    pub(crate) terms: fn() -> Vec<Term>,
+    pub(crate) carries: fn() -> &'static [Carry],
     pub(crate) read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, crate::text::ReadError>,
     /// The id of the build that its code is of; empty if that is not known.
     pub(crate) build: fn() -> &'static str,
@@ -83,6 +85,8 @@ pub const fn node<T: Node>() -> NodeType {
             let pairs = names.as_ref().iter().zip(types);
             pairs.map(|(name, (kind, types))| Output { name, kind, types }).collect()
         },
+        terms: || Term::all(T::WANTS, T::PROMISES),
+        carries: || T::CARRIES,
         read: |reader| Ok(Box::new(reader.read::<T>()?)),
         build: || "",
         version: "",
@@ -97,6 +101,16 @@ pub(crate) trait AnyNode: Send + Sync {
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error>;
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
     fn files(&self) -> Vec<FilePath>;
+
+    /// Properties of the values at ports.
+    fn wants(&self) -> Vec<(&'static str, &'static str)> {
+        Vec::new()
+    }
+
+    /// Properties of the values at outputs.
+    fn promises(&self) -> Vec<(&'static str, &'static str, Source)> {
+        Vec::new()
+    }
 }
 
 impl<T: Node> AnyNode for T {
@@ -114,5 +128,13 @@ impl<T: Node> AnyNode for T {
 
     fn files(&self) -> Vec<FilePath> {
         Node::files(self)
+    }
+
+    fn wants(&self) -> Vec<(&'static str, &'static str)> {
+        T::WANTS.iter().filter_map(|want| want.of(self)).collect()
+    }
+
+    fn promises(&self) -> Vec<(&'static str, &'static str, Source)> {
+        T::PROMISES.iter().filter_map(|promise| promise.of(self)).collect()
     }
 }

@@ -9,7 +9,8 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use thiserror::Error;
 
 use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole, Summary, Value,
+    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Offence, Parts, PartsError, Pinhole,
+    Property, Summary, Value,
 };
 
 mod parts;
@@ -127,6 +128,14 @@ impl Value for Image {
         let [width, height] = from.counts()?;
         let pixels = from.column()?;
         Ok(Self { width, height, pixels, camera: from.option(Pinhole::decode)? })
+    }
+
+    fn properties() -> &'static [Property<Self>] {
+        const PROPERTIES: &[Property<Image>] =
+            &[Property::new("NonEmpty", "It has pixels.", |value| {
+                value.pixels().is_empty().then(|| Offence::nothing("pixels"))
+            })];
+        PROPERTIES
     }
 
     fn size(&self) -> usize {

@@ -6,7 +6,8 @@ use thiserror::Error;
 
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Summary, Value,
+    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Offence, Parts, PartsError, Property,
+    Summary, Value,
 };
 use crate::memory::huge_vec;
 use crate::parallel::*;
@@ -248,6 +249,14 @@ impl Value for Labels {
         let pixels: Column<u32> = from.column()?;
         let statistics = statistics(width, height, &runs_of(width, &pixels));
         Ok(Self { width, height, pixels, statistics })
+    }
+
+    fn properties() -> &'static [Property<Self>] {
+        const PROPERTIES: &[Property<Labels>] =
+            &[Property::new("NonEmpty", "Something is labelled.", |value| {
+                value.statistics().is_empty().then(|| Offence::nothing("label"))
+            })];
+        PROPERTIES
     }
 
     fn size(&self) -> usize {

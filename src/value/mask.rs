@@ -5,8 +5,8 @@ use crate::parallel::*;
 use super::hostile::SIZES;
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, Encoder, Image, Layer, Meaning, Mesh, On, Parts, PartsError,
-    Picture, Rgb, Summary, Value,
+    Column, DecodeError, Decoder, Encoder, Image, Layer, Meaning, Mesh, Offence, On, Parts,
+    PartsError, Picture, Property, Rgb, Summary, Value,
 };
 
 /// Which pixels of a picture belong to something; row 0 on top.
@@ -104,6 +104,14 @@ impl Value for Mask {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let [width, height] = from.counts()?;
         Ok(Self { width, height, pixels: from.column()? })
+    }
+
+    fn properties() -> &'static [Property<Self>] {
+        const PROPERTIES: &[Property<Mask>] =
+            &[Property::new("NonEmpty", "A pixel is inside.", |value| {
+                value.is_empty().then(|| Offence::nothing("pixel inside"))
+            })];
+        PROPERTIES
     }
 
     fn size(&self) -> usize {

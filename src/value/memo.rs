@@ -39,6 +39,8 @@ impl<T: Memo> TypeOf<T> {
         show: |_| Vec::new(),
         as_mesh: |_| None,
         hostile: Vec::new,
+        properties: Vec::new,
+        offence: |_, _| None,
     };
 }
 

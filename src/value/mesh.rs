@@ -10,6 +10,7 @@ mod faces;
 mod nearest;
 mod normals;
 mod parts;
+mod properties;
 
 pub use faces::{Edges, Faces};
 pub use nearest::{NearestPlace, RayHit, TriangleTree};

@@ -8,7 +8,7 @@ use crate::parallel::*;
 use super::hostile::clouds;
 use super::{
     Attribute, AttributeError, Attributes, Axes, Cloud, Column, DecodeError, Decoder, Encoder,
-    Layer, Meaning, On, Parts, PartsError, Summary, Value,
+    Layer, Meaning, Offence, On, Parts, PartsError, Property, Summary, Value,
 };
 
 /// Why places do not make points.
@@ -98,6 +98,14 @@ impl Value for Points {
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         Ok(Self { positions: from.column()?, attributes: Attributes::decode(from)? })
+    }
+
+    fn properties() -> &'static [Property<Self>] {
+        const PROPERTIES: &[Property<Points>] =
+            &[Property::new("NonEmpty", "There are points.", |value| {
+                value.positions().is_empty().then(|| Offence::nothing("points"))
+            })];
+        PROPERTIES
     }
 
     fn size(&self) -> usize {

@@ -8,8 +8,8 @@ use crate::parallel::*;
 use super::frame::{decode_pose, encode_pose};
 use super::image::{SizeError, check_size};
 use super::{
-    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole,
-    Registration, Rgb, Summary, Value,
+    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Mesh, Offence, Parts, PartsError,
+    Pinhole, Property, Registration, Rgb, Summary, Value,
 };
 
 mod parts;
@@ -252,6 +252,14 @@ impl Value for RangeImage {
             world_from_camera: from.option(decode_pose)?,
             registration: Registration::decode(from)?,
         })
+    }
+
+    fn properties() -> &'static [Property<Self>] {
+        const PROPERTIES: &[Property<RangeImage>] =
+            &[Property::new("NonEmpty", "A cell has a point.", |value| {
+                (value.n_valid() == 0).then(|| Offence::nothing("cell with a point"))
+            })];
+        PROPERTIES
     }
 
     fn size(&self) -> usize {

@@ -6,12 +6,14 @@ use expect_test::expect_file;
 
 use crate::graph_files::problems;
 
+mod attributes;
 mod both_ends;
 mod documentation;
 mod drafts;
 mod library_expectations;
 mod limits;
 mod minimal;
+mod promises;
 mod units;
 
 /// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.

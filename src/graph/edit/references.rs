@@ -109,6 +109,11 @@ impl References {
             let kind = if is_output { Names::Output } else { Names::Link };
             search.put(expected, kind, "an expectation".into());
         }
+        if let Some(Kind::Map(promises)) = field(tree, "promises").map(|field| &field.value.kind) {
+            for (output, _) in promises {
+                search.put(output, Names::Output, "a promise".into());
+            }
+        }
         Self { all: search.found.into_values().collect(), ports: known_ports }
     }
 

@@ -313,9 +313,11 @@ impl<'j> Structure<'j> {
     fn let_go<'t>(&'t self, user: &Reference, gone: &mut Gone<'t>) -> Result<(), Refusal> {
         let holders = self.holders(user.span);
         match holders.get(..2) {
-            // An expectation goes whole.
+            // An expectation goes whole, and a promise.
             Some([(graph, field), (list, item)])
-                if graph.fields().is_some_and(|f| f[*field].name.text == "expect") =>
+                if graph.fields().is_some_and(|fields| {
+                    matches!(&fields[*field].name.text[..], "expect" | "promises")
+                }) =>
             {
                 take(gone, list, *item);
             }

@@ -1,9 +1,10 @@
 //! What a mesh tells of itself: its hash, its size, its facts.
 
 use super::super::{
-    Attributes, CaptureFrame, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Summary,
-    Value,
+    Attributes, CaptureFrame, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Property,
+    Summary, Value,
 };
+use super::properties::PROPERTIES;
 use super::{Faces, Mesh, describe_bounds, parts};
 
 impl Value for Mesh {
@@ -20,6 +21,10 @@ impl Value for Mesh {
                 to.value(texture);
             })
             .option(self.frame.as_ref(), |to, frame| frame.encode(to));
+    }
+
+    fn properties() -> &'static [Property<Self>] {
+        PROPERTIES
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {

@@ -1,0 +1,79 @@
+//! Law 10: what nodes promise of their outputs holds.
+
+use super::extremes::Case;
+use super::{inputs, made};
+use crate::catalog::{Catalog, Entry};
+use crate::node::{Progress, Source};
+use crate::value::AnyValue;
+
+/// Ports, outputs and properties that are named are there.
+pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) {
+    let ports = entry.ports();
+    let types_of = |port: &str| {
+        let types = ports.iter().find(|known| known.name == port)?.types.iter();
+        Some(Vec::from_iter(types.filter_map(|kind| catalog.value_type(kind))))
+    };
+    for term in entry.terms() {
+        let output = entry.outputs().iter().find(|output| output.name == term.at);
+        let types = match term.source {
+            None => types_of(term.at),
+            Some(Source::From(port)) => types_of(port).and(output.map(|it| it.types.clone())),
+            Some(_) => output.map(|it| it.types.clone()),
+        };
+        let is_known = |types: Vec<&crate::ValueType>| {
+            types.iter().any(|kind| kind.property(term.property).is_some())
+        };
+        if !types.is_some_and(is_known) {
+            let (name, at, words) = (&entry.name, term.at, term.in_words());
+            broken.push(format!("{name} says `{words}` of `{at}`, but a port, an output or the property is not there"));
+        }
+    }
+}
+
+/// The example's own inputs, and these with one after the other replaced by values that are hard to treat.
+pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
+    let node = &case.graph.nodes[case.index];
+    let Some(good) = inputs(node, case.values) else { return };
+    judge(case, &good, "its example", broken);
+    let ports = case.entry.ports();
+    for (slot, link) in node.links.iter().enumerate() {
+        let Some(port) = ports.iter().find(|port| port.name == link.port) else { continue };
+        for value in port.types.iter().flat_map(|kind| case.hostile.values(kind)) {
+            let mut given = good.clone();
+            let what = format!("{value:?} at `{}`", link.port);
+            given[slot] = value;
+            judge(case, &given, &what, broken);
+        }
+    }
+}
+
+/// What a node promises holds of what it makes of these inputs, if it may be run on them at all.
+fn judge(case: &Case<'_>, given: &[AnyValue], what: &str, broken: &mut Vec<String>) {
+    let node = &case.graph.nodes[case.index];
+    let promises = node.node.promises();
+    let has = |port: &str, property: &str| {
+        let values = node.links.iter().zip(given).filter(|(link, _)| link.port == port);
+        values.map(|(_, value)| value).all(|value| value.offence(property).is_none())
+    };
+    let wants = node.node.wants();
+    if promises.is_empty() || !wants.iter().all(|(port, property)| has(port, property)) {
+        return;
+    }
+    let Ok(Some(made)) = made(node, given, Progress::none()) else { return };
+    for (output, property, source) in promises {
+        let Some(at) = node.outputs.iter().position(|name| *name == output) else { continue };
+        let offence = made[at].offence(property);
+        let is_kept = match source {
+            Source::From(port) => offence.is_none() || !has(port, property),
+            Source::Always => offence.is_none(),
+            Source::Never => offence.is_some() || made[at].offence("NonEmpty").is_some(),
+        };
+        if !is_kept {
+            let why = offence.map_or("is so".to_owned(), |offence| offence.what);
+            let name = &case.entry.name;
+            broken.push(format!(
+                "{name} breaks its promise of {property} with {what}: `{output}` {why}"
+            ));
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Which values are tested for what before nodes run on them: what is wanted and nobody promises.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use super::expected::Expected;
+use super::{Graph, GraphNode, Link};
+use crate::error::{Problem, Severity, code};
+use crate::node::Source;
+
+/// A test of a value that comes to a node.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Guard {
+    /// The place of the link.
+    pub(crate) slot: usize,
+    pub(crate) property: &'static str,
+    /// Who wants it, in words: port `mesh`.
+    pub(crate) by: Arc<str>,
+}
+
+/// A node and one of its outputs.
+type Target = (usize, usize);
+
+/// What is known of the values of a flat graph before it runs.
+#[derive(Default)]
+pub(super) struct Known {
+    always: HashSet<(Target, &'static str)>,
+    never: HashSet<(Target, &'static str)>,
+}
+
+impl Known {
+    /// Finds out what is known, adds what nodes themselves want to their guards, and takes away what need not be tested. Warns of what is
+    /// wanted and never given.
+    pub(super) fn settle(nodes: &mut [GraphNode]) -> (Self, Vec<Problem>) {
+        let (mut known, mut warnings) = (Self::default(), Vec::new());
+        for index in 0..nodes.len() {
+            let mut guards = std::mem::take(&mut nodes[index].guards);
+            for (port, property) in nodes[index].node.wants() {
+                let by: Arc<str> = format!("port `{port}`").into();
+                let links = nodes[index].links.iter().enumerate();
+                for (slot, link) in links.filter(|(_, link)| link.port == port) {
+                    if has_property(nodes, link, property) {
+                        guards.push(Guard { slot, property, by: by.clone() });
+                    }
+                }
+            }
+            let node = &nodes[index];
+            let target = |slot: usize| (node.links[slot].node, node.links[slot].output);
+            for guard in
+                guards.iter().filter(|it| known.never.contains(&(target(it.slot), it.property)))
+            {
+                warnings.push(never(nodes, node, guard));
+            }
+            // On what it is run has been tested by then.
+            let holds = |slot: usize, property: &'static str| {
+                known.always.contains(&(target(slot), property))
+                    || guards.iter().any(|it| (it.slot, it.property) == (slot, property))
+            };
+            let mut found = Vec::new();
+            for (output, property, source) in node.node.promises() {
+                let Some(output) = node.outputs.iter().position(|name| *name == output) else {
+                    continue;
+                };
+                let is_kept = match source {
+                    Source::Always => true,
+                    Source::From(port) => {
+                        let links = node.links.iter().enumerate();
+                        links
+                            .filter(|(_, link)| link.port == port)
+                            .all(|(slot, _)| holds(slot, property))
+                    }
+                    Source::Never => {
+                        known.never.insert(((index, output), property));
+                        false
+                    }
+                };
+                found.extend(is_kept.then_some(((index, output), property)));
+            }
+            guards.retain(|it| !known.always.contains(&(target(it.slot), it.property)));
+            nodes[index].guards = guards;
+            known.always.extend(found);
+        }
+        (known, warnings)
+    }
+
+    /// Leaves out those promises of graphs that follow from what is inside, and warns of those that cannot be kept.
+    pub(super) fn judge(&self, expected: &mut Vec<Expected>, warnings: &mut Vec<Problem>) {
+        expected.retain(|it| {
+            let (Some(property), Some(target)) = (it.expectation.promised(), it.values[0]) else {
+                return true;
+            };
+            let is_property =
+                |(at, known): &&(Target, &'static str)| *at == target && *known == property;
+            if self.never.iter().any(|known| is_property(&known)) {
+                let name = it.expectation.values()[0];
+                let message =
+                    format!("`{name}` is promised to be {property}, but what gives it never is so");
+                warnings.push(Problem { severity: Severity::Warning, ..it.problem(message) });
+            }
+            !self.always.iter().any(|known| is_property(&known))
+        });
+    }
+}
+
+/// Whether values at a link can have the property; what has the type of what comes in somewhere may.
+fn has_property(nodes: &[GraphNode], link: &Link, property: &str) -> bool {
+    let kind = nodes[link.node].types.get(link.output).copied().flatten();
+    kind.is_some_and(|kind| kind.property(property).is_some())
+}
+
+fn never(nodes: &[GraphNode], node: &GraphNode, guard: &Guard) -> Problem {
+    let link = &node.links[guard.slot];
+    let source = &nodes[link.node];
+    let (kind, property) = (source.types[link.output].map_or("", |kind| kind.name), guard.property);
+    let message = format!(
+        "{} of `{}` wants {kind}[{property}], but `{}` never is so",
+        guard.by, node.name, source.name
+    );
+    let help = format!(
+        "the command `nodes {}` says what it promises with which parameters",
+        source.kind()
+    );
+    node.problem(Severity::Warning, code::WRONG_TYPE, message, &help)
+}
+
+impl Graph {
+    /// What a link to this output of a node would say.
+    pub(crate) fn link_name(&self, node: usize, output: usize) -> String {
+        let GraphNode { name, outputs, .. } = &self.nodes[node];
+        match outputs.len() {
+            1 => name.clone(),
+            _ => format!("{name}.{}", outputs[output]),
+        }
+    }
+}

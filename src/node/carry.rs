@@ -1,0 +1,58 @@
+//! What becomes of the attributes of values that pass through a node.
+
+use serde_json::{Value as Json, json};
+
+/// What becomes of the attributes of one domain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// An element that goes on keeps its value; a new one has that of the one that it was made of.
+    Kept,
+    /// Values are mixed: each lies between those that it is made of.
+    Interpolated,
+    /// They are not there any more.
+    Dropped,
+}
+
+/// What becomes of the attributes of a mesh, or of points, from a port to an output, for each domain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Carry {
+    pub(crate) port: &'static str,
+    pub(crate) output: &'static str,
+    /// By domain, in the order of [`DOMAINS`].
+    pub(crate) fates: [Fate; 4],
+}
+
+/// The domains: of points, all is at `vertex`; an edge's attribute is its crease.
+pub(crate) const DOMAINS: [&str; 4] = ["vertex", "corner", "edge", "face"];
+
+impl Carry {
+    /// All domains have the same fate.
+    pub const fn all(port: &'static str, output: &'static str, fate: Fate) -> Self {
+        Self { port, output, fates: [fate; 4] }
+    }
+
+    /// Those of vertices, corners, edges (their creases) and faces.
+    pub const fn each(port: &'static str, output: &'static str, fates: [Fate; 4]) -> Self {
+        Self { port, output, fates }
+    }
+
+    /// As programs are told.
+    pub(crate) fn to_json(self) -> Json {
+        let mut json = json!({ "port": self.port, "output": self.output });
+        for (domain, fate) in DOMAINS.iter().zip(self.fates) {
+            json[*domain] = json!(fate.word());
+        }
+        json
+    }
+}
+
+impl Fate {
+    /// The word for people.
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            Self::Kept => "kept",
+            Self::Interpolated => "interpolated",
+            Self::Dropped => "dropped",
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! What may hold of a mesh: that it is closed, a surface, of triangles.
+
+use nalgebra::{Point3, center};
+
+use super::super::{Offence, Property};
+use super::Mesh;
+
+/// What ports may want of a mesh.
+pub(super) const PROPERTIES: &[Property<Mesh>] = &[
+    Property::new("Closed", "No edge has only one face: there is no border.", |mesh| {
+        let found = mesh.edges();
+        edges(
+            mesh,
+            "edges with one face",
+            (0..found.faces.len()).filter(|&edge| found.faces[edge] == 1),
+            &found.vertices,
+        )
+    }),
+    Property::new("Manifold", "No edge has more than two faces.", |mesh| {
+        let found = mesh.edges();
+        let many = (0..found.faces.len()).filter(|&edge| 2 < found.faces[edge]);
+        edges(mesh, "edges with more than two faces", many, &found.vertices)
+    }),
+    Property::new("Oriented", "Faces that share an edge look to the same side.", |mesh| {
+        let found = mesh.edges();
+        if found.misoriented == 0 {
+            return None;
+        }
+        let twisted = twisted(mesh, &found.of_corner, found.faces.len());
+        edges(
+            mesh,
+            "edges between faces that look to different sides",
+            twisted.into_iter(),
+            &found.vertices,
+        )
+    }),
+    Property::new("Unpinched", "The faces around each vertex hang together by edges.", |mesh| {
+        Offence::of(
+            &pinched(mesh),
+            "vertices that join fans of faces",
+            |vertex| format!("vertex {vertex}"),
+            |vertex| mesh.positions()[vertex as usize],
+        )
+    }),
+    Property::new("Triangles", "Each face has three corners.", |mesh| {
+        if mesh.faces().sides() == Some(3) {
+            return None;
+        }
+        let sides = |face: &u32| mesh.faces().face(*face as usize).len();
+        let others = Vec::from_iter((0..mesh.faces().len() as u32).filter(|face| sides(face) != 3));
+        let middle = |face: u32| {
+            let face = mesh.faces().face(face as usize);
+            let places = face.iter().map(|&vertex| mesh.positions()[vertex as usize].coords);
+            Point3::from(places.sum::<nalgebra::Vector3<f64>>() / face.len() as f64)
+        };
+        let name = |face: u32| format!("face {face} has {}", sides(&face));
+        Offence::of(&others, "faces of more than three corners", name, middle)
+    }),
+    Property::new("NonEmpty", "It has faces.", |mesh| {
+        mesh.faces().is_empty().then(|| Offence::nothing("faces"))
+    }),
+];
+
+fn edges(
+    mesh: &Mesh,
+    what: &str,
+    offending: impl Iterator<Item = usize>,
+    ends: &[[u32; 2]],
+) -> Option<Offence> {
+    let offending = Vec::from_iter(offending.map(|edge| ends[edge]));
+    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    let name = |[a, b]: [u32; 2]| format!("edge {a}-{b}");
+    Offence::of(&offending, what, name, |[a, b]| center(&place(a), &place(b)))
+}
+
+/// The edges that two faces run through in the same direction, ascending.
+fn twisted(mesh: &Mesh, edge_of: &[u32], count: usize) -> Vec<usize> {
+    // How often each edge is run through upwards, and downwards.
+    let mut runs = vec![[0u8; 2]; count];
+    let mut corner = 0;
+    for face in mesh.faces().iter() {
+        for (&from, &to) in face.iter().zip(face[1..].iter().chain(&face[..1])) {
+            let run = &mut runs[edge_of[corner] as usize][usize::from(to < from)];
+            *run = run.saturating_add(1);
+            corner += 1;
+        }
+    }
+    (0..count).filter(|&edge| runs[edge].iter().any(|run| 1 < *run)).collect()
+}
+
+/// The vertices whose faces do not hang together by edges at them, ascending.
+fn pinched(mesh: &Mesh) -> Vec<u32> {
+    const NONE: u32 = u32::MAX;
+    let edges = mesh.edges();
+    let corners = mesh.faces().corners();
+    let mut sets: Vec<u32> = (0..corners.len() as u32).collect();
+    // Of each edge, a corner at its lower and one at its higher end.
+    let mut known = vec![[NONE; 2]; edges.vertices.len()];
+    let mut first = 0;
+    for face in mesh.faces().iter() {
+        for k in 0..face.len() {
+            let (here, next) = (first + k, first + (k + 1) % face.len());
+            let ends = &mut known[edges.of_corner[here] as usize];
+            let is_down = corners[next] < corners[here];
+            let [low, high] = if is_down { [next, here] } else { [here, next] };
+            for (end, corner) in ends.iter_mut().zip([low as u32, high as u32]) {
+                match *end {
+                    NONE => *end = corner,
+                    other => join(&mut sets, other, corner),
+                }
+            }
+        }
+        first += face.len();
+    }
+    let mut fan = vec![NONE; mesh.positions().len()];
+    let mut pinched = Vec::new();
+    for (corner, &vertex) in corners.iter().enumerate() {
+        let root = root(&mut sets, corner as u32);
+        match fan[vertex as usize] {
+            NONE => fan[vertex as usize] = root,
+            other if other != root => pinched.push(vertex),
+            _ => {}
+        }
+    }
+    pinched.sort_unstable();
+    pinched.dedup();
+    pinched
+}
+
+fn root(sets: &mut [u32], of: u32) -> u32 {
+    let mut at = of;
+    while sets[at as usize] != at {
+        let above = sets[sets[at as usize] as usize];
+        sets[at as usize] = above;
+        at = above;
+    }
+    at
+}
+
+/// Makes one set of two; the lower root stays.
+fn join(sets: &mut [u32], a: u32, b: u32) {
+    let (a, b) = (root(sets, a), root(sets, b));
+    sets[a.max(b) as usize] = a.min(b);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::{AnyValue, Faces};
+    use super::*;
+
+    /// What is said of each property of a mesh of so many vertices on a line.
+    fn told(vertices: u32, faces: &[&[u32]]) -> Vec<String> {
+        let positions = Vec::from_iter((0..vertices).map(|x| Point3::new(f64::from(x), 0.0, 0.0)));
+        let sides = Vec::from_iter(faces.iter().map(|face| face.len()));
+        let faces = Faces::polygons(&sides, faces.concat()).unwrap();
+        let mesh = AnyValue::new(Mesh::new(positions, faces).unwrap());
+        let names = mesh.kind().properties().into_iter();
+        let told =
+            names.filter_map(|(name, _)| Some(format!("{name}: {}", mesh.offence(name)?.what)));
+        told.collect()
+    }
+
+    #[test]
+    fn a_tetrahedron_has_every_property() {
+        assert_eq!(told(4, &[&[0, 2, 1], &[0, 1, 3], &[0, 3, 2], &[1, 2, 3]]), [""; 0]);
+    }
+
+    #[test]
+    fn what_offends_is_named_with_its_place() {
+        let open = "Closed: has 4 edges with one face (edge 0-1, edge 1-2, edge 2-3, edge 0-3; the first is at (0.5, 0, 0))";
+        let quad = "Triangles: has 1 faces of more than three corners (face 0 has 4; the first is at (1.5, 0, 0))";
+        assert_eq!(told(4, &[&[0, 1, 2, 3]]), [open, quad]);
+        let fan = told(5, &[&[0, 1, 2], &[1, 0, 3], &[0, 1, 4]]);
+        assert!(fan.contains(&"Manifold: has 1 edges with more than two faces (edge 0-1; the first is at (0.5, 0, 0))".into()), "{fan:#?}");
+        assert!(
+            fan.iter().any(
+                |it| it.starts_with("Oriented: has 1 edges between") && it.contains("edge 0-1")
+            ),
+            "{fan:#?}"
+        );
+        let bow = told(5, &[&[0, 1, 2], &[0, 3, 4]]);
+        assert!(bow.contains(&"Unpinched: has 1 vertices that join fans of faces (vertex 0; the first is at (0, 0, 0))".into()), "{bow:#?}");
+        assert_eq!(told(3, &[]), ["NonEmpty: has no faces"]);
+    }
+}
