@@ -8,9 +8,12 @@ use crate::error::Error;
 use crate::graph::{Graph, GraphNode, Guard};
 use crate::value::{AnyValue, Hash, Offence};
 
-/// What tests have found so far, by the value's hash and the property.
+/// What tests have found, by the value's hash and the property.
+type Found = HashMap<(Hash, &'static str), Option<Arc<Offence>>>;
+
+/// What tests have found so far.
 #[derive(Default)]
-pub(super) struct Guards(Mutex<HashMap<(Hash, &'static str), Option<Arc<Offence>>>>);
+pub(super) struct Guards(Mutex<Found>);
 
 /// So many are remembered; then all are forgotten, and found again when they are needed.
 const KEPT: usize = 100_000;

@@ -76,7 +76,7 @@ pub(super) struct World<'a> {
 }
 
 /// The fields of an input's declaration.
-pub(super) const INPUT_FIELDS: [&str; 1] = ["doc"];
+pub(super) const INPUT_FIELDS: [&str; 2] = ["doc", "wants"];
 
 /// Graphs that use each other are nested less deep than this: far deeper than anybody can follow.
 const DEEPEST: usize = 256;
@@ -261,14 +261,11 @@ impl<'a> Check<'_, 'a> {
         };
         for field in value.fields().unwrap_or_default() {
             let word = &field.name.text;
-            if word == "wants" {
-                continue;
-            }
             if !INPUT_FIELDS.contains(&&word[..]) {
                 let message = format!("an input has no field `{word}`");
                 let help = nearest_or_all(word, "its fields", &INPUT_FIELDS);
                 self.find(code::UNKNOWN_FIELD, field.name.span, message, help);
-            } else if field.value.text().is_none() && !field.value.is_broken() {
+            } else if word == "doc" && field.value.text().is_none() && !field.value.is_broken() {
                 let message =
                     format!("field `doc` of an input is a text, not {}", field.value.in_words());
                 self.find(code::WRONG_VALUE, field.value.span, message, "");

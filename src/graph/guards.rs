@@ -21,11 +21,14 @@ pub(crate) struct Guard {
 /// A node and one of its outputs.
 type Target = (usize, usize);
 
+/// Outputs and properties.
+type Facts<'p> = HashSet<(Target, &'p str)>;
+
 /// What is known of the values of a flat graph before it runs.
 #[derive(Default)]
 pub(super) struct Known {
-    always: HashSet<(Target, &'static str)>,
-    never: HashSet<(Target, &'static str)>,
+    always: Facts<'static>,
+    never: Facts<'static>,
 }
 
 impl Known {
@@ -85,19 +88,18 @@ impl Known {
 
     /// Leaves out those promises of graphs that follow from what is inside, and warns of those that cannot be kept.
     pub(super) fn judge(&self, expected: &mut Vec<Expected>, warnings: &mut Vec<Problem>) {
+        let (always, never): (&Facts<'_>, &Facts<'_>) = (&self.always, &self.never);
         expected.retain(|it| {
             let (Some(property), Some(target)) = (it.expectation.promised(), it.values[0]) else {
                 return true;
             };
-            let is_property =
-                |(at, known): &&(Target, &'static str)| *at == target && *known == property;
-            if self.never.iter().any(|known| is_property(&known)) {
+            if never.contains(&(target, property)) {
                 let name = it.expectation.values()[0];
                 let message =
                     format!("`{name}` is promised to be {property}, but what gives it never is so");
                 warnings.push(Problem { severity: Severity::Warning, ..it.problem(message) });
             }
-            !self.always.iter().any(|known| is_property(&known))
+            !always.contains(&(target, property))
         });
     }
 }
