@@ -10,7 +10,7 @@ use serde_json::{Value as Json, json};
 use crate::error::Error;
 use crate::format::{FORMATS, READERS};
 use crate::node::{Carry, NodeType, Output, Term};
-use crate::pack::{Format, NewFile, Pack};
+use crate::pack::{Format, Migration, NewFile, Pack};
 use crate::plain::ending;
 use crate::reading::{AnyReader, Readers};
 use crate::text::ron;
@@ -27,6 +27,7 @@ pub struct Catalog {
     formats: Vec<Format>,
     readers: Arc<Readers>,
     code: Vec<Code>,
+    migrations: Vec<Migration>,
 }
 
 /// By what the code of a pack is known.
@@ -116,6 +117,7 @@ impl Entry {
         Description {
             name: &self.name,
             pack: self.pack,
+            version: None,
             schema: self.schema(),
             outputs: self.outputs().iter().map(output).collect(),
             promises: self
@@ -134,6 +136,8 @@ pub(crate) struct Description<'a> {
     pub(crate) name: &'a str,
     /// The pack, or the file.
     pub(crate) pack: &'a str,
+    /// That of a graph which says one.
+    pub(crate) version: Option<&'a str>,
     pub(crate) schema: &'a Json,
     /// Names and types.
     pub(crate) outputs: Vec<(String, Vec<&'static str>)>,
@@ -172,7 +176,7 @@ impl Description<'_> {
             }
             output
         });
-        let mut json = json!({
+        let mut told = json!({
             "name": self.name,
             "pack": self.pack,
             "doc": self.schema.get("description").cloned().unwrap_or_default(),
@@ -181,9 +185,12 @@ impl Description<'_> {
             "parameters": parameters,
         });
         if !self.carries.is_empty() {
-            json["attributes"] = self.carries.iter().map(|carry| carry.to_json()).collect();
+            told["attributes"] = self.carries.iter().map(|carry| carry.to_json()).collect();
         }
-        json
+        if let Some(version) = self.version {
+            told["version"] = version.into();
+        }
+        told
     }
 }
 
@@ -275,12 +282,23 @@ impl Catalog {
         let values = packs.iter().flat_map(|pack| pack.values).copied().collect();
         let formats = FORMATS.iter().chain(brought).copied().collect();
         let code = packs.iter().map(|pack| Code::of(pack)).collect();
-        Self { entries, values, formats, readers, code }
+        let migrations = packs.iter().flat_map(|pack| pack.migrations).copied().collect();
+        Self { entries, values, formats, readers, code, migrations }
     }
 
     /// By what the code of its packs is known, in their order.
     pub(crate) fn code(&self) -> &[Code] {
         &self.code
+    }
+
+    /// Whether the program has a pack of this name.
+    pub(crate) fn has_pack(&self, name: &str) -> bool {
+        self.code.iter().any(|code| code.pack == name)
+    }
+
+    /// What became of nodes and fields, in the order of the packs and of their lists.
+    pub(crate) fn migrations(&self) -> impl Iterator<Item = &Migration> {
+        self.migrations.iter()
     }
 
     /// What reads files.
@@ -369,6 +387,11 @@ impl Catalog {
     /// The format that writes a value of this type to a file with this ending.
     pub(crate) fn format(&self, kind: &ValueType, ending: &str) -> Option<&Format> {
         self.formats.iter().find(|format| (format.kind)() == kind && format.ending == ending)
+    }
+
+    /// A format that writes files with this ending, of whatever values.
+    pub(crate) fn any_format(&self, ending: &str) -> Option<&Format> {
+        self.formats.iter().find(|format| format.ending == ending)
     }
 
     /// The format of a value of this type where nobody asks for another one: the first that is listed for it.
@@ -519,7 +542,8 @@ mod tests {
         }
     }
 
-    const EMPTY: Pack = Pack { name: "", nodes: &[], values: &[], formats: &[], readers: &[] };
+    const EMPTY: Pack =
+        Pack { name: "", nodes: &[], values: &[], formats: &[], readers: &[], migrations: &[] };
 
     #[test]
     fn what_a_pack_brings_is_known_by_its_build_or_by_where_its_code_is() {

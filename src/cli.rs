@@ -33,7 +33,10 @@ mod help;
 mod inputs;
 mod inspect;
 mod interrupt;
+mod lock;
 mod look;
+mod merge;
+mod migrate;
 mod nodes;
 mod profile;
 mod progress;
@@ -75,6 +78,14 @@ enum Command {
     Edit(edit::Edit),
     /// Say how two graphs differ in what they say; formatting, comments and order do not matter.
     Diff(diff::Diff),
+    /// Put together what two people made of one graph: git's merge driver for graphs.
+    Merge(merge::Merge),
+    /// Put the new names of nodes and fields into graphs that have old ones.
+    Migrate(migrate::Migrate),
+    /// Write down what the graphs are that a graph uses, beside it: `--locked` holds them to it.
+    Lock(lock::Lock),
+    /// Show what changed in the graphs that a graph uses since they were locked, and take it.
+    Update(lock::Update),
     /// Compare the outputs of graphs with what they were when somebody looked at them.
     Test(test::Test),
     /// Compare two files by what they mean: meshes, range data, pictures.
@@ -124,6 +135,9 @@ struct GraphOptions {
     /// Take the draft of each `Draft(final: .., draft: ..)`, for a first look.
     #[arg(long)]
     draft: bool,
+    /// Refuse the graph if one that it uses is not what the lock file says.
+    #[arg(long)]
+    locked: bool,
 }
 
 fn assignment(text: &str) -> Result<(String, String), String> {
@@ -138,7 +152,7 @@ impl GraphOptions {
 
     fn all(&self) -> Options {
         let (roots, set) = (self.roots.clone(), self.set.clone());
-        Options { roots, set, draft: self.draft, ..Options::default() }
+        Options { roots, set, draft: self.draft, locked: self.locked, ..Options::default() }
     }
 
     /// The folder for the outputs of a graph: the one that was named, else one that drafts have apart.
@@ -194,6 +208,10 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Set(command) => command.run(&catalog),
         Command::Edit(command) => command.run(&catalog),
         Command::Diff(command) => command.run(&catalog),
+        Command::Merge(command) => command.run(&catalog),
+        Command::Migrate(command) => command.run(&catalog),
+        Command::Lock(command) => command.run(&catalog),
+        Command::Update(command) => command.run(&catalog),
         Command::Test(command) => command.run(&catalog),
         Command::Compare(command) => command.run(&catalog),
         Command::Render(command) => command.run(&catalog),

@@ -20,6 +20,7 @@ use crate::value::{AnyValue, ValueType};
 mod attributes;
 mod extremes;
 mod files;
+mod migrations;
 mod promises;
 mod values;
 
@@ -40,6 +41,7 @@ const MEMORY: usize = 1 << 30;
 /// 9. Readers of files give a value or an error, whatever the bytes are; tried with files that the pack writes, whole and damaged.
 /// 10. What a node promises of its outputs holds: on its example, and on hostile values that it accepts.
 /// 11. Of the attributes of meshes and points becomes what the node declares, from each port to each output.
+/// 12. What its migrations call old is not there, and what they call new is.
 ///
 /// `others` are the packs whose nodes the examples use beside those of `pack`.
 ///
@@ -52,6 +54,7 @@ pub fn check(pack: &Pack, others: &[&Pack], examples: &Path) -> Result<(), Vec<S
     let catalog = Catalog::new(&packs);
     pack.values.iter().for_each(|kind| values::check(kind, &mut broken));
     pack.readers.iter().for_each(|reader| files::check(reader, &catalog, &mut broken));
+    migrations::check(pack, &catalog, &mut broken);
     for node in pack.nodes {
         let name = (node.name)();
         let Some(entry) = catalog.find(&name) else { continue };

@@ -242,6 +242,12 @@ pub mod code {
     pub const EXPECTED: &str = "G020";
     /// A node that nothing needs.
     pub const UNUSED: &str = "G021";
+    /// A used graph of another version than the one that is wanted.
+    pub const VERSION: &str = "G030";
+    /// A used graph that is not what the lock file says.
+    pub const LOCK: &str = "G031";
+    /// A node or a field under its old name.
+    pub const OUTDATED: &str = "G032";
 }
 
 impl Problem {

@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use crate::error::{Error, Problem, Severity, code};
-use crate::graph::{Graph, GraphNode, GraphOutput};
+use crate::graph::{Graph, GraphNode, GraphOutput, UnknownType};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
 use crate::provenance::Signature;
@@ -159,7 +159,10 @@ impl Evaluation {
         for (index, node) in self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index])
         {
             if let Some(news) = news.next_if(|news| news.index == index) {
-                problems.extend(news.error.as_ref().map(|error| failure(node, error)));
+                // What the check has said is not said again.
+                let error = news.error.as_ref();
+                let error = error.filter(|error| error.downcast::<UnknownType>().is_none());
+                problems.extend(error.map(|error| failure(node, error)));
                 problems.extend(news.differs.then(|| difference(node)));
             }
             let outcome = self.found.current(index).map(|done| &done.outcome);

@@ -10,13 +10,14 @@ use crate::pack::Format;
 use crate::plain;
 use crate::reading::Readers;
 use crate::text::{Origin, Sheet, Tree, ron};
-use crate::value::ValueType;
+use crate::value::{Hash, ValueType};
 
 mod check;
 mod declaration;
 mod definition;
 mod describe;
 mod diff;
+mod diff_uses;
 mod draft;
 mod each;
 mod edit;
@@ -30,7 +31,10 @@ mod guards;
 mod input;
 mod lineage;
 mod link;
+mod lock;
 mod meaning;
+mod merge;
+mod migrate;
 mod minimal;
 mod needs;
 mod node;
@@ -44,6 +48,8 @@ mod quality;
 mod recipe;
 mod shape;
 mod top;
+mod unknown;
+mod version;
 #[cfg(test)]
 mod words;
 
@@ -55,11 +61,16 @@ pub(crate) use expected::Expected;
 pub(crate) use guards::Guard;
 pub(crate) use input::INPUT;
 pub use input::{GraphInput, GraphPort, InputValues};
+pub(crate) use lock::{ENDING as LOCK_ENDING, beside as lock_beside};
+#[cfg(feature = "cli")]
+pub(crate) use lock::{Lock, Locked, UsedNow, differences};
+pub use merge::Merge;
 #[cfg(feature = "cli")]
 pub(crate) use outline::{Node as OutlineNode, Outline, Target};
 pub(crate) use recipe::{NodeFile, Recipe};
 pub(crate) use shape::Shape;
 pub(crate) use top::is_name;
+pub(crate) use unknown::UnknownType;
 #[cfg(test)]
 pub(crate) use words::{Word, words, words_of_choices, words_of_fields};
 
@@ -83,6 +94,8 @@ pub struct Graph {
     /// What it wants and gives if it is a function of values.
     inputs: Vec<GraphInput>,
     ports: Vec<GraphPort>,
+    /// What it is made of again without some inputs, if it has such that may be left out and none has been given a value yet.
+    text: Option<Arc<input::GraphText>>,
     /// What must hold of its values, and of those of the graphs that it uses.
     expect: Arc<[Expected]>,
     /// Its inputs and parameters, described as a node's fields are.
@@ -168,6 +181,8 @@ pub struct Options {
     pub files: Files,
     /// Texts that stand in place of files of graphs, by path: those that an editor has not saved yet.
     pub texts: BTreeMap<PathBuf, String>,
+    /// Whether the graphs that it uses must be what the lock file beside it says; otherwise it is a warning if they are not.
+    pub locked: bool,
 }
 
 impl Options {
@@ -206,6 +221,8 @@ pub enum Files {
 pub struct Checked {
     /// The graph; none if a problem is an error.
     pub graph: Option<Graph>,
+    /// If all errors are nodes of unknown types: the graph in which these, and what hangs on them, give nothing.
+    pub partial: Option<Graph>,
     /// All problems, in the order of their places.
     pub problems: Vec<Problem>,
     /// The files that its nodes read, those that are not there included: all of them if there is a graph, else those of the
@@ -267,6 +284,14 @@ impl Graph {
         check::load_text(path, text, catalog, options)
     }
 
+    /// Remembers what it is made of, if it may have to be made again without some inputs.
+    fn remember(&mut self, path: &Path, text: &str, options: &Options) {
+        if self.inputs.iter().any(|input| input.optional) {
+            let (path, text, options) = (path.to_owned(), text.to_owned(), options.clone());
+            self.text = Some(Arc::new(input::GraphText { path, text, options }));
+        }
+    }
+
     /// An error that has no place in the graph's text.
     pub(crate) fn problem(&self, code: &'static str, message: String) -> Problem {
         let (source, span, severity) = (self.source.clone(), Span::default(), Severity::Error);
@@ -298,6 +323,12 @@ impl Graph {
     /// Its inputs and parameters as a JSON schema, as a node's fields are described: types, ranges, units, defaults, words.
     pub fn schema(&self) -> &serde_json::Value {
         &self.schema
+    }
+
+    /// The hash of what it computes: of its nodes' names, types, parameters and links. Of files that it reads only their endings count, so
+    /// that it is the same wherever the graph lies.
+    pub fn identity(&self) -> Hash {
+        self.shape.identity
     }
 
     /// The names of its outputs.

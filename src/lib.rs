@@ -60,7 +60,7 @@
 //! }
 //!
 //! pub const PACK: Pack =
-//!     Pack { name: "lift", nodes: &[node::<Lift>()], values: &[], formats: &[], readers: &[] };
+//!     Pack { name: "lift", nodes: &[node::<Lift>()], values: &[], formats: &[], readers: &[], migrations: &[] };
 //! ```
 //!
 //! [`conformance::check`] tells which laws a pack breaks; `cli::main` with some packs is a program with all commands. `examples/embed.rs`
@@ -118,14 +118,14 @@ pub use eval::{
 pub use golden::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
 pub use graph::{
     Change, Checked, Difference, Edit, Edited, Files, Graph, GraphInput, GraphPort, InputValues,
-    Options, Put, ReadFile,
+    Merge, Options, Put, ReadFile,
 };
 pub use limit::{Estimate, Limit, TooMuch};
 pub use node::{
     CancelToken, Carry, Context, Fate, File, FilePath, In, Node, NodeType, Output, Outputs,
     PortType, Progress, Promise, ReadError, Want, node,
 };
-pub use pack::{FileFormat, Format, NewFile, Pack, format};
+pub use pack::{FileFormat, Format, Migration, NewFile, NewValue, Pack, format};
 pub use provenance::Signature;
 pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use session::{

@@ -20,6 +20,58 @@ pub struct Pack {
     pub formats: &'static [Format],
     /// The files that values can be read from.
     pub readers: &'static [AnyReader],
+    /// What became of nodes and fields that graphs may still have under old names.
+    pub migrations: &'static [Migration],
+}
+
+/// What became of a node or a field of a pack.
+///
+/// Graphs with the old name go on to mean what they meant, with a warning; `maquette migrate --write` puts the new one into their files.
+/// Several may follow each other, as versions do: a field's migration names its node by any name that the node has had.
+///
+/// ```
+/// use maquette::{Migration, NewValue};
+///
+/// const MIGRATIONS: &[Migration] = &[
+///     // 0.2: Smoothen was a bad name, and its width is in millimeters now, not in centimeters.
+///     Migration::Node { old: "Smoothen", new: "Smooth" },
+///     Migration::Field { node: "Smooth", old: "size", new: "width", value: NewValue::Times(10.0) },
+///     // 0.3: how it ends is said in one place.
+///     Migration::Field { node: "Smooth", old: "rounds", new: "until.rounds", value: NewValue::Same },
+///     Migration::Field { node: "Smooth", old: "kind", new: "kind", value: NewValue::Words(&[("Flat", "Linear")]) },
+/// ];
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Migration {
+    /// A type of nodes has another name.
+    Node {
+        /// The name that it had: no node may have it now.
+        old: &'static str,
+        /// The one that it got.
+        new: &'static str,
+    },
+    /// A field has another name or place, and its value may be said otherwise.
+    Field {
+        /// The type of nodes, by any name that it has had.
+        node: &'static str,
+        /// The name that the field had: the node may have no such field now, unless only words of its value have changed.
+        old: &'static str,
+        /// The one that it got; `group.name` if it was moved into a group of fields.
+        new: &'static str,
+        /// What became of its value.
+        value: NewValue,
+    },
+}
+
+/// How a value of an old field is said now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NewValue {
+    /// As before.
+    Same,
+    /// A number in another unit: times this. All numbers of a list or tuple are; what a parameter or an expression gives, too.
+    Times(f64),
+    /// A choice that has another name: (old, new). Others stay.
+    Words(&'static [(&'static str, &'static str)]),
 }
 
 /// A way to write one type of values to one kind of files.

@@ -188,6 +188,8 @@ pub(crate) struct Settings<'a> {
     pub(crate) graphs: &'a BTreeMap<PathBuf, BTreeSet<PathBuf>>,
     /// Nothing may come from the cache.
     pub(crate) cold: bool,
+    /// Used graphs must be what lock files say.
+    pub(crate) locked: bool,
     pub(crate) threads: usize,
     /// Makes a session of one thread: each case is run by one, and each that runs beside others needs its own.
     pub(crate) session: &'a (dyn Fn() -> Result<Session, String> + Sync),
@@ -257,7 +259,7 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
                 if settings.cold {
                     session.forget();
                 }
-                let case = job.run(&mut session);
+                let case = job.run(&mut session, settings.locked);
                 done.lock().unwrap_or_else(|broken| broken.into_inner()).push((index, case));
             }
             session.finish();
@@ -300,6 +302,7 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
         filter: None,
         graphs: &BTreeMap::new(),
         cold: true,
+        locked: false,
         threads,
         session: &|| cold_session(catalog, None),
     };

@@ -61,4 +61,5 @@ pub(crate) const PACK: Pack = Pack {
     values: &[value_type::<Number>()],
     formats: &[],
     readers: &[],
+    migrations: &[],
 };

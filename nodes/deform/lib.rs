@@ -45,4 +45,5 @@ pub static PACK: Pack = Pack {
     values: &[],
     formats: &[],
     readers: &[],
+    migrations: &[],
 };

@@ -27,5 +27,11 @@ pub use method::FillMethod;
 maquette::nodes_of_this_build!();
 
 /// Nodes that close the holes of surfaces.
-pub static PACK: Pack =
-    Pack { name: "fill", nodes: &[node::<FillHoles>()], values: &[], formats: &[], readers: &[] };
+pub static PACK: Pack = Pack {
+    name: "fill",
+    nodes: &[node::<FillHoles>()],
+    values: &[],
+    formats: &[],
+    readers: &[],
+    migrations: &[],
+};

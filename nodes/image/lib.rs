@@ -55,4 +55,5 @@ pub static PACK: Pack = Pack {
     values: &[],
     formats: &[],
     readers: &[],
+    migrations: &[],
 };

@@ -48,4 +48,5 @@ pub static PACK: Pack = Pack {
     values: &[],
     formats: &[],
     readers: &[],
+    migrations: &[],
 };

@@ -73,4 +73,5 @@ pub static PACK: Pack = Pack {
     values: &[],
     formats: &[],
     readers: &[],
+    migrations: &[],
 };

@@ -10,6 +10,8 @@ use crate::catalog::Catalog;
 use crate::error::Source;
 use crate::graph::Graph;
 
+/// Graphs that they use are compared, too, where each of them has its own, as two checkouts of a project have.
+///
 /// For git: `git difftool -y -x 'maquette diff'`, or `GIT_EXTERNAL_DIFF='maquette diff' git diff`.
 #[derive(Args)]
 pub(super) struct Diff {
@@ -35,7 +37,7 @@ impl Diff {
             (Ok(old), Ok(new)) => (old, new),
             (Err(why), _) | (_, Err(why)) => return Exit::Usage(why),
         };
-        let differences = match Graph::differences(&old, &new, catalog) {
+        let differences = match Graph::differences_with_uses(&old, &new, catalog) {
             Ok(differences) => differences,
             Err(problems) => {
                 report(&problems);

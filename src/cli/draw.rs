@@ -35,7 +35,7 @@ impl Draw {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let checked = Graph::load(&self.graph, catalog, &options);
         report(&checked.problems);
-        let Some(graph) = checked.graph else { return Exit::Failed };
+        let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
         let drawing = Drawing::new(&graph, catalog);
         let text = if dot { drawing.to_dot() } else { drawing.to_svg() };
         let Some(path) = &self.out else {

@@ -194,7 +194,7 @@ fn in_words(problems: &[Problem]) -> String {
 }
 
 /// The lines that only one of two texts has, as `diff` prints them: their numbers, and `-` or `+` before each.
-fn changed_lines(old: &str, new: &str) -> String {
+pub(super) fn changed_lines(old: &str, new: &str) -> String {
     let (old, new) = (Vec::from_iter(old.lines()), Vec::from_iter(new.lines()));
     let start = old.iter().zip(&new).take_while(|(old, new)| old == new).count();
     let rest = old[start..].iter().rev().zip(new[start..].iter().rev());

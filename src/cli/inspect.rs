@@ -87,10 +87,10 @@ type Found = (String, (usize, usize));
 impl Inspect {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let checked = self.options.load(&self.graph, catalog);
-        let Some(graph) = checked.graph else {
+        if checked.graph.is_none() {
             report(&checked.problems);
-            return Exit::Failed;
-        };
+        }
+        let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
         let outputs = match self.find(&graph) {
             Ok(found) => found,
             Err(why) => return Exit::Usage(why),

@@ -8,6 +8,7 @@ use serde_json::{Value as Json, json};
 
 use super::{Exit, print, print_json, program, report};
 use crate::catalog::{Catalog, Description, Entry, describe_default, describe_parameter, inside};
+use crate::error::{Problem, Severity};
 use crate::graph::{Files, Graph, Options, Subgraph};
 use crate::node::DOMAINS;
 use crate::text::{any_of, unknown, variants};
@@ -72,7 +73,8 @@ impl Nodes {
         if found.is_empty() && !self.json && problems.is_empty() {
             print(&format!("{} uses no other graph\n", path.display()));
         }
-        if problems.is_empty() { Exit::Done } else { Exit::Failed }
+        let is_error = |problem: &Problem| problem.severity == Severity::Error;
+        if problems.iter().any(is_error) { Exit::Failed } else { Exit::Done }
     }
 }
 
@@ -102,7 +104,9 @@ fn doc(schema: &Json) -> &str {
 /// Everything that is known of a node.
 fn in_full(entry: &Description<'_>) -> String {
     let schema = entry.schema;
-    let mut text = format!("{} ({})\n\n{}\n", entry.name, entry.pack, indent(doc(schema), 0));
+    let version = entry.version.map_or_else(String::new, |version| format!(" {version}"));
+    let mut text =
+        format!("{}{version} ({})\n\n{}\n", entry.name, entry.pack, indent(doc(schema), 0));
     let ports = entry.ports();
     if !ports.is_empty() {
         text += "\nInputs\n";

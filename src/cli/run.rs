@@ -70,7 +70,7 @@ impl Run {
         let checked = self.options.load(&self.graph, catalog);
         let reading_graph = start.elapsed().as_secs_f64();
         let mut problems = checked.problems;
-        let Some(graph) = checked.graph else {
+        let Some(graph) = checked.graph.or(checked.partial) else {
             self.print(None, &[], &problems, start);
             return Exit::Failed;
         };

@@ -46,6 +46,9 @@ pub(super) struct Test {
     cold: bool,
     #[command(flatten)]
     cache: CacheOptions,
+    /// Refuse graphs if one that they use is not what their lock file says.
+    #[arg(long)]
+    locked: bool,
     /// How many cases to run at once; 0 is as many as the machine has threads.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -96,6 +99,7 @@ impl Test {
             filter: self.filter.as_deref(),
             graphs: &graphs,
             cold: self.cold,
+            locked: self.locked,
             threads,
             session: &|| match self.cold {
                 true => suite::cold_session(catalog, self.cache.max_memory),

@@ -29,7 +29,7 @@ impl Why {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let checked = self.options.load(&self.graph, catalog);
         report(&checked.problems);
-        let Some(graph) = checked.graph else { return Exit::Failed };
+        let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
         let mut session = match self.cache.session(1, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),

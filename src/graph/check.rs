@@ -20,7 +20,7 @@ use super::recipe::NodeFile;
 use super::top::TopLevel;
 use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
-use crate::error::{MOST_TOLD, Source, Span, Use, code};
+use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, Use, code};
 use crate::paths::project_root;
 use crate::text::{Finding, Sheet};
 
@@ -31,7 +31,7 @@ pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked
             let source = Arc::new(Source { name: path.to_owned(), text: String::new() });
             let problem = unread("the graph", &error).at(&source);
             let (problems, files, subgraphs) = (vec![problem], Vec::new(), Vec::new());
-            Checked { graph: None, problems, files, subgraphs }
+            Checked { graph: None, partial: None, problems, files, subgraphs }
         }
     }
 }
@@ -49,17 +49,25 @@ pub(super) fn load_text(
     catalog: &Catalog,
     options: &Options,
 ) -> Checked {
-    let (world, whole) = first(path, text, catalog, options);
-    judged(world, whole)
+    let (mut world, whole) = first(path, text.clone(), catalog, options);
+    world.judge_lock(path, &text);
+    let mut checked = judged(world, whole);
+    for graph in [&mut checked.graph, &mut checked.partial].into_iter().flatten() {
+        graph.remember(path, &text, options);
+    }
+    checked
 }
 
 /// What is made of the text of a graph's own file, and of the files that it uses.
 pub(super) fn judged<'a>(mut world: World<'a>, whole: Option<Whole<'a>>) -> Checked {
     let mut problems = std::mem::take(&mut world.problems);
-    let is_broken = !problems.is_empty();
+    let is_error = |problem: &&Problem| problem.severity == Severity::Error;
+    // What is not of an unknown type, or hangs on it, is as good as ever.
+    let is_broken = problems.iter().filter(is_error).any(|it| it.code != code::UNKNOWN_NODE);
+    let is_partial = problems.iter().any(|it| it.code == code::UNKNOWN_NODE);
     // What uses make of a graph adds nothing to more problems than are told.
     let whole = whole.filter(|_| problems.len() < MOST_TOLD);
-    let graph = whole.and_then(|whole| expand(&mut world, whole, is_broken));
+    let graph = whole.and_then(|whole| expand(&mut world, whole, is_broken, is_partial));
     problems.append(&mut world.problems);
     // What is wrong with a file shows again in every use of it.
     let mut seen = HashSet::new();
@@ -67,9 +75,9 @@ pub(super) fn judged<'a>(mut world: World<'a>, whole: Option<Whole<'a>>) -> Chec
         let place = (problem.source.name.clone(), problem.span.start, problem.span.end);
         seen.insert((place, problem.code, problem.message.clone()))
     });
-    let graph = graph.filter(|_| problems.is_empty());
+    let (graph, partial) = if is_partial { (None, graph) } else { (graph, None) };
     let files = graph.as_ref().map_or(world.files, files_of);
-    Checked { graph, problems, files, subgraphs: world.subgraphs }
+    Checked { graph, partial, problems, files, subgraphs: world.subgraphs }
 }
 
 /// What the text of a graph's own file says, and the files that it uses; all of their problems are in the world.
@@ -149,6 +157,8 @@ pub(super) struct Check<'w, 'a> {
     pub(super) findings: Vec<Finding>,
     /// How many links that lead to other links have been followed.
     pub(super) depth: usize,
+    /// The packs that the file says it needs and the program does not have, with their versions.
+    pub(super) missing_packs: Vec<String>,
 }
 
 /// What a file says, and what only the first one of a graph gives.
@@ -156,6 +166,8 @@ pub(super) struct Whole<'a> {
     pub(super) definition: Definition<'a>,
     /// Files, with the places of drafts for those of nodes.
     pub(super) outputs: Vec<GraphOutput>,
+    /// Those of which nobody knows what they hold: they hang on a node of an unknown type.
+    pub(super) undecided: Vec<GraphOutput>,
     /// Whether it gives ports, not files.
     pub(super) is_used: bool,
     /// The nodes that nothing needs.
@@ -164,7 +176,8 @@ pub(super) struct Whole<'a> {
 
 impl<'w, 'a> Check<'w, 'a> {
     pub(super) fn new(world: &'w mut World<'a>, sheet: Arc<Sheet>, uses: Vec<Use>) -> Self {
-        Self { world, sheet, uses, findings: Vec::new(), depth: 0 }
+        let (findings, missing_packs) = (Vec::new(), Vec::new());
+        Self { world, sheet, uses, findings, depth: 0, missing_packs }
     }
 
     /// Whether the file is that of the graph itself, and not of one that it uses.
@@ -195,11 +208,15 @@ impl<'w, 'a> Check<'w, 'a> {
     }
 
     fn graph(&mut self, top: &TopLevel<'_>) -> Whole<'a> {
+        let version = top.version.and_then(|version| self.version(version));
+        self.missing_packs = self.packs(top.packs);
         let subgraphs = self.subgraphs(top);
         let entries = top.inputs.unwrap_or_default();
         let (mut drafts, mut fields, wants) = self.inputs(entries);
         let inputs = drafts.len();
-        let required = Vec::from_iter(fields.keys().cloned());
+        let is_needed = |draft: &&Draft<'_>| !draft.is_optional;
+        let required = drafts.iter().filter(is_needed).map(|draft| draft.name.text.clone());
+        let required = Vec::from_iter(required);
         let parameters = self.named(top.params, "parameter", entries);
         let options = self.world.options;
         let set: &[_] = if self.is_first() { &options.set } else { &[] };
@@ -213,15 +230,16 @@ impl<'w, 'a> Check<'w, 'a> {
         }
         let names = super::link::Names::new(&drafts, &eaches);
         self.link(&mut drafts, &names);
+        self.optional_inputs(&drafts);
         let needs = Self::needs(&drafts);
         let order = self.order(&drafts, &needs);
         self.types(&mut drafts, &order, &eaches);
         self.build(&mut drafts);
         let is_used = !self.is_first() || top.inputs.is_some();
-        let (mut ports, mut outputs) = (Vec::new(), Vec::new());
+        let (mut ports, mut outputs, mut undecided) = (Vec::new(), Vec::new(), Vec::new());
         match is_used {
             true => ports = self.ports(top.outputs, &drafts, &names),
-            false => outputs = self.outputs(top.outputs, &drafts, &names),
+            false => (outputs, undecided) = self.outputs(top.outputs, &drafts, &names),
         }
         if self.is_first() {
             let lineage = |draft| Arc::new(Lineage::of(draft, &drafts, &needs, &defaults, options));
@@ -242,6 +260,7 @@ impl<'w, 'a> Check<'w, 'a> {
         let definition = Definition {
             sheet: self.sheet.clone(),
             doc: top.doc.clone(),
+            version,
             declared,
             defaults,
             drafts,
@@ -253,7 +272,7 @@ impl<'w, 'a> Check<'w, 'a> {
             expect,
             schema,
         };
-        Whole { definition, outputs, is_used, unused }
+        Whole { definition, outputs, undecided, is_used, unused }
     }
 }
 

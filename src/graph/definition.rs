@@ -1,9 +1,10 @@
 //! What a file says that a graph is: checked once, however often other graphs use it.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use semver::Version;
 use serde_json::{Map, Value as Json, json};
 
 use super::check::Check;
@@ -14,9 +15,10 @@ use super::expected::Expecting;
 use super::lineage::Lineage;
 use super::parameters::Parameters;
 use super::top::TopLevel;
+use super::version::Wanted;
 use super::{Options, ReadFile};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Span, Use, code};
+use crate::error::{Problem, Source, Span, Use, code};
 use crate::paths::{PathProblem, may_read, without_dots};
 use crate::text::{Body, Field, Kind, Name, Sheet, Tree, nearest, nearest_or_all};
 use crate::value::ValueType;
@@ -25,6 +27,7 @@ use crate::value::ValueType;
 pub(super) struct Definition<'a> {
     pub(super) sheet: Arc<Sheet>,
     pub(super) doc: String,
+    pub(super) version: Option<Version>,
     /// Its parameters and their values where a use gives none.
     pub(super) declared: Vec<Declaration>,
     pub(super) defaults: Parameters,
@@ -71,6 +74,10 @@ pub(super) struct World<'a> {
     pub(super) problems: Vec<Problem>,
     /// All files of graphs beside the first one, those that are not there included.
     pub(super) subgraphs: Vec<PathBuf>,
+    /// Those of them that can be read, and where they are named.
+    pub(super) entered: Vec<Entered>,
+    /// The inputs of the first graph that nobody gives a value, of those that may be left out.
+    pub(super) absent: BTreeSet<String>,
     /// The files that the nodes read that have been looked at.
     pub(super) files: Vec<ReadFile>,
 }
@@ -106,8 +113,15 @@ impl<'a> World<'a> {
             open: Vec::new(),
             problems: Vec::new(),
             subgraphs: Vec::new(),
+            entered: Vec::new(),
+            absent: BTreeSet::new(),
             files: Vec::new(),
         }
+    }
+
+    /// The version that the graph in a file says it has.
+    pub(super) fn version_of(&self, real: &Path) -> Option<String> {
+        Some(self.known.get(real)?.as_ref()?.version.as_ref()?.to_string())
     }
 }
 
@@ -115,6 +129,16 @@ impl<'a> World<'a> {
 pub(super) struct Used<'a> {
     pub(super) name: String,
     pub(super) definition: Option<Arc<Definition<'a>>>,
+}
+
+/// A place where a graph names the file of another one.
+pub(super) struct Entered {
+    pub(super) path: PathBuf,
+    /// The same without links and dots.
+    pub(super) real: PathBuf,
+    pub(super) source: Arc<Source>,
+    pub(super) span: Span,
+    pub(super) uses: Vec<Use>,
 }
 
 /// The file of a graph that another one names.
@@ -145,15 +169,13 @@ impl<'a> Check<'_, 'a> {
                 continue;
             }
             let at = first_use(top, name).unwrap_or((name, key.span));
-            let definition = match value.text() {
-                Some(path) => self.subgraph(path, value.span, at),
-                None => {
-                    let message =
-                        format!("`{name}` wants the path of a graph, not {}", value.in_words());
-                    self.find(code::WRONG_VALUE, value.span, message, "write \"lib/name.ron\"");
-                    None
-                }
-            };
+            let wanted = self.wanted(name, value);
+            let definition = wanted.as_ref().and_then(|it| self.subgraph(it.path, it.span, at));
+            if let Some(Wanted { path, version: Some(wanted), .. }) = &wanted
+                && let Some(found) = &definition
+            {
+                self.must_fit(name, path, wanted, found);
+            }
             if let Some(definition) = &definition {
                 let listed = (self.world.open.len(), name.to_owned(), definition.clone());
                 self.world.listed.push(listed);
@@ -220,6 +242,15 @@ impl<'a> Check<'_, 'a> {
             self.find(code::CYCLE, span, message, "use the inner ones side by side");
             return None;
         }
+        let (source, span) = self.sheet.place(span);
+        let uses = self.uses.clone();
+        self.world.entered.push(Entered {
+            path: path.clone(),
+            real: real.clone(),
+            source,
+            span,
+            uses,
+        });
         Some(FoundGraph { path, real, name })
     }
 
@@ -231,13 +262,15 @@ impl<'a> Check<'_, 'a> {
         let (mut drafts, mut schema, mut all_wants) = (Vec::new(), Map::new(), Vec::new());
         for (key, value) in self.named(entries, "input", &[]) {
             let name = key.text().unwrap_or_default();
+            let optional = value.call_of("Optional");
+            let value = optional.unwrap_or(value);
             let kind = self.input(name, value);
             let fields = value.fields().unwrap_or_default().iter();
             let wants = fields.filter(|field| field.name.text == "wants");
             let wants = wants.flat_map(|field| self.properties(&field.value, kind));
             let wants = Vec::from_iter(wants.map(|(property, _)| property));
-            let text = name.to_owned();
-            drafts.push(Draft::input(Name { text, span: key.span }, value.clone(), kind));
+            let key = Name { text: name.to_owned(), span: key.span };
+            drafts.push(Draft::input(key, value.clone(), kind, optional.is_some()));
             let doc = value.fields().unwrap_or_default().iter();
             let doc = doc.filter(|field| field.name.text == "doc").find_map(|f| f.value.text());
             // A port of which nothing is known takes nothing; what is linked to it is not judged either.

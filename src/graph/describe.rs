@@ -15,6 +15,7 @@ pub(crate) struct Subgraph {
     /// The type of nodes that it is for who uses it.
     pub(crate) name: String,
     pub(crate) file: String,
+    version: Option<String>,
     schema: Json,
     outputs: Vec<(String, Vec<&'static str>)>,
     promises: Vec<(String, String)>,
@@ -28,6 +29,7 @@ impl Subgraph {
         Self {
             name: name.to_owned(),
             file: definition.sheet.source.name.display().to_string(),
+            version: definition.version.as_ref().map(ToString::to_string),
             schema: definition.schema.clone(),
             outputs: definition.ports.iter().map(output).collect(),
             promises: definition.promises().map(|(port, it)| (port.into(), it.into())).collect(),
@@ -37,7 +39,8 @@ impl Subgraph {
     pub(crate) fn description(&self) -> Description<'_> {
         let (name, pack, schema) = (&self.name[..], &self.file[..], &self.schema);
         let (outputs, promises) = (self.outputs.clone(), self.promises.clone());
-        Description { name, pack, schema, outputs, promises, carries: &[] }
+        let version = self.version.as_deref();
+        Description { name, pack, version, schema, outputs, promises, carries: &[] }
     }
 
     /// The description of its fields as a built-in node's.

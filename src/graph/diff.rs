@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::Graph;
 use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
+use super::migrate::renewed_graph;
 use super::patch::patched_tree;
 use super::{Files, Options};
 use crate::catalog::Catalog;
@@ -32,6 +33,8 @@ pub struct Difference {
     pub before: Option<String>,
     /// What is there now, as text.
     pub after: Option<String>,
+    /// The graphs that lead to it, by the names that they are used by; empty in the graphs themselves.
+    pub inside: Vec<String>,
 }
 
 /// How a part of a graph differs from that of another one.
@@ -72,6 +75,7 @@ impl Difference {
             "field": self.field,
             "before": self.before,
             "after": self.after,
+            "inside": self.inside,
         })
     }
 }
@@ -79,6 +83,9 @@ impl Difference {
 /// One line: `node red: changed select.distance: 30 -> 25`.
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for name in &self.inside {
+            write!(f, "in {name}: ")?;
+        }
         f.write_str(self.what)?;
         if !self.name.is_empty() {
             write!(f, " {}", self.name)?;
@@ -122,6 +129,7 @@ impl Graph {
     ) -> Result<Vec<Difference>, Vec<Problem>> {
         let read = |source: &Source| {
             let (tree, mistakes) = parse(&source.text);
+            let tree = renewed_graph(&tree, catalog);
             let problems = syntax_problems(&source.name, &source.text, mistakes);
             let is_plain = tree.fields().is_some_and(|fields| {
                 fields.iter().all(|field| field.name.text != "use" && field.name.text != "of")
@@ -134,7 +142,7 @@ impl Graph {
             let (path, text) = (&source.name, source.text.clone());
             let (graphs, _) = Self::subgraphs_of(path, text.clone(), catalog, &options);
             let tree = match tree.name().is_some_and(|name| name.text == "Patch") {
-                true => patched_tree(path, text, catalog, &options),
+                true => renewed_graph(&patched_tree(path, text, catalog, &options), catalog),
                 false => tree,
             };
             (Meaning::of(&tree, catalog, &graphs), problems)
@@ -162,7 +170,16 @@ fn compare(old: &Meaning, new: &Meaning) -> Vec<Difference> {
         if before != after {
             let (what, field) = ("graph", name.clone());
             let change = Change::Changed;
-            found.push(Difference { what, name: String::new(), change, field, before, after });
+            let inside = Vec::new();
+            found.push(Difference {
+                what,
+                name: String::new(),
+                change,
+                field,
+                before,
+                after,
+                inside,
+            });
         }
     }
     let mut names = Names::default();
@@ -267,7 +284,8 @@ impl Section<'_> {
             _ => (None, text),
         };
         let (what, name) = (self.what, item.name.clone());
-        Difference { what, name, change, field: String::new(), before, after }
+        let (field, inside) = (String::new(), Vec::new());
+        Difference { what, name, change, field, before, after, inside }
     }
 }
 
@@ -478,7 +496,8 @@ impl Walk<'_, '_> {
         after: Option<String>,
     ) {
         let (what, name, field) = (self.section.what, self.name.to_owned(), field.to_owned());
-        self.found.push(Difference { what, name, change, field, before, after });
+        let inside = Vec::new();
+        self.found.push(Difference { what, name, change, field, before, after, inside });
     }
 }
 

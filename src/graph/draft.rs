@@ -8,6 +8,7 @@ use serde_json::Value as Json;
 use super::check::Check;
 use super::definition::{Definition, Used};
 use super::each::{Branches, Each, element_name};
+use super::migrate::renewed;
 use super::node::{Built, Survey};
 use super::parameters::{Parameters, is_parametric};
 use crate::catalog::Entry;
@@ -31,6 +32,8 @@ pub(super) struct Draft<'a> {
     pub(super) parametric: bool,
     /// Whether its fields have no problem with the defaults.
     pub(super) is_sound: bool,
+    /// Whether it is an input that a use may leave out.
+    pub(super) is_optional: bool,
     /// Its fields with the defaults, if they have no problem, until the node is made of them.
     survey: Option<Survey>,
     /// A built-in node itself, with the defaults.
@@ -95,8 +98,13 @@ impl What<'_> {
 }
 
 impl<'a> Draft<'a> {
-    pub(super) fn input(name: Name, tree: Tree, kind: Option<&'static ValueType>) -> Self {
-        Self { types: vec![kind], ..Self::new(name, tree, What::Input) }
+    pub(super) fn input(
+        name: Name,
+        tree: Tree,
+        kind: Option<&'static ValueType>,
+        is_optional: bool,
+    ) -> Self {
+        Self { types: vec![kind], is_optional, ..Self::new(name, tree, What::Input) }
     }
 
     pub(super) fn new(name: Name, tree: Tree, what: What<'a>) -> Self {
@@ -109,6 +117,7 @@ impl<'a> Draft<'a> {
             targets: Vec::new(),
             types: Vec::new(),
             is_sound: true,
+            is_optional: false,
             survey: None,
             built: None,
         }
@@ -116,6 +125,29 @@ impl<'a> Draft<'a> {
 }
 
 impl<'a> Check<'_, 'a> {
+    /// What may be left out must not be needed.
+    pub(super) fn optional_inputs(&mut self, drafts: &[Draft<'a>]) {
+        for draft in drafts {
+            for (link, targets) in draft.links.iter().zip(&draft.targets) {
+                let input = targets.iter().flatten().map(|(node, _)| &drafts[*node]);
+                let Some(input) = input.into_iter().find(|input| input.is_optional) else {
+                    continue;
+                };
+                let is_case = matches!(draft.what, What::Switch(_));
+                if link.optional || link.many && !is_case {
+                    continue;
+                }
+                let (port, kind, name) = (&link.port, draft.what.kind(), &input.name.text);
+                let what = if is_case { "case" } else { "port" };
+                let message = format!(
+                    "{what} `{port}` of {kind} needs a value, but input `{name}` may be left out"
+                );
+                let help = format!("declare `{name}` without Optional(..), or link something else");
+                self.find(code::MISSING_FIELD, link.span, message, help);
+            }
+        }
+    }
+
     /// The nodes as drafts, behind those that are there already.
     pub(super) fn drafts(
         &mut self,
@@ -128,7 +160,17 @@ impl<'a> Check<'_, 'a> {
         for (key, value) in entries {
             let text = key.text().unwrap_or_default().to_owned();
             let name = Name { text, span: key.span };
-            let value = self.with_sets(&name.text, (*value).clone());
+            // The file's own types go before the packs', old names and new.
+            let is_own = |kind: &Name| subgraphs.iter().any(|own| own.name == kind.text);
+            let value = match value.name().is_some_and(|kind| is_own(&kind)) {
+                true => (*value).clone(),
+                false => {
+                    let (value, outdated) = renewed(value, self.world.catalog);
+                    self.findings.extend(outdated);
+                    value
+                }
+            };
+            let value = self.with_sets(&name.text, value);
             match value.name().as_ref().map(|kind| &kind.text[..]) {
                 Some("ForEach") => {
                     eaches.extend(self.each(name, &value, subgraphs, defaults, drafts));
@@ -208,6 +250,7 @@ impl<'a> Check<'_, 'a> {
             wants: String::new(),
             types: Vec::new(),
             many: true,
+            optional: false,
         };
         let links = branches.cases.iter().map(link).collect();
         Draft { links, ..Draft::new(name, value, What::Switch(branches)) }
@@ -234,11 +277,13 @@ impl<'a> Check<'_, 'a> {
         let help = self.guess(|| {
             let mut names = self.world.catalog.names();
             names.extend(subgraphs.iter().map(|subgraph| &subgraph.name[..]));
-            match nearest(&kind.text, names) {
-                help if help.is_empty() => {
+            let near = Some(nearest(&kind.text, names)).filter(|help| !help.is_empty());
+            match (near, self.missing_packs()) {
+                (Some(near), Some(packs)) => format!("{near} Or {packs}"),
+                (Some(help), None) | (None, Some(help)) => help,
+                (None, None) => {
                     "the command `nodes` lists those of this program; others come in packs".into()
                 }
-                help => help,
             }
         });
         self.find(code::UNKNOWN_NODE, kind.span, message, help);

@@ -19,8 +19,7 @@ mod structure;
 
 pub(super) use place::{Refusal, place};
 pub(super) use references::References;
-pub(super) use splice::Splice;
-use splice::{apply, quoted};
+pub(super) use splice::{Splice, added, apply, opened, parts, quoted, without};
 use structure::Structure;
 
 /// One edit of a graph.
@@ -172,6 +171,20 @@ impl Graph {
     }
 }
 
+/// A text with another name of a node, an input or a parameter in it; none if there is no such thing. What comes of it is not judged.
+pub(super) fn renamed_in(
+    path: &Path,
+    text: &str,
+    from: &str,
+    to: &str,
+    catalog: &Catalog,
+) -> Option<String> {
+    let options = Options { files: Files::Ignored, ..Options::default() };
+    let judge = Judge { path, catalog, options: &options };
+    let edit = Edit::Rename { from: from.to_owned(), to: to.to_owned() };
+    Some(judge.done(text, &[edit], std::iter::empty()).ok()?.text)
+}
+
 /// Edits a text and judges what comes of it.
 struct Judge<'a> {
     path: &'a Path,
@@ -264,6 +277,7 @@ impl Judge<'_> {
         let mut problems = check(Files::Ignored);
         let outside = check(Files::Needed).into_iter();
         problems.extend(outside.filter(|problem| problem.code == code::OUTSIDE));
+        problems.retain(|problem| problem.severity == Severity::Error);
         problems
     }
 

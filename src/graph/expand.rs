@@ -3,6 +3,7 @@
 //! The nodes of a use `nose` are named `nose/mask`. The evaluator knows nothing of uses: two of them with equal inputs have nodes
 //! with equal keys, which are computed once.
 
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -15,9 +16,10 @@ use super::guards::Known;
 use super::input::input_node;
 use super::node::Built;
 use super::parameters::{Parameters, handed_over};
+use super::unknown::unknown_node;
 use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Guard, Link, Shape};
-use crate::error::{Problem, Severity, Use, code};
-use crate::text::Finding;
+use crate::error::{Problem, Severity, Span, Use, code};
+use crate::text::{Body, Field, Finding, Kind, Tree};
 
 /// A node and an output of it, by their places in the flat graph.
 type Target = (usize, usize);
@@ -34,8 +36,13 @@ pub(super) fn expand<'a>(
     world: &mut World<'a>,
     whole: Whole<'a>,
     is_broken: bool,
+    is_partial: bool,
 ) -> Option<Graph> {
-    let Whole { definition, outputs, unused, .. } = whole;
+    let Whole { definition, mut outputs, undecided, unused, .. } = whole;
+    if is_partial {
+        // Nothing will come of them, which is to be told.
+        outputs.extend(undecided);
+    }
     let (nodes, uses, expect) = (Vec::new(), Vec::new(), Vec::new());
     let mut expansion = Expansion { world, nodes, uses, expect, count: 0 };
     let inputs = expansion.inputs(&definition);
@@ -44,7 +51,8 @@ pub(super) fn expand<'a>(
     expansion.guard(&definition, &scope, 0);
     let Expansion { mut nodes, uses, mut expect, .. } = expansion;
     // Where something is wrong, links may lead to nodes that could not be made.
-    if !world.problems.is_empty() || is_broken {
+    let is_error = |problem: &Problem| problem.severity == Severity::Error;
+    if world.problems.iter().any(is_error) || is_broken {
         return None;
     }
     let (known, mut doubts) = Known::settle(&mut nodes);
@@ -61,9 +69,9 @@ pub(super) fn expand<'a>(
         Some(GraphPort { name, kind: port.kind, node, output, lineage, span: port.span })
     };
     let ports = definition.ports.iter().filter_map(port).collect();
-    let input = |(draft, &(node, _)): (&Draft<'_>, &Target)| {
+    let input = |(draft, target): (&Draft<'_>, &Option<Target>)| {
         let kind = draft.types.first().copied().flatten()?;
-        Some(GraphInput::new(&draft.name.text, kind, &draft.tree, node))
+        Some(GraphInput::new(draft, kind, target.as_ref()?.0))
     };
     let inputs = definition.drafts.iter().zip(&scope.inputs).filter_map(input).collect();
     let shape = Arc::new(Shape::new(&nodes));
@@ -87,6 +95,7 @@ pub(super) fn expand<'a>(
         readers: world.catalog.readers().clone(),
         inputs,
         ports,
+        text: None,
         expect: expect.into(),
         schema,
         uses: uses.into(),
@@ -108,8 +117,8 @@ struct Scope {
     /// What stands before the names of its nodes: `nose/`.
     prefix: String,
     uses: Arc<[Use]>,
-    /// What comes in.
-    inputs: Vec<Target>,
+    /// What comes in; none where an input is left out.
+    inputs: Vec<Option<Target>>,
     /// The values of its parameters, if some are not the defaults.
     values: Option<Parameters>,
 }
@@ -122,14 +131,17 @@ impl Scope {
 
 impl<'a> Expansion<'_, 'a> {
     /// Nodes that stand for the inputs of a graph that nobody uses.
-    fn inputs(&mut self, definition: &Definition<'a>) -> Vec<Target> {
+    fn inputs(&mut self, definition: &Definition<'a>) -> Vec<Option<Target>> {
         let scope =
             Scope { prefix: String::new(), uses: Arc::new([]), inputs: Vec::new(), values: None };
         let inputs = definition.drafts[..definition.inputs].iter().map(|draft| {
+            if self.world.absent.contains(&draft.name.text) {
+                return None;
+            }
             let built = input_node(&draft.name.text, &draft.tree);
-            self.put(definition, draft, built, &scope, Vec::new())
+            Some((self.put(definition, draft, built, &scope, Vec::new()), 0))
         });
-        inputs.map(|node| (node, 0)).collect()
+        inputs.collect()
     }
 
     /// Puts the nodes of a graph in; what all of its nodes give.
@@ -150,11 +162,14 @@ impl<'a> Expansion<'_, 'a> {
             }
             let draft = &definition.drafts[index];
             values[index] = match &draft.what {
-                What::Input => scope.inputs.get(index).copied().into_iter().collect(),
+                What::Input => scope.inputs.get(index).copied().flatten().into_iter().collect(),
                 What::Node(_) => self.node(definition, draft, scope, &values),
                 What::Use(_, graph) => self.used(definition, draft, graph, scope, &values),
                 What::Switch(branches) => self.switch(definition, draft, branches, scope, &values),
-                What::Unknown => Vec::new(),
+                What::Unknown => {
+                    let built = unknown_node(&draft.tree);
+                    vec![(self.put(definition, draft, built, scope, Vec::new()), 0)]
+                }
             };
         }
         for each in &definition.eaches {
@@ -264,15 +279,20 @@ impl<'a> Expansion<'_, 'a> {
         values: &Values,
     ) -> Vec<Target> {
         let What::Node(entry) = draft.what else { return Vec::new() };
-        let as_it_stands = draft.built.as_ref();
+        let absent = absent(definition, draft, scope);
+        let as_it_stands = draft.built.as_ref().filter(|_| absent.is_empty());
         let as_it_stands = as_it_stands.filter(|_| scope.values.is_none() || !draft.parametric);
         let built = match as_it_stands {
             Some(built) => Some(built.clone()),
             None => self.checked(definition, scope, |check| {
-                let survey = check.survey(&draft.what, &draft.tree, scope.values(definition));
+                let tree = without_links(&draft.tree, &absent);
+                let survey = check.survey(&draft.what, &tree, scope.values(definition));
                 survey.files.iter().for_each(|file| check.may_read(file));
                 let sound = check.findings.is_empty() && survey.tree.is_whole();
-                sound.then(|| check.built(entry, survey, &draft.targets)).flatten()
+                let links = draft.links.iter().zip(&draft.targets);
+                let there = links.filter(|(link, _)| !absent.contains_key(&link.span));
+                let targets = Vec::from_iter(there.map(|(_, targets)| targets.clone()));
+                sound.then(|| check.built(entry, survey, &targets)).flatten()
             }),
         };
         let Some(built) = built else { return Vec::new() };
@@ -309,7 +329,10 @@ impl<'a> Expansion<'_, 'a> {
             files: built.files,
             tree: built.tree,
             outputs,
-            types: draft.types.clone(),
+            types: match draft.what {
+                What::Unknown => vec![None],
+                _ => draft.types.clone(),
+            },
             guards: Vec::new(),
         });
         self.nodes.len() - 1
@@ -345,12 +368,12 @@ impl<'a> Expansion<'_, 'a> {
             (field.name.text.clone(), value)
         });
         let given = Vec::from_iter(given);
-        let mut inputs = vec![(0, 0); graph.inputs];
+        let mut inputs = vec![None; graph.inputs];
         let mut linked_ports = Vec::with_capacity(graph.inputs);
         for (case, link) in draft.links.iter().enumerate() {
             let port = graph.drafts[..graph.inputs].iter().position(|d| d.name.text == link.port);
             if let (Some(port), Some(target)) = (port, linked(draft, case, values).next()) {
-                inputs[port] = target;
+                inputs[port] = Some(target);
                 linked_ports.push((link.port.clone(), target));
             }
         }
@@ -403,6 +426,54 @@ impl<'a> Expansion<'_, 'a> {
         self.uses.push(GraphUse { name, kind: "Switch".into(), inputs, outputs });
         given
     }
+}
+
+/// The places of links that are left out, and whether each is at a port that takes many.
+type Absent = HashMap<Span, bool>;
+
+/// The links of a draft to inputs that are left out, by their places.
+fn absent(definition: &Definition<'_>, draft: &Draft<'_>, scope: &Scope) -> Absent {
+    let is_absent = |&(node, _): &Target| {
+        definition.drafts[node].is_optional && scope.inputs.get(node).is_none_or(Option::is_none)
+    };
+    let links = draft.links.iter().zip(&draft.targets);
+    let absent = links.filter(|(_, targets)| targets.iter().flatten().any(is_absent));
+    absent.map(|(link, _)| (link.span, link.many)).collect()
+}
+
+/// A node's fields without these links: one at a port of its own goes with its field, one in a list leaves the others there.
+fn without_links(tree: &Tree, gone: &Absent) -> Tree {
+    if gone.is_empty() {
+        return tree.clone();
+    }
+    let is_gone = |tree: &Tree| {
+        let link = tree.call_of("Some").unwrap_or(tree);
+        gone.get(&link.span).copied().filter(|_| link.text().is_some())
+    };
+    let items = |items: &[Tree]| {
+        let kept = items.iter().filter(|item| is_gone(item).is_none());
+        kept.map(|item| without_links(item, gone)).collect()
+    };
+    let kind = match &tree.kind {
+        Kind::Call { name, body: Body::Fields(fields) } => {
+            let kept = fields.iter().filter_map(|field| {
+                let value = match is_gone(&field.value) {
+                    None => without_links(&field.value, gone),
+                    // The only link of a list.
+                    Some(true) => Tree::new(field.value.span, Kind::List(Vec::new())),
+                    Some(false) => return None,
+                };
+                Some(Field { name: field.name.clone(), value })
+            });
+            Kind::Call { name: name.clone(), body: Body::Fields(kept.collect()) }
+        }
+        Kind::Call { name, body: Body::Items(list) } => {
+            Kind::Call { name: name.clone(), body: Body::Items(items(list)) }
+        }
+        Kind::List(list) => Kind::List(items(list)),
+        plain => plain.clone(),
+    };
+    Tree { kind, ..tree.clone() }
 }
 
 /// What comes in at a link of a draft.

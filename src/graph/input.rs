@@ -1,15 +1,17 @@
 //! The inputs of a graph: values that come from a graph that uses it, or from whoever calls it as a function.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde_json::json;
 
+use super::check::{first, judged};
+use super::draft::Draft;
 use super::lineage::Lineage;
 use super::node::Built;
 use super::recipe::Recipe;
-use super::{Graph, GraphOutput, Shape};
+use super::{Graph, GraphOutput, Options, Shape};
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem, Severity, Span, code};
 use crate::node::{AnyNode, Context, FilePath};
@@ -28,6 +30,8 @@ pub struct GraphInput {
     pub kind: &'static ValueType,
     /// What it is, in its author's words.
     pub doc: String,
+    /// Whether it may be left out: then what is linked to it has one link less.
+    pub optional: bool,
     /// The node that stands for it.
     pub(super) node: usize,
 }
@@ -47,11 +51,33 @@ pub struct GraphPort {
 
 impl GraphInput {
     /// The input that a declaration, such as `Mesh(doc: "..")`, makes.
-    pub(super) fn new(name: &str, kind: &'static ValueType, tree: &Tree, node: usize) -> Self {
-        let mut fields = tree.fields().unwrap_or_default().iter();
+    pub(super) fn new(draft: &Draft<'_>, kind: &'static ValueType, node: usize) -> Self {
+        let mut fields = draft.tree.fields().unwrap_or_default().iter();
         let doc =
             fields.find(|field| field.name.text == "doc").and_then(|field| field.value.text());
-        Self { name: name.to_owned(), kind, doc: doc.unwrap_or_default().to_owned(), node }
+        let (name, doc) = (draft.name.text.clone(), doc.unwrap_or_default().to_owned());
+        Self { name, kind, doc, optional: draft.is_optional, node }
+    }
+}
+
+/// The text of a graph, of which another graph is made where inputs are left out.
+pub(super) struct GraphText {
+    pub(super) path: PathBuf,
+    pub(super) text: String,
+    pub(super) options: Options,
+}
+
+impl GraphText {
+    /// The graph without these inputs.
+    fn graph_without(
+        &self,
+        inputs: BTreeSet<String>,
+        catalog: &Catalog,
+    ) -> Result<Graph, Vec<Problem>> {
+        let (mut world, whole) = first(&self.path, self.text.clone(), catalog, &self.options);
+        world.absent = inputs;
+        let checked = judged(world, whole);
+        checked.graph.ok_or(checked.problems)
     }
 }
 
@@ -69,7 +95,8 @@ impl Graph {
     /// The same graph with these values at its inputs, to be evaluated by itself. Results have the same keys as where another
     /// graph uses it with equal values. Its outputs become files in the preferred format of their types.
     ///
-    /// Inputs without a value are no error: what hangs on them fails when it is evaluated.
+    /// Inputs without a value are no error: those that are optional are left out for good, and what hangs on others fails when it
+    /// is evaluated.
     ///
     /// # Errors
     /// For each value of a wrong type, and each name that is no input's.
@@ -78,6 +105,12 @@ impl Graph {
         values: &InputValues,
         catalog: &Catalog,
     ) -> Result<Self, Vec<Problem>> {
+        let left_out =
+            self.inputs.iter().filter(|it| it.optional && !values.contains_key(&it.name));
+        let left_out = BTreeSet::from_iter(left_out.map(|input| input.name.clone()));
+        if let Some(text) = self.text.as_ref().filter(|_| !left_out.is_empty()) {
+            return text.graph_without(left_out, catalog)?.with_inputs(values, catalog);
+        }
         let mut problems = Vec::new();
         let mut nodes = self.nodes.to_vec();
         for (name, value) in values {
@@ -99,7 +132,7 @@ impl Graph {
         }
         let shape = Arc::new(Shape::new(&nodes));
         let outputs = self.ports.iter().filter_map(|port| self.file_of(port, catalog)).collect();
-        Ok(Self { nodes: nodes.into(), shape, outputs, ..self.clone() })
+        Ok(Self { nodes: nodes.into(), shape, outputs, text: None, ..self.clone() })
     }
 
     /// The file that an output becomes where nobody names one.

@@ -116,7 +116,13 @@ impl<'a> Check<'_, 'a> {
     ) -> Option<Vec<(usize, usize)>> {
         let element = each.elements.first().map(|&element| &drafts[element].what);
         let outputs = match (element, &each.outputs) {
-            (Some(What::Unknown), _) | (None, None) => return None,
+            (None, None) => return None,
+            (Some(What::Unknown), _) => {
+                let is_carried = each.carry.iter().any(|(name, _)| Some(&name[..]) == output);
+                let last = each.elements.len() - 1;
+                let elements = if is_carried { &each.elements[last..] } else { &each.elements };
+                return Some(elements.iter().map(|&element| (element, 0)).collect());
+            }
             (Some(what), _) => what.outputs(),
             (None, Some(outputs)) => outputs.iter().map(String::as_str).collect(),
         };

@@ -118,7 +118,7 @@ fn bare_name(name: &Name) -> Name {
 }
 
 /// A value of which nothing is known.
-fn plain(tree: &Tree) -> Tree {
+pub(super) fn plain(tree: &Tree) -> Tree {
     plain_with(tree, &|text| Kind::Text(text.to_owned()))
 }
 

@@ -16,13 +16,15 @@ use crate::text::{Tree, with_article};
 use crate::value::ValueType;
 
 impl Check<'_, '_> {
+    /// The files that a graph gives, and those of which it is not known what they hold.
     pub(super) fn outputs(
         &mut self,
         entries: &[(Tree, Tree)],
         drafts: &[Draft<'_>],
         names: &Names<'_>,
-    ) -> Vec<GraphOutput> {
+    ) -> (Vec<GraphOutput>, Vec<GraphOutput>) {
         let mut outputs: Vec<GraphOutput> = Vec::with_capacity(entries.len());
+        let mut undecided = Vec::new();
         let mut taken = HashSet::new();
         for (key, value) in entries {
             let Some(name) = key.text() else {
@@ -53,18 +55,21 @@ impl Check<'_, '_> {
             let Some((node, output)) = self.only(name, value, &targets) else { continue };
             let kind = drafts[node].types.get(output).copied().flatten();
             let ending = ending(Path::new(name));
-            let format = kind.and_then(|kind| self.world.catalog.format(kind, &ending));
-            if let Some(format) = format {
-                taken.insert(name);
-                let (name, format) = (name.to_owned(), *format);
-                let (source, span) = self.sheet.place(key.span);
-                let lineage = Arc::default();
-                outputs.push(GraphOutput { name, node, output, format, lineage, source, span });
-            } else if kind.is_some() || !self.world.catalog.endings(None).contains(&&ending[..]) {
+            let format = match kind {
+                Some(kind) => self.world.catalog.format(kind, &ending),
+                None => self.world.catalog.any_format(&ending),
+            };
+            let Some(format) = format.copied() else {
                 self.no_format(name, &ending, kind, key.span);
-            }
+                continue;
+            };
+            taken.insert(name);
+            let (source, span) = self.sheet.place(key.span);
+            let list = if kind.is_some() { &mut outputs } else { &mut undecided };
+            let (name, lineage) = (name.to_owned(), Arc::default());
+            list.push(GraphOutput { name, node, output, format, lineage, source, span });
         }
-        outputs
+        (outputs, undecided)
     }
 
     fn output_link(
@@ -129,6 +134,13 @@ impl Check<'_, '_> {
             let targets = self.output_link(name, value, drafts, names);
             // An output whose link is wrong is still there for those who use the graph.
             let target = targets.and_then(|targets| self.only(name, value, &targets));
+            if let Some(input) = target.map(|(node, _)| &drafts[node]).filter(|it| it.is_optional) {
+                let input = &input.name.text;
+                let message =
+                    format!("output `{name}` needs a value, but input `{input}` may be left out");
+                let help = format!("declare `{input}` without Optional(..)");
+                self.find(code::MISSING_FIELD, value.span, message, help);
+            }
             let kind = target.and_then(|(node, output)| drafts[node].types.get(output));
             let (name, kind) = (name.to_owned(), kind.copied().flatten());
             let lineage = Arc::default();

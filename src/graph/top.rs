@@ -10,12 +10,18 @@ use crate::text::{Field, Kind, Tree, nearest_or_all, with_article};
 const FORMAT: f64 = 1.0;
 
 /// The fields of a graph.
-pub(super) const FIELDS: [&str; 9] =
-    ["format", "doc", "use", "inputs", "params", "nodes", "outputs", "promises", "expect"];
+pub(super) const FIELDS: [&str; 11] = [
+    "format", "version", "doc", "packs", "use", "inputs", "params", "nodes", "outputs", "promises",
+    "expect",
+];
 
 /// What stands in the fields of a graph.
 pub(super) struct TopLevel<'t> {
     pub(super) doc: String,
+    /// Its own version.
+    pub(super) version: Option<&'t Tree>,
+    /// The packs that it needs, and their versions.
+    pub(super) packs: &'t [(Tree, Tree)],
     pub(super) uses: &'t [(Tree, Tree)],
     /// None if the field is left out: then the outputs are files, not ports.
     pub(super) inputs: Option<&'t [(Tree, Tree)]>,
@@ -66,6 +72,8 @@ impl Check<'_, '_> {
         };
         let mut top = TopLevel {
             doc: String::new(),
+            version: None,
+            packs: &[],
             uses: &[],
             inputs: None,
             params: &[],
@@ -84,6 +92,8 @@ impl Check<'_, '_> {
             match (&name.text[..], &value.kind) {
                 ("format", Kind::Number { .. }) => {}
                 ("doc", Kind::Text(doc)) => top.doc.clone_from(doc),
+                ("version", _) => top.version = Some(value),
+                ("packs", Kind::Map(entries)) => top.packs = entries,
                 ("use", Kind::Map(entries)) => top.uses = entries,
                 ("inputs", Kind::Map(entries)) => top.inputs = Some(entries),
                 ("params", Kind::Map(entries)) => top.params = entries,

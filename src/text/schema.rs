@@ -31,6 +31,8 @@ pub(crate) struct FoundLink {
     pub(crate) types: Vec<String>,
     /// Whether the port takes a list of links.
     pub(crate) many: bool,
+    /// Whether the port can do without a link.
+    pub(crate) optional: bool,
 }
 
 /// A file that a field names.
@@ -59,8 +61,10 @@ impl Finding {
     /// The same as an error in this file.
     pub(crate) fn at(self, source: &Arc<Source>) -> Problem {
         let Self { code, span, message, help, note } = self;
+        // What has another name now is understood all the same.
+        let severity = if code == code::OUTDATED { Severity::Warning } else { Severity::Error };
         Problem {
-            severity: Severity::Error,
+            severity,
             code,
             source: source.clone(),
             span,
@@ -179,6 +183,8 @@ impl Walk<'_> {
         let Some(fields) = tree.fields() else {
             return self.wrong(tree, owner, "named fields: `(field: value, ..)`");
         };
+        let required = schema.get("required").and_then(Json::as_array).into_iter().flatten();
+        let required = Vec::from_iter(required.filter_map(Json::as_str));
         let mut given = HashSet::new();
         for Field { name, value } in fields {
             let at_name = Tree::new(name.span, Kind::Broken);
@@ -186,7 +192,13 @@ impl Walk<'_> {
                 let message = format!("field `{}` is given twice", name.text);
                 self.find(code::BAD_NAME, &at_name, message, "keep one of them");
             } else if let Some(schema) = properties.get(&name.text) {
+                let first = self.links.len();
                 self.value(value, schema, &name.text);
+                if let [link] = &mut self.links[first..]
+                    && link.span == value.call_of("Some").unwrap_or(value).span
+                {
+                    link.optional = !required.contains(&&name.text[..]);
+                }
             } else {
                 let message = format!("{owner} has no field `{}`", name.text);
                 let names = || Vec::from_iter(properties.keys().map(String::as_str));
@@ -194,8 +206,7 @@ impl Walk<'_> {
                 self.find(code::UNKNOWN_FIELD, &at_name, message, help);
             }
         }
-        let required = schema.get("required").and_then(Json::as_array).into_iter().flatten();
-        for name in required.filter_map(Json::as_str) {
+        for name in required {
             if given.contains(name) {
                 continue;
             }
@@ -243,6 +254,7 @@ impl Walk<'_> {
             wants,
             types: types.filter_map(Json::as_str).map(str::to_owned).collect(),
             many: false,
+            optional: false,
         });
     }
 

@@ -30,8 +30,15 @@ impl TreeReader {
                 }
                 let fields =
                     node.children().filter(|child| child.kind() == SyntaxKind::StructField);
-                let fields = fields.filter_map(|field| self.field(&field)).collect();
-                Kind::Call { name: word(node), body: Body::Fields(fields) }
+                let name = word(node);
+                // `Graph("lib/skirt.ron", version: "2.1")`: a path first needs no name.
+                let is_use = name.as_ref().is_some_and(|name| name.text == "Graph");
+                let field = |(nth, field): (usize, SyntaxNode)| match is_use && nth == 0 {
+                    true => self.path(&field).or_else(|| self.field(&field)),
+                    false => self.field(&field),
+                };
+                let fields = fields.enumerate().filter_map(field).collect();
+                Kind::Call { name, body: Body::Fields(fields) }
             }
             SyntaxKind::Tuple => {
                 let is_field = |child: &SyntaxNode| child.kind() == SyntaxKind::StructField;
@@ -97,6 +104,19 @@ impl TreeReader {
             }
         };
         Some(Field { name, value })
+    }
+
+    /// A text without a name, as the field `path`.
+    fn path(&mut self, node: &SyntaxNode) -> Option<Field> {
+        let value = node.children().find(|child| child.kind() == SyntaxKind::Literal)?;
+        let text = first_token(&value)?;
+        let is_text = matches!(text.kind(), SyntaxKind::String | SyntaxKind::RawString);
+        if word(node).is_some() || !is_text {
+            return None;
+        }
+        let value = self.value(&value);
+        let start = value.span.start;
+        Some(Field { name: Name { text: "path".into(), span: Span { start, end: start } }, value })
     }
 
     fn entry(&mut self, node: &SyntaxNode) -> Option<(Tree, Tree)> {
@@ -258,6 +278,22 @@ mod tests {
         assert_eq!(kind(r##"r#"a"b"#"##), Kind::Text("a\"b".into()));
         assert_eq!(kind("Largest"), Kind::Word("Largest".into()));
         assert_eq!(kind("true"), Kind::Bool(true));
+    }
+
+    #[test]
+    fn the_path_of_a_use_needs_no_name() {
+        let fields = |text| match kind(text) {
+            Kind::Call { body: Body::Fields(fields), .. } => {
+                let field = |field: Field| (field.name.text, field.value.kind);
+                Vec::from_iter(fields.into_iter().map(field))
+            }
+            other => panic!("{other:?}"),
+        };
+        let short = fields("Graph(\"a.ron\", version: \"2.1\")");
+        assert_eq!(short, fields("Graph(path: \"a.ron\", version: \"2.1\")"));
+        for wrong in ["Near(\"a\", b: 1)", "Graph(1, b: 1)", "Graph(b: 1, \"a\")"] {
+            assert!(!parse(wrong).1.is_empty(), "{wrong}");
+        }
     }
 
     #[test]

@@ -1,4 +1,7 @@
 //! The language of graphs, as users of the commands meet it: a file for each row of what it promises.
 
 mod help;
+mod merging;
 mod provenance;
+mod unknown;
+mod versions;

@@ -33,7 +33,7 @@ fn a_pack_that_breaks_laws_is_found() {
     let laws = check(&broken, &[&maquette_third_party::PACK], Path::new("nowhere")).unwrap_err();
     assert!(laws.contains(&"there are two nodes `ExtractPalette`".to_owned()), "{laws:?}");
     assert!(laws.contains(&"there are two values `Palette`".to_owned()), "{laws:?}");
-    assert!(laws.iter().any(|law| law.contains("ApplyPalette.ron does not check")), "{laws:?}");
+    assert!(laws.iter().any(|law| law.contains("Posterize.ron does not check")), "{laws:?}");
 }
 
 #[test]

@@ -161,6 +161,7 @@ const PACK: Pack = Pack {
     values: &[value_type::<Number>()],
     formats: &[],
     readers: &[],
+    migrations: &[],
 };
 
 fn load(nodes: &str) -> Graph {

@@ -1,5 +1,9 @@
 //! The language of graphs: what is written wrongly is told once for each mistake, at its place.
 
+mod merging;
+mod migrations;
+mod versions;
+
 use std::path::Path;
 
 use expect_test::expect_file;

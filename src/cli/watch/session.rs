@@ -289,7 +289,7 @@ impl<'a> Session<'a> {
 
     /// Reads and checks the graph; shows its errors at once, unless it may be half a file.
     fn check_graph(&mut self) {
-        let Checked { graph, problems, files, subgraphs } =
+        let Checked { graph, partial, problems, files, subgraphs } =
             self.command.options.load(&self.command.graph, self.catalog);
         let readable = !problems
             .iter()
@@ -304,7 +304,7 @@ impl<'a> Session<'a> {
             let new = Vec::from_iter(new);
             self.subgraphs.extend(new);
         }
-        self.check = match graph {
+        self.check = match graph.or(partial) {
             Some(graph) => {
                 self.view.graph(&graph);
                 self.view.checked(self.runs + 1, &problems);

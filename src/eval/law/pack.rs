@@ -130,4 +130,5 @@ pub(super) const PACK: Pack = Pack {
     values: &[value_type::<Amount>()],
     formats: &[],
     readers: &[],
+    migrations: &[],
 };

@@ -8,7 +8,7 @@ use crate::text::{Body, Field, Kind, Token, Tree, tokens};
 /// A text in place of a part of another.
 pub(in crate::graph) type Splice = (Span, String);
 
-pub(super) fn apply(text: &str, mut edits: Vec<Splice>) -> String {
+pub(in crate::graph) fn apply(text: &str, mut edits: Vec<Splice>) -> String {
     // Stable: what is put into one place comes in the order that it was given.
     edits.sort_by_key(|(span, _)| *span);
     let mut result = String::with_capacity(text.len() + 64);
@@ -26,7 +26,7 @@ pub(super) fn apply(text: &str, mut edits: Vec<Splice>) -> String {
 }
 
 /// The edits that add a field to a call, or to a bare word, as its author writes fields.
-pub(super) fn added(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
+pub(in crate::graph) fn added(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
     let insert = |at: usize, text: String| (Span { start: at, end: at }, text);
     let Some(last) = owner.fields().and_then(<[Field]>::last) else {
         // `Name` or `Name()`, perhaps with spaces or comments in it.
@@ -116,7 +116,7 @@ pub(super) fn put_entry(
 }
 
 /// A text as a literal.
-pub(super) fn quoted(text: &str) -> String {
+pub(in crate::graph) fn quoted(text: &str) -> String {
     let escaped = text.replace('\\', "\\\\").replace('"', "\\\"");
     format!("\"{}\"", escaped.replace('\n', "\\n").replace('\r', "\\r").replace('\t', "\\t"))
 }
@@ -131,14 +131,14 @@ fn line_start(text: &str, at: usize) -> usize {
 }
 
 /// Where what stands between the brackets of a value begins.
-fn opened(text: &str, value: Span) -> usize {
+pub(in crate::graph) fn opened(text: &str, value: Span) -> usize {
     let pieces = tokens(&text[value.start..value.end]);
     let open = pieces.iter().find(|(piece, _)| *piece == Token::Open);
     open.map_or(value.start, |(_, span)| value.start + span.end)
 }
 
 /// The places of what stands between the commas of a value: fields, items or entries.
-pub(super) fn parts(value: &Tree) -> Vec<Span> {
+pub(in crate::graph) fn parts(value: &Tree) -> Vec<Span> {
     match &value.kind {
         Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
             items.iter().map(|item| item.span).collect()
@@ -158,7 +158,7 @@ pub(super) fn parts(value: &Tree) -> Vec<Span> {
 }
 
 /// The edits that take some of the parts of a value away, and with them their commas and lines.
-pub(super) fn without(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Splice> {
+pub(in crate::graph) fn without(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Splice> {
     let parts = parts(owner);
     let (open, close) = (opened(text, owner.span), owner.span.end - 1);
     let mut cuts = Vec::new();

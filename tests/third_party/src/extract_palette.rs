@@ -19,7 +19,7 @@ pub struct ExtractPalette {
     /// How many colors at the most.
     #[schemars(range(min = 1, max = 256))]
     #[serde(default = "eight")]
-    pub colors: u32,
+    pub count: u32,
 }
 
 fn eight() -> u32 {
@@ -37,7 +37,7 @@ impl Node for ExtractPalette {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let within = self.within.as_ref().map(|mask| cx.get(mask));
-        Ok((extract_palette(cx.get(&self.image), within, self.colors as usize)?,))
+        Ok((extract_palette(cx.get(&self.image), within, self.count as usize)?,))
     }
 }
 

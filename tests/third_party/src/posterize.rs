@@ -9,7 +9,7 @@ use crate::Palette;
 
 /// Paints a picture with the nearest colors of a palette.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-pub struct ApplyPalette {
+pub struct Posterize {
     /// The picture.
     pub image: In<Image>,
     /// The colors to use.
@@ -21,12 +21,12 @@ pub struct ApplyPalette {
 #[error("the palette is empty")]
 pub struct EmptyPalette;
 
-impl Node for ApplyPalette {
+impl Node for Posterize {
     type Outputs = (Image,);
     const OUTPUTS: [&'static str; 1] = ["image"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        Ok((apply_palette(cx.get(&self.image), cx.get(&self.palette))?,))
+        Ok((posterize(cx.get(&self.image), cx.get(&self.palette))?,))
     }
 }
 
@@ -34,7 +34,7 @@ impl Node for ApplyPalette {
 ///
 /// # Errors
 /// If the palette is empty.
-pub fn apply_palette(image: &Image, palette: &Palette) -> Result<Image, EmptyPalette> {
+pub fn posterize(image: &Image, palette: &Palette) -> Result<Image, EmptyPalette> {
     let colors: Vec<_> = palette.0.iter().map(|&color| (color, Color(color).lab())).collect();
     let nearest = |pixel| {
         let lab = Color(pixel).lab();

@@ -1,0 +1,78 @@
+//! `maquette migrate`: new names of nodes and fields put into graph files.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::edit::changed_lines;
+use super::fmt::{collect, read};
+use super::{Exit, counted, eprint, print, print_document, report};
+use crate::catalog::Catalog;
+use crate::graph::Graph;
+use crate::text::first_word;
+use crate::writing::rewrite;
+
+/// Graphs with old names go on to work; what the new ones are is said by the packs. Every other byte of the files stays.
+#[derive(Args)]
+pub(super) struct Migrate {
+    /// The graph files, and folders whose `.ron` files are all taken.
+    #[arg(required = true, value_name = "GRAPH")]
+    graphs: Vec<PathBuf>,
+    /// Write the files; without it, the lines that would change are printed.
+    #[arg(long)]
+    write: bool,
+    /// Print the names of the files that would change, and fail if there are any.
+    #[arg(long, conflicts_with = "write")]
+    check: bool,
+}
+
+impl Migrate {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let (mut files, mut failed, mut count) = (Vec::new(), false, 0);
+        for graph in &self.graphs {
+            if let Err((path, error)) = collect(graph, &mut files) {
+                eprint(&format!("error: cannot read {}: {error}\n", path.display()));
+                failed = true;
+            }
+        }
+        for file in &files {
+            match self.file(file, catalog) {
+                Ok(changed) => count += usize::from(changed),
+                Err(()) => failed = true,
+            }
+        }
+        if !self.check {
+            let done = if self.write { "migrated" } else { "to be migrated" };
+            print(&format!("{} {done}\n", counted(count, "graph")));
+        }
+        if failed || self.check && count > 0 { Exit::Failed } else { Exit::Done }
+    }
+
+    /// Whether a file has something old in it; an error that has been printed.
+    fn file(&self, path: &Path, catalog: &Catalog) -> Result<bool, ()> {
+        let failed = |what: &str, error: &std::io::Error| {
+            eprint(&format!("error: cannot {what} {}: {error}\n", path.display()));
+        };
+        let text = read(path).map_err(|error| failed("read", &error))?;
+        if first_word(&text) != "Graph" {
+            return Ok(false);
+        }
+        let migrated = Graph::migrated(path, &text, catalog);
+        let migrated = migrated.map_err(|problems| report(&problems))?;
+        if migrated == text {
+            return Ok(false);
+        }
+        match (self.write, self.check) {
+            (true, _) => {
+                rewrite(path, &migrated).map_err(|error| failed("write", &error))?;
+                print(&format!("{}\n", path.display()));
+            }
+            (false, true) => print(&format!("{}\n", path.display())),
+            (false, false) => {
+                print(&format!("{}\n", path.display()));
+                print_document(&changed_lines(&text, &migrated));
+            }
+        }
+        Ok(true)
+    }
+}

@@ -1,0 +1,66 @@
+//! The law of old names: what is called otherwise now is told from what is there.
+
+use crate::catalog::{Catalog, Entry};
+use crate::pack::{Migration, NewValue, Pack};
+
+pub(super) fn check(pack: &Pack, catalog: &Catalog, broken: &mut Vec<String>) {
+    for migration in pack.migrations {
+        match *migration {
+            Migration::Node { old, new } => {
+                if catalog.has(old) {
+                    broken.push(format!("{old} is called {new} now, but there is a node {old}"));
+                }
+                if present(new, pack, catalog).is_none() {
+                    broken.push(format!("{old} is called {new} now, but there is no such node"));
+                }
+            }
+            Migration::Field { node, old, new, value } => {
+                let Some(entry) = present(node, pack, catalog) else {
+                    broken
+                        .push(format!("field {old} of {node} has changed, but there is no {node}"));
+                    continue;
+                };
+                let name = new.split('.').next().unwrap_or_default();
+                let is_kept = old == new && matches!(value, NewValue::Words(_));
+                if has(entry, old) && !is_kept {
+                    broken.push(format!(
+                        "field {old} of {node} is called {new} now, but it is there"
+                    ));
+                }
+                if !has(entry, name) && !is_renamed(pack, old, new) {
+                    broken.push(format!(
+                        "field {old} of {node} is called {new} now, which is not there"
+                    ));
+                }
+            }
+        }
+    }
+}
+
+/// Whether a later migration takes up the name that a field got.
+fn is_renamed(pack: &Pack, old: &str, new: &str) -> bool {
+    let takes_up = |it: &Migration| match *it {
+        Migration::Field { old: again, .. } => again == new && again != old,
+        Migration::Node { .. } => false,
+    };
+    pack.migrations.iter().any(takes_up)
+}
+
+fn has(entry: &Entry, field: &str) -> bool {
+    entry.schema()["properties"].get(field).is_some()
+}
+
+/// The node of this name, or of the one that it has now.
+fn present<'c>(name: &str, pack: &Pack, catalog: &'c Catalog) -> Option<&'c Entry> {
+    let mut name = name;
+    for _ in 0..=pack.migrations.len() {
+        if let Some(entry) = catalog.find(name) {
+            return Some(entry);
+        }
+        name = pack.migrations.iter().find_map(|migration| match *migration {
+            Migration::Node { old, new } if old == name => Some(new),
+            _ => None,
+        })?;
+    }
+    None
+}

@@ -1,0 +1,75 @@
+//! How the graphs differ that two graphs use: where these lie in different places, as in two checkouts.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use super::check::folder_of;
+use super::meaning::entries;
+use super::{Difference, Graph};
+use crate::catalog::Catalog;
+use crate::error::{Problem, Source};
+use crate::plain;
+use crate::text::{Tree, parse};
+
+impl Graph {
+    /// How two graphs differ, and those that they use, in them and so on, where both have one under the same name in different files. A
+    /// file that is used in several places is told of once.
+    ///
+    /// # Errors
+    /// Those of [`differences`](Self::differences) for the graphs themselves; what cannot be read of others is not compared.
+    pub fn differences_with_uses(
+        old: &Source,
+        new: &Source,
+        catalog: &Catalog,
+    ) -> Result<Vec<Difference>, Vec<Problem>> {
+        let mut found = Self::differences(old, new, catalog)?;
+        let mut walk = Uses { catalog, seen: BTreeSet::new(), found: &mut found };
+        walk.follow(old, new, &[]);
+        Ok(found)
+    }
+}
+
+struct Uses<'a> {
+    catalog: &'a Catalog,
+    /// Pairs of files that have been compared.
+    seen: BTreeSet<(PathBuf, PathBuf)>,
+    found: &'a mut Vec<Difference>,
+}
+
+impl Uses<'_> {
+    fn follow(&mut self, old: &Source, new: &Source, inside: &[String]) {
+        let (before, after) = (used(old), used(new));
+        for (name, from) in &before {
+            let Some((_, to)) = after.iter().find(|(other, _)| other == name) else { continue };
+            if from == to || !self.seen.insert((from.clone(), to.clone())) {
+                continue;
+            }
+            let (Some(from), Some(to)) = (source(from), source(to)) else { continue };
+            let inside = [inside, std::slice::from_ref(name)].concat();
+            let found = Graph::differences(&from, &to, self.catalog).unwrap_or_default();
+            let found = found.into_iter();
+            self.found.extend(found.map(|it| Difference { inside: inside.clone(), ..it }));
+            self.follow(&from, &to, &inside);
+        }
+    }
+}
+
+fn source(path: &Path) -> Option<Source> {
+    Some(Source { name: path.to_owned(), text: plain::read_text(path).ok()? })
+}
+
+/// The graphs that a text uses, and the one that a patch is of, by name; without those that are not there.
+fn used(source: &Source) -> Vec<(String, PathBuf)> {
+    let (tree, _) = parse(&source.text);
+    let fields = tree.fields().unwrap_or_default();
+    let path = |tree: &Tree| {
+        let value = tree.call_of("Graph").unwrap_or(tree);
+        let named = || value.fields()?.iter().find(|field| field.name.text == "path")?.value.text();
+        let given = value.text().or_else(named)?;
+        std::fs::canonicalize(folder_of(&source.name).join(given)).ok()
+    };
+    let of = fields.iter().filter(|field| field.name.text == "of");
+    let of = of.map(|field| (String::from("of"), &field.value));
+    let uses = entries(fields, "use").map(|(name, value)| (name.to_owned(), value));
+    uses.chain(of).filter_map(|(name, value)| Some((name, path(value)?))).collect()
+}

@@ -1,0 +1,79 @@
+//! Nodes of types that no pack has: they keep their data in the file, and give nothing.
+
+use std::sync::Arc;
+
+use serde_json::json;
+
+use super::check::Check;
+use super::node::Built;
+use super::recipe::Recipe;
+use crate::error::{Error, code};
+use crate::node::{AnyNode, Context, FilePath};
+use crate::text::Tree;
+use crate::value::AnyValue;
+
+/// What stands for a node of an unknown type.
+struct Unknown;
+
+/// What such a node answers when it is asked for its values. The check has said so already.
+#[derive(Debug, thiserror::Error)]
+#[error("no pack has a node of this type")]
+pub(crate) struct UnknownType;
+
+impl AnyNode for Unknown {
+    fn eval(&self, _: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
+        Err(UnknownType.into())
+    }
+
+    fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
+        Ok(json!({}))
+    }
+
+    fn files(&self) -> Vec<FilePath> {
+        Vec::new()
+    }
+}
+
+/// The node that stands for one of an unknown type.
+pub(super) fn unknown_node(tree: &Tree) -> Built {
+    let kind = tree.name().map_or_else(String::new, |kind| kind.text);
+    let recipe = Arc::new(Recipe::new(&kind, json!({}), &[]));
+    Built { node: Arc::new(Unknown), recipe, files: Vec::new(), tree: Arc::new(tree.clone()) }
+}
+
+impl Check<'_, '_> {
+    /// Reads `packs: {"hair": "0.3"}`: those that the program does not have, in words.
+    pub(super) fn packs(&mut self, entries: &[(Tree, Tree)]) -> Vec<String> {
+        let mut missing = Vec::new();
+        for (key, value) in entries {
+            let (Some(name), Some(version)) = (key.text(), value.text()) else {
+                let wrong = if key.text().is_some() { value } else { key };
+                if !wrong.is_broken() {
+                    let found = wrong.in_words();
+                    let message = format!("a pack is a name and a version, not {found}");
+                    let help = "write `\"hair\": \"0.3\"`";
+                    self.find(code::WRONG_VALUE, wrong.span, message, help);
+                }
+                continue;
+            };
+            if !self.world.catalog.has_pack(name) {
+                missing.push(format!("`{name}` {version}"));
+            }
+        }
+        missing
+    }
+
+    /// Where nodes of an unknown type may come from, if the file says what it needs.
+    pub(super) fn missing_packs(&self) -> Option<String> {
+        match &self.missing_packs[..] {
+            [] => None,
+            [pack] => {
+                Some(format!("it may be of the pack {pack}, which this program does not have"))
+            }
+            packs => Some(format!(
+                "it may be of a pack that this program does not have: {}",
+                packs.join(", ")
+            )),
+        }
+    }
+}

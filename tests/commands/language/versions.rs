@@ -1,0 +1,133 @@
+//! `maquette lock`, `update` and `--locked`, optional inputs of calls, and what `nodes` says of a version.
+
+use std::process::Output;
+
+use crate::project::Project;
+
+const SKIRT: &str = r#"// A skirt.
+Graph(
+    format: 1,
+    version: "1.0.0",
+    doc: "Moves a mesh.",
+    inputs: { "mesh": Mesh(doc: "A mesh."), "hem": Optional(Mesh(doc: "What hangs on it.")) },
+    params: { "step": Number(default: 1.0, min: 0.0, max: 9.0, unit: "mm", doc: "How far.") },
+    nodes: {
+        "moved": Transform(mesh: "mesh", translate: (Param("step"), 0, 0)),
+        "all": Merge(meshes: ["moved", "hem"]),
+    },
+    outputs: { "mesh": "all" },
+)
+"#;
+
+const DRESS: &str = r#"Graph(
+    format: 1,
+    use: { "Skirt": Graph("lib/skirt.ron", version: "1.0") },
+    nodes: {
+        "ball": ReadMesh(path: "ball.obj"),
+        "skirt": Skirt(mesh: "ball"),
+    },
+    outputs: { "skirt.ply": "skirt" },
+)
+"#;
+
+fn project() -> Project {
+    let project = Project::new(DRESS);
+    let ball = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
+    std::fs::write(project.folder().join("ball.obj"), ball).unwrap();
+    std::fs::create_dir(project.folder().join("lib")).unwrap();
+    save(&project, SKIRT);
+    std::fs::write(project.folder().join("doll.test.ron"), "Test(graph: \"doll.ron\")\n").unwrap();
+    project
+}
+
+fn save(project: &Project, skirt: &str) {
+    std::fs::write(project.folder().join("lib/skirt.ron"), skirt).unwrap();
+}
+
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+#[test]
+fn a_lock_holds_graphs_to_what_they_were_until_an_update_takes_them() {
+    let project = project();
+    let lock = project.maquette(&["lock", "doll.ron"]);
+    assert_eq!(told(&lock), "doll.lock.ron: 1 graph\n");
+    let text = || std::fs::read_to_string(project.folder().join("doll.lock.ron")).unwrap();
+    let first = text();
+    let line = first.lines().find(|line| line.contains("lib/skirt.ron\":")).unwrap();
+    assert!(
+        line.starts_with("        \"lib/skirt.ron\": (version: \"1.0.0\", hash: \""),
+        "{first}"
+    );
+    assert!(project.maquette(&["run", "doll.ron", "--locked"]).status.success());
+    assert!(project.maquette(&["test", "--bless", "doll.ron"]).status.success());
+    // A lock is no graph, and stays as it was written.
+    for words in [&["check", "."][..], &["fmt", "."], &["migrate", "."]] {
+        let done = project.maquette(words);
+        assert!(done.status.success(), "{words:?}: {}", told(&done));
+    }
+    assert_eq!(text(), first);
+
+    save(&project, &SKIRT.replace("1.0.0", "1.1.0").replace("default: 1.0", "default: 2.0"));
+    for words in [&["run", "doll.ron"][..], &["check", "doll.ron"]] {
+        let done = project.maquette(words);
+        assert!(done.status.success() && told(&done).contains("warning[G031]"), "{done:?}");
+        let done = project.maquette(&[words, &["--locked"]].concat());
+        assert_eq!(done.status.code(), Some(1), "{words:?}");
+        let how = "`lib/skirt.ron` is not what doll.lock.ron says: version: 1.0.0 -> 1.1.0; parameter step: changed default: 1 -> 2";
+        assert!(told(&done).contains(how), "{}", told(&done));
+    }
+    let test = project.maquette(&["test", "--locked", "doll.ron"]);
+    assert!(!test.status.success() && told(&test).contains("error[G031]"), "{}", told(&test));
+    let mut watch = project.start(&["--locked"]);
+    assert_eq!(watch.wait(|event| event["event"] == "problems")["problems"][0]["code"], "G031");
+
+    let shown = "lib/skirt.ron: 1.0.0 -> 1.1.0\n    graph: changed version: \"1.0.0\" -> \"1.1.0\"\n    parameter step: changed default: 1 -> 2\n";
+    let asked = project.maquette(&["update", "doll.ron"]);
+    assert_eq!(told(&asked), format!("{shown}nothing was taken: --yes takes it\n"));
+    assert_eq!((asked.status.code(), text()), (Some(1), first));
+    let taken = project.maquette(&["update", "doll.ron", "Skirt", "--yes"]);
+    assert_eq!((taken.status.code(), told(&taken)), (Some(0), shown.to_owned()));
+    assert!(project.maquette(&["run", "doll.ron", "--locked"]).status.success());
+    let again = project.maquette(&["update", "doll.ron"]);
+    assert_eq!(told(&again), "doll.lock.ron is up to date\n");
+    let unknown = project.maquette(&["update", "doll.ron", "Skrt"]);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(told(&unknown).contains("did you mean `Skirt`?"), "{}", told(&unknown));
+}
+
+#[test]
+fn a_graph_in_a_graph_is_locked_too_and_updated_with_the_one_that_uses_it() {
+    let project = project();
+    save(&project, &SKIRT.replace("    doc:", "    use: { \"In\": \"in.ron\" },\n    doc:"));
+    let inner = SKIRT.replace("A skirt", "Inside");
+    std::fs::write(project.folder().join("lib/in.ron"), &inner).unwrap();
+    assert_eq!(told(&project.maquette(&["lock", "doll.ron"])), "doll.lock.ron: 2 graphs\n");
+    std::fs::write(project.folder().join("lib/in.ron"), inner.replace("Inside", "Within")).unwrap();
+    let taken = project.maquette(&["update", "doll.ron", "Skirt", "--yes"]);
+    assert_eq!(told(&taken), "lib/in.ron: 1.0.0\n    comments or spaces differ\n");
+}
+
+#[test]
+fn an_optional_input_need_not_be_given_and_is_told_of_with_the_version() {
+    let project = project();
+    let call = ["run", "lib/skirt.ron", "--out", "out", "--input", "mesh=ball.obj"];
+    let run = project.maquette(&call);
+    assert!(run.status.success(), "{}", told(&run));
+    let with = project.maquette(&[&call[..], &["--input", "hem=ball.obj"]].concat());
+    assert!(with.status.success(), "{}", told(&with));
+    let nodes = told(&project.maquette(&["nodes", "lib/skirt.ron"]));
+    assert!(nodes.starts_with("skirt 1.0.0 (lib/skirt.ron)\n"), "{nodes}");
+    assert!(nodes.contains("  hem: Mesh, optional\n      What hangs on it.\n"), "{nodes}");
+    let json = project.maquette(&["nodes", "lib/skirt.ron", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    let node = &json["nodes"][0];
+    assert_eq!((&node["version"], &node["inputs"][1]["optional"]), (&"1.0.0".into(), &true.into()));
+    // What is written stays through the tools.
+    let text = || std::fs::read_to_string(project.folder().join("lib/skirt.ron")).unwrap();
+    assert!(project.maquette(&["set", "lib/skirt.ron", "step=2"]).status.success());
+    assert_eq!(text(), SKIRT.replace("default: 1.0", "default: 2"));
+    assert!(project.maquette(&["draw", "doll.ron"]).status.success());
+    assert!(project.maquette(&["fmt", "--check", "doll.ron", "lib/skirt.ron"]).status.success());
+}

@@ -1,0 +1,217 @@
+//! Two people's edits of one graph: what both did is in the result, and only what both changed differently is a conflict.
+
+use maquette::{Catalog, Graph, Merge};
+
+/// The doll, shortened.
+const BASE: &str = r##"// A doll's nose, grown from one scan.
+Graph(
+    format: 1,
+    doc: "Lets the nose grow.",
+    params: {
+        "growth": Number(default: 12.0, min: 0.0, max: 40.0, unit: "mm", doc: "How far."),
+        "levels": Integer(default: 1, min: 0, max: 4, doc: "Steps."),
+    },
+    nodes: {
+        "scan": ReadCapture(color: "doll/color.png", range: "doll/range.pcd"),
+
+        // Where is the nose?
+        "red": Threshold(image: "scan.color", select: Near(color: "#c33923", distance: 30.0)), // bright
+        "spots": Label(mask: "red", connectivity: Eight),
+        "nose": ExtractRegion(labels: "spots", range: "scan.range", pick: Largest),
+
+        // Let it grow.
+        "normal": AverageNormal(region: "nose", range: "scan.range"),
+        "net": ControlNet(region: "nose", range: "scan.range"),
+        "raised": OffsetNet(net: "net", normal: "normal", steps: [(distance: Param("growth"))]),
+        "surface": Nurbs(net: "raised"),
+        "blended": Blend(range: "scan.range", region: "nose", surface: "surface"),
+        "grid": Triangulate(range: "blended"),
+        "skin": Subdivide(mesh: "grid", scheme: Loop, levels: Param("levels")),
+    },
+    outputs: {
+        "model.glb": "skin",
+        "nose-mask.png": "red",
+    },
+    expect: [Closed("skin")],
+)
+"##;
+
+/// A text with some parts of it replaced, each of which it has once.
+fn with(text: &str, edits: &[(&str, &str)]) -> String {
+    let mut text = text.to_owned();
+    for (old, new) in edits {
+        assert_eq!(text.matches(old).count(), 1, "{old:?} in\n{text}");
+        text = text.replacen(old, new, 1);
+    }
+    text
+}
+
+fn merge(base: &str, ours: &str, theirs: &str) -> Merge {
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    Graph::merge("graph.ron".as_ref(), [base, ours, theirs], &catalog).unwrap()
+}
+
+type Edits = &'static [(&'static str, &'static str)];
+
+/// What one did, what the other did, and what comes of it: each as edits of the same graph. In cases without the last one, it is
+/// all of both.
+struct Case(&'static str, Edits, Edits, Option<Edits>);
+
+const RED: &str = "color: \"#c33923\"";
+const FAR: &str = "distance: 30.0";
+const EIGHT: &str = "connectivity: Eight";
+const GRID: &str = "        \"grid\": Triangulate(range: \"blended\"),\n";
+const SKIN: &str =
+    "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n";
+const MASK: &str = "        \"nose-mask.png\": \"red\",\n";
+const LEVELS: &str = "        \"levels\": Integer(default: 1, min: 0, max: 4, doc: \"Steps.\"),\n";
+
+#[rustfmt::skip] // One case a line, or nearly.
+const CASES: &[Case] = &[
+    // Values.
+    Case("values of two nodes", &[(FAR, "distance: 25.0")], &[(EIGHT, "connectivity: Four")], None),
+    Case("two fields of a choice", &[(FAR, "distance: 25.0")], &[(RED, "color: \"#c34030\"")], None),
+    Case("two fields of a node", &[("scheme: Loop", "scheme: CatmullClark")], &[("mesh: \"grid\", scheme", "mesh: \"grid\", limit: true, scheme")],
+        Some(&[("scheme: Loop", "limit: true, scheme: CatmullClark")])),
+    Case("a field each, added to one node", &[("range: \"blended\")", "range: \"blended\", jump: 5.0)")], &[("range: \"blended\")", "range: \"blended\", grazing: 80.0)")],
+        Some(&[("range: \"blended\")", "range: \"blended\", grazing: 80.0, jump: 5.0)")])),
+    Case("two parameters", &[("default: 12.0", "default: 9.0")], &[("default: 1,", "default: 2,")], None),
+    Case("two fields of a parameter", &[("default: 12.0", "default: 9.0")], &[("max: 40.0", "max: 50.0")], None),
+    Case("a parameter and a node", &[("default: 12.0", "default: 9.0")], &[(FAR, "distance: 25.0")], None),
+    Case("the same value", &[(FAR, "distance: 25.0")], &[(FAR, "distance: 25.0")], Some(&[(FAR, "distance: 25.0")])),
+    Case("the same value, written otherwise", &[(FAR, "distance: 25.0")], &[(FAR, "distance: 25")], Some(&[(FAR, "distance: 25.0")])),
+    Case("only one changed something", &[], &[(FAR, "distance: 25.0")], None),
+    Case("the other one did", &[(FAR, "distance: 25.0")], &[], None),
+    Case("a link and a value of one node", &[("range: \"scan.range\", pick", "range: \"blended\", pick")], &[("pick: Largest", "pick: Smallest")], None),
+    Case("what it is for, and an output", &[("Lets the nose", "Lets a nose")], &[("\"nose-mask.png\": \"red\"", "\"nose-mask.png\": \"spots\"")], None),
+    Case("a choice of another kind, and a value elsewhere", &[("pick: Largest", "pick: Rank(2)")], &[(FAR, "distance: 25.0")], None),
+    // Nodes come and go.
+    Case("a node each, at different places", &[(GRID, "        \"grid\": Triangulate(range: \"blended\"),\n        \"fine\": Subdivide(mesh: \"grid\", scheme: Loop),\n")], &[("        \"spots\": L", "        \"edges\": Edges(image: \"scan.color\"),\n        \"spots\": L")], None),
+    Case("a node each, at one place", &[(SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"one\": Label(mask: \"red\"),\n")], &[(SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"two\": Outline(mask: \"red\"),\n")],
+        Some(&[(SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"two\": Outline(mask: \"red\"),\n        \"one\": Label(mask: \"red\"),\n")])),
+    Case("both add the same node", &[(GRID, "        \"grid\": Triangulate(range: \"blended\"),\n        \"one\": Label(mask: \"red\"),\n")], &[(SKIN, "        \"one\": Label(mask: \"red\"),\n        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n")],
+        Some(&[(GRID, "        \"grid\": Triangulate(range: \"blended\"),\n        \"one\": Label(mask: \"red\"),\n")])),
+    Case("both add the same node, written otherwise", &[(SKIN, "        \"one\": Label(mask: \"red\", connectivity: Eight),\n        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n")], &[(SKIN, "        \"one\": Label(connectivity: Eight, mask: \"red\"),\n        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n")],
+        Some(&[(SKIN, "        \"one\": Label(mask: \"red\", connectivity: Eight),\n        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n")])),
+    Case("a node is removed and another one changed", &[("    expect: [Closed(\"skin\")],\n", ""), (MASK, "")], &[(EIGHT, "connectivity: Four")], None),
+    Case("both remove the same output", &[(MASK, "")], &[(MASK, "")], Some(&[(MASK, "")])),
+    Case("one removes what the other only wrote otherwise", &[(MASK, "")], &[(MASK, "        \"nose-mask.png\":  \"red\",\n")], Some(&[(MASK, "")])),
+    Case("outputs, one each", &[(MASK, "        \"nose-mask.png\": \"red\",\n        \"a.png\": \"red\",\n")], &[("        \"model.glb\"", "        \"b.png\": \"red\",\n        \"model.glb\"")], None),
+    Case("parameters, one each", &[(LEVELS, "        \"levels\": Integer(default: 1, min: 0, max: 4, doc: \"Steps.\"),\n        \"a\": Toggle(default: true, doc: \"A.\"),\n")], &[("        \"growth\": N", "        \"b\": Toggle(default: true, doc: \"B.\"),\n        \"growth\": N")], None),
+    Case("expectations, one each", &[("Closed(\"skin\")]", "Closed(\"skin\"), Closed(\"grid\")]")], &[("[Closed(\"skin\")", "[Closed(\"model.glb\"), Closed(\"skin\")")], None),
+    Case("a section that was not there", &[("    params: {", "    inputs: {\"a\": Mesh(doc: \"A.\")},\n    params: {")], &[(FAR, "distance: 25.0")], None),
+    Case("both add a section, with the same", &[("    params: {", "    packs: {\"a\": \"1\"},\n    params: {")], &[("    params: {", "    packs: {\"a\": \"1\"},\n    params: {")], Some(&[("    params: {", "    packs: {\"a\": \"1\"},\n    params: {")])),
+    Case("both add a section, with different entries", &[("    params: {", "    packs: { \"a\": \"1\" },\n    params: {")], &[("    params: {", "    packs: { \"b\": \"1\" },\n    params: {")], Some(&[("    params: {", "    packs: { \"b\": \"1\", \"a\": \"1\" },\n    params: {")])),
+    // Names.
+    Case("one renames a node, the other adds a link to it", &[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")], &[(MASK, "        \"nose-mask.png\": \"red\",\n        \"spots.png\": \"spots\",\n")],
+        Some(&[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\""), (MASK, "        \"nose-mask.png\": \"red\",\n        \"spots.png\": \"patches\",\n")])),
+    Case("the same the other way round", &[(MASK, "        \"nose-mask.png\": \"red\",\n        \"spots.png\": \"spots\",\n")], &[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")],
+        Some(&[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\""), (MASK, "        \"nose-mask.png\": \"red\",\n        \"spots.png\": \"patches\",\n")])),
+    Case("one renames a node, the other changes it", &[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")], &[(EIGHT, "connectivity: Four")], None),
+    Case("both rename the same node alike", &[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")], &[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")], Some(&[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")])),
+    Case("each renames another node", &[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")], &[("\"net\": C", "\"mesh\": C"), ("net: \"net\"", "net: \"mesh\"")], None),
+    Case("one renames a parameter, the other uses it", &[("\"levels\": I", "\"steps\": I"), ("Param(\"levels\")", "Param(\"steps\")")], &[("pick: Largest", "pick: Rank(Param(\"levels\"))")],
+        Some(&[("\"levels\": I", "\"steps\": I"), ("Param(\"levels\")", "Param(\"steps\")"), ("pick: Largest", "pick: Rank(Param(\"steps\"))")])),
+    Case("one renames a parameter, the other has it in an expression", &[("pick: Largest", "pick: Rank(Expr(\"levels + 1\"))")], &[("\"levels\": I", "\"steps\": I"), ("Param(\"levels\")", "Param(\"steps\")")],
+        Some(&[("\"levels\": I", "\"steps\": I"), ("Param(\"levels\")", "Param(\"steps\")"), ("pick: Largest", "pick: Rank(Expr(\"steps + 1\"))")])),
+    // Comments, form and order.
+    Case("a comment and the node below it", &[("// Where is the nose?", "// Which is the nose?")], &[(FAR, "distance: 25.0")], None),
+    Case("a comment behind a node and the node", &[("// bright", "// very bright")], &[(FAR, "distance: 25.0")], None),
+    Case("a comment each, above one node", &[("// Where is the nose?\n", "// Where is the nose?\n        // In the middle.\n")], &[("// Where is the nose?\n", "// Where is the nose?\n        // It is red.\n")],
+        Some(&[("// Where is the nose?\n", "// Where is the nose?\n        // In the middle.\n        // It is red.\n")])),
+    Case("a comment above the graph, and a value", &[("// A doll's nose, grown", "// The nose of a doll, grown")], &[(FAR, "distance: 25.0")], None),
+    Case("a comment above the graph, each", &[("from one scan.\n", "from one scan.\n// By A.\n")], &[(FAR, "distance: 25.0"), ("from one scan.\n", "from one scan.\n// By B.\n")],
+        Some(&[(FAR, "distance: 25.0"), ("from one scan.\n", "from one scan.\n// By A.\n// By B.\n")])),
+    Case("lines broken on one side", &[("Label(mask: \"red\", connectivity: Eight)", "Label(\n            mask: \"red\",\n            connectivity: Eight,\n        )")], &[(FAR, "distance: 25.0")], None),
+    Case("lines broken on one side, a value of the same on the other", &[("Label(mask: \"red\", connectivity: Eight)", "Label(\n            mask: \"red\",\n            connectivity: Eight,\n        )")], &[(EIGHT, "connectivity: Four")],
+        Some(&[("Label(mask: \"red\", connectivity: Eight)", "Label(\n            mask: \"red\",\n            connectivity: Four,\n        )")])),
+    Case("reordering of fields is no change", &[("mask: \"red\", connectivity: Eight", "connectivity: Eight, mask: \"red\"")], &[(EIGHT, "connectivity: Four")],
+        Some(&[("mask: \"red\", connectivity: Eight", "connectivity: Four, mask: \"red\"")])),
+    Case("reordering of nodes is no change", &[(GRID, ""), (SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"grid\": Triangulate(range: \"blended\"),\n")], &[("range: \"blended\")", "range: \"blended\", jump: 5.0)")],
+        Some(&[(GRID, ""), (SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"grid\": Triangulate(range: \"blended\", jump: 5.0),\n")])),
+    Case("their reordering moves nothing", &[("range: \"blended\")", "range: \"blended\", jump: 5.0)")], &[(GRID, ""), (SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"grid\": Triangulate(range: \"blended\"),\n")],
+        Some(&[("range: \"blended\")", "range: \"blended\", jump: 5.0)")])),
+    Case("a number written otherwise is no change", &[(FAR, "distance: 30")], &[(FAR, "distance: 25.0")], Some(&[(FAR, "distance: 25.0")])),
+    // Conflicts.
+    Case("a value, differently", &[(FAR, "distance: 25.0")], &[(FAR, "distance: 20.0")],
+        Some(&[("        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 30.0)), // bright\n", "<<<<<<< ours\n        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 25.0)), // bright\n=======\n        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 20.0)), // bright\n>>>>>>> theirs\n")])),
+    Case("a value, differently, with another value of the node", &[(FAR, "distance: 25.0")], &[(FAR, "distance: 20.0"), (RED, "color: \"#c34030\"")],
+        Some(&[("        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 30.0)), // bright\n", "<<<<<<< ours\n        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c34030\", distance: 25.0)), // bright\n=======\n        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c34030\", distance: 20.0)), // bright\n>>>>>>> theirs\n")])),
+    Case("an output that one removes and the other changes", &[(MASK, "")], &[("\"nose-mask.png\": \"red\"", "\"nose-mask.png\": \"spots\"")],
+        Some(&[(MASK, "<<<<<<< ours\n=======\n        \"nose-mask.png\": \"spots\",\n>>>>>>> theirs\n")])),
+    Case("what it is for, differently", &[("Lets the nose", "Lets a nose")], &[("nose grow.", "nose shrink.")],
+        Some(&[("    doc: \"Lets the nose grow.\",\n", "<<<<<<< ours\n    doc: \"Lets a nose grow.\",\n=======\n    doc: \"Lets the nose shrink.\",\n>>>>>>> theirs\n")])),
+    Case("a node of one name, differently", &[(GRID, "        \"grid\": Triangulate(range: \"blended\"),\n        \"one\": Label(mask: \"red\"),\n")], &[(GRID, "        \"grid\": Triangulate(range: \"blended\"),\n        \"one\": Outline(mask: \"red\"),\n")],
+        Some(&[(GRID, "        \"grid\": Triangulate(range: \"blended\"),\n<<<<<<< ours\n        \"one\": Label(mask: \"red\"),\n=======\n        \"one\": Outline(mask: \"red\"),\n>>>>>>> theirs\n")])),
+    Case("a node that both rename, differently", &[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")], &[("\"spots\": L", "\"areas\": L"), ("labels: \"spots\"", "labels: \"areas\"")],
+        Some(&[("        \"spots\": Label(mask: \"red\", connectivity: Eight),\n", "<<<<<<< ours\n        \"patches\": Label(mask: \"red\", connectivity: Eight),\n=======\n        \"areas\": Label(mask: \"red\", connectivity: Eight),\n>>>>>>> theirs\n"), ("labels: \"spots\"", "labels: \"areas\"")])),
+];
+
+#[test]
+fn fifty_pairs_of_edits_give_what_both_meant() {
+    assert!(CASES.len() >= 50, "{} cases", CASES.len());
+    let mut wrong = Vec::new();
+    for Case(name, by_us, by_them, result) in CASES {
+        let (ours, theirs) = (with(BASE, by_us), with(BASE, by_them));
+        let all = [*by_us, *by_them].concat();
+        let expected = with(BASE, result.unwrap_or(&all));
+        let merged = merge(BASE, &ours, &theirs);
+        let is_conflict = expected.contains("<<<<<<<");
+        if merged.text != expected || merged.conflicts.is_empty() == is_conflict {
+            wrong.push(format!("{name}: {:?}\n{}\n", merged.conflicts, merged.text));
+        }
+        assert!(merged.problems.is_empty(), "{name}: {:?}", merged.problems);
+    }
+    assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), CASES.len(), wrong.join("\n"));
+}
+
+#[test]
+fn what_both_mean_is_the_same_whoever_merges() {
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let source = |text: String| maquette::Source { name: "graph.ron".into(), text };
+    for Case(name, by_us, by_them, _) in CASES {
+        let (ours, theirs) = (with(BASE, by_us), with(BASE, by_them));
+        let (one, other) = (merge(BASE, &ours, &theirs), merge(BASE, &theirs, &ours));
+        assert_eq!(one.conflicts, other.conflicts, "{name}");
+        // The order of what is expected is no difference either, but one that is told.
+        if one.conflicts.is_empty() && !name.starts_with("expectations") {
+            let found = Graph::differences(&source(one.text), &source(other.text), &catalog);
+            assert_eq!(found, Ok(vec![]), "{name}");
+        }
+    }
+}
+
+#[test]
+fn a_problem_that_neither_side_had_is_told() {
+    let ours = with(
+        BASE,
+        &[(MASK, "        \"nose-mask.png\": \"red\",\n        \"a.png\": \"spots\",\n")],
+    );
+    let theirs = with(
+        BASE,
+        &[
+            ("        \"spots\": Label(mask: \"red\", connectivity: Eight),\n", ""),
+            ("labels: \"spots\"", "labels: \"other\""),
+            (
+                "        \"nose\": E",
+                "        \"other\": Label(mask: \"red\", connectivity: Four),\n        \"nose\": E",
+            ),
+        ],
+    );
+    // They wrote another node, not another name, if what it says is another thing.
+    let theirs =
+        theirs.replace("Label(mask: \"red\", connectivity: Four)", "Outline(mask: \"red\")");
+    let merged = merge(BASE, &ours, &theirs);
+    assert_eq!(merged.conflicts, [""; 0]);
+    let told = Vec::from_iter(merged.problems.iter().map(|problem| &problem.message[..]));
+    assert_eq!(told, ["there is no node `spots`"]);
+}
+
+#[test]
+fn texts_with_any_ends_of_lines_are_merged() {
+    let windows = |text: &str| text.replace('\n', "\r\n");
+    let (ours, theirs) =
+        (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(EIGHT, "connectivity: Four")]));
+    let both = with(BASE, &[(FAR, "distance: 25.0"), (EIGHT, "connectivity: Four")]);
+    assert_eq!(merge(&windows(BASE), &windows(&ours), &windows(&theirs)).text, windows(&both));
+}
