@@ -22,10 +22,17 @@ pub(crate) const TOPICS: &[Topic] = &[
     Topic { name: "units", text: include_str!("language/units.md") },
     Topic { name: "foreach", text: include_str!("language/foreach.md") },
     Topic { name: "switch", text: include_str!("language/switch.md") },
+    Topic { name: "use", text: include_str!("language/use.md") },
     Topic { name: "patch", text: include_str!("language/patch.md") },
+    Topic { name: "promises", text: include_str!("language/promises.md") },
+    Topic { name: "attributes", text: include_str!("language/attributes.md") },
     Topic { name: "expect", text: include_str!("language/expect.md") },
     Topic { name: "test", text: include_str!("language/test.md") },
+    Topic { name: "drafts", text: include_str!("language/drafts.md") },
+    Topic { name: "limits", text: include_str!("language/limits.md") },
     Topic { name: "provenance", text: include_str!("language/provenance.md") },
+    Topic { name: "migrate", text: include_str!("language/migrate.md") },
+    Topic { name: "merge", text: include_str!("language/merge.md") },
 ];
 
 impl Topic {

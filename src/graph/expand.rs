@@ -205,7 +205,8 @@ impl<'a> Expansion<'_, 'a> {
             };
             for node in &mut self.nodes[first..] {
                 let slots = node.links.iter().enumerate();
-                let slots = slots.filter(|(_, it)| (it.node, it.output) == scope.inputs[input]);
+                let slots =
+                    slots.filter(|(_, it)| Some((it.node, it.output)) == scope.inputs[input]);
                 let tests = slots.flat_map(|(slot, _)| wants.iter().map(move |&want| (slot, want)));
                 let tests = Vec::from_iter(tests);
                 if !tests.is_empty() {
@@ -240,6 +241,10 @@ impl<'a> Expansion<'_, 'a> {
                 || inputs.map(|input| &input.name.text).any(|name| name == word)
         };
         for Expecting { expectation, span, targets } in &definition.expect {
+            // Of an input that is left out nothing is expected.
+            if targets.iter().flatten().any(|it| target(it).is_none()) {
+                continue;
+            }
             let mut expectation = expectation.clone();
             if let Some((name, _)) = &of {
                 for word in expectation.values_mut() {

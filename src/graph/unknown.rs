@@ -38,7 +38,8 @@ impl AnyNode for Unknown {
 pub(super) fn unknown_node(tree: &Tree) -> Built {
     let kind = tree.name().map_or_else(String::new, |kind| kind.text);
     let recipe = Arc::new(Recipe::new(&kind, json!({}), &[]));
-    Built { node: Arc::new(Unknown), recipe, files: Vec::new(), tree: Arc::new(tree.clone()) }
+    let (node, tree) = (Arc::new(Unknown), Arc::new(tree.clone()));
+    Built { node, pack: "", recipe, files: Vec::new(), tree }
 }
 
 impl Check<'_, '_> {

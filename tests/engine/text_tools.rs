@@ -104,7 +104,13 @@ fn check_text(text: &str, what: &str) {
 /// What the reference of the grammar reads in a text that we can read, or have written.
 fn to_ron(text: &str) -> Value {
     // Which wants a name before the path of a used graph.
-    let text = text.replace("Graph(\"", "Graph(path: \"");
+    let mut pieces = text.split("Graph(");
+    let mut text = pieces.next().unwrap_or_default().to_owned();
+    for piece in pieces {
+        let has_path = piece.trim_start().starts_with('"');
+        text += if has_path { "Graph(path: " } else { "Graph(" };
+        text += piece;
+    }
     ron::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
 

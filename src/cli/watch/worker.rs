@@ -343,6 +343,7 @@ mod tests {
         values: &[],
         formats: &[],
         readers: &[],
+        migrations: &[],
     };
 
     #[test]

@@ -73,6 +73,7 @@ const PACK: Pack = Pack {
     values: &[],
     formats: &[],
     readers: &[],
+    migrations: &[],
 };
 
 /// One test at a time: they share what is counted.

@@ -263,6 +263,7 @@ const BEADS: Pack = Pack {
     values: &[value_type::<Beads>()],
     formats: &[],
     readers: &[],
+    migrations: &[],
 };
 
 #[test]
