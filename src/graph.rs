@@ -13,6 +13,8 @@ use crate::text::{Origin, Sheet, Tree, ron};
 use crate::value::{Hash, ValueType};
 
 mod check;
+#[cfg(feature = "cli")]
+mod condition;
 mod declaration;
 mod definition;
 mod describe;
@@ -53,6 +55,8 @@ mod version;
 #[cfg(test)]
 mod words;
 
+#[cfg(feature = "cli")]
+pub(crate) use condition::Condition;
 pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub use edit::{Edit, Edited, Put};

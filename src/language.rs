@@ -30,6 +30,7 @@ pub(crate) const TOPICS: &[Topic] = &[
     Topic { name: "test", text: include_str!("language/test.md") },
     Topic { name: "drafts", text: include_str!("language/drafts.md") },
     Topic { name: "limits", text: include_str!("language/limits.md") },
+    Topic { name: "tables", text: include_str!("language/tables.md") },
     Topic { name: "provenance", text: include_str!("language/provenance.md") },
     Topic { name: "migrate", text: include_str!("language/migrate.md") },
     Topic { name: "merge", text: include_str!("language/merge.md") },

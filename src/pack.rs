@@ -122,13 +122,16 @@ impl NewFile {
     }
 }
 
+/// Writes a value to files of this name.
+type Write = fn(&AnyValue, &str, Option<&Signature>) -> Result<Vec<NewFile>, Error>;
+
 /// What the engine knows of a file format. Made by [`format()`].
 #[derive(Clone, Copy)]
 pub struct Format {
     /// The ending of the file's name.
     pub ending: &'static str,
     pub(crate) kind: fn() -> &'static ValueType,
-    write: fn(&AnyValue, &str, Option<&Signature>) -> Result<Vec<NewFile>, Error>,
+    write: Write,
 }
 
 impl Format {

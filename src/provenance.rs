@@ -3,8 +3,10 @@
 //! It is a function of the graph's meaning: what the output hangs on, the values of the parameters that shape that, and hashes of
 //! files. So a comment, another order or another node changes no byte of it, and no path outside of the project, user or time is in it.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value as Json};
+use serde_json::Value as Json;
 
 mod files;
 
@@ -18,6 +20,9 @@ pub struct Signature {
     /// The beginning of the hash of the words, in hexadecimal digits, for files with little room.
     pub hash: String,
 }
+
+/// By name, so that no order of a graph counts.
+type Sorted = BTreeMap<String, Json>;
 
 /// So many digits of a hash are told: enough to tell two apart, not to withstand somebody who wants them equal.
 const DIGITS: usize = 16;
@@ -38,20 +43,20 @@ pub(crate) struct Provenance {
     /// The hash of what the output hangs on: types of nodes, their parameters, and their links.
     pub(crate) made: String,
     /// The values of the graph's parameters that may shape it.
-    #[serde(skip_serializing_if = "Map::is_empty")]
-    pub(crate) parameters: Map<String, Json>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) parameters: Sorted,
     /// Values of nodes' fields from `--set`.
-    #[serde(skip_serializing_if = "Map::is_empty")]
-    pub(crate) set: Map<String, Json>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) set: Sorted,
     /// Hashes of the values at the graph's inputs.
-    #[serde(skip_serializing_if = "Map::is_empty")]
-    pub(crate) inputs: Map<String, Json>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) inputs: Sorted,
     /// Hashes of the files that were read, by their paths in the project.
-    #[serde(skip_serializing_if = "Map::is_empty")]
-    pub(crate) files: Map<String, Json>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) files: Sorted,
     /// The packs of the nodes, and their versions.
-    #[serde(skip_serializing_if = "Map::is_empty")]
-    pub(crate) packs: Map<String, Json>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) packs: Sorted,
 }
 
 impl Provenance {
@@ -120,7 +125,7 @@ mod tests {
         let told = Provenance {
             maquette: "0.1.0".into(),
             output: "Größe*/\n.glb".into(),
-            parameters: Map::from_iter([("growth".to_owned(), json!(12.0))]),
+            parameters: Sorted::from_iter([("growth".to_owned(), json!(12.0))]),
             ..Provenance::default()
         };
         let words = told.words();
@@ -132,7 +137,7 @@ mod tests {
     #[test]
     fn what_changed_is_named() {
         let told = |growth: f64, made: &str| Provenance {
-            parameters: Map::from_iter([("growth".to_owned(), json!(growth))]),
+            parameters: Sorted::from_iter([("growth".to_owned(), json!(growth))]),
             made: made.to_owned(),
             ..Provenance::default()
         };

@@ -15,7 +15,10 @@ pub struct Subdivision {
     /// The rules.
     pub scheme: Scheme,
     /// How often each face is split; each step makes four times as many faces.
-    #[schemars(range(max = 12))]
+    #[schemars(
+        range(max = 12),
+        extend("limit" = "8 levels make 65536 faces of one already")
+    )]
     #[serde(default = "two")]
     pub levels: u32,
     /// Moves the vertices on to where they would be after endless steps, and adds the surface's normals.

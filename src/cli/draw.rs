@@ -35,15 +35,17 @@ impl Draw {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let checked = Graph::load(&self.graph, catalog, &options);
         report(&checked.problems);
+        // What can be understood of a graph with unknown nodes is drawn, and is still a failure.
+        let done = if checked.graph.is_some() { Exit::Done } else { Exit::Failed };
         let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
         let drawing = Drawing::new(&graph, catalog);
         let text = if dot { drawing.to_dot() } else { drawing.to_svg() };
         let Some(path) = &self.out else {
             print_document(&text);
-            return Exit::Done;
+            return done;
         };
         match Destination::anywhere(&Sources::of(&graph)).put(path, text.as_bytes()) {
-            Ok(()) => Exit::Done,
+            Ok(()) => done,
             Err(error) => Exit::Usage(format!("cannot write {}: {error}", path.display())),
         }
     }

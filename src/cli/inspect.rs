@@ -11,7 +11,7 @@ use super::caching::CacheOptions;
 use super::inputs::InputOptions;
 use super::look::{At, Over, Request, Source, at};
 use super::progress::Progress;
-use super::{Exit, GraphOptions, in_bytes, print, print_json, report};
+use super::{Exit, GraphOptions, in_bytes, print, print_document, print_json, report};
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem};
 use crate::format::png;
@@ -26,6 +26,10 @@ use crate::value::{AnyValue, Layer, Summary};
 use crate::writing::{Destination, Sources};
 
 mod columns;
+mod elements;
+mod rows;
+
+use rows::{RowOptions, Rows};
 
 #[derive(Args)]
 pub(super) struct Inspect {
@@ -45,9 +49,11 @@ pub(super) struct Inspect {
     )]
     at: Option<At>,
     /// Print its columns of numbers: what they lie on, what they mean, how many there are, and the least, the greatest and the mean of
-    /// each number of an element.
-    #[arg(long, conflicts_with = "at")]
-    table: bool,
+    /// each number of an element. Of a kind of elements, such as `faces`, print the elements.
+    #[arg(long, value_name = "ELEMENTS", num_args = 0..=1, conflicts_with = "at")]
+    table: Option<Option<String>>,
+    #[command(flatten)]
+    rows: RowOptions,
     /// Write the value to this file, too; its ending chooses the format. A `.png` is a picture to look at, of whatever can be seen: of
     /// labels, regions and range images, of points, curves, nets and handles, too.
     #[arg(long, value_name = "FILE")]
@@ -140,6 +146,13 @@ impl Inspect {
             },
             _ => None,
         };
+        let elements = self.table.as_ref().and_then(|of| of.as_deref());
+        if (elements.is_some() || self.rows.are_given()) && !found.is_empty() {
+            return match self.rows.rows(elements, &found) {
+                Ok((name, rows)) => self.print_rows(&format!("{node}.{name}"), &rows, &graph),
+                Err(why) => Exit::Usage(why),
+            };
+        }
         self.print(node, &found, &problems);
         let (Some(path), Some((name, value))) = (&self.out, chosen) else {
             return if found.is_empty() { Exit::Failed } else { Exit::Done };
@@ -240,7 +253,7 @@ impl Inspect {
                 let facts = probe::facts(summary(value));
                 let (kind, hash) = (value.kind().name, value.hash().to_string());
                 let mut output = json!({ "name": name, "type": kind, "hash": hash, "bytes": value.size(), "facts": facts });
-                if self.table {
+                if self.table.is_some() {
                     output["parts"] = columns::json(&value.parts());
                 }
                 output
@@ -260,10 +273,30 @@ impl Inspect {
                 Some([x, y]) => writeln!(text, "{node}.{name}: {kind} at ({x}, {y})"),
                 None => writeln!(text, "{node}.{name}: {kind}, {size}, {}", value.hash().short()),
             };
-            text +=
-                &if self.table { columns::table(&value.parts()) } else { table(&summary(value)) };
+            text += &if self.table.is_some() {
+                columns::table(&value.parts())
+            } else {
+                table(&summary(value))
+            };
         }
         print(&text);
+    }
+
+    fn print_rows(&self, name: &str, rows: &Rows, graph: &Graph) -> Exit {
+        match self.rows.csv.as_deref() {
+            Some("-") => print_document(&rows.csv()),
+            Some(path) => {
+                let path = Path::new(path);
+                let mut sources = Sources::of(graph);
+                self.inputs.protect(&mut sources);
+                let file = path.file_name().unwrap_or_default().to_string_lossy();
+                let files = NewFile::only(&file, rows.csv().into_bytes());
+                return write_files(Ok(files), path, &sources);
+            }
+            None if self.json => print_json(&rows.json()),
+            None => print(&format!("{name}\n{}", rows.table())),
+        }
+        Exit::Done
     }
 
     fn write(

@@ -93,7 +93,11 @@ fn list(catalog: &Catalog) -> String {
         let sentence = doc.find(". ").map_or(&doc[..], |end| &doc[..=end]);
         let _ = writeln!(text, "  {:<longest$}  {sentence}", entry.name);
     }
-    let _ = writeln!(text, "\n`{} nodes NODE` prints one in full.", program());
+    let program = program();
+    let _ = writeln!(
+        text,
+        "\n`{program} nodes NODE` prints one in full, `{program} help graph` tells how a graph is made of them."
+    );
     text
 }
 

@@ -14,7 +14,7 @@ use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, GraphOutput, Options};
 use crate::paths::project_root;
 use crate::plain::{ending, read_own};
-use crate::provenance::{Found, Provenance, find};
+use crate::provenance::{Found, Provenance, Signature, find};
 use crate::session::{OutputFolder, Run, Wanted, sign};
 use crate::text::unknown;
 use crate::value::Hash;
@@ -146,7 +146,7 @@ impl Replay {
         let (before, changes) = match &told.found {
             Found::Words(_) => (sign(&told.provenance), told.provenance.changes(&now)),
             Found::Hash(hash) => {
-                let signature = crate::Signature { hash: hash.clone(), ..sign(&now) };
+                let signature = Signature { hash: hash.clone(), ..sign(&now) };
                 let is_same = sign(&now).hash == *hash;
                 let change = "something that it was made of, of which it has a hash alone, changed";
                 (signature, if is_same { Vec::new() } else { vec![change.to_owned()] })

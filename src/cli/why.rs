@@ -29,6 +29,7 @@ impl Why {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let checked = self.options.load(&self.graph, catalog);
         report(&checked.problems);
+        let done = if checked.graph.is_some() { Exit::Done } else { Exit::Failed };
         let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
         let mut session = match self.cache.session(1, catalog) {
             Ok(session) => session,
@@ -41,7 +42,7 @@ impl Why {
         match session.why(&graph, &self.node) {
             Some(reasons) => {
                 print(&reasons);
-                Exit::Done
+                done
             }
             None => {
                 let message = format!("the graph has no node `{}`", self.node);

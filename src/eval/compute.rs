@@ -49,6 +49,10 @@ impl Run<'_> {
     ) -> Option<Option<Arc<Done>>> {
         let node = &self.graph.nodes[index];
         let start = Instant::now();
+        self.set_ran(index, true);
+        if !self.memory.has_put_aside(index) {
+            self.observer.started(&node.name);
+        }
         let inputs = node.links.iter().map(|link| self.values(link.node));
         let inputs = inputs.collect::<Result<Vec<Values>, Error>>();
         let ready = inputs.and_then(|inputs| {
@@ -59,13 +63,8 @@ impl Run<'_> {
         let (estimate, inputs) = match ready {
             Ok((true, estimate, inputs)) => (estimate, inputs),
             Ok((false, ..)) => return None,
-            Err(error) => {
-                self.set_ran(index, true);
-                return Some(self.failed(index, error));
-            }
+            Err(error) => return Some(self.failed(index, error)),
         };
-        self.set_ran(index, true);
-        self.observer.started(&node.name);
         let (values, warnings) = match self.eval(index, &inputs, files) {
             Ok(given) => given,
             Err(error) => return Some(self.failed(index, error)),

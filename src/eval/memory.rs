@@ -4,7 +4,7 @@
 //! results that nobody needs. The last make way. No thread waits here: a thread that waited might be the one that runs, further
 //! down in its stack, the node that it waits for. So a node that has to wait is put aside and visited again.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Mutex, OnceLock};
 
 use super::cache::Cache;
@@ -36,6 +36,8 @@ struct State {
     promised: u64,
     /// The nodes that wait, each with what it needs.
     waiting: Vec<(usize, u64)>,
+    /// The nodes that have waited.
+    aside: HashSet<usize>,
 }
 
 impl State {
@@ -100,9 +102,15 @@ impl Memory {
         // Alone it would need too much, too: waiting is of no use.
         if state.active > 1 && need <= most {
             state.waiting.push((index, need));
+            state.aside.insert(index);
             return Ok(false);
         }
         Err(refused(estimate, state.in_use().saturating_add(own), most))
+    }
+
+    /// Whether a node has waited before.
+    pub(super) fn has_put_aside(&self, index: usize) -> bool {
+        lock(&self.state).aside.contains(&index)
     }
 
     /// These nodes wait, too: they are the same as one that does.
@@ -118,11 +126,11 @@ impl Memory {
         let most = self.most(cache);
         let in_use = lock(&self.state).in_use();
         let all = in_use.saturating_add(estimate.map_or(0, Estimate::whole));
-        if all <= most {
-            Ok(cache.make_way(most - all))
-        } else {
-            Err(refused(estimate, in_use, most))
+        if most < all {
+            return Err(refused(estimate, in_use, most));
         }
+        cache.make_way(most - all);
+        Ok(())
     }
 
     /// A node has come to its end, and what only it needed is dropped. Gives the nodes that need wait no longer.

@@ -1,6 +1,7 @@
 //! Handles as small texts: RON, JSON and CSV, to be written by hand or by a script.
 
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use serde_json::{Value, json};
 use thiserror::Error;
 
@@ -44,6 +45,15 @@ pub enum HandlesFileError {
 struct Content {
     space: Option<HandleSpace>,
     handles: Vec<Handle>,
+    /// Where an output came from is for `replay`.
+    #[serde(default, rename = "maquette")]
+    _provenance: IgnoredAny,
+}
+
+impl Content {
+    fn of(handles: Vec<Handle>) -> Self {
+        Self { space: None, handles, _provenance: IgnoredAny }
+    }
 }
 
 fn text(bytes: &[u8]) -> Result<&str, HandlesFileError> {
@@ -64,9 +74,7 @@ pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFile
         return Err(HandlesFileError::Syntax { at, message: mistake.message });
     }
     let content = match &tree.kind {
-        crate::text::Kind::List(_) => {
-            crate::text::read_tree(&tree).map(|handles| Content { space: None, handles })
-        }
+        crate::text::Kind::List(_) => crate::text::read_tree(&tree).map(Content::of),
         _ => crate::text::read_tree(&tree),
     };
     let content = content.map_err(|error| {
@@ -83,7 +91,7 @@ pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFile
 pub fn read_json(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
     let is_list = text(bytes)?.trim_start().starts_with('[');
     let content = if is_list {
-        serde_json::from_slice(bytes).map(|handles| Content { space: None, handles })
+        serde_json::from_slice(bytes).map(Content::of)
     } else {
         serde_json::from_slice(bytes)
     };
@@ -236,6 +244,11 @@ mod tests {
         assert_eq!(read_csv(CSV.as_bytes(), HandleSpace::World).unwrap(), expected());
         let json = HandlesJson::write(&expected(), "a.json").unwrap().remove(0).bytes;
         assert_eq!(read_json(&json, HandleSpace::Box).unwrap(), expected());
+        let words = "{\"maquette\":\"0.1.0\"}".to_owned();
+        let signature = crate::Signature { words, hash: String::new() };
+        let signed = HandlesJson::write_signed(&expected(), "a.json", &signature).unwrap();
+        assert_ne!(signed[0].bytes, json);
+        assert_eq!(read_json(&signed[0].bytes, HandleSpace::Box).unwrap(), expected());
     }
 
     #[test]

@@ -68,15 +68,18 @@ impl Change {
 impl Difference {
     /// The difference as `maquette diff --json` prints it.
     pub fn to_json(&self) -> serde_json::Value {
-        json!({
+        let mut told = json!({
             "what": self.what,
             "name": self.name,
             "change": self.change.word(),
             "field": self.field,
             "before": self.before,
             "after": self.after,
-            "inside": self.inside,
-        })
+        });
+        if !self.inside.is_empty() {
+            told["inside"] = json!(self.inside);
+        }
+        told
     }
 }
 

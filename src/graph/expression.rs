@@ -27,7 +27,7 @@ pub(crate) struct ExpressionError {
     pub(crate) message: String,
     /// Where in the text, if it is not the whole of it, and another place with words for it.
     pub(crate) at: Option<Range<usize>>,
-    pub(crate) note: Option<(Range<usize>, String)>,
+    pub(crate) note: Option<Box<(Range<usize>, String)>>,
     help: String,
     /// The parameter that is not there, if that is why.
     unknown: Option<String>,
@@ -405,7 +405,7 @@ impl Parser<'_> {
                     self.words(at)
                 ),
                 at: Some(self.place(at)),
-                note: Some((self.place(first), format!("this is in {unit}"))),
+                note: Some(Box::new((self.place(first), format!("this is in {unit}")))),
                 help: "what is added, compared or chosen from measures the same".into(),
                 ..ExpressionError::default()
             }),
@@ -453,8 +453,10 @@ mod tests {
             let place = |at: &Range<usize>| text[at.clone()].to_owned();
             let at = error.at.as_ref().map_or_else(String::new, |at| format!(" at {}", place(at)));
             let note = error.note.as_ref();
-            let note =
-                note.map_or_else(String::new, |(at, words)| format!(" ({}: {words})", place(at)));
+            let note = note.map_or_else(String::new, |note| {
+                let (at, words) = &**note;
+                format!(" ({}: {words})", place(at))
+            });
             format!("{error}; {}{at}{note}", error.help(&parameters))
         })
     }

@@ -12,7 +12,6 @@ use super::check::{Whole, first, judged};
 use super::describe::Subgraph;
 use super::draft::{Draft, What};
 use super::edit::References;
-use super::fitting::in_plain_numbers;
 use super::meaning::{entries, named_node};
 use super::{Checked, Graph, Options};
 use crate::catalog::Catalog;
@@ -57,7 +56,7 @@ pub(crate) struct Entry {
 pub(crate) struct Node {
     #[serde(flatten)]
     pub(crate) entry: Entry,
-    /// The fields that are written, by name, with their values as these are written; numbers with a unit in the unit of the field.
+    /// The fields that are written, by name, with their values as these are written.
     pub(crate) fields: Vec<(String, String)>,
     /// The names of the ports of its type; empty if the type is not known.
     pub(crate) ports: Vec<String>,
@@ -213,17 +212,8 @@ impl<'w> Outliner<'w> {
     }
 
     fn node(&self, entry: Entry, call: &Tree) -> Node {
-        let schema = self.drafts(&entry.name).next().and_then(|draft| draft.what.schema());
-        let plain = schema.map(|schema| in_plain_numbers(call, schema));
-        let plain = plain.as_ref().unwrap_or(call).fields().unwrap_or_default();
-        let fields = call.fields().unwrap_or_default().iter().zip(plain).map(|(field, plain)| {
-            let text = match plain.value.kind {
-                // `cm(1.2)` is a number to who shows it.
-                Kind::Number { value, .. } if field.value != plain.value => value.to_string(),
-                _ => self.written(field.value.span),
-            };
-            (field.name.text.clone(), text)
-        });
+        let fields = call.fields().unwrap_or_default().iter();
+        let fields = fields.map(|field| (field.name.text.clone(), self.written(field.value.span)));
         let ports = self.references.ports.get(&entry.name).into_iter().flatten();
         let mut links = Vec::new();
         self.links(call, &mut Vec::new(), &mut links);

@@ -174,7 +174,7 @@ impl Parameters {
                 let ExpressionError { message, at, note, .. } = error;
                 let place = |at: Range<usize>| place_in(call, argument, text, at);
                 let span = at.and_then(place).unwrap_or(argument.span);
-                let note = note.and_then(|(at, words)| Some((place(at)?, words)));
+                let note = note.and_then(|note| Some((place(note.0)?, note.1)));
                 return Err(Finding { note, ..wrong(span, message, help) });
             }
         };

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use serde_json::Map;
+use serde_json::Value as Json;
 
 use crate::catalog::Catalog;
 use crate::graph::{Graph, GraphOutput, INPUT};
@@ -16,12 +16,29 @@ pub(crate) struct Teller<'a> {
     catalog: &'a Catalog,
     /// The folder of the project.
     root: PathBuf,
+    /// What each node gives is made of: its recipe and those of all that it hangs on. No name and no order counts.
+    made: Vec<Hash>,
 }
 
 impl<'a> Teller<'a> {
     pub(crate) fn new(graph: &'a Graph, catalog: &'a Catalog) -> Self {
         let folder = graph.source.name.parent().filter(|folder| *folder != Path::new(""));
-        Self { graph, catalog, root: project_root(folder.unwrap_or(Path::new("."))) }
+        let root = project_root(folder.unwrap_or(Path::new(".")));
+        let mut made: Vec<Hash> = Vec::with_capacity(graph.nodes.len());
+        for node in graph.nodes.iter() {
+            let mut content = node.recipe.identity.0.to_vec();
+            for link in &node.links {
+                content.extend_from_slice(&made[link.node].0);
+                content.extend_from_slice(&(link.output as u64).to_le_bytes());
+            }
+            // A recipe does not say which files it reads.
+            for file in &node.files {
+                content.extend_from_slice(within(&root, &file.path).as_bytes());
+                content.push(0);
+            }
+            made.push(Hash::of(&content));
+        }
+        Self { graph, catalog, root, made }
     }
 
     /// Where an output comes from; `read_by` gives the hashes of the files that a node has read.
@@ -30,34 +47,23 @@ impl<'a> Teller<'a> {
         output: &GraphOutput,
         read_by: impl Fn(usize) -> &'f [Option<Hash>],
     ) -> Provenance {
-        let Self { graph, catalog, root } = self;
+        let Self { graph, catalog, root, made } = self;
         let mut told = Provenance {
             maquette: env!("CARGO_PKG_VERSION").into(),
             graph: within(root, &graph.source.name),
             output: output.name.clone(),
             draft: output.lineage.draft,
-            set: Map::from_iter(output.lineage.set.clone()),
+            set: output.lineage.set.iter().cloned().collect(),
             ..Provenance::default()
         };
         for name in &output.lineage.parameters {
             let declared = graph.schema["properties"].get(name);
             if let Some(value) = declared.and_then(|declared| declared.get("default")) {
-                told.parameters.insert(name.clone(), value.clone());
+                told.parameters.insert(name.clone(), plain(value));
             }
         }
         let needed = graph.shape.needed_by(&[output.node]);
-        // Its place among the nodes that are needed stands for a node, so that a name counts for nothing.
-        let mut places = vec![0_u64; graph.nodes.len()];
-        let mut count = 0;
-        let mut content = (output.output as u64).to_le_bytes().to_vec();
         for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| needed[*index]) {
-            places[index] = count;
-            count += 1;
-            content.extend_from_slice(&node.recipe.identity.0);
-            for link in &node.links {
-                content.extend_from_slice(&places[link.node].to_le_bytes());
-                content.extend_from_slice(&(link.output as u64).to_le_bytes());
-            }
             for (file, hash) in node.files.iter().zip(read_by(index)) {
                 if let Some(hash) = hash {
                     let name = within(root, &file.path);
@@ -74,7 +80,8 @@ impl<'a> Teller<'a> {
                 told.packs.insert(entry.pack.to_owned(), entry.node.version.into());
             }
         }
-        told.made = short(&Hash::of(&content).to_string());
+        let of = [&made[output.node].0[..], &(output.output as u64).to_le_bytes()].concat();
+        told.made = short(&Hash::of(&of).to_string());
         told
     }
 
@@ -85,6 +92,14 @@ impl<'a> Teller<'a> {
         read_by: impl Fn(usize) -> &'f [Option<Hash>],
     ) -> Signature {
         sign(&self.provenance(output, read_by))
+    }
+}
+
+/// The same for `12` and `12.0`.
+fn plain(value: &Json) -> Json {
+    match value.as_f64() {
+        Some(number) if number.fract() == 0.0 && number.abs() < 1e15 => (number as i64).into(),
+        _ => value.clone(),
     }
 }
 

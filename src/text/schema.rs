@@ -379,7 +379,8 @@ impl Walk<'_> {
                 self.node,
                 range.join(" and ")
             );
-            self.find(code::OUT_OF_RANGE, tree, message, "");
+            let help = schema.get("limit").and_then(Json::as_str).unwrap_or_default();
+            self.find(code::OUT_OF_RANGE, tree, message, help);
         }
     }
 

@@ -290,11 +290,17 @@ fn draw_needs_no_files_and_writes_svg_or_dot() {
 fn draw_reports_a_broken_graph_and_unknown_endings() {
     let folder = tempfile::tempdir().unwrap();
     let graph = folder.path().join("graph.ron");
-    let text = "Graph(format: 1, nodes: { \"a\": Nothing() }, outputs: {})";
-    std::fs::write(&graph, text).unwrap();
-    let broken = maquette(&["draw", graph.to_str().unwrap()]);
+    let draw = |node: &str| {
+        let text = format!("Graph(format: 1, nodes: {{ \"a\": {node} }}, outputs: {{}})");
+        std::fs::write(&graph, text).unwrap();
+        maquette(&["draw", graph.to_str().unwrap()])
+    };
+    let broken = draw("ReadMesh(file: \"a.obj\")");
     assert_eq!((broken.status.code(), stdout(&broken)), (Some(1), String::new()));
-    assert!(stderr(&broken).contains("there is no node type `Nothing`"));
+    assert!(stderr(&broken).contains("ReadMesh has no field `file`"));
+    let unknown = draw("Nothing()");
+    assert!(unknown.status.code() == Some(1) && stdout(&unknown).starts_with("<svg"));
+    assert!(stderr(&unknown).contains("there is no node type `Nothing`"));
     assert_eq!(maquette(&["draw", "doll.ron", "--out", "doll.png"]).status.code(), Some(2));
 }
 

@@ -3,5 +3,6 @@
 mod help;
 mod merging;
 mod provenance;
+mod tables;
 mod unknown;
 mod versions;

@@ -70,7 +70,7 @@ fn values_of_the_wrong_kind_or_out_of_range_are_explained() {
         r#""soft.ply": "soft", "half.ply": "half", "turned.ply": "turned""#,
         expect![[r#"
             3:25-29 G009 port `mesh` of Subdivide wants a link, not `doll` (write the name of a node that gives a Mesh: "node")
-            3:53-55 G010 field `levels` of Subdivide is 40, but must be at least 0 and at most 8
+            3:53-55 G010 field `levels` of Subdivide is 40, but must be at least 0 and at most 12 (8 levels make 65536 faces of one already)
             4:55-58 G009 field `levels` of Subdivide wants a number without fraction, not the number 1.5
             4:67-72 G009 field `limit` of Subdivide wants true or false, not the text "yes"
             5:43-49 G009 field `rotate` of Transform wants 3 values, not 2
@@ -127,7 +127,7 @@ fn parameters_and_expressions_are_checked() {
         "side": Choice(default: Up, of: [Left, Right]),
         "size": Numbr(default: 1.0),
         "none": Toggle(),
-        "levels": Integer(default: 9),
+        "levels": Integer(default: 13),
     },
     nodes: {
         "doll": ReadMesh(path: "doll.obj"),
@@ -144,9 +144,9 @@ fn parameters_and_expressions_are_checked() {
             7:33-35 G009 parameter `side` wants one of Left, Right, not `Up`
             8:17-22 G009 there is no type of parameters `Numbr` (did you mean `Number`?)
             9:17-25 G005 parameter `none` has no default (write `default: ..`)
-            14:63-78 G010 field `levels` of Subdivide is 9, but must be at least 0 and at most 8
+            14:63-78 G010 field `levels` of Subdivide is 13, but must be at least 0 and at most 12 (8 levels make 65536 faces of one already)
             15:94-101 G011 the graph has no parameter `level` (did you mean `levels`?)
-            16:63-81 G009 field `levels` of Subdivide wants a number without fraction, not the number 4.5
+            16:63-81 G009 field `levels` of Subdivide wants a number without fraction, not the number 6.5
         "##]],
     );
 }
@@ -212,7 +212,7 @@ fn a_broken_text_says_where() {
             1:34-35 G006 the name of a node is a text in double quotes, not `b`
             1:65-68 G006 there is already a node `a` (give one of them another name)
             1:84-86 G009 field `outputs` of Graph wants a map: {"name": .., ..}, not a list
-            1:88-93 G004 Graph has no field `extra` (its fields: format, version, doc, packs, use, inputs, params, nodes, outputs, expect)
+            1:88-93 G004 Graph has no field `extra` (its fields: format, version, doc, packs, use, inputs, params, nodes, outputs, promises, expect)
         "#]],
     );
 }

@@ -52,6 +52,8 @@ pub(super) struct Session<'a> {
     told: Option<(Vec<PathBuf>, Option<String>)>,
     contents: Contents,
     batch: Batch,
+    /// Whether the graph has been without unknown nodes.
+    was_whole: bool,
     check: Check,
     /// Whether the next run has to compute everything.
     recompute: bool,
@@ -120,6 +122,7 @@ impl<'a> Session<'a> {
             told: None,
             contents: Contents::default(),
             batch: Batch::default(),
+            was_whole: false,
             check: Check::Due,
             recompute: false,
             wanted: None,
@@ -304,7 +307,9 @@ impl<'a> Session<'a> {
             let new = Vec::from_iter(new);
             self.subgraphs.extend(new);
         }
-        self.check = match graph.or(partial) {
+        // While somebody types, what was last good stays; a graph that begins with an unknown node is run as far as it can be.
+        self.was_whole |= graph.is_some();
+        self.check = match graph.or(partial.filter(|_| !self.was_whole)) {
             Some(graph) => {
                 self.view.graph(&graph);
                 self.view.checked(self.runs + 1, &problems);

@@ -172,11 +172,12 @@ mod tests {
         assert_eq!(told(4, &[&[0, 1, 2, 3]]), [open, quad]);
         let fan = told(5, &[&[0, 1, 2], &[1, 0, 3], &[0, 1, 4]]);
         assert!(fan.contains(&"Manifold: has 1 edges with more than two faces (edge 0-1; the first is at (0.5, 0, 0))".into()), "{fan:#?}");
+        let twisted = told(4, &[&[0, 1, 2], &[0, 1, 3]]);
         assert!(
-            fan.iter().any(
+            twisted.iter().any(
                 |it| it.starts_with("Oriented: has 1 edges between") && it.contains("edge 0-1")
             ),
-            "{fan:#?}"
+            "{twisted:#?}"
         );
         let bow = told(5, &[&[0, 1, 2], &[0, 3, 4]]);
         assert!(bow.contains(&"Unpinched: has 1 vertices that join fans of faces (vertex 0; the first is at (0, 0, 0))".into()), "{bow:#?}");

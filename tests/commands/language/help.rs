@@ -22,7 +22,7 @@ fn a_topic_is_readable_text_with_samples() {
 fn without_a_word_commands_and_topics_are_listed() {
     let (text, is_known) = told(&["help"]);
     assert!(is_known && text == told(&["--help"]).0, "{text}");
-    assert!(text.contains("\n  run  ") && text.contains("\n  params   Parameters: "), "{text}");
+    assert!(text.contains("\n  run  ") && text.contains("\n  params      Parameters: "), "{text}");
 }
 
 #[test]
@@ -46,8 +46,8 @@ fn an_unknown_topic_gets_a_guess() {
     let message = "error: there is no topic or command";
     assert_eq!(unknown("parms"), format!("{message} `parms`; did you mean `params`?\n"));
     assert_eq!(
-        unknown("Closed"),
-        format!("{message} `Closed`; it is explained by `maquette help expect`\n")
+        unknown("NoSelfIntersection"),
+        format!("{message} `NoSelfIntersection`; it is explained by `maquette help expect`\n")
     );
     assert_eq!(unknown("insect"), format!("{message} `insect`; did you mean `inspect`?\n"));
 }

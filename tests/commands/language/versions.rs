@@ -9,7 +9,10 @@ Graph(
     format: 1,
     version: "1.0.0",
     doc: "Moves a mesh.",
-    inputs: { "mesh": Mesh(doc: "A mesh."), "hem": Optional(Mesh(doc: "What hangs on it.")) },
+    inputs: {
+        "mesh": Mesh(doc: "A mesh."),
+        "hem": Optional(Mesh(doc: "What hangs on it.")),
+    },
     params: { "step": Number(default: 1.0, min: 0.0, max: 9.0, unit: "mm", doc: "How far.") },
     nodes: {
         "moved": Transform(mesh: "mesh", translate: (Param("step"), 0, 0)),

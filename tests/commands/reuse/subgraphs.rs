@@ -96,7 +96,7 @@ nodes: { "inner": Finer(mesh: "mesh", levels: Param("n")) }, outputs: { "mesh": 
     let folder =
         Folder::new(&[("graph.ron", &text), ("lib/outer.ron", outer), ("lib/finer.ron", finer)]);
     folder.check(expect![[r#"
-        lib/finer.ron:2:62-77 G010 field `levels` of Subdivide is 40, but must be at least 0 and at most 8 (the value comes from graph.ron:3:31) <- out at graph.ron:3:1 <- inner at lib/outer.ron:2:10
+        lib/finer.ron:2:62-77 G010 field `levels` of Subdivide is 40, but must be at least 0 and at most 12 (the value comes from graph.ron:3:31; 8 levels make 65536 faces of one already) <- out at graph.ron:3:1 <- inner at lib/outer.ron:2:10
     "#]]);
 }
 
@@ -153,7 +153,7 @@ nodes: { "a": A(mesh: "b"), "b": B(x: 1) }, outputs: {})"#;
         graph.ron:1:51-64 G014 `../../x.ron` lies outside of the project (move the file into ROOT, put a maquette.toml into a folder above both, or allow its folder with --root)
         graph.ron:1:66-69 G006 the text "c" cannot name a type of nodes (such names begin with a capital letter: "Feature")
         graph.ron:1:88-95 G006 there is already a node type `Merge` (give it another name)
-        graph.ron:1:119-120 G009 `D` wants the path of a graph, not the number 4 (write "lib/name.ron")
+        graph.ron:1:119-120 G009 `D` wants the path of a graph, not the number 4 (write "lib/name.ron" or Graph("lib/name.ron", version: "2.1"))
         graph.ron:1:127-132 G013 `lib` is not a file
     "#]]);
 }

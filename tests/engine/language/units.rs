@@ -96,8 +96,8 @@ fn a_number_with_a_unit_has_the_key_of_the_plain_number_in_the_fields_unit() {
         r#""out": FillHoles(mesh: "ball", holes: Region(Ball(at: (10, 0, 0), radius: 2)))"#,
     );
     check_nodes(
-        r#""net": PointNet(points: [[(0, 0, 0), (cm(1), 0, 0)], [(0, 1, 0), (1, 1, mm(2))]]), "s": Nurbs(net: "net", degrees: (1, 1)), "out": Tessellate(surface: "s", tolerance: cm(0.01))"#,
-        r#""net": PointNet(points: [[(0, 0, 0), (10, 0, 0)], [(0, 1, 0), (1, 1, 2)]]), "s": Nurbs(net: "net", degrees: (1, 1)), "out": Tessellate(surface: "s", tolerance: 0.1)"#,
+        r#""net": PointNet(points: [[(0, 0, 0), (cm(1), 0, 0)], [(0, 1, 0), (1, 1, mm(2))]]), "s": Nurbs(net: "net", order: (2, 2)), "out": Tessellate(surface: "s", tolerance: cm(0.01))"#,
+        r#""net": PointNet(points: [[(0, 0, 0), (10, 0, 0)], [(0, 1, 0), (1, 1, 2)]]), "s": Nurbs(net: "net", order: (2, 2)), "out": Tessellate(surface: "s", tolerance: 0.1)"#,
     );
     check_nodes(
         r#""all": ForEach(graph: "Transform", over: [(translate: (cm(1), 0, 0)), ()], with: (mesh: "ball", rotate: (deg(5), 0, 0))), "out": Merge(meshes: "all")"#,

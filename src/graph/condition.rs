@@ -1,0 +1,84 @@
+//! A condition on named numbers, such as `region == 7 and area > 2`: the language of `Expr`, with columns in place of parameters.
+
+use std::collections::BTreeMap;
+
+use super::expression::{Outcome, evaluate, named_parameters};
+use crate::text::{Quantity, Unit, unknown};
+
+/// A condition whose names are all known.
+pub(crate) struct Condition<'t> {
+    text: &'t str,
+    names: Vec<String>,
+}
+
+impl<'t> Condition<'t> {
+    /// The condition in a text, which may name these columns of `what`.
+    ///
+    /// # Errors
+    /// In words, if it is none, or names another.
+    pub(crate) fn read(text: &'t str, known: &[&str], what: &str) -> Result<Self, String> {
+        let wrong = |why: &dyn std::fmt::Display| format!("`{text}`: {why}");
+        let is_known = |name: &str| known.contains(&name);
+        let Some(places) = named_parameters(text, &is_known) else {
+            let why = evaluate(text, &BTreeMap::new()).err();
+            return Err(wrong(&why.map_or_else(String::new, |why| why.to_string())));
+        };
+        let mut names = Vec::from_iter(places.into_iter().map(|place| text[place].to_owned()));
+        names.sort_unstable();
+        names.dedup();
+        names.retain(|name| is_known(name) || !matches!(&name[..], "true" | "false"));
+        if let Some(name) = names.iter().find(|name| !is_known(name)) {
+            let message = format!("there is no column `{name}` of {what}");
+            return Err(unknown(message, name, "its columns", known));
+        }
+        let condition = Self { text, names };
+        condition.holds(|_| 1.0)?;
+        Ok(condition)
+    }
+
+    /// The columns that it names.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        self.names.iter().map(String::as_str)
+    }
+
+    /// Whether it holds for these numbers.
+    ///
+    /// # Errors
+    /// In words, if it is no condition.
+    pub(crate) fn holds(&self, number: impl Fn(&str) -> f64) -> Result<bool, String> {
+        let value = |name: &String| {
+            let quantity = Quantity { value: number(name), unit: Unit::default() };
+            (name.clone(), Outcome::Number(quantity))
+        };
+        match evaluate(self.text, &self.names.iter().map(value).collect()) {
+            Ok(Outcome::Truth(truth)) => Ok(truth),
+            Ok(Outcome::Number(_)) => Err(format!("`{}` is a number, not a condition", self.text)),
+            Err(why) => Err(format!("`{}`: {why}", self.text)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_named_as_parameters_are() {
+        let known = ["region", "area", "k-1"];
+        let holds = |text: &str, region: f64| {
+            let condition = Condition::read(text, &known, "faces")?;
+            condition.holds(|name| if name == "region" { region } else { 2.0 })
+        };
+        assert_eq!(holds("region == 7 and k-1 * area > 3", 7.0), Ok(true));
+        assert_eq!(holds("region == 7", 6.0), Ok(false));
+        assert_eq!(holds("not true", 6.0), Ok(false));
+        let wrong = "there is no column `regoin` of faces; did you mean `region`?";
+        assert_eq!(holds("regoin == 7", 7.0), Err(wrong.into()));
+        assert_eq!(holds("region", 7.0), Err("`region` is a number, not a condition".into()));
+        assert!(holds("region ==", 7.0).unwrap_err().contains("ends where"));
+        assert_eq!(
+            holds("region $ 1", 7.0).unwrap_err(),
+            "`region $ 1`: `$` has no meaning in an expression"
+        );
+    }
+}
