@@ -15,7 +15,7 @@ sys.path.insert(0, str(ROOT / "hosts/blender/addon"))
 import panel  # noqa: E402
 
 PROGRAM = os.environ.get("MAQUETTE", str(ROOT / "target/debug/maquette"))
-GRAPHS = [it for it in sorted((ROOT / "graphs").rglob("*.ron")) if not it.name.endswith(".test.ron")]
+GRAPHS = [it for it in sorted((ROOT / "graphs").rglob("*.ron")) if not it.name.endswith((".test.ron", ".lock.ron"))]
 
 
 class PanelTest(unittest.TestCase):
