@@ -22,7 +22,7 @@ use crate::value::{AnyValue, TYPES, ValueType};
 /// Where two packs have a node of the same name, the first one has it; [`conformance`](crate::conformance) reports that.
 #[derive(Clone)]
 pub struct Catalog {
-    entries: IndexMap<String, Entry>,
+    entries: IndexMap<String, Arc<Entry>>,
     values: Vec<&'static ValueType>,
     formats: Vec<Format>,
     readers: Arc<Readers>,
@@ -58,7 +58,6 @@ impl Code {
 }
 
 /// One node of a catalog.
-#[derive(Clone)]
 pub(crate) struct Entry {
     pub(crate) name: String,
     pub(crate) pack: &'static str,
@@ -268,14 +267,15 @@ impl Catalog {
         for pack in packs {
             for node in pack.nodes {
                 let name = (node.name)().into_owned();
-                entries.entry(name.clone()).or_insert(Entry {
-                    name,
+                let entry = || Entry {
+                    name: name.clone(),
                     pack: pack.name,
                     node: *node,
                     readers: readers.clone(),
                     schema: OnceLock::new(),
                     outputs: OnceLock::new(),
-                });
+                };
+                entries.entry(name.clone()).or_insert_with(|| Arc::new(entry()));
             }
         }
         let brought = packs.iter().flat_map(|pack| pack.formats);
@@ -366,11 +366,16 @@ impl Catalog {
     }
 
     pub(crate) fn find(&self, name: &str) -> Option<&Entry> {
-        self.entries.get(name)
+        self.entries.get(name).map(|entry| &**entry)
+    }
+
+    /// The same for who keeps it.
+    pub(crate) fn shared(&self, name: &str) -> Option<Arc<Entry>> {
+        self.entries.get(name).cloned()
     }
 
     pub(crate) fn entries(&self) -> impl Iterator<Item = &Entry> {
-        self.entries.values()
+        self.entries.values().map(|entry| &**entry)
     }
 
     pub(crate) fn names(&self) -> Vec<&str> {

@@ -1,11 +1,11 @@
 //! A graph as a picture: boxes for nodes and output files, links with the types that they carry.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use crate::catalog::Catalog;
 use crate::error::Source;
-use crate::graph::{Graph, GraphUse};
+use crate::graph::{ELEMENTS, Graph, GraphUse};
 
 mod dot;
 #[cfg(feature = "cli")]
@@ -148,6 +148,9 @@ impl Drawing {
     }
 }
 
+/// The elements of a `ForEach` over data are drawn one by one, unless there are more than these.
+const MOST_ELEMENTS: usize = 50;
+
 /// What graphs that are used are listed as, beside packs.
 const GRAPHS: &str = "graphs";
 
@@ -158,23 +161,40 @@ enum BoxContent<'g> {
     Use(&'g GraphUse, usize),
 }
 
-/// The boxes of a graph: its own nodes and uses, each where the first of its nodes stands.
+/// The boxes of a graph: its own nodes and uses, each where the first of its nodes stands. A `ForEach` over data is one box if its
+/// elements are not known, or are very many.
 fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
-    let of_graph =
-        |given: &&GraphUse| given.kind != "Switch" && !given.kind.starts_with("ForEach(");
+    let is_whole = |given: &&GraphUse| match &given.kind[..] {
+        "Switch" => false,
+        kind if kind.starts_with("ForEach(") => {
+            given.is_open || elements(graph, given).is_some_and(|count| count > MOST_ELEMENTS)
+        }
+        _ => true,
+    };
     let mut uses: HashMap<&str, &GraphUse> = HashMap::new();
-    uses.extend(graph.uses.iter().filter(of_graph).map(|given| (&given.name[..], given)));
+    uses.extend(graph.uses.iter().filter(is_whole).map(|given| (&given.name[..], given)));
     let mut boxes: Vec<BoxContent<'_>> = Vec::new();
+    let mut begun: HashSet<&str> = HashSet::new();
     for (index, node) in graph.nodes.iter().enumerate() {
         let ends = node.name.match_indices('/').map(|(at, _)| at);
-        let outermost = ends.filter_map(|at| uses.get(&node.name[..at]).copied()).next();
-        match (outermost, boxes.last()) {
-            (Some(given), Some(BoxContent::Use(last, _))) if std::ptr::eq(given, *last) => {}
-            (Some(given), _) => boxes.push(BoxContent::Use(given, index)),
-            (None, _) => boxes.push(BoxContent::Node(index)),
+        match ends.filter_map(|at| uses.get(&node.name[..at]).copied()).next() {
+            Some(given) if !begun.insert(&given.name) => {}
+            Some(given) => boxes.push(BoxContent::Use(given, index)),
+            None => boxes.push(BoxContent::Node(index)),
         }
     }
     boxes
+}
+
+/// How many elements a `ForEach` over data has.
+fn elements(graph: &Graph, given: &GraphUse) -> Option<usize> {
+    let found = graph.loops().iter().find(|it| it.name == given.name && !it.is_open)?;
+    Some(graph.nodes[found.node].outputs.len())
+}
+
+/// Whether a node takes the data of a `ForEach` apart: its outputs are drawn as one.
+fn is_apart(graph: &Graph, node: usize) -> bool {
+    graph.nodes[node].kind() == ELEMENTS
 }
 
 /// For each value that boxes give, by its node and output: the box and the place among its outputs.
@@ -184,7 +204,8 @@ fn sources(graph: &Graph, boxes: &[BoxContent<'_>]) -> HashMap<(usize, usize), [
         match part {
             BoxContent::Node(node) => {
                 let outputs = 0..graph.nodes[*node].outputs.len();
-                sources.extend(outputs.map(|output| ((*node, output), [index, output])));
+                let drawn = |output| if is_apart(graph, *node) { 0 } else { output };
+                sources.extend(outputs.map(|output| ((*node, output), [index, drawn(output)])));
             }
             BoxContent::Use(given, _) => {
                 for (output, (_, targets)) in given.outputs.iter().enumerate() {
@@ -224,7 +245,8 @@ fn described(graph: &Graph, part: &BoxContent<'_>) -> (String, String, Vec<Port>
                 name: (*name).to_owned(),
                 kind: kind_of(*index, output),
             };
-            (node.name.clone(), node.kind().to_owned(), outputs.map(port).collect())
+            let drawn = if is_apart(graph, *index) { 1 } else { usize::MAX };
+            (node.name.clone(), node.kind().to_owned(), outputs.take(drawn).map(port).collect())
         }
         BoxContent::Use(given, _) => {
             let port = |(name, targets): &(String, Vec<(usize, usize)>)| Port {
@@ -232,7 +254,12 @@ fn described(graph: &Graph, part: &BoxContent<'_>) -> (String, String, Vec<Port>
                 kind: targets.first().map_or_else(String::new, |&(node, at)| kind_of(node, at)),
             };
             let outputs = given.outputs.iter().map(port).collect();
-            (given.name.clone(), given.kind.clone(), outputs)
+            let kind = match elements(graph, given) {
+                Some(count) => format!("{} of {count} elements", given.kind),
+                None if given.is_open => format!("{} of ? elements", given.kind),
+                None => given.kind.clone(),
+            };
+            (given.name.clone(), kind, outputs)
         }
     }
 }

@@ -28,6 +28,7 @@ mod memory;
 mod plan;
 mod run;
 mod snapshot;
+mod stage;
 mod stubborn;
 mod trace;
 mod why;
@@ -90,6 +91,8 @@ pub struct Evaluator {
     guards: Guards,
     /// What the last evaluation found.
     last: Option<Arc<Snapshot>>,
+    /// What happened on the way to the next evaluation.
+    staged: stage::Staged,
     /// Whether the next evaluation believes nothing that is on disk.
     fresh: bool,
     /// Which share of the results that could come from the cache is computed all the same, and compared.
@@ -256,6 +259,7 @@ impl Evaluator {
         let (cache, files, guards) = (Cache::new(memory), Known::default(), Guards::default());
         let (disk, last) = (None, None);
         let (keeps, owes, fresh) = (true, false, false);
+        let staged = stage::Staged::new();
         Ok(Self {
             pool,
             cache,
@@ -266,6 +270,7 @@ impl Evaluator {
             files,
             guards,
             last,
+            staged,
             fresh,
             verify: 0.0,
         })
@@ -341,6 +346,19 @@ impl Evaluator {
 
     /// Evaluates what these nodes, by their place in the graph, need. The values of the nodes `values` are wanted afterwards.
     pub(crate) fn evaluate(
+        &mut self,
+        graph: &Graph,
+        roots: &[usize],
+        values: &[usize],
+        observer: &dyn Observer,
+        cancel: &CancelToken,
+    ) -> Evaluation {
+        let mut evaluation = self.evaluate_alone(graph, roots, values, observer, cancel);
+        evaluation.take_over(graph, std::mem::take(&mut self.staged));
+        evaluation
+    }
+
+    fn evaluate_alone(
         &mut self,
         graph: &Graph,
         roots: &[usize],

@@ -1,6 +1,6 @@
 //! A graph: read from its file, checked, and ready to be evaluated.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -48,7 +48,9 @@ mod patch;
 mod promises;
 mod quality;
 mod recipe;
+mod repeat;
 mod shape;
+mod stage;
 mod top;
 mod unknown;
 mod version;
@@ -73,6 +75,7 @@ pub use merge::Merge;
 pub(crate) use outline::{Node as OutlineNode, Outline, Target};
 pub(crate) use recipe::{NodeFile, Recipe};
 pub(crate) use shape::Shape;
+pub(crate) use stage::{Count, Counts, ELEMENTS, Loop, OtherCount};
 pub(crate) use top::is_name;
 pub(crate) use unknown::UnknownType;
 #[cfg(test)]
@@ -106,6 +109,14 @@ pub struct Graph {
     pub(crate) schema: serde_json::Value,
     /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
     pub(crate) uses: Arc<[GraphUse]>,
+    /// Each `ForEach` over data.
+    loops: Arc<[Loop]>,
+    /// Those of which the number of elements has been found out.
+    settled: BTreeSet<String>,
+    /// What it is expanded from again, if it has such.
+    stage: Option<Arc<stage::Stage>>,
+    /// The values at its inputs.
+    given: InputValues,
     /// Names in its own file that no output of it needs, and what is wanted and never given.
     warnings: Vec<Problem>,
 }
@@ -146,6 +157,8 @@ pub(crate) struct GraphUse {
     pub(crate) inputs: Vec<(String, (usize, usize))>,
     /// What each output gives; several values only for a `ForEach`.
     pub(crate) outputs: Vec<(String, Vec<(usize, usize)>)>,
+    /// A `ForEach` whose elements are not known yet: its nodes are those of an example.
+    pub(crate) is_open: bool,
 }
 
 /// A link from a port to another node's output.
@@ -377,6 +390,9 @@ impl Graph {
             let output = output.map_or(Some(0), |output| names.iter().position(|n| *n == output));
             return output.map(|output| (index, output));
         }
+        if let Some(element) = self.element(name) {
+            return Some(element);
+        }
         let given = self.uses.iter().find(|given| given.name == name)?;
         let wanted = |(name, _): &&(String, _)| output.is_none_or(|output| output == name);
         match given.outputs.iter().find(wanted)?.1[..] {
@@ -389,7 +405,9 @@ impl Graph {
     pub(crate) fn nodes_of(&self, name: &str) -> Vec<usize> {
         let given = self.uses.iter().filter(|given| given.name == name);
         let given = given.flat_map(|given| &given.outputs).flat_map(|(_, targets)| targets);
-        let mut nodes = Vec::from_iter(given.map(|(node, _)| *node).chain(self.find(name)));
+        let element = self.element(name).map(|(node, _)| node);
+        let own = self.find(name).or(element);
+        let mut nodes = Vec::from_iter(given.map(|(node, _)| *node).chain(own));
         nodes.sort_unstable();
         nodes.dedup();
         nodes
@@ -414,7 +432,9 @@ impl Graph {
         let same_expected = |(a, b): (&Expected, &Expected)| {
             (&a.expectation, &a.values) == (&b.expectation, &b.values)
         };
-        self.shape.identity == other.shape.identity
+        // Of a graph with an example of its elements the shape does not say all.
+        self.stage.is_none()
+            && self.shape.identity == other.shape.identity
             && self.expect.len() == other.expect.len()
             && self.expect.iter().zip(&*other.expect).all(same_expected)
             && self.files().eq(other.files())

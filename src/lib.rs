@@ -135,6 +135,6 @@ pub use session::{
 pub use suite::{TestRun, test_graphs};
 pub use text::Reader;
 pub use value::{
-    AnyValue, DecodeError, Decoder, Encoder, Hash, Memo, Summary, Value, ValueType, hash_of,
-    value_type,
+    AnyValue, DecodeError, Decoder, Elements, Encoder, Hash, Memo, NoElements, Summary, Value,
+    ValueType, hash_of, value_type,
 };

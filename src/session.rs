@@ -14,6 +14,7 @@ use crate::provenance::{Provenance, Signature};
 use crate::text::{unknown, with_article};
 use crate::value::{AnyValue, Value};
 
+mod elements;
 mod outputs;
 mod provenance;
 mod settings;
@@ -45,6 +46,8 @@ pub struct Session {
     memory: usize,
     /// Why nothing is kept on disk, though it should be.
     disk_warning: Option<String>,
+    /// How many elements there were last.
+    known: elements::Known,
 }
 
 /// What is to be evaluated of a graph, and with what.
@@ -100,7 +103,7 @@ impl Session {
         let (evaluator, disk_warning) = settings.evaluator(&catalog)?;
         let most = settings.max_memory.and_then(|most| usize::try_from(most).ok());
         let memory = settings.memory.min(most.unwrap_or(usize::MAX));
-        Ok(Self { catalog, evaluator, memory, disk_warning })
+        Ok(Self { catalog, evaluator, memory, disk_warning, known: elements::Known::new() })
     }
 
     /// What its packs offer.
@@ -129,9 +132,12 @@ impl Session {
     /// Evaluates a graph. What fails takes only what hangs on it with it: see [`Finished::problems`].
     ///
     /// # Errors
-    /// If an input gets a value of another type, or something is named that the graph does not have; nothing has been run then.
+    /// If an input gets a value of another type, or something is named that the graph does not have; nothing has been run then but what
+    /// says how many elements there are.
     pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<Finished, Vec<Problem>> {
         let graph = self.fed(graph, &run.inputs)?;
+        let wanted = |graph: &Graph| elements::wanted_nodes(graph, &run.wanted);
+        let graph = self.resolved(&graph, &wanted, run.observer, &run.cancel);
         let of_outputs = || graph.outputs.iter().map(|output| output.node).collect::<Vec<_>>();
         let named = |name: &str| match graph.value_named(name) {
             Some((node, _)) => vec![node],
@@ -150,6 +156,7 @@ impl Session {
             Wanted::Outputs | Wanted::OutputsAnd(_) | Wanted::Everything => graph.expected(&nodes),
         };
         nodes.extend(golden::nodes_of(&expected));
+        nodes.extend(graph.empty());
         let evaluation = self.evaluator.evaluate(&graph, &nodes, &nodes, run.observer, &run.cancel);
         let judge = || golden::violations(&graph, evaluation.by_place(), &expected);
         let violations = self.evaluator.install(judge);
@@ -169,11 +176,17 @@ impl Session {
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Result<Produced, String> {
+        outputs_of(graph, only)?;
+        let wanted = |graph: &Graph| {
+            let outputs = outputs_of(graph, only).unwrap_or_default();
+            elements::judged_too(graph, outputs.iter().map(|output| output.node).collect())
+        };
+        let graph = &self.resolved(graph, &wanted, observer, cancel);
         let outputs = outputs_of(graph, only)?;
         let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
         let expected = graph.expected(&nodes);
         let judged = golden::nodes_of(&expected);
-        nodes.extend(&judged);
+        nodes.extend(judged.iter().copied().chain(graph.empty()));
         let evaluator = &mut self.evaluator;
         let mut values = folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator);
         values.extend(judged);
@@ -207,7 +220,8 @@ impl Session {
         folder.recall(&self.evaluator);
     }
 
-    /// What each node would do if these outputs, all if none is named, were made now, and why.
+    /// What each node would do if these outputs, all if none is named, were made now, and why. The graph is one as it is
+    /// [last known](Self::as_last_known).
     pub(crate) fn dry_run(
         &mut self,
         graph: &Graph,
@@ -227,10 +241,14 @@ impl Session {
     /// Why a node, or each node that makes what a use of a graph gives, would run, or why not, since the graph was evaluated last: in
     /// words, a line or more for each. None if the graph has no such node.
     pub fn why(&mut self, graph: &Graph, name: &str) -> Option<String> {
+        let graph = &self.as_last_known(graph);
         let nodes = graph.nodes_of(name);
         let forecasts = self.forecast(graph, &nodes);
         let told = nodes.iter().map(|&node| explanation(graph, node, &forecasts));
-        (!nodes.is_empty()).then(|| told.collect())
+        let open = graph.open_loop(name).map(|open| {
+            format!("how many elements `{}` has is known when the graph has been run\n", open.name)
+        });
+        (!nodes.is_empty() || open.is_some()).then(|| told.chain(open).collect())
     }
 
     /// The graph with values at its inputs, to be run any number of times: inputs without one are no error, but what hangs on them
@@ -279,6 +297,7 @@ impl Session {
 
     /// Drops every result in memory; what is on disk stays, but the next run does not use it.
     pub fn forget(&mut self) {
+        self.known.clear();
         self.evaluator.forget();
     }
 
@@ -363,6 +382,11 @@ impl Finished {
         let value = self.value(name).ok_or_else(|| format!("there is no value `{name}`"))?;
         let kind = with_article(value.kind().name);
         value.get().ok_or_else(|| format!("`{name}` is {kind}, not {}", with_article(T::NAME)))
+    }
+
+    /// The value at this node and output of the graph that was run.
+    pub(crate) fn value_at(&self, (node, output): (usize, usize)) -> Option<&AnyValue> {
+        self.evaluation.value(node, output)
     }
 
     /// The value of this output of this node, or of a use of a graph, whatever outputs of the graph are called the same; if it was

@@ -13,6 +13,7 @@ mod column;
 mod control_net;
 mod curve;
 mod direction;
+mod elements;
 mod encoding;
 mod field;
 mod frame;
@@ -38,6 +39,8 @@ pub use column::Column;
 pub use control_net::{Chart, ControlNet, ControlNetError};
 pub use curve::{Curve, CurveError, CurveFoot};
 pub use direction::{Direction, DirectionError};
+pub(crate) use elements::{Cut, ElementType};
+pub use elements::{Elements, NoElements};
 pub(crate) use encoding::{Bytes, Columns, Kept};
 pub use encoding::{DecodeError, Decoder, Encoder, hash_of};
 pub use field::Field;
@@ -139,6 +142,11 @@ pub trait Value: Clone + Send + Sync + 'static {
             Layer::Triangles(mesh) => Some(*mesh),
             _ => None,
         })
+    }
+
+    /// What a `ForEach` can go over in it; nothing unless the type says so.
+    fn elements() -> Vec<Elements<Self>> {
+        Vec::new()
     }
 
     /// Values that the type allows and that are hard to treat: empty, tiny, degenerate, enormous. They are what
@@ -258,6 +266,8 @@ pub struct ValueType {
     from_parts: fn(&Parts<'_>) -> Result<AnyValue, PartsError>,
     show: fn(&(dyn Any + Send + Sync)) -> Vec<Layer>,
     as_mesh: fn(&(dyn Any + Send + Sync)) -> Option<Mesh>,
+    elements: fn() -> Vec<ElementType>,
+    cut: fn(&(dyn Any + Send + Sync), &str, usize) -> Cut,
     hostile: fn() -> Vec<AnyValue>,
     properties: fn() -> Vec<(&'static str, &'static str)>,
     offence: fn(&(dyn Any + Send + Sync), &str) -> Option<Offence>,
@@ -291,6 +301,11 @@ impl ValueType {
     /// If they make none.
     pub fn from_parts(&self, parts: &Parts<'_>) -> Result<AnyValue, PartsError> {
         (self.from_parts)(parts)
+    }
+
+    /// What a `ForEach` can go over in such a value.
+    pub(crate) fn elements(&self) -> Vec<ElementType> {
+        (self.elements)()
     }
 
     /// Values of this type that are hard to treat: see [`Value::hostile`].
@@ -332,6 +347,8 @@ impl<T: Value> TypeOf<T> {
         from_parts: |parts| T::from_parts(parts).map(AnyValue::new),
         show: |value| downcast::<T>(value).show(),
         as_mesh: |value| downcast::<T>(value).as_mesh(),
+        elements: ElementType::all_of::<T>,
+        cut: |value, word, most| elements::cut(downcast::<T>(value), word, most),
         hostile: || T::hostile().into_iter().map(AnyValue::new).collect(),
         properties: || T::properties().iter().map(|it| (it.name, it.doc)).collect(),
         offence: |value, name| {
@@ -425,6 +442,13 @@ impl AnyValue {
     /// What stands against a property of its type, by name; none if it holds.
     pub fn offence(&self, property: &str) -> Option<Offence> {
         (self.kind.offence)(&*self.value, property)
+    }
+}
+
+impl AnyValue {
+    /// Its elements that a word means, for a `ForEach`, if there are no more than `most`; none if its type has no such elements.
+    pub(crate) fn cut(&self, word: &str, most: usize) -> Cut {
+        (self.kind.cut)(&*self.value, word, most)
     }
 }
 

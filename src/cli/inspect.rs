@@ -15,7 +15,8 @@ use super::{Exit, GraphOptions, in_bytes, print, print_document, print_json, rep
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem};
 use crate::format::png;
-use crate::graph::Graph;
+use crate::graph::{ELEMENTS, Graph};
+use crate::node::CancelToken;
 use crate::pack::NewFile;
 use crate::plain::ending;
 use crate::probe::{self, shown};
@@ -97,11 +98,12 @@ impl Inspect {
             report(&checked.problems);
         }
         let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
-        let outputs = match self.find(&graph) {
-            Ok(found) => found,
-            Err(why) => return Exit::Usage(why),
-        };
-        if let Err(why) = self.request().check(Some(&graph)).and_then(|()| self.check()) {
+        if let Err(why) = self.check() {
+            return Exit::Usage(why);
+        }
+        // What is only known when it has been computed is looked for then.
+        let is_whole = graph.loops().is_empty();
+        if is_whole && let Err(why) = self.find(&graph) {
             return Exit::Usage(why);
         }
         let mut session = match self.cache.session(self.threads, catalog) {
@@ -113,6 +115,16 @@ impl Inspect {
             Err(exit) => return exit,
         };
         let progress = Progress::new(graph.nodes.len());
+        let request = self.request();
+        let names = Vec::from_iter([&self.node[..]].into_iter().chain(request.names()));
+        let graph = session.resolved_for(&graph, &names, &progress, &CancelToken::default());
+        let outputs = match self.find(&graph) {
+            Ok(found) => found,
+            Err(why) => return Exit::Usage(why),
+        };
+        if let Err(why) = request.check(Some(&graph)) {
+            return Exit::Usage(why);
+        }
         let node = |&(_, (node, _)): &Found| graph.nodes[node].name.clone();
         let wanted = Wanted::Nodes(outputs.iter().map(node).collect());
         let run = Run { wanted, observer: &progress, ..Run::default() };
@@ -129,10 +141,9 @@ impl Inspect {
         if !self.json {
             report(&problems);
         }
-        let found = outputs.iter().filter_map(|&(ref name, (node, output))| {
-            let node = &graph.nodes[node];
-            Some((&name[..], finished.value_of(&node.name, node.outputs[output])?))
-        });
+        let found = outputs
+            .iter()
+            .filter_map(|(name, target)| Some((&name[..], finished.value_at(*target)?)));
         let found = Vec::from_iter(found);
         let node = self.node.split_once('.').map_or(&self.node[..], |(node, _)| node);
         let found = match self.asked(node, found) {
@@ -213,7 +224,15 @@ impl Inspect {
         let outputs: Vec<Found> = match graph.find(name) {
             Some(node) => {
                 let names = graph.nodes[node].outputs.iter().enumerate();
-                names.map(|(index, name)| ((*name).to_owned(), (node, index))).collect()
+                // The elements of data have no names, but numbers.
+                let label = |index: usize, name: &str| match graph.nodes[node].kind() {
+                    ELEMENTS => format!("{name} {}", index + 1),
+                    _ => name.to_owned(),
+                };
+                names.map(|(index, name)| (label(index, name), (node, index))).collect()
+            }
+            None if graph.element(name).is_some() => {
+                graph.element(name).map(|target| ("value".to_owned(), target)).into_iter().collect()
             }
             None => {
                 let given = graph.uses.iter().find(|given| given.name == name);

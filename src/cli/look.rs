@@ -96,6 +96,11 @@ impl Request<'_> {
         }
     }
 
+    /// The values that it names.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.at.and_then(At::name).into_iter().chain(self.over.over.as_deref())
+    }
+
     /// Whether it says at what to aim, or what lies below.
     pub(super) fn is_special(&self) -> bool {
         self.at.is_some() || self.over.over.is_some()

@@ -13,6 +13,7 @@ use super::progress::Progress;
 use super::{Exit, GraphOptions, compare, report};
 use crate::catalog::Catalog;
 use crate::format::png;
+use crate::node::CancelToken;
 use crate::plain::ending;
 use crate::render::{Kind, Projection, View};
 use crate::session::{Run, Wanted};
@@ -123,12 +124,23 @@ impl Render {
         let graph = checked.graph.ok_or(Exit::Failed)?;
         sources.extend(&Sources::of(&graph));
         let name = self.output.to_string_lossy();
-        let (node, _) = place(&graph, &name).map_err(Exit::Usage)?;
-        self.request().check(Some(&graph)).map_err(Exit::Usage)?;
+        let is_whole = graph.loops().is_empty();
+        let check = |graph| {
+            let (node, _) = place(graph, &name).map_err(Exit::Usage)?;
+            self.request().check(Some(graph)).map_err(Exit::Usage)?;
+            Ok(node)
+        };
+        if is_whole {
+            check(&graph)?;
+        }
         let mut session = self.cache.session(0, catalog).map_err(Exit::Usage)?;
         self.inputs.protect(sources);
         let graph = self.inputs.told(&session, &graph)?;
         let progress = Progress::new(graph.nodes.len());
+        let request = self.request();
+        let names = Vec::from_iter([&name[..]].into_iter().chain(request.names()));
+        let graph = session.resolved_for(&graph, &names, &progress, &CancelToken::default());
+        let node = check(&graph)?;
         let wanted = Wanted::Named(vec![name.to_string()]);
         let run = Run { wanted, observer: &progress, ..Run::default() };
         let finished = session.run(&graph, &run).map_err(|problems| {

@@ -89,6 +89,7 @@ impl Run {
             }
         };
         if self.dry_run {
+            let graph = session.as_last_known(&graph);
             return match session.dry_run(&graph, &self.only) {
                 Ok(forecasts) => {
                     print(&forecast(&graph, &forecasts));

@@ -14,7 +14,7 @@ use super::snapshot::Done;
 use super::trace::Reason;
 use super::{Panic, State, in_words, lock};
 use crate::error::{Cancelled, Error};
-use crate::graph::{GraphNode, Link};
+use crate::graph::{ELEMENTS, GraphNode, Link};
 use crate::limit::Estimate;
 use crate::node::{Context, File, Progress};
 use crate::value::Hash;
@@ -81,6 +81,8 @@ impl Run<'_> {
         let same = before.is_some_and(|before| before.outcome.equals(&outcome));
         self.evaluator.cache.keep(key, outcome.clone());
         match self.evaluator.shelf() {
+            // They are cut again at once from what is kept.
+            _ if node.kind() == ELEMENTS => {}
             Some(disk) => disk.keep(key, &outcome, &values, self.plan.tasks[index] == Task::Look),
             None => outcome.owe(),
         }
@@ -219,7 +221,7 @@ impl Run<'_> {
         };
         self.memory.fits(self.estimate(index, inputs, &files)?, &self.evaluator.cache)?;
         let (values, _) = self.eval(index, inputs, &files)?;
-        if let Some(disk) = self.evaluator.shelf() {
+        if let Some(disk) = self.evaluator.shelf().filter(|_| node.kind() != ELEMENTS) {
             disk.keep(done.key, &done.outcome, &values, false);
         }
         self.evaluator.cache.hold(done.key, &done.outcome, &values);

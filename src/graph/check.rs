@@ -11,12 +11,13 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::definition::{Definition, World};
-use super::draft::Draft;
+use super::draft::{Draft, What};
 use super::expand::expand;
 use super::lineage::Lineage;
 use super::needs::Needs;
 use super::parameters::Parameters;
 use super::recipe::NodeFile;
+use super::stage::{Counts, Stage};
 use super::top::TopLevel;
 use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
@@ -59,7 +60,7 @@ pub(super) fn load_text(
 }
 
 /// What is made of the text of a graph's own file, and of the files that it uses.
-pub(super) fn judged<'a>(mut world: World<'a>, whole: Option<Whole<'a>>) -> Checked {
+pub(super) fn judged<'a>(mut world: World<'a>, whole: Option<Whole>) -> Checked {
     let mut problems = std::mem::take(&mut world.problems);
     let is_error = |problem: &&Problem| problem.severity == Severity::Error;
     // What is not of an unknown type, or hangs on it, is as good as ever.
@@ -67,7 +68,12 @@ pub(super) fn judged<'a>(mut world: World<'a>, whole: Option<Whole<'a>>) -> Chec
     let is_partial = problems.iter().any(|it| it.code == code::UNKNOWN_NODE);
     // What uses make of a graph adds nothing to more problems than are told.
     let whole = whole.filter(|_| problems.len() < MOST_TOLD);
-    let graph = whole.and_then(|whole| expand(&mut world, whole, is_broken, is_partial));
+    let graph = whole.and_then(|whole| {
+        let graph = expand(&mut world, &whole, is_broken, is_partial, &Counts::new())?;
+        let stage = || Arc::new(Stage::new(whole, is_partial, &world));
+        let stage = (!graph.loops.is_empty()).then(stage);
+        Some(Graph { stage, ..graph })
+    });
     problems.append(&mut world.problems);
     // What is wrong with a file shows again in every use of it.
     let mut seen = HashSet::new();
@@ -86,7 +92,7 @@ pub(super) fn first<'a>(
     text: String,
     catalog: &'a Catalog,
     options: &'a Options,
-) -> (World<'a>, Option<Whole<'a>>) {
+) -> (World<'a>, Option<Whole>) {
     let folder = folder_of(path);
     let mut world = World::new(catalog, options, project_root(&folder));
     let source = Arc::new(Source { name: path.to_owned(), text });
@@ -128,7 +134,7 @@ pub(super) fn definition<'a>(
     path: &Path,
     name: PathBuf,
     uses: Vec<Use>,
-) -> Option<Arc<Definition<'a>>> {
+) -> Option<Arc<Definition>> {
     let (text, error) = match world.options.text(path) {
         Ok(text) => (text, None),
         Err(error) => (String::new(), Some(unread("the graph", &error))),
@@ -162,8 +168,8 @@ pub(super) struct Check<'w, 'a> {
 }
 
 /// What a file says, and what only the first one of a graph gives.
-pub(super) struct Whole<'a> {
-    pub(super) definition: Definition<'a>,
+pub(super) struct Whole {
+    pub(super) definition: Definition,
     /// Files, with the places of drafts for those of nodes.
     pub(super) outputs: Vec<GraphOutput>,
     /// Those of which nobody knows what they hold: they hang on a node of an unknown type.
@@ -201,20 +207,20 @@ impl<'w, 'a> Check<'w, 'a> {
         if known < MOST_TOLD { make() } else { String::new() }
     }
 
-    fn read(&mut self) -> Option<Whole<'a>> {
+    fn read(&mut self) -> Option<Whole> {
         let tree = self.tree()?;
         let top = self.top_level(&tree)?;
         Some(self.graph(&top))
     }
 
-    fn graph(&mut self, top: &TopLevel<'_>) -> Whole<'a> {
+    fn graph(&mut self, top: &TopLevel<'_>) -> Whole {
         let version = top.version.and_then(|version| self.version(version));
         self.missing_packs = self.packs(top.packs);
         let subgraphs = self.subgraphs(top);
         let entries = top.inputs.unwrap_or_default();
         let (mut drafts, mut fields, wants) = self.inputs(entries);
         let inputs = drafts.len();
-        let is_needed = |draft: &&Draft<'_>| !draft.is_optional;
+        let is_needed = |draft: &&Draft| !draft.is_optional;
         let required = drafts.iter().filter(is_needed).map(|draft| draft.name.text.clone());
         let required = Vec::from_iter(required);
         let parameters = self.named(top.params, "parameter", entries);
@@ -228,6 +234,8 @@ impl<'w, 'a> Check<'w, 'a> {
         if self.is_first() {
             self.unknown_sets(&defaults, &drafts, &eaches);
         }
+        let outputs = top.outputs.iter().map(|(_, value)| value);
+        self.picks(&mut drafts, &Vec::from_iter(outputs.chain(top.expect)));
         let names = super::link::Names::new(&drafts, &eaches);
         self.link(&mut drafts, &names);
         self.optional_inputs(&drafts);
@@ -278,14 +286,15 @@ impl<'w, 'a> Check<'w, 'a> {
 
 /// The nodes that none of the `needed` ones hangs on, with the places of their names. The cases of a `Switch` are all needed.
 fn unused(
-    drafts: &[Draft<'_>],
+    drafts: &[Draft],
     inputs: usize,
     needs: &Needs,
     needed: impl Iterator<Item = usize>,
 ) -> Vec<(String, Span)> {
     let is_needed = needs.of(needed);
     // The elements of a `ForEach` share one name in the file: it is needed if one of them is.
-    let names = || drafts.iter().zip(&is_needed).skip(inputs);
+    let is_named = |draft: &Draft| !matches!(draft.what, What::Elements(_) | What::Pick(_));
+    let names = || drafts.iter().zip(&is_needed).skip(inputs).filter(|(it, _)| is_named(it));
     let needed: HashSet<Span> =
         names().filter(|(_, needed)| **needed).map(|(draft, _)| draft.name.span).collect();
     let mut unused = Vec::new();

@@ -24,7 +24,7 @@ use crate::text::{Body, Field, Kind, Name, Sheet, Tree, nearest, nearest_or_all}
 use crate::value::ValueType;
 
 /// A graph as its file has it, with the default values of its parameters.
-pub(super) struct Definition<'a> {
+pub(super) struct Definition {
     pub(super) sheet: Arc<Sheet>,
     pub(super) doc: String,
     pub(super) version: Option<Version>,
@@ -32,7 +32,7 @@ pub(super) struct Definition<'a> {
     pub(super) declared: Vec<Declaration>,
     pub(super) defaults: Parameters,
     /// Its inputs, as many as `inputs`, then its nodes.
-    pub(super) drafts: Vec<Draft<'a>>,
+    pub(super) drafts: Vec<Draft>,
     pub(super) inputs: usize,
     /// The drafts, each after those that it hangs on.
     pub(super) order: Vec<usize>,
@@ -66,9 +66,9 @@ pub(super) struct World<'a> {
     pub(super) roots: Vec<PathBuf>,
     pub(super) values: BTreeMap<&'static str, &'static ValueType>,
     /// The files that have been read, by their real path; none if nothing is known of their ports.
-    known: HashMap<PathBuf, Option<Arc<Definition<'a>>>>,
+    known: HashMap<PathBuf, Option<Arc<Definition>>>,
     /// What uses make types of nodes: how deep the use is, the type's name, and the graph.
-    pub(super) listed: Vec<(usize, String, Arc<Definition<'a>>)>,
+    pub(super) listed: Vec<(usize, String, Arc<Definition>)>,
     /// The files that are being read, each used by the one before: real path and name.
     pub(super) open: Vec<(PathBuf, PathBuf)>,
     pub(super) problems: Vec<Problem>,
@@ -126,9 +126,9 @@ impl<'a> World<'a> {
 }
 
 /// A type of nodes that a graph makes of another graph: its name there, and what it is if its file says so.
-pub(super) struct Used<'a> {
+pub(super) struct Used {
     pub(super) name: String,
-    pub(super) definition: Option<Arc<Definition<'a>>>,
+    pub(super) definition: Option<Arc<Definition>>,
 }
 
 /// A place where a graph names the file of another one.
@@ -152,8 +152,8 @@ pub(super) struct FoundGraph {
 
 impl<'a> Check<'_, 'a> {
     /// Reads the graphs that this one uses.
-    pub(super) fn subgraphs(&mut self, top: &TopLevel<'_>) -> Vec<Used<'a>> {
-        let mut subgraphs: Vec<Used<'a>> = Vec::with_capacity(top.uses.len());
+    pub(super) fn subgraphs(&mut self, top: &TopLevel<'_>) -> Vec<Used> {
+        let mut subgraphs: Vec<Used> = Vec::with_capacity(top.uses.len());
         for (key, value) in top.uses {
             let Some(name) = key.text().filter(|name| is_type_name(name)) else {
                 let message = format!("{} cannot name a type of nodes", key.in_words());
@@ -186,12 +186,7 @@ impl<'a> Check<'_, 'a> {
     }
 
     /// The graph in the file `given`, which the node `at` is the first to use.
-    fn subgraph(
-        &mut self,
-        given: &str,
-        span: Span,
-        at: (&str, Span),
-    ) -> Option<Arc<Definition<'a>>> {
+    fn subgraph(&mut self, given: &str, span: Span, at: (&str, Span)) -> Option<Arc<Definition>> {
         let FoundGraph { path, real, name } = self.enter(given, span)?;
         if let Some(known) = self.world.known.get(&real) {
             return known.clone();
@@ -258,7 +253,7 @@ impl<'a> Check<'_, 'a> {
     pub(super) fn inputs(
         &mut self,
         entries: &[(Tree, Tree)],
-    ) -> (Vec<Draft<'a>>, Map<String, Json>, Vec<Vec<&'static str>>) {
+    ) -> (Vec<Draft>, Map<String, Json>, Vec<Vec<&'static str>>) {
         let (mut drafts, mut schema, mut all_wants) = (Vec::new(), Map::new(), Vec::new());
         for (key, value) in self.named(entries, "input", &[]) {
             let name = key.text().unwrap_or_default();

@@ -22,7 +22,7 @@ pub(crate) struct Subgraph {
 }
 
 impl Subgraph {
-    pub(super) fn new(name: &str, definition: &Definition<'_>) -> Self {
+    pub(super) fn new(name: &str, definition: &Definition) -> Self {
         let output = |port: &super::definition::Port| {
             (port.name.clone(), port.kind.iter().map(|kind| kind.name).collect())
         };

@@ -7,22 +7,23 @@ use serde_json::Value as Json;
 
 use super::check::Check;
 use super::definition::{Definition, Used};
-use super::each::{Branches, Each, element_name};
+use super::each::{Branches, Each, Over, element_name};
 use super::migrate::renewed;
 use super::node::{Built, Survey};
 use super::parameters::{Parameters, is_parametric};
-use crate::catalog::Entry;
+use super::repeat::{Elements, Pick, Repeat};
+use crate::catalog::{Entry, PortDescription, ports};
 use crate::error::code;
 use crate::node::Output;
 use crate::text::{FoundLink, Kind, Name, Tree, nearest};
 use crate::value::ValueType;
 
 /// A node while it is checked.
-pub(super) struct Draft<'a> {
+pub(super) struct Draft {
     pub(super) name: Name,
     /// What stands in the file.
     pub(super) tree: Tree,
-    pub(super) what: What<'a>,
+    pub(super) what: What,
     pub(super) links: Vec<FoundLink>,
     /// For each link, the nodes and outputs that it names, if they exist.
     pub(super) targets: Vec<Option<Vec<(usize, usize)>>>,
@@ -38,28 +39,44 @@ pub(super) struct Draft<'a> {
     survey: Option<Survey>,
     /// A built-in node itself, with the defaults.
     pub(super) built: Option<Built>,
+    /// Whether it stands for as many as there will be.
+    pub(super) repeat: Option<Repeat>,
 }
 
 /// What a node is.
-pub(super) enum What<'a> {
+pub(super) enum What {
     /// Built in.
-    Node(&'a Entry),
+    Node(Arc<Entry>),
     /// A graph, under this name.
-    Use(String, Arc<Definition<'a>>),
+    Use(String, Arc<Definition>),
     /// What comes into the graph.
     Input,
     /// One of its links.
     Switch(Branches),
+    /// What a `ForEach` goes over: the elements of a value.
+    Elements(Elements),
+    /// One element of a `ForEach` over data.
+    Pick(Pick),
     Unknown,
 }
 
-impl What<'_> {
+impl What {
     /// The names of the outputs.
     pub(super) fn outputs(&self) -> Vec<&str> {
         match self {
             Self::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
             Self::Use(_, graph) => graph.ports.iter().map(|port| &port.name[..]).collect(),
-            Self::Input | Self::Switch(_) | Self::Unknown => Vec::new(),
+            Self::Pick(pick) => pick.outputs.iter().map(String::as_str).collect(),
+            Self::Input | Self::Switch(_) | Self::Elements(_) | Self::Unknown => Vec::new(),
+        }
+    }
+
+    /// Its ports, if it is a node or a graph.
+    pub(super) fn ports(&self) -> Vec<PortDescription> {
+        match self {
+            Self::Node(entry) => entry.ports(),
+            Self::Use(_, graph) => ports(&graph.schema),
+            _ => Vec::new(),
         }
     }
 
@@ -72,7 +89,7 @@ impl What<'_> {
         match self {
             Self::Node(entry) => entry.outputs().iter().map(of_node).collect(),
             Self::Use(_, graph) => graph.ports.iter().map(|port| port.kind).collect(),
-            Self::Input | Self::Switch(_) | Self::Unknown => Vec::new(),
+            _ => Vec::new(),
         }
     }
 
@@ -81,7 +98,7 @@ impl What<'_> {
         match self {
             Self::Node(entry) => Some(entry.schema()),
             Self::Use(_, graph) => Some(&graph.schema),
-            Self::Input | Self::Switch(_) | Self::Unknown => None,
+            _ => None,
         }
     }
 
@@ -92,12 +109,14 @@ impl What<'_> {
             Self::Use(name, _) => name,
             Self::Input => "input",
             Self::Switch(_) => "Switch",
+            Self::Elements(_) => "ForEach",
+            Self::Pick(pick) => &pick.kind,
             Self::Unknown => "",
         }
     }
 }
 
-impl<'a> Draft<'a> {
+impl Draft {
     pub(super) fn input(
         name: Name,
         tree: Tree,
@@ -107,7 +126,12 @@ impl<'a> Draft<'a> {
         Self { types: vec![kind], is_optional, ..Self::new(name, tree, What::Input) }
     }
 
-    pub(super) fn new(name: Name, tree: Tree, what: What<'a>) -> Self {
+    /// A draft that is no node of the catalog, with its links.
+    pub(super) fn linked(name: Name, tree: Tree, what: What, links: Vec<FoundLink>) -> Self {
+        Self { links, ..Self::new(name, tree, what) }
+    }
+
+    pub(super) fn new(name: Name, tree: Tree, what: What) -> Self {
         Self {
             name,
             parametric: is_parametric(&tree),
@@ -120,13 +144,22 @@ impl<'a> Draft<'a> {
             is_optional: false,
             survey: None,
             built: None,
+            repeat: None,
         }
+    }
+
+    /// Whether a link to this output leads to a list, of a length that is known late.
+    pub(super) fn is_list(&self, output: usize) -> bool {
+        let Some(repeat) = &self.repeat else { return false };
+        let outputs = self.what.outputs();
+        let name = outputs.get(output).copied().unwrap_or_default();
+        repeat.carry.iter().all(|(carried, _)| carried != name)
     }
 }
 
 impl<'a> Check<'_, 'a> {
     /// What may be left out must not be needed.
-    pub(super) fn optional_inputs(&mut self, drafts: &[Draft<'a>]) {
+    pub(super) fn optional_inputs(&mut self, drafts: &[Draft]) {
         for draft in drafts {
             for (link, targets) in draft.links.iter().zip(&draft.targets) {
                 let input = targets.iter().flatten().map(|(node, _)| &drafts[*node]);
@@ -152,9 +185,9 @@ impl<'a> Check<'_, 'a> {
     pub(super) fn drafts(
         &mut self,
         entries: &[(&Tree, &Tree)],
-        subgraphs: &[Used<'a>],
+        subgraphs: &[Used],
         defaults: &Parameters,
-        drafts: &mut Vec<Draft<'a>>,
+        drafts: &mut Vec<Draft>,
     ) -> Vec<Each> {
         let mut eaches = Vec::new();
         for (key, value) in entries {
@@ -192,18 +225,22 @@ impl<'a> Check<'_, 'a> {
         &mut self,
         name: Name,
         value: &Tree,
-        subgraphs: &[Used<'a>],
+        subgraphs: &[Used],
         defaults: &Parameters,
-        drafts: &mut Vec<Draft<'a>>,
+        drafts: &mut Vec<Draft>,
     ) -> Option<Each> {
-        let Some(repeated) = self.repeated(&name.text, value) else {
+        let Some(repeated) = self.repeated(value) else {
             drafts.push(Draft::new(name, value.clone(), What::Unknown));
+            return None;
+        };
+        let Over::List(list) = &repeated.over else {
+            self.repeat(name, value, repeated, subgraphs, defaults, drafts);
             return None;
         };
         let first = drafts.len();
         let known = self.findings.len();
         let mut outputs = None;
-        for (index, call) in repeated.calls.into_iter().enumerate() {
+        for (index, call) in repeated.calls(&name.text, list).into_iter().enumerate() {
             let text = element_name(&name.text, index);
             let call = self.with_sets(&text, call);
             let element = Name { text, span: name.span };
@@ -218,21 +255,21 @@ impl<'a> Check<'_, 'a> {
         self.findings.append(&mut found);
         if drafts.len() == first {
             // Without elements there is still something to say about the type.
-            let call = Tree::new(value.span, Kind::Word(repeated.kind.clone()));
+            let call = Tree::new(value.span, Kind::Word(repeated.kind.text.clone()));
             let what = self.what(&call, &name, subgraphs);
             outputs = Some(what.outputs().iter().map(|&name| name.to_owned()).collect());
         }
         Some(Each {
             name: name.text,
             span: name.span,
-            kind: repeated.kind,
+            carry: repeated.carried(),
+            kind: repeated.kind.text,
             elements: (first..drafts.len()).collect(),
-            carry: repeated.carry,
             outputs,
         })
     }
 
-    fn switch(&mut self, name: Name, value: Tree, defaults: &Parameters) -> Draft<'a> {
+    fn switch(&mut self, name: Name, value: Tree, defaults: &Parameters) -> Draft {
         let Some(branches) = self.branches(&value) else {
             return Draft::new(name, value, What::Unknown);
         };
@@ -243,21 +280,12 @@ impl<'a> Check<'_, 'a> {
             let help = self.guess(|| branches.meant(&word));
             self.find(code::WRONG_VALUE, chosen.span, message, help);
         }
-        let link = |(name, link): &(String, Tree)| FoundLink {
-            span: link.span,
-            text: link.text().unwrap_or_default().to_owned(),
-            port: name.clone(),
-            wants: String::new(),
-            types: Vec::new(),
-            many: true,
-            optional: false,
-        };
-        let links = branches.cases.iter().map(link).collect();
-        Draft { links, ..Draft::new(name, value, What::Switch(branches)) }
+        let links = branches.cases.iter().map(|(name, link)| link_of(link, name, true)).collect();
+        Draft::linked(name, value, What::Switch(branches), links)
     }
 
     /// What a node is by the name before its parentheses.
-    fn what(&mut self, tree: &Tree, name: &Name, subgraphs: &[Used<'a>]) -> What<'a> {
+    pub(super) fn what(&mut self, tree: &Tree, name: &Name, subgraphs: &[Used]) -> What {
         let Some(kind) = tree.name() else {
             if !tree.is_broken() {
                 let message = format!("node `{}` is {}, not a node", name.text, tree.in_words());
@@ -265,7 +293,7 @@ impl<'a> Check<'_, 'a> {
             }
             return What::Unknown;
         };
-        if let Some(entry) = self.world.catalog.find(&kind.text) {
+        if let Some(entry) = self.world.catalog.shared(&kind.text) {
             return What::Node(entry);
         }
         if let Some(subgraph) = subgraphs.iter().find(|subgraph| subgraph.name == kind.text) {
@@ -291,7 +319,7 @@ impl<'a> Check<'_, 'a> {
     }
 
     /// Looks at a node's fields with the default values of parameters.
-    fn look(&mut self, draft: &mut Draft<'a>, defaults: &Parameters) {
+    pub(super) fn look(&mut self, draft: &mut Draft, defaults: &Parameters) {
         draft.types = draft.what.types();
         let known = self.findings.len();
         let survey = self.survey(&draft.what, &draft.tree, defaults);
@@ -314,14 +342,28 @@ impl<'a> Check<'_, 'a> {
     }
 
     /// Makes the nodes whose fields have no problem.
-    pub(super) fn build(&mut self, drafts: &mut [Draft<'a>]) {
+    pub(super) fn build(&mut self, drafts: &mut [Draft]) {
         for draft in drafts {
             let Some(survey) = draft.survey.take() else { continue };
-            let What::Node(entry) = draft.what else { continue };
-            draft.built = self.built(entry, survey, &draft.targets);
+            let What::Node(entry) = &draft.what else { continue };
+            let counts = draft.targets.iter().map(|targets| targets.as_ref().map_or(1, Vec::len));
+            draft.built = self.built(entry, survey, counts);
             if let Some(built) = &draft.built {
                 self.note_files(&draft.name.text, &[], Some(&*built.node));
             }
         }
+    }
+}
+
+/// A link of a draft that is no node of the catalog.
+pub(super) fn link_of(link: &Tree, port: &str, many: bool) -> FoundLink {
+    FoundLink {
+        span: link.span,
+        text: link.text().unwrap_or_default().to_owned(),
+        port: port.to_owned(),
+        wants: String::new(),
+        types: Vec::new(),
+        many,
+        optional: false,
     }
 }

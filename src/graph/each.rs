@@ -1,4 +1,4 @@
-//! `ForEach` and `Switch`: what looks like a node and is resolved when the graph is read.
+//! `ForEach` and `Switch`: what looks like a node and is resolved when the graph is read, or, over data, when the data are known.
 
 use std::collections::HashSet;
 
@@ -29,11 +29,73 @@ impl Each {
     }
 }
 
-/// The elements of a `ForEach` as calls of their own, and what they carry.
+/// What `name: ForEach(..)` says.
 pub(super) struct Repeated {
-    pub(super) kind: String,
-    pub(super) calls: Vec<Tree>,
-    pub(super) carry: Vec<(String, Tree)>,
+    pub(super) kind: Name,
+    pub(super) over: Over,
+    /// The fields that all elements have.
+    pub(super) common: Vec<Field>,
+    pub(super) carry: Vec<Field>,
+    /// The input that takes the element, if it is named.
+    pub(super) each: Option<Name>,
+    /// The parameter that gets the element's number, from 1.
+    pub(super) number: Option<Name>,
+    /// The most elements, if it is not the default.
+    pub(super) most: Option<Tree>,
+}
+
+/// What a `ForEach` goes over.
+pub(super) enum Over {
+    /// Groups of fields.
+    List(Vec<Tree>),
+    /// A number, which parameters may give.
+    Count(Tree),
+    /// The elements of a value: its link, and which elements if a word says so, as in `Parts("mesh")`.
+    Data(Tree, String),
+}
+
+impl Repeated {
+    /// What it carries: the ports, and the links of the first element.
+    pub(super) fn carried(&self) -> Vec<(String, Tree)> {
+        let carried = |field: &Field| (field.name.text.clone(), field.value.clone());
+        self.carry.iter().map(carried).collect()
+    }
+
+    /// The elements of a list as calls of their own.
+    pub(super) fn calls(&self, name: &str, list: &[Tree]) -> Vec<Tree> {
+        let call = |(index, element): (usize, &Tree)| {
+            let own = element.fields().unwrap_or_default();
+            let is_own = |field: &Field| own.iter().any(|own| own.name.text == field.name.text);
+            let mut fields = own.to_vec();
+            fields.extend(self.common.iter().filter(|field| !is_own(field)).cloned());
+            fields.extend(self.number.as_ref().map(|number| numbered(number, index + 1)));
+            fields.extend(self.carry.iter().map(|field| match index {
+                0 => field.clone(),
+                _ => {
+                    let link = format!("{}.{}", element_name(name, index - 1), field.name.text);
+                    let value = Tree::new(field.value.span, Kind::Text(link));
+                    Field { value, ..field.clone() }
+                }
+            }));
+            self.call(fields, element.span)
+        };
+        list.iter().enumerate().map(call).collect()
+    }
+
+    /// An element that has all but its data and its number.
+    pub(super) fn example(&self, span: Span) -> Tree {
+        self.call(self.common.iter().chain(&self.carry).cloned().collect(), span)
+    }
+
+    fn call(&self, fields: Vec<Field>, span: Span) -> Tree {
+        Tree::new(span, Kind::Call { name: Some(self.kind.clone()), body: Body::Fields(fields) })
+    }
+}
+
+/// The field that gets an element's number.
+pub(super) fn numbered(name: &Name, number: usize) -> Field {
+    let number = Kind::Number { value: number as f64, whole: true };
+    Field { name: name.clone(), value: Tree::new(name.span, number) }
 }
 
 /// The branches of a `Switch`.
@@ -44,7 +106,8 @@ pub(super) struct Branches {
 }
 
 /// The fields of a `ForEach`.
-pub(super) const EACH: [&str; 5] = ["graph", "over", "with", "carry", "links"];
+pub(super) const EACH: [&str; 8] =
+    ["graph", "over", "with", "carry", "links", "each", "number", "most"];
 /// The fields of a `Switch`.
 pub(super) const SWITCH: [&str; 2] = ["cases", "choose"];
 
@@ -92,23 +155,35 @@ impl Check<'_, '_> {
         self.find(code::MISSING_FIELD, span, message, format!("write `{field}: ..`"));
     }
 
-    /// The nodes that `name: ForEach(..)` stands for.
-    pub(super) fn repeated(&mut self, name: &str, tree: &Tree) -> Option<Repeated> {
+    /// What a `ForEach(..)` says; none if something is wrong with it.
+    pub(super) fn repeated(&mut self, tree: &Tree) -> Option<Repeated> {
         let before = self.findings.len();
         let fields = self.known(tree, "ForEach", &EACH);
-        let (mut kind, mut over) = (None, None);
+        let (mut kind, mut over, mut most) = (None, None, None);
+        let (mut each, mut number) = (None, None);
         let (mut with, mut links, mut carry) = (Vec::new(), Vec::new(), Vec::new());
+        let named = |text: &str, span: Span| Some(Name { text: text.to_owned(), span });
         for field in fields {
             let draft = self.world.options.draft;
             let Some(value) = chosen(&field.value, draft, &mut self.findings) else { continue };
             let group = value.fields().filter(|_| is_group(value));
-            match (&field.name.text[..], &value.kind, group) {
-                ("graph", Kind::Text(text), _) => kind = Some((text.clone(), field.value.span)),
+            match (&field.name.text[..], value.text(), group) {
+                ("graph", Some(text), _) => kind = named(text, value.span),
                 ("graph", ..) => {
                     self.wants("ForEach", field, "the name of a node type: \"Feature\"");
                 }
-                ("over", Kind::List(items), _) => over = Some(&items[..]),
-                ("over", ..) => self.wants("ForEach", field, "a list: `[(rank: 1), ..]`"),
+                ("over", ..) => match gone_over(value) {
+                    Some(found) => over = Some(found),
+                    None => self.wants("ForEach", field, OVER),
+                },
+                ("each", Some(text), _) => each = named(text, value.span),
+                ("each", ..) => self.wants("ForEach", field, "the name of an input: \"spot\""),
+                ("number", Some(text), _) => number = named(text, value.span),
+                ("number", ..) => {
+                    self.wants("ForEach", field, "the name of a parameter: \"rank\"");
+                }
+                ("most", ..) if is_number(value) => most = Some(value.clone()),
+                ("most", ..) => self.wants("ForEach", field, "a number of elements"),
                 ("with", _, Some(fields)) => with = fields.to_vec(),
                 ("links", _, Some(fields)) => links = fields.to_vec(),
                 ("carry", _, Some(fields)) => carry = fields.to_vec(),
@@ -121,36 +196,23 @@ impl Check<'_, '_> {
                 self.lacks("ForEach", field, tree.span);
             }
         }
-        let (Some((kind, kind_span)), Some(over)) = (kind, over) else { return None };
-        for item in over.iter().filter(|item| !is_group(item) && !item.is_broken()) {
-            let message =
-                format!("an element of ForEach is a group of fields, not {}", item.in_words());
-            self.find(code::WRONG_VALUE, item.span, message, "write `(field: value, ..)`");
+        let (Some(kind), Some(over)) = (kind, over) else { return None };
+        if let Over::List(list) = &over {
+            for item in list.iter().filter(|item| !is_group(item) && !item.is_broken()) {
+                let message =
+                    format!("an element of ForEach is a group of fields, not {}", item.in_words());
+                self.find(code::WRONG_VALUE, item.span, message, "write `(field: value, ..)`");
+            }
         }
-        if self.findings.len() > before {
-            return None;
+        if let Some(each) = each.as_ref().filter(|_| !matches!(over, Over::Data(..))) {
+            let what = if matches!(over, Over::List(_)) { "a list" } else { "a number" };
+            let message = format!("field `each` names what takes the data, but `over` is {what}");
+            let help = "leave it out; `number` names a parameter that gets 1, 2, ..";
+            self.find(code::WRONG_VALUE, each.span, message, help);
         }
-        let common = Vec::from_iter(with.into_iter().chain(links));
-        let call_name = Name { text: kind.clone(), span: kind_span };
-        let calls = over.iter().enumerate().map(|(index, element)| {
-            let own = element.fields().unwrap_or_default();
-            let is_own = |field: &Field| own.iter().any(|own| own.name.text == field.name.text);
-            let mut fields = own.to_vec();
-            fields.extend(common.iter().filter(|field| !is_own(field)).cloned());
-            fields.extend(carry.iter().map(|field| match index {
-                0 => field.clone(),
-                _ => {
-                    let link = format!("{}.{}", element_name(name, index - 1), field.name.text);
-                    let value = Tree::new(field.value.span, Kind::Text(link));
-                    Field { value, ..field.clone() }
-                }
-            }));
-            let (name, body) = (Some(call_name.clone()), Body::Fields(fields));
-            Tree::new(element.span, Kind::Call { name, body })
-        });
-        let calls = calls.collect();
-        let carry = carry.into_iter().map(|field| (field.name.text, field.value)).collect();
-        Some(Repeated { kind, calls, carry })
+        let common = with.into_iter().chain(links).collect();
+        let repeated = Repeated { kind, over, common, carry, each, number, most };
+        (self.findings.len() == before).then_some(repeated)
     }
 
     /// The branches of a `Switch(..)`, in the order of the file.
@@ -228,6 +290,28 @@ impl Branches {
 /// `eyes/1` for the first one.
 pub(super) fn element_name(each: &str, index: usize) -> String {
     format!("{each}/{}", index + 1)
+}
+
+const OVER: &str = "a list `[(rank: 1), ..]`, a link, or a number";
+
+/// What the field `over` says, if it is of a known form.
+fn gone_over(tree: &Tree) -> Option<Over> {
+    match &tree.kind {
+        Kind::List(items) => Some(Over::List(items.clone())),
+        Kind::Text(_) => Some(Over::Data(tree.clone(), String::new())),
+        _ if is_number(tree) => Some(Over::Count(tree.clone())),
+        Kind::Call { name: Some(name), .. } => {
+            let link = tree.call_of(&name.text).filter(|link| link.text().is_some())?;
+            Some(Over::Data(link.clone(), name.text.clone()))
+        }
+        _ => None,
+    }
+}
+
+/// Whether it is a number, or what gives one.
+fn is_number(tree: &Tree) -> bool {
+    let computed = ["Param", "Expr"].iter().any(|word| tree.call_of(word).is_some());
+    computed || matches!(tree.kind, Kind::Number { .. })
 }
 
 fn is_group(tree: &Tree) -> bool {

@@ -3,29 +3,65 @@
 //! The nodes of a use `nose` are named `nose/mask`. The evaluator knows nothing of uses: two of them with equal inputs have nodes
 //! with equal keys, which are computed once.
 
-use std::collections::HashMap;
-use std::ops::Range;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 use super::check::{Check, Whole};
 use super::definition::{Definition, World, deeper};
 use super::draft::{Draft, What};
 use super::each::Branches;
-use super::expected::{Expected, Expecter, Expecting};
+use super::expected::Expected;
 use super::guards::Known;
 use super::input::input_node;
 use super::node::Built;
 use super::parameters::{Parameters, handed_over};
+use super::stage::{Counts, Loop};
 use super::unknown::unknown_node;
-use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Guard, Link, Shape};
-use crate::error::{Problem, Severity, Span, Use, code};
+use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Link, Shape};
+use crate::error::{Problem, Severity, Use, code};
 use crate::text::{Body, Field, Finding, Kind, Tree};
+
+mod elements;
+mod expect;
+mod optional;
+
+use optional::{absent, without_links};
 
 /// A node and an output of it, by their places in the flat graph.
 type Target = (usize, usize);
 
-/// What each draft gives: the value at each of its outputs.
-type Values = Vec<Vec<Target>>;
+/// What the drafts of a graph give.
+struct Values {
+    /// The value at each output of each draft.
+    single: Vec<Vec<Target>>,
+    /// The drafts that are repeated.
+    repeated: HashMap<usize, Elemental>,
+}
+
+/// What the elements of a `ForEach` give.
+struct Elemental {
+    /// Of each element, the value at each output.
+    elements: Vec<Vec<Target>>,
+    /// At each output the values of all, or the last one of what is carried.
+    outputs: Vec<Vec<Target>>,
+    /// Whether there is an example only.
+    is_open: bool,
+}
+
+impl Values {
+    /// The values that a link leads to.
+    fn get(&self, (draft, output): (usize, usize)) -> &[Target] {
+        match self.repeated.get(&draft) {
+            Some(repeated) => repeated.outputs.get(output).map_or(&[], Vec::as_slice),
+            None => self.single[draft].get(output).map_or(&[], std::slice::from_ref),
+        }
+    }
+
+    /// The only value that a link leads to.
+    fn only(&self, target: (usize, usize)) -> Option<Target> {
+        self.get(target).first().copied()
+    }
+}
 
 /// A graph of more nodes than this is a mistake, or a trap: ten files that use each other ten times each would make 10^10.
 const MOST: usize = 1_000_000;
@@ -34,22 +70,19 @@ const MOST: usize = 1_000_000;
 /// if the graph is broken anyway.
 pub(super) fn expand<'a>(
     world: &mut World<'a>,
-    whole: Whole<'a>,
+    whole: &Whole,
     is_broken: bool,
     is_partial: bool,
+    counts: &Counts,
 ) -> Option<Graph> {
-    let Whole { definition, mut outputs, undecided, unused, .. } = whole;
-    if is_partial {
-        // Nothing will come of them, which is to be told.
-        outputs.extend(undecided);
-    }
-    let (nodes, uses, expect) = (Vec::new(), Vec::new(), Vec::new());
-    let mut expansion = Expansion { world, nodes, uses, expect, count: 0 };
-    let inputs = expansion.inputs(&definition);
+    let Whole { definition, outputs, undecided, unused, .. } = whole;
+    let (nodes, uses, loops, expect) = Default::default();
+    let mut expansion = Expansion { world, nodes, uses, loops, expect, counts, count: 0 };
+    let inputs = expansion.inputs(definition);
     let scope = Scope { prefix: String::new(), uses: Arc::new([]), inputs, values: None };
-    let values = expansion.graph(&definition, &scope);
-    expansion.guard(&definition, &scope, 0);
-    let Expansion { mut nodes, uses, mut expect, .. } = expansion;
+    let values = expansion.graph(definition, &scope);
+    expansion.guard(definition, &scope, 0);
+    let Expansion { mut nodes, uses, loops, mut expect, .. } = expansion;
     // Where something is wrong, links may lead to nodes that could not be made.
     let is_error = |problem: &Problem| problem.severity == Severity::Error;
     if world.problems.iter().any(is_error) || is_broken {
@@ -57,19 +90,21 @@ pub(super) fn expand<'a>(
     }
     let (known, mut doubts) = Known::settle(&mut nodes);
     known.judge(&mut expect, &mut doubts);
-    let output = |output: GraphOutput| {
-        let (node, index) = *values.get(output.node)?.get(output.output)?;
-        Some(GraphOutput { node, output: index, ..output })
+    expect.retain(|expected| !expected.is_example);
+    let output = |output: &GraphOutput| {
+        let (node, index) = values.only((output.node, output.output))?;
+        Some(GraphOutput { node, output: index, ..output.clone() })
     };
-    let outputs = outputs.into_iter().map(output).collect::<Option<_>>()?;
+    // Of these nothing will come, which is to be told.
+    let undecided = undecided.iter().filter(|_| is_partial);
+    let outputs = outputs.iter().chain(undecided).map(output).collect::<Option<_>>()?;
     let port = |port: &super::definition::Port| {
-        let (draft, index) = port.target?;
-        let &(node, output) = values.get(draft)?.get(index)?;
+        let (node, output) = values.only(port.target?)?;
         let (name, lineage) = (port.name.clone(), port.lineage.clone());
         Some(GraphPort { name, kind: port.kind, node, output, lineage, span: port.span })
     };
     let ports = definition.ports.iter().filter_map(port).collect();
-    let input = |(draft, target): (&Draft<'_>, &Option<Target>)| {
+    let input = |(draft, target): (&Draft, &Option<Target>)| {
         let kind = draft.types.first().copied().flatten()?;
         Some(GraphInput::new(draft, kind, target.as_ref()?.0))
     };
@@ -77,10 +112,10 @@ pub(super) fn expand<'a>(
     let shape = Arc::new(Shape::new(&nodes));
     let source = definition.sheet.source.clone();
     let Definition { sheet, doc, schema, .. } = definition;
-    let unused = unused.into_iter().map(|(name, span)| {
+    let unused = unused.iter().map(|(name, span)| {
         let message = format!("nothing needs `{name}`");
         let help = "name an output for it, or leave it out".to_owned();
-        let finding = Finding { code: code::UNUSED, span, message, help, note: None };
+        let finding = Finding { code: code::UNUSED, span: *span, message, help, note: None };
         Problem { severity: Severity::Warning, ..sheet.problem(finding, &[]) }
     });
     let warnings = unused.chain(doubts).collect();
@@ -88,7 +123,7 @@ pub(super) fn expand<'a>(
     Some(Graph {
         source,
         subgraphs,
-        doc,
+        doc: doc.clone(),
         nodes: nodes.into(),
         shape,
         outputs,
@@ -97,8 +132,12 @@ pub(super) fn expand<'a>(
         ports,
         text: None,
         expect: expect.into(),
-        schema,
+        schema: schema.clone(),
         uses: uses.into(),
+        loops: loops.into(),
+        settled: BTreeSet::new(),
+        stage: None,
+        given: BTreeMap::new(),
         warnings,
     })
 }
@@ -107,9 +146,49 @@ struct Expansion<'w, 'a> {
     world: &'w mut World<'a>,
     nodes: Vec<GraphNode>,
     uses: Vec<GraphUse>,
+    loops: Vec<Loop>,
     expect: Vec<Expected>,
+    counts: &'w Counts,
     /// How many graphs and nodes have been put in.
     count: usize,
+}
+
+/// What one node or use differs in from its draft.
+#[derive(Default)]
+struct One {
+    /// Its name, if it is an element.
+    name: Option<String>,
+    /// What comes in at some of its ports.
+    links: Vec<(String, Target)>,
+    /// The field that gets its number.
+    number: Option<Field>,
+}
+
+impl One {
+    fn name(&self, draft: &Draft, scope: &Scope) -> String {
+        format!("{}{}", scope.prefix, self.name.as_ref().unwrap_or(&draft.name.text))
+    }
+
+    /// What comes in at a link of the draft.
+    fn linked(&self, draft: &Draft, link: usize, values: &Values) -> Vec<Target> {
+        let port = &draft.links[link].port;
+        match self.links.iter().find(|(own, _)| own == port) {
+            Some((_, target)) => vec![*target],
+            None => linked(draft, link, values),
+        }
+    }
+
+    /// The draft's fields with its own.
+    fn tree(&self, draft: &Draft) -> Tree {
+        let mut tree = draft.tree.clone();
+        if let (Some(number), Kind::Call { body: Body::Fields(fields), .. }) =
+            (&self.number, &mut tree.kind)
+        {
+            fields.retain(|field| field.name.text != number.name.text);
+            fields.push(number.clone());
+        }
+        tree
+    }
 }
 
 /// One use of a graph.
@@ -124,51 +203,58 @@ struct Scope {
 }
 
 impl Scope {
-    fn values<'s>(&'s self, definition: &'s Definition<'_>) -> &'s Parameters {
+    fn values<'s>(&'s self, definition: &'s Definition) -> &'s Parameters {
         self.values.as_ref().unwrap_or(&definition.defaults)
     }
 }
 
 impl<'a> Expansion<'_, 'a> {
     /// Nodes that stand for the inputs of a graph that nobody uses.
-    fn inputs(&mut self, definition: &Definition<'a>) -> Vec<Option<Target>> {
+    fn inputs(&mut self, definition: &Definition) -> Vec<Option<Target>> {
         let scope =
             Scope { prefix: String::new(), uses: Arc::new([]), inputs: Vec::new(), values: None };
         let inputs = definition.drafts[..definition.inputs].iter().map(|draft| {
-            if self.world.absent.contains(&draft.name.text) {
+            let name = draft.name.text.clone();
+            if self.world.absent.contains(&name) {
                 return None;
             }
-            let built = input_node(&draft.name.text, &draft.tree);
-            Some((self.put(definition, draft, built, &scope, Vec::new()), 0))
+            let built = input_node(&name, &draft.tree);
+            let put = Put { name, built, links: Vec::new(), outputs: vec!["value"] };
+            Some((self.put(definition, draft, put, &scope), 0))
         });
         inputs.collect()
     }
 
     /// Puts the nodes of a graph in; what all of its nodes give.
-    fn graph(&mut self, definition: &Definition<'a>, scope: &Scope) -> Values {
+    fn graph(&mut self, definition: &Definition, scope: &Scope) -> Values {
         let first = self.nodes.len();
-        let mut values: Values = vec![Vec::new(); definition.drafts.len()];
+        let single = vec![Vec::new(); definition.drafts.len()];
+        let mut values = Values { single, repeated: HashMap::new() };
         for &index in &definition.order {
-            self.count += 1;
-            if self.count > MOST {
-                if self.count == MOST + 1 {
-                    self.checked(definition, scope, |check| {
-                        let message = format!("the graph has more than {MOST} nodes");
-                        let span = definition.drafts[index].name.span;
-                        check.find(code::CYCLE, span, message, "use fewer graphs in each other");
-                    });
-                }
+            if self.is_full(definition, &definition.drafts[index], scope) {
                 break;
             }
             let draft = &definition.drafts[index];
-            values[index] = match &draft.what {
+            if let Some(repeat) = &draft.repeat {
+                let given = self.repeated(definition, draft, repeat, scope, &values);
+                values.repeated.insert(index, given);
+                continue;
+            }
+            values.single[index] = match &draft.what {
                 What::Input => scope.inputs.get(index).copied().flatten().into_iter().collect(),
-                What::Node(_) => self.node(definition, draft, scope, &values),
-                What::Use(_, graph) => self.used(definition, draft, graph, scope, &values),
+                What::Node(_) | What::Use(..) => {
+                    self.one(definition, draft, &One::default(), scope, &values)
+                }
                 What::Switch(branches) => self.switch(definition, draft, branches, scope, &values),
+                What::Elements(elements) => {
+                    self.elements(definition, draft, elements, scope, &values)
+                }
+                What::Pick(pick) => self.pick(definition, draft, pick, scope, &values),
                 What::Unknown => {
-                    let built = unknown_node(&draft.tree);
-                    vec![(self.put(definition, draft, built, scope, Vec::new()), 0)]
+                    let (built, links) = (unknown_node(&draft.tree), Vec::new());
+                    let name = One::default().name(draft, scope);
+                    let put = Put { name, built, links, outputs: vec!["value"] };
+                    vec![(self.put(definition, draft, put, scope), 0)]
                 }
             };
         }
@@ -182,87 +268,51 @@ impl<'a> Expansion<'_, 'a> {
                 } else {
                     &each.elements
                 };
-                let given = elements.iter().filter_map(|&k| values[k].get(index).copied());
+                let given = elements.iter().filter_map(|&k| values.only((k, index)));
                 (name.to_owned(), given.collect())
             };
             let outputs = element.outputs().into_iter().enumerate().map(output).collect();
             let name = format!("{}{}", scope.prefix, each.name);
-            let kind = format!("ForEach({})", each.kind);
-            self.uses.push(GraphUse { name, kind, inputs: Vec::new(), outputs });
+            let (kind, inputs) = (format!("ForEach({})", each.kind), Vec::new());
+            self.uses.push(GraphUse { name, kind, inputs, outputs, is_open: false });
         }
         self.expect(definition, scope, first..self.nodes.len(), &values);
         values
     }
 
-    /// What a graph wants of its inputs is tested where a node inside takes them, which stand behind the `first`.
-    fn guard(&mut self, graph: &Definition<'a>, scope: &Scope, first: usize) {
-        for (input, wants) in graph.wants.iter().enumerate().filter(|(_, wants)| !wants.is_empty())
-        {
-            let name = &graph.drafts[input].name.text;
-            let by: Arc<str> = match scope.prefix.strip_suffix('/') {
-                Some(prefix) => format!("input `{name}` of `{prefix}`").into(),
-                None => format!("input `{name}`").into(),
-            };
-            for node in &mut self.nodes[first..] {
-                let slots = node.links.iter().enumerate();
-                let slots =
-                    slots.filter(|(_, it)| Some((it.node, it.output)) == scope.inputs[input]);
-                let tests = slots.flat_map(|(slot, _)| wants.iter().map(move |&want| (slot, want)));
-                let tests = Vec::from_iter(tests);
-                if !tests.is_empty() {
-                    node.recipe = Arc::new(node.recipe.guarded(&tests));
-                }
-                let guard = |(slot, property)| Guard { slot, property, by: by.clone() };
-                node.guards.extend(tests.into_iter().map(guard));
-            }
+    /// Counts one more; whether that is one too many, which is told once.
+    fn is_full(&mut self, definition: &Definition, draft: &Draft, scope: &Scope) -> bool {
+        self.count += 1;
+        if self.count == MOST + 1 {
+            self.checked(definition, scope, |check| {
+                let message = format!("the graph has more than {MOST} nodes");
+                let help = "use fewer graphs in each other";
+                check.find(code::CYCLE, draft.name.span, message, help);
+            });
         }
+        self.count > MOST
     }
 
-    /// What a graph expects of its values in this use.
-    fn expect(
+    /// Puts a node or a used graph in; what it gives.
+    fn one(
         &mut self,
-        definition: &Definition<'a>,
+        definition: &Definition,
+        draft: &Draft,
+        one: &One,
         scope: &Scope,
-        inside: Range<usize>,
         values: &Values,
-    ) {
-        if definition.expect.is_empty() {
-            return;
-        }
-        let target = |&(draft, output): &(usize, usize)| values[draft].get(output).copied();
-        let of = scope.prefix.strip_suffix('/').map(|name| {
-            let ports = definition.ports.iter().filter_map(|port| target(port.target.as_ref()?));
-            let givers = ports.map(|(node, _)| node).collect();
-            (name, Expecter { uses: scope.uses.clone(), inside, givers })
-        });
-        let at_border = |word: &str| {
-            let inputs = definition.drafts[..definition.inputs].iter();
-            definition.ports.iter().any(|port| port.name == word)
-                || inputs.map(|input| &input.name.text).any(|name| name == word)
-        };
-        for Expecting { expectation, span, targets } in &definition.expect {
-            // Of an input that is left out nothing is expected.
-            if targets.iter().flatten().any(|it| target(it).is_none()) {
-                continue;
-            }
-            let mut expectation = expectation.clone();
-            if let Some((name, _)) = &of {
-                for word in expectation.values_mut() {
-                    let gap = if at_border(word) { '.' } else { '/' };
-                    *word = format!("{name}{gap}{word}");
-                }
-            }
-            let values = targets.iter().map(|it| it.as_ref().and_then(target)).collect();
-            let (source, span) = definition.sheet.place(*span);
-            let of = of.as_ref().map(|(_, of)| of.clone());
-            self.expect.push(Expected { expectation, values, source, span, of });
+    ) -> Vec<Target> {
+        match &draft.what {
+            What::Node(_) => self.node(definition, draft, one, scope, values),
+            What::Use(_, graph) => self.used(definition, draft, graph, one, scope, values),
+            _ => Vec::new(),
         }
     }
 
     /// Does something that may find problems in the file of a graph.
     fn checked<R>(
         &mut self,
-        definition: &Definition<'a>,
+        definition: &Definition,
         scope: &Scope,
         work: impl FnOnce(&mut Check<'_, 'a>) -> R,
     ) -> R {
@@ -278,52 +328,53 @@ impl<'a> Expansion<'_, 'a> {
 
     fn node(
         &mut self,
-        definition: &Definition<'a>,
-        draft: &Draft<'a>,
+        definition: &Definition,
+        draft: &Draft,
+        one: &One,
         scope: &Scope,
         values: &Values,
     ) -> Vec<Target> {
-        let What::Node(entry) = draft.what else { return Vec::new() };
+        let What::Node(entry) = &draft.what else { return Vec::new() };
         let absent = absent(definition, draft, scope);
-        let as_it_stands = draft.built.as_ref().filter(|_| absent.is_empty());
-        let as_it_stands = as_it_stands.filter(|_| scope.values.is_none() || !draft.parametric);
+        let targets = draft.targets.iter().flatten().flatten();
+        let takes_lists = targets.clone().any(|(node, _)| values.repeated.contains_key(node));
+        let as_it_stands = draft.built.as_ref().filter(|_| {
+            let is_parametric = scope.values.is_some() && draft.parametric;
+            !is_parametric && !takes_lists && one.number.is_none() && absent.is_empty()
+        });
+        let coming = (0..draft.links.len()).map(|link| one.linked(draft, link, values));
+        let coming = Vec::from_iter(coming);
         let built = match as_it_stands {
             Some(built) => Some(built.clone()),
             None => self.checked(definition, scope, |check| {
-                let tree = without_links(&draft.tree, &absent);
+                let tree = without_links(&one.tree(draft), &absent);
                 let survey = check.survey(&draft.what, &tree, scope.values(definition));
                 survey.files.iter().for_each(|file| check.may_read(file));
                 let sound = check.findings.is_empty() && survey.tree.is_whole();
-                let links = draft.links.iter().zip(&draft.targets);
+                let links = draft.links.iter().zip(&coming);
                 let there = links.filter(|(link, _)| !absent.contains_key(&link.span));
-                let targets = Vec::from_iter(there.map(|(_, targets)| targets.clone()));
-                sound.then(|| check.built(entry, survey, &targets)).flatten()
+                let counts = there.map(|(_, targets)| targets.len());
+                sound.then(|| check.built(entry, survey, counts)).flatten()
             }),
         };
         let Some(built) = built else { return Vec::new() };
         let mut links = Vec::with_capacity(draft.links.len());
-        for (case, link) in draft.links.iter().enumerate() {
+        for (link, targets) in draft.links.iter().zip(coming) {
             let link = |(node, output)| Link { port: link.port.clone(), node, output };
-            links.extend(linked(draft, case, values).map(link));
+            links.extend(targets.into_iter().map(link));
         }
-        let node = self.put(definition, draft, built, scope, links);
+        let outputs = entry.outputs().iter().map(|output| output.name).collect();
+        let put = Put { name: one.name(draft, scope), built, links, outputs };
+        let node = self.put(definition, draft, put, scope);
         (0..draft.types.len()).map(|output| (node, output)).collect()
     }
 
-    fn put(
-        &mut self,
-        definition: &Definition<'a>,
-        draft: &Draft<'a>,
-        built: Built,
-        scope: &Scope,
-        links: Vec<Link>,
-    ) -> usize {
-        let outputs = match draft.what {
-            What::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
-            _ => vec!["value"],
-        };
+    fn put(&mut self, definition: &Definition, draft: &Draft, put: Put, scope: &Scope) -> usize {
+        let Put { name, built, links, outputs } = put;
+        let last = draft.types.last().copied().flatten();
+        let types = draft.types.iter().copied().chain(std::iter::repeat(last));
         self.nodes.push(GraphNode {
-            name: format!("{}{}", scope.prefix, draft.name.text),
+            name,
             recipe: built.recipe,
             sheet: definition.sheet.clone(),
             span: draft.tree.span,
@@ -333,11 +384,8 @@ impl<'a> Expansion<'_, 'a> {
             links,
             files: built.files,
             tree: built.tree,
+            types: types.take(outputs.len().max(draft.types.len())).collect(),
             outputs,
-            types: match draft.what {
-                What::Unknown => vec![None],
-                _ => draft.types.clone(),
-            },
             guards: Vec::new(),
         });
         self.nodes.len() - 1
@@ -346,21 +394,22 @@ impl<'a> Expansion<'_, 'a> {
     /// Puts a used graph in; what its ports give.
     fn used(
         &mut self,
-        definition: &Definition<'a>,
-        draft: &Draft<'a>,
-        graph: &Definition<'a>,
+        definition: &Definition,
+        draft: &Draft,
+        graph: &Definition,
+        one: &One,
         scope: &Scope,
         values: &Values,
     ) -> Vec<Target> {
         let own = scope.values(definition);
-        let is_known = scope.values.is_none() || !draft.parametric;
+        let is_known = (scope.values.is_none() || !draft.parametric) && one.number.is_none();
         let tree = match is_known {
             true => draft.is_sound.then(|| {
                 own.fitted(&draft.tree, draft.what.kind(), &graph.schema, &mut Vec::new())
             }),
             // Other values than those that the file has been checked with.
             false => self.checked(definition, scope, |check| {
-                let survey = check.survey(&draft.what, &draft.tree, own);
+                let survey = check.survey(&draft.what, &one.tree(draft), own);
                 (check.findings.is_empty() && survey.tree.is_whole()).then_some(survey.tree)
             }),
         };
@@ -377,38 +426,37 @@ impl<'a> Expansion<'_, 'a> {
         let mut linked_ports = Vec::with_capacity(graph.inputs);
         for (case, link) in draft.links.iter().enumerate() {
             let port = graph.drafts[..graph.inputs].iter().position(|d| d.name.text == link.port);
-            if let (Some(port), Some(target)) = (port, linked(draft, case, values).next()) {
+            let target = one.linked(draft, case, values).first().copied();
+            if let (Some(port), Some(target)) = (port, target) {
                 inputs[port] = Some(target);
                 linked_ports.push((link.port.clone(), target));
             }
         }
         let (source, span) = definition.sheet.place(draft.name.span);
-        let name = draft.name.text.clone();
+        let name = one.name.clone().unwrap_or_else(|| draft.name.text.clone());
         let uses = scope.uses.iter().cloned().chain([Use { name, source, span }]).collect();
-        let name = format!("{}{}", scope.prefix, draft.name.text);
+        let name = one.name(draft, scope);
         let values = (!given.is_empty()).then(|| graph.defaults.with(given));
         let inside = Scope { prefix: format!("{name}/"), uses, inputs, values };
         let first = self.nodes.len();
         let values = deeper(inside.uses.len(), || self.graph(graph, &inside));
         self.guard(graph, &inside, first);
-        let output = |port: &super::definition::Port| {
-            let (node, output) = port.target?;
-            values.get(node)?.get(output).copied()
-        };
+        let output = |port: &super::definition::Port| values.only(port.target?);
         let outputs =
             Vec::from_iter(graph.ports.iter().map(|port| output(port).unwrap_or_default()));
         let names = graph.ports.iter().map(|port| port.name.clone());
         let given = names.zip(outputs.iter().map(|&target| vec![target])).collect();
         let kind = draft.what.kind().to_owned();
-        self.uses.push(GraphUse { name, kind, inputs: linked_ports, outputs: given });
+        let (inputs, is_open) = (linked_ports, false);
+        self.uses.push(GraphUse { name, kind, inputs, outputs: given, is_open });
         outputs
     }
 
     /// What the chosen branch gives. The nodes of the others are in the graph, but nothing needs them.
     fn switch(
         &mut self,
-        definition: &Definition<'a>,
-        draft: &Draft<'a>,
+        definition: &Definition,
+        draft: &Draft,
         branches: &Branches,
         scope: &Scope,
         values: &Values,
@@ -424,69 +472,25 @@ impl<'a> Expansion<'_, 'a> {
             case.map_err(wrong)
         });
         let Ok(case) = chosen else { return Vec::new() };
-        let given = Vec::from_iter(linked(draft, case, values));
+        let given = linked(draft, case, values);
         let outputs = vec![(String::new(), given.clone())];
         let name = format!("{}{}", scope.prefix, draft.name.text);
         let inputs = Vec::new();
-        self.uses.push(GraphUse { name, kind: "Switch".into(), inputs, outputs });
+        self.uses.push(GraphUse { name, kind: "Switch".into(), inputs, outputs, is_open: false });
         given
     }
 }
 
-/// The places of links that are left out, and whether each is at a port that takes many.
-type Absent = HashMap<Span, bool>;
-
-/// The links of a draft to inputs that are left out, by their places.
-fn absent(definition: &Definition<'_>, draft: &Draft<'_>, scope: &Scope) -> Absent {
-    let is_absent = |&(node, _): &Target| {
-        definition.drafts[node].is_optional && scope.inputs.get(node).is_none_or(Option::is_none)
-    };
-    let links = draft.links.iter().zip(&draft.targets);
-    let absent = links.filter(|(_, targets)| targets.iter().flatten().any(is_absent));
-    absent.map(|(link, _)| (link.span, link.many)).collect()
-}
-
-/// A node's fields without these links: one at a port of its own goes with its field, one in a list leaves the others there.
-fn without_links(tree: &Tree, gone: &Absent) -> Tree {
-    if gone.is_empty() {
-        return tree.clone();
-    }
-    let is_gone = |tree: &Tree| {
-        let link = tree.call_of("Some").unwrap_or(tree);
-        gone.get(&link.span).copied().filter(|_| link.text().is_some())
-    };
-    let items = |items: &[Tree]| {
-        let kept = items.iter().filter(|item| is_gone(item).is_none());
-        kept.map(|item| without_links(item, gone)).collect()
-    };
-    let kind = match &tree.kind {
-        Kind::Call { name, body: Body::Fields(fields) } => {
-            let kept = fields.iter().filter_map(|field| {
-                let value = match is_gone(&field.value) {
-                    None => without_links(&field.value, gone),
-                    // The only link of a list.
-                    Some(true) => Tree::new(field.value.span, Kind::List(Vec::new())),
-                    Some(false) => return None,
-                };
-                Some(Field { name: field.name.clone(), value })
-            });
-            Kind::Call { name: name.clone(), body: Body::Fields(kept.collect()) }
-        }
-        Kind::Call { name, body: Body::Items(list) } => {
-            Kind::Call { name: name.clone(), body: Body::Items(items(list)) }
-        }
-        Kind::List(list) => Kind::List(items(list)),
-        plain => plain.clone(),
-    };
-    Tree { kind, ..tree.clone() }
+/// A node on its way into the flat graph.
+struct Put {
+    name: String,
+    built: Built,
+    links: Vec<Link>,
+    outputs: Vec<&'static str>,
 }
 
 /// What comes in at a link of a draft.
-fn linked<'v>(
-    draft: &'v Draft<'_>,
-    link: usize,
-    values: &'v Values,
-) -> impl Iterator<Item = Target> + 'v {
+fn linked(draft: &Draft, link: usize, values: &Values) -> Vec<Target> {
     let targets = draft.targets.get(link).and_then(Option::as_ref).into_iter().flatten();
-    targets.filter_map(|&(node, output)| values[node].get(output).copied())
+    targets.flat_map(|&target| values.get(target).iter().copied()).collect()
 }

@@ -30,6 +30,8 @@ pub(crate) struct Expected {
     pub(crate) span: Span,
     /// What uses the graph that expects it.
     pub(super) of: Option<Expecter>,
+    /// Whether it speaks of the example that stands for the elements of a `ForEach`, of which nothing is judged.
+    pub(super) is_example: bool,
 }
 
 /// A use of a graph that expects something.
@@ -120,6 +122,7 @@ impl Graph {
             source: source.clone(),
             span,
             of: None,
+            is_example: false,
         }
     }
 }
@@ -131,7 +134,7 @@ impl Check<'_, '_> {
         tree: Option<&Tree>,
         (ports, files): (&[Port], &[GraphOutput]),
         outputs: &[(Tree, Tree)],
-        drafts: &[Draft<'_>],
+        drafts: &[Draft],
         names: &Names<'_>,
     ) -> Vec<Expecting> {
         let Some(tree) = tree else { return Vec::new() };
@@ -148,12 +151,15 @@ impl Check<'_, '_> {
                         .and_then(|port| port.target)
                         .or_else(|| file.map(|file| (file.node, file.output)));
                 }
-                match &self.target(value, span, drafts, names)?[..] {
-                    [target] => Some(*target),
-                    list => {
-                        let count = list.len();
+                match self.target(value, span, drafts, names)?[..] {
+                    [(node, output)] if !drafts[node].is_list(output) => Some((node, output)),
+                    ref list => {
+                        let count = match list.len() {
+                            1 => String::new(),
+                            count => format!(" of {count}"),
+                        };
                         let message = format!(
-                            "one value is expected to be so, but `{value}` is a list of {count}"
+                            "one value is expected to be so, but `{value}` is a list{count}"
                         );
                         let help =
                             "say it in the graph that makes each of them, or of one: `name/1`";

@@ -51,7 +51,7 @@ pub struct GraphPort {
 
 impl GraphInput {
     /// The input that a declaration, such as `Mesh(doc: "..")`, makes.
-    pub(super) fn new(draft: &Draft<'_>, kind: &'static ValueType, node: usize) -> Self {
+    pub(super) fn new(draft: &Draft, kind: &'static ValueType, node: usize) -> Self {
         let mut fields = draft.tree.fields().unwrap_or_default().iter();
         let doc =
             fields.find(|field| field.name.text == "doc").and_then(|field| field.value.text());
@@ -132,7 +132,9 @@ impl Graph {
         }
         let shape = Arc::new(Shape::new(&nodes));
         let outputs = self.ports.iter().filter_map(|port| self.file_of(port, catalog)).collect();
-        Ok(Self { nodes: nodes.into(), shape, outputs, text: None, ..self.clone() })
+        let mut given = self.given.clone();
+        given.extend(values.clone());
+        Ok(Self { nodes: nodes.into(), shape, outputs, text: None, given, ..self.clone() })
     }
 
     /// The file that an output becomes where nobody names one.

@@ -7,6 +7,7 @@ use super::draft::Draft;
 use super::expression::named_parameters;
 use super::needs::Needs;
 use super::parameters::Parameters;
+use super::repeat::Repeat;
 use crate::text::{Body, Kind, Tree};
 
 /// The values from outside that may shape an output.
@@ -24,7 +25,7 @@ impl Lineage {
     /// What shapes the draft at this place.
     pub(super) fn of(
         draft: usize,
-        drafts: &[Draft<'_>],
+        drafts: &[Draft],
         needs: &Needs,
         declared: &Parameters,
         options: &Options,
@@ -39,6 +40,8 @@ impl Lineage {
         let mut is_named = vec![false; names.len()];
         for (draft, _) in needed() {
             named(&draft.tree, &names, &mut is_named);
+            let numbers = draft.repeat.iter().flat_map(Repeat::numbers);
+            numbers.for_each(|number| named(number, &names, &mut is_named));
         }
         let is_of = |target: &str| {
             let of = |name: &str| target.strip_prefix(name).is_some_and(|it| it.starts_with('.'));

@@ -27,7 +27,7 @@ enum Named {
 }
 
 impl<'e> Names<'e> {
-    pub(super) fn new(drafts: &[Draft<'_>], eaches: &'e [Each]) -> Self {
+    pub(super) fn new(drafts: &[Draft], eaches: &'e [Each]) -> Self {
         let nodes = drafts.iter().enumerate();
         let nodes = nodes.map(|(index, draft)| (draft.name.text.clone(), Named::Draft(index)));
         let all = eaches.iter().enumerate();
@@ -38,7 +38,7 @@ impl<'e> Names<'e> {
 
 impl<'a> Check<'_, 'a> {
     /// Finds what each link names.
-    pub(super) fn link(&mut self, drafts: &mut [Draft<'a>], names: &Names<'_>) {
+    pub(super) fn link(&mut self, drafts: &mut [Draft], names: &Names<'_>) {
         for index in 0..drafts.len() {
             let targets = (0..drafts[index].links.len()).map(|link| {
                 let link = &drafts[index].links[link];
@@ -53,7 +53,7 @@ impl<'a> Check<'_, 'a> {
         &mut self,
         text: &str,
         span: Span,
-        drafts: &[Draft<'_>],
+        drafts: &[Draft],
         names: &Names<'_>,
     ) -> Option<Vec<(usize, usize)>> {
         let (node, output) = match text.split_once('.') {
@@ -111,7 +111,7 @@ impl<'a> Check<'_, 'a> {
         each: &Each,
         output: Option<&str>,
         span: Span,
-        drafts: &[Draft<'_>],
+        drafts: &[Draft],
         names: &Names<'_>,
     ) -> Option<Vec<(usize, usize)>> {
         let element = each.elements.first().map(|&element| &drafts[element].what);
@@ -149,7 +149,7 @@ impl<'a> Check<'_, 'a> {
     }
 
     /// What hangs on what, by the drafts' places.
-    pub(super) fn needs(drafts: &[Draft<'_>]) -> Needs {
+    pub(super) fn needs(drafts: &[Draft]) -> Needs {
         let links = drafts.iter().enumerate().flat_map(|(user, draft)| {
             let targets = draft.targets.iter().flatten().flatten();
             targets.map(move |(source, _)| (user, *source))
@@ -158,13 +158,13 @@ impl<'a> Check<'_, 'a> {
     }
 
     /// The nodes, each after those that it hangs on as far as there is no cycle; cycles are reported.
-    pub(super) fn order(&mut self, drafts: &[Draft<'_>], needs: &Needs) -> Vec<usize> {
+    pub(super) fn order(&mut self, drafts: &[Draft], needs: &Needs) -> Vec<usize> {
         let (order, cycles) = needs.order();
         cycles.iter().for_each(|cycle| self.cycle(cycle, drafts));
         order
     }
 
-    fn cycle(&mut self, cycle: &[usize], drafts: &[Draft<'_>]) {
+    fn cycle(&mut self, cycle: &[usize], drafts: &[Draft]) {
         let lowest =
             (0..cycle.len()).min_by_key(|&k| drafts[cycle[k]].name.span).unwrap_or_default();
         let around =
@@ -181,14 +181,24 @@ impl<'a> Check<'_, 'a> {
     }
 
     /// Finds the type of every output and checks that every link fits.
-    pub(super) fn types(&mut self, drafts: &mut [Draft<'a>], order: &[usize], eaches: &[Each]) {
+    pub(super) fn types(&mut self, drafts: &mut [Draft], order: &[usize], eaches: &[Each]) {
         for &index in order {
             let draft = &drafts[index];
+            if let What::Elements(elements) = &draft.what {
+                drafts[index].types = vec![self.element_type(draft, &elements.word, drafts)];
+                continue;
+            }
+            if let What::Pick(pick) = &draft.what {
+                drafts[index].types = drafts[pick.of].types.clone();
+                continue;
+            }
             let mut came_in: Vec<(&str, &'static ValueType)> = Vec::new();
             let mut misfits = Vec::new();
             for (link, targets) in draft.links.iter().zip(&draft.targets) {
                 let Some(targets) = targets else { continue };
-                if targets.len() != 1 && !link.many {
+                let is_list = |&(node, output): &(usize, usize)| drafts[node].is_list(output);
+                let is_list = targets.iter().any(is_list);
+                if (is_list || targets.len() != 1) && !link.many {
                     let place = match targets.first() {
                         Some(&(node, _)) => Some(drafts[node].name.span),
                         None => eaches
@@ -196,7 +206,8 @@ impl<'a> Check<'_, 'a> {
                             .find(|each| each.is_named(&link.text))
                             .map(|each| each.span),
                     };
-                    self.not_one(draft.what.kind(), link, targets.len());
+                    let count = (!is_list).then_some(targets.len());
+                    self.not_one(draft.what.kind(), link, count);
                     self.note(place, || "this gives the list".into());
                     continue;
                 }
@@ -234,9 +245,30 @@ impl<'a> Check<'_, 'a> {
             for (link, kind, place) in misfits {
                 match first.filter(|_| is_switch) {
                     Some(first) => self.unlike(&link, first, kind),
-                    None => self.misfit(&owner, &link, kind),
+                    None => self.misfit(&owner, &link, kind, drafts),
                 }
                 self.note(Some(place), || format!("this gives {}", with_article(kind.name)));
+            }
+            self.carried(&drafts[index]);
+        }
+    }
+
+    /// Whether each element of a repeated draft can take what the one before gives.
+    fn carried(&mut self, draft: &Draft) {
+        let Some(repeat) = &draft.repeat else { return };
+        let (name, kind, outputs) = (&draft.name.text, draft.what.kind(), draft.what.outputs());
+        for (port, first) in &repeat.carry {
+            let Some(output) = self.output(name, kind, &outputs, port, first.span) else {
+                continue;
+            };
+            let link = draft.links.iter().find(|link| link.port == *port);
+            let (Some(link), Some(kind)) = (link, draft.types.get(output).copied().flatten())
+            else {
+                continue;
+            };
+            if link.types.iter().all(|fits| fits != kind.name && !fits.is_empty()) {
+                let link = FoundLink { text: format!("{name}.{port}"), ..link.clone() };
+                self.misfit(draft.what.kind(), &link, kind, &[]);
             }
         }
     }
@@ -248,13 +280,65 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
+    /// The type of the elements that a word means in what comes in.
+    fn element_type(
+        &mut self,
+        draft: &Draft,
+        word: &str,
+        drafts: &[Draft],
+    ) -> Option<&'static ValueType> {
+        let (link, targets) = (draft.links.first()?, draft.targets.first()?.as_ref()?);
+        let [(node, output)] = targets[..] else {
+            self.not_one("ForEach", link, Some(targets.len()));
+            return None;
+        };
+        if drafts[node].is_list(output) {
+            self.not_one("ForEach", link, None);
+            return None;
+        }
+        let kind = drafts[node].types.get(output).copied().flatten()?;
+        let known = kind.elements();
+        if let Some(found) = known.iter().find(|known| known.word == word) {
+            return Some(found.kind);
+        }
+        let (text, what) = (&link.text, with_article(kind.name));
+        let words = Vec::from_iter(known.iter().map(|known| known.word));
+        let message = match word {
+            "" => format!("ForEach cannot go over `{text}`, which is {what}"),
+            _ => format!("{what} such as `{text}` has no {word}"),
+        };
+        let help = match words[..] {
+            [] => self.gone_over(),
+            [""] => format!("write `over: \"{text}\"` for its {}", known[0].name),
+            _ => {
+                let ways = words.iter().map(|word| format!("{word}(\"{text}\")"));
+                format!("write {}", any_of(Vec::from_iter(ways).iter().map(String::as_str)))
+            }
+        };
+        self.find(code::WRONG_TYPE, link.span, message, help);
+        None
+    }
+
+    /// What a `ForEach` can go over.
+    fn gone_over(&self) -> String {
+        let of = |kind: &&ValueType| {
+            let words = kind.elements().into_iter().map(|way| match way.word {
+                "" => kind.name.to_owned(),
+                word => format!("{word} of {}", with_article(kind.name)),
+            });
+            words.collect::<Vec<_>>()
+        };
+        let ways = Vec::from_iter(self.world.values.values().flat_map(of));
+        format!("it goes over {}", any_of(ways.iter().map(String::as_str)))
+    }
+
     /// A list of values comes to a port for one.
-    fn not_one(&mut self, owner: &str, link: &FoundLink, count: usize) {
+    fn not_one(&mut self, owner: &str, link: &FoundLink, count: Option<usize>) {
         let (port, text) = (&link.port, &link.text);
-        let message =
-            format!("port `{port}` of {owner} takes one link, but `{text}` is a list of {count}");
+        let list = count.map_or_else(|| "a list".to_owned(), |count| format!("a list of {count}"));
+        let message = format!("port `{port}` of {owner} takes one link, but `{text}` is {list}");
         let help = match count {
-            0 => "a port that takes many links takes it".to_owned(),
+            Some(0) => "a port that takes many links takes it".to_owned(),
             _ => {
                 let (node, output) = match text.split_once('.') {
                     Some((node, output)) => (node, format!(".{output}")),
@@ -273,13 +357,18 @@ impl<'a> Check<'_, 'a> {
         self.find(code::WRONG_TYPE, link.span, message, "all cases give one type");
     }
 
-    fn misfit(&mut self, owner: &str, link: &FoundLink, kind: &ValueType) {
+    fn misfit(&mut self, owner: &str, link: &FoundLink, kind: &ValueType, drafts: &[Draft]) {
         let wanted = any_of(link.types.iter().map(String::as_str));
+        let data = drafts.iter().find(|draft| draft.name.text == link.text);
+        let data = data.filter(|draft| matches!(draft.what, What::Elements(_)));
+        let given = match data.and_then(|draft| draft.links.first()) {
+            Some(over) => format!("an element of `{}`", over.text),
+            None => format!("`{}`", link.text),
+        };
         let message = format!(
-            "port `{}` of {owner} wants {}, but `{}` is {}",
+            "port `{}` of {owner} wants {}, but {given} is {}",
             link.port,
             with_article(&wanted),
-            link.text,
             with_article(kind.name)
         );
         let makers = link

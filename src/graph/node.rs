@@ -37,9 +37,9 @@ pub(super) struct Built {
     pub(super) tree: Arc<Tree>,
 }
 
-impl<'a> Check<'_, 'a> {
+impl Check<'_, '_> {
     /// Finds the problems of a node's fields with these values of parameters; what a `Draft` does not stand for now must be right, too.
-    pub(super) fn survey(&mut self, what: &What<'a>, tree: &Tree, values: &Parameters) -> Survey {
+    pub(super) fn survey(&mut self, what: &What, tree: &Tree, values: &Parameters) -> Survey {
         let survey = self.survey_of_side(what, tree, values);
         if has_draft(tree) {
             let known = std::mem::take(&mut self.findings);
@@ -64,7 +64,7 @@ impl<'a> Check<'_, 'a> {
         survey
     }
 
-    fn survey_of_side(&mut self, what: &What<'a>, tree: &Tree, values: &Parameters) -> Survey {
+    fn survey_of_side(&mut self, what: &What, tree: &Tree, values: &Parameters) -> Survey {
         let Some(schema) = what.schema() else {
             let tree = values.substitute(tree, &mut self.findings);
             return Survey { tree, links: Vec::new(), files: Vec::new() };
@@ -92,17 +92,16 @@ impl<'a> Check<'_, 'a> {
         Survey { tree, links, files }
     }
 
-    /// The node itself, with what only its own type can tell of its fields. `targets` says how many values each link has.
+    /// The node itself, with what only its own type can tell of its fields. `counts` says how many values each link has.
     pub(super) fn built(
         &mut self,
-        entry: &'a Entry,
+        entry: &Entry,
         survey: Survey,
-        targets: &[Option<Vec<(usize, usize)>>],
+        counts: impl Iterator<Item = usize>,
     ) -> Option<Built> {
         let mut first = 0;
         let mut slots = HashMap::with_capacity(survey.links.len());
-        for (link, targets) in survey.links.iter().zip(targets) {
-            let count = targets.as_ref().map_or(1, Vec::len);
+        for (link, count) in survey.links.iter().zip(counts) {
             slots.entry(link.span).or_insert(Slots { first, count });
             first += count;
         }
@@ -218,7 +217,7 @@ impl<'a> Check<'_, 'a> {
     pub(super) fn unknown_sets(
         &mut self,
         parameters: &Parameters,
-        drafts: &[Draft<'_>],
+        drafts: &[Draft],
         eaches: &[Each],
     ) {
         let nodes = drafts.iter().map(|draft| &draft.name.text[..]);

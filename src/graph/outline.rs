@@ -124,14 +124,14 @@ impl Graph {
 
 /// Reads the parts of a text.
 struct Outliner<'w> {
-    whole: &'w Whole<'w>,
+    whole: &'w Whole,
     sheet: &'w Sheet,
     tree: Tree,
     references: References,
 }
 
 impl<'w> Outliner<'w> {
-    fn new(whole: &'w Whole<'w>) -> Self {
+    fn new(whole: &'w Whole) -> Self {
         let sheet = &*whole.definition.sheet;
         let (tree, _) = crate::text::parse(&sheet.source.text);
         let references = References::within(&whole.definition, &tree);
@@ -272,7 +272,7 @@ impl<'w> Outliner<'w> {
     }
 
     /// The drafts of a node: several of a `ForEach`.
-    fn drafts(&self, name: &str) -> impl Iterator<Item = &'w Draft<'w>> {
+    fn drafts(&self, name: &str) -> impl Iterator<Item = &'w Draft> {
         let drafts = self.whole.definition.drafts.iter();
         drafts.filter(move |draft| named_node(&draft.name.text) == name)
     }

@@ -20,7 +20,7 @@ impl Check<'_, '_> {
     pub(super) fn outputs(
         &mut self,
         entries: &[(Tree, Tree)],
-        drafts: &[Draft<'_>],
+        drafts: &[Draft],
         names: &Names<'_>,
     ) -> (Vec<GraphOutput>, Vec<GraphOutput>) {
         let mut outputs: Vec<GraphOutput> = Vec::with_capacity(entries.len());
@@ -52,7 +52,7 @@ impl Check<'_, '_> {
                 continue;
             }
             let Some(targets) = self.output_link(name, value, drafts, names) else { continue };
-            let Some((node, output)) = self.only(name, value, &targets) else { continue };
+            let Some((node, output)) = self.only(name, value, &targets, drafts) else { continue };
             let kind = drafts[node].types.get(output).copied().flatten();
             let ending = ending(Path::new(name));
             let format = match kind {
@@ -76,7 +76,7 @@ impl Check<'_, '_> {
         &mut self,
         name: &str,
         value: &Tree,
-        drafts: &[Draft<'_>],
+        drafts: &[Draft],
         names: &Names<'_>,
     ) -> Option<Vec<(usize, usize)>> {
         let Some(link) = value.text() else {
@@ -94,12 +94,14 @@ impl Check<'_, '_> {
         name: &str,
         value: &Tree,
         targets: &[(usize, usize)],
+        drafts: &[Draft],
     ) -> Option<(usize, usize)> {
-        if let [target] = targets {
-            return Some(*target);
-        }
-        let message =
-            format!("output `{name}` is one value, but this is a list of {}", targets.len());
+        let list = match *targets {
+            [(node, output)] if drafts[node].is_list(output) => "a list".to_owned(),
+            [target] => return Some(target),
+            _ => format!("a list of {}", targets.len()),
+        };
+        let message = format!("output `{name}` is one value, but this is {list}");
         let help = "join them first, or name an output for each";
         self.find(code::WRONG_TYPE, value.span, message, help);
         None
@@ -109,7 +111,7 @@ impl Check<'_, '_> {
     pub(super) fn ports(
         &mut self,
         entries: &[(Tree, Tree)],
-        drafts: &[Draft<'_>],
+        drafts: &[Draft],
         names: &Names<'_>,
     ) -> Vec<Port> {
         let mut ports: Vec<Port> = Vec::with_capacity(entries.len());
@@ -133,7 +135,7 @@ impl Check<'_, '_> {
             }
             let targets = self.output_link(name, value, drafts, names);
             // An output whose link is wrong is still there for those who use the graph.
-            let target = targets.and_then(|targets| self.only(name, value, &targets));
+            let target = targets.and_then(|targets| self.only(name, value, &targets, drafts));
             if let Some(input) = target.map(|(node, _)| &drafts[node]).filter(|it| it.is_optional) {
                 let input = &input.name.text;
                 let message =

@@ -9,7 +9,7 @@ use crate::error::{Span, code};
 use crate::text::{Kind, Tree, nearest_or_all, with_article};
 use crate::value::ValueType;
 
-impl Definition<'_> {
+impl Definition {
     /// Its outputs and the properties that it promises of them.
     pub(super) fn promises(&self) -> impl Iterator<Item = (&str, &str)> {
         self.expect.iter().filter_map(|expecting| {

@@ -103,7 +103,7 @@ impl Check<'_, '_> {
         name: &str,
         file: &str,
         wanted: &WantedVersion<'_>,
-        graph: &Definition<'_>,
+        graph: &Definition,
     ) {
         let text = wanted.text;
         let (message, help) = match &graph.version {

@@ -98,6 +98,10 @@ impl Job<'_> {
                 return case;
             }
         };
+        let expected = self.test.expect.iter().flat_map(|(expectation, _)| expectation.values());
+        let names = Vec::from_iter(graph.output_names().chain(expected));
+        let idle = Run::default();
+        let graph = session.resolved_for(&graph, &names, idle.observer, &idle.cancel);
         case.problems.extend(self.misfits(&graph));
         let expectations = self.expectations(&graph);
         let values = expectations.iter().flat_map(|expected| expected.expectation.values());

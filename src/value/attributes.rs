@@ -209,6 +209,12 @@ impl Attributes {
         self.0.iter().map(|(name, attribute)| (name.as_str(), attribute))
     }
 
+    /// Their entries at these places, which are there.
+    pub(super) fn select(&self, places: &[u32]) -> Self {
+        let entries = self.0.iter();
+        Self(entries.map(|(name, all)| (name.clone(), all.select(places))).collect())
+    }
+
     /// All of them as columns, whose names begin with `of`.
     pub(crate) fn parts<'a>(&'a self, of: &'a str, on: On) -> impl Iterator<Item = Part<'a>> {
         let part = move |(name, attribute): (&'a String, &'a Attribute)| {

@@ -39,6 +39,13 @@ impl<T: NoUninit + Send + Sync> Column<T> {
     }
 }
 
+impl<T> Column<T> {
+    /// A column of which the hash is known.
+    pub(super) fn of_hash(items: Vec<T>, hash: Hash) -> Self {
+        Self(Arc::new(Shared { items, hash: hash.into() }))
+    }
+}
+
 impl<T> From<Vec<T>> for Column<T> {
     fn from(mut items: Vec<T>) -> Self {
         // There will be no more of them; what was set aside would be held as long as the value.

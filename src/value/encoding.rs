@@ -65,6 +65,18 @@ impl Encoder {
         if apart { self } else { self.part(bytes) }
     }
 
+    /// Writes a column of which the hash is known, and which is made only to be kept.
+    pub(super) fn column_of_hash<T: NoUninit + Send + Sync>(
+        &mut self,
+        hash: Hash,
+        column: impl FnOnce() -> Column<T>,
+    ) -> &mut Self {
+        match self.columns {
+            Some(_) => self.column(&column()),
+            None => self.part(&hash.0),
+        }
+    }
+
     /// Writes another value that is part of this one.
     pub fn value<T: Value>(&mut self, part: &T) -> &mut Self {
         if self.columns.is_none() {

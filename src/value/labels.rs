@@ -1,30 +1,47 @@
 //! A number per pixel that says to which component it belongs.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use thiserror::Error;
 
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Offence, Parts, PartsError, Property,
-    Summary, Value,
+    Column, DecodeError, Decoder, Elements, Encoder, Layer, Mask, Mesh, Offence, Parts, PartsError,
+    Property, Summary, Value, value_type,
 };
 use crate::memory::huge_vec;
 use crate::parallel::*;
 
+mod elements;
 mod parts;
+
+use elements::One;
 
 /// Which component each pixel of a picture belongs to: 0 is background, components count from 1 in the order in which
 /// their first pixels are met, row by row from the top.
 ///
 /// Invariant, checked by [`Labels::new`] and [`Labels::from_runs`]: as many entries as width x height; no entry above the
 /// number of components, and each component has a pixel.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Labels {
     width: usize,
     height: usize,
-    pixels: Column<u32>,
+    pixels: Pixels,
     statistics: Vec<LabelStatistics>,
+}
+
+#[derive(Clone, Debug)]
+enum Pixels {
+    All(Column<u32>),
+    /// One component of a picture that may have thousands: its pixels are made when somebody asks for them.
+    One(Arc<One>),
+}
+
+impl PartialEq for Labels {
+    fn eq(&self, other: &Self) -> bool {
+        (self.width, self.height) == (other.width, other.height) && self.column() == other.column()
+    }
 }
 
 /// What is known of one component.
@@ -126,7 +143,8 @@ impl Labels {
                 row[run.start as usize..run.end as usize].fill(run.label);
             }
         });
-        Self { width, height, pixels: pixels.into(), statistics: statistics(width, height, runs) }
+        let pixels = Pixels::All(pixels.into());
+        Self { width, height, pixels, statistics: statistics(width, height, runs) }
     }
 
     /// Pixels in a row.
@@ -141,16 +159,36 @@ impl Labels {
 
     /// All pixels, row by row from the top.
     pub fn pixels(&self) -> &[u32] {
-        &self.pixels
+        self.column()
+    }
+
+    fn column(&self) -> &Column<u32> {
+        match &self.pixels {
+            Pixels::All(pixels) => pixels,
+            Pixels::One(one) => one.pixels(),
+        }
     }
 
     /// The label at `[column, row]`; 0 outside the picture.
     pub fn at(&self, [column, row]: [usize; 2]) -> u32 {
-        if column < self.width && row < self.height {
-            self.pixels[row * self.width + column]
-        } else {
-            0
+        match &self.pixels {
+            _ if column >= self.width || row >= self.height => 0,
+            Pixels::All(pixels) => pixels[row * self.width + column],
+            Pixels::One(one) => u32::from(one.contains([column, row])),
         }
+    }
+
+    /// The pixels of one component within its bounding box, whose upper left pixel is the component's
+    /// [`low`](LabelStatistics::low).
+    ///
+    /// # Panics
+    /// If there is no component of this number, from 1.
+    pub fn component(&self, label: u32) -> Mask {
+        let LabelStatistics { low, high, .. } = self.statistics[label as usize - 1];
+        let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
+        let inside = (low[1]..=high[1]).flat_map(|row| (low[0]..=high[0]).map(move |at| [at, row]));
+        let inside = inside.map(|at| self.at(at) == label).collect();
+        Mask::from_bools(columns, rows, inside).expect("one entry per pixel of the box")
     }
 
     /// What is known of each component; the one labelled `n` stands at `n - 1`.
@@ -241,14 +279,18 @@ impl Value for Labels {
     const NAME: &'static str = "Labels";
 
     fn encode(&self, to: &mut Encoder) {
-        to.counts(&[self.width, self.height]).column(&self.pixels);
+        to.counts(&[self.width, self.height]);
+        match &self.pixels {
+            Pixels::All(pixels) => to.column(pixels),
+            Pixels::One(one) => to.column_of_hash(one.hash(), || one.pixels().clone()),
+        };
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let [width, height] = from.counts()?;
         let pixels: Column<u32> = from.column()?;
         let statistics = statistics(width, height, &runs_of(width, &pixels));
-        Ok(Self { width, height, pixels, statistics })
+        Ok(Self { width, height, pixels: Pixels::All(pixels), statistics })
     }
 
     fn properties() -> &'static [Property<Self>] {
@@ -260,7 +302,11 @@ impl Value for Labels {
     }
 
     fn size(&self) -> usize {
-        self.pixels.size() + size_of_val(&self.statistics[..])
+        let pixels = match &self.pixels {
+            Pixels::All(pixels) => pixels.size(),
+            Pixels::One(one) => one.size(),
+        };
+        pixels + size_of_val(&self.statistics[..])
     }
 
     fn describe(&self) -> Summary {
@@ -289,6 +335,12 @@ impl Value for Labels {
 
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         parts::made_of(parts)
+    }
+
+    /// Each component as labels of the whole picture with that one alone, which has the number 1.
+    fn elements() -> Vec<Elements<Self>> {
+        let kind = value_type::<Self>();
+        vec![Elements { word: "", name: "components", kind, cut: elements::cut }]
     }
 
     fn show(&self) -> Vec<Layer> {

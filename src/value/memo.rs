@@ -38,6 +38,8 @@ impl<T: Memo> TypeOf<T> {
         from_parts: |_| Err(PartsError::Never { kind: T::NAME }),
         show: |_| Vec::new(),
         as_mesh: |_| None,
+        elements: Vec::new,
+        cut: |_, _, _| None,
         hostile: Vec::new,
         properties: Vec::new,
         offence: |_, _| None,

@@ -6,6 +6,7 @@ use thiserror::Error;
 use super::{Attribute, AttributeError, Attributes, CaptureFrame, Column, Image, Summary};
 
 mod describe;
+mod elements;
 mod faces;
 mod nearest;
 mod normals;

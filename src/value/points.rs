@@ -7,8 +7,9 @@ use crate::parallel::*;
 
 use super::hostile::clouds;
 use super::{
-    Attribute, AttributeError, Attributes, Axes, Cloud, Column, DecodeError, Decoder, Encoder,
-    Layer, Meaning, Offence, On, Parts, PartsError, Property, Summary, Value,
+    AnyValue, Attribute, AttributeError, Attributes, Axes, Cloud, Column, DecodeError, Decoder,
+    Elements, Encoder, Layer, Meaning, NoElements, Offence, On, Parts, PartsError, Property,
+    Summary, Value, value_type,
 };
 
 /// Why places do not make points.
@@ -142,6 +143,12 @@ impl Value for Points {
         Ok(points)
     }
 
+    /// Each point by itself, with its attributes.
+    fn elements() -> Vec<Elements<Self>> {
+        let kind = value_type::<Self>();
+        vec![Elements { word: "", name: "points", kind, cut: one_by_one }]
+    }
+
     fn show(&self) -> Vec<Layer> {
         vec![Layer::Points(Cloud { points: self.clone(), axes: Axes::Upright })]
     }
@@ -149,6 +156,18 @@ impl Value for Points {
     fn hostile() -> Vec<Self> {
         [0, 1, 2, 9].into_iter().flat_map(clouds).flat_map(Self::new).collect()
     }
+}
+
+fn one_by_one(points: &Points, most: usize) -> Result<Vec<AnyValue>, NoElements> {
+    let count = points.positions.len();
+    if most < count {
+        return Err(NoElements::TooMany { count });
+    }
+    let one = |place: u32| Points {
+        positions: vec![points.positions[place as usize]].into(),
+        attributes: points.attributes.select(&[place]),
+    };
+    Ok((0..count as u32).map(|place| AnyValue::new(one(place))).collect())
 }
 
 /// Points that one task looks at.

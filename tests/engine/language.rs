@@ -14,6 +14,7 @@ mod attributes;
 mod both_ends;
 mod documentation;
 mod drafts;
+mod each;
 mod library_expectations;
 mod limits;
 mod minimal;

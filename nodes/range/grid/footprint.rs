@@ -26,27 +26,45 @@ pub(crate) fn covered_cells(labels: &Labels, number: u32, range: &RangeImage) ->
         (0..cells).map(|cell| Footprint::new(cell, scale, offset, map.picture[axis])).collect()
     };
     let (columns, rows) = (footprints(0, width), footprints(1, height));
-    let part = &labels.statistics()[number as usize - 1];
+    let part = Component::new(labels, number);
     let mut cells = vec![0; width * height];
     let strips = cells.par_chunks_mut(width.max(1)).zip(&rows).with_min_len(16);
     strips.filter(|(_, row)| row.meets(part.low[1], part.high[1])).for_each(|(cells, row)| {
         for (cell, column) in cells.iter_mut().zip(&columns) {
             let near = column.meets(part.low[0], part.high[0]);
-            *cell = u8::from(near && share(labels, number, column, row) >= HALF);
+            *cell = u8::from(near && share(&part, column, row) >= HALF);
         }
     });
     Mask::new(width, height, cells).expect("one entry per cell")
 }
 
-/// The share of what a cell sees that has the label `number`.
-fn share(labels: &Labels, number: u32, column: &Footprint, row: &Footprint) -> f64 {
+/// The pixels of a labelled part, within the box around them.
+struct Component {
+    pixels: Mask,
+    low: [usize; 2],
+    high: [usize; 2],
+}
+
+impl Component {
+    fn new(labels: &Labels, number: u32) -> Self {
+        let part = &labels.statistics()[number as usize - 1];
+        Self { pixels: labels.component(number), low: part.low, high: part.high }
+    }
+
+    fn contains(&self, [column, row]: [usize; 2]) -> bool {
+        let inside = column.checked_sub(self.low[0]).zip(row.checked_sub(self.low[1]));
+        inside.is_some_and(|(column, row)| self.pixels.contains([column, row]))
+    }
+}
+
+/// The share of what a cell sees that belongs to the part.
+fn share(part: &Component, column: &Footprint, row: &Footprint) -> f64 {
     let (mut inside, mut seen) = (0.0, 0.0);
     for (y, vertical) in (row.first..).zip(&row.weights) {
-        let pixels = &labels.pixels()[y * labels.width() + column.first..];
-        for (&pixel, horizontal) in pixels.iter().zip(&column.weights) {
+        for (x, horizontal) in (column.first..).zip(&column.weights) {
             let weight = vertical * horizontal;
             seen += weight;
-            inside += if pixel == number { weight } else { 0.0 };
+            inside += if part.contains([x, y]) { weight } else { 0.0 };
         }
     }
     inside / seen

@@ -22,6 +22,7 @@ use crate::error::{Problem, Severity, code};
 use crate::graph::{Checked, Graph, Put, ReadFile};
 use crate::node::CancelToken;
 use crate::page::{Views, Wish};
+use crate::value::Hash;
 use crate::watch::{Batch, Contents, Event, Sources};
 use crate::writing::is_writable;
 
@@ -69,6 +70,8 @@ pub(super) struct Session<'a> {
     drag: Drag,
     /// What was put into the graph's file for pages, the last change last.
     changes: Vec<Vec<Put>>,
+    /// The identity of the graph that pages show.
+    shown: Option<Hash>,
     /// The last graph that could be run, and when it was.
     good: Option<(usize, Arc<Graph>)>,
     /// How many runs there have been.
@@ -131,6 +134,7 @@ impl<'a> Session<'a> {
             look: false,
             drag: Drag::default(),
             changes: Vec::new(),
+            shown: None,
             good: None,
             runs: 0,
             failed: false,
@@ -312,6 +316,7 @@ impl<'a> Session<'a> {
         self.check = match graph.or(partial.filter(|_| !self.was_whole)) {
             Some(graph) => {
                 self.view.graph(&graph);
+                self.shown = Some(graph.shape.identity);
                 self.view.checked(self.runs + 1, &problems);
                 Check::Good { graph: Arc::new(graph), problems }
             }
@@ -417,6 +422,11 @@ impl<'a> Session<'a> {
         self.worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
     }
 
+    /// Whether pages show this graph, with as many elements as it has.
+    fn is_shown(&self, graph: &Graph) -> bool {
+        self.shown == Some(graph.shape.identity)
+    }
+
     fn evaluated(&mut self, report: Report) {
         let left = self.running.take().is_some_and(|running| running.cancel.is_cancelled());
         // A look may be over in the moment in which it is given up.
@@ -430,6 +440,10 @@ impl<'a> Session<'a> {
                 Purpose::Look | Purpose::Drag => self.view.left(report.run),
             }
             return;
+        }
+        if let Some(graph) = report.graph.as_ref().filter(|graph| !self.is_shown(graph)) {
+            self.view.graph(graph);
+            self.shown = Some(graph.shape.identity);
         }
         self.view.values(report.run, report.purpose == Purpose::Drag, &report.values);
         match report.purpose {

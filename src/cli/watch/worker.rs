@@ -62,6 +62,8 @@ pub(super) struct Report {
     /// The folder of the outputs, if a file could not be written.
     pub(super) unwritten: Option<PathBuf>,
     pub(super) seconds: f64,
+    /// The graph with the elements of its data, if it has such.
+    pub(super) graph: Option<Arc<Graph>>,
     /// What somebody looks at.
     pub(super) values: Seen,
     /// Without outputs all but the problems and the values means nothing.
@@ -137,11 +139,16 @@ fn evaluate(
     let start = Instant::now();
     let folder = &wishes.folder;
     let mut problems = job.problems.clone();
-    let (mut seen, mut values) = (None, Seen::new());
+    let (mut seen, mut values, mut resolved) = (None, Seen::new(), None);
     session.use_memory(session.memory());
     session.keep_on_disk(job.purpose != Purpose::Drag);
     let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, warnings)| {
         problems.extend(warnings);
+        let mut names = Vec::from_iter(job.views.iter().map(|viewed| &viewed.node[..]));
+        if job.purpose == Purpose::Outputs {
+            names.extend(graph.output_names());
+        }
+        let graph = session.resolved_for(&graph, &names, observer, &job.cancel);
         let produced = match job.purpose {
             Purpose::Outputs => {
                 Some(session.produce(&graph, &wishes.only, folder, observer, &job.cancel))
@@ -152,6 +159,7 @@ fn evaluate(
         if let Some(seen) = &seen {
             values = viewed(&graph, seen, &job.views, session, last);
         }
+        resolved = (!graph.loops().is_empty()).then(|| Arc::new(graph.clone()));
         produced.transpose().map_err(|why| vec![graph.problem(code::UNKNOWN_LINK, why)])
     });
     let (trace, written, complete) = match produced {
@@ -197,6 +205,7 @@ fn evaluate(
         written,
         unwritten: (!complete).then(|| folder.path().to_owned()),
         seconds: start.elapsed().as_secs_f64(),
+        graph: resolved,
         values,
         purpose: job.purpose,
     }
@@ -277,6 +286,7 @@ fn panicked(job: &Job, words: &str) -> Report {
         written: Vec::new(),
         unwritten: None,
         seconds: 0.0,
+        graph: None,
         values: Seen::new(),
         purpose: job.purpose,
     }

@@ -63,7 +63,7 @@ impl References {
     }
 
     /// All in a text that has been understood so far, and has this tree.
-    pub(in crate::graph) fn within(definition: &Definition<'_>, tree: &Tree) -> Self {
+    pub(in crate::graph) fn within(definition: &Definition, tree: &Tree) -> Self {
         let (mut links, mut unknown) = (HashMap::new(), HashSet::new());
         let mut known_ports = HashMap::new();
         for draft in &definition.drafts {
@@ -80,7 +80,7 @@ impl References {
                 }
                 // A text that names a node is taken for a link where the type is not known.
                 What::Unknown => drop(unknown.insert(node.to_owned())),
-                What::Input | What::Switch(_) => {}
+                What::Input | What::Switch(_) | What::Elements(_) | What::Pick(_) => {}
             }
         }
         let fields = tree.fields().unwrap_or_default();

@@ -9,7 +9,7 @@ pub(super) fn parts(labels: &Labels) -> Parts<'_> {
     let mut parts = Parts::default();
     parts.grid(labels.width, labels.height);
     parts.fact("components", labels.statistics.len());
-    parts.push("label", On::Pixel, Meaning::Index, 1, &labels.pixels[..]);
+    parts.push("label", On::Pixel, Meaning::Index, 1, labels.pixels());
     parts
 }
 
@@ -21,7 +21,7 @@ pub(super) fn made_of(parts: &Parts<'_>) -> Result<Labels, PartsError> {
 
 /// Each component in a color that is far from those of the next.
 pub(super) fn show(labels: &Labels) -> Vec<Layer> {
-    let pixels = labels.pixels.iter().map(|&label| match label {
+    let pixels = labels.pixels().iter().map(|&label| match label {
         0 => PLAIN,
         label => hue(label),
     });

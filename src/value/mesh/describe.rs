@@ -1,8 +1,8 @@
 //! What a mesh tells of itself: its hash, its size, its facts.
 
 use super::super::{
-    Attributes, CaptureFrame, DecodeError, Decoder, Encoder, Layer, Parts, PartsError, Property,
-    Summary, Value,
+    Attributes, CaptureFrame, DecodeError, Decoder, Elements, Encoder, Layer, Parts, PartsError,
+    Property, Summary, Value,
 };
 use super::properties::PROPERTIES;
 use super::{Faces, Mesh, describe_bounds, parts};
@@ -92,6 +92,10 @@ impl Value for Mesh {
 
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         parts::made_of(parts)
+    }
+
+    fn elements() -> Vec<Elements<Self>> {
+        super::elements::elements()
     }
 
     fn show(&self) -> Vec<Layer> {

@@ -76,7 +76,6 @@ fn mistakes_of_repetition_are_explained() {
             graph.ron:4:76-80 G010 field `step` of Moved is 99 mm, but must be at least 0 and at most 10 mm
             graph.ron:5:37-48 G005 Moved needs a link at its port `mesh` (write `mesh: "node"` with a node that gives a Mesh)
             graph.ron:6:6-42 G005 ForEach needs a field `graph` (write `graph: ..`)
-            graph.ron:6:20-32 G009 field `over` of ForEach wants a list: `[(rank: 1), ..]`, not `Param(..)`
             graph.ron:6:34-37 G004 ForEach has no field `wth` (did you mean `with`?)
             graph.ron:7:37-38 G009 an element of ForEach is a group of fields, not the number 1 (write `(field: value, ..)`)
             graph.ron:7:60-61 G009 field `with` of ForEach wants a group of fields: `(field: value, ..)`, not the number 5

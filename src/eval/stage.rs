@@ -1,0 +1,86 @@
+//! Evaluations on the way to another one: they find out how many elements a `ForEach` over data has.
+
+use std::collections::HashMap;
+
+use super::plan::Plan;
+use super::run::News;
+use super::{Evaluation, Evaluator, Observer, State};
+use crate::error::Error;
+use crate::graph::Graph;
+use crate::node::CancelToken;
+
+/// What the next evaluation tells as if it had happened in it: by the name of the node.
+pub(super) type Staged = HashMap<String, News>;
+
+/// Passes on what happened for good: what has failed on the way will be tried again.
+struct OnTheWay<'a>(&'a dyn Observer);
+
+impl Observer for OnTheWay<'_> {
+    fn started(&self, node: &str) {
+        self.0.started(node);
+    }
+
+    fn progress(&self, node: &str, share: f64) {
+        self.0.progress(node, share);
+    }
+
+    fn finished(&self, node: &str, state: State, seconds: f64) {
+        if !matches!(state, State::Failed | State::Skipped) {
+            self.0.finished(node, state, seconds);
+        }
+    }
+}
+
+impl Evaluator {
+    /// Whether nothing has to be looked at to know that these nodes are as they were.
+    pub(crate) fn is_settled(&mut self, graph: &Graph, roots: &[usize]) -> bool {
+        self.recall(graph);
+        !Plan::new(self, graph, roots, &[]).has_work()
+    }
+
+    /// Evaluates what these nodes need, and gives the error of each. The next evaluation tells what happened.
+    pub(crate) fn prepare(
+        &mut self,
+        graph: &Graph,
+        roots: &[usize],
+        observer: &dyn Observer,
+        cancel: &CancelToken,
+    ) -> Vec<Option<Error>> {
+        let found = self.evaluate_alone(graph, roots, &[], &OnTheWay(observer), cancel);
+        let error = |root: &usize| {
+            let news = found.news.iter().find(|news| news.index == *root);
+            news.and_then(|news| news.error.clone())
+        };
+        let errors = roots.iter().map(error).collect();
+        let happened = |news: &News| !matches!(news.state, State::Failed | State::Skipped);
+        for news in found.news.into_iter().filter(happened) {
+            let name = graph.nodes[news.index].name.clone();
+            // What was computed on the way is not told as found in the cache.
+            let before = self.staged.get(&name).is_none_or(|old| old.state != State::Computed);
+            if before {
+                self.staged.insert(name, news);
+            }
+        }
+        errors
+    }
+}
+
+impl Evaluation {
+    /// Takes over what happened on the way, of nodes to which nothing happened since.
+    pub(super) fn take_over(&mut self, graph: &Graph, mut staged: Staged) {
+        if staged.is_empty() {
+            return;
+        }
+        let is_new = |news: &News| news.state != State::Cached;
+        let mut told = std::mem::take(&mut self.news).into_iter().peekable();
+        for (index, name) in graph.shape.names.iter().enumerate().filter(|it| self.wanted[it.0]) {
+            let own = told.next_if(|news| news.index == index);
+            let before = staged.remove(name).map(|news| News { index, ..news });
+            let news = match own {
+                Some(own) if is_new(&own) => Some(own),
+                own => before.or(own),
+            };
+            self.news.extend(news);
+        }
+    }
+}

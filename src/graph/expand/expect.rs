@@ -1,0 +1,76 @@
+//! What the uses of graphs want and expect of values, in the flat graph.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use super::{Expansion, Scope, Values};
+use crate::graph::Guard;
+use crate::graph::definition::Definition;
+use crate::graph::expected::{Expected, Expecter, Expecting};
+
+impl Expansion<'_, '_> {
+    /// What a graph wants of its inputs is tested where a node inside takes them, which stand behind the `first`.
+    pub(super) fn guard(&mut self, graph: &Definition, scope: &Scope, first: usize) {
+        for (input, wants) in graph.wants.iter().enumerate().filter(|(_, wants)| !wants.is_empty())
+        {
+            let name = &graph.drafts[input].name.text;
+            let by: Arc<str> = match scope.prefix.strip_suffix('/') {
+                Some(prefix) => format!("input `{name}` of `{prefix}`").into(),
+                None => format!("input `{name}`").into(),
+            };
+            for node in &mut self.nodes[first..] {
+                let slots = node.links.iter().enumerate();
+                let slots =
+                    slots.filter(|(_, it)| Some((it.node, it.output)) == scope.inputs[input]);
+                let tests = slots.flat_map(|(slot, _)| wants.iter().map(move |&want| (slot, want)));
+                let tests = Vec::from_iter(tests);
+                if !tests.is_empty() {
+                    node.recipe = Arc::new(node.recipe.guarded(&tests));
+                }
+                let guard = |(slot, property)| Guard { slot, property, by: by.clone() };
+                node.guards.extend(tests.into_iter().map(guard));
+            }
+        }
+    }
+
+    /// What a graph expects of its values in this use.
+    pub(super) fn expect(
+        &mut self,
+        definition: &Definition,
+        scope: &Scope,
+        inside: Range<usize>,
+        values: &Values,
+    ) {
+        if definition.expect.is_empty() {
+            return;
+        }
+        let target = |&(draft, output): &(usize, usize)| values.only((draft, output));
+        let of = scope.prefix.strip_suffix('/').map(|name| {
+            let ports = definition.ports.iter().filter_map(|port| target(port.target.as_ref()?));
+            let givers = ports.map(|(node, _)| node).collect();
+            (name, Expecter { uses: scope.uses.clone(), inside, givers })
+        });
+        let at_border = |word: &str| {
+            let inputs = definition.drafts[..definition.inputs].iter();
+            definition.ports.iter().any(|port| port.name == word)
+                || inputs.map(|input| &input.name.text).any(|name| name == word)
+        };
+        for Expecting { expectation, span, targets } in &definition.expect {
+            // Of an input that is left out nothing is expected.
+            if targets.iter().flatten().any(|it| target(it).is_none()) {
+                continue;
+            }
+            let mut expectation = expectation.clone();
+            if let Some((name, _)) = &of {
+                for word in expectation.values_mut() {
+                    let gap = if at_border(word) { '.' } else { '/' };
+                    *word = format!("{name}{gap}{word}");
+                }
+            }
+            let values = targets.iter().map(|it| it.as_ref().and_then(target)).collect();
+            let (source, span) = definition.sheet.place(*span);
+            let of = of.as_ref().map(|(_, of)| of.clone());
+            self.expect.push(Expected { expectation, values, source, span, of, is_example: false });
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! Graphs whose number of nodes hangs on data: a `ForEach` over the components of labels, the points of a cloud, the parts of a mesh.
+//!
+//! What is wrong with such a graph is known when it is read, with one example for all elements. How many there are is known when the
+//! value is: then the graph is expanded again, with these counts. Equal nodes have equal keys, so nothing is computed twice.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+use serde_json::json;
+
+use super::check::Whole;
+use super::definition::World;
+use super::expand::expand;
+use super::node::Built;
+use super::recipe::Recipe;
+use super::repeat::Elements;
+use super::{Graph, Options};
+use crate::catalog::Catalog;
+use crate::error::{Error, Problem};
+use crate::node::{AnyNode, Context, FilePath};
+use crate::text::Tree;
+use crate::value::{AnyValue, NoElements};
+
+/// How many elements each `ForEach` over data has, by its name, as far as that is known.
+pub(crate) type Counts = BTreeMap<String, Count>;
+
+/// What is known of the elements of a `ForEach`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Count {
+    /// So many.
+    Of(usize),
+    /// Nothing can be made of them, because of this.
+    Refused(String),
+}
+
+/// A `ForEach` over data in a flat graph.
+#[derive(Clone, Debug)]
+pub(crate) struct Loop {
+    /// Its name.
+    pub(crate) name: String,
+    /// The node that takes the data apart.
+    pub(crate) node: usize,
+    /// Whether the number of its elements is not known: the graph has one example.
+    pub(crate) is_open: bool,
+}
+
+/// All that a graph is expanded from again.
+pub(super) struct Stage {
+    whole: Whole,
+    options: Options,
+    root: PathBuf,
+    /// Whether it has nodes of unknown types.
+    is_partial: bool,
+    /// The inputs that are left out.
+    absent: BTreeSet<String>,
+    /// The last expansion, without this.
+    last: Mutex<Option<(Counts, Graph)>>,
+}
+
+impl Stage {
+    pub(super) fn new(whole: Whole, is_partial: bool, world: &World<'_>) -> Self {
+        let root = world.roots.first().cloned().unwrap_or_default();
+        let (options, absent) = (world.options.clone(), world.absent.clone());
+        Self { whole, options, root, is_partial, absent, last: Mutex::default() }
+    }
+}
+
+impl Graph {
+    /// The same graph, of which it is known that these `ForEach`es have as many elements as their data have, or that their data fail.
+    pub(crate) fn settled(self, settled: BTreeSet<String>) -> Self {
+        Self { settled, ..self }
+    }
+
+    /// What takes data without elements apart: no node hangs on it, but what happened to it is to be told.
+    pub(crate) fn empty(&self) -> impl Iterator<Item = usize> {
+        let is_empty =
+            |it: &&Loop| self.settled.contains(&it.name) && self.nodes[it.node].outputs.is_empty();
+        self.loops.iter().filter(is_empty).map(|it| it.node)
+    }
+
+    /// Whether that is known of one.
+    pub(crate) fn is_settled(&self, name: &str) -> bool {
+        self.settled.contains(name)
+    }
+
+    /// Each `ForEach` over data in it.
+    pub(crate) fn loops(&self) -> &[Loop] {
+        &self.loops
+    }
+
+    /// The data of one element, `spots/3/spot`: the output of the node `spots/spot` that takes them apart.
+    pub(crate) fn element(&self, name: &str) -> Option<(usize, usize)> {
+        let (element, port) = name.rsplit_once('/')?;
+        let (each, number) = element.rsplit_once('/')?;
+        let found = self.loops.iter().find(|it| it.name == each && !it.is_open)?;
+        let node = &self.nodes[found.node];
+        let output = number.parse::<usize>().ok()?.checked_sub(1)?;
+        let rest = node.name.strip_prefix(each).and_then(|rest| rest.strip_prefix('/'));
+        (rest == Some(port) && output < node.outputs.len()).then_some((found.node, output))
+    }
+
+    /// The nodes that a name means; of one that may be inside of a `ForEach` over data, the node that says what is.
+    pub(crate) fn meant(&self, name: &str) -> Vec<usize> {
+        let named =
+            self.value_named(name).map_or_else(|| self.nodes_of(name), |(node, _)| vec![node]);
+        let around = self.loops.iter().filter(|it| is_inside(name, &it.name));
+        named.into_iter().chain(around.map(|it| it.node)).collect()
+    }
+
+    /// The `ForEach` over data that a name means or is inside of, if its elements are not known.
+    pub(crate) fn open_loop(&self, name: &str) -> Option<&Loop> {
+        let mut open = self.loops.iter().filter(|it| it.is_open);
+        open.find(|it| name == it.name || is_inside(name, &it.name))
+    }
+
+    /// The same graph with so many elements, and the same values at its inputs.
+    ///
+    /// # Errors
+    /// If something is wrong with these counts, as with a number that an element gets.
+    pub(crate) fn expanded(
+        &self,
+        counts: &Counts,
+        catalog: &Catalog,
+    ) -> Result<Self, Vec<Problem>> {
+        let Some(stage) = &self.stage else { return Ok(self.clone()) };
+        let mut last = stage.last.lock().unwrap_or_else(|broken| broken.into_inner());
+        let known = last.take().filter(|(known, _)| known == counts).map(|(_, graph)| graph);
+        let graph = match known {
+            Some(graph) => graph,
+            None => {
+                let mut world = World::new(catalog, &stage.options, stage.root.clone());
+                world.subgraphs.clone_from(&self.subgraphs);
+                world.absent.clone_from(&stage.absent);
+                let graph = expand(&mut world, &stage.whole, false, stage.is_partial, counts);
+                graph.ok_or_else(|| std::mem::take(&mut world.problems))?
+            }
+        };
+        *last = Some((counts.clone(), graph.clone()));
+        let graph = Self { stage: self.stage.clone(), ..graph };
+        let graph = match self.given.is_empty() && self.inputs.is_empty() {
+            true => graph,
+            false => graph.with_inputs(&self.given, catalog)?,
+        };
+        Ok(Self { text: self.text.clone(), ..graph })
+    }
+}
+
+/// What the nodes that take data apart are called, where the types of nodes are told.
+pub(crate) const ELEMENTS: &str = "Elements";
+
+/// Takes data apart: an output for each element.
+struct Cut {
+    word: String,
+    most: usize,
+    /// The link of the data.
+    over: String,
+    count: Option<Count>,
+}
+
+/// There are other elements than the graph was expanded for.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("it has {0} elements by now: run the graph again")]
+pub(crate) struct OtherCount(pub(crate) usize);
+
+#[derive(Clone, Debug, thiserror::Error)]
+enum Uncut {
+    #[error(
+        "`{over}` has {count} elements, but ForEach takes {most} at most: `most: {count}` lets it have them"
+    )]
+    TooMany { over: String, count: usize, most: usize },
+    #[error("{0}")]
+    Refused(String),
+}
+
+impl AnyNode for Cut {
+    fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
+        if let Some(Count::Refused(why)) = &self.count {
+            return Err(Uncut::Refused(why.clone()).into());
+        }
+        let found = cx.inputs.first().and_then(|value| value.cut(&self.word, self.most));
+        let elements = match found {
+            Some(Ok(elements)) => elements,
+            Some(Err(NoElements::TooMany { count })) => {
+                let (over, most) = (self.over.clone(), self.most);
+                return Err(Uncut::TooMany { over, count, most }.into());
+            }
+            Some(Err(NoElements::Impossible(why))) => return Err(Uncut::Refused(why).into()),
+            None => return Err(Uncut::Refused("it has no elements".into()).into()),
+        };
+        match self.count {
+            Some(Count::Of(count)) if count == elements.len() => Ok(elements),
+            _ => Err(OtherCount(elements.len()).into()),
+        }
+    }
+
+    fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
+        let count = if let Some(Count::Of(count)) = self.count { Some(count) } else { None };
+        Ok(json!({ "word": self.word, "most": self.most, "count": count }))
+    }
+
+    fn files(&self) -> Vec<FilePath> {
+        Vec::new()
+    }
+}
+
+/// What takes the data of a `ForEach` apart.
+pub(super) fn cut_node(
+    elements: &Elements,
+    most: usize,
+    count: Option<&Count>,
+    over: &str,
+    tree: &Tree,
+) -> Built {
+    let (word, over) = (elements.word.clone(), over.to_owned());
+    built(ELEMENTS, Cut { word, most, over, count: count.cloned() }, tree)
+}
+
+/// Stands for what cannot be.
+struct Refused(String);
+
+impl AnyNode for Refused {
+    fn eval(&self, _: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
+        Err(Uncut::Refused(self.0.clone()).into())
+    }
+
+    fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
+        Ok(json!({ "why": self.0 }))
+    }
+
+    fn files(&self) -> Vec<FilePath> {
+        Vec::new()
+    }
+}
+
+/// What fails because of this.
+pub(super) fn refused_node(why: String, tree: &Tree) -> Built {
+    built("ForEach", Refused(why), tree)
+}
+
+fn built(kind: &str, node: impl AnyNode + 'static, tree: &Tree) -> Built {
+    let recipe = Arc::new(Recipe::new(kind, node.parameters().unwrap_or_default(), &[]));
+    let (node, tree) = (Arc::new(node), Arc::new(tree.clone()));
+    Built { node, pack: "", recipe, files: Vec::new(), tree }
+}
+
+/// Whether a name is that of a node in a `ForEach` of this name.
+fn is_inside(name: &str, each: &str) -> bool {
+    name.strip_prefix(each).is_some_and(|rest| rest.starts_with('/'))
+}

@@ -1,0 +1,59 @@
+//! What a `ForEach` goes over in a value: its elements, each a value by itself.
+
+use thiserror::Error;
+
+use super::{AnyValue, Value, ValueType};
+
+/// One way to take the values of a type apart, for a `ForEach`.
+///
+/// An element hangs on its own part of the value alone: if another part changes, or comes or goes, it must come out the same, so that
+/// what was made of it is still true.
+pub struct Elements<T> {
+    /// What graph files say: `Parts` for `over: Parts("mesh")`; empty for `over: "spots"`.
+    pub word: &'static str,
+    /// What they are, in messages: `components`.
+    pub name: &'static str,
+    /// The type of each.
+    pub kind: &'static ValueType,
+    /// All of them in order, in one pass over the value, if there are no more than `most`.
+    pub cut: fn(value: &T, most: usize) -> Result<Vec<AnyValue>, NoElements>,
+}
+
+/// Why a value was not taken apart.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum NoElements {
+    /// There are more elements than were asked for.
+    #[error("there are {count} elements")]
+    TooMany {
+        /// How many there are.
+        count: usize,
+    },
+    /// The value has no such elements, because of this.
+    #[error("{0}")]
+    Impossible(String),
+}
+
+/// Elements, if a value has such.
+pub(crate) type Cut = Option<Result<Vec<AnyValue>, NoElements>>;
+
+/// What the engine knows of one way to take values of a type apart.
+#[derive(Clone, Copy)]
+pub(crate) struct ElementType {
+    pub(crate) word: &'static str,
+    pub(crate) name: &'static str,
+    pub(crate) kind: &'static ValueType,
+}
+
+impl ElementType {
+    /// The ways of a type.
+    pub(super) fn all_of<T: Value>() -> Vec<Self> {
+        let of = |it: &Elements<T>| Self { word: it.word, name: it.name, kind: it.kind };
+        T::elements().iter().map(of).collect()
+    }
+}
+
+/// The elements of a value that a word means; none if its type has no such.
+pub(super) fn cut<T: Value>(value: &T, word: &str, most: usize) -> Cut {
+    let way = T::elements().into_iter().find(|way| way.word == word)?;
+    Some((way.cut)(value, most))
+}

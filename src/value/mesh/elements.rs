@@ -1,0 +1,232 @@
+//! What a mesh falls apart into: its parts, and the rims of its holes.
+
+use nalgebra::Point3;
+
+use super::{Crease, Faces, Mesh};
+use crate::value::{AnyValue, Curve, Elements, NoElements, value_type};
+
+/// `Parts("mesh")` and `Holes("mesh")`.
+pub(super) fn elements() -> Vec<Elements<Mesh>> {
+    let (mesh, curve) = (value_type::<Mesh>(), value_type::<Curve>());
+    vec![
+        Elements { word: "Parts", name: "parts", kind: mesh, cut: parts },
+        Elements { word: "Holes", name: "holes", kind: curve, cut: holes },
+    ]
+}
+
+/// What hangs together by vertices, in the order of the first faces. A vertex without a face is part of nothing.
+fn parts(mesh: &Mesh, most: usize) -> Result<Vec<AnyValue>, NoElements> {
+    let (of_faces, count) = part_of_faces(mesh);
+    if most < count {
+        return Err(NoElements::TooMany { count });
+    }
+    let mut faces: Vec<Vec<u32>> = vec![Vec::new(); count];
+    for (face, &part) in (0..).zip(&of_faces) {
+        faces[part as usize].push(face);
+    }
+    let mut creases: Vec<Vec<Crease>> = vec![Vec::new(); count];
+    let mut of_vertices = vec![u32::MAX; mesh.positions.len()];
+    for (face, &part) in mesh.faces.iter().zip(&of_faces) {
+        face.iter().for_each(|&vertex| of_vertices[vertex as usize] = part);
+    }
+    for crease in mesh.creases.iter() {
+        let [a, b] = crease.vertices.map(|vertex| of_vertices[vertex as usize]);
+        if a == b && a != u32::MAX {
+            creases[a as usize].push(*crease);
+        }
+    }
+    let mut places = vec![0; mesh.positions.len()];
+    let part = |(faces, creases): (Vec<u32>, Vec<Crease>)| {
+        AnyValue::new(part(mesh, &faces, creases, &mut places))
+    };
+    Ok(faces.into_iter().zip(creases).map(part).collect())
+}
+
+/// The part of each face, and how many parts there are.
+fn part_of_faces(mesh: &Mesh) -> (Vec<u32>, usize) {
+    let mut above = Vec::from_iter(0..mesh.positions.len() as u32);
+    fn root(above: &mut [u32], mut vertex: u32) -> u32 {
+        while above[vertex as usize] != vertex {
+            let next = above[vertex as usize];
+            above[vertex as usize] = above[next as usize];
+            vertex = above[vertex as usize];
+        }
+        vertex
+    }
+    for face in mesh.faces.iter() {
+        for &vertex in &face[1..] {
+            let [a, b] = [face[0], vertex].map(|vertex| root(&mut above, vertex));
+            above[a.max(b) as usize] = a.min(b);
+        }
+    }
+    let mut numbers = vec![u32::MAX; mesh.positions.len()];
+    let mut count = 0;
+    let number = |face: &[u32]| {
+        let number = &mut numbers[root(&mut above, face[0]) as usize];
+        if *number == u32::MAX {
+            *number = count;
+            count += 1;
+        }
+        *number
+    };
+    let parts = Vec::from_iter(mesh.faces.iter().map(number));
+    (parts, count as usize)
+}
+
+/// The mesh of some faces, with all that lies on them. `places` has an entry per vertex of the whole mesh.
+fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, places: &mut [u32]) -> Mesh {
+    let all = &mesh.faces;
+    let mut vertices =
+        Vec::from_iter(faces.iter().flat_map(|&face| all.face(face as usize)).copied());
+    let mut corners = vertices.clone();
+    vertices.sort_unstable();
+    vertices.dedup();
+    for (place, &vertex) in (0..).zip(&vertices) {
+        places[vertex as usize] = place;
+    }
+    corners.iter_mut().for_each(|corner| *corner = places[*corner as usize]);
+    for crease in &mut creases {
+        crease.vertices = crease.vertices.map(|vertex| places[vertex as usize]);
+    }
+    let sides = faces.iter().map(|&face| all.face(face as usize).len());
+    let of_corners = faces.iter().flat_map(|&face| {
+        let first = all.first_corner(face as usize) as u32;
+        first..first + all.face(face as usize).len() as u32
+    });
+    let positions = vertices.iter().map(|&vertex| mesh.positions[vertex as usize]);
+    Mesh {
+        positions: positions.collect(),
+        faces: Faces::polygons(&Vec::from_iter(sides), corners).expect("faces of a mesh"),
+        vertex: mesh.vertex.select(&vertices),
+        corner: mesh.corner.select(&Vec::from_iter(of_corners)),
+        face: mesh.face.select(faces),
+        creases: creases.into(),
+        texture: mesh.texture.clone(),
+        frame: mesh.frame,
+    }
+}
+
+/// The rims of the holes as closed curves, in the order in which faces meet them; the face lies to the left. Where two rims share a
+/// vertex, each is a curve of its own.
+fn holes(mesh: &Mesh, most: usize) -> Result<Vec<AnyValue>, NoElements> {
+    let rims = rims(mesh);
+    if most < rims.len() {
+        return Err(NoElements::TooMany { count: rims.len() });
+    }
+    let curve = |rim: Vec<u32>| {
+        let points = rim.iter().map(|&vertex| mesh.positions[vertex as usize]);
+        let points: Vec<Point3<f64>> = points.collect();
+        let curve = Curve::polyline(points, true);
+        curve.map(AnyValue::new).map_err(|why| NoElements::Impossible(why.to_string()))
+    };
+    rims.into_iter().map(curve).collect()
+}
+
+/// The loops of edges with one face, as vertices.
+fn rims(mesh: &Mesh) -> Vec<Vec<u32>> {
+    let around = |face: &[u32]| -> Vec<[u32; 2]> {
+        let next = face[1..].iter().chain(&face[..1]);
+        face.iter().zip(next).map(|(&a, &b)| [a, b]).collect()
+    };
+    let all = Vec::from_iter(mesh.faces.iter().flat_map(around));
+    let mut order = Vec::from_iter(0..all.len());
+    let undirected = |edge: usize| [all[edge][0].min(all[edge][1]), all[edge][0].max(all[edge][1])];
+    order.sort_by_key(|&edge| (undirected(edge), edge));
+    let of_one_face = order.chunk_by(|&a, &b| undirected(a) == undirected(b));
+    let open = of_one_face.filter(|same| same.len() == 1).map(|same| same[0]);
+    let mut open = Vec::from_iter(open);
+    open.sort_unstable();
+    // By their first vertices, so that the one that goes on is found.
+    let mut from = open.clone();
+    from.sort_by_key(|&edge| (all[edge][0], edge));
+    let mut is_taken = vec![false; all.len()];
+    let mut rims = Vec::new();
+    for &start in &open {
+        let mut path: Vec<u32> = Vec::new();
+        let mut next = Some(start).filter(|&start| !is_taken[start]);
+        while let Some(edge) = next {
+            is_taken[edge] = true;
+            let [a, b] = all[edge];
+            path.push(a);
+            if let Some(met) = path.iter().position(|&vertex| vertex == b) {
+                let rim = path.split_off(met);
+                if rim.len() > 2 {
+                    rims.push(rim);
+                }
+                if path.is_empty() {
+                    break;
+                }
+            }
+            let first = from.partition_point(|&edge| all[edge][0] < b);
+            let there = from[first..].iter().copied().take_while(|&edge| all[edge][0] == b);
+            next = there.into_iter().find(|&edge| !is_taken[edge]);
+        }
+    }
+    rims
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::value::{Attribute, Value, hash_of};
+
+    fn mesh(faces: &[[u32; 3]]) -> Mesh {
+        let count = faces.iter().flatten().max().map_or(0, |most| most + 1);
+        let place = |k: u32| Point3::new(f64::from(k), f64::from(k * k), 0.0);
+        Mesh::new((0..count).map(place).collect::<Vec<_>>(), Faces::triangles(faces.to_vec()))
+            .unwrap()
+    }
+
+    #[test]
+    fn a_part_keeps_what_lies_on_it() {
+        let whole = mesh(&[[3, 4, 5], [0, 1, 2], [5, 4, 6]])
+            .with_vertex("weight", Attribute::Number((0..7).map(f64::from).collect()))
+            .unwrap()
+            .with_corner("uv", Attribute::Pair((0..9).map(|k| [f64::from(k), 0.0]).collect()))
+            .unwrap()
+            .with_face("region", Attribute::Index(vec![7, 8, 9].into()))
+            .unwrap()
+            .with_creases([([4, 5], 2.0), ([0, 5], 1.0)])
+            .unwrap();
+        let parts = parts(&whole, 2).unwrap();
+        let [first, second] = [0, 1].map(|k| parts[k].get::<Mesh>().unwrap());
+        assert_eq!(first.faces().corners()[..], [0, 1, 2, 2, 1, 3]);
+        assert_eq!(
+            first.vertex().get("weight"),
+            Some(&Attribute::Number(vec![3.0, 4.0, 5.0, 6.0].into()))
+        );
+        assert_eq!(first.face().get("region"), Some(&Attribute::Index(vec![7, 9].into())));
+        let uv = [0.0, 1.0, 2.0, 6.0, 7.0, 8.0].map(|u| [u, 0.0]);
+        assert_eq!(first.corner().pairs("uv").unwrap()[..], uv);
+        assert_eq!(Vec::from_iter(first.creases()), [([1, 2], 2.0)]);
+        assert_eq!(second.positions().len(), 3);
+        assert_eq!(super::parts(&whole, 1).unwrap_err(), NoElements::TooMany { count: 2 });
+    }
+
+    #[test]
+    fn a_part_hangs_on_itself_alone() {
+        let before = parts(&mesh(&[[0, 1, 2], [3, 4, 5]]), 9).unwrap();
+        let moved = Point3::new(0.5, 0.5, 0.5);
+        let mut places = mesh(&[[0, 1, 2], [3, 4, 5]]).positions().to_vec();
+        places[1] = moved;
+        let after = mesh(&[[0, 1, 2], [3, 4, 5]]).with_positions(places).unwrap();
+        let after = parts(&after, 9).unwrap();
+        assert_ne!(before[0].hash(), after[0].hash());
+        assert_eq!(before[1].hash(), after[1].hash());
+        let part: &Mesh = before[1].get().unwrap();
+        assert_eq!(hash_of(part), before[1].hash());
+    }
+
+    #[test]
+    fn rims_that_share_a_vertex_are_two() {
+        // A ring of triangles has an outer and an inner rim; two triangles that touch at one vertex have one each.
+        assert_eq!(rims(&mesh(&[[0, 1, 2], [2, 3, 4]])), [vec![0, 1, 2], vec![2, 3, 4]]);
+        let ring = mesh(&[[0, 1, 4], [1, 5, 4], [1, 2, 5], [2, 6, 5], [2, 0, 6], [0, 4, 6]]);
+        assert_eq!(rims(&ring).len(), 2);
+        let all = holes(&ring, 9).unwrap();
+        assert!(all.iter().all(|rim| rim.get::<Curve>().unwrap().is_closed()));
+        let closed = mesh(&[[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]);
+        assert!(rims(&closed).is_empty());
+        assert_eq!(Mesh::NAME, "Mesh");
+    }
+}

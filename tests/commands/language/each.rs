@@ -1,0 +1,112 @@
+//! `ForEach` over data on the command line: what is known before and after it has been run, and what a watch makes of other data.
+
+use crate::project::Project;
+
+const GRAPH: &str = r#"Graph(
+    format: 1,
+    nodes: {
+        "cloud": ReadPoints(path: "cloud.xyz"),
+        "moved": ForEach(graph: "Transform", over: "cloud", with: (translate: (1.0, 0.0, 0.0))),
+        "second": Transform(mesh: "moved/2", scale: (2.0, 2.0, 2.0)),
+    },
+    outputs: { "second.xyz": "second" },
+)
+"#;
+
+/// A graph over so many points.
+fn project(points: usize) -> Project {
+    let project = Project::new(GRAPH);
+    put(&project, points);
+    project
+}
+
+fn put(project: &Project, points: usize) {
+    let lines = (0..points).map(|k| format!("{k} 0 0\n"));
+    std::fs::write(project.folder().join("cloud.xyz"), lines.collect::<String>()).unwrap();
+}
+
+/// What a command prints.
+fn said(project: &Project, arguments: &[&str]) -> String {
+    let told = project.maquette(arguments);
+    assert!(told.status.success(), "{told:?}");
+    String::from_utf8(told.stdout).unwrap()
+}
+
+#[test]
+fn before_it_is_run_its_number_is_said_to_be_unknown() {
+    let project = project(3);
+    said(&project, &["check", "doll.ron"]);
+    said(&project, &["draw", "doll.ron", "--out", "graph.svg"]);
+    let drawn = std::fs::read_to_string(project.folder().join("graph.svg")).unwrap();
+    assert!(drawn.contains("ForEach(Transform) of ? elements"), "{drawn}");
+    let why = said(&project, &["why", "doll.ron", "moved/3"]);
+    assert_eq!(why, "how many elements `moved` has is known when the graph has been run\n");
+}
+
+#[test]
+fn elements_are_run_inspected_and_explained_by_their_names() {
+    let project = project(3);
+    let ran = said(&project, &["run", "doll.ron", "--out", "out"]);
+    assert!(ran.contains("moved/2") && !ran.contains("moved/1"), "{ran}");
+    let looked = said(&project, &["inspect", "doll.ron", "moved/3"]);
+    assert!(looked.contains("(3, 0, 0)"), "{looked}");
+    let data = said(&project, &["inspect", "doll.ron", "moved/3/mesh"]);
+    assert!(data.contains("(2, 0, 0)"), "{data}");
+    let all = said(&project, &["inspect", "doll.ron", "moved"]);
+    assert_eq!(all.matches("Points").count(), 3, "{all}");
+    let why = said(&project, &["why", "doll.ron", "moved/2"]);
+    assert_eq!(why, "`moved/2` does not run: nothing that it depends on changed\n");
+    let plan = said(&project, &["run", "-n", "doll.ron"]);
+    assert!(plan.contains("cached") && !plan.contains("runs"), "{plan}");
+    let none = project.maquette(&["inspect", "doll.ron", "moved/4"]);
+    assert!(String::from_utf8(none.stderr).unwrap().contains("no node `moved/4`"));
+}
+
+#[test]
+fn its_text_is_formatted_edited_and_compared_as_any_other() {
+    let project = project(3);
+    assert_eq!(said(&project, &["fmt", "--check", "doll.ron"]), "");
+    said(&project, &["set", "doll.ron", "moved.most=20"]);
+    said(&project, &["edit", "doll.ron", "rename", "cloud", "dots"]);
+    said(&project, &["edit", "doll.ron", "rename", "moved", "shifted"]);
+    let text = std::fs::read_to_string(project.graph()).unwrap();
+    assert!(text.contains("over: \"dots\"") && text.contains("most: 20"), "{text}");
+    assert!(text.contains("mesh: \"shifted/2\""), "{text}");
+    std::fs::write(project.folder().join("before.ron"), GRAPH).unwrap();
+    let told = project.maquette(&["diff", "before.ron", "doll.ron"]);
+    let told = String::from_utf8(told.stdout).unwrap();
+    assert!(told.contains("node shifted: ") && told.contains("node dots: renamed"), "{told}");
+}
+
+#[test]
+fn goldens_hold_for_its_elements() {
+    let project = project(3);
+    let test = "Test(graph: \"doll.ron\")";
+    std::fs::write(project.folder().join("doll.test.ron"), test).unwrap();
+    said(&project, &["test", "doll.test.ron", "--bless"]);
+    said(&project, &["test", "doll.test.ron"]);
+    put(&project, 1);
+    let told = project.maquette(&["test", "doll.test.ron"]);
+    assert!(!told.status.success());
+    let told = [told.stdout, told.stderr].concat();
+    let told = String::from_utf8(told).unwrap();
+    assert!(told.contains("`moved` has 1 element"), "{told}");
+}
+
+#[test]
+fn a_watch_runs_what_is_new_when_the_data_change() {
+    let project = project(3);
+    let everything = GRAPH.replace("over: \"cloud\"", "over: \"cloud\", most: 4");
+    project.save(&everything);
+    let mut watch = project.watch(&[]);
+    put(&project, 4);
+    let more = watch.run();
+    assert_eq!(more.done["ok"], true);
+    assert_eq!((more.state("moved/mesh"), more.state("moved/2")), ("computed", "cached"));
+    put(&project, 5);
+    let many = watch.run();
+    assert!(many.problems.to_string().contains("has 5 elements"), "{many:?}");
+    put(&project, 2);
+    assert_eq!(watch.run().done["ok"], true);
+    project.assert_outputs_are_right();
+}

@@ -1,0 +1,566 @@
+//! `ForEach` over data: one node or graph for each component, point, part or hole, however many there will be.
+
+use std::path::PathBuf;
+
+use maquette::value::{Curve, Faces, Labels, Mesh, Parts, Points};
+use maquette::{
+    AnyValue, Catalog, Context, DecodeError, Decoder, Elements, Encoder, Error, Finished, Graph,
+    In, NoElements, Node, Options, Pack, Run, Session, Settings, State, Summary, Value, Wanted,
+    node, value_type,
+};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+mod sequences;
+
+/// The center of the first component, with a number as its height.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+struct Center {
+    /// The labels.
+    labels: In<Labels>,
+    /// The height.
+    #[serde(default)]
+    #[schemars(range(max = 3))]
+    rank: u32,
+}
+
+impl Node for Center {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let [x, y] = cx.get(&self.labels).statistics()[0].centroid;
+        Ok((Points::new(vec![Point3::new(x, y, f64::from(self.rank))])?,))
+    }
+}
+
+/// All points, one list after the other.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+struct Collect {
+    /// The lists.
+    points: Vec<In<Points>>,
+}
+
+impl Node for Collect {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let lists = self.points.iter().flat_map(|list| cx.get(list).positions().iter().copied());
+        Ok((Points::new(lists.collect::<Vec<_>>())?,))
+    }
+}
+
+/// A sum, and one point more.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+struct Add {
+    /// What there is.
+    sum: In<Points>,
+    /// What comes.
+    point: In<Points>,
+}
+
+impl Node for Add {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["sum"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let all =
+            cx.get(&self.sum).positions().iter().chain(cx.get(&self.point).positions().iter());
+        Ok((Points::new(all.copied().collect::<Vec<_>>())?,))
+    }
+}
+
+/// One point on the x axis.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+struct Along {
+    /// Where.
+    at: u32,
+}
+
+impl Node for Along {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((Points::new(vec![Point3::new(f64::from(self.at), 0.0, 0.0)])?,))
+    }
+}
+
+/// The first corners of a mesh.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+struct Corner {
+    /// The mesh.
+    mesh: In<Mesh>,
+}
+
+impl Node for Corner {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((Points::new(vec![cx.get(&self.mesh).positions()[0]])?,))
+    }
+}
+
+/// The points of a curve.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+struct Rim {
+    /// The curve.
+    curve: In<Curve>,
+}
+
+impl Node for Rim {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        Ok((Points::new(cx.get(&self.curve).points().clone())?,))
+    }
+}
+
+/// A stranger's value: numbers on a string, each a string by itself.
+#[derive(Clone, Debug)]
+struct Beads(Vec<u8>);
+
+impl Value for Beads {
+    const NAME: &'static str = "Beads";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.counts(&Vec::from_iter(self.0.iter().map(|&bead| usize::from(bead))));
+    }
+
+    fn decode(_: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        Err(DecodeError)
+    }
+
+    fn size(&self) -> usize {
+        self.0.len()
+    }
+
+    fn describe(&self) -> Summary {
+        Summary::default()
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts::default()
+    }
+
+    fn elements() -> Vec<Elements<Self>> {
+        fn one_by_one(beads: &Beads, most: usize) -> Result<Vec<AnyValue>, NoElements> {
+            match beads.0.len() {
+                count if count > most => Err(NoElements::TooMany { count }),
+                _ => Ok(beads.0.iter().map(|&bead| AnyValue::new(Beads(vec![bead]))).collect()),
+            }
+        }
+        let kind = value_type::<Self>();
+        vec![Elements { word: "One", name: "beads", kind, cut: one_by_one }]
+    }
+}
+
+/// The numbers of beads, as points.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+struct Count {
+    /// The beads.
+    beads: In<Beads>,
+}
+
+impl Node for Count {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let point = |&bead: &u8| Point3::new(f64::from(bead), 0.0, 0.0);
+        Ok((Points::new(cx.get(&self.beads).0.iter().map(point).collect::<Vec<_>>())?,))
+    }
+}
+
+const PACK: Pack = Pack {
+    name: "loops",
+    nodes: &[
+        node::<Center>(),
+        node::<Collect>(),
+        node::<Add>(),
+        node::<Along>(),
+        node::<Corner>(),
+        node::<Rim>(),
+        node::<Count>(),
+    ],
+    values: &[value_type::<Beads>()],
+    migrations: &[],
+    formats: &[],
+    readers: &[],
+};
+
+fn session() -> Session {
+    Session::new(&[&PACK], &Settings { threads: 2, ..Settings::in_memory() }).unwrap()
+}
+
+/// A folder of graphs.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self) -> PathBuf {
+        self.0.path().join("graph.ron")
+    }
+
+    fn put(&self, name: &str, fields: &str) {
+        let text = format!("Graph(format: 1, {fields})");
+        std::fs::write(self.0.path().join(name), text).unwrap();
+    }
+
+    fn load(&self) -> Graph {
+        let checked = Graph::load(&self.path(), &Catalog::new(&[&PACK]), &Options::default());
+        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+    }
+}
+
+/// A graph of these fields.
+fn graph(fields: &str) -> Graph {
+    let folder = Folder::new();
+    folder.put("graph.ron", fields);
+    folder.load()
+}
+
+/// A row of spots: each as wide as its number says, with a pixel between them.
+fn spots(widths: &[u32]) -> AnyValue {
+    let mut row = Vec::new();
+    for (spot, &width) in (1..).zip(widths) {
+        row.extend(std::iter::repeat_n(spot, width as usize));
+        // No change of one moves another.
+        row.resize(10 * spot as usize, 0);
+    }
+    AnyValue::new(Labels::new(row.len(), 1, row).unwrap())
+}
+
+fn run(session: &mut Session, graph: &Graph, input: &str, value: AnyValue) -> Finished {
+    run_for(session, graph, input, value, Wanted::Outputs)
+}
+
+fn run_for(
+    session: &mut Session,
+    graph: &Graph,
+    input: &str,
+    value: AnyValue,
+    wanted: Wanted,
+) -> Finished {
+    let inputs = [(input.to_owned(), value)].into();
+    session.run(graph, &Run { wanted, inputs, ..Run::default() }).unwrap_or_else(|problems| {
+        panic!("{problems:?}");
+    })
+}
+
+fn messages(finished: &Finished) -> Vec<String> {
+    finished.problems().into_iter().map(|problem| problem.message).collect()
+}
+
+/// The coordinates along x of the points under a name.
+fn along_x(finished: &Finished, name: &str) -> Vec<f64> {
+    let points = finished.get::<Points>(name).unwrap_or_else(|why| {
+        panic!("{why}: {:?}", messages(finished));
+    });
+    points.positions().iter().map(|point| point.x).collect()
+}
+
+/// The nodes of a type that were computed.
+fn computed(finished: &Finished, kind: &str) -> Vec<String> {
+    let trace = finished.trace().0.into_iter();
+    let computed = trace.filter(|node| node.node == kind && node.state == State::Computed);
+    computed.map(|node| node.name).collect()
+}
+
+const SPOTS: &str = r#"
+    inputs: { "labels": Labels() },
+    nodes: {
+        "spots": ForEach(graph: "Center", over: "labels"),
+        "all": Collect(points: "spots"),
+    },
+    outputs: { "all": "all" },
+"#;
+
+#[test]
+fn each_component_runs_once_and_all_are_collected_in_order() {
+    let found = run(&mut session(), &graph(SPOTS), "labels", spots(&[1, 3, 5]));
+    assert_eq!(messages(&found), [] as [&str; 0]);
+    assert_eq!(along_x(&found, "all"), [0.0, 11.0, 22.0]);
+    assert_eq!(computed(&found, "Center"), ["spots/1", "spots/2", "spots/3"]);
+}
+
+#[test]
+fn one_of_20_elements_changed_runs_one_body() {
+    let (mut session, graph) = (session(), graph(SPOTS));
+    let mut widths = [3; 20];
+    assert_eq!(computed(&run(&mut session, &graph, "labels", spots(&widths)), "Center").len(), 20);
+    widths[6] = 5;
+    let changed = run(&mut session, &graph, "labels", spots(&widths));
+    assert_eq!(computed(&changed, "Center"), ["spots/7"]);
+    assert_eq!(along_x(&changed, "all")[6], 62.0);
+    // One that is gone renumbers those behind it, and changes none.
+    let [_, rest @ ..] = widths;
+    let mut labels = vec![0; 10];
+    labels.extend(spots(&rest).get::<Labels>().unwrap().pixels());
+    let fewer = AnyValue::new(Labels::new(200, 1, labels).unwrap());
+    let before = Vec::from_iter((0..20).map(|k| f64::from(10 * k + if k == 6 { 2 } else { 1 })));
+    let fewer = run(&mut session, &graph, "labels", fewer);
+    assert_eq!(along_x(&fewer, "all")[5], before[6]);
+    assert_eq!(along_x(&fewer, "all").len(), 19);
+    assert!(computed(&fewer, "Center").is_empty());
+}
+
+#[test]
+fn names_are_those_of_a_list_and_each_element_can_be_had() {
+    let folder = Folder::new();
+    folder.put(
+        "mark.ron",
+        r#"inputs: { "spot": Labels() }, nodes: { "center": Center(labels: "spot") },
+        outputs: { "points": "center" }"#,
+    );
+    folder.put(
+        "graph.ron",
+        r#"use: { "Mark": "mark.ron" }, inputs: { "labels": Labels() },
+        nodes: { "eyes": ForEach(graph: "Mark", over: "labels") , "all": Collect(points: "eyes") },
+        outputs: { "all": "all" }"#,
+    );
+    let names = ["eyes/2/center", "eyes/2", "eyes/2/spot"].map(str::to_owned);
+    let wanted = Wanted::Named(names.into());
+    let found = run_for(&mut session(), &folder.load(), "labels", spots(&[1, 3]), wanted);
+    assert_eq!(along_x(&found, "eyes/2/center"), [11.0]);
+    assert_eq!(along_x(&found, "eyes/2"), [11.0]);
+    assert_eq!(found.get::<Labels>("eyes/2/spot").unwrap().statistics().len(), 1);
+    let wanted = Wanted::Named(vec!["eyes/3/center".into()]);
+    let inputs = [("labels".to_owned(), spots(&[1, 3]))].into();
+    let refused = session().run(&folder.load(), &Run { wanted, inputs, ..Run::default() });
+    let refused = refused.err().expect("there are two eyes");
+    assert_eq!(
+        refused[0].message.split(';').next(),
+        Some("the graph has no output or node `eyes/3/center`")
+    );
+}
+
+#[test]
+fn a_component_is_the_picture_without_the_others() {
+    let (width, height) = (300, 70);
+    let label = |at: usize| match [at % width, at / width] {
+        [x, y] if x % 50 < 30 && y % 30 < 20 => (x / 50 + y / 30 * 6 + 1) as u32,
+        _ => 0,
+    };
+    let labels = Labels::new(width, height, (0..width * height).map(label).collect()).unwrap();
+    let count = labels.statistics().len() as u32;
+    let alone = (1..=count).map(|number| {
+        let pixels = labels.pixels().iter().map(|&label| u32::from(label == number));
+        AnyValue::new(Labels::new(width, height, pixels.collect()).unwrap())
+    });
+    let alone = Vec::from_iter(alone);
+    let names = (1..=count).map(|number| format!("spots/{number}/labels")).collect();
+    let value = AnyValue::new(labels);
+    let found = run_for(&mut session(), &graph(SPOTS), "labels", value, Wanted::Named(names));
+    for (number, alone) in (1..).zip(&alone) {
+        let name = format!("spots/{number}/labels");
+        assert_eq!(found.value(&name).map(AnyValue::hash), Some(alone.hash()), "{name}");
+        assert_eq!(found.get::<Labels>(&name).unwrap(), alone.get::<Labels>().unwrap());
+    }
+}
+
+#[test]
+fn a_number_says_how_many_there_are_when_the_graph_is_read() {
+    let counted = |default: u32| {
+        graph(&format!(
+            r#"params: {{ "count": Integer(default: {default}, min: 0, max: 9) }},
+            nodes: {{
+                "steps": ForEach(graph: "Along", over: Param("count"), number: "at"),
+                "all": Collect(points: "steps"),
+            }},
+            outputs: {{}}"#
+        ))
+    };
+    let names = Vec::from_iter(counted(3).node_names().map(str::to_owned));
+    assert_eq!(names, ["steps/1", "steps/2", "steps/3", "all"]);
+    for count in [0, 1, 4] {
+        let wanted = Wanted::Named(vec!["all".into()]);
+        let run = Run { wanted, ..Run::default() };
+        let found = session().run(&counted(count), &run).unwrap();
+        assert_eq!(along_x(&found, "all"), Vec::from_iter((1..=count).map(f64::from)));
+    }
+}
+
+#[test]
+fn what_is_carried_goes_from_element_to_element_and_through_none() {
+    let graph = graph(
+        r#"inputs: { "cloud": Points() },
+        nodes: {
+            "start": Along(at: 7),
+            "sum": ForEach(graph: "Add", over: "cloud", each: "point", carry: (sum: "start")),
+        },
+        outputs: { "sum": "sum" }"#,
+    );
+    let cloud = |xs: &[f64]| {
+        let points = xs.iter().map(|&x| Point3::new(x, 0.0, 0.0)).collect::<Vec<_>>();
+        AnyValue::new(Points::new(points).unwrap())
+    };
+    let mut session = session();
+    for xs in [&[1.0, 2.0, 3.0][..], &[], &[5.0]] {
+        let found = run(&mut session, &graph, "cloud", cloud(xs));
+        assert_eq!(along_x(&found, "sum"), [&[7.0], xs].concat());
+    }
+}
+
+#[test]
+fn without_elements_a_port_for_many_gets_an_empty_list() {
+    let found = run(&mut session(), &graph(SPOTS), "labels", spots(&[]));
+    assert_eq!(along_x(&found, "all"), [] as [f64; 0]);
+}
+
+#[test]
+fn parts_and_holes_of_a_mesh_are_gone_over() {
+    let graph = graph(
+        r#"inputs: { "mesh": Mesh() },
+        nodes: {
+            "parts": ForEach(graph: "Corner", over: Parts("mesh")),
+            "corners": Collect(points: "parts"),
+            "holes": ForEach(graph: "Rim", over: Holes("mesh")),
+            "rims": Collect(points: "holes"),
+        },
+        outputs: { "corners": "corners", "rims": "rims" }"#,
+    );
+    let positions =
+        Vec::from_iter((0..6).map(|k| Point3::new(f64::from(k), f64::from(k * k), 0.0)));
+    let mesh = Mesh::new(positions, Faces::triangles(vec![[3, 4, 5], [0, 1, 2]])).unwrap();
+    let found = run(&mut session(), &graph, "mesh", AnyValue::new(mesh));
+    assert_eq!(along_x(&found, "corners"), [3.0, 0.0]);
+    assert_eq!(along_x(&found, "rims"), [3.0, 4.0, 5.0, 0.0, 1.0, 2.0]);
+}
+
+#[test]
+fn values_of_other_packs_say_what_their_elements_are() {
+    let graph = graph(
+        r#"inputs: { "beads": Beads() },
+        nodes: { "each": ForEach(graph: "Count", over: One("beads")), "all": Collect(points: "each") },
+        outputs: { "all": "all" }"#,
+    );
+    let found = run(&mut session(), &graph, "beads", AnyValue::new(Beads(vec![4, 2])));
+    assert_eq!(along_x(&found, "all"), [4.0, 2.0]);
+}
+
+#[test]
+fn loops_go_over_what_loops_give_and_stand_in_each_other() {
+    let folder = Folder::new();
+    folder.put(
+        "grow.ron",
+        r#"inputs: { "point": Points(), "others": Points() },
+        nodes: {
+            "inner": ForEach(graph: "Collect", over: "others", each: "points"),
+            "all": Collect(points: ["point", "inner"]),
+        },
+        outputs: { "points": "all" }"#,
+    );
+    folder.put(
+        "graph.ron",
+        r#"use: { "Grow": "grow.ron" }, inputs: { "labels": Labels() },
+        nodes: {
+            "spots": ForEach(graph: "Center", over: "labels"),
+            "cloud": Collect(points: "spots"),
+            "grown": ForEach(graph: "Grow", over: "cloud", each: "point", links: (others: "cloud")),
+            "all": Collect(points: "grown"),
+        },
+        outputs: { "all": "all" }"#,
+    );
+    let (mut session, graph) = (session(), folder.load());
+    for count in [2, 0, 3, 1] {
+        let found = run(&mut session, &graph, "labels", spots(&vec![1; count]));
+        let all = Vec::from_iter((0..count).map(|k| 10.0 * k as f64));
+        let grown = all.iter().flat_map(|&x| [vec![x], all.clone()].concat());
+        assert_eq!(along_x(&found, "all"), Vec::from_iter(grown));
+    }
+}
+
+#[test]
+fn an_element_that_is_not_there_is_an_error_at_its_link_with_the_count() {
+    let graph = graph(
+        r#"inputs: { "labels": Labels() },
+        nodes: {
+            "spots": ForEach(graph: "Center", over: "labels"),
+            "all": Collect(points: "spots"),
+            "second": Collect(points: "spots/2"),
+        },
+        outputs: { "all": "all", "second": "second" }"#,
+    );
+    let mut session = session();
+    assert_eq!(along_x(&run(&mut session, &graph, "labels", spots(&[1, 3])), "second"), [11.0]);
+    let one = run(&mut session, &graph, "labels", spots(&[1]));
+    let why = "`spots/2` cannot be computed: there is no such element: `spots` has 1 element";
+    assert_eq!(messages(&one), [why]);
+    let problem = &one.problems()[0];
+    assert_eq!(&problem.source.text[problem.span.start..problem.span.end], "\"spots/2\"");
+    assert_eq!(along_x(&one, "all"), [0.0]);
+}
+
+#[test]
+fn more_elements_than_allowed_are_an_error_with_their_number() {
+    let limited = |most: &str| {
+        graph(&format!(
+            r#"inputs: {{ "labels": Labels() }},
+            nodes: {{
+                "spots": ForEach(graph: "Center", over: "labels"{most}),
+                "all": Collect(points: "spots"),
+            }},
+            outputs: {{ "all": "all" }}"#
+        ))
+    };
+    let found = run(&mut session(), &limited(", most: 2"), "labels", spots(&[1, 1, 1]));
+    let why = "`labels` has 3 elements, but ForEach takes 2 at most: `most: 3` lets it have them";
+    assert_eq!(messages(&found), [format!("`spots/labels` cannot be computed: {why}")]);
+    assert!(
+        messages(&run(&mut session(), &limited(", most: 3"), "labels", spots(&[1; 3]))).is_empty()
+    );
+    let many = Labels::new(20_002, 1, (0..20_002).map(|k| k % 2 * k).collect()).unwrap();
+    let found = run(&mut session(), &limited(""), "labels", AnyValue::new(many));
+    assert!(messages(&found)[0].contains("has 10001 elements"), "{:?}", messages(&found));
+}
+
+#[test]
+fn a_number_that_an_element_cannot_have_lets_that_one_fail() {
+    let graph = graph(
+        r#"inputs: { "labels": Labels() },
+        nodes: { "spots": ForEach(graph: "Center", over: "labels", number: "rank") },
+        outputs: { "third": "spots/3", "fourth": "spots/4" }"#,
+    );
+    let found = run(&mut session(), &graph, "labels", spots(&[1; 4]));
+    assert_eq!(along_x(&found, "third"), [20.0]);
+    let messages = messages(&found);
+    assert_eq!(messages.len(), 1, "{messages:?}");
+    assert!(messages[0].starts_with("`spots/4` cannot be computed: "), "{messages:?}");
+}
+
+#[test]
+fn data_that_fail_are_told_once() {
+    let graph = graph(
+        r#"inputs: { "mesh": Mesh() },
+        nodes: {
+            "corner": Corner(mesh: "mesh"),
+            "each": ForEach(graph: "Collect", over: "corner", each: "points"),
+            "cloud": Collect(points: "each"),
+        },
+        outputs: { "cloud": "cloud" }"#,
+    );
+    let empty = Mesh::new(vec![], Faces::triangles(vec![])).unwrap();
+    let found = run(&mut session(), &graph, "mesh", AnyValue::new(empty));
+    let messages = messages(&found);
+    assert!(messages[..].len() == 1 && messages[0].starts_with("`corner` cannot"), "{messages:?}");
+}
+
+#[test]
+fn why_says_that_the_number_is_not_known_yet() {
+    let (mut session, graph) = (session(), graph(SPOTS));
+    for name in ["spots", "spots/2"] {
+        let why = session.why(&graph, name).expect("it may be there");
+        assert!(why.contains("how many elements `spots` has is known when"), "{why}");
+    }
+    run(&mut session, &graph, "labels", spots(&[1, 2]));
+    assert!(session.why(&graph, "spots/2").unwrap().starts_with("`spots/2` "));
+    assert_eq!(session.why(&graph, "spots/3"), None);
+}
