@@ -1,0 +1,132 @@
+//! What does a `ForEach` over 5 000 regions of a picture of a megapixel cost? The body is a node that does next to nothing, so that what is
+//! measured is the engine. On two threads.
+
+use std::path::PathBuf;
+
+use divan::{Bencher, black_box};
+use maquette::value::{Labels, Points};
+use maquette::{
+    AnyValue, Catalog, Context, Error, Graph, In, Node, Options, Pack, Run, Session, Settings, node,
+};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+fn main() {
+    divan::main();
+}
+
+/// The center of the first component.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+struct Center {
+    /// The labels.
+    labels: In<Labels>,
+}
+
+impl Node for Center {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let [x, y] = cx.get(&self.labels).statistics()[0].centroid;
+        Ok((Points::new(vec![Point3::new(x, y, 0.0)])?,))
+    }
+}
+
+/// All points.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+struct Collect {
+    /// The lists.
+    points: Vec<In<Points>>,
+}
+
+impl Node for Collect {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let lists = self.points.iter().flat_map(|list| cx.get(list).positions().iter().copied());
+        Ok((Points::new(lists.collect::<Vec<_>>())?,))
+    }
+}
+
+const PACK: Pack = Pack {
+    name: "regions",
+    nodes: &[node::<Center>(), node::<Collect>()],
+    values: &[],
+    formats: &[],
+    readers: &[],
+};
+
+const TEXT: &str = r#"Graph(
+    format: 1,
+    inputs: { "labels": Labels() },
+    nodes: {
+        "regions": ForEach(graph: "Center", over: "labels"),
+        "all": Collect(points: "regions"),
+    },
+    outputs: { "all": "all" },
+)"#;
+
+/// 100 x 50 spots of 6 x 12 pixels; one of them is smaller if `changed` says so.
+fn spots(changed: Option<usize>) -> AnyValue {
+    let label = |at: usize| {
+        let [x, y] = [at % 1000, at / 1000];
+        let spot = x / 10 + y / 20 * 100;
+        let wide = if changed == Some(spot) { 5 } else { 6 };
+        if x % 10 < wide && y % 20 < 12 { spot as u32 + 1 } else { 0 }
+    };
+    AnyValue::new(Labels::new(1000, 1000, (0..1_000_000).map(label).collect()).expect("labels"))
+}
+
+fn load() -> Graph {
+    let path = PathBuf::from("regions.ron");
+    let options = Options::default().with_text(&path, TEXT);
+    let checked = Graph::load(&path, &Catalog::new(&[&PACK]), &options);
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+}
+
+fn session() -> Session {
+    let settings = Settings { threads: 2, memory: 1 << 30, ..Settings::in_memory() };
+    Session::new(&[&PACK], &settings).expect("threads")
+}
+
+fn run(session: &mut Session, graph: &Graph, labels: &AnyValue) {
+    let inputs = [("labels".to_owned(), labels.clone())].into();
+    let found = session.run(graph, &Run { inputs, ..Run::default() });
+    let found = found.unwrap_or_else(|problems| panic!("{problems:?}"));
+    assert!(found.get::<Points>("all").expect("points").positions().len() == 5000);
+}
+
+/// At most 100 ms.
+#[divan::bench]
+fn check(bencher: Bencher<'_, '_>) {
+    bencher.bench(|| black_box(load()));
+}
+
+/// 5 000 regions, of which nothing is known.
+#[divan::bench(sample_count = 11)]
+fn first_run(bencher: Bencher<'_, '_>) {
+    let (graph, labels) = (load(), spots(None));
+    bencher.with_inputs(session).bench_values(|mut session| run(&mut session, &graph, &labels));
+}
+
+/// One region is another one: its node runs, and what collects all.
+#[divan::bench(sample_count = 21)]
+fn one_changed(bencher: Bencher<'_, '_>) {
+    let (graph, mut session, mut changed) = (load(), session(), 0);
+    run(&mut session, &graph, &spots(None));
+    let labels = [spots(Some(77)), spots(Some(78))];
+    bencher.bench_local(|| {
+        changed = 1 - changed;
+        run(&mut session, &graph, &labels[changed]);
+    });
+}
+
+/// Nothing is another one.
+#[divan::bench(sample_count = 21)]
+fn unchanged(bencher: Bencher<'_, '_>) {
+    let (graph, mut session, labels) = (load(), session(), spots(None));
+    run(&mut session, &graph, &labels);
+    bencher.bench_local(|| run(&mut session, &graph, &labels));
+}
