@@ -43,7 +43,7 @@ impl Graph {
         let load = |text: &str| load_text(path, text.to_owned(), catalog, &options);
         let (before, after) = (load(&form), load(&short));
         let is_same = match (&before.graph, &after.graph) {
-            (Some(before), Some(after)) => before.means_the_same(after),
+            (Some(before), Some(after)) => before.has_the_same_parts(after),
             (None, None) => before.problems.len() == after.problems.len(),
             _ => false,
         };
