@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::expected::Expected;
-use super::{Graph, GraphNode, Link};
+use super::{ELEMENTS, Graph, GraphNode, Link};
 use crate::error::{Problem, Severity, code};
 use crate::node::Source;
 
@@ -129,8 +129,12 @@ impl Graph {
     /// What a link to this output of a node would say.
     pub(crate) fn link_name(&self, node: usize, output: usize) -> String {
         let GraphNode { name, outputs, .. } = &self.nodes[node];
-        match outputs.len() {
-            1 => name.clone(),
+        match (name.rsplit_once('/'), outputs.len()) {
+            // The data of one element.
+            (Some((each, port)), _) if self.nodes[node].kind() == ELEMENTS => {
+                format!("{each}/{}/{port}", output + 1)
+            }
+            (_, 1) => name.clone(),
             _ => format!("{name}.{}", outputs[output]),
         }
     }

@@ -114,6 +114,60 @@ nodes: { "inner": Cap(mesh: "mesh") }, outputs: { "skin": "inner" })"#;
 }
 
 #[test]
+fn each_element_of_data_is_judged_and_its_example_is_not() {
+    let text = graph(
+        r#""all": Merge(meshes: ["closed", "open"]), "caps": ForEach(graph: "Cap", over: Parts("all")), "out": Merge(meshes: "caps.skin")"#,
+        r#""out.ply": "out""#,
+    );
+    let mut project = Project::new(&text);
+    let told = project.told(Wanted::Outputs);
+    let expected = [
+        format!("{OF_THE_INPUT} (this is expected at cap.ron:8:9)"),
+        format!("{OF_THE_OUTPUT} (this is expected at cap.ron:10:9)"),
+    ];
+    let of_the_second =
+        expected.map(|it| format!("graph.ron:4 G020 {}", it.replace("`a.", "`caps/2.")));
+    assert_eq!(told, of_the_second);
+    // Without elements there is nothing to judge, however little the example would hold.
+    std::fs::write(project.path("closed.obj"), "").unwrap();
+    std::fs::write(project.path("open.obj"), "").unwrap();
+    assert!(!project.told(Wanted::Outputs).iter().any(|told| told.contains("G020")));
+}
+
+#[test]
+fn what_a_graph_wants_is_tested_before_each_element_runs() {
+    let lib = r#"Graph(format: 1, inputs: { "mesh": Mesh(wants: [Closed]) },
+nodes: { "it": Transform(mesh: "mesh", translate: (1, 0, 0)) }, outputs: { "moved": "it" })"#;
+    let text = graph(
+        r#""all": Merge(meshes: ["closed", "open"]), "caps": ForEach(graph: "Cap", over: Parts("all")), "out": Merge(meshes: "caps")"#,
+        r#""out.ply": "out""#,
+    );
+    let mut project = Project::new(&text);
+    std::fs::write(project.path("cap.ron"), lib).unwrap();
+    let told = project.told(Wanted::Outputs);
+    let [told] = &told[..] else { panic!("{told:#?}") };
+    let expected = "`caps/2/it` cannot be computed: input `mesh` of `caps/2` wants Mesh[Closed], but `caps/2/mesh` has 3 edges with one face";
+    assert!(told.contains(expected), "{told}");
+}
+
+#[test]
+fn an_input_that_is_left_out_is_so_for_each_element() {
+    let lib = r#"Graph(format: 1, inputs: { "mesh": Mesh(), "more": Optional(Mesh()) },
+nodes: { "it": Merge(meshes: ["mesh", "more"]) }, outputs: { "both": "it" })"#;
+    for (with, faces) in [("", 7), (r#", links: (more: "open")"#, 13)] {
+        let nodes = format!(
+            r#""all": Merge(meshes: ["closed", "open"]), "caps": ForEach(graph: "Cap", over: Parts("all"){with}), "out": Merge(meshes: "caps")"#
+        );
+        let mut project = Project::new(&graph(&nodes, r#""out.ply": "out""#));
+        std::fs::write(project.path("cap.ron"), lib).unwrap();
+        let graph = project.load("graph.ron");
+        let finished = project.session.run(&graph, &Run::default()).unwrap();
+        assert_eq!(finished.problems().len(), 0, "{:#?}", finished.problems());
+        assert_eq!(finished.get::<Mesh>("out").unwrap().faces().len(), faces);
+    }
+}
+
+#[test]
 fn a_use_that_nothing_needs_expects_nothing() {
     let nodes = r#""a": Cap(mesh: "open"), "b": Cap(mesh: "closed"), "out": Switch(cases: { "a": "a", "b": "b" }, choose: b)"#;
     let mut project = Project::new(&graph(nodes, r#""out.ply": "out""#));
