@@ -142,6 +142,8 @@ impl Replay {
             }
         };
         report(&run.problems());
+        // Only what was run has as many elements as the data have.
+        let Some(output) = self::output(run.graph(), &output.name) else { return Exit::Failed };
         let now = run.provenance(output, catalog);
         let (before, changes) = match &told.found {
             Found::Words(_) => (sign(&told.provenance), told.provenance.changes(&now)),

@@ -44,6 +44,15 @@ fn before_it_is_run_its_number_is_said_to_be_unknown() {
 }
 
 #[test]
+fn an_output_of_elements_is_replayed() {
+    let project = Project::new(&GRAPH.replace("second.xyz", "second.ply"));
+    put(&project, 3);
+    said(&project, &["run", "doll.ron", "--out", "out"]);
+    let again = said(&project, &["replay", "out/second.ply"]);
+    assert!(again.contains("is made again with the same bytes"), "{again}");
+}
+
+#[test]
 fn elements_are_run_inspected_and_explained_by_their_names() {
     let project = project(3);
     let ran = said(&project, &["run", "doll.ron", "--out", "out"]);
