@@ -54,6 +54,7 @@ const PACK: Pack = Pack {
     name: "regions",
     nodes: &[node::<Center>(), node::<Collect>()],
     values: &[],
+    migrations: &[],
     formats: &[],
     readers: &[],
 };
