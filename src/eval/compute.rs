@@ -128,9 +128,12 @@ impl Run<'_> {
         if self.cancel.is_cancelled() {
             return Err(Cancelled.into());
         }
-        let node = &self.graph.nodes[index].node;
+        let node = &self.graph.nodes[index];
         lock(&self.under_way).insert(index);
-        let done = self.within(index, inputs, files, |cx| node.eval(cx));
+        let done = self.within(index, inputs, files, |cx| {
+            self.evaluator.guards.check(self.graph, node, cx.inputs)?;
+            node.node.eval(cx)
+        });
         lock(&self.under_way).remove(&index);
         done.map(|(values, warnings)| (values.into(), warnings))
     }
@@ -146,7 +149,6 @@ impl Run<'_> {
         let node = &self.graph.nodes[index];
         let input = |(link, values): (&Link, &Values)| values[link.output].clone();
         let inputs = Vec::from_iter(node.links.iter().zip(inputs).map(input));
-        self.evaluator.guards.check(self.graph, node, &inputs)?;
         let report = |share: f64| self.observer.progress(&node.name, share);
         let cx = Context {
             inputs: &inputs,

@@ -265,7 +265,13 @@ fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), Tes
             own.len() == 1 && if *and_links { others_go } else { others.is_empty() }
         }
         Edit::Rename { from, to } => {
-            plain(from) == *to && found.is_empty() || is_one(Change::Renamed, to)
+            // What named the new name in vain means it now, in the same words.
+            let is_in_vain = |f: &Difference| f.before.is_some() && f.before == f.after;
+            match Vec::from_iter(found.iter().filter(|f| !is_in_vain(f)))[..] {
+                [] => plain(from) == *to,
+                [one] => one.change == Change::Renamed && one.name == *to,
+                _ => false,
+            }
         }
         Edit::Link { port, .. } | Edit::Unlink { port } => {
             let (node, field) = port.split_once('.').unwrap_or_default();
