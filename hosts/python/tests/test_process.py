@@ -72,8 +72,8 @@ LONG = """Graph(
         "curvature": Curvature(mesh: "sheet"),
         "simplify": Simplify(mesh: "sheet", faces: 1000),
         "ffd": Ffd(mesh: "sheet", mode: Displacement, handles: [HANDLES]),
-        "fill-range": FillRange(range: "points"),
-        "interpolate": Interpolate(mesh: "ball", scheme: Loop),
+        "fill-range": FillRange(range: "points", largest: 100000),
+        "interpolate": Interpolate(mesh: "ball", scheme: Loop, foot: Closest, solver: Plain),
         "fill-holes": FillHoles(mesh: "sheet", holes: All, method: ThinPlate),
     },
     outputs: { "out": "sheet" },
@@ -101,7 +101,7 @@ def test_ctrl_c_gives_the_prompt_back_within_150_ms(node: str, tmp_path: pathlib
                     side = 1500
                     x, y = np.meshgrid(np.arange(side, dtype=float), np.arange(side, dtype=float))
                     z = 3000 + 20 * np.sin(x / 30) * np.cos(y / 20) + np.random.default_rng(1).random(x.shape)
-                    z[(np.abs(x - 750) < 300) & (np.abs(y - 750) < 300)] = np.nan
+                    z[(np.abs(x - 750) < 155) & (np.abs(y - 750) < 155)] = np.nan
                     wave = np.dstack([x, y, z])
                     wave[np.isnan(z)] = np.nan
                     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 400, endpoint=False), np.linspace(.1, 3, 200))
