@@ -38,6 +38,7 @@ mod look;
 mod merge;
 mod migrate;
 mod nodes;
+mod pin;
 mod profile;
 mod progress;
 mod render;
@@ -104,6 +105,10 @@ enum Command {
     Inspect(inspect::Inspect),
     /// Say why a node would run, or why not, since the last evaluation of the graph.
     Why(why::Why),
+    /// Keep a node's result beside the graph: from then on the node is not run.
+    Pin(pin::Pin),
+    /// Take pins of a graph away: the nodes run again.
+    Unpin(pin::Unpin),
     /// Run graphs for another program, by lines of JSON; see docs/serve.md.
     Serve(serve::Serve),
     /// Look after the results that are kept on disk.
@@ -138,6 +143,9 @@ struct GraphOptions {
     /// Refuse the graph if one that it uses is not what the lock file says.
     #[arg(long)]
     locked: bool,
+    /// Run the nodes that are pinned, too, as if there were no pins.
+    #[arg(long)]
+    no_pins: bool,
 }
 
 fn assignment(text: &str) -> Result<(String, String), String> {
@@ -152,7 +160,8 @@ impl GraphOptions {
 
     fn all(&self) -> Options {
         let (roots, set) = (self.roots.clone(), self.set.clone());
-        Options { roots, set, draft: self.draft, locked: self.locked, ..Options::default() }
+        let Self { draft, locked, no_pins, .. } = *self;
+        Options { roots, set, draft, locked, pins: !no_pins, ..Options::default() }
     }
 
     /// The folder for the outputs of a graph: the one that was named, else one that drafts have apart.
@@ -221,6 +230,8 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Gallery(command) => command.run(&catalog),
         Command::Inspect(command) => command.run(&catalog),
         Command::Why(command) => command.run(&catalog),
+        Command::Pin(command) => command.run(&catalog),
+        Command::Unpin(command) => command.run(),
         Command::Serve(command) => command.run(&catalog),
         Command::Cache(command) => command.run(),
         Command::Help(command) => command.run(),

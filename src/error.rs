@@ -140,7 +140,7 @@ impl Lines {
 pub(crate) const MOST_TOLD: usize = 100;
 
 /// A graph file's name and text, for messages.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Source {
     /// The name as it was given.
     pub name: PathBuf,
@@ -248,6 +248,8 @@ pub mod code {
     pub const LOCK: &str = "G031";
     /// A node or a field under its old name.
     pub const OUTDATED: &str = "G032";
+    /// A pinned result that was computed from something else, or of a node that is gone.
+    pub const PIN: &str = "G033";
 }
 
 impl Problem {

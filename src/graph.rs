@@ -20,6 +20,7 @@ mod definition;
 mod describe;
 mod diff;
 mod diff_uses;
+mod difference;
 mod draft;
 mod each;
 mod edit;
@@ -45,6 +46,7 @@ mod outline;
 mod outputs;
 mod parameters;
 mod patch;
+mod pins;
 mod promises;
 mod quality;
 mod recipe;
@@ -61,6 +63,7 @@ mod words;
 pub(crate) use condition::Condition;
 pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
+pub(crate) use difference::{in_short, parameter_difference, parameter_name};
 pub use edit::{Edit, Edited, Put};
 pub(crate) use expectation::Expectation;
 pub(crate) use expected::Expected;
@@ -73,6 +76,7 @@ pub(crate) use lock::{Lock, Locked, UsedNow, differences};
 pub use merge::Merge;
 #[cfg(feature = "cli")]
 pub(crate) use outline::{Node as OutlineNode, Outline, Target};
+pub(crate) use pins::{Ancestry, ENDING as PINS_ENDING, PINNED, Pin, Pins, bytes_of};
 pub(crate) use recipe::{NodeFile, Recipe};
 pub(crate) use shape::Shape;
 pub(crate) use stage::{Count, Counts, ELEMENTS, Loop, OtherCount};
@@ -194,6 +198,8 @@ pub struct Options {
     /// Whether each `Draft(final: .., draft: ..)` stands for its draft. What is computed from another value has another key, so that a
     /// final run never takes what a draft gave.
     pub draft: bool,
+    /// Whether results that are pinned beside the graph's file stand in for their nodes.
+    pub pins: bool,
     /// Whether the files that the graph reads must be there.
     pub files: Files,
     /// Texts that stand in place of files of graphs, by path: those that an editor has not saved yet.

@@ -29,6 +29,7 @@ pub(crate) const TOPICS: &[Topic] = &[
     Topic { name: "expect", text: include_str!("language/expect.md") },
     Topic { name: "test", text: include_str!("language/test.md") },
     Topic { name: "drafts", text: include_str!("language/drafts.md") },
+    Topic { name: "pins", text: include_str!("language/pins.md") },
     Topic { name: "limits", text: include_str!("language/limits.md") },
     Topic { name: "tables", text: include_str!("language/tables.md") },
     Topic { name: "provenance", text: include_str!("language/provenance.md") },

@@ -54,6 +54,9 @@ pub(crate) struct Provenance {
     /// Hashes of the files that were read, by their paths in the project.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) files: Sorted,
+    /// Hashes of the results that were pinned, by their nodes.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) pins: Sorted,
     /// The packs of the nodes, and their versions.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) packs: Sorted,
@@ -90,6 +93,7 @@ impl Provenance {
             ("pack", &self.packs, &now.packs),
             ("file", &self.files, &now.files),
             ("input", &self.inputs, &now.inputs),
+            ("pin", &self.pins, &now.pins),
             ("parameter", &self.parameters, &now.parameters),
         ] {
             for (name, before) in before {

@@ -16,10 +16,12 @@ use crate::value::{AnyValue, Value};
 
 mod elements;
 mod outputs;
+mod pins;
 mod provenance;
 mod settings;
 
 pub use outputs::{OutputFolder, Written, save};
+pub(crate) use pins::{PinError, means, pinnable, unpin};
 pub(crate) use provenance::{Teller, sign};
 pub use settings::{CacheFolder, SessionError, Settings};
 pub(crate) use settings::{default_folder, disk_size, size};
@@ -393,6 +395,13 @@ impl Finished {
     /// wanted and did not fail.
     pub fn value_of(&self, node: &str, output: &str) -> Option<&AnyValue> {
         self.evaluation.find(&self.graph, node, output)
+    }
+
+    /// The values of all outputs of a node, if they are all there.
+    pub(crate) fn values_of_node(&self, name: &str) -> Option<Vec<AnyValue>> {
+        let node = self.graph.find(name)?;
+        let outputs = 0..self.graph.nodes[node].outputs.len();
+        outputs.map(|output| self.evaluation.value(node, output).cloned()).collect()
     }
 
     /// The files that an output of the graph would be written to, all in one folder; none if its value is not there.

@@ -193,6 +193,14 @@ pub(crate) fn rewrite(path: &Path, text: &str) -> io::Result<()> {
     fs::set_permissions(&path, metadata.permissions())
 }
 
+/// Writes what the program itself keeps beside a graph, in a file that people read and may have changed.
+pub(crate) fn keep_beside(path: &Path, text: &str) -> Result<(), Refused> {
+    match path.exists() {
+        true => Ok(rewrite(path, text)?),
+        false => Destination::anywhere(&Sources::default()).put(path, text.as_bytes()),
+    }
+}
+
 /// Writes a file beside its place and moves it there: it appears whole or not at all. Gives the stamp of what was moved, unless
 /// somebody else has changed that already.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<Option<Stamp>> {

@@ -124,7 +124,8 @@ impl Check {
         let case = |graph: &PathBuf, set: &[(String, String)]| -> Checked {
             let own = self.options.all();
             let set = own.set.iter().chain(set).cloned().collect();
-            Graph::load(graph, catalog, &Options { set, ..own })
+            // Tests are judged without pins.
+            Graph::load(graph, catalog, &Options { set, pins: false, ..own })
         };
         let cases = test.cases.iter().flat_map(|(_, set)| {
             test.graphs.iter().flat_map(move |graph| case(graph, &set.set).problems)

@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::{Exit, eprint, print, print_document, report};
 use crate::catalog::Catalog;
-use crate::graph::{Graph, LOCK_ENDING, Options};
+use crate::graph::{Graph, LOCK_ENDING, Options, PINS_ENDING};
 use crate::plain;
 use crate::writing::rewrite;
 
@@ -93,8 +93,8 @@ pub(super) fn read(path: &Path) -> std::io::Result<String> {
     Ok(text)
 }
 
-/// Adds a file, or the graph files in a folder and the folders in it, hidden ones and lock files left out, in the order of their
-/// names.
+/// Adds a file, or the graph files in a folder and the folders in it, hidden ones, lock files and pins left out, in the order of
+/// their names.
 pub(super) fn collect(
     path: &Path,
     files: &mut Vec<PathBuf>,
@@ -111,8 +111,9 @@ pub(super) fn collect(
         let kind = entry.file_type().map_err(unread)?;
         let is_hidden = entry.file_name().to_string_lossy().starts_with('.');
         let path = entry.path();
-        let is_lock = path.to_string_lossy().ends_with(&format!(".{LOCK_ENDING}"));
-        let is_graph = path.extension().is_some_and(|ending| ending == "ron") && !is_lock;
+        let ends_with = |ending| path.to_string_lossy().ends_with(&format!(".{ending}"));
+        let is_beside = [LOCK_ENDING, PINS_ENDING].into_iter().any(ends_with);
+        let is_graph = path.extension().is_some_and(|ending| ending == "ron") && !is_beside;
         // Links are not followed: they may lead in a circle, or to files of somebody else.
         if (kind.is_dir() && !is_hidden) || (is_graph && kind.is_file()) {
             collect(&path, files)?;

@@ -94,9 +94,7 @@ type Found = (String, (usize, usize));
 impl Inspect {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let checked = self.options.load(&self.graph, catalog);
-        if checked.graph.is_none() {
-            report(&checked.problems);
-        }
+        report(&checked.problems);
         let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
         if let Err(why) = self.check() {
             return Exit::Usage(why);

@@ -11,7 +11,7 @@ use crate::catalog::Catalog;
 use crate::error::Problem;
 use crate::graph::{Files, Lock as LockFile, Locked, Options, UsedNow, differences, lock_beside};
 use crate::text::unknown;
-use crate::writing::{Destination, Refused, Sources, rewrite};
+use crate::writing::keep_beside;
 
 #[derive(Args)]
 pub(super) struct Lock {
@@ -188,11 +188,7 @@ fn used_now(
 /// Writes the lock of a graph.
 fn keep(graph: &Path, lock: &LockFile) -> Result<(), String> {
     let (path, text) = (lock_beside(graph), lock.to_text(graph));
-    let done = match path.exists() {
-        true => rewrite(&path, &text).map_err(Refused::from),
-        false => Destination::anywhere(&Sources::default()).put(&path, text.as_bytes()),
-    };
-    done.map_err(|error| format!("cannot write {}: {error}", path.display()))
+    keep_beside(&path, &text).map_err(|error| format!("cannot write {}: {error}", path.display()))
 }
 
 /// Asks whether what was shown is taken, if there is somebody to ask.

@@ -110,12 +110,11 @@ impl Replay {
         };
         let roots = self.roots.clone();
         let set = values(path, &told.provenance, catalog);
-        let draft = told.provenance.draft;
-        let checked = session.load(path, &Options { roots, set, draft, ..Options::default() });
-        let Some(graph) = checked.graph else {
-            report(&checked.problems);
-            return Exit::Failed;
-        };
+        let (draft, pins) = (told.provenance.draft, !told.provenance.pins.is_empty());
+        let options = Options { roots, set, draft, pins, ..Options::default() };
+        let checked = session.load(path, &options);
+        report(&checked.problems);
+        let Some(graph) = checked.graph else { return Exit::Failed };
         let graph = match self.inputs.told(&session, &graph) {
             Ok(graph) => graph,
             Err(exit) => return exit,

@@ -23,7 +23,7 @@ use super::events::Listener;
 use super::{Exit, put_problems, stdout_is_closed};
 use crate::catalog::{Catalog, Entry};
 use crate::draw::Places;
-use crate::graph::{Edited, Graph, GraphInput, Options};
+use crate::graph::{Edited, Graph, GraphInput, Options, PINS_ENDING};
 use crate::node::CancelToken;
 use crate::plain;
 use crate::value::ValueType;
@@ -177,7 +177,9 @@ impl Server<'_> {
 
     fn load(&self, load: &Load) -> Json {
         let checked = Graph::load(&load.graph, self.catalog, &options(load));
-        let files = checked.files.iter().map(|file| file.path.display().to_string());
+        let pins = load.graph.with_extension(PINS_ENDING);
+        let files = checked.files.iter().map(|file| &file.path).chain([&pins]);
+        let files = files.map(|path| path.display().to_string());
         let files = Vec::from_iter(files);
         let graphs = checked.subgraphs.iter().map(|path| path.display().to_string());
         let mut told = json!({

@@ -21,7 +21,7 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, code};
 use crate::eval::named_in;
 use crate::format::camera;
-use crate::graph::ReadFile;
+use crate::graph::{LOCK_ENDING, PINS_ENDING, ReadFile};
 use crate::page::{Page, Redirect, Wish};
 use crate::paths::{MARKER, project_root};
 use crate::watch::{self, Event, Sources, WatchList};
@@ -203,6 +203,10 @@ impl Watch {
         let used =
             |path: &PathBuf| watch::Wish { path: path.clone(), why: "a graph that it uses".into() };
         wishes.extend(subgraphs.iter().map(used));
+        for (ending, why) in [(LOCK_ENDING, "its lock file"), (PINS_ENDING, "its pins")] {
+            let path = self.graph.with_extension(ending);
+            wishes.push(watch::Wish { path, why: format!("{why} if there is one") });
+        }
         wishes.extend(files.iter().map(|file| {
             let optional = if file.optional { " if it is there" } else { "" };
             watch::Wish {

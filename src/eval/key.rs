@@ -8,8 +8,7 @@ use std::sync::Arc;
 
 use serde_json::Value as Json;
 
-use crate::graph::Recipe;
-use crate::text::{FILE, LINK};
+use crate::graph::{Recipe, parameter_difference};
 use crate::value::Hash;
 
 /// What a result is computed from.
@@ -55,7 +54,7 @@ impl Parts {
             if self.recipe.kind != before.recipe.kind {
                 return Some(Change::Kind { before: before.recipe.kind.clone() });
             }
-            let found = difference(&before.recipe.parameters, &self.recipe.parameters);
+            let found = parameter_difference(&before.recipe.parameters, &self.recipe.parameters);
             if let Some((path, before, now)) = found {
                 return Some(Change::Parameter { path, before, now });
             }
@@ -70,47 +69,12 @@ fn first_difference<T: PartialEq>(now: &[T], before: &[T]) -> Option<usize> {
     (same < now.len()).then_some(same)
 }
 
-/// The first place where two parameters differ, and what stands there; links and files are no parameters.
-fn difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
-    let plain = |json: &Json| json.get(LINK).is_none() && json.get(FILE).is_none();
-    let inside = |name: String, before: &Json, now: &Json| {
-        let (mut path, before, now) = difference(before, now)?;
-        path.insert(0, name);
-        Some((path, before, now))
-    };
-    match (before, now) {
-        _ if before == now || !plain(before) || !plain(now) => None,
-        (Json::Object(a), Json::Object(b)) if a.keys().eq(b.keys()) => {
-            a.iter().zip(b.values()).find_map(|((name, a), b)| inside(name.clone(), a, b))
-        }
-        (Json::Array(a), Json::Array(b)) if a.len() == b.len() => {
-            let mut pairs = a.iter().zip(b).enumerate();
-            pairs.find_map(|(index, (a, b))| inside(index.to_string(), a, b))
-        }
-        _ => Some((Vec::new(), before.clone(), now.clone())),
-    }
-}
-
-/// A parameter's value as a message shows it.
-pub(crate) fn in_short(value: &Json) -> String {
-    const MOST: usize = 40;
-    let text = match value {
-        Json::Number(number) => {
-            number.as_f64().map_or_else(|| number.to_string(), |x| x.to_string())
-        }
-        other => other.to_string(),
-    };
-    match text.char_indices().nth(MOST) {
-        Some((end, _)) => format!("{}...", &text[..end]),
-        None => text,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::text::LINK;
 
     fn recipe(parameters: Json) -> Recipe {
         Recipe::new("Threshold", parameters, &[])
@@ -130,6 +94,5 @@ mod tests {
         let expected = Change::Parameter { path, before: json!(30.0), now: json!(25.5) };
         assert_eq!(parts(25.5).change(&parts(30.0)), Some(expected));
         assert_eq!(parts(25.5).change(&parts(25.5)), None);
-        assert_eq!((in_short(&json!(30.0)), in_short(&json!(25.5))), ("30".into(), "25.5".into()));
     }
 }

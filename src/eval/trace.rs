@@ -4,8 +4,8 @@ use std::fmt;
 
 use serde_json::json;
 
-use super::key::{Change, in_short};
-use crate::graph::{GraphNode, INPUT};
+use super::key::Change;
+use crate::graph::{GraphNode, INPUT, in_short, parameter_name};
 use crate::text::with_article;
 
 /// What became of a node.
@@ -89,14 +89,6 @@ fn in_words(change: &Change, node: &GraphNode) -> String {
         Change::Input(index) => format!("input `{}` changed", node.links[*index].port),
         Change::File(index) => format!("file {} changed", node.files[*index].given),
     }
-}
-
-/// `distance` for `select.Near.distance`, `corners[2]` for `corners.2`.
-pub(crate) fn parameter_name(path: &[String]) -> String {
-    let is_index = |part: &String| part.bytes().all(|byte| byte.is_ascii_digit());
-    let Some(last) = path.iter().rposition(|part| !is_index(part)) else { return path.join(".") };
-    let indices = path[last + 1..].iter().map(|index| format!("[{index}]"));
-    path[last].clone() + &String::from_iter(indices)
 }
 
 /// What happened to one node.

@@ -9,7 +9,7 @@ use super::run::Run;
 use super::snapshot::Done;
 use super::trace::Reason;
 use super::{Evaluator, State};
-use crate::graph::Graph;
+use crate::graph::{Graph, PINNED};
 use crate::node::CancelToken;
 
 /// What would become of a node.
@@ -94,6 +94,9 @@ pub(crate) fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) ->
     let of_node = |forecast: &&Forecast| forecast.index == node;
     let Some(forecast) = forecasts.iter().find(of_node) else { return String::new() };
     let (name, reason) = (&graph.nodes[node].name, forecast.reason_in(graph));
+    if graph.nodes[node].kind() == PINNED {
+        return format!("`{name}` does not run: its result is pinned\n");
+    }
     match forecast.outlook {
         Outlook::Cached => format!("`{name}` does not run: {reason}\n"),
         Outlook::Fails => format!("`{name}` fails: {reason}\n"),

@@ -69,6 +69,7 @@ pub(super) fn judged<'a>(mut world: World<'a>, whole: Option<Whole>) -> Checked 
     // What uses make of a graph adds nothing to more problems than are told.
     let whole = whole.filter(|_| problems.len() < MOST_TOLD);
     let graph = whole.and_then(|whole| {
+        world.read_pins(&whole.definition.sheet.source.name);
         let graph = expand(&mut world, &whole, is_broken, is_partial, &Counts::new())?;
         let stage = || Arc::new(Stage::new(whole, is_partial, &world));
         let stage = (!graph.loops.is_empty()).then(stage);

@@ -14,6 +14,7 @@ use super::each::Each;
 use super::expected::Expecting;
 use super::lineage::Lineage;
 use super::parameters::Parameters;
+use super::pins::Pins;
 use super::top::TopLevel;
 use super::version::Wanted;
 use super::{Options, ReadFile};
@@ -80,6 +81,8 @@ pub(super) struct World<'a> {
     pub(super) absent: BTreeSet<String>,
     /// The files that the nodes read that have been looked at.
     pub(super) files: Vec<ReadFile>,
+    /// The results that stand in for nodes of the first graph.
+    pub(super) pins: Arc<Pins>,
 }
 
 /// The fields of an input's declaration.
@@ -116,6 +119,7 @@ impl<'a> World<'a> {
             entered: Vec::new(),
             absent: BTreeSet::new(),
             files: Vec::new(),
+            pins: Arc::default(),
         }
     }
 

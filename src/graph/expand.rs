@@ -83,6 +83,9 @@ pub(super) fn expand<'a>(
     let values = expansion.graph(definition, &scope);
     expansion.guard(definition, &scope, 0);
     let Expansion { mut nodes, uses, loops, mut expect, .. } = expansion;
+    if !is_broken {
+        world.put_pins(&mut nodes, &definition.sheet.source);
+    }
     // Where something is wrong, links may lead to nodes that could not be made.
     let is_error = |problem: &Problem| problem.severity == Severity::Error;
     if world.problems.iter().any(is_error) || is_broken {

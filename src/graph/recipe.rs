@@ -46,6 +46,11 @@ impl Recipe {
         let identity = Hash::of(content.to_string().as_bytes());
         Self { kind: self.kind.clone(), parameters: self.parameters.clone(), identity }
     }
+
+    /// Its parameters with nothing but the ending of each file's path.
+    pub(crate) fn without_paths(&self) -> Json {
+        without_paths(&self.parameters)
+    }
 }
 
 /// The parameters with nothing but the ending of each file's path.

@@ -13,6 +13,7 @@ use super::check::Whole;
 use super::definition::World;
 use super::expand::expand;
 use super::node::Built;
+use super::pins::Pins;
 use super::recipe::Recipe;
 use super::repeat::Elements;
 use super::{Graph, Options};
@@ -54,6 +55,7 @@ pub(super) struct Stage {
     is_partial: bool,
     /// The inputs that are left out.
     absent: BTreeSet<String>,
+    pins: Arc<Pins>,
     /// The last expansion, without this.
     last: Mutex<Option<(Counts, Graph)>>,
 }
@@ -62,7 +64,8 @@ impl Stage {
     pub(super) fn new(whole: Whole, is_partial: bool, world: &World<'_>) -> Self {
         let root = world.roots.first().cloned().unwrap_or_default();
         let (options, absent) = (world.options.clone(), world.absent.clone());
-        Self { whole, options, root, is_partial, absent, last: Mutex::default() }
+        let (pins, last) = (world.pins.clone(), Mutex::default());
+        Self { whole, options, root, is_partial, absent, pins, last }
     }
 }
 
@@ -132,6 +135,7 @@ impl Graph {
                 let mut world = World::new(catalog, &stage.options, stage.root.clone());
                 world.subgraphs.clone_from(&self.subgraphs);
                 world.absent.clone_from(&stage.absent);
+                world.pins.clone_from(&stage.pins);
                 let graph = expand(&mut world, &stage.whole, false, stage.is_partial, counts);
                 graph.ok_or_else(|| std::mem::take(&mut world.problems))?
             }

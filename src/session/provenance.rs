@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value as Json;
 
 use crate::catalog::Catalog;
-use crate::graph::{Graph, GraphOutput, INPUT};
+use crate::graph::{Graph, GraphOutput, INPUT, PINNED};
 use crate::paths::{project_root, within};
 use crate::provenance::{Provenance, Signature, short};
 use crate::value::Hash;
@@ -31,8 +31,8 @@ impl<'a> Teller<'a> {
                 content.extend_from_slice(&made[link.node].0);
                 content.extend_from_slice(&(link.output as u64).to_le_bytes());
             }
-            // A recipe does not say which files it reads.
-            for file in &node.files {
+            // A recipe does not say which files it reads, except for that of a pin.
+            for file in node.files.iter().filter(|_| node.kind() != PINNED) {
                 content.extend_from_slice(within(&root, &file.path).as_bytes());
                 content.push(0);
             }
@@ -64,6 +64,11 @@ impl<'a> Teller<'a> {
         }
         let needed = graph.shape.needed_by(&[output.node]);
         for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| needed[*index]) {
+            if node.kind() == PINNED {
+                let hash = short(&node.recipe.identity.to_string());
+                told.pins.insert(node.name.clone(), hash.into());
+                continue;
+            }
             for (file, hash) in node.files.iter().zip(read_by(index)) {
                 if let Some(hash) = hash {
                     let name = within(root, &file.path);

@@ -9,7 +9,7 @@ use crate::beside::beside;
 
 pub(crate) fn problems(path: &Path) -> String {
     let catalog = Catalog::new(maquette_nodes::PACKS);
-    let checked = Graph::load(path, &catalog, &Options::default());
+    let checked = Graph::load(path, &catalog, &Options { pins: true, ..Options::default() });
     let is_error = |problem: &Problem| problem.severity == Severity::Error;
     assert_eq!(checked.graph.is_none(), checked.problems.iter().any(is_error));
     let lines = checked.problems.iter().map(|problem| {

@@ -102,7 +102,13 @@ const ROOMS: [(&str, &[&str]); 32] = [
             "render", "text", "value",
         ],
     ),
-    ("graph", &["catalog", "error", "node", "pack", "paths", "plain", "reading", "text", "value"]),
+    (
+        "graph",
+        &[
+            "catalog", "error", "node", "pack", "paths", "plain", "reading", "stamp", "text",
+            "value",
+        ],
+    ),
     ("language", &[]),
     ("limit", &[]),
     ("memory", &[]),

@@ -35,7 +35,7 @@ impl Graph {
         draft: bool,
     ) -> PyResult<Loaded<'py>> {
         let texts = texts.into_iter().collect();
-        let options = Options { roots, set, texts, draft, ..Options::default() };
+        let options = Options { roots, set, texts, draft, pins: true, ..Options::default() };
         let checked = on_threads(py, || maquette::Graph::load(&path, &CATALOG, &options))?;
         let problems = plain::problems(py, &checked.problems)?;
         let graph = checked.graph.map(|graph| Self { graph, path });

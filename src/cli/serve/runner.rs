@@ -181,7 +181,7 @@ fn is_of(job: &Job, run: &Run) -> bool {
 
 pub(super) fn options(load: &Load) -> Options {
     let set = load.set.clone().into_iter().collect();
-    Options { roots: load.roots.clone(), set, draft: load.draft, ..Options::default() }
+    Options { roots: load.roots.clone(), set, draft: load.draft, pins: true, ..Options::default() }
 }
 
 /// Why a host does not get what it wants.

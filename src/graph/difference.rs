@@ -1,0 +1,63 @@
+//! What differs between the parameters of two nodes, in words.
+
+use serde_json::Value as Json;
+
+use crate::text::{FILE, LINK};
+
+/// The first place where two parameters differ, and what stands there; links and files are no parameters.
+pub(crate) fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
+    let plain = |json: &Json| json.get(LINK).is_none() && json.get(FILE).is_none();
+    let inside = |name: String, before: &Json, now: &Json| {
+        let (mut path, before, now) = parameter_difference(before, now)?;
+        path.insert(0, name);
+        Some((path, before, now))
+    };
+    match (before, now) {
+        _ if before == now || !plain(before) || !plain(now) => None,
+        (Json::Object(a), Json::Object(b)) if a.keys().eq(b.keys()) => {
+            a.iter().zip(b.values()).find_map(|((name, a), b)| inside(name.clone(), a, b))
+        }
+        (Json::Array(a), Json::Array(b)) if a.len() == b.len() => {
+            let mut pairs = a.iter().zip(b).enumerate();
+            pairs.find_map(|(index, (a, b))| inside(index.to_string(), a, b))
+        }
+        _ => Some((Vec::new(), before.clone(), now.clone())),
+    }
+}
+
+/// `distance` for `select.Near.distance`, `corners[2]` for `corners.2`.
+pub(crate) fn parameter_name(path: &[String]) -> String {
+    let is_index = |part: &String| part.bytes().all(|byte| byte.is_ascii_digit());
+    let Some(last) = path.iter().rposition(|part| !is_index(part)) else { return path.join(".") };
+    let indices = path[last + 1..].iter().map(|index| format!("[{index}]"));
+    path[last].clone() + &String::from_iter(indices)
+}
+
+/// A parameter's value as a message shows it.
+pub(crate) fn in_short(value: &Json) -> String {
+    const MOST: usize = 40;
+    let text = match value {
+        Json::Number(number) => {
+            number.as_f64().map_or_else(|| number.to_string(), |x| x.to_string())
+        }
+        other => other.to_string(),
+    };
+    match text.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn values_are_shown_as_people_write_them() {
+        assert_eq!((in_short(&json!(30.0)), in_short(&json!(25.5))), ("30".into(), "25.5".into()));
+        let path = ["corners", "2"].map(str::to_owned);
+        assert_eq!(parameter_name(&path), "corners[2]");
+    }
+}

@@ -1,0 +1,208 @@
+//! Pins: results of nodes that are kept beside the graph, `doll.pins.ron` and `doll.pins/` beside `doll.ron`, until they are unpinned.
+//!
+//! In a graph with pins other nodes stand in the place of the pinned ones: each gives the values that were kept and hangs on nothing. So the
+//! evaluator knows nothing of pins, and what hangs on a pinned node has its key by the hashes of the values, as always.
+//!
+//! The bytes lie beside the graph and not in the cache of results: the cache is of one build of one program, may be cleared at any time,
+//! and does not go along when the project is copied.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::json;
+
+use super::check::load_text;
+use super::definition::World;
+use super::recipe::{NodeFile, Recipe};
+use super::{Files, GraphNode, Options};
+use crate::error::{Error, Problem, Severity, Source, Span, code};
+use crate::node::{AnyNode, Context, FilePath};
+use crate::value::{AnyValue, Hash, ValueType};
+
+mod ancestry;
+mod bytes;
+mod sidecar;
+
+pub(crate) use ancestry::Ancestry;
+pub(crate) use bytes::write as bytes_of;
+
+/// The ending of the file beside a graph that says which nodes are pinned.
+pub(crate) const ENDING: &str = "pins.ron";
+
+/// What stands for a node whose result is pinned.
+pub(crate) const PINNED: &str = "Pinned";
+
+/// The pins of a graph, by the names of nodes.
+#[derive(Default)]
+pub(crate) struct Pins {
+    pub(crate) pins: BTreeMap<String, Pin>,
+    /// The folder of the kept values.
+    pub(crate) folder: PathBuf,
+    /// The file that says all this.
+    source: Arc<Source>,
+}
+
+/// A kept result.
+pub(crate) struct Pin {
+    /// The type and the hash of each output.
+    pub(crate) outputs: Vec<(String, Hash)>,
+    /// What it was computed from.
+    pub(crate) ancestry: Ancestry,
+    /// Where the file says it.
+    span: Span,
+}
+
+impl Pin {
+    pub(crate) fn new(values: &[AnyValue], ancestry: Ancestry) -> Self {
+        let outputs = values.iter().map(|value| (value.kind().name.to_owned(), value.hash()));
+        Self { outputs: outputs.collect(), ancestry, span: Span::default() }
+    }
+
+    /// The file of its values in the folder of a graph's pins.
+    pub(crate) fn file(&self, folder: &Path) -> PathBuf {
+        let hashes = Vec::from_iter(self.outputs.iter().flat_map(|(_, hash)| hash.0));
+        folder.join(Hash::of(&hashes).to_string())
+    }
+}
+
+impl Pins {
+    fn problem(&self, span: Span, code: &'static str, message: String, help: String) -> Problem {
+        let (severity, source, uses) = (Severity::Error, self.source.clone(), Vec::new());
+        Problem { severity, code, source, span, message, help, note: None, uses }
+    }
+}
+
+impl World<'_> {
+    /// Reads the pins of the graph, if they are to be used.
+    pub(super) fn read_pins(&mut self, graph: &Path) {
+        if self.options.pins {
+            match Pins::of(graph) {
+                Ok(pins) => self.pins = Arc::new(pins),
+                Err(problem) => self.problems.push(*problem),
+            }
+        }
+    }
+
+    /// Puts kept results in the place of their nodes, and says which were computed from something else.
+    pub(super) fn put_pins(&mut self, nodes: &mut [GraphNode], graph: &Source) {
+        let pins = self.pins.clone();
+        let place = |name: &String| nodes.iter().position(|node| node.name == *name);
+        let places = Vec::from_iter(pins.pins.keys().map(place));
+        let stale = match pins.pins.is_empty() || !self.options.draft {
+            true => self.stale(&pins, &places, nodes),
+            // Pins are of final results: a draft does not make them stale.
+            false => {
+                let options = Options { draft: false, ..self.options.clone() };
+                let finals =
+                    load_text(&graph.name, graph.text.clone(), self.catalog, &options).problems;
+                finals.into_iter().filter(|problem| problem.code == code::PIN).collect()
+            }
+        };
+        self.problems.extend(stale);
+        for (pin, place) in pins.pins.iter().zip(places) {
+            let Some(index) = place else { continue };
+            match self.stand_in(&nodes[index], pin, &pins) {
+                Ok(node) => nodes[index] = node,
+                Err(problem) => self.problems.push(*problem),
+            }
+        }
+    }
+
+    fn stale(&self, pins: &Pins, places: &[Option<usize>], nodes: &[GraphNode]) -> Vec<Problem> {
+        let stale = pins.pins.iter().zip(places).filter_map(|((name, pin), place)| match place {
+            None => {
+                let message = format!("`{name}` is pinned, but the graph has no such node");
+                let help =
+                    "take the pin away with `maquette unpin`, or give the node its name again";
+                let problem = pins.problem(pin.span, code::PIN, message, help.into());
+                Some(Problem { severity: Severity::Warning, ..problem })
+            }
+            Some(index) => {
+                let change = pin.ancestry.change(nodes, *index)?;
+                let message = format!("`{name}` is pinned before {change}");
+                let help = "it is used as it was: pin it again, or unpin it";
+                Some(nodes[*index].problem(Severity::Warning, code::PIN, message, help))
+            }
+        });
+        stale.collect()
+    }
+
+    /// What stands in the place of a node whose result is pinned.
+    fn stand_in(
+        &mut self,
+        node: &GraphNode,
+        (name, pin): (&String, &Pin),
+        pins: &Pins,
+    ) -> Result<GraphNode, Box<Problem>> {
+        let error = |code, message| {
+            let help = "pin it again, or unpin it";
+            Box::new(node.problem(Severity::Error, code, message, help))
+        };
+        let kind = |(kind, hash): &(String, Hash)| Some((*self.values.get(&kind[..])?, *hash));
+        let kept = pin.outputs.iter().map(kind).collect::<Option<Vec<_>>>();
+        let fits = |kept: &Vec<(&'static ValueType, Hash)>| {
+            let same = |(kind, (kept, _)): (&Option<_>, &(_, _))| kind.is_none_or(|it| it == *kept);
+            kept.len() == node.outputs.len() && node.types.iter().zip(kept).all(same)
+        };
+        let Some(kept) = kept.filter(fits) else {
+            let now = node.types.iter().flatten().map(|kind| kind.name);
+            let [was, now] =
+                [pin.outputs.iter().map(|(kind, _)| &kind[..]).collect(), now.collect()]
+                    .map(|kinds: Vec<&str>| kinds.join(", "));
+            let message = format!("`{name}` is pinned with {was}, and gives {now} now");
+            return Err(error(code::WRONG_TYPE, message));
+        };
+        let path = pin.file(&pins.folder);
+        let folder = pins.folder.file_name().unwrap_or_default().to_string_lossy();
+        let given = format!("{folder}/{}", path.file_name().unwrap_or_default().to_string_lossy());
+        if self.options.files == Files::Needed && !path.is_file() {
+            self.files.push(super::ReadFile { path, node: name.clone(), optional: false });
+            let message = format!("`{name}` is pinned, but its result {given} is not there");
+            return Err(error(code::MISSING_FILE, message));
+        }
+        let hashes = Vec::from_iter(kept.iter().map(|(_, hash)| hash.to_string()));
+        let file = NodeFile { given: given.clone(), path, needed: true, roots: Arc::default() };
+        Ok(GraphNode {
+            recipe: Arc::new(Recipe::new(PINNED, json!({ "outputs": hashes }), &[])),
+            types: kept.iter().map(|(kind, _)| Some(*kind)).collect(),
+            node: Arc::new(Pinned { kept, file: file.path.clone(), given }),
+            pack: "",
+            links: Vec::new(),
+            files: vec![file],
+            guards: Vec::new(),
+            ..node.clone()
+        })
+    }
+}
+
+/// Gives the values that were kept.
+struct Pinned {
+    kept: Vec<(&'static ValueType, Hash)>,
+    file: PathBuf,
+    /// Its file, as people are told of it.
+    given: String,
+}
+
+/// The values of a pin are not what they were.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error(
+    "its pinned result {0} is damaged, or kept by another version of maquette: put the file back, pin the node again, or unpin it"
+)]
+struct Damaged(String);
+
+impl AnyNode for Pinned {
+    fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
+        let file = cx.files.get(&self.file).and_then(Option::as_ref);
+        let values = file.and_then(|file| bytes::read(file.bytes(), &self.kept));
+        values.ok_or_else(|| Damaged(self.given.clone()).into())
+    }
+
+    fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
+        Ok(json!({}))
+    }
+
+    fn files(&self) -> Vec<FilePath> {
+        Vec::new()
+    }
+}

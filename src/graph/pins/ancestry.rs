@@ -1,0 +1,138 @@
+//! What a pinned result was computed from: the node and all that it hangs on, each with its type, parameters, links and files.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{LazyLock, Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value as Json;
+
+use crate::graph::difference::{in_short, parameter_difference, parameter_name};
+use crate::graph::{GraphNode, Link};
+use crate::plain;
+use crate::stamp::Stamp;
+use crate::value::Hash;
+
+/// What a result was computed from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Ancestry {
+    /// The hash of all of it. No name of a node counts.
+    made: String,
+    /// The node, and what it hangs on: the nearest first.
+    steps: Vec<Step>,
+}
+
+/// A node as it was.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Step {
+    name: String,
+    #[serde(rename = "type")]
+    kind: String,
+    /// Without the paths of files.
+    parameters: Json,
+    /// What each port is linked to, `node.output`.
+    links: Vec<(String, String)>,
+    /// The name of each file as the graph has it, and the hash of its content.
+    files: Vec<(String, Option<String>)>,
+}
+
+impl Ancestry {
+    /// Of nodes that stand after what they hang on.
+    pub(crate) fn of(nodes: &[GraphNode], index: usize) -> Self {
+        let mut needed = vec![false; nodes.len()];
+        needed[index] = true;
+        let mut steps = Vec::new();
+        for at in (0..=index).rev() {
+            if !needed[at] {
+                continue;
+            }
+            nodes[at].links.iter().for_each(|link| needed[link.node] = true);
+            steps.push((at, Step::of(nodes, at)));
+        }
+        let mut made: HashMap<usize, Hash> = HashMap::new();
+        for (at, step) in steps.iter().rev() {
+            let GraphNode { recipe, links, .. } = &nodes[*at];
+            let mut content = recipe.identity.0.to_vec();
+            for Link { node, output, .. } in links {
+                content.extend_from_slice(&made[node].0);
+                content.extend_from_slice(&(*output as u64).to_le_bytes());
+            }
+            for (_, hash) in &step.files {
+                content.extend_from_slice(hash.as_ref().map_or("none", |hash| hash).as_bytes());
+            }
+            made.insert(*at, Hash::of(&content));
+        }
+        let steps = steps.into_iter().map(|(_, step)| step).collect();
+        Self { made: made[&index].to_string(), steps }
+    }
+
+    /// In words, what of the node or of what it hangs on is not as it was: what is nearest to it.
+    pub(super) fn change(&self, nodes: &[GraphNode], index: usize) -> Option<String> {
+        let now = Self::of(nodes, index);
+        if self.made == now.made {
+            return None;
+        }
+        let before: HashMap<&str, &Step> =
+            self.steps.iter().map(|step| (&step.name[..], step)).collect();
+        let changed = now.steps.iter().enumerate().find_map(|(place, step)| {
+            // A node that is new here is told of by the link to it.
+            let owner = if place == 0 { String::new() } else { format!("{}.", step.name) };
+            before.get(&step.name[..])?.change(step, &owner)
+        });
+        Some(changed.unwrap_or_else(|| "something that it hangs on changed".into()))
+    }
+}
+
+impl Step {
+    fn of(nodes: &[GraphNode], index: usize) -> Self {
+        let node = &nodes[index];
+        let link = |link: &Link| {
+            let source = &nodes[link.node];
+            (link.port.clone(), format!("{}.{}", source.name, source.outputs[link.output]))
+        };
+        let file = |file: &crate::graph::NodeFile| {
+            (file.given.clone(), hash(&file.path).map(|hash| hash.to_string()))
+        };
+        Self {
+            name: node.name.clone(),
+            kind: node.kind().to_owned(),
+            parameters: node.recipe.without_paths(),
+            links: node.links.iter().map(link).collect(),
+            files: node.files.iter().map(file).collect(),
+        }
+    }
+
+    fn change(&self, now: &Self, owner: &str) -> Option<String> {
+        if self.kind != now.kind {
+            return Some(format!("`{}` became a {} (it was a {})", now.name, now.kind, self.kind));
+        }
+        if let Some((path, before, now)) = parameter_difference(&self.parameters, &now.parameters) {
+            let (name, before, now) = (parameter_name(&path), in_short(&before), in_short(&now));
+            return Some(format!("`{owner}{name}` changed ({before} -> {now})"));
+        }
+        if self.links != now.links {
+            let port = |a: &Self, b: &Self| {
+                a.links.iter().find(|link| !b.links.contains(link)).map(|(port, _)| port.clone())
+            };
+            let port = port(now, self).or_else(|| port(self, now)).unwrap_or_default();
+            return Some(format!("what is linked to `{}.{port}` changed", now.name));
+        }
+        let changed = now.files.iter().zip(&self.files).find(|(now, before)| now.1 != before.1);
+        changed.map(|((name, _), _)| format!("file {name} changed"))
+    }
+}
+
+/// The hash of a file's content; of one that is as it was, without reading it again.
+fn hash(path: &Path) -> Option<Hash> {
+    static KNOWN: LazyLock<Mutex<HashMap<PathBuf, (Stamp, Hash)>>> = LazyLock::new(Mutex::default);
+    let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    let stamp = Stamp::of(path)?;
+    if let Some((_, hash)) = known().get(path).filter(|(then, _)| *then == stamp) {
+        return Some(*hash);
+    }
+    let hash = Hash::of(&plain::read(path).ok()?);
+    if stamp.is_settled() {
+        known().insert(path.to_owned(), (stamp, hash));
+    }
+    Some(hash)
+}

@@ -1,0 +1,72 @@
+//! The values of a pin as a file: a line of JSON that says what follows, the values, and their large columns.
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+use crate::value::{AnyValue, Columns, Hash, Kept, ValueType};
+
+const MAGIC: &[u8] = b"maqpin01";
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    /// How many bytes each value has without its columns.
+    values: Vec<usize>,
+    columns: Vec<(Hash, usize)>,
+}
+
+/// As they are kept.
+pub(crate) fn write(values: &[AnyValue]) -> Vec<u8> {
+    let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
+    let columns = || kept.iter().flat_map(|kept: &Kept| &kept.columns);
+    let header = Header {
+        values: kept.iter().map(|kept| kept.bytes.len()).collect(),
+        columns: columns().map(|column| (column.hash(), column.bytes().len())).collect(),
+    };
+    let mut bytes = MAGIC.to_vec();
+    bytes.extend(serde_json::to_vec(&header).unwrap_or_default());
+    bytes.push(b'\n');
+    kept.iter().for_each(|kept| bytes.extend_from_slice(&kept.bytes));
+    columns().for_each(|column| bytes.extend_from_slice(column.bytes()));
+    bytes
+}
+
+/// The values of these types and hashes; none if the bytes hold others, or are damaged.
+pub(super) fn read(bytes: &[u8], outputs: &[(&'static ValueType, Hash)]) -> Option<Vec<AnyValue>> {
+    let rest = bytes.strip_prefix(MAGIC)?;
+    let end = rest.iter().position(|byte| *byte == b'\n')?;
+    let header: Header = serde_json::from_slice(&rest[..end]).ok()?;
+    let content = &rest[end + 1..];
+    let mut start = 0_usize;
+    let mut next = |length: usize| {
+        let range = start..start.checked_add(length).filter(|end| *end <= content.len())?;
+        start = range.end;
+        Some(range)
+    };
+    let values = header.values.iter().map(|length| next(*length)).collect::<Option<Vec<_>>>()?;
+    let columns = header.columns.iter().map(|(hash, length)| Some((*hash, next(*length)?)));
+    let columns = InFile { content, columns: columns.collect::<Option<_>>()? };
+    if values.len() != outputs.len() || next(0)?.end != content.len() {
+        return None;
+    }
+    let value = |((kind, hash), range): (&(&'static ValueType, Hash), Range<usize>)| {
+        kind.decode(&content[range], &columns, *hash).ok()
+    };
+    outputs.iter().zip(values).map(value).collect()
+}
+
+struct InFile<'a> {
+    content: &'a [u8],
+    columns: HashMap<Hash, Range<usize>>,
+}
+
+impl Columns for InFile<'_> {
+    fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
+        let bytes = self.columns.get(&hash).map(|range| &self.content[range.clone()]);
+        bytes.filter(|bytes| bytes.len() == into.len()).map(|it| into.copy_from_slice(it)).is_some()
+    }
+
+    /// It is judged by the hashes of the values.
+    fn damaged(&self, _: Hash) {}
+}

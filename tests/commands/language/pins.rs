@@ -1,0 +1,357 @@
+//! Row 32: a pinned result stands in for its node, whatever happens to the cache; a stale pin is loud, and one whose bytes are gone an error.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::Output;
+
+use maquette::random::Random;
+use serde_json::Value as Json;
+
+use crate::project::Project;
+
+/// A graph with a use, of which `skin` has so many levels.
+fn graph(levels: &str) -> String {
+    format!(
+        r#"Graph(
+            format: 1,
+            use: {{ "Part": "part.ron" }},
+            nodes: {{
+                "coarse": ReadMesh(path: "doll/coarse.obj"),
+                "skin": Subdivide(mesh: "coarse", scheme: Loop, levels: {levels}),
+                "part": Part(mesh: "skin", scale: 2.0),
+                "end": Transform(mesh: "part", translate: (1, 0, 0)),
+            }},
+            outputs: {{ "end.ply": "end" }},
+        )"#
+    )
+}
+
+const PART: &str = r#"Graph(
+    format: 1,
+    inputs: { "mesh": Mesh() },
+    params: { "scale": Number(default: 1.0, doc: "How large.") },
+    nodes: { "big": Transform(mesh: "mesh", scale: (Param("scale"), 1, 1)) },
+    outputs: { "mesh": "big" },
+)"#;
+
+fn project() -> Project {
+    let project = Project::doll();
+    project.copy_asset("coarse.obj", "doll/coarse.obj");
+    std::fs::write(project.folder().join("part.ron"), PART).unwrap();
+    project.save(&graph("1"));
+    project
+}
+
+fn told(output: &Output) -> String {
+    let [out, err] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
+    format!("{out}{err}")
+}
+
+/// What the program says, which succeeds.
+fn ok(project: &Project, words: &[&str]) -> String {
+    let output = project.maquette(words);
+    let told = told(&output);
+    assert!(output.status.success(), "{words:?}: {told}");
+    told
+}
+
+/// What the program says, which fails.
+fn fails(project: &Project, words: &[&str]) -> String {
+    let output = project.maquette(words);
+    let told = told(&output);
+    assert!(!output.status.success() && !told.contains("panicked"), "{words:?}: {told}");
+    told
+}
+
+const RUN: [&str; 5] = ["run", "doll.ron", "--out", "out", "--no-provenance"];
+
+/// What is said of a run, and the mesh that it writes.
+fn run(project: &Project, more: &[&str]) -> (String, Vec<u8>) {
+    let told = ok(project, &[&RUN, more].concat());
+    (told, project.outputs().remove("end.ply").unwrap())
+}
+
+/// The only file of a pinned result.
+fn kept(project: &Project) -> PathBuf {
+    let mut files = std::fs::read_dir(project.folder().join("doll.pins")).unwrap();
+    files.next().unwrap().unwrap().path()
+}
+
+const STALE: &str = "`skin` is pinned before `levels` changed (1 -> 2)";
+
+#[test]
+fn a_pinned_node_is_not_run_and_a_stale_pin_is_loud() {
+    let project = project();
+    let (_, one_level) = run(&project, &[]);
+    assert!(ok(&project, &["pin", "doll.ron", "skin"]).starts_with("pinned skin  doll.pins/"));
+    let (told, end) = run(&project, &["--no-cache"]);
+    assert!(told.contains("Pinned") && !told.contains("Subdivide"), "{told}");
+    assert!(!told.contains("coarse"), "what only a pinned node needs is not run: {told}");
+    assert!(end == one_level);
+
+    project.save(&graph("2"));
+    let watch = ["watch", "doll.ron", "--once", "--out", "out", "--no-provenance"];
+    for words in [
+        &RUN[..],
+        &watch,
+        &["check", "doll.ron"],
+        &["why", "doll.ron", "skin"],
+        &["inspect", "doll.ron", "skin"],
+        &["pin", "doll.ron", "--list"],
+    ] {
+        let told = ok(&project, words);
+        assert!(told.contains(STALE), "{words:?}: {told}");
+        assert!(project.outputs()["end.ply"] == one_level, "a stale pin is used as it was");
+    }
+    let why = ok(&project, &["why", "doll.ron", "skin"]);
+    assert!(why.contains("`skin` does not run: its result is pinned"), "{why}");
+
+    // As if there were no pins, and as if there never had been any.
+    let (told, two_levels) = run(&project, &["--no-pins"]);
+    assert!(!told.to_lowercase().contains("pinned"), "{told}");
+    assert!(two_levels != one_level);
+    assert_eq!(ok(&project, &["unpin", "doll.ron", "skin"]), "unpinned skin\n");
+    let (told, end) = run(&project, &[]);
+    assert!(!told.to_lowercase().contains("pinned") && end == two_levels, "{told}");
+    assert_eq!(std::fs::read_dir(project.folder().join("doll.pins")).unwrap().count(), 0);
+}
+
+#[test]
+fn a_pin_survives_the_cache_and_is_an_error_without_its_bytes() {
+    let project = project();
+    ok(&project, &["pin", "doll.ron", "skin"]);
+    ok(&project, &["cache", "clear"]);
+    assert!(!run(&project, &[]).0.contains("Subdivide"));
+    let file = kept(&project);
+    let bytes = std::fs::read(&file).unwrap();
+    for damaged in [bytes[..bytes.len() - 1].to_vec(), Vec::new(), [&bytes[..], b"x"].concat(), {
+        let mut bytes = bytes.clone();
+        bytes[4000] ^= 1;
+        bytes
+    }] {
+        std::fs::write(&file, &damaged).unwrap();
+        let told = fails(&project, &[&RUN[..], &["--no-cache"]].concat());
+        assert!(told.contains("its pinned result doll.pins/") && told.contains("is damaged"));
+    }
+    std::fs::remove_file(&file).unwrap();
+    for words in [&RUN[..], &["check", "doll.ron"], &["pin", "doll.ron", "--list"]] {
+        let told = fails(&project, words);
+        assert!(told.contains("`skin` is pinned, but its result doll.pins/"), "{told}");
+    }
+    std::fs::write(&file, &bytes).unwrap();
+    run(&project, &["--no-cache"]);
+}
+
+#[test]
+fn nodes_inside_of_uses_are_pinned_and_pins_without_a_node_are_told() {
+    let project = project();
+    assert!(ok(&project, &["pin", "doll.ron", "part"]).starts_with("pinned part/big  "));
+    let told = ok(&project, &["pin", "doll.ron", "--list"]);
+    assert!(told.starts_with("part/big  Mesh\n"), "{told}");
+    let (told, _) = run(&project, &[]);
+    assert!(!told.contains("Subdivide") && told.contains("part/big"), "{told}");
+    // What it hangs on has changed.
+    project.save(&graph("2"));
+    let told = ok(&project, &["check", "doll.ron"]);
+    assert!(told.contains("`part/big` is pinned before `skin.levels` changed (1 -> 2)"), "{told}");
+    // Other names are no change.
+    project.save(&graph("1").replace("\"skin\"", "\"hull\""));
+    assert!(ok(&project, &["check", "doll.ron"]).contains("0 errors\n"));
+    project.save(&graph("1").replace("\"part\"", "\"piece\""));
+    let told = ok(&project, &["check", "doll.ron"]);
+    assert!(told.contains("`part/big` is pinned, but the graph has no such node"), "{told}");
+    assert!(told.contains("doll.pins.ron:5:"), "{told}");
+    let told = fails(&project, &["unpin", "doll.ron", "piece"]);
+    assert!(told.contains("`piece` is not pinned; pinned are: part/big"), "{told}");
+    assert_eq!(ok(&project, &["unpin", "doll.ron", "part"]), "unpinned part/big\n");
+}
+
+#[test]
+fn another_file_makes_a_pin_stale_and_a_draft_does_not() {
+    let project = project();
+    let drafted = graph("Draft(final: 1, draft: 0)");
+    project.save(&drafted);
+    ok(&project, &["pin", "doll.ron", "skin"]);
+    assert!(!run(&project, &["--draft"]).0.contains("is pinned before"));
+    project.save(&drafted.replace("final: 1", "final: 2"));
+    assert!(run(&project, &["--draft"]).0.contains(STALE), "a draft is no excuse");
+    project.save(&drafted);
+    let path = project.folder().join("doll/coarse.obj");
+    let mesh = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, mesh + "# more\n").unwrap();
+    let told = ok(&project, &["check", "doll.ron"]);
+    assert!(told.contains("`skin` is pinned before file doll/coarse.obj changed"), "{told}");
+}
+
+#[test]
+fn a_pin_of_other_types_stands_in_for_nothing() {
+    let project = project();
+    ok(&project, &["pin", "doll.ron", "coarse"]);
+    project.save(&graph("1").replace(
+        "\"coarse\": ReadMesh(path: \"doll/coarse.obj\")",
+        "\"coarse\": Triangulate(range: \"scan\"), \"scan\": ReadRange(path: \"doll/range.pcd\")",
+    ));
+    let told = ok(&project, &["check", "doll.ron"]);
+    let became = "`coarse` is pinned before `coarse` became a Triangulate (it was a ReadMesh)";
+    assert!(told.contains(became), "{told}");
+    project.save(
+        r#"Graph(format: 1, nodes: { "coarse": ReadRange(path: "doll/range.pcd") }, outputs: { "a.pcd": "coarse" })"#,
+    );
+    let told = fails(&project, &["check", "doll.ron"]);
+    assert!(
+        told.contains("`coarse` is pinned with Mesh, and gives RangeImage, Image now"),
+        "{told}"
+    );
+}
+
+#[test]
+fn what_cannot_be_pinned_is_told_with_what_can() {
+    let project = project();
+    project.save(
+        r##"Graph(
+            format: 1,
+            use: { "Part": "part.ron" },
+            nodes: {
+                "coarse": ReadMesh(path: "doll/coarse.obj"),
+                "piece": ForEach(graph: "Part", over: Parts("coarse")),
+                "all": Merge(meshes: ["piece"]),
+            },
+            outputs: { "end.ply": "all" },
+        )"##,
+    );
+    for name in ["piece", "piece/1/big"] {
+        let told = fails(&project, &["pin", "doll.ron", name]);
+        assert!(told.contains("pin its data, or what is made of all of them"), "{told}");
+    }
+    let told = fails(&project, &["pin", "doll.ron", "al"]);
+    assert!(told.contains("the graph has no node `al`") && told.contains("`all`"), "{told}");
+    // What is made of them hangs on nothing then, and nothing of them is computed.
+    let (_, before) = run(&project, &[]);
+    ok(&project, &["pin", "doll.ron", "all"]);
+    let (told, after) = run(&project, &["--no-cache"]);
+    assert!(!told.contains("piece") && before == after, "{told}");
+}
+
+#[test]
+fn goldens_of_a_pinned_graph_are_judged_without_its_pins() {
+    let project = project();
+    std::fs::write(project.folder().join("doll.test.ron"), "Test(graph: \"doll.ron\")").unwrap();
+    ok(&project, &["pin", "doll.ron", "skin"]);
+    project.save(&graph("2"));
+    let bless = project.command(&["test", ".", "--bless"]).env_remove("CI").output().unwrap();
+    assert!(bless.status.success(), "{}", told(&bless));
+    ok(&project, &["unpin", "doll.ron", "skin"]);
+    ok(&project, &["test", "."]);
+}
+
+#[test]
+fn a_file_of_pins_that_is_none_is_an_error_at_its_place() {
+    let project = project();
+    for (text, expected) in [
+        ("Pins(format: 1, pins: { \"skin\": 3 })", "\"skin\" is no pin"),
+        ("Pins(pins: {})", "a file of pins begins with `Pins(format: 1, ..)`"),
+        ("Pins(format: 1)", "a file of pins needs a map `pins`"),
+        ("Pins(format: 1, pins: {", "doll.pins.ron:1:"),
+        ("", "doll.pins.ron"),
+    ] {
+        std::fs::write(project.folder().join("doll.pins.ron"), text).unwrap();
+        for words in [&RUN[..], &["unpin", "doll.ron", "skin"], &["pin", "doll.ron", "skin"]] {
+            let told = fails(&project, words);
+            assert!(told.contains(expected) || words[0] == "unpin", "{words:?}: {told}");
+        }
+        let unchanged = std::fs::read_to_string(project.folder().join("doll.pins.ron")).unwrap();
+        assert_eq!(unchanged, text, "nothing is written over it");
+    }
+}
+
+#[test]
+fn outputs_tell_of_pins_and_are_made_again_with_them() {
+    let project = project();
+    ok(&project, &["pin", "doll.ron", "skin"]);
+    project.save(&graph("2"));
+    ok(&project, &["run", "doll.ron", "--out", "out"]);
+    let told = ok(&project, &["replay", "out/end.ply", "--graph", "doll.ron"]);
+    assert!(told.contains(STALE), "{told}");
+    ok(&project, &["unpin", "doll.ron", "skin"]);
+    let told = fails(&project, &["replay", "out/end.ply", "--graph", "doll.ron"]);
+    assert!(told.contains("pin `skin` is not there any more"), "{told}");
+}
+
+#[test]
+fn a_watch_takes_up_pins_while_it_runs() {
+    let project = project();
+    let mut watch = project.watch(&["--no-provenance"]);
+    let without = project.outputs();
+    // Pinned with two levels, then taken back: the pin is stale, and is used.
+    project.save(&graph("2"));
+    watch.run_until_ok();
+    let with = project.outputs();
+    ok(&project, &["pin", "doll.ron", "skin"]);
+    project.save(&graph("1"));
+    let mut run = watch.run_until_ok();
+    while !run.problems.to_string().contains("is pinned before `levels` changed (2 -> 1)") {
+        run = watch.run_until_ok();
+    }
+    assert!(project.outputs() == with);
+    ok(&project, &["unpin", "doll.ron", "skin"]);
+    watch.run_until_ok();
+    assert!(project.outputs() == without);
+}
+
+/// A chain of nodes, each of which makes a mesh so many times as large.
+const CHAIN: [&str; 3] = ["a", "b", "c"];
+
+fn chain(times: [u32; 3]) -> String {
+    let nodes = CHAIN.iter().zip(["start", "a", "b"]).zip(times).map(|((name, of), times)| {
+        format!("\"{name}\": Transform(mesh: \"{of}\", scale: ({times}, {times}, {times})),\n")
+    });
+    let nodes = String::from_iter(nodes);
+    format!(
+        "Graph(format: 1, nodes: {{ \"start\": ReadMesh(path: \"doll/coarse.obj\"), {nodes} }}, outputs: {{ \"end.ply\": \"c\" }})"
+    )
+}
+
+/// Any order of edits, pins, runs and cleared caches gives what a few lines that remember nothing say.
+#[test]
+fn any_sequence_of_pins_and_edits_is_as_said() {
+    let project = project();
+    let area = || {
+        let told = project.maquette(&["inspect", "doll.ron", "c", "--json"]);
+        let told: Json = serde_json::from_slice(&told.stdout).unwrap();
+        told["outputs"][0]["facts"]["area"].as_f64().unwrap()
+    };
+    let mut random = Random(20_261_125);
+    let mut times = [1, 1, 1];
+    // How many times each is as large up to the node, as it was then.
+    let mut pinned: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
+    project.save(&chain(times));
+    let start = area();
+    for turn in 0..60 {
+        let node = random.below(3);
+        match random.below(6) {
+            0 | 1 => {
+                times[node] = 1 + u32::try_from(random.below(4)).unwrap();
+                project.save(&chain(times));
+            }
+            2 | 3 => {
+                ok(&project, &["pin", "doll.ron", CHAIN[node]]);
+                pinned.insert(node, times[..=node].to_vec());
+            }
+            4 if pinned.remove(&node).is_some() => {
+                ok(&project, &["unpin", "doll.ron", CHAIN[node]]);
+            }
+            _ => drop(ok(&project, &["cache", "clear"])),
+        }
+        let expected = times.iter().enumerate().fold(1, |so_far, (node, times)| {
+            pinned.get(&node).map_or(so_far * times, |kept| kept.iter().product())
+        });
+        let (found, expected) = ((area() / start).sqrt(), f64::from(expected));
+        assert!((found - expected).abs() < 1e-6 * expected, "turn {turn}: {found}, {expected}");
+        let said = ok(&project, &["check", "doll.ron"]);
+        for (node, name) in CHAIN.iter().enumerate() {
+            let stale = pinned.get(&node).is_some_and(|kept| kept[..] != times[..=node]);
+            let is_told = said.contains(&format!("`{name}` is pinned before"));
+            assert_eq!(is_told, stale, "turn {turn}, {name}: {said}");
+        }
+    }
+}
