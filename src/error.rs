@@ -192,6 +192,8 @@ pub struct Problem {
     pub message: String,
     /// What to do; may be empty.
     pub help: String,
+    /// The edits of the file that make it go away, if there is one answer: what stands at each span becomes the text.
+    pub fix: Vec<(Span, String)>,
     /// Another place that explains it, with a few words.
     pub note: Option<(Span, String)>,
     /// For a problem inside of a subgraph: the uses that lead there, from the outermost on.
@@ -253,33 +255,43 @@ pub mod code {
 }
 
 impl Problem {
+    /// The text of its file after the edits that make it go away, if there is one answer.
+    pub fn fixed(&self) -> Option<String> {
+        let mut edits = self.fix.clone();
+        edits.sort_by_key(|(span, _)| (span.start, span.end));
+        let mut text = self.source.text.clone();
+        for (span, new) in edits.iter().rev() {
+            let is_there = text.is_char_boundary(span.start) && text.is_char_boundary(span.end);
+            if !is_there || span.end < span.start {
+                return None;
+            }
+            text.replace_range(span.start..span.end, new);
+        }
+        (!edits.is_empty()).then_some(text)
+    }
+
     /// The problem as `--json` prints it. Its `note`, if it has one, is a place of its own with a message, as the related information
-    /// of an editor's diagnostics is.
+    /// of an editor's diagnostics is, and its `fix` the edits that make it go away.
     pub fn to_json(&self) -> serde_json::Value {
-        let start = Place::of(&self.source.text, self.span.start);
-        let end = Place::of(&self.source.text, self.span.end);
-        let mut json = json!({
-            "severity": self.severity.word(),
-            "code": self.code,
-            "file": self.source.name.display().to_string(),
-            "line": start.line,
-            "column": start.column,
-            "end_line": end.line,
-            "end_column": end.column,
-            "message": self.message,
-            "help": self.help,
-        });
+        let file = self.source.name.display().to_string();
+        let place = |span: Span, mut json: serde_json::Value| {
+            let [start, end] = [span.start, span.end].map(|at| Place::of(&self.source.text, at));
+            let numbers = [start.line, start.column, end.line, end.column];
+            for (name, number) in ["line", "column", "end_line", "end_column"].iter().zip(numbers) {
+                json[name] = number.into();
+            }
+            json
+        };
+        let (severity, code) = (self.severity.word(), self.code);
+        let (message, help) = (&self.message, &self.help);
+        let json = json!({ "severity": severity, "code": code, "file": file, "message": message, "help": help });
+        let mut json = place(self.span, json);
         if let Some((span, words)) = &self.note {
-            let start = Place::of(&self.source.text, span.start);
-            let end = Place::of(&self.source.text, span.end);
-            json["note"] = json!({
-                "file": self.source.name.display().to_string(),
-                "line": start.line,
-                "column": start.column,
-                "end_line": end.line,
-                "end_column": end.column,
-                "message": words,
-            });
+            json["note"] = place(*span, json!({ "file": file, "message": words }));
+        }
+        if !self.fix.is_empty() {
+            let edit = |(span, text): &(Span, String)| place(*span, json!({ "text": text }));
+            json["fix"] = self.fix.iter().map(edit).collect();
         }
         if !self.uses.is_empty() {
             json["uses"] = self.uses.iter().map(Use::to_json).collect();

@@ -29,6 +29,8 @@ mod expectation;
 mod expected;
 mod expression;
 mod fitting;
+mod fix;
+mod fixes;
 mod format;
 mod guards;
 mod input;
@@ -292,7 +294,7 @@ impl GraphNode {
     ) -> Problem {
         let (source, span) = self.sheet.place(self.span);
         let (help, uses) = (help.into(), self.uses.to_vec());
-        Problem { severity, code, source, span, message, help, note: None, uses }
+        Problem { severity, code, source, span, message, help, fix: Vec::new(), note: None, uses }
     }
 }
 
@@ -319,7 +321,7 @@ impl Graph {
     pub(crate) fn problem(&self, code: &'static str, message: String) -> Problem {
         let (source, span, severity) = (self.source.clone(), Span::default(), Severity::Error);
         let (help, note, uses) = (String::new(), None, Vec::new());
-        Problem { severity, code, source, span, message, help, note, uses }
+        Problem { severity, code, source, span, message, help, fix: Vec::new(), note, uses }
     }
 
     /// A warning for each node of its own file that nothing needs: no output, and nothing that is expected of a value; and for each

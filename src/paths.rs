@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use crate::text::nearest;
+use crate::text::{Help, nearest};
 
 /// Marks the root of a project.
 pub(crate) const MARKER: &str = "maquette.toml";
@@ -15,20 +15,23 @@ pub(crate) fn project_root(folder: &Path) -> PathBuf {
 }
 
 /// Why a file cannot be read, and what to do.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum PathProblem {
-    Outside { message: String, help: String },
-    Missing { message: String, help: String },
+    Outside { message: String, help: Help },
+    Missing { message: String, help: Help },
 }
 
 /// Whether a graph may read `given`, which stands for `resolved`; looks only at names, opens nothing.
 pub(crate) fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), PathProblem> {
-    let outside = |what: &str| PathProblem::Outside {
+    let outside = |what: &str| {
+        PathProblem::Outside {
         message: format!("`{given}` {what} outside of the project"),
         help: format!(
             "move the file into {}, put a {MARKER} into a folder above both, or allow its folder with --root",
             roots.first().map_or_else(String::new, |root| root.display().to_string())
-        ),
+        )
+        .into(),
+    }
     };
     if Path::new(given).is_absolute() {
         return Err(PathProblem::Outside {
@@ -44,7 +47,7 @@ pub(crate) fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Resul
         Ok(real) if !inside(&real) => Err(outside("is a link to a file")),
         Ok(real) if !real.is_file() => Err(PathProblem::Missing {
             message: format!("`{given}` is not a file"),
-            help: String::new(),
+            help: Help::default(),
         }),
         Ok(_) => Ok(()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(PathProblem::Missing {
@@ -53,16 +56,16 @@ pub(crate) fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Resul
         }),
         Err(error) => Err(PathProblem::Missing {
             message: format!("`{given}` cannot be read: {error}"),
-            help: String::new(),
+            help: Help::default(),
         }),
     }
 }
 
 /// The file in the same folder whose name is nearest.
-fn similar(path: &Path) -> String {
+fn similar(path: &Path) -> Help {
     let folder = path.parent().unwrap_or(Path::new("."));
     let Ok(entries) = std::fs::read_dir(folder) else {
-        return format!("there is no folder {}", folder.display());
+        return format!("there is no folder {}", folder.display()).into();
     };
     let mut names: Vec<String> =
         entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
@@ -135,7 +138,7 @@ mod tests {
         #[cfg(unix)]
         assert!(matches!(check("link.obj"), Err(PathProblem::Outside { .. })));
         assert!(
-            matches!(check("lnik.obj"), Err(PathProblem::Missing { help, .. }) if help.contains("link.obj"))
+            matches!(check("lnik.obj"), Err(PathProblem::Missing { help, .. }) if help.to_string().contains("link.obj"))
         );
     }
 }

@@ -346,7 +346,7 @@ fn no_case(filter: &str, jobs: &[Job<'_>]) -> String {
         let some = Vec::from_iter(titles.iter().take(SOME).map(String::as_str)).join(", ");
         format!("the cases: {some}{more}")
     };
-    let help = if help.is_empty() { some() } else { help };
+    let help = if help.is_empty() { some().into() } else { help };
     format!("no case of a graph holds `{filter}` in its name; {help}")
 }
 

@@ -2,6 +2,7 @@
 
 mod expected;
 mod file;
+mod help;
 #[cfg(test)]
 mod peer;
 mod problems;
@@ -16,6 +17,7 @@ mod unit;
 
 pub(crate) use expected::Expected;
 pub(crate) use file::{DEEPEST, Mistake, Token, first_word, parse, printed, tokens};
+pub(crate) use help::Help;
 pub(crate) use problems::syntax_problems;
 pub use reader::Reader;
 pub(crate) use reader::{FILE, LINK, ReadError, Slots, read_tree};

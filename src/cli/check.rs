@@ -8,14 +8,16 @@ use clap::Args;
 use serde_json::json;
 
 use super::fmt::{collect, read};
-use super::{Exit, GraphOptions, counted, print, print_json, put_problems, report};
+use super::{Exit, GraphOptions, counted, eprint, print, print_json, put_problems, report};
 use crate::catalog::Catalog;
-use crate::error::{Problem, Severity, Source, Span, code};
+use crate::error::{Place, Problem, Severity, Source, Span, code};
 use crate::format::handles;
 use crate::golden::case;
 use crate::graph::{Checked, Graph, Options};
+use crate::plain;
 use crate::text::first_word;
 use crate::value::HandleSpace;
+use crate::writing::rewrite;
 
 #[derive(Args)]
 pub(super) struct Check {
@@ -28,6 +30,9 @@ pub(super) struct Check {
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
+    /// Put right in the files of graphs what has one answer: a misspelled name, a comma, an old name. The rest is told.
+    #[arg(long)]
+    fix: bool,
 }
 
 /// What the `.ron` files of a project are.
@@ -60,8 +65,14 @@ impl Check {
         let mut counts = [0; 3];
         for path in &files {
             match read(path) {
-                Ok(text) => {
+                Ok(mut text) => {
                     let what = What::of(path, &text);
+                    if self.fix && what == What::Graph {
+                        match self.mend(path, text, catalog) {
+                            Ok(mended) => text = mended,
+                            Err(why) => return Exit::Usage(why),
+                        }
+                    }
                     counts[what as usize] += 1;
                     problems.extend(self.file(what, path, text, catalog));
                 }
@@ -96,6 +107,25 @@ impl Check {
             print(&format!("checked {checked}: {}{warnings}\n", counted(errors, "error")));
         }
         if errors == 0 { Exit::Done } else { Exit::Failed }
+    }
+
+    /// Puts right in a file what has one answer. The text that it has then.
+    fn mend(&self, path: &Path, text: String, catalog: &Catalog) -> Result<String, String> {
+        if path == Path::new("-") {
+            return Err("--fix writes files: there is none to write behind `-`".into());
+        }
+        let (mended, problems) = Graph::fixed(path, &text, catalog, &self.options.all());
+        if problems.is_empty() {
+            return Ok(text);
+        }
+        let is_as_read = plain::read_text(path).is_ok_and(|now| now == text);
+        let written = if is_as_read { rewrite(path, &mended) } else { Err(changed()) };
+        written.map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        for problem in &problems {
+            let Place { line, column } = Place::of(&problem.source.text, problem.span.start);
+            eprint(&format!("fixed {}:{line}:{column}: {}\n", path.display(), problem.message));
+        }
+        Ok(mended)
     }
 
     fn file(&self, what: What, path: &Path, text: String, catalog: &Catalog) -> Vec<Problem> {
@@ -134,6 +164,10 @@ impl Check {
     }
 }
 
+fn changed() -> std::io::Error {
+    std::io::Error::other("somebody else is changing it: try again")
+}
+
 fn unreadable(path: &Path, error: &std::io::Error) -> Problem {
     problem(code::MISSING_FILE, path, String::new(), format!("cannot read the file: {error}"))
 }
@@ -147,6 +181,7 @@ fn problem(code: &'static str, path: &Path, text: String, message: String) -> Pr
         span: Span::default(),
         message,
         help: String::new(),
+        fix: Vec::new(),
         note: None,
         uses: Vec::new(),
     }

@@ -13,7 +13,7 @@ use crate::error::{Problem, Source, Span, code};
 use crate::graph::Expectation;
 use crate::paths::{MARKER, PathProblem, may_read, project_root};
 use crate::plain;
-use crate::text::{Body, Finding, Kind, Tree, Walk, nearest_or_all, parse, read_tree};
+use crate::text::{Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, parse, read_tree};
 use crate::value::{Meaning, Part, ValueType};
 
 /// The ending of a test file's name.
@@ -150,7 +150,7 @@ fn read_with(path: &Path, fields: &Fields<'_>) -> Result<TestFile, Vec<Problem>>
     })
 }
 
-fn finding(code: &'static str, span: Span, message: String, help: impl Into<String>) -> Finding {
+fn finding(code: &'static str, span: Span, message: String, help: impl Into<Help>) -> Finding {
     Finding { code, span, message, help: help.into(), note: None }
 }
 

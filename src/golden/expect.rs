@@ -111,7 +111,7 @@ pub(crate) fn violations<'v>(
             let known = known.chain(graph.nodes.iter().map(|node| &node.name[..]));
             let known = Vec::from_iter(known.filter(|name| !name.contains('/')));
             let help = nearest_or_all(names[unknown], "its outputs and nodes", &known);
-            let problem = Problem { help, ..expected.problem(message) };
+            let problem = Problem { help: help.into(), ..expected.problem(message) };
             violations.push(Violation { problem, value: None, places: Vec::new() });
             continue;
         }

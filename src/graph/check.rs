@@ -23,7 +23,7 @@ use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
 use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, Use, code};
 use crate::paths::project_root;
-use crate::text::{Finding, Sheet};
+use crate::text::{Finding, Help, Sheet};
 
 pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
     match options.text(path) {
@@ -39,7 +39,7 @@ pub(super) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked
 
 fn unread(what: &str, error: &std::io::Error) -> Finding {
     let message = format!("cannot read {what}: {error}");
-    let (code, span, help) = (code::MISSING_FILE, Span::default(), String::new());
+    let (code, span, help) = (code::MISSING_FILE, Span::default(), Help::default());
     Finding { code, span, message, help, note: None }
 }
 
@@ -197,15 +197,15 @@ impl<'w, 'a> Check<'w, 'a> {
         code: &'static str,
         span: Span,
         message: String,
-        help: impl Into<String>,
+        help: impl Into<Help>,
     ) {
         self.findings.push(Finding { code, span, message, help: help.into(), note: None });
     }
 
     /// What may have been meant, as long as problems are few enough to be told: a guess looks at all that there is.
-    pub(super) fn guess(&self, make: impl FnOnce() -> String) -> String {
+    pub(super) fn guess(&self, make: impl FnOnce() -> Help) -> Help {
         let known = self.world.problems.len() + self.findings.len();
-        if known < MOST_TOLD { make() } else { String::new() }
+        if known < MOST_TOLD { make() } else { Help::default() }
     }
 
     fn read(&mut self) -> Option<Whole> {
@@ -243,6 +243,7 @@ impl<'w, 'a> Check<'w, 'a> {
         let needs = Self::needs(&drafts);
         let order = self.order(&drafts, &needs);
         self.types(&mut drafts, &order, &eaches);
+        self.link_lacking(&drafts, &needs);
         self.build(&mut drafts);
         let is_used = !self.is_first() || top.inputs.is_some();
         let (mut ports, mut outputs, mut undecided) = (Vec::new(), Vec::new(), Vec::new());

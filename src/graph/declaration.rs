@@ -4,7 +4,7 @@ use serde_json::{Value as Json, json};
 
 use super::fitting::declaration_in_own_unit;
 use crate::error::{Span, code};
-use crate::text::{Body, Finding, Kind, Origin, Tree, nearest, nearest_or_all};
+use crate::text::{Body, Finding, Help, Kind, Origin, Tree, nearest, nearest_or_all};
 use crate::value::Color;
 
 /// The types that a parameter can have.
@@ -39,7 +39,7 @@ impl Declaration {
     /// The declaration; none if it has no type or default.
     pub(crate) fn read(name: &str, tree: &Tree, findings: &mut Vec<Finding>) -> Option<Self> {
         let tree = &declaration_in_own_unit(tree, name, findings);
-        let mut find = |code, span, message: String, help: String| {
+        let mut find = |code, span, message: String, help: Help| {
             findings.push(Finding { code, span, message, help, note: None });
         };
         let kind = match tree.name() {
@@ -109,7 +109,10 @@ impl Declaration {
                                 let message =
                                     format!("a choice is a bare word, not {}", item.in_words());
                                 let help = match item.text().filter(|text| is_word(text)) {
-                                    Some(text) => format!("write {text} without quotes"),
+                                    Some(text) => {
+                                        let help = format!("write {text} without quotes");
+                                        Help::edit(help, item.span, text)
+                                    }
                                     None => "as in `of: [Left, Right]`".into(),
                                 };
                                 find(code::WRONG_VALUE, item.span, message, help);
@@ -138,7 +141,7 @@ impl Declaration {
                         value.in_words()
                     ),
                 };
-                find(code::WRONG_VALUE, value.span, message, String::new());
+                find(code::WRONG_VALUE, value.span, message, Help::default());
             }
         }
         if !has_choices {
@@ -213,7 +216,7 @@ impl Declaration {
             }
             _ => (tree.span, None),
         };
-        let mut find = |code, message: String, help: String| {
+        let mut find = |code, message: String, help: Help| {
             findings.push(Finding { code, span: at, message, help, note: note.clone() });
         };
         if let Some(x) = out_of_range {
@@ -225,7 +228,7 @@ impl Declaration {
             find(
                 code::OUT_OF_RANGE,
                 format!("parameter `{}` is {x}, but must be {limits}", self.name),
-                String::new(),
+                Help::default(),
             );
             return Tree::new(tree.span, Kind::Broken);
         }
@@ -243,10 +246,10 @@ impl Declaration {
         };
         let help = match &tree.kind {
             Kind::Text(text) if self.choices.contains(text) => {
-                format!("write {text} without quotes")
+                Help::edit(format!("write {text} without quotes"), tree.span, text)
             }
             Kind::Word(word) => nearest(word, self.choices.iter().map(String::as_str)),
-            _ => String::new(),
+            _ => Help::default(),
         };
         let message = format!("parameter `{}` wants {wanted}, not {}", self.name, tree.in_words());
         find(code::WRONG_VALUE, message, help);

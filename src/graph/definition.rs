@@ -312,7 +312,7 @@ impl<'a> Check<'_, 'a> {
             let message = format!("there is no type of values `{}`", kind.text);
             let known = Vec::from_iter(self.world.values.keys().copied());
             let help = match nearest(&kind.text, known.iter().copied()) {
-                help if help.is_empty() => format!("types: {}", known.join(", ")),
+                help if help.is_empty() => format!("types: {}", known.join(", ")).into(),
                 help => help,
             };
             self.find(code::WRONG_VALUE, kind.span, message, help);

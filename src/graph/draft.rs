@@ -307,8 +307,9 @@ impl<'a> Check<'_, 'a> {
             names.extend(subgraphs.iter().map(|subgraph| &subgraph.name[..]));
             let near = Some(nearest(&kind.text, names)).filter(|help| !help.is_empty());
             match (near, self.missing_packs()) {
-                (Some(near), Some(packs)) => format!("{near} Or {packs}"),
-                (Some(help), None) | (None, Some(help)) => help,
+                (Some(near), Some(packs)) => format!("{near} Or {packs}").into(),
+                (Some(near), None) => near,
+                (None, Some(packs)) => packs.into(),
                 (None, None) => {
                     "the command `nodes` lists those of this program; others come in packs".into()
                 }

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use super::check::Check;
 use super::quality::chosen;
 use crate::error::{Span, code};
-use crate::text::{Body, Field, Kind, Name, Tree, nearest_or_all};
+use crate::text::{Body, Field, Help, Kind, Name, Tree, nearest_or_all};
 
 /// A `ForEach`: one node for each element of a list.
 pub(super) struct Each {
@@ -278,9 +278,9 @@ impl Branches {
     }
 
     /// The case that may have been meant by a word.
-    pub(super) fn meant(&self, word: &str) -> String {
+    pub(super) fn meant(&self, word: &str) -> Help {
         if word.is_empty() {
-            return String::new();
+            return Help::default();
         }
         let names = Vec::from_iter(self.cases.iter().map(|(name, _)| &name[..]));
         nearest_or_all(word, "its cases", &names)

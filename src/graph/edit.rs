@@ -290,6 +290,7 @@ impl Judge<'_> {
             span: refusal.span,
             message: refusal.message,
             help: refusal.help,
+            fix: Vec::new(),
             note: None,
             uses: Vec::new(),
         }

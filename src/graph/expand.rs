@@ -117,7 +117,7 @@ pub(super) fn expand<'a>(
     let Definition { sheet, doc, schema, .. } = definition;
     let unused = unused.iter().map(|(name, span)| {
         let message = format!("nothing needs `{name}`");
-        let help = "name an output for it, or leave it out".to_owned();
+        let help = "name an output for it, or leave it out".into();
         let finding = Finding { code: code::UNUSED, span: *span, message, help, note: None };
         Problem { severity: Severity::Warning, ..sheet.problem(finding, &[]) }
     });

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::error::{Span, code};
-use crate::text::{Body, Finding, Kind, Tree, Walk, read_tree};
+use crate::text::{Body, Finding, Help, Kind, Tree, Walk, read_tree};
 
 /// What must hold of a value, which is named by its link, `node` or `node.output`, or by the name of an output file.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -138,7 +138,7 @@ impl Expectation {
                     code: code::WRONG_VALUE,
                     span: error.span.unwrap_or(item.span),
                     message: error.message,
-                    help: String::new(),
+                    help: Help::default(),
                     note: None,
                 }),
             }

@@ -53,12 +53,32 @@ impl Expected {
         let (help, note) = (String::new(), None);
         let uses = self.of.as_ref().map_or(&[][..], |of| &of.uses);
         let Some((outermost, inner)) = uses.split_first() else {
-            return Problem { severity, code, source, span, message, help, note, uses: Vec::new() };
+            return Problem {
+                severity,
+                code,
+                source,
+                span,
+                message,
+                help,
+                fix: Vec::new(),
+                note,
+                uses: Vec::new(),
+            };
         };
         let Place { line, column } = Place::of(&source.text, span.start);
         let help = format!("this is expected at {}:{line}:{column}", source.name.display());
         let (source, span) = (outermost.source.clone(), outermost.span);
-        Problem { severity, code, source, span, message, help, note, uses: inner.to_vec() }
+        Problem {
+            severity,
+            code,
+            source,
+            span,
+            message,
+            help,
+            fix: Vec::new(),
+            note,
+            uses: inner.to_vec(),
+        }
     }
 
     /// The nodes whose values it speaks of.

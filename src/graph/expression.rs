@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
-use crate::text::{Quantity, Unit, cut, nearest, unit_names};
+use crate::text::{Help, Quantity, Unit, cut, nearest, unit_names};
 
 /// What an expression gives.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,14 +28,14 @@ pub(crate) struct ExpressionError {
     /// Where in the text, if it is not the whole of it, and another place with words for it.
     pub(crate) at: Option<Range<usize>>,
     pub(crate) note: Option<Box<(Range<usize>, String)>>,
-    help: String,
+    help: Help,
     /// The parameter that is not there, if that is why.
     unknown: Option<String>,
 }
 
 impl ExpressionError {
     /// What may have been meant.
-    pub(crate) fn help(&self, parameters: &BTreeMap<String, Outcome>) -> String {
+    pub(crate) fn help(&self, parameters: &BTreeMap<String, Outcome>) -> Help {
         match &self.unknown {
             Some(name) => nearest(name, parameters.keys().map(String::as_str)),
             None => self.help.clone(),

@@ -5,7 +5,7 @@ use serde_json::{Value as Json, json};
 use super::parameters::{Parameters, Worked, is_computed};
 use super::quality::{each_side, is_draft};
 use crate::error::code;
-use crate::text::{Body, Expected, Field, Finding, Kind, Origin, Quantity, Tree, Unit};
+use crate::text::{Body, Expected, Field, Finding, Help, Kind, Origin, Quantity, Tree, Unit};
 
 /// Works out the values in a call.
 struct Fitting<'a> {
@@ -112,7 +112,7 @@ impl Fitting<'_> {
             let Some(Quantity { value, .. }) = Quantity::read(tree) else {
                 let message = format!("`{}(..)` holds one number", name.text);
                 let help = format!("write {0}(1.5), or Expr(\"{0}(a)\")", name.text);
-                return self.wrong(tree, message, help);
+                return self.wrong(tree, message, help.into());
             };
             let whole = value.fract() == 0.0;
             let number = Tree { kind: Kind::Number { value, whole }, ..tree.clone() };
@@ -180,11 +180,18 @@ impl Fitting<'_> {
         let (message, help) = match &expected.unit {
             Some(own) => (
                 format!("{subject} is in {own}, but {words} is in {unit}"),
-                format!("write a plain number, which is in {own}"),
+                format!("write a plain number, which is in {own}").into(),
             ),
             None => {
                 let message = format!("{subject} has no unit, but {words} is in {unit}");
-                (message, "write a plain number".to_owned())
+                let help = "write a plain number";
+                let help = match &worked.value.kind {
+                    Kind::Number { value, .. } => {
+                        Help::edit(help, worked.value.span, value.to_string())
+                    }
+                    _ => help.into(),
+                };
+                (message, help)
             }
         };
         self.misfit(&worked, message, help)
@@ -203,7 +210,7 @@ impl Fitting<'_> {
             let help = format!(
                 "a plain number is in {wanted}; other units of the same kind are converted"
             );
-            return self.misfit(&worked, message, help);
+            return self.misfit(&worked, message, help.into());
         }
         let mut is_finite = true;
         let fitted = scaled(value, &mut |value| {
@@ -215,7 +222,7 @@ impl Fitting<'_> {
             return self.misfit(
                 &worked,
                 format!("{words} is too large for a number of {wanted}"),
-                String::new(),
+                Help::default(),
             );
         }
         fitted
@@ -228,7 +235,7 @@ impl Fitting<'_> {
         }
     }
 
-    fn misfit(&mut self, worked: &Worked, message: String, help: String) -> Tree {
+    fn misfit(&mut self, worked: &Worked, message: String, help: Help) -> Tree {
         let broken = self.wrong(&worked.value, message, help);
         if let Some(finding) = self.findings.last_mut() {
             finding.note.clone_from(&worked.note);
@@ -236,7 +243,7 @@ impl Fitting<'_> {
         broken
     }
 
-    fn wrong(&mut self, tree: &Tree, message: String, help: String) -> Tree {
+    fn wrong(&mut self, tree: &Tree, message: String, help: Help) -> Tree {
         let (code, span) = (code::WRONG_VALUE, tree.span);
         self.findings.push(Finding { code, span, message, help, note: None });
         Tree::new(span, Kind::Broken)

@@ -58,6 +58,7 @@ pub(super) fn fault(name: &Path, text: &str, what: &str) -> Problem {
         span: Span::default(),
         message: format!("{what} would not say the same"),
         help: "this is a fault of the formatter: the file is left as it is".into(),
+        fix: Vec::new(),
         note: None,
         uses: Vec::new(),
     }

@@ -201,11 +201,11 @@ impl Graph {
     fn no_input(&self, name: &str) -> Problem {
         let known = Vec::from_iter(self.inputs.iter().map(|input| &input.name[..]));
         let help = match known.is_empty() {
-            true => "it has no inputs at all; --set changes parameters".to_owned(),
+            true => "it has no inputs at all; --set changes parameters".into(),
             false => nearest_or_all(name, "its inputs", &known),
         };
         let message = format!("the graph has no input `{name}`");
-        Problem { help, ..self.problem(code::UNKNOWN_FIELD, message) }
+        Problem { help: help.into(), ..self.problem(code::UNKNOWN_FIELD, message) }
     }
 
     fn wrong_input(&self, input: &GraphInput, value: &AnyValue, catalog: &Catalog) -> Problem {

@@ -8,7 +8,7 @@ use super::each::Each;
 use super::needs::Needs;
 use crate::error::{Span, code};
 use crate::node::Output;
-use crate::text::{FoundLink, any_of, nearest_or_all, with_article};
+use crate::text::{FoundLink, Help, any_of, nearest_or_all, with_article};
 use crate::value::ValueType;
 
 /// More links than this one after the other through `ForEach`es without elements are a circle.
@@ -100,7 +100,10 @@ impl<'a> Check<'_, 'a> {
         if found.is_none() {
             let kind = with_article(kind);
             let message = format!("`{node}` is {kind}, which has no output `{output}`");
-            let help = self.guess(|| nearest_or_all(output, "its outputs", names));
+            let help = self.guess(|| match names {
+                [only] => Help::rename(format!("its outputs: {only}"), output, only),
+                _ => nearest_or_all(output, "its outputs", names),
+            });
             self.find(code::UNKNOWN_LINK, span, message, help);
         }
         found
@@ -245,7 +248,7 @@ impl<'a> Check<'_, 'a> {
             for (link, kind, place) in misfits {
                 match first.filter(|_| is_switch) {
                     Some(first) => self.unlike(&link, first, kind),
-                    None => self.misfit(&owner, &link, kind, drafts),
+                    None => self.misfit(&owner, &link, kind, drafts, Some(index)),
                 }
                 self.note(Some(place), || format!("this gives {}", with_article(kind.name)));
             }
@@ -268,7 +271,7 @@ impl<'a> Check<'_, 'a> {
             };
             if link.types.iter().all(|fits| fits != kind.name && !fits.is_empty()) {
                 let link = FoundLink { text: format!("{name}.{port}"), ..link.clone() };
-                self.misfit(draft.what.kind(), &link, kind, &[]);
+                self.misfit(draft.what.kind(), &link, kind, &[], None);
             }
         }
     }
@@ -357,7 +360,14 @@ impl<'a> Check<'_, 'a> {
         self.find(code::WRONG_TYPE, link.span, message, "all cases give one type");
     }
 
-    fn misfit(&mut self, owner: &str, link: &FoundLink, kind: &ValueType, drafts: &[Draft]) {
+    fn misfit(
+        &mut self,
+        owner: &str,
+        link: &FoundLink,
+        kind: &ValueType,
+        drafts: &[Draft],
+        user: Option<usize>,
+    ) {
         let wanted = any_of(link.types.iter().map(String::as_str));
         let data = drafts.iter().find(|draft| draft.name.text == link.text);
         let data = data.filter(|draft| matches!(draft.what, What::Elements(_)));
@@ -375,11 +385,16 @@ impl<'a> Check<'_, 'a> {
             .types
             .iter()
             .map(|wanted| (wanted, self.world.catalog.converters(kind.name, wanted)));
-        let help = makers.filter_map(|(wanted, makers)| {
+        let words = makers.filter_map(|(wanted, makers)| {
             let maker = makers.first()?;
             Some(format!("{} makes {} of it", with_article(maker), with_article(wanted)))
         });
-        let help = Vec::from_iter(help).join("; ");
+        let words = Vec::from_iter(words).join("; ");
+        let mut help = Help::from(words);
+        let edits = user.and_then(|user| self.fitted(link, kind, drafts, &drafts[user]));
+        if let Some(edits) = edits {
+            help.with_edits(edits);
+        }
         self.find(code::WRONG_TYPE, link.span, message, help);
     }
 }

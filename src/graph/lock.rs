@@ -200,7 +200,7 @@ fn relative(folder: &Path, file: &Path) -> String {
 
 fn problem((source, span): (Arc<Source>, Span), message: String, help: String) -> Problem {
     let (severity, note, uses) = (Severity::Error, None, Vec::new());
-    Problem { severity, code: code::LOCK, source, span, message, help, note, uses }
+    Problem { severity, code: code::LOCK, source, span, message, help, fix: Vec::new(), note, uses }
 }
 
 impl World<'_> {

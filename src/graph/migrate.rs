@@ -11,7 +11,7 @@ use super::edit::{Splice, added, apply, quoted, without};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source, Span, code};
 use crate::pack::{Migration, NewValue};
-use crate::text::{Body, Field, Finding, Kind, Name, Tree, parse, syntax_problems};
+use crate::text::{Body, Field, Finding, Help, Kind, Name, Tree, parse, syntax_problems};
 
 /// No call needs as many steps: packs that send each other in a circle come to an end here.
 const MOST_STEPS: usize = 100;
@@ -193,12 +193,17 @@ pub(super) fn renewed(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<Finding>) {
     }
     let Some(Call { kind, is_text, .. }) = Call::of(&entry) else { return (entry, findings) };
     let present = migrations.present(&kind.text);
-    let mut find = |span, message| {
-        let help = "`maquette migrate --write` puts the new name into the file".to_owned();
+    let mut find = |span, message, renamed: Option<(&str, &str)>| {
+        let help = "`maquette migrate --write` puts the new name into the file";
+        let help = match renamed {
+            Some((old, new)) => Help::rename(help.into(), old, new),
+            None => help.into(),
+        };
         findings.push(Finding { code: code::OUTDATED, span, message, help, note: None });
     };
     if present != kind.text {
-        find(kind.span, format!("the node type `{}` is called `{present}` now", kind.text));
+        let message = format!("the node type `{}` is called `{present}` now", kind.text);
+        find(kind.span, message, Some((&kind.text, &present)));
         match &mut entry.kind {
             Kind::Call { body: Body::Fields(fields), .. } if is_text => {
                 let graph = fields.iter_mut().find(|field| field.name.text == "graph");
@@ -226,6 +231,9 @@ pub(super) fn renewed(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<Finding>) {
                     true => format!("field `{old}` of {present} is said otherwise now"),
                     false => format!("field `{old}` of {present} is called `{new}` now"),
                 },
+                // Other values than names are for `migrate`.
+                (old != new && matches!(value, NewValue::Same) && !new.contains('.'))
+                    .then_some((old, new)),
             );
             renew_field(fields, at, new, *value);
         }

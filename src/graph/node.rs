@@ -162,7 +162,7 @@ impl Check<'_, '_> {
         let misfit = file.misfit.clone();
         let (code, message, help) = match (found, misfit) {
             (Err(PathProblem::Outside { message, help }), _) => (code::OUTSIDE, message, help),
-            (_, Some((message, help))) => (code::WRONG_VALUE, message, help),
+            (_, Some((message, help))) => (code::WRONG_VALUE, message, help.into()),
             (Err(PathProblem::Missing { message, help }), _) => (code::MISSING_FILE, message, help),
             (Ok(()), None) => return,
         };
@@ -239,7 +239,8 @@ impl Check<'_, '_> {
                 let help = match inside.filter(|outer| known.contains(outer)) {
                     Some(outer) => format!(
                         "what is inside of `{outer}` is set by its parameters: --set {outer}.name=VALUE"
-                    ),
+                    )
+                    .into(),
                     None => nearest_or_all(name, &format!("its {what}s"), &known),
                 };
                 self.find(code::UNKNOWN_LINK, Span::default(), message, help);

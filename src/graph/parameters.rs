@@ -12,8 +12,8 @@ use super::fitting::in_own_unit;
 use super::quality::{chosen, is_draft};
 use crate::error::{MOST_TOLD, Span, code};
 use crate::text::{
-    Body, Field, Finding, Given, Kind, Origin, Quantity, Sheet, Tree, Unit, cut, nearest_or_all,
-    parse,
+    Body, Field, Finding, Given, Help, Kind, Origin, Quantity, Sheet, Tree, Unit, cut,
+    nearest_or_all, parse,
 };
 
 /// The values of a graph's parameters.
@@ -151,7 +151,7 @@ impl Parameters {
         let Some(value) = self.values.get(name).cloned() else {
             let help = match self.values.is_empty() {
                 true => "declare it under `params`".into(),
-                false if !guesses => String::new(),
+                false if !guesses => Help::default(),
                 false => nearest_or_all(name, "its parameters", &self.names()),
             };
             return Err(wrong(argument.span, format!("the graph has no parameter `{name}`"), help));
@@ -170,7 +170,7 @@ impl Parameters {
             // A parameter without a value has been reported where it is declared.
             Err(_) if self.values.values().any(Tree::is_broken) => (Kind::Broken, Unit::default()),
             Err(error) => {
-                let help = if guesses { error.help(&self.numbers) } else { String::new() };
+                let help = if guesses { error.help(&self.numbers) } else { Help::default() };
                 let ExpressionError { message, at, note, .. } = error;
                 let place = |at: Range<usize>| place_in(call, argument, text, at);
                 let span = at.and_then(place).unwrap_or(argument.span);
@@ -203,7 +203,7 @@ fn written(argument: &Tree) -> Result<&str, Finding> {
     argument.text().ok_or_else(|| wrong(argument.span, found(), help.into()))
 }
 
-fn wrong(span: Span, message: String, help: String) -> Finding {
+fn wrong(span: Span, message: String, help: Help) -> Finding {
     Finding { code: code::EXPRESSION, span, message, help, note: None }
 }
 

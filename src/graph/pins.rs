@@ -69,7 +69,7 @@ impl Pin {
 impl Pins {
     fn problem(&self, span: Span, code: &'static str, message: String, help: String) -> Problem {
         let (severity, source, uses) = (Severity::Error, self.source.clone(), Vec::new());
-        Problem { severity, code, source, span, message, help, note: None, uses }
+        Problem { severity, code, source, span, message, help, fix: Vec::new(), note: None, uses }
     }
 }
 

@@ -6,7 +6,7 @@ use super::expectation::Expectation;
 use super::expected::Expecting;
 use super::top::TopLevel;
 use crate::error::{Span, code};
-use crate::text::{Kind, Tree, nearest_or_all, with_article};
+use crate::text::{Help, Kind, Tree, nearest_or_all, with_article};
 use crate::value::ValueType;
 
 impl Definition {
@@ -29,7 +29,12 @@ impl Check<'_, '_> {
         let Kind::List(words) = &list.kind else {
             if !list.is_broken() {
                 let message = format!("properties are a list, not {}", list.in_words());
-                self.find(code::WRONG_VALUE, list.span, message, "write [Closed, Triangles]");
+                let help = "write [Closed, Triangles]";
+                let help = match &list.kind {
+                    Kind::Word(word) => Help::edit(help, list.span, format!("[{word}]")),
+                    _ => help.into(),
+                };
+                self.find(code::WRONG_VALUE, list.span, message, help);
             }
             return Vec::new();
         };
@@ -50,7 +55,7 @@ impl Check<'_, '_> {
                         name => format!("{what} has no property `{name}`"),
                     };
                     let help = match known.is_empty() {
-                        true => format!("nothing can be wanted or promised of {what}"),
+                        true => format!("nothing can be wanted or promised of {what}").into(),
                         false => nearest_or_all(name, "its properties", &known),
                     };
                     self.find(code::WRONG_VALUE, word.span, message, help);
@@ -71,7 +76,7 @@ impl Check<'_, '_> {
                     true => (
                         "a graph without `inputs` gives files, of which nothing is promised"
                             .to_owned(),
-                        "say what must hold of its values in `expect`".to_owned(),
+                        "say what must hold of its values in `expect`".into(),
                     ),
                     false => (
                         format!("there is no output `{name}`"),

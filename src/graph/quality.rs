@@ -1,7 +1,7 @@
 //! `Draft(final: 4, draft: 1)`: a value for final results, and one for a first look.
 
 use crate::error::code;
-use crate::text::{Body, Field, Finding, Kind, Tree, nearest_or_all};
+use crate::text::{Body, Field, Finding, Help, Kind, Tree, nearest_or_all};
 
 /// The fields of a `Draft`: of final runs, and of drafts.
 const SIDES: [&str; 2] = ["final", "draft"];
@@ -56,7 +56,7 @@ pub(super) fn chosen<'t>(
     if !is_draft(tree) {
         return Some(tree);
     }
-    let mut find = |code, span, message: String, help: String| {
+    let mut find = |code, span, message: String, help: Help| {
         findings.push(Finding { code, span, message, help, note: None });
     };
     let Some(fields) = tree.fields() else {

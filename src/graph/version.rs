@@ -5,7 +5,7 @@ use semver::{Version, VersionReq};
 use super::check::Check;
 use super::definition::Definition;
 use crate::error::{Span, code};
-use crate::text::{Kind, Tree, nearest_or_all};
+use crate::text::{Help, Kind, Tree, nearest_or_all};
 
 /// What a graph says of another one that it uses.
 pub(super) struct Wanted<'t> {
@@ -32,7 +32,16 @@ impl Check<'_, '_> {
         if version.is_none() && !tree.is_broken() {
             let found = tree.in_words();
             let message = format!("field `version` of Graph wants three numbers, not {found}");
-            self.find(code::WRONG_VALUE, tree.span, message, "write \"2.1.0\"");
+            // Who says two numbers or one means the first of those versions.
+            let whole = tree.text().and_then(|text| {
+                let zeros = [".0.0", ".0"].map(|zeros| format!("{text}{zeros}"));
+                zeros.into_iter().find(|whole| whole.parse::<Version>().is_ok())
+            });
+            let help = match whole {
+                Some(whole) => Help::edit("write \"2.1.0\"", tree.span, format!("\"{whole}\"")),
+                None => "write \"2.1.0\"".into(),
+            };
+            self.find(code::WRONG_VALUE, tree.span, message, help);
         }
         version
     }

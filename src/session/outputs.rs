@@ -249,6 +249,7 @@ impl OutputFolder {
                 span: output.span,
                 message,
                 help: help.into(),
+                fix: Vec::new(),
                 note: None,
                 uses: Vec::new(),
             })

@@ -158,7 +158,7 @@ impl Job<'_> {
     fn problem(&self, code: &'static str, span: Span, message: String) -> Problem {
         let (source, help, note) = (self.test.source.clone(), String::new(), None);
         let (severity, uses) = (Severity::Error, Vec::new());
-        Problem { severity, code, source, span, message, help, note, uses }
+        Problem { severity, code, source, span, message, help, fix: Vec::new(), note, uses }
     }
 
     /// What the test expects, beside the graph itself.
@@ -187,7 +187,7 @@ impl Job<'_> {
                         format!("the graph has no output `{}`", allowed.output),
                     );
                     problem.help =
-                        crate::text::nearest_or_all(&allowed.output, "its outputs", &names);
+                        crate::text::nearest_or_all(&allowed.output, "its outputs", &names).into();
                     problems.push(problem);
                 }
                 continue;

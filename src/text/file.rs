@@ -6,6 +6,7 @@
 use ronin_core::lexer::tokenize;
 use ronin_core::{SyntaxKind, SyntaxNode, TextRange};
 
+use super::help::Help;
 use super::tree::{Kind, Tree, cut};
 use super::tree_reader::{TreeReader, is_value};
 use crate::error::{Place, Span};
@@ -15,7 +16,7 @@ use crate::error::{Place, Span};
 pub(crate) struct Mistake {
     pub(crate) span: Span,
     pub(crate) message: String,
-    pub(crate) help: String,
+    pub(crate) help: Help,
 }
 
 /// Values in each other, and with them all that walks through them, go no deeper: far deeper than any node needs, and far less
@@ -221,7 +222,7 @@ pub(crate) fn printed(text: &str) -> String {
 /// Says of a parser's finding what was found, not only what was missed.
 fn explain(text: &str, found: Span, message: &str) -> Mistake {
     let found_text = text.get(found.start..found.end).unwrap_or_default();
-    let (message, help) = if message.contains("trailing") {
+    let (message, help): (String, Help) = if message.contains("trailing") {
         let end = found_text.find('\n').map_or(found.end, |line| found.start + line);
         return Mistake {
             span: Span { end, ..found },
@@ -233,20 +234,36 @@ fn explain(text: &str, found: Span, message: &str) -> Mistake {
         match found_text.starts_with(begins_value) {
             true => (
                 format!("there is no comma before `{}`", cut(found_text)),
-                "put one between this and what stands before it",
+                missing_comma(text, found),
             ),
-            false => (format!("`{found_text}` has no meaning here"), "is it one too many?"),
+            false => {
+                (format!("`{found_text}` has no meaning here"), Help::edit(ONE_TOO_MANY, found, ""))
+            }
         }
     } else if found_text.chars().count() <= 24 && !found_text.is_empty() {
         (
             format!("{message}, but here is `{found_text}`"),
-            "is a comma, colon or parenthesis missing before it?",
+            "is a comma, colon or parenthesis missing before it?".into(),
         )
     } else {
-        (message.to_owned(), "is a comma, colon or parenthesis missing before it?")
+        (message.to_owned(), "is a comma, colon or parenthesis missing before it?".into())
     };
-    Mistake { span: found, message, help: help.into() }
+    Mistake { span: found, message, help }
 }
+
+/// A comma behind what stands before a place.
+fn missing_comma(text: &str, found: Span) -> Help {
+    let words = "put one between this and what stands before it";
+    let is_trivia =
+        |token| matches!(token, Token::Space | Token::LineComment | Token::BlockComment);
+    let before = tokens(text).into_iter().filter(|(token, _)| !is_trivia(*token));
+    let last = before.take_while(|(_, at)| at.end <= found.start).last();
+    last.map_or(words.into(), |(_, Span { end, .. })| {
+        Help::edit(words, Span { start: end, end }, ",")
+    })
+}
+
+const ONE_TOO_MANY: &str = "is it one too many?";
 
 /// Commas and colons that are missing or have nothing before or behind them, as far as the parser lets them pass.
 fn wrong_separators(root: &SyntaxNode) -> Vec<Mistake> {
@@ -259,8 +276,8 @@ fn wrong_separators(root: &SyntaxNode) -> Vec<Mistake> {
         }
         let begins = matches!(before, None | Some(Comma | Colon | LParen | LBracket | LBrace));
         let mistake = match token.kind() {
-            Comma if begins => Some(("there is nothing before this `,`", "is it one too many?")),
-            Colon if begins => Some(("there is nothing before this `:`", "is it one too many?")),
+            Comma if begins => Some(("there is nothing before this `,`", ONE_TOO_MANY)),
+            Colon if begins => Some(("there is nothing before this `:`", ONE_TOO_MANY)),
             RParen | RBracket | RBrace if before == Some(Colon) => {
                 Some(("there is no value behind the `:` before this", "write one"))
             }
@@ -269,10 +286,11 @@ fn wrong_separators(root: &SyntaxNode) -> Vec<Mistake> {
             _ if begins => None,
             _ => Some(("something is missing before this", "put a comma or a colon between them")),
         };
+        let at = span(token.text_range());
         mistakes.extend(mistake.map(|(message, help)| Mistake {
-            span: span(token.text_range()),
+            span: at,
             message: message.into(),
-            help: help.into(),
+            help: if help == ONE_TOO_MANY { Help::edit(help, at, "") } else { help.into() },
         }));
         before = Some(token.kind());
     }
@@ -295,7 +313,8 @@ fn unclosed(text: &str, root: &SyntaxNode) -> Option<Mistake> {
         } else if matches!(kind, RParen | RBracket | RBrace) {
             let Some((opener, opened)) = open.pop() else {
                 let message = format!("this `{}` closes nothing", token.text());
-                return Some(Mistake { span: at, message, help: "is it one too many?".into() });
+                let help = Help::edit(ONE_TOO_MANY, at, "");
+                return Some(Mistake { span: at, message, help });
             };
             if closer(opener).0 != kind {
                 let Place { line, column } = Place::of(text, at.start);
@@ -303,18 +322,37 @@ fn unclosed(text: &str, root: &SyntaxNode) -> Option<Mistake> {
                 let message = format!(
                     "this `{opener_text}` is not closed before the `{found}` at {line}:{column}"
                 );
-                let help = format!("put a `{}` where it ends", closer(opener).1);
+                let help = closing(text, opened, closer(opener).1);
                 return Some(Mistake { span: opened, message, help });
             }
         }
     }
     let (opener, opened) = open.pop()?;
     let message = format!("this `{}` is never closed", &text[opened.start..opened.end]);
-    Some(Mistake {
-        span: opened,
-        message,
-        help: format!("put a `{}` where it ends", closer(opener).1),
-    })
+    Some(Mistake { span: opened, message, help: closing(text, opened, closer(opener).1) })
+}
+
+/// The parenthesis that is missing, put at the end of the line where it was opened if the next line begins no deeper: there it ends.
+fn closing(text: &str, opened: Span, closer: char) -> Help {
+    let words = format!("put a `{closer}` where it ends");
+    let depth = |line: &str| line.len() - line.trim_start().len();
+    let start = text[..opened.start].rfind('\n').map_or(0, |newline| newline + 1);
+    let mut lines = text[start..].lines();
+    let line = lines.next().unwrap_or_default();
+    let next = lines.find(|line| !line.trim().is_empty());
+    // What follows may be a part of a comment.
+    let code = tokens(line).into_iter().filter(|(token, _)| !matches!(token, Token::Space));
+    let end = match Vec::from_iter(code)[..] {
+        [.., (Token::LineComment | Token::BlockComment, _)] => None,
+        [.., (Token::Word | Token::Close, last), (Token::Comma, _)]
+        | [.., (Token::Word | Token::Close, last)] => Some(start + last.end),
+        _ => None,
+    };
+    let ends_here = next.is_some_and(|next| depth(next) <= depth(line));
+    match end.filter(|end| ends_here && opened.end <= *end) {
+        Some(end) => Help::edit(words, Span { start: end, end }, closer),
+        None => words.into(),
+    }
 }
 
 pub(crate) fn span(range: TextRange) -> Span {

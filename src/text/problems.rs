@@ -15,7 +15,8 @@ pub(crate) fn syntax_problems(name: &Path, text: &str, mistakes: Vec<Mistake>) -
         source: source.clone(),
         span: mistake.span,
         message: mistake.message,
-        help: mistake.help,
+        fix: mistake.help.edits(text, mistake.span),
+        help: mistake.help.into(),
         note: None,
         uses: Vec::new(),
     };

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use serde_json::{Map, Value as Json};
 
 use super::file::parse;
+use super::help::Help;
 use super::ron::ron;
 use super::suggest::nearest_or_all;
 use super::tree::{Body, Field, Given, Kind, Name, Origin, Tree};
@@ -53,7 +54,7 @@ pub(crate) struct Finding {
     pub(crate) code: &'static str,
     pub(crate) span: Span,
     pub(crate) message: String,
-    pub(crate) help: String,
+    pub(crate) help: Help,
     pub(crate) note: Option<(Span, String)>,
 }
 
@@ -69,7 +70,8 @@ impl Finding {
             source: source.clone(),
             span,
             message,
-            help,
+            fix: help.edits(&source.text, span),
+            help: help.into(),
             note,
             uses: Vec::new(),
         }
@@ -107,15 +109,17 @@ impl Walk<'_> {
         }
     }
 
-    fn find(&mut self, code: &'static str, tree: &Tree, message: String, help: impl Into<String>) {
-        let mut help = help.into();
+    fn find(&mut self, code: &'static str, tree: &Tree, message: String, help: impl Into<Help>) {
+        let mut help: Help = help.into();
         let note = match &tree.origin {
             Some(Origin::Default(span)) => Some((*span, "the value comes from here".to_owned())),
             Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
             Some(Origin::Given(given)) => {
                 // A note can only be shown in the file of the problem itself.
+                // The value is changed there.
                 let gap = if help.is_empty() { "" } else { "; " };
-                help = self.guess(|| format!("the value comes from {}{gap}{help}", given.place()));
+                help = self
+                    .guess(|| format!("the value comes from {}{gap}{help}", given.place()).into());
                 None
             }
             None => None,
@@ -124,8 +128,8 @@ impl Walk<'_> {
     }
 
     /// What may have been meant, as long as problems are few enough to be told.
-    fn guess(&self, make: impl FnOnce() -> String) -> String {
-        if self.findings.len() < MOST_TOLD { make() } else { String::new() }
+    fn guess(&self, make: impl FnOnce() -> Help) -> Help {
+        if self.findings.len() < MOST_TOLD { make() } else { Help::default() }
     }
 
     /// Checks the value of the field `field`.
@@ -185,7 +189,7 @@ impl Walk<'_> {
         };
         let required = schema.get("required").and_then(Json::as_array).into_iter().flatten();
         let required = Vec::from_iter(required.filter_map(Json::as_str));
-        let mut given = HashSet::new();
+        let (mut given, mut meant) = (HashSet::new(), HashSet::<String>::new());
         for Field { name, value } in fields {
             let at_name = Tree::new(name.span, Kind::Broken);
             if !given.insert(&name.text[..]) {
@@ -203,22 +207,28 @@ impl Walk<'_> {
                 let message = format!("{owner} has no field `{}`", name.text);
                 let names = || Vec::from_iter(properties.keys().map(String::as_str));
                 let help = self.guess(|| nearest_or_all(&name.text, "its fields", &names()));
+                meant.extend(help.meant().map(str::to_owned));
                 self.find(code::UNKNOWN_FIELD, &at_name, message, help);
             }
         }
         for name in required {
-            if given.contains(name) {
+            // What is there under a name that is nearly right does not lack.
+            if given.contains(name) || meant.contains(name) {
                 continue;
             }
             let schema = properties.get(name);
             let (message, help) = match schema.and_then(|schema| schema.get("port")) {
-                Some(Json::String(wants)) => (
-                    format!("{owner} needs a link at its port `{name}`"),
-                    format!(
+                Some(Json::String(wants)) => {
+                    let words = format!(
                         "write `{name}: \"node\"` with a node that gives {}",
                         with_article(wants)
-                    ),
-                ),
+                    );
+                    let types = schema.and_then(|schema| schema["types"].as_array());
+                    let types = types.into_iter().flatten().filter_map(Json::as_str);
+                    let types = types.map(str::to_owned).collect();
+                    let help = Help::link(words, name, types);
+                    (format!("{owner} needs a link at its port `{name}`"), help)
+                }
                 _ => {
                     let schema = schema.map(|schema| resolve(self.root, schema));
                     let choices = schema.map(|schema| variants(&schema)).unwrap_or_default();
@@ -227,7 +237,7 @@ impl Walk<'_> {
                         true => format!("write `{name}: ..`"),
                         false => format!("write `{name}: ..` with one of {}", choices.join(", ")),
                     };
-                    (format!("{owner} needs a field `{name}`"), help)
+                    (format!("{owner} needs a field `{name}`"), help.into())
                 }
             };
             self.find(code::MISSING_FIELD, tree, message, help);

@@ -70,16 +70,22 @@ impl Sheet {
     /// A finding as a problem of its file.
     pub(crate) fn problem(&self, finding: Finding, uses: &[Use]) -> Problem {
         let (source, span) = self.place(finding.span);
-        let mut help = finding.help.clone();
-        let note = finding.note.clone().and_then(|(span, words)| {
+        let here = |span| {
             let (other, place) = self.place(span);
-            if Arc::ptr_eq(&other, &source) {
+            Arc::ptr_eq(&other, &source).then_some(place)
+        };
+        let mut help = finding.help.clone().moved(here);
+        let note = finding.note.clone().and_then(|(span, words)| {
+            if let Some(place) = here(span) {
                 return Some((place, words));
             }
-            let gap = if help.is_empty() { "" } else { "; " };
-            help = format!("{words}: {}{gap}{help}", self.place_in_words(span));
+            let place = self.place_in_words(span);
+            help = std::mem::take(&mut help).in_words(|help| {
+                let gap = if help.is_empty() { "" } else { "; " };
+                format!("{words}: {place}{gap}{help}")
+            });
             None
         });
-        Problem { span, note, help, uses: uses.to_vec(), ..finding.at(&source) }
+        Problem { note, uses: uses.to_vec(), ..Finding { span, help, ..finding }.at(&source) }
     }
 }

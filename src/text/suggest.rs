@@ -1,5 +1,7 @@
 //! Guesses what was meant by a name that is not known.
 
+use super::Help;
+
 /// A list of names in a message goes no further.
 const MOST_LISTED: usize = 30;
 
@@ -7,8 +9,8 @@ const MOST_LISTED: usize = 30;
 ///
 /// Near is: no more than a third of the letters differ (swaps count once), and at least one may; if there is no such name, one
 /// that goes on where the given one, of four letters at least, ends.
-pub(crate) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    let name = name.to_lowercase();
+pub(crate) fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Help {
+    let name = given.to_lowercase();
     let length = name.chars().count();
     let limit = (length / 3).max(1);
     let (mut near, mut longer) = (None, None);
@@ -34,19 +36,20 @@ pub(crate) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) 
             }
         }
     }
-    near.or(longer).map_or_else(String::new, |(_, known)| format!("did you mean `{known}`?"))
+    let help = |(_, known)| Help::rename(format!("did you mean `{known}`?"), given, known);
+    near.or(longer).map(help).unwrap_or_default()
 }
 
 /// The same; if nothing is near, a list of what there is.
-pub(crate) fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> String {
+pub(crate) fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> Help {
     match nearest(name, known.iter().copied()) {
         help if !help.is_empty() => help,
-        _ if known.is_empty() => String::new(),
+        _ if known.is_empty() => Help::default(),
         _ if known.len() > MOST_LISTED => {
             let rest = known.len() - MOST_LISTED;
-            format!("{what}: {} and {rest} more", known[..MOST_LISTED].join(", "))
+            format!("{what}: {} and {rest} more", known[..MOST_LISTED].join(", ")).into()
         }
-        _ => format!("{what}: {}", known.join(", ")),
+        _ => format!("{what}: {}", known.join(", ")).into(),
     }
 }
 
@@ -71,28 +74,34 @@ pub(crate) mod tests {
 
     #[test]
     fn a_slip_is_recognized_and_a_stranger_is_not() {
-        assert_eq!(nearest("levls", ["scheme", "levels"]), "did you mean `levels`?");
-        assert_eq!(nearest("Lop", ["Loop"]), "did you mean `Loop`?");
-        assert_eq!(nearest("lveel", ["scheme", "level"]), "did you mean `level`?");
-        assert_eq!(nearest("xyz", ["scheme", "levels"]), "");
+        assert_eq!(nearest("levls", ["scheme", "levels"]).to_string(), "did you mean `levels`?");
+        assert_eq!(nearest("Lop", ["Loop"]).to_string(), "did you mean `Loop`?");
+        assert_eq!(nearest("lveel", ["scheme", "level"]).to_string(), "did you mean `level`?");
+        assert_eq!(nearest("xyz", ["scheme", "levels"]).to_string(), "");
         assert_eq!(
-            nearest_or_all("xyz", "fields", &["scheme", "levels"]),
+            nearest_or_all("xyz", "fields", &["scheme", "levels"]).to_string(),
             "fields: scheme, levels"
         );
     }
 
     #[test]
     fn a_name_that_is_cut_off_is_recognized() {
-        assert_eq!(nearest("Tresh", ["Label", "Threshold"]), "did you mean `Threshold`?");
-        assert_eq!(nearest("trian", ["Label", "Triangulate"]), "did you mean `Triangulate`?");
-        assert_eq!(nearest("sca", ["scan-of-all-sides"]), "");
+        assert_eq!(
+            nearest("Tresh", ["Label", "Threshold"]).to_string(),
+            "did you mean `Threshold`?"
+        );
+        assert_eq!(
+            nearest("trian", ["Label", "Triangulate"]).to_string(),
+            "did you mean `Triangulate`?"
+        );
+        assert_eq!(nearest("sca", ["scan-of-all-sides"]).to_string(), "");
     }
 
     #[test]
     fn a_long_list_of_names_is_cut() {
         let names = Vec::from_iter((0..1000).map(|k| format!("node-{k}")));
         let names = Vec::from_iter(names.iter().map(String::as_str));
-        let help = nearest_or_all("xyz", "its nodes", &names);
+        let help = nearest_or_all("xyz", "its nodes", &names).to_string();
         assert!(help.ends_with("node-29 and 970 more"), "{help}");
     }
 

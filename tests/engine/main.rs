@@ -6,6 +6,7 @@ mod conformance;
 mod doll;
 mod edits;
 mod evaluator;
+mod fixes;
 mod goldens;
 mod graph_files;
 mod hostile_files;

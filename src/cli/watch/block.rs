@@ -329,6 +329,7 @@ mod tests {
             span: Span { start: 40, end: 48 },
             message: "there is no node type `Treshold`".into(),
             help: "did you mean `Threshold`?".into(),
+            fix: Vec::new(),
             note: None,
             uses: Vec::new(),
         };

@@ -487,6 +487,7 @@ mod tests {
             span: Span::default(),
             message: message.into(),
             help: String::new(),
+            fix: Vec::new(),
             note: None,
             uses: Vec::new(),
         };

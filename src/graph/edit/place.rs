@@ -67,7 +67,7 @@ pub(in crate::graph) fn place(
         let message = format!("the graph has no {what} `{name}`");
         return Err(Refusal {
             code: code::UNKNOWN_LINK,
-            ..Refusal::new(Span::default(), message, help)
+            ..Refusal::new(Span::default(), message, help.into())
         });
     };
     put(entry, &Vec::from_iter(path.split('.')))
@@ -170,7 +170,7 @@ pub(super) fn find<'t>(
             entry.map(|(_, value)| find(value, rest, side)).unwrap_or_else(|| {
                 let known: Vec<&str> = entries.iter().filter_map(|(key, _)| key.text()).collect();
                 let help = nearest_or_all(step, "its entries", &known);
-                Err(Refusal::new(tree.span, format!("there is no entry `{step}`"), help))
+                Err(Refusal::new(tree.span, format!("there is no entry `{step}`"), help.into()))
             })
         }
         Kind::Call { .. } => match field(tree, step) {

@@ -1,0 +1,153 @@
+//! What to do about a problem: in words, and as an edit of the text where there is one answer.
+
+use std::fmt;
+
+use crate::error::Span;
+
+/// What to do about a problem. The words may be empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Help {
+    words: String,
+    fix: Fix,
+}
+
+/// What makes a problem go away.
+#[derive(Clone, Debug, Default, PartialEq)]
+enum Fix {
+    /// Something that only people can decide.
+    #[default]
+    None,
+    /// Another name in the place of the one that stands at the problem's place.
+    Rename { from: String, to: String },
+    /// Texts in the place of what stands at some spans.
+    Edits(Vec<(Span, String)>),
+    /// A link at a port, as soon as it is known what there is to link.
+    Link { port: String, wants: Vec<String> },
+}
+
+impl Help {
+    /// Help that is one edit of the text.
+    pub(crate) fn edit(words: impl Into<String>, span: Span, text: impl Into<String>) -> Self {
+        Self { words: words.into(), fix: Fix::Edits(vec![(span, text.into())]) }
+    }
+
+    /// Help that is another name.
+    pub(crate) fn rename(words: String, from: &str, to: &str) -> Self {
+        Self { words, fix: Fix::Rename { from: from.to_owned(), to: to.to_owned() } }
+    }
+
+    /// Help that is a link at a port, which wants values of some types.
+    pub(crate) fn link(words: String, port: &str, wants: Vec<String>) -> Self {
+        Self { words, fix: Fix::Link { port: port.to_owned(), wants } }
+    }
+
+    /// The port that lacks a link, and the types of values that it takes.
+    pub(crate) fn lacking(&self) -> Option<(&str, &[String])> {
+        match &self.fix {
+            Fix::Link { port, wants } => Some((port, wants)),
+            _ => None,
+        }
+    }
+
+    /// The name that was meant.
+    pub(crate) fn meant(&self) -> Option<&str> {
+        match &self.fix {
+            Fix::Rename { to, .. } => Some(to),
+            _ => None,
+        }
+    }
+
+    /// The same words with this edit.
+    pub(crate) fn with_edits(&mut self, edits: Vec<(Span, String)>) {
+        self.fix = Fix::Edits(edits);
+    }
+
+    /// The same edit, in other words.
+    pub(crate) fn in_words(self, words: impl FnOnce(&str) -> String) -> Self {
+        Self { words: words(&self.words), ..self }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.words.is_empty()
+    }
+
+    /// The edits of a text that make the problem at `span` go away; none if people have to decide.
+    pub(crate) fn edits(&self, text: &str, span: Span) -> Vec<(Span, String)> {
+        match &self.fix {
+            Fix::None | Fix::Link { .. } => Vec::new(),
+            Fix::Edits(edits) => edits.clone(),
+            Fix::Rename { from, to } => {
+                let found = only(text.get(span.start..span.end).unwrap_or_default(), from);
+                let edit = |at: usize| {
+                    let start = span.start + at;
+                    (Span { start, end: start + from.len() }, to.clone())
+                };
+                found.map(edit).into_iter().collect()
+            }
+        }
+    }
+
+    /// The same with its spans elsewhere; without an edit if one of them is nowhere.
+    pub(crate) fn moved(self, place: impl Fn(Span) -> Option<Span>) -> Self {
+        let Fix::Edits(edits) = self.fix else { return self };
+        let moved = edits.into_iter().map(|(span, text)| Some((place(span)?, text)));
+        let fix = moved.collect::<Option<_>>().map_or(Fix::None, Fix::Edits);
+        Self { fix, ..self }
+    }
+}
+
+/// Where a name stands in a text, if it does so once.
+fn only(text: &str, name: &str) -> Option<usize> {
+    let is_part = |c: char| c.is_alphanumeric() || c == '_';
+    let is_name = |at: &usize| {
+        let (before, behind) = (&text[..*at], &text[at + name.len()..]);
+        !before.ends_with(is_part) && !behind.starts_with(is_part)
+    };
+    let mut found = text.match_indices(name).map(|(at, _)| at).filter(is_name);
+    found.next().filter(|_| !name.is_empty() && found.next().is_none())
+}
+
+impl fmt::Display for Help {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.words)
+    }
+}
+
+impl From<&str> for Help {
+    fn from(words: &str) -> Self {
+        words.to_owned().into()
+    }
+}
+
+impl From<String> for Help {
+    fn from(words: String) -> Self {
+        Self { words, fix: Fix::None }
+    }
+}
+
+impl From<Help> for String {
+    fn from(help: Help) -> Self {
+        help.words
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_replaced_where_it_stands_once() {
+        let edits = |text: &str, from: &str| {
+            let span = Span { start: 1, end: text.len() };
+            Help::rename(String::new(), from, "doll").edits(text, span)
+        };
+        let edit = |start, end| vec![(Span { start, end }, "doll".to_owned())];
+        assert_eq!(edits("(\"dol\")", "dol"), edit(2, 5));
+        assert_eq!(edits("(\"dol.dolly\")", "dol"), edit(2, 5));
+        assert_eq!(edits("(\"dol.dol\")", "dol"), [], "nobody knows which");
+        assert_eq!(edits("(\"dolly\")", "dol"), []);
+        assert_eq!(edits("(\"\")", ""), []);
+        let far = Help::rename(String::new(), "a", "b");
+        assert_eq!(far.edits("a", Span { start: 5, end: 9 }), []);
+    }
+}

@@ -1,0 +1,173 @@
+//! Edits that make problems go away, where there is one answer: each makes its own go away and brings no other.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use maquette::{Catalog, Graph, Options, Problem};
+
+fn problems(path: &Path, text: &str, catalog: &Catalog) -> Vec<Problem> {
+    let options = Options { pins: true, ..Options::default() };
+    let checked = Graph::load_text(path, text.to_owned(), catalog, &options);
+    let unused = checked.graph.as_ref().map(Graph::unused).unwrap_or_default();
+    [&checked.problems[..], unused].concat()
+}
+
+/// How often each thing is told.
+fn told(problems: &[Problem]) -> BTreeMap<(&str, &str), i32> {
+    let mut told = BTreeMap::new();
+    problems.iter().for_each(|it| *told.entry((it.code, &it.message[..])).or_insert(0) += 1);
+    told
+}
+
+/// The graph files of a folder.
+fn graphs(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let mut paths = Vec::from_iter(entries.map(|entry| entry.unwrap().path()));
+    paths.retain(|path| {
+        let name = path.to_string_lossy();
+        name.ends_with(".ron") && !name.ends_with(".pins.ron")
+    });
+    paths.sort();
+    paths
+}
+
+#[test]
+fn each_fix_makes_its_problem_go_away_and_brings_no_other() {
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let shared = root.join("../shared/graphs/bad");
+    if !shared.is_dir() {
+        eprintln!("skipped: {} is not here", shared.display());
+    }
+    let own = graphs(&root.join("tests/bad"));
+    assert!(!own.is_empty());
+    let mut fixes = 0;
+    for path in own.iter().chain(&graphs(&shared)) {
+        let text = std::fs::read_to_string(path).unwrap();
+        let before = problems(path, &text, &catalog);
+        for problem in before.iter().filter(|problem| !problem.fix.is_empty()) {
+            let fixed = problem.fixed().expect("the edits fit into the text");
+            let now = problems(path, &fixed, &catalog);
+            let mut expected = told(&before);
+            *expected.get_mut(&(problem.code, &problem.message[..])).unwrap() -= 1;
+            for (what, count) in told(&now) {
+                let before = expected.get(&what).copied().unwrap_or_default();
+                let name = path.display();
+                assert!(count <= before, "{name}: {}: {what:?}\n{fixed}", problem.message);
+            }
+            fixes += 1;
+        }
+    }
+    assert!(fixes >= 15, "only {fixes} fixes");
+}
+
+/// What becomes of a text in which problems with one answer are put right.
+fn fixed(text: &str) -> (String, Vec<String>) {
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    std::fs::write(folder.path().join("doll.obj"), mesh).unwrap();
+    let path = folder.path().join("graph.ron");
+    std::fs::write(&path, text).unwrap();
+    let (fixed, mended) = Graph::fixed(&path, text, &catalog, &Options::default());
+    (fixed, mended.into_iter().map(|problem| problem.message).collect())
+}
+
+/// A graph with one node more.
+fn graph(node: &str) -> String {
+    format!(
+        "Graph(\n    format: 1,\n    nodes: {{\n        \"doll\": ReadMesh(path: \"doll.obj\"),\n        {node}\n    }},\n    outputs: {{ \"end.ply\": \"end\" }},\n)\n"
+    )
+}
+
+#[test]
+fn what_has_one_answer_is_put_right() {
+    for (wrong, right) in [
+        // Names of types, fields, choices, links, outputs, files.
+        (
+            r#""end": Subdivde(mesh: "doll", scheme: Loop),"#,
+            r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
+        ),
+        (
+            r#""end": Subdivide(mseh: "doll", scheme: Loop),"#,
+            r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
+        ),
+        (
+            r#""end": Subdivide(mesh: "doll", scheme: Lop),"#,
+            r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
+        ),
+        (
+            r#""end": Subdivide(mesh: "dol", scheme: Loop),"#,
+            r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
+        ),
+        (
+            r#""end": Subdivide(mesh: "doll.shape", scheme: Loop),"#,
+            r#""end": Subdivide(mesh: "doll.mesh", scheme: Loop),"#,
+        ),
+        (r#""end": ReadMesh(path: "dol.obj"),"#, r#""end": ReadMesh(path: "doll.obj"),"#),
+        // Commas, and parentheses where the lines tell.
+        (
+            r#""end": Subdivide(mesh: "doll" scheme: Loop),"#,
+            r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
+        ),
+        (
+            r#""end": Subdivide(mesh: "doll",, scheme: Loop),"#,
+            r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
+        ),
+        (
+            r#""end": Subdivide(mesh: "doll", scheme: Loop,"#,
+            r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
+        ),
+        // The only link that can be meant.
+        (r#""end": Subdivide(scheme: Loop),"#, r#""end": Subdivide(mesh: "doll", scheme: Loop),"#),
+        (r#""end": Texture(mesh: "doll", image: "doll"),"#, ""),
+        // A unit where there is none.
+        (
+            r#""end": Transform(mesh: "doll", scale: (cm(2), 1, 1)),"#,
+            r#""end": Transform(mesh: "doll", scale: (2, 1, 1)),"#,
+        ),
+    ] {
+        let (found, mended) = fixed(&graph(wrong));
+        match right {
+            "" => assert_eq!((&found, &mended[..]), (&graph(wrong), &[][..]), "nobody knows"),
+            right => {
+                assert_eq!(found, graph(right));
+                assert_eq!(mended.len(), 1, "{mended:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn several_problems_are_put_right_one_after_the_other() {
+    let wrong = graph(
+        "\"soft\": Subdivde(msh: \"dol\" scheme: Lop),\n        \"end\": Transform(mesh: \"sofft\", scale: (1, Expr(\"mxa(1, 2)\"), 1)),",
+    );
+    let right = graph(
+        "\"soft\": Subdivide(mesh: \"doll\", scheme: Loop),\n        \"end\": Transform(mesh: \"soft\", scale: (1, Expr(\"max(1, 2)\"), 1)),",
+    );
+    let (found, mended) = fixed(&wrong);
+    assert_eq!(found, right, "{mended:?}");
+}
+
+#[test]
+fn a_value_of_another_type_goes_through_the_only_node_that_makes_it_fit() {
+    let text = |middle: &str, link: &str| {
+        format!(
+            r#"Graph(
+    format: 1,
+    nodes: {{
+        "net": PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 1)]]),
+        "skin": Nurbs(net: "net", u: "knots", v: "knots"),
+        "knots": Knots(net: "net", along: U),
+        {middle}"end": Transform(mesh: "{link}"),
+    }},
+    outputs: {{ "end.ply": "end" }},
+)
+"#
+        )
+    };
+    let (found, mended) = fixed(&text("", "skin"));
+    let between = "\"skin-tessellate\": Tessellate(surface: \"skin\"),\n        ";
+    assert_eq!(found, text(between, "skin-tessellate"), "{mended:?}");
+}
