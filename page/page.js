@@ -1,5 +1,6 @@
 // The live page: keeps what the watch says, and shows it.
 
+import { listOf } from "./broken.js";
 import { by, element, find } from "./element.js";
 import { Graph } from "./graph.js";
 import { Parameters } from "./parameters.js";
@@ -378,6 +379,7 @@ let calm = 0;
 function askFacts() {
   clearTimeout(calm);
   const value = viewer.main.value;
+  by("broken").replaceChildren(...listOf(value?.broken ?? [], (place) => viewer.aim(place)));
   if (value === null) {
     by("facts").replaceChildren(element("p", {}, "not there yet"));
     return;

@@ -87,6 +87,9 @@ export type Space = {
 /** Numbers over an axis; what is not finite is `null`. */
 export type Series = { name: string; at: number[]; numbers: number[] };
 
+/** A property that somebody asks of a value and that it does not have: how many elements offend, and the first of them. */
+export type Broken = { property: string; asked_by: string[]; words: string; count: number; elements: { name: string; at: [number, number, number] }[] };
+
 /** What a value is and what is seen of it. */
 export type Value = Viewed & {
   run: number;
@@ -96,6 +99,7 @@ export type Value = Viewed & {
   picture: { size: [number, number]; pixels: Pixels; capture: { scale: [number, number]; offset: [number, number] } | null } | null;
   space: Space | null;
   series: Series[] | null;
+  broken: Broken[];
 };
 
 /** What is asked about a place under the pointer. */

@@ -196,6 +196,8 @@ pub struct Problem {
     pub note: Option<(Span, String)>,
     /// For a problem inside of a subgraph: the uses that lead there, from the outermost on.
     pub uses: Vec<Use>,
+    /// The elements of a value that are to blame, such as edges with one face, with a place of each in mm.
+    pub elements: Vec<(String, [f64; 3])>,
 }
 
 /// The codes of problems. They keep their meaning.
@@ -252,7 +254,7 @@ pub mod code {
 
 impl Problem {
     /// The problem as `--json` prints it. Its `note`, if it has one, is a place of its own with a message, as the related information
-    /// of an editor's diagnostics is.
+    /// of an editor's diagnostics is. Elements that are to blame have `elements`, each with a `name` and a place, `at`.
     pub fn to_json(&self) -> serde_json::Value {
         let start = Place::of(&self.source.text, self.span.start);
         let end = Place::of(&self.source.text, self.span.end);
@@ -281,6 +283,10 @@ impl Problem {
         }
         if !self.uses.is_empty() {
             json["uses"] = self.uses.iter().map(Use::to_json).collect();
+        }
+        if !self.elements.is_empty() {
+            let element = |(name, at): &(String, [f64; 3])| json!({ "name": name, "at": at });
+            json["elements"] = self.elements.iter().map(element).collect();
         }
         json
     }

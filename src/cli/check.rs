@@ -148,5 +148,6 @@ fn problem(code: &'static str, path: &Path, text: String, message: String) -> Pr
         help: String::new(),
         note: None,
         uses: Vec::new(),
+        elements: Vec::new(),
     }
 }

@@ -292,6 +292,7 @@ impl Judge<'_> {
             help: refusal.help,
             note: None,
             uses: Vec::new(),
+            elements: Vec::new(),
         }
     }
 }

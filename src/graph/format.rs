@@ -60,6 +60,7 @@ pub(super) fn fault(name: &Path, text: &str, what: &str) -> Problem {
         help: "this is a fault of the formatter: the file is left as it is".into(),
         note: None,
         uses: Vec::new(),
+        elements: Vec::new(),
     }
 }
 

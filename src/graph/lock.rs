@@ -200,7 +200,17 @@ fn relative(folder: &Path, file: &Path) -> String {
 
 fn problem((source, span): (Arc<Source>, Span), message: String, help: String) -> Problem {
     let (severity, note, uses) = (Severity::Error, None, Vec::new());
-    Problem { severity, code: code::LOCK, source, span, message, help, note, uses }
+    Problem {
+        severity,
+        code: code::LOCK,
+        source,
+        span,
+        message,
+        help,
+        note,
+        uses,
+        elements: Vec::new(),
+    }
 }
 
 impl World<'_> {

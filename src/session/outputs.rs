@@ -251,6 +251,7 @@ impl OutputFolder {
                 help: help.into(),
                 note: None,
                 uses: Vec::new(),
+                elements: Vec::new(),
             })
         };
         let mut start = Instant::now();

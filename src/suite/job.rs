@@ -158,7 +158,7 @@ impl Job<'_> {
     fn problem(&self, code: &'static str, span: Span, message: String) -> Problem {
         let (source, help, note) = (self.test.source.clone(), String::new(), None);
         let (severity, uses) = (Severity::Error, Vec::new());
-        Problem { severity, code, source, span, message, help, note, uses }
+        Problem { severity, code, source, span, message, help, note, uses, elements: Vec::new() }
     }
 
     /// What the test expects, beside the graph itself.

@@ -18,6 +18,7 @@ pub(crate) fn syntax_problems(name: &Path, text: &str, mistakes: Vec<Mistake>) -
         help: mistake.help,
         note: None,
         uses: Vec::new(),
+        elements: Vec::new(),
     };
     mistakes.into_iter().map(problem).collect()
 }

@@ -72,6 +72,7 @@ impl Finding {
             help,
             note,
             uses: Vec::new(),
+            elements: Vec::new(),
         }
     }
 }

@@ -3,6 +3,7 @@
 mod each;
 mod help;
 mod merging;
+mod promises;
 mod provenance;
 mod tables;
 mod unknown;

@@ -331,6 +331,7 @@ mod tests {
             help: "did you mean `Threshold`?".into(),
             note: None,
             uses: Vec::new(),
+            elements: Vec::new(),
         };
         Block { run: 13, problems: vec![problem; 3], ..after_a_run() }
     }

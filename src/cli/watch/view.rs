@@ -489,6 +489,7 @@ mod tests {
             help: String::new(),
             note: None,
             uses: Vec::new(),
+            elements: Vec::new(),
         };
         let warning = || problem(Severity::Warning, "it is thin");
         let error = || problem(Severity::Error, "it is torn");
