@@ -70,20 +70,10 @@ impl Node for Curvature {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
-    const PROMISES: &'static [Promise<Self>] = &[
-        Promise::from("mesh", "Closed", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "Manifold", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "Oriented", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "Unpinched", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "Triangles", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "NonEmpty", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-    ];
+    const PROMISES: &'static [Promise<Self>] =
+        &Promise::faces_kept_when("mesh", "mesh", "without `Limit`", |it: &Self| {
+            it.method != CurvatureMethod::Limit
+        });
 
     const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
 
