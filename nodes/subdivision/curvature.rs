@@ -75,7 +75,7 @@ impl Node for Curvature {
             it.method != CurvatureMethod::Limit
         });
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["color"])];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let bent = curvature(cx.get(&self.mesh), self.method, self.scheme, self.boundary)?;
