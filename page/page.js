@@ -100,7 +100,8 @@ const hear = {
   hello(message) {
     renew(message.page);
     const file = message.graph.split(/[\\/]/).at(-1) ?? "";
-    document.title = `${file} - maquette`;
+    document.title = `${file}${message.draft ? " (draft)" : ""} - maquette`;
+    by("draft").hidden = !message.draft;
     by("title").textContent = file;
     by("title").title = `${message.graph}, ${message.program}`;
   },

@@ -29,6 +29,8 @@ export type Drawing = {
 export type Field = {
   type?: string;
   default?: any;
+  /** Both values of a `Draft(..)`; null for one that is no plain value. */
+  draft?: { final: any; draft: any };
   minimum?: number;
   maximum?: number;
   unit?: string;
@@ -109,7 +111,7 @@ export type Question =
 
 /** What is said, by its `event`. */
 export type Message =
-  | { event: "hello"; program: string; graph: string; page?: string }
+  | { event: "hello"; program: string; graph: string; page?: string; draft?: boolean }
   | ({ event: "graph" } & Drawing)
   | ({ event: "value" } & Value)
   | { event: "run"; run: number }
