@@ -268,3 +268,42 @@ fn what_is_expected_takes_units_too() {
     let too_much = wrong(r#"Bend(of: "out", max: rad(4))"#);
     assert!(too_much[0].starts_with("field `max` of Graph is 229.18"), "{too_much:?}");
 }
+
+#[test]
+fn a_difference_is_shown_as_it_is_written_and_another_unit_for_the_same_is_none() {
+    let text = |size: &str, reach: &str, high: &str| {
+        let params = format!(r#""reach": Number(default: {reach}, unit: "mm")"#);
+        let nodes = format!(
+            r#""ball": ReadMesh(path: "ball.obj"), "out": Transform(mesh: "ball", translate: (0, {size}, Param("reach")), rotate: (0, 0, deg(5)))"#
+        );
+        graph(&params, &nodes).replace(
+            "outputs:",
+            &format!(
+                r#"expect: [Bounds(of: "out", low: (0, 0, 0), high: ({high}, 1, 1))], outputs:"#
+            ),
+        )
+    };
+    let told = |before: String, after: String| {
+        let [before, after] =
+            [before, after].map(|text| maquette::Source { name: "graph.ron".into(), text });
+        let found = Graph::differences(&before, &after, &Catalog::new(PACKS)).unwrap();
+        Vec::from_iter(found.iter().map(ToString::to_string))
+    };
+    let first = || text("cm(3)", "inch(1)", "cm(1)");
+    assert_eq!(told(first(), text("30", "mm(25.4)", "10.0")), [""; 0]);
+    assert_eq!(
+        told(first(), text("cm(4)", "12", "inch(2.5)")),
+        [
+            r#"graph: changed expect: [Bounds(high: (cm(1), 1, 1), low: (0, 0, 0), of: "out")] -> [Bounds(high: (inch(2.5), 1, 1), low: (0, 0, 0), of: "out")]"#,
+            "parameter reach: changed default: inch(1) -> 12",
+            "node out: changed translate.1: cm(3) -> cm(4)",
+        ]
+    );
+    // A whole tuple, too.
+    let bare = first().replace("rotate: (0, 0, deg(5))", "pivot: 1");
+    let gone = told(first(), bare);
+    assert!(
+        gone.iter().any(|it| it.contains("changed rotate: (0, 0, deg(5)) -> left out")),
+        "{gone:?}"
+    );
+}
