@@ -350,7 +350,8 @@ impl Inspect {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let own = catalog.format(value.kind(), &ending(path));
         let request = Request { broken, ..self.request() };
-        let is_asked = self.view.is_some() || request.is_special() || !broken.is_empty();
+        let is_marked = broken.iter().any(|broken| 0 < broken.offence.count);
+        let is_asked = self.view.is_some() || request.is_special() || is_marked;
         let is_seen = is_asked || own.is_none() || is_best_seen(value);
         if ending(path) == "png" && is_seen {
             return match request.picture(value, source) {

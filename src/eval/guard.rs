@@ -19,6 +19,9 @@ pub(super) struct Guards(Mutex<Found>);
 /// So many are remembered; then all are forgotten, and found again when they are needed.
 const KEPT: usize = 100_000;
 
+/// So many offending elements are remembered of each value.
+const TOLD: usize = 100;
+
 /// A value that a node must not be run on.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{} wants {kind}[{}], but `{link}` {}", guard.by, guard.property, offence.what)]
@@ -56,7 +59,10 @@ impl Guards {
         if let Some(known) = lock(&self.0).get(&key) {
             return known.clone();
         }
-        let found = value.offence(property).map(Arc::new);
+        let found = value.offence(property).map(|mut offence| {
+            offence.elements.truncate(TOLD);
+            Arc::new(offence)
+        });
         let mut known = lock(&self.0);
         if KEPT <= known.len() {
             known.clear();

@@ -63,10 +63,15 @@ impl Column {
 }
 
 impl Shown {
-    /// `ground` is what a picture of the value lies on.
-    pub(crate) fn new(value: AnyValue, asked: Vec<Asked>, ground: Option<Ground>) -> Self {
+    /// `layers` are what the value shows, `asked` is what is asked of it, `ground` is what a picture of it lies on.
+    pub(crate) fn new(
+        value: AnyValue,
+        layers: Vec<Layer>,
+        asked: Vec<Asked>,
+        ground: Option<Ground>,
+    ) -> Self {
         let broken = Asked::broken(&asked, &value);
-        let layers = &marked(&value, &broken)[..];
+        let layers = &marked(layers, &broken)[..];
         let picture = picture_of(layers).cloned();
         let mut shown = Self {
             value,
@@ -101,7 +106,7 @@ impl Shown {
 
     /// All that is seen of it.
     pub(super) fn layers(&self) -> Vec<Layer> {
-        marked(&self.value, &self.broken)
+        marked(self.value.show(), &self.broken)
     }
 
     /// The bytes of one of its columns.
@@ -213,8 +218,7 @@ impl Shown {
 }
 
 /// What is seen of a value, with marks where it is not as it is asked to be.
-fn marked(value: &AnyValue, broken: &[Broken]) -> Vec<Layer> {
-    let mut layers = value.show();
+fn marked(mut layers: Vec<Layer>, broken: &[Broken]) -> Vec<Layer> {
     broken.iter().for_each(|broken| broken.offence.mark(&mut layers));
     layers
 }
@@ -323,7 +327,7 @@ mod tests {
         for kind in TYPES {
             let mut seen = 0;
             for value in kind.hostile() {
-                let shown = Shown::new(value.clone(), Vec::new(), None);
+                let shown = Shown::new(value.clone(), value.show(), Vec::new(), None);
                 let mut all = Vec::new();
                 names(&shown.about, &mut all);
                 let series = shown.about["series"].as_array().map_or(0, Vec::len);

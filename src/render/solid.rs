@@ -14,7 +14,7 @@ const POINT: f64 = 0.004;
 const FEW: f64 = 0.012;
 const HEAD: f64 = 0.03;
 
-/// The radius of marks: as thick as lines without faces, with a bead in the middle that shows the smallest edge.
+/// The radius of beads in the middle of marked edges, which show the smallest one.
 const BEAD: f64 = 0.005;
 
 /// The color of marks, which nothing else has.

@@ -268,7 +268,8 @@ fn show(
     });
     match last {
         Some(last) if last.lies_on(ground.as_ref()) && last.asked == asked => last.clone(),
-        _ => Arc::new(Shown::new(value.clone(), asked, ground)),
+        Some(_) => Arc::new(Shown::new(value.clone(), value.show(), asked, ground)),
+        None => Arc::new(Shown::new(value.clone(), layers, asked, ground)),
     }
 }
 
