@@ -1,5 +1,6 @@
 // The live page: keeps what the watch says, and shows it.
 
+import { listOf } from "./broken.js";
 import { by, element, find } from "./element.js";
 import { Graph } from "./graph.js";
 import { Parameters } from "./parameters.js";
@@ -99,7 +100,8 @@ const hear = {
   hello(message) {
     renew(message.page);
     const file = message.graph.split(/[\\/]/).at(-1) ?? "";
-    document.title = `${file} - maquette`;
+    document.title = `${file}${message.draft ? " (draft)" : ""} - maquette`;
+    by("draft").hidden = !message.draft;
     by("title").textContent = file;
     by("title").title = `${message.graph}, ${message.program}`;
   },
@@ -378,6 +380,7 @@ let calm = 0;
 function askFacts() {
   clearTimeout(calm);
   const value = viewer.main.value;
+  by("broken").replaceChildren(...listOf(value?.broken ?? [], (place) => viewer.aim(place)));
   if (value === null) {
     by("facts").replaceChildren(element("p", {}, "not there yet"));
     return;

@@ -26,6 +26,15 @@ function ron(value) {
   return String(value);
 }
 
+/**
+ * Says that a parameter has a value for drafts.
+ * @param {{final: any, draft: any}} values
+ */
+function mark({ final, draft }) {
+  const words = (/** @type {any} */ value) => (value === null ? "computed" : ron(value));
+  return element("small", { class: "draft", title: "what final results have, and what drafts have" }, `final ${words(final)}, draft ${words(draft)}`);
+}
+
 export class Parameters {
   /**
    * @param {HTMLElement} place
@@ -66,6 +75,7 @@ export class Parameters {
     const row = element("div", { class: "parameter" });
     const label = element("label", { for: `parameter-${name}` }, name);
     label.title = field.description ?? "";
+    if (field.draft) label.append(mark(field.draft));
     row.append(label);
     this.fields.set(name, this.#input(row, name, field));
     if (field.unit) row.append(element("span", { class: "unit" }, field.unit));

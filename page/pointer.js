@@ -185,10 +185,7 @@ export class Pointer {
     const question = this.#question(event);
     const { pane } = this.#at(event);
     const answer = question?.ask === "pick" ? await this.viewer.query(question) : null;
-    const space = pane.scene?.space;
-    if (!answer?.at || !space) return;
-    this.viewer.camera.aim(/** @type {[number, number, number]} */ (answer.at.map((/** @type {number} */ x, /** @type {number} */ k) => space.up[k] * x)));
-    this.viewer.redraw();
+    if (answer?.at) this.viewer.aim(answer.at, pane);
   }
 
   /**

@@ -29,6 +29,8 @@ export type Drawing = {
 export type Field = {
   type?: string;
   default?: any;
+  /** Both values of a `Draft(..)`; null for one that is no plain value. */
+  draft?: { final: any; draft: any };
   minimum?: number;
   maximum?: number;
   unit?: string;
@@ -87,6 +89,9 @@ export type Space = {
 /** Numbers over an axis; what is not finite is `null`. */
 export type Series = { name: string; at: number[]; numbers: number[] };
 
+/** A property that somebody asks of a value and that it does not have: how many elements offend, and the first of them. */
+export type Broken = { property: string; asked_by: string[]; words: string; count: number; elements: { name: string; at: [number, number, number] }[] };
+
 /** What a value is and what is seen of it. */
 export type Value = Viewed & {
   run: number;
@@ -96,6 +101,7 @@ export type Value = Viewed & {
   picture: { size: [number, number]; pixels: Pixels; capture: { scale: [number, number]; offset: [number, number] } | null } | null;
   space: Space | null;
   series: Series[] | null;
+  broken: Broken[];
 };
 
 /** What is asked about a place under the pointer. */
@@ -105,7 +111,7 @@ export type Question =
 
 /** What is said, by its `event`. */
 export type Message =
-  | { event: "hello"; program: string; graph: string; page?: string }
+  | { event: "hello"; program: string; graph: string; page?: string; draft?: boolean }
   | ({ event: "graph" } & Drawing)
   | ({ event: "value" } & Value)
   | { event: "run"; run: number }

@@ -259,6 +259,17 @@ export class Viewer {
     this.redraw();
   }
 
+  /**
+   * Turns about a place of a pane's value from now on.
+   * @param {[number, number, number]} place
+   */
+  aim(place, pane = this.main) {
+    const space = pane.scene?.space;
+    if (!space) return;
+    this.camera.aim(/** @type {[number, number, number]} */ (place.map((x, k) => space.up[k] * x)));
+    this.redraw();
+  }
+
   /** From the front. */
   front() {
     this.camera.reset();

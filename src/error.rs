@@ -198,6 +198,8 @@ pub struct Problem {
     pub note: Option<(Span, String)>,
     /// For a problem inside of a subgraph: the uses that lead there, from the outermost on.
     pub uses: Vec<Use>,
+    /// The elements of a value that are to blame, such as edges with one face, with a place of each in mm.
+    pub elements: Vec<(String, [f64; 3])>,
 }
 
 /// The codes of problems. They keep their meaning.
@@ -255,6 +257,27 @@ pub mod code {
 }
 
 impl Problem {
+    /// What is wrong at a place, and no more.
+    pub(crate) fn new(
+        severity: Severity,
+        code: &'static str,
+        (source, span): (Arc<Source>, Span),
+        message: impl Into<String>,
+    ) -> Self {
+        Self {
+            severity,
+            code,
+            source,
+            span,
+            message: message.into(),
+            help: String::new(),
+            fix: Vec::new(),
+            note: None,
+            uses: Vec::new(),
+            elements: Vec::new(),
+        }
+    }
+
     /// The text of its file after the edits that make it go away, if there is one answer.
     pub fn fixed(&self) -> Option<String> {
         let mut edits = self.fix.clone();
@@ -271,7 +294,8 @@ impl Problem {
     }
 
     /// The problem as `--json` prints it. Its `note`, if it has one, is a place of its own with a message, as the related information
-    /// of an editor's diagnostics is, and its `fix` the edits that make it go away.
+    /// of an editor's diagnostics is, its `fix` the edits that make it go away. Elements that are to blame have `elements`, each with a
+    /// `name` and a place, `at`.
     pub fn to_json(&self) -> serde_json::Value {
         let file = self.source.name.display().to_string();
         let place = |span: Span, mut json: serde_json::Value| {
@@ -295,6 +319,10 @@ impl Problem {
         }
         if !self.uses.is_empty() {
             json["uses"] = self.uses.iter().map(Use::to_json).collect();
+        }
+        if !self.elements.is_empty() {
+            let element = |(name, at): &(String, [f64; 3])| json!({ "name": name, "at": at });
+            json["elements"] = self.elements.iter().map(element).collect();
         }
         json
     }

@@ -38,7 +38,7 @@ pub(crate) use disk::this_is_a_program;
 pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
 use files::Known;
 pub(crate) use files::named_in;
-use guard::Guards;
+use guard::{Guards, NotAsWanted};
 use plan::Plan;
 use run::{News, Run};
 use snapshot::Snapshot;
@@ -165,7 +165,9 @@ impl Evaluation {
                 // What the check has said is not said again.
                 let error = news.error.as_ref();
                 let error = error.filter(|error| error.downcast::<UnknownType>().is_none());
-                problems.extend(error.map(|error| failure(node, error)));
+                // Several nodes of a used graph may take the value that it does not want.
+                let failure = error.map(|error| failure(node, error));
+                problems.extend(failure.filter(|failure| !problems.contains(failure)));
                 problems.extend(news.differs.then(|| difference(node)));
             }
             let outcome = self.found.current(index).map(|done| &done.outcome);
@@ -222,6 +224,9 @@ impl Evaluation {
 }
 
 fn failure(node: &GraphNode, error: &Error) -> Problem {
+    if let Some(refused) = error.downcast::<NotAsWanted>() {
+        return refused.problem(node);
+    }
     let message = format!("`{}` cannot be computed: {error}", node.name);
     let (code, help) = match error.downcast::<Panic>() {
         Some(_) => (code::PANIC, "this is a bug of the node; please report it with the graph"),

@@ -12,6 +12,7 @@ use crate::reading::Readers;
 use crate::text::{Origin, Sheet, Tree, ron};
 use crate::value::{Hash, ValueType};
 
+mod asked;
 mod check;
 #[cfg(feature = "cli")]
 mod condition;
@@ -61,6 +62,7 @@ mod version;
 #[cfg(test)]
 mod words;
 
+pub(crate) use asked::{Asked, Broken};
 #[cfg(feature = "cli")]
 pub(crate) use condition::Condition;
 pub(crate) use describe::Subgraph;
@@ -69,7 +71,7 @@ pub(crate) use difference::{in_short, parameter_difference, parameter_name};
 pub use edit::{Edit, Edited, Put};
 pub(crate) use expectation::Expectation;
 pub(crate) use expected::Expected;
-pub(crate) use guards::Guard;
+pub(crate) use guards::{Guard, Wanter};
 pub(crate) use input::INPUT;
 pub use input::{GraphInput, GraphPort, InputValues};
 pub(crate) use lock::{ENDING as LOCK_ENDING, beside as lock_beside};
@@ -293,8 +295,11 @@ impl GraphNode {
         help: &str,
     ) -> Problem {
         let (source, span) = self.sheet.place(self.span);
-        let (help, uses) = (help.into(), self.uses.to_vec());
-        Problem { severity, code, source, span, message, help, fix: Vec::new(), note: None, uses }
+        Problem {
+            help: help.into(),
+            uses: self.uses.to_vec(),
+            ..Problem::new(severity, code, (source, span), message)
+        }
     }
 }
 
@@ -319,9 +324,7 @@ impl Graph {
 
     /// An error that has no place in the graph's text.
     pub(crate) fn problem(&self, code: &'static str, message: String) -> Problem {
-        let (source, span, severity) = (self.source.clone(), Span::default(), Severity::Error);
-        let (help, note, uses) = (String::new(), None, Vec::new());
-        Problem { severity, code, source, span, message, help, fix: Vec::new(), note, uses }
+        Problem::new(Severity::Error, code, (self.source.clone(), Span::default()), message)
     }
 
     /// A warning for each node of its own file that nothing needs: no output, and nothing that is expected of a value; and for each

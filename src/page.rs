@@ -198,12 +198,14 @@ struct Feed {
 }
 
 impl Page {
-    /// Starts the server on a port of this machine: that of the last time if it is free. `wish` is told what pages want.
+    /// Starts the server on a port of this machine: that of the last time if it is free. `draft` is whether runs are drafts; `wish` is
+    /// told what pages want.
     ///
     /// # Errors
     /// If no port can be listened on, or the system gives no random numbers.
     pub(crate) fn open(
         graph: &Path,
+        draft: bool,
         wish: impl Fn(Wish) + Send + Sync + 'static,
     ) -> io::Result<Self> {
         let keeper = Keeper::of(graph);
@@ -220,7 +222,9 @@ impl Page {
         server::start(listener, shared.clone())?;
         let program = concat!("maquette ", env!("CARGO_PKG_VERSION"));
         let page = server::version();
-        let hello = json!({ "event": "hello", "program": program, "graph": graph, "page": page });
+        let hello = json!({
+            "event": "hello", "program": program, "graph": graph, "page": page, "draft": draft,
+        });
         shared.tell(&hello);
         Ok(Self { shared, keeper })
     }

@@ -51,7 +51,7 @@ pub(crate) use image::{linear_from_srgb, srgb_from_linear};
 pub use knots::{KnotChange, KnotVector, KnotVectorError};
 pub use labels::{LabelRun, LabelStatistics, Labels, LabelsError};
 pub(crate) use layer::PLAIN;
-pub use layer::{Arrows, Axes, Cloud, Layer, Lines, Picture, Series};
+pub use layer::{Arrows, Axes, Cloud, Layer, Lines, Marks, Picture, Series};
 pub use mask::Mask;
 pub use memo::Memo;
 pub(crate) use memo::hash_of_memo;
@@ -60,7 +60,7 @@ pub use mesh::{Edges, Faces, Mesh, MeshError, NearestPlace, RayHit, TriangleTree
 pub(crate) use parts::ranges;
 pub use parts::{Fact, FactValue, Items, Meaning, On, Part, Parts, PartsError, Range};
 pub use points::{Points, PointsError};
-pub use property::{Offence, Property};
+pub use property::{Offence, Offender, Property};
 pub use range::{RangeError, RangeImage};
 pub use region::{Contour, Region, RegionError};
 pub use surface::{Along, Derivatives, Foot, IsoCurve, Surface, SurfaceError};

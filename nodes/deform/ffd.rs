@@ -65,14 +65,7 @@ impl Node for Ffd {
     type Outputs = (Movable,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
-    const PROMISES: &'static [Promise<Self>] = &[
-        Promise::from("mesh", "Closed", "mesh"),
-        Promise::from("mesh", "Manifold", "mesh"),
-        Promise::from("mesh", "Oriented", "mesh"),
-        Promise::from("mesh", "Unpinched", "mesh"),
-        Promise::from("mesh", "Triangles", "mesh"),
-        Promise::from("mesh", "NonEmpty", "mesh"),
-    ];
+    const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
     const CARRIES: &'static [Carry] =
         &[Carry::all("mesh", "mesh", Fate::Kept), Carry::all("frame", "mesh", Fate::Dropped)];

@@ -34,14 +34,7 @@ impl Node for Merge {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
-    const PROMISES: &'static [Promise<Self>] = &[
-        Promise::from("mesh", "Closed", "meshes"),
-        Promise::from("mesh", "Manifold", "meshes"),
-        Promise::from("mesh", "Oriented", "meshes"),
-        Promise::from("mesh", "Unpinched", "meshes"),
-        Promise::from("mesh", "Triangles", "meshes"),
-        Promise::from("mesh", "NonEmpty", "meshes"),
-    ];
+    const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "meshes");
 
     const CARRIES: &'static [Carry] = &[Carry::all("meshes", "mesh", Fate::Kept)];
 

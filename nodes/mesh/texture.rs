@@ -67,16 +67,9 @@ impl Node for Texture {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
-    const PROMISES: &'static [Promise<Self>] = &[
-        Promise::from("mesh", "Closed", "mesh"),
-        Promise::from("mesh", "Manifold", "mesh"),
-        Promise::from("mesh", "Oriented", "mesh"),
-        Promise::from("mesh", "Unpinched", "mesh"),
-        Promise::from("mesh", "Triangles", "mesh"),
-        Promise::from("mesh", "NonEmpty", "mesh"),
-    ];
+    const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["uv"])];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (mesh, image) = (cx.get(&self.mesh), cx.get(&self.image));

@@ -70,22 +70,12 @@ impl Node for Curvature {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
-    const PROMISES: &'static [Promise<Self>] = &[
-        Promise::from("mesh", "Closed", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "Manifold", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "Oriented", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "Unpinched", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "Triangles", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-        Promise::from("mesh", "NonEmpty", "mesh")
-            .when("without `Limit`", |it| it.method != CurvatureMethod::Limit),
-    ];
+    const PROMISES: &'static [Promise<Self>] =
+        &Promise::faces_kept_when("mesh", "mesh", "without `Limit`", |it: &Self| {
+            it.method != CurvatureMethod::Limit
+        });
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["color"])];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let bent = curvature(cx.get(&self.mesh), self.method, self.scheme, self.boundary)?;

@@ -174,15 +174,6 @@ fn unreadable(path: &Path, error: &std::io::Error) -> Problem {
 
 /// A problem of a whole file; if it is about a place in it, its message says where.
 fn problem(code: &'static str, path: &Path, text: String, message: String) -> Problem {
-    Problem {
-        severity: Severity::Error,
-        code,
-        source: Arc::new(Source { name: path.to_owned(), text }),
-        span: Span::default(),
-        message,
-        help: String::new(),
-        fix: Vec::new(),
-        note: None,
-        uses: Vec::new(),
-    }
+    let source = Arc::new(Source { name: path.to_owned(), text });
+    Problem::new(Severity::Error, code, (source, Span::default()), message)
 }

@@ -15,7 +15,7 @@ use super::{Exit, GraphOptions, in_bytes, print, print_document, print_json, rep
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem};
 use crate::format::png;
-use crate::graph::{ELEMENTS, Graph};
+use crate::graph::{Asked, Broken, ELEMENTS, Graph};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
 use crate::plain::ending;
@@ -26,6 +26,7 @@ use crate::text::{unknown, with_article};
 use crate::value::{AnyValue, Layer, Summary};
 use crate::writing::{Destination, Sources};
 
+mod broken;
 mod columns;
 mod elements;
 mod rows;
@@ -162,7 +163,13 @@ impl Inspect {
                 Err(why) => Exit::Usage(why),
             };
         }
-        self.print(node, &found, &problems);
+        let of = |name: &str| outputs.iter().find(|(output, _)| output == name).map(|it| it.1);
+        let broken = |(name, value): &(&str, &AnyValue)| {
+            let asked = of(name).map_or(Vec::new(), |target| graph.asked_of(target));
+            Asked::broken(&asked, value)
+        };
+        let broken = Vec::from_iter(found.iter().map(broken));
+        self.print(node, &found, &broken, &problems);
         let (Some(path), Some((name, value))) = (&self.out, chosen) else {
             return if found.is_empty() { Exit::Failed } else { Exit::Done };
         };
@@ -171,9 +178,11 @@ impl Inspect {
         }
         let mut sources = Sources::of(&graph);
         self.inputs.protect(&mut sources);
-        let from = outputs.iter().find(|(output, _)| output == name).map(|&(_, (node, _))| node);
+        let from = of(name).map(|(node, _)| node);
         let source = from.map(|node| Source { graph: &graph, node, session: &mut session });
-        self.write(value, path, catalog, &sources, source)
+        let broken = found.iter().zip(&broken).find(|((output, _), _)| *output == name);
+        let broken = broken.map_or(&[][..], |(_, broken)| broken);
+        self.write((value, broken), path, catalog, &sources, source)
     }
 
     /// The pixel that is asked for.
@@ -189,7 +198,8 @@ impl Inspect {
         let at = self.at.as_ref().filter(|_| self.pixel().is_none());
         let is_aimed = self.view.is_some() || at.is_some();
         let kind = if is_aimed { Kind::Space } else { Kind::Own };
-        Request { view: self.view.unwrap_or_else(View::front), kind, at, over: &self.over }
+        let view = self.view.unwrap_or_else(View::front);
+        Request { view, kind, at, over: &self.over, broken: &[] }
     }
 
     /// Whether there is a picture if the options say something of one.
@@ -260,16 +270,26 @@ impl Inspect {
         if found.is_empty() { Err(error) } else { Ok(found) }
     }
 
-    fn print(&self, node: &str, found: &[(&str, &AnyValue)], problems: &[Problem]) {
+    fn print(
+        &self,
+        node: &str,
+        found: &[(&str, &AnyValue)],
+        broken: &[Vec<Broken>],
+        problems: &[Problem],
+    ) {
         let summary = |value: &AnyValue| match self.pixel() {
             Some(at) => value.probe(at),
             None => value.describe(),
         };
         if self.json {
-            let outputs = found.iter().map(|(name, value)| {
+            let outputs = found.iter().zip(broken).map(|((name, value), broken)| {
                 let facts = probe::facts(summary(value));
                 let (kind, hash) = (value.kind().name, value.hash().to_string());
                 let mut output = json!({ "name": name, "type": kind, "hash": hash, "bytes": value.size(), "facts": facts });
+                if !broken.is_empty() {
+                    let all = broken.iter().map(|broken| broken.to_json(usize::MAX));
+                    output["broken"] = all.collect();
+                }
                 if self.table.is_some() {
                     output["parts"] = columns::json(&value.parts());
                 }
@@ -284,7 +304,7 @@ impl Inspect {
             return;
         }
         let mut text = String::new();
-        for (name, value) in found {
+        for ((name, value), broken) in found.iter().zip(broken) {
             let (kind, size) = (value.kind().name, in_bytes(value.size()));
             let _ = match self.pixel() {
                 Some([x, y]) => writeln!(text, "{node}.{name}: {kind} at ({x}, {y})"),
@@ -295,6 +315,7 @@ impl Inspect {
             } else {
                 table(&summary(value))
             };
+            text += &broken::table(broken);
         }
         print(&text);
     }
@@ -318,7 +339,7 @@ impl Inspect {
 
     fn write(
         &self,
-        value: &AnyValue,
+        (value, broken): (&AnyValue, &[Broken]),
         path: &Path,
         catalog: &Arc<Catalog>,
         sources: &Sources,
@@ -326,8 +347,9 @@ impl Inspect {
     ) -> Exit {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let own = catalog.format(value.kind(), &ending(path));
-        let request = self.request();
-        let is_asked = self.view.is_some() || request.is_special();
+        let request = Request { broken, ..self.request() };
+        let is_marked = broken.iter().any(|broken| 0 < broken.offence.count);
+        let is_asked = self.view.is_some() || request.is_special() || is_marked;
         let is_seen = is_asked || own.is_none() || is_best_seen(value);
         if ending(path) == "png" && is_seen {
             return match request.picture(value, source) {

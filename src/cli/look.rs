@@ -7,7 +7,7 @@ use nalgebra::Point3;
 
 use super::{Exit, report};
 use crate::error::Problem;
-use crate::graph::Graph;
+use crate::graph::{Broken, Graph};
 use crate::render::{Aim, Ground, Kind, Look, View, picture, picture_of};
 use crate::session::{Run, Session, Wanted};
 use crate::text::{unknown, with_article};
@@ -68,6 +68,8 @@ pub(super) struct Request<'a> {
     pub(super) kind: Kind,
     pub(super) at: Option<&'a At>,
     pub(super) over: &'a Over,
+    /// What of the value is not as it is asked to be: it is marked.
+    pub(super) broken: &'a [Broken],
 }
 
 /// The graph of a value, with the node that gives it.
@@ -115,7 +117,8 @@ impl Request<'_> {
         value: &AnyValue,
         source: Option<Source<'_>>,
     ) -> Result<Image, Exit> {
-        let layers = value.show();
+        let mut layers = value.show();
+        self.broken.iter().for_each(|broken| broken.offence.mark(&mut layers));
         let flat = picture_of(&layers).filter(|_| self.kind != Kind::Space);
         let what = || with_article(value.kind().name);
         if self.over.over.is_some() && flat.is_none() {

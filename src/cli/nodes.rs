@@ -149,7 +149,11 @@ fn in_full(entry: &Description<'_>) -> String {
         let fates = DOMAINS.iter().zip(carry.fates);
         let fates = fates.map(|(domain, fate)| format!("{domain} {}", fate.word()));
         let fates = Vec::from_iter(fates).join(", ");
-        let _ = writeln!(text, "  {} to {}: {fates}", carry.port, carry.output);
+        let own = match carry.own {
+            [] => String::new(),
+            own => format!(", but its own {}", own.join(", ")),
+        };
+        let _ = writeln!(text, "  {} to {}: {fates}{own}", carry.port, carry.output);
     }
     text
 }

@@ -108,7 +108,7 @@ impl Render {
             None => Kind::Own,
         };
         view.size = self.size.unwrap_or(view.size);
-        Request { view, kind, at: self.at.as_ref(), over: &self.over }
+        Request { view, kind, at: self.at.as_ref(), over: &self.over, broken: &[] }
     }
 
     fn of_file(&self, catalog: &Arc<Catalog>, sources: &mut Sources) -> Result<Image, Exit> {

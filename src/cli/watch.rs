@@ -160,7 +160,8 @@ impl Watch {
 
     fn open_page(&self, sender: &Sender<Message>) -> std::io::Result<Page> {
         let sender = sender.clone();
-        Page::open(&self.graph, move |wish| drop(sender.send(Message::Page(wish))))
+        let wish = move |wish| drop(sender.send(Message::Page(wish)));
+        Page::open(&self.graph, self.options.draft, wish)
     }
 
     fn tell_link(&self, link: &str) {

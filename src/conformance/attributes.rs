@@ -1,17 +1,21 @@
-//! Law 11: of attributes becomes what a node declares. Meshes and points with marks on all domains go through its example.
-
-use std::collections::BTreeSet;
+//! Law 11: of attributes becomes what a node declares. Meshes and points with marks of every kind on all domains go through its example.
+//!
+//! All marks of an element follow from one number, so that an element whose marks do not fit together is found: one that got its
+//! color from here and its vector from there.
 
 use super::extremes::Case;
 use super::{inputs, made};
 use crate::node::{Carry, DOMAINS, Fate, Progress};
 use crate::value::{AnyValue, Attribute, Attributes, Mesh, Points};
 
-/// The name of the marks.
+/// The mark that all others of an element follow from.
 const MARK: &str = "mark-of-the-law";
 
 /// Of an edge that is marked, by a sharpness that stays.
 const SHARP: f64 = 10.0;
+
+/// Where marks stand that have a name which nodes know: a mesh has each at its vertices or at its corners.
+const NAMED: [usize; 2] = [0, 1];
 
 /// Checks what the node of an example declares, and that it declares something for each way that attributes may go.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
@@ -38,99 +42,292 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
         return;
     }
     for carry in declared {
-        let mut given = good.clone();
-        let mut marks: [BTreeSet<u64>; 4] = Default::default();
-        for (slot, _) in node.links.iter().enumerate().filter(|(_, link)| link.port == carry.port) {
-            if let Some(marked) = marked(&given[slot], &mut marks) {
-                given[slot] = marked;
+        for named in NAMED {
+            let mut given = good.clone();
+            let mut marks = Marks::default();
+            let slots = node.links.iter().enumerate().filter(|(_, link)| link.port == carry.port);
+            for (slot, _) in slots {
+                if let Some(marked) = marks.put(&given[slot], named) {
+                    given[slot] = marked;
+                }
+            }
+            // Points have no corners.
+            if marks.counts[named] == 0 {
+                break;
+            }
+            let made = made(node, &given, Progress::none());
+            let at = node.outputs.iter().position(|name| *name == carry.output);
+            let (Ok(Some(made)), Some(at)) = (made, at) else {
+                broken.push(format!("{} fails on marked values at `{}`", entry.name, carry.port));
+                break;
+            };
+            for (domain, word) in DOMAINS.iter().enumerate() {
+                let fate = carry.fates[domain];
+                for why in marks.wrong(domain, fate, carry.own, &made[at]) {
+                    let (name, fate) = (&entry.name, fate.word());
+                    let (port, output) = (carry.port, carry.output);
+                    let why = format!(
+                        "{name}: attributes of each {word} from `{port}` to `{output}` are not {fate}: {why}"
+                    );
+                    if !broken.contains(&why) {
+                        broken.push(why);
+                    }
+                }
             }
         }
-        if marks.iter().all(BTreeSet::is_empty) {
-            continue;
-        }
-        let made = made(node, &given, Progress::none());
-        let at = node.outputs.iter().position(|name| *name == carry.output);
-        let (Ok(Some(made)), Some(at)) = (made, at) else {
-            broken.push(format!("{} fails on marked values at `{}`", entry.name, carry.port));
-            continue;
+    }
+}
+
+/// A kind of marks: its name, the attribute of some numbers, and how the entries of such an attribute are judged.
+struct Kind {
+    name: &'static str,
+    make: fn(&[f64]) -> Attribute,
+    /// Whether a mixed entry is still what follows from the mixed number.
+    is_linear: bool,
+}
+
+/// All kinds, MARK first. Those without the name of the mark have a meaning for nodes.
+const KINDS: [Kind; 8] = [
+    Kind { name: MARK, make: |x| Attribute::Number(x.to_vec().into()), is_linear: true },
+    Kind { name: "mark-of-the-law-index", make: index, is_linear: false },
+    Kind { name: "mark-of-the-law-flag", make: flag, is_linear: false },
+    Kind { name: "mark-of-the-law-pair", make: pair, is_linear: true },
+    Kind { name: "mark-of-the-law-vector", make: vector, is_linear: true },
+    Kind { name: "mark-of-the-law-color", make: color, is_linear: false },
+    Kind { name: "uv", make: pair, is_linear: true },
+    Kind { name: "color", make: color, is_linear: false },
+];
+
+fn index(x: &[f64]) -> Attribute {
+    Attribute::Index(x.iter().map(|x| *x as u32).collect())
+}
+
+fn flag(x: &[f64]) -> Attribute {
+    Attribute::Flag(x.iter().map(|x| (*x as u32 / 2 % 2) as u8).collect())
+}
+
+fn pair(x: &[f64]) -> Attribute {
+    Attribute::Pair(x.iter().map(|x| [0.5 * x, -x]).collect())
+}
+
+fn vector(x: &[f64]) -> Attribute {
+    Attribute::Vector(x.iter().map(|x| [2.0 * x, 0.25 * x, -x]).collect())
+}
+
+fn color(x: &[f64]) -> Attribute {
+    let color = |x: &f64| {
+        let [a, b, c, _] = (*x as u32).to_le_bytes();
+        [a, b, c]
+    };
+    Attribute::Color(x.iter().map(color).collect())
+}
+
+/// What has been marked.
+#[derive(Default)]
+struct Marks {
+    /// How many elements of each domain: their numbers are 1, 2 and so on.
+    counts: [usize; 4],
+}
+
+impl Marks {
+    /// A value with marks at each element; none if it has no attributes. `named` is the domain of those with a name that nodes know.
+    fn put(&mut self, value: &AnyValue, named: usize) -> Option<AnyValue> {
+        let mut numbers = |domain: usize, count: usize| {
+            // Each port's links have numbers of their own.
+            let first = self.counts[domain];
+            self.counts[domain] += count;
+            Vec::from_iter((first + 1..=first + count).map(|number| number as f64))
         };
-        let found = found(&made[at]);
-        for domain in 0..DOMAINS.len() {
-            if !marks[domain].is_empty()
-                && !is_so(
-                    carry.fates[domain],
-                    DOMAINS[domain] == "edge",
-                    &marks[domain],
-                    found[domain].as_deref(),
-                )
-            {
-                let (name, word, fate) = (&entry.name, DOMAINS[domain], carry.fates[domain].word());
-                let (port, output) = (carry.port, carry.output);
-                broken.push(format!(
-                    "{name}: attributes of each {word} from `{port}` to `{output}` are not {fate}"
-                ));
+        if let Some(points) = value.get::<Points>() {
+            let numbers = numbers(0, points.positions().len());
+            let mut points = points.clone();
+            for kind in &KINDS {
+                points = points.with_attribute(kind.name, (kind.make)(&numbers)).ok()?;
+            }
+            return Some(AnyValue::new(points));
+        }
+        let mesh = value.get::<Mesh>()?;
+        let (edges, creases) = (mesh.edges(), mesh.creases().len());
+        let counts = [mesh.positions().len(), mesh.faces().corners().len(), mesh.faces().len()];
+        let numbers = [numbers(0, counts[0]), numbers(1, counts[1]), numbers(3, counts[2])];
+        let mut marked = mesh.clone().without("uv").without("color");
+        for kind in &KINDS {
+            let is_own = kind.name.starts_with(MARK);
+            if is_own || named == 0 {
+                marked = marked.with_vertex(kind.name, (kind.make)(&numbers[0])).ok()?;
+            }
+            if is_own || named == 1 {
+                marked = marked.with_corner(kind.name, (kind.make)(&numbers[1])).ok()?;
+            }
+            if is_own {
+                marked = marked.with_face(kind.name, (kind.make)(&numbers[2])).ok()?;
             }
         }
+        // Those that turn along must be true.
+        let normals = mesh.vertex_normals();
+        let normal = |vertex: &u32| normals[*vertex as usize].into();
+        let all = Vec::from_iter(0..counts[0] as u32);
+        let at = [&all[..], mesh.faces().corners()][named].iter().map(normal).collect();
+        marked = marked.without("normal");
+        marked = match named {
+            0 => marked.with_vertex("normal", Attribute::Vector(at)).ok()?,
+            _ => marked.with_corner("normal", Attribute::Vector(at)).ok()?,
+        };
+        let inner = edges.faces.iter().position(|faces| *faces == 2);
+        if let (Some(inner), 0) = (inner, creases) {
+            self.counts[2] = 1;
+            marked = marked.with_creases([(edges.vertices[inner], SHARP)]).ok()?;
+        }
+        Some(AnyValue::new(marked))
+    }
+
+    /// What speaks against a fate of the marks of a domain; `own` are attributes that the node makes itself.
+    fn wrong(&self, domain: usize, fate: Fate, own: &[&str], made: &AnyValue) -> Vec<String> {
+        let mut wrong = Vec::new();
+        if self.counts[domain] == 0 {
+            return wrong;
+        }
+        if DOMAINS[domain] == "edge" {
+            let mesh = made.get::<Mesh>();
+            let is_there = mesh.is_some_and(|mesh| mesh.creases().any(|(_, sharp)| sharp == SHARP));
+            // Others may come beside it.
+            wrong.extend((is_there == (fate == Fate::Dropped)).then(|| "a crease".to_owned()));
+            return wrong;
+        }
+        let Some(found) = attributes(made, domain) else { return wrong };
+        let mut say = |is_wrong: bool, name: &str, why: &str| {
+            if is_wrong {
+                wrong.push(format!("`{name}` {why}"));
+            }
+        };
+        if let Some(normals) = found.vectors("normal") {
+            let is_unit = |[x, y, z]: &[f64; 3]| (x * x + y * y + z * z - 1.0).abs() < 1e-6;
+            let is_none = |normal: &[f64; 3]| *normal == [0.0; 3];
+            let all = normals.iter().all(|normal| is_unit(normal) || is_none(normal));
+            say(!all, "normal", "has vectors that are no directions");
+        }
+        let marks = match found.get(MARK) {
+            Some(Attribute::Number(marks)) => &marks[..],
+            _ => {
+                say(fate != Fate::Dropped, MARK, "is gone");
+                return wrong;
+            }
+        };
+        let most = self.counts[domain] as f64;
+        let slack = 1e-9 * most;
+        let is_between = |x: f64| 1.0 - slack <= x && x <= most + slack;
+        let is_given = |x: f64| x.fract() == 0.0 && is_between(x);
+        match fate {
+            Fate::Dropped => say(true, MARK, "is there"),
+            Fate::Kept => say(!marks.iter().all(|x| is_given(*x)), MARK, "is mixed"),
+            Fate::Interpolated => say(!marks.iter().all(|x| is_between(*x)), MARK, "is outside"),
+        }
+        for kind in KINDS[1..].iter().filter(|kind| !own.contains(&kind.name)) {
+            let is_own = kind.name.starts_with(MARK);
+            let Some(attribute) = found.get(kind.name) else {
+                say(is_own && fate != Fate::Dropped, kind.name, "is gone");
+                continue;
+            };
+            if fate == Fate::Dropped {
+                say(is_own, kind.name, "is there");
+                continue;
+            }
+            let follows = (kind.make)(marks);
+            let is_exact = fate == Fate::Kept;
+            if is_exact || kind.is_linear {
+                let slack = if is_exact { 0.0 } else { 8.0 * slack };
+                say(!is_near(attribute, &follows, slack), kind.name, "is of another element");
+            } else {
+                let given = Vec::from_iter((1..=self.counts[domain]).map(|mark| mark as f64));
+                say(!is_among(attribute, &(kind.make)(&given)), kind.name, "is new");
+            }
+        }
+        wrong
     }
 }
 
-/// Whether marks that were given became what is said of them, by what was found.
-fn is_so(fate: Fate, is_edge: bool, given: &BTreeSet<u64>, found: Option<&[f64]>) -> bool {
-    let Some(found) = found else { return fate == Fate::Dropped };
-    let (least, most) = (given.first(), given.last());
-    let is_between = |x: &f64| {
-        // What is rounded may be a bit beside.
-        let slack = 1e-9 * most.map_or(0.0, |most| *most as f64);
-        least.is_some_and(|least| *least as f64 - slack <= *x)
-            && most.is_some_and(|most| *x <= *most as f64 + slack)
-    };
-    match fate {
-        // Others may come beside it.
-        Fate::Kept if is_edge => given.iter().all(|mark| found.contains(&(*mark as f64))),
-        Fate::Kept => found.iter().all(|x| x.fract() == 0.0 && given.contains(&(*x as u64))),
-        Fate::Interpolated => found.iter().all(is_between),
-        Fate::Dropped => false,
-    }
-}
-
-/// A value with a number of its own at each element, which are added to the marks; none if it has no attributes.
-fn marked(value: &AnyValue, marks: &mut [BTreeSet<u64>; 4]) -> Option<AnyValue> {
-    let mut numbers = |domain: usize, count: usize| {
-        // Each port's links have numbers of their own.
-        let first = marks[domain].last().map_or(1, |last| last + 1);
-        let new = first..first + count as u64;
-        marks[domain].extend(new.clone());
-        Attribute::Number(new.map(|number| number as f64).collect())
-    };
+/// The attributes of a domain.
+fn attributes(value: &AnyValue, domain: usize) -> Option<&Attributes> {
     if let Some(points) = value.get::<Points>() {
-        let all = numbers(0, points.positions().len());
-        return Some(AnyValue::new(points.clone().with_attribute(MARK, all).ok()?));
+        return (domain == 0).then(|| points.attributes());
     }
     let mesh = value.get::<Mesh>()?;
-    let counts = [mesh.positions().len(), mesh.faces().corners().len(), mesh.faces().len()];
-    let mut marked = mesh.clone().with_vertex(MARK, numbers(0, counts[0])).ok()?;
-    marked = marked.with_corner(MARK, numbers(1, counts[1])).ok()?;
-    marked = marked.with_face(MARK, numbers(3, counts[2])).ok()?;
-    let edges = mesh.edges();
-    let inner = edges.faces.iter().position(|faces| *faces == 2);
-    if let (Some(inner), 0) = (inner, mesh.creases().len()) {
-        marks[2].insert(SHARP as u64);
-        marked = marked.with_creases([(edges.vertices[inner], SHARP)]).ok()?;
-    }
-    Some(AnyValue::new(marked))
+    Some([mesh.vertex(), mesh.corner(), mesh.face(), mesh.face()][domain])
 }
 
-/// The marks that a value has; none where a domain has none.
-fn found(value: &AnyValue) -> [Option<Vec<f64>>; 4] {
-    let of = |attributes: &Attributes| match attributes.get(MARK) {
-        Some(Attribute::Number(numbers)) => Some(numbers.to_vec()),
-        _ => None,
-    };
-    if let Some(points) = value.get::<Points>() {
-        return [of(points.attributes()), None, None, None];
+/// Whether all numbers of two attributes of the same kind are that near.
+fn is_near(a: &Attribute, b: &Attribute, slack: f64) -> bool {
+    let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= slack);
+    match (a, b) {
+        (Attribute::Number(a), Attribute::Number(b)) => near(a, b),
+        (Attribute::Pair(a), Attribute::Pair(b)) => near(a.as_flattened(), b.as_flattened()),
+        (Attribute::Vector(a), Attribute::Vector(b)) => near(a.as_flattened(), b.as_flattened()),
+        _ => a == b,
     }
-    let Some(mesh) = value.get::<Mesh>() else { return Default::default() };
-    let creases = Vec::from_iter(mesh.creases().map(|(_, sharpness)| sharpness));
-    let creases = Some(creases).filter(|creases| !creases.is_empty());
-    [of(mesh.vertex()), of(mesh.corner()), creases, of(mesh.face())]
+}
+
+/// Whether entries of what cannot be mixed are some of those that were given; colors, which can, are between them.
+fn is_among(found: &Attribute, given: &Attribute) -> bool {
+    match (found, given) {
+        (Attribute::Index(found), Attribute::Index(given)) => {
+            found.iter().all(|index| given.binary_search(index).is_ok())
+        }
+        (Attribute::Flag(found), Attribute::Flag(_)) => found.iter().all(|flag| *flag <= 1),
+        (Attribute::Color(found), Attribute::Color(given)) => (0..3).all(|k| {
+            let all = || given.iter().map(|color| color[k]);
+            let (low, high) = (all().min().unwrap_or(0), all().max().unwrap_or(255));
+            found.iter().all(|color| low <= color[k] && color[k] <= high)
+        }),
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::value::Faces;
+
+    /// What the law says of two triangles that are given marks and then changed.
+    fn said(domain: usize, fate: Fate, change: impl FnOnce(Mesh) -> Mesh) -> Vec<String> {
+        let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        let faces = Faces::triangles(vec![[0, 1, 2], [0, 2, 3]]);
+        let mesh = Mesh::new(Vec::from(points.map(Point3::from)), faces).unwrap();
+        let mut marks = Marks::default();
+        let marked = marks.put(&AnyValue::new(mesh), 0).unwrap();
+        let changed = AnyValue::new(change(marked.get::<Mesh>().unwrap().clone()));
+        marks.wrong(domain, fate, &[], &changed)
+    }
+
+    #[test]
+    fn what_is_as_it_was_is_kept_and_not_dropped_on_every_domain() {
+        for domain in 0..DOMAINS.len() {
+            assert_eq!(said(domain, Fate::Kept, |mesh| mesh), [""; 0]);
+            assert_eq!(said(domain, Fate::Interpolated, |mesh| mesh), [""; 0]);
+            assert_ne!(said(domain, Fate::Dropped, |mesh| mesh), [""; 0]);
+        }
+    }
+
+    #[test]
+    fn one_kind_that_goes_another_way_is_found() {
+        let with = |name: &'static str, attribute: Attribute| {
+            move |mesh: Mesh| mesh.with_vertex(name, attribute).unwrap()
+        };
+        let other = [4.0, 1.0, 2.0, 3.0];
+        for kind in &KINDS[1..] {
+            let said = said(0, Fate::Kept, with(kind.name, (kind.make)(&other)));
+            assert_eq!(said, [format!("`{}` is of another element", kind.name)]);
+        }
+        let mixed = pair(&[1.5, 2.5, 2.5, 3.5]);
+        assert_eq!(said(0, Fate::Interpolated, with("uv", mixed)).len(), 1);
+        let new = Attribute::Index(vec![1, 2, 9, 4].into());
+        let said_of_new = said(0, Fate::Interpolated, with("mark-of-the-law-index", new));
+        assert_eq!(said_of_new, ["`mark-of-the-law-index` is new"]);
+        let long = Attribute::Vector(vec![[0.0, 0.0, 2.0]; 4].into());
+        let said_of_long = said(0, Fate::Kept, with("normal", long));
+        assert_eq!(said_of_long, ["`normal` has vectors that are no directions"]);
+        let gone = said(0, Fate::Kept, |mesh| mesh.without("mark-of-the-law-pair"));
+        assert_eq!(gone, ["`mark-of-the-law-pair` is gone"]);
+    }
 }

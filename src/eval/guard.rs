@@ -1,10 +1,11 @@
 //! Tests what nodes want of values, once for each value.
 
 use std::collections::HashMap;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use super::lock;
-use crate::error::Error;
+use crate::error::{Error, Problem, Severity, code};
 use crate::graph::{Graph, GraphNode, Guard};
 use crate::value::{AnyValue, Hash, Offence};
 
@@ -18,15 +19,37 @@ pub(super) struct Guards(Mutex<Found>);
 /// So many are remembered; then all are forgotten, and found again when they are needed.
 const KEPT: usize = 100_000;
 
+/// So many offending elements are remembered of each value.
+const TOLD: usize = 100;
+
 /// A value that a node must not be run on.
 #[derive(Clone, Debug, thiserror::Error)]
-#[error("{wanted_by} wants {kind}[{property}], but `{link}` {what}")]
-struct NotAsWanted {
-    wanted_by: Arc<str>,
+#[error("{} wants {kind}[{}], but `{link}` {}", guard.by, guard.property, offence.what)]
+pub(super) struct NotAsWanted {
+    guard: Guard,
     kind: &'static str,
-    property: &'static str,
     link: String,
-    what: String,
+    offence: Arc<Offence>,
+    /// The graph's file.
+    file: PathBuf,
+}
+
+impl NotAsWanted {
+    /// The problem of a node that was not run: at the use of a graph if its input wants more, else at the node.
+    pub(super) fn problem(&self, node: &GraphNode) -> Problem {
+        let elements = self.offence.elements.iter();
+        let elements = elements.map(|it| (it.name.clone(), it.place().coords.into())).collect();
+        let look = (0 < self.offence.count).then(|| {
+            let (file, link) = (self.file.display(), &self.link);
+            format!("`maquette inspect {file} {link} --out look.png` lists and marks them")
+        });
+        let look = look.unwrap_or_default();
+        if let Some(input) = &self.guard.input {
+            return Problem { elements, ..input.problem(self.to_string(), look) };
+        }
+        let message = format!("`{}` cannot be computed: {self}", node.name);
+        Problem { elements, ..node.problem(Severity::Error, code::FAILED, message, &look) }
+    }
 }
 
 impl Guards {
@@ -36,7 +59,10 @@ impl Guards {
         if let Some(known) = lock(&self.0).get(&key) {
             return known.clone();
         }
-        let found = value.offence(property).map(Arc::new);
+        let found = value.offence(property).map(|mut offence| {
+            offence.elements.truncate(TOLD);
+            Arc::new(offence)
+        });
         let mut known = lock(&self.0);
         if KEPT <= known.len() {
             known.clear();
@@ -55,13 +81,14 @@ impl Guards {
         node: &GraphNode,
         inputs: &[AnyValue],
     ) -> Result<(), Error> {
-        for Guard { slot, property, by } in &node.guards {
-            let value = &inputs[*slot];
-            if let Some(offence) = self.offence(value, property) {
-                let source = &node.links[*slot];
+        for guard in &node.guards {
+            let value = &inputs[guard.slot];
+            if let Some(offence) = self.offence(value, guard.property) {
+                let source = &node.links[guard.slot];
                 let link = graph.link_name(source.node, source.output);
-                let (wanted_by, kind, what) = (by.clone(), value.kind().name, offence.what.clone());
-                return Err(NotAsWanted { wanted_by, kind, property, link, what }.into());
+                let (guard, kind) = (guard.clone(), value.kind().name);
+                let file = graph.source.name.clone();
+                return Err(NotAsWanted { guard, kind, link, offence, file }.into());
             }
         }
         Ok(())

@@ -171,6 +171,13 @@ fn read_text(
         return Err(vec![finding(code::SYNTAX, tree.span, message, help)]);
     }
     let kinds = take_kinds(&mut tree, fields, &mut findings);
+    if let Kind::Call { body: Body::Fields(fields), .. } = &mut tree.kind
+        && let Some(expect) = fields.iter_mut().find(|field| field.name.text == "expect")
+    {
+        let (plain, misfits) = Expectation::in_plain_numbers(&expect.value);
+        expect.value = plain;
+        findings.extend(misfits);
+    }
     let schema = serde_json::to_value(schemars::schema_for!(Test)).unwrap_or_default();
     let mut walk = Walk {
         node: "Test",

@@ -12,7 +12,9 @@ use super::topology::Topology;
 use crate::error::Problem;
 use crate::graph::{Expectation, Expected, Graph};
 use crate::text::nearest_or_all;
-use crate::value::{AnyValue, Fact, FactValue, Items, Meaning, Mesh, On, Part, Parts, Region};
+use crate::value::{
+    AnyValue, Fact, FactValue, Items, Meaning, Mesh, Offender, On, Part, Parts, Region,
+};
 
 /// An expectation that does not hold.
 pub(crate) struct Violation {
@@ -33,7 +35,9 @@ impl Expectation {
         match self {
             Self::Count { what, min, max, .. } => count(value, what, *min, *max),
             Self::Promised { property, .. } => {
-                value.offence(property).map(|offence| (offence.what, offence.places))
+                let offence = value.offence(property)?;
+                let places = offence.elements.iter().take(1000).map(Offender::place);
+                Some((offence.what, places.collect()))
             }
             Self::Bounds { low, high, .. } => {
                 bounds(value, [low.0, low.1, low.2], [high.0, high.1, high.2])

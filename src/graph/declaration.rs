@@ -26,6 +26,8 @@ pub(crate) struct Declaration {
     pub(crate) name: String,
     kind: String,
     pub(crate) default: Tree,
+    /// Of a default that is a `Draft`, the values for final results and for drafts.
+    pub(super) sides: Option<[Tree; 2]>,
     min: Option<f64>,
     max: Option<f64>,
     choices: Vec<String>,
@@ -66,6 +68,7 @@ impl Declaration {
             name: name.to_owned(),
             kind,
             default: Tree::new(tree.span, Kind::Broken),
+            sides: None,
             min: None,
             max: None,
             choices: Vec::new(),
@@ -292,6 +295,9 @@ impl Declaration {
         }
         if let Some(default) = as_json(&self.default) {
             schema["default"] = default;
+        }
+        if let Some([last, first]) = &self.sides {
+            schema["draft"] = json!({ "final": as_json(last), "draft": as_json(first) });
         }
         schema
     }

@@ -24,6 +24,9 @@ use crate::paths::{PathProblem, may_read, without_dots};
 use crate::text::{Body, Field, Kind, Name, Sheet, Tree, nearest, nearest_or_all};
 use crate::value::ValueType;
 
+/// Properties that are wanted, and where each stands.
+pub(super) type Wants = Vec<(&'static str, Span)>;
+
 /// A graph as its file has it, with the default values of its parameters.
 pub(super) struct Definition {
     pub(super) sheet: Arc<Sheet>,
@@ -41,7 +44,7 @@ pub(super) struct Definition {
     /// Its outputs, if other graphs use it; files are kept elsewhere.
     pub(super) ports: Vec<Port>,
     /// The properties that it wants of each input.
-    pub(super) wants: Vec<Vec<&'static str>>,
+    pub(super) wants: Vec<Wants>,
     /// What must hold of its values wherever it is used.
     pub(super) expect: Vec<Expecting>,
     /// Inputs and parameters, described as a built-in node's fields are.
@@ -257,7 +260,7 @@ impl<'a> Check<'_, 'a> {
     pub(super) fn inputs(
         &mut self,
         entries: &[(Tree, Tree)],
-    ) -> (Vec<Draft>, Map<String, Json>, Vec<Vec<&'static str>>) {
+    ) -> (Vec<Draft>, Map<String, Json>, Vec<Wants>) {
         let (mut drafts, mut schema, mut all_wants) = (Vec::new(), Map::new(), Vec::new());
         for (key, value) in self.named(entries, "input", &[]) {
             let name = key.text().unwrap_or_default();
@@ -266,8 +269,7 @@ impl<'a> Check<'_, 'a> {
             let kind = self.input(name, value);
             let fields = value.fields().unwrap_or_default().iter();
             let wants = fields.filter(|field| field.name.text == "wants");
-            let wants = wants.flat_map(|field| self.properties(&field.value, kind));
-            let wants = Vec::from_iter(wants.map(|(property, _)| property));
+            let wants = Vec::from_iter(wants.flat_map(|field| self.properties(&field.value, kind)));
             let key = Name { text: name.to_owned(), span: key.span };
             drafts.push(Draft::input(key, value.clone(), kind, optional.is_some()));
             let doc = value.fields().unwrap_or_default().iter();
@@ -277,7 +279,7 @@ impl<'a> Check<'_, 'a> {
             let doc = doc.unwrap_or_default();
             let mut port = json!({ "port": kind, "types": [kind], "description": doc });
             if !wants.is_empty() {
-                port["wants"] = json!(wants);
+                port["wants"] = wants.iter().map(|&(property, _)| property).collect();
             }
             schema.insert(name.to_owned(), port);
             all_wants.push(wants);

@@ -158,19 +158,15 @@ impl Graph {
 
 fn compare(old: &Meaning, new: &Meaning) -> Vec<Difference> {
     let mut found = Vec::new();
-    let mut names: Vec<&String> = old.rest.iter().map(|(name, _)| name).collect();
-    names.extend(
-        new.rest
-            .iter()
-            .map(|(name, _)| name)
-            .filter(|name| old.rest.iter().all(|(known, _)| known != *name)),
-    );
-    for name in names {
-        let value = |rest: &[(String, Tree)]| {
-            rest.iter().find(|(other, _)| other == name).map(|(_, value)| show(value))
-        };
-        let (before, after) = (value(&old.rest), value(&new.rest));
-        if before != after {
+    let is_new = |item: &&Item| old.rest.iter().all(|known| known.name != item.name);
+    let added = new.rest.iter().filter(is_new);
+    for Item { name, .. } in old.rest.iter().chain(added) {
+        let item = |rest: &'_ [Item]| rest.iter().find(|item| item.name == *name).cloned();
+        let (before, after) = (item(&old.rest), item(&new.rest));
+        let value = |item: &Option<Item>| item.as_ref().map(|item| item.value.clone());
+        if value(&before) != value(&after) {
+            let [before, after] =
+                [before, after].map(|item| item.map(|item| item.show("", &item.value)));
             let (what, field) = ("graph", name.clone());
             let change = Change::Changed;
             let inside = Vec::new();
@@ -267,7 +263,7 @@ impl Section<'_> {
             }
             let value = names.in_old(&new.value);
             if old.value != value {
-                let mut walk = Walk { section: self, name: &new.name, names, found };
+                let mut walk = Walk { section: self, items: [old, new], names, found };
                 walk.entry(&old.value, &value);
             }
         }
@@ -281,7 +277,7 @@ impl Section<'_> {
 
     /// An entry that is only in one graph.
     fn whole(&self, item: &Item, change: Change) -> Difference {
-        let text = Some(show(&item.value));
+        let text = Some(item.show("", &item.value));
         let (before, after) = match change {
             Change::Removed => (text, None),
             _ => (None, text),
@@ -420,7 +416,8 @@ fn likeness(a: &Tree, b: &Tree) -> f64 {
 /// Compares two values of one entry, part by part.
 struct Walk<'a, 'm> {
     section: &'a Section<'m>,
-    name: &'a str,
+    /// Before and after.
+    items: [&'a Item; 2],
     names: &'a Names,
     found: &'a mut Vec<Difference>,
 }
@@ -481,8 +478,9 @@ impl Walk<'_, '_> {
         }
         let links = old.is_some_and(has_link) || new.is_some_and(has_link);
         let change = if links { Change::Rewired } else { Change::Changed };
-        let after = new.map(|new| show(&self.names.in_new(new)));
-        self.report(change, &path, old.map(show), after);
+        let before = old.map(|old| self.items[0].show(&path, old));
+        let after = new.map(|new| self.items[1].show(&path, &self.names.in_new(new)));
+        self.report(change, &path, before, after);
     }
 
     fn items(&mut self, old: &[Tree], new: &[Tree], path: &str) {
@@ -498,7 +496,8 @@ impl Walk<'_, '_> {
         before: Option<String>,
         after: Option<String>,
     ) {
-        let (what, name, field) = (self.section.what, self.name.to_owned(), field.to_owned());
+        let (what, name) = (self.section.what, self.items[1].name.clone());
+        let field = field.to_owned();
         let inside = Vec::new();
         self.found.push(Difference { what, name, change, field, before, after, inside });
     }

@@ -282,18 +282,9 @@ impl Judge<'_> {
     }
 
     fn refused(&self, text: &str, refusal: Refusal) -> Problem {
-        let source = Source { name: self.path.to_owned(), text: text.to_owned() };
-        Problem {
-            severity: Severity::Error,
-            code: refusal.code,
-            source: Arc::new(source),
-            span: refusal.span,
-            message: refusal.message,
-            help: refusal.help,
-            fix: Vec::new(),
-            note: None,
-            uses: Vec::new(),
-        }
+        let source = Arc::new(Source { name: self.path.to_owned(), text: text.to_owned() });
+        let Refusal { code, span, message, help } = refusal;
+        Problem { help, ..Problem::new(Severity::Error, code, (source, span), message) }
     }
 }
 

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::fitting::calls_in_plain_numbers;
 use crate::error::{Span, code};
 use crate::text::{Body, Finding, Help, Kind, Tree, Walk, read_tree};
 
@@ -33,8 +34,10 @@ pub(crate) enum Expectation {
         /// The value.
         of: String,
         /// Lowest coordinates, in mm.
+        #[schemars(extend("unit" = "mm"))]
         low: (f64, f64, f64),
         /// Highest coordinates, in mm.
+        #[schemars(extend("unit" = "mm"))]
         high: (f64, f64, f64),
     },
     /// All of its vertices are near another mesh or surface.
@@ -44,11 +47,11 @@ pub(crate) enum Expectation {
         /// The other one.
         to: String,
         /// The largest distance that counts as near, in mm.
-        #[schemars(range(min = 0.0))]
+        #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         max: f64,
         /// The largest root mean square of all distances, in mm.
         #[serde(default)]
-        #[schemars(range(min = 0.0))]
+        #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         rms: Option<f64>,
     },
     /// Nothing is torn at a part of a capture: no border of the mesh is seen near it in the picture.
@@ -59,7 +62,7 @@ pub(crate) enum Expectation {
         around: String,
         /// How near counts as near, in pixels of the picture.
         #[serde(default = "fifteen")]
-        #[schemars(range(min = 0.0))]
+        #[schemars(range(min = 0.0), extend("unit" = "px"))]
         band: f64,
     },
     /// No edge of the mesh is sharp.
@@ -67,7 +70,7 @@ pub(crate) enum Expectation {
         /// The mesh.
         of: String,
         /// The largest angle between the normals of two faces that share an edge, in degrees.
-        #[schemars(range(min = 0.0, max = 180.0))]
+        #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
         max: f64,
     },
     /// What is new goes on from what was there.
@@ -78,11 +81,11 @@ pub(crate) enum Expectation {
         #[serde(default)]
         around: Option<String>,
         /// The largest angle between the normals of a new face and one beside it that was there, in degrees.
-        #[schemars(range(min = 0.0, max = 180.0))]
+        #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
         max: f64,
         /// The largest jump of the curvature across the rim, as root mean square along it, in 1/mm. If left out, any.
         #[serde(default)]
-        #[schemars(range(min = 0.0))]
+        #[schemars(range(min = 0.0), extend("unit" = "1/mm"))]
         curvature: Option<f64>,
     },
     /// A number of the vertices, such as a curvature, is nowhere out of its range.
@@ -115,12 +118,13 @@ fn fifteen() -> f64 {
 impl Expectation {
     /// A list of expectations and where each stands, and every problem of it.
     pub(crate) fn read_all(tree: &Tree) -> (Vec<(Self, Span)>, Vec<Finding>) {
+        let (tree, misfits) = &Self::in_plain_numbers(tree);
         let root = serde_json::to_value(schemars::schema_for!(Vec<Self>)).unwrap_or_default();
         let mut walk = Walk {
             node: "Graph",
             root: &root,
             folder: std::path::Path::new(""),
-            findings: Vec::new(),
+            findings: misfits.clone(),
             links: Vec::new(),
             files: Vec::new(),
         };
@@ -144,6 +148,13 @@ impl Expectation {
             }
         }
         (expectations, findings)
+    }
+
+    /// A list of expectations with plain numbers in place of those with a unit, and what does not fit.
+    pub(crate) fn in_plain_numbers(list: &Tree) -> (Tree, Vec<Finding>) {
+        let schema = serde_json::to_value(schemars::schema_for!(Self)).unwrap_or_default();
+        let mut findings = Vec::new();
+        (calls_in_plain_numbers(list, &schema, &mut findings), findings)
     }
 
     /// The values that it speaks of.

@@ -50,35 +50,15 @@ impl Expected {
     pub(crate) fn problem(&self, message: String) -> Problem {
         let (source, span) = (self.source.clone(), self.span);
         let (severity, code) = (Severity::Error, code::EXPECTED);
-        let (help, note) = (String::new(), None);
         let uses = self.of.as_ref().map_or(&[][..], |of| &of.uses);
         let Some((outermost, inner)) = uses.split_first() else {
-            return Problem {
-                severity,
-                code,
-                source,
-                span,
-                message,
-                help,
-                fix: Vec::new(),
-                note,
-                uses: Vec::new(),
-            };
+            return Problem::new(severity, code, (source, span), message);
         };
         let Place { line, column } = Place::of(&source.text, span.start);
         let help = format!("this is expected at {}:{line}:{column}", source.name.display());
         let (source, span) = (outermost.source.clone(), outermost.span);
-        Problem {
-            severity,
-            code,
-            source,
-            span,
-            message,
-            help,
-            fix: Vec::new(),
-            note,
-            uses: inner.to_vec(),
-        }
+        let uses = inner.to_vec();
+        Problem { help, uses, ..Problem::new(severity, code, (source, span), message) }
     }
 
     /// The nodes whose values it speaks of.

@@ -41,6 +41,21 @@ pub(super) fn in_plain_numbers(tree: &Tree, schema: &Json) -> Tree {
     fitting.value(tree, Some(Expected::of_node("", schema)))
 }
 
+/// A list of calls, each one of a schema's choices, with plain numbers in place of those with units; what does not fit is broken.
+pub(super) fn calls_in_plain_numbers(
+    list: &Tree,
+    schema: &Json,
+    findings: &mut Vec<Finding>,
+) -> Tree {
+    let Kind::List(items) = &list.kind else { return list.clone() };
+    let call = |item: &Tree| {
+        let Some(name) = item.name() else { return item.clone() };
+        let mut fitting = Fitting { parameters: None, owner: Some(&name.text), findings };
+        fitting.value(item, Some(Expected::of_node(&name.text, schema)))
+    };
+    Tree { kind: Kind::List(items.iter().map(call).collect()), ..list.clone() }
+}
+
 /// A value for the parameter `name`, in plain numbers of its unit.
 pub(super) fn in_own_unit(
     tree: &Tree,

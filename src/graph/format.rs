@@ -51,17 +51,11 @@ impl Graph {
 
 /// What is made of a text, and would not say the same.
 pub(super) fn fault(name: &Path, text: &str, what: &str) -> Problem {
-    Problem {
-        severity: Severity::Error,
-        code: code::SYNTAX,
-        source: Arc::new(Source { name: name.to_owned(), text: text.to_owned() }),
-        span: Span::default(),
-        message: format!("{what} would not say the same"),
-        help: "this is a fault of the formatter: the file is left as it is".into(),
-        fix: Vec::new(),
-        note: None,
-        uses: Vec::new(),
-    }
+    let source = Arc::new(Source { name: name.to_owned(), text: text.to_owned() });
+    let message = format!("{what} would not say the same");
+    let help = "this is a fault of the formatter: the file is left as it is".into();
+    let place = (source, Span::default());
+    Problem { help, ..Problem::new(Severity::Error, code::SYNTAX, place, message) }
 }
 
 /// An entry, `name: value`, in its canonical form, as it stands behind so many columns. Its other lines begin with as many spaces.

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::expected::Expected;
 use super::{ELEMENTS, Graph, GraphNode, Link};
-use crate::error::{Problem, Severity, code};
-use crate::node::Source;
+use crate::error::{Place, Problem, Severity, Source, Span, Use, code};
+use crate::node::Source as Origin;
 
 /// A test of a value that comes to a node.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,8 +14,35 @@ pub(crate) struct Guard {
     /// The place of the link.
     pub(crate) slot: usize,
     pub(crate) property: &'static str,
-    /// Who wants it, in words: port `mesh`.
+    /// Who wants it, in words: port `mesh`, or input `skin` of `shell`.
     pub(crate) by: Arc<str>,
+    /// The input that wants it, if it is not a port of the node.
+    pub(crate) input: Option<Arc<Wanter>>,
+}
+
+/// An input of a graph that wants a property.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Wanter {
+    /// Where it says so.
+    pub(crate) source: Arc<Source>,
+    pub(crate) span: Span,
+    /// The uses that lead to the graph, the outermost first.
+    pub(crate) uses: Arc<[Use]>,
+}
+
+impl Wanter {
+    /// What comes in is not so: told where the graph is used, or where the input is declared if nobody uses it.
+    pub(crate) fn problem(&self, message: String, help: String) -> Problem {
+        let (source, span) = (self.source.clone(), self.span);
+        let problem = |place, message| Problem::new(Severity::Error, code::FAILED, place, message);
+        let Some((last, outer)) = self.uses.split_last() else {
+            return Problem { help, ..problem((source, span), message) };
+        };
+        let Place { line, column } = Place::of(&source.text, span.start);
+        let wanted = format!("this is wanted at {}:{line}:{column}", source.name.display());
+        let help = if help.is_empty() { wanted } else { format!("{wanted}; {help}") };
+        Problem { help, uses: outer.to_vec(), ..problem((last.source.clone(), last.span), message) }
+    }
 }
 
 /// A node and one of its outputs.
@@ -43,7 +70,7 @@ impl Known {
                 let links = nodes[index].links.iter().enumerate();
                 for (slot, link) in links.filter(|(_, link)| link.port == port) {
                     if has_property(nodes, link, property) {
-                        guards.push(Guard { slot, property, by: by.clone() });
+                        guards.push(Guard { slot, property, by: by.clone(), input: None });
                     }
                 }
             }
@@ -65,14 +92,14 @@ impl Known {
                     continue;
                 };
                 let is_kept = match source {
-                    Source::Always => true,
-                    Source::From(port) => {
+                    Origin::Always => true,
+                    Origin::From(port) => {
                         let links = node.links.iter().enumerate();
                         links
                             .filter(|(_, link)| link.port == port)
                             .all(|(slot, _)| holds(slot, property))
                     }
-                    Source::Never => {
+                    Origin::Never => {
                         known.never.insert(((index, output), property));
                         false
                     }

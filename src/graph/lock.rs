@@ -199,8 +199,7 @@ fn relative(folder: &Path, file: &Path) -> String {
 }
 
 fn problem((source, span): (Arc<Source>, Span), message: String, help: String) -> Problem {
-    let (severity, note, uses) = (Severity::Error, None, Vec::new());
-    Problem { severity, code: code::LOCK, source, span, message, help, fix: Vec::new(), note, uses }
+    Problem { help, ..Problem::new(Severity::Error, code::LOCK, (source, span), message) }
 }
 
 impl World<'_> {

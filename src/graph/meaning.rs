@@ -10,13 +10,16 @@ use std::collections::HashMap;
 use serde_json::Value as Json;
 
 use super::describe::Subgraph;
+use super::expectation::Expectation;
 use super::expression::named_parameters;
 use super::fitting::{declaration_in_own_unit, in_plain_numbers};
 use super::parameters::is_computed;
 use super::quality::is_draft;
 use crate::catalog::{Catalog, Entry};
 use crate::error::Span;
-use crate::text::{Body, Field, Kind, Name, Tree, as_tree, inside_option, resolve, variants};
+use crate::text::{
+    Body, Field, Kind, Name, Quantity, Tree, as_tree, inside_option, resolve, variants,
+};
 
 /// The parts of a graph whose entries have names.
 pub(super) const SECTIONS: [(&str, &str); 5] = [
@@ -30,16 +33,18 @@ pub(super) const SECTIONS: [(&str, &str); 5] = [
 /// What a graph says.
 pub(super) struct Meaning {
     /// The fields of the graph that are no sections, its own name among them.
-    pub(super) rest: Vec<(String, Tree)>,
+    pub(super) rest: Vec<Item>,
     /// The entries of each section.
     pub(super) sections: [Vec<Item>; SECTIONS.len()],
 }
 
-/// An entry of a section.
+/// An entry of a section, or a field of the graph.
 #[derive(Clone)]
 pub(super) struct Item {
     pub(super) name: String,
     pub(super) value: Tree,
+    /// The same with numbers in the units that they are written in.
+    written: Tree,
 }
 
 impl Item {
@@ -50,6 +55,35 @@ impl Item {
             _ => "",
         }
     }
+
+    /// A part of the value, at this way with dots, as text: as it is written if a number in it has a unit.
+    pub(super) fn show(&self, path: &str, part: &Tree) -> String {
+        let steps = path.split('.').filter(|step| !step.is_empty()).map(str::to_owned);
+        let written = self.written.at(&Vec::from_iter(steps));
+        show(if has_units(written, part) { written } else { part })
+    }
+}
+
+/// Whether something is written with a unit, of what has become this value.
+fn has_units(written: &Tree, value: &Tree) -> bool {
+    let any = |a: &[Tree], b: &[Tree]| {
+        a.len() == b.len() && a.iter().zip(b).any(|(a, b)| has_units(a, b))
+    };
+    match (&written.kind, &value.kind) {
+        (_, Kind::Number { .. }) => Quantity::read(written).is_some(),
+        (Kind::List(a), Kind::List(b)) => any(a, b),
+        (
+            Kind::Call { name: a_name, body: Body::Items(a) },
+            Kind::Call { name: b_name, body: Body::Items(b) },
+        ) => a_name.as_ref().map(|it| &it.text) == b_name.as_ref().map(|it| &it.text) && any(a, b),
+        (Kind::Call { body: Body::Fields(a), .. }, Kind::Call { body: Body::Fields(b), .. }) => {
+            b.iter().any(|field| {
+                let mut same = a.iter().filter(|other| other.name.text == field.name.text);
+                same.any(|other| has_units(&other.value, &field.value))
+            })
+        }
+        _ => false,
+    }
 }
 
 impl Meaning {
@@ -59,16 +93,23 @@ impl Meaning {
         let reader = Reading { catalog, graphs, kinds: &kinds };
         let mut rest = Vec::new();
         if let Some(name) = tree.name().filter(|name| name.text != "Graph") {
-            rest.push(("type".to_owned(), bare(Kind::Word(name.text))));
+            let value = bare(Kind::Word(name.text));
+            rest.push(Item { name: "type".to_owned(), written: value.clone(), value });
         }
         let is_section = |name: &str| SECTIONS.iter().any(|(section, _)| *section == name);
         for field in fields.iter().filter(|field| !is_section(&field.name.text)) {
-            rest.push((field.name.text.clone(), plain(&field.value)));
+            let value = match &field.name.text[..] {
+                "expect" => plain(&Expectation::in_plain_numbers(&field.value).0),
+                _ => plain(&field.value),
+            };
+            let (name, written) = (field.name.text.clone(), plain(&field.value));
+            rest.push(Item { name, value, written });
         }
         let sections = SECTIONS.map(|(section, _)| {
             let entries = entries(fields, section);
             let mut seen: HashMap<&str, usize> = HashMap::new();
             let item = |(name, value)| {
+                let written = plain(value);
                 let value = match section {
                     "nodes" => reader.node(value),
                     "outputs" => reader.links(value),
@@ -79,7 +120,7 @@ impl Meaning {
                 *count += 1;
                 // A name that is given twice is a mistake, but each has its own meaning.
                 let name = if *count == 1 { name.to_owned() } else { format!("{name} ({count})") };
-                Item { name, value }
+                Item { name, value, written }
             };
             entries.map(item).collect()
         });

@@ -13,6 +13,7 @@ use super::describe::Subgraph;
 use super::draft::{Draft, What};
 use super::edit::References;
 use super::meaning::{entries, named_node};
+use super::quality::has_draft;
 use super::{Checked, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Lines, Place, Span};
@@ -42,6 +43,8 @@ pub(crate) struct Entry {
     pub(crate) kind: String,
     /// Its value as it is written.
     pub(crate) text: String,
+    /// Whether a `Draft(..)` stands in it.
+    pub(crate) draft: bool,
     /// The comment in the lines before it; empty if there is none.
     pub(crate) comment: String,
     /// Entries with no blank line between them are of one paragraph; they are counted from 0.
@@ -201,6 +204,7 @@ impl<'w> Outliner<'w> {
                     name: name.to_owned(),
                     kind: value.name().map_or_else(String::new, |kind| kind.text),
                     text: self.written(value.span),
+                    draft: has_draft(value),
                     comment,
                     paragraph,
                     line,

@@ -59,14 +59,19 @@ impl Parameters {
                 declared.default = in_own_unit(&given, name, declared.unit(), findings);
             }
             let default = declared.default.clone();
+            let mut other_value = None;
             if is_draft(&default) {
                 // The other value must fit, too; what is wrong with both is told below.
                 let other = chosen(&default, !draft, &mut Vec::new());
                 declared.default = of_side(other, &default);
-                declared.value(findings);
+                other_value = Some(declared.value(findings));
             }
             declared.default = of_side(chosen(&default, draft, findings), &default);
             declared.default = declared.value(findings);
+            declared.sides = other_value.map(|other| {
+                let own = declared.default.clone();
+                if draft { [other, own] } else { [own, other] }
+            });
             let unit = declared.unit().and_then(Unit::read);
             let unit = unit.map(|unit| (name.to_owned(), (unit, declared.unit_span)));
             parameters.units.extend(unit);

@@ -68,8 +68,8 @@ impl Pin {
 
 impl Pins {
     fn problem(&self, span: Span, code: &'static str, message: String, help: String) -> Problem {
-        let (severity, source, uses) = (Severity::Error, self.source.clone(), Vec::new());
-        Problem { severity, code, source, span, message, help, fix: Vec::new(), note: None, uses }
+        let place = (self.source.clone(), span);
+        Problem { help, ..Problem::new(Severity::Error, code, place, message) }
     }
 }
 

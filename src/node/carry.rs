@@ -20,6 +20,8 @@ pub struct Carry {
     pub(crate) output: &'static str,
     /// By domain, in the order of [`DOMAINS`].
     pub(crate) fates: [Fate; 4],
+    /// Attributes that the node makes itself.
+    pub(crate) own: &'static [&'static str],
 }
 
 /// The domains: of points, all is at `vertex`; an edge's attribute is its crease.
@@ -28,12 +30,18 @@ pub(crate) const DOMAINS: [&str; 4] = ["vertex", "corner", "edge", "face"];
 impl Carry {
     /// All domains have the same fate.
     pub const fn all(port: &'static str, output: &'static str, fate: Fate) -> Self {
-        Self { port, output, fates: [fate; 4] }
+        Self::each(port, output, [fate; 4])
     }
 
     /// Those of vertices, corners, edges (their creases) and faces.
     pub const fn each(port: &'static str, output: &'static str, fates: [Fate; 4]) -> Self {
-        Self { port, output, fates }
+        Self { port, output, fates, own: &[] }
+    }
+
+    /// But for attributes of these names, which the node makes itself, whatever came in.
+    #[must_use]
+    pub const fn but(self, own: &'static [&'static str]) -> Self {
+        Self { own, ..self }
     }
 
     /// As programs are told.
@@ -41,6 +49,9 @@ impl Carry {
         let mut json = json!({ "port": self.port, "output": self.output });
         for (domain, fate) in DOMAINS.iter().zip(self.fates) {
             json[*domain] = json!(fate.word());
+        }
+        if !self.own.is_empty() {
+            json["own"] = json!(self.own);
         }
         json
     }

@@ -62,6 +62,37 @@ impl<N> Promise<N> {
         Self::new(output, property, Source::From(port))
     }
 
+    /// All that may hold of a mesh beyond its type: `output` has what all meshes at `port` have, because its faces are theirs, whatever
+    /// becomes of places and attributes.
+    pub const fn faces_kept(output: &'static str, port: &'static str) -> [Self; 6] {
+        [
+            Self::from(output, "Closed", port),
+            Self::from(output, "Manifold", port),
+            Self::from(output, "Oriented", port),
+            Self::from(output, "Unpinched", port),
+            Self::from(output, "Triangles", port),
+            Self::from(output, "NonEmpty", port),
+        ]
+    }
+
+    /// The same only with some parameters: `words` say with which.
+    pub const fn faces_kept_when(
+        output: &'static str,
+        port: &'static str,
+        words: &'static str,
+        holds: fn(&N) -> bool,
+    ) -> [Self; 6] {
+        let [a, b, c, d, e, f] = Self::faces_kept(output, port);
+        [
+            a.when(words, holds),
+            b.when(words, holds),
+            c.when(words, holds),
+            d.when(words, holds),
+            e.when(words, holds),
+            f.when(words, holds),
+        ]
+    }
+
     /// `output` never has the property, unless there is nothing in it: who wants it is warned when the graph is checked.
     pub const fn never(output: &'static str, property: &'static str) -> Self {
         Self::new(output, property, Source::Never)
@@ -128,5 +159,18 @@ impl Term {
         };
         let gap = if self.when.is_empty() { "" } else { ", " };
         format!("{}{source}{gap}{}", self.property, self.when)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::value::{Mesh, Value};
+
+    #[test]
+    fn who_keeps_the_faces_of_a_mesh_keeps_all_that_may_hold_of_it() {
+        let known = Mesh::properties().iter().map(|property| property.name);
+        let kept = Promise::<()>::faces_kept("mesh", "mesh").map(|promise| promise.property);
+        assert_eq!(Vec::from_iter(known), kept);
     }
 }

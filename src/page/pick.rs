@@ -123,7 +123,9 @@ impl Pickable {
                     let ends = arrows.to.iter().copied().enumerate();
                     ("arrows", cone.nearest(arrows.from.iter().copied().enumerate().chain(ends)))
                 }
-                Layer::Picture(_) | Layer::Triangles(_) | Layer::Plot(_) => continue,
+                Layer::Picture(_) | Layer::Triangles(_) | Layer::Plot(_) | Layer::Marks(_) => {
+                    continue;
+                }
             };
             let Some((off, vertex)) = nearest else { continue };
             if best.as_ref().is_none_or(|(least, _)| off < *least) {

@@ -35,6 +35,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/page.css", "text/css; charset=utf-8", include_str!("../../page/page.css")),
     ("/page.js", SCRIPT, include_str!("../../page/page.js")),
     ("/element.js", SCRIPT, include_str!("../../page/element.js")),
+    ("/broken.js", SCRIPT, include_str!("../../page/broken.js")),
     ("/graph.js", SCRIPT, include_str!("../../page/graph.js")),
     ("/parameters.js", SCRIPT, include_str!("../../page/parameters.js")),
     ("/profile.js", SCRIPT, include_str!("../../page/profile.js")),
@@ -194,7 +195,7 @@ async fn picture(
     let kind = if flat { Kind::Fitted } else { Kind::Space };
     let draw = move || {
         let below = shown.ground.as_ref().and_then(Ground::below);
-        let picture = render::picture(&shown.value.show(), &Look { view, kind, below })?;
+        let picture = render::picture(&shown.layers(), &Look { view, kind, below })?;
         png::encode_rgb(&picture).ok()
     };
     match tokio::task::spawn_blocking(draw).await {

@@ -10,6 +10,7 @@ use bytemuck::NoUninit;
 use serde_json::{Value as Json, json};
 
 use super::pick::Pickable;
+use crate::graph::{Asked, Broken};
 use crate::render::{Field, Ground, Look, Shape, Shapes, fitted, picture, picture_of};
 use crate::value::{AnyValue, Axes, Image, Layer, Picture, Series};
 
@@ -18,6 +19,9 @@ const MOST_PIXELS: usize = 8192;
 
 /// The most numbers of a series that pages draw.
 const MOST_NUMBERS: usize = 4096;
+
+/// The most elements that pages list for each property that a value does not have.
+const MOST_LISTED: usize = 100;
 
 /// Bytes that are compared at once when a column has changed.
 const BLOCK: usize = 1024;
@@ -31,6 +35,9 @@ pub(crate) struct Shown {
     pub(crate) ground: Option<Ground>,
     /// What a page is told of it.
     pub(super) about: Json,
+    /// What is asked of it, and what of this it is not.
+    pub(crate) asked: Vec<Asked>,
+    broken: Vec<Broken>,
     columns: HashMap<String, Column>,
     size: usize,
     pickable: OnceLock<Pickable>,
@@ -56,14 +63,23 @@ impl Column {
 }
 
 impl Shown {
-    /// `ground` is what a picture of the value lies on.
-    pub(crate) fn new(value: AnyValue, layers: &[Layer], ground: Option<Ground>) -> Self {
+    /// `layers` are what the value shows, `asked` is what is asked of it, `ground` is what a picture of it lies on.
+    pub(crate) fn new(
+        value: AnyValue,
+        layers: Vec<Layer>,
+        asked: Vec<Asked>,
+        ground: Option<Ground>,
+    ) -> Self {
+        let broken = Asked::broken(&asked, &value);
+        let layers = &marked(layers, &broken)[..];
         let picture = picture_of(layers).cloned();
         let mut shown = Self {
             value,
             picture,
             ground,
             about: json!({}),
+            asked,
+            broken,
             columns: HashMap::new(),
             size: 0,
             pickable: OnceLock::new(),
@@ -83,8 +99,14 @@ impl Shown {
             "picture": flat,
             "space": space,
             "series": series,
+            "broken": shown.broken.iter().map(|it| it.to_json(MOST_LISTED)).collect::<Vec<_>>(),
         });
         shown
+    }
+
+    /// All that is seen of it.
+    pub(super) fn layers(&self) -> Vec<Layer> {
+        marked(self.value.show(), &self.broken)
     }
 
     /// The bytes of one of its columns.
@@ -195,6 +217,12 @@ impl Shown {
     }
 }
 
+/// What is seen of a value, with marks where it is not as it is asked to be.
+fn marked(mut layers: Vec<Layer>, broken: &[Broken]) -> Vec<Layer> {
+    broken.iter().for_each(|broken| broken.offence.mark(&mut layers));
+    layers
+}
+
 /// Items as bytes.
 struct Plain<T>(Vec<T>);
 
@@ -299,7 +327,7 @@ mod tests {
         for kind in TYPES {
             let mut seen = 0;
             for value in kind.hostile() {
-                let shown = Shown::new(value.clone(), &value.show(), None);
+                let shown = Shown::new(value.clone(), value.show(), Vec::new(), None);
                 let mut all = Vec::new();
                 names(&shown.about, &mut all);
                 let series = shown.about["series"].as_array().map_or(0, Vec::len);

@@ -14,6 +14,12 @@ const POINT: f64 = 0.004;
 const FEW: f64 = 0.012;
 const HEAD: f64 = 0.03;
 
+/// The radius of beads in the middle of marked edges, which show the smallest one.
+const BEAD: f64 = 0.005;
+
+/// The color of marks, which nothing else has.
+const MARK: Rgb = [235, 30, 40];
+
 /// Of more points than that, every n-th is drawn.
 const MOST: usize = 100_000;
 
@@ -66,6 +72,7 @@ struct Solids {
     points: Vec<(Point3<f64>, Rgb)>,
     lines: Vec<([Point3<f64>; 2], Rgb)>,
     arrows: Vec<[Point3<f64>; 2]>,
+    marks: Vec<Vec<Point3<f64>>>,
 }
 
 impl Solids {
@@ -96,6 +103,11 @@ impl Solids {
                             [from, to].map(|end| arrows.axes.turned(end, axes))
                         }),
                     );
+                }
+                Layer::Marks(marks) => {
+                    let turn = |&place: &Point3<f64>| marks.axes.turned(place, axes);
+                    let outlines = marks.outlines.iter();
+                    all.marks.extend(outlines.map(|it| Vec::from_iter(it.iter().map(turn))));
                 }
                 Layer::Plot(series) => all.plot(series),
                 Layer::Picture(_) | Layer::Triangles(_) => {}
@@ -142,7 +154,7 @@ impl Solids {
     fn mesh(&self, faces: &[&Mesh]) -> Option<Mesh> {
         let points = self.points.iter().map(|(point, _)| point);
         let ends = self.lines.iter().flat_map(|(ends, _)| ends);
-        let ends = ends.chain(self.arrows.iter().flatten());
+        let ends = ends.chain(self.arrows.iter().flatten()).chain(self.marks.iter().flatten());
         let is_somewhere = |point: &&Point3<f64>| point.coords.iter().all(|x| x.is_finite());
         let mut places = points.chain(ends).filter(is_somewhere).peekable();
         places.peek()?;
@@ -169,6 +181,9 @@ impl Solids {
             } else {
                 pieces.point(from, point, COLORS[2]);
             }
+        }
+        for outline in &self.marks {
+            pieces.mark(outline, size);
         }
         let Pieces { positions, colors, faces } = pieces;
         let mesh = Mesh::new(positions, Faces::triangles(faces)).ok()?;
@@ -214,6 +229,21 @@ impl Pieces {
             [0, 3, 5],
         ];
         self.add(&corners, &FACES, color);
+    }
+
+    /// A place, a line or a closed outline, in something of this size.
+    fn mark(&mut self, outline: &[Point3<f64>], size: f64) {
+        let [first, .., last] = outline else {
+            return outline.iter().for_each(|place| self.point(*place, BEAD * size, MARK));
+        };
+        for ends in outline.windows(2) {
+            self.line(ends[0], ends[1], LINE * size, MARK);
+        }
+        if 2 < outline.len() {
+            self.line(*last, *first, LINE * size, MARK);
+        } else {
+            self.point(nalgebra::center(first, last), BEAD * size, MARK);
+        }
     }
 
     fn line(&mut self, from: Point3<f64>, to: Point3<f64>, radius: f64, color: Rgb) {

@@ -242,17 +242,9 @@ impl OutputFolder {
             return Ok(files);
         }
         let problem = |message: String, help: &str| {
-            Box::new(Problem {
-                severity: Severity::Error,
-                code: code::FAILED,
-                source: output.source.clone(),
-                span: output.span,
-                message,
-                help: help.into(),
-                fix: Vec::new(),
-                note: None,
-                uses: Vec::new(),
-            })
+            let place = (output.source.clone(), output.span);
+            let problem = Problem::new(Severity::Error, code::FAILED, place, message);
+            Box::new(Problem { help: help.into(), ..problem })
         };
         let mut start = Instant::now();
         let files = match evaluation.files(output, signature.as_ref()) {

@@ -156,9 +156,7 @@ impl Job<'_> {
     }
 
     fn problem(&self, code: &'static str, span: Span, message: String) -> Problem {
-        let (source, help, note) = (self.test.source.clone(), String::new(), None);
-        let (severity, uses) = (Severity::Error, Vec::new());
-        Problem { severity, code, source, span, message, help, fix: Vec::new(), note, uses }
+        Problem::new(Severity::Error, code, (self.test.source.clone(), span), message)
     }
 
     /// What the test expects, beside the graph itself.

@@ -9,16 +9,10 @@ use crate::error::{Problem, Severity, Source, code};
 /// Mistakes in a text as problems.
 pub(crate) fn syntax_problems(name: &Path, text: &str, mistakes: Vec<Mistake>) -> Vec<Problem> {
     let source = Arc::new(Source { name: name.to_owned(), text: text.to_owned() });
-    let problem = |mistake: Mistake| Problem {
-        severity: Severity::Error,
-        code: code::SYNTAX,
-        source: source.clone(),
-        span: mistake.span,
-        message: mistake.message,
-        fix: mistake.help.edits(text, mistake.span),
-        help: mistake.help.into(),
-        note: None,
-        uses: Vec::new(),
+    let problem = |Mistake { span, message, help }: Mistake| Problem {
+        fix: help.edits(text, span),
+        help: help.into(),
+        ..Problem::new(Severity::Error, code::SYNTAX, (source.clone(), span), message)
     };
     mistakes.into_iter().map(problem).collect()
 }

@@ -65,15 +65,10 @@ impl Finding {
         // What has another name now is understood all the same.
         let severity = if code == code::OUTDATED { Severity::Warning } else { Severity::Error };
         Problem {
-            severity,
-            code,
-            source: source.clone(),
-            span,
-            message,
             fix: help.edits(&source.text, span),
             help: help.into(),
             note,
-            uses: Vec::new(),
+            ..Problem::new(severity, code, (source.clone(), span), message)
         }
     }
 }

@@ -24,6 +24,8 @@ pub enum Layer {
     Lines(Lines),
     /// Moves from place to place.
     Arrows(Arrows),
+    /// What is to be noticed.
+    Marks(Marks),
     /// Series of numbers, drawn over one axis.
     Plot(Vec<Series>),
 }
@@ -80,6 +82,7 @@ impl Layer {
             Self::Points(cloud) => Some(cloud.axes),
             Self::Lines(lines) => Some(lines.axes),
             Self::Arrows(arrows) => Some(arrows.axes),
+            Self::Marks(marks) => Some(marks.axes),
             Self::Picture(_) | Self::Plot(_) => None,
         }
     }
@@ -112,6 +115,15 @@ pub struct Arrows {
     pub from: Column<Point3<f64>>,
     /// Where they end.
     pub to: Column<Point3<f64>>,
+    /// The axes.
+    pub axes: Axes,
+}
+
+/// What is to be noticed, drawn in red, larger than all else.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Marks {
+    /// Each a place, both ends of a line, or the corners of a face, in mm.
+    pub outlines: Vec<Vec<Point3<f64>>>,
     /// The axes.
     pub axes: Axes,
 }

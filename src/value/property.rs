@@ -4,6 +4,8 @@ use std::fmt;
 
 use nalgebra::Point3;
 
+use super::{Axes, Layer, Marks};
+
 /// Something that may hold of a value of the type `T`: a port may want it, and an output promise it.
 #[derive(Clone, Copy)]
 pub struct Property<T: 'static> {
@@ -29,40 +31,68 @@ impl<T> Property<T> {
 /// The elements of a value for which a property does not hold.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Offence {
-    /// How many they are and which, behind the value's name: `has 3 edges with one face (vertices 0-2, 0-3, 2-3)`.
+    /// How many they are and which, behind the value's name: `has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3)`.
     pub what: String,
-    /// Where they are, in mm: the middles of some of them. Empty where the value lies nowhere in space.
-    pub places: Vec<Point3<f64>>,
+    /// How many they are; 0 if something is missing.
+    pub count: usize,
+    /// The first of them, some thousands at most. Empty where the value lies nowhere in space.
+    pub elements: Vec<Offender>,
+}
+
+/// An element for which a property does not hold.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Offender {
+    /// Which it is: `edge 0-2`.
+    pub name: String,
+    /// A vertex, both ends of an edge, or the corners of a face, in mm.
+    pub outline: Vec<Point3<f64>>,
+}
+
+impl Offender {
+    /// Its middle.
+    pub fn place(&self) -> Point3<f64> {
+        let sum: nalgebra::Vector3<f64> = self.outline.iter().map(|point| point.coords).sum();
+        Point3::from(sum / self.outline.len().max(1) as f64)
+    }
 }
 
 /// How many offending elements are named.
 const NAMED: usize = 5;
 
-/// How many places are told.
-const TOLD: usize = 1000;
+/// How many are told as data, and so marked in pictures.
+const TOLD: usize = 5000;
 
 impl Offence {
     /// That of a value that has nothing in it, where something is wanted: `has no faces`.
     pub fn nothing(what: &str) -> Self {
-        Self { what: format!("has no {what}"), places: Vec::new() }
+        Self { what: format!("has no {what}"), count: 0, elements: Vec::new() }
     }
 
-    /// That of some elements, `what` they are, by their names and places; none if there are none.
+    /// That of some elements, `what` they are, by their names and outlines; none if there are none.
     pub fn of<E: Copy>(
         elements: &[E],
         what: &str,
         name: impl Fn(E) -> String,
-        place: impl Fn(E) -> Point3<f64>,
+        outline: impl Fn(E) -> Vec<Point3<f64>>,
     ) -> Option<Self> {
-        let first = place(*elements.first()?);
         let count = elements.len();
-        let names = Vec::from_iter(elements.iter().take(NAMED).map(|element| name(*element)));
-        let names = names.join(", ");
+        let told = elements.iter().take(TOLD);
+        let elements =
+            Vec::from_iter(told.map(|&it| Offender { name: name(it), outline: outline(it) }));
+        let [x, y, z] = elements.first()?.place().coords.map(rounded).into();
+        let names = Vec::from_iter(elements.iter().take(NAMED).map(|it| &it.name[..])).join(", ");
         let more = if NAMED < count { ", .." } else { "" };
-        let first = [first.x, first.y, first.z].map(rounded);
-        let [x, y, z] = first;
         let what = format!("has {count} {what} ({names}{more}; the first is at ({x}, {y}, {z}))");
-        Some(Self { what, places: elements.iter().take(TOLD).map(|it| place(*it)).collect() })
+        Some(Self { what, count, elements })
+    }
+
+    /// Marks the elements on what is seen of the value.
+    pub(crate) fn mark(&self, layers: &mut Vec<Layer>) {
+        let axes: Axes = layers.iter().find_map(Layer::axes).unwrap_or_default();
+        let outlines = Vec::from_iter(self.elements.iter().map(|it| it.outline.clone()));
+        if !outlines.is_empty() {
+            layers.push(Layer::Marks(Marks { outlines, axes }));
+        }
     }
 }
 

@@ -22,12 +22,15 @@ class Control:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    # What drafts have instead, as JSON; empty if they have the same.
+    draft: str = ""
 
     @property
     def title(self) -> str:
         """What stands beside it."""
         words = self.name.replace("-", " ").capitalize()
-        return f"{words} ({self.unit})" if self.unit else words
+        words = f"{words} ({self.unit})" if self.unit else words
+        return f"{words}, in drafts {self.draft}" if self.draft else words
 
     @property
     def is_ranged(self) -> bool:
@@ -58,6 +61,7 @@ def controls(schema: dict[str, Any]) -> list[Control]:
                 field.get("minimum"),
                 field.get("maximum"),
                 choices,
+                json.dumps(field["draft"]["draft"]) if "draft" in field else "",
             )
         )
     return found

@@ -127,19 +127,23 @@ impl<'a> Carry<'a> {
         }
     }
 
+    /// The same, but normals are those of the filling.
+    fn named(&self, name: &str, attribute: &Attribute) -> Attribute {
+        match attribute {
+            Attribute::Vector(column) if name == "normal" => {
+                Attribute::Vector(self.normals(column).into())
+            }
+            _ => self.vertex(attribute),
+        }
+    }
+
     /// The attributes of `from` on `onto`, the mesh that is filled: the same vertices and faces, and those of the filling behind them.
     ///
     /// # Errors
     /// None, as long as `onto` is that mesh.
     pub(crate) fn onto(&self, from: &Mesh, mut onto: Mesh) -> Result<Mesh, MeshError> {
         for (name, attribute) in from.vertex().iter() {
-            let carried = match attribute {
-                Attribute::Vector(column) if name == "normal" => {
-                    Attribute::Vector(self.normals(column).into())
-                }
-                _ => self.vertex(attribute),
-            };
-            onto = onto.with_vertex(name, carried)?;
+            onto = onto.with_vertex(name, self.named(name, attribute))?;
         }
         // To find the corners and faces of all vertices takes a pass over all data, and is not always needed.
         if from.corner().iter().next().is_none() && from.face().iter().next().is_none() {
@@ -147,7 +151,8 @@ impl<'a> Carry<'a> {
         }
         let (corners, faces) = self.beside(from);
         for (name, attribute) in from.corner().iter() {
-            onto = onto.with_corner(name, self.corner(from, attribute, &corners))?;
+            let of_vertices = self.named(name, &attribute.select(&corners));
+            onto = onto.with_corner(name, self.corner(from, attribute, of_vertices))?;
         }
         let new_faces = &self.filling.faces[self.filling.kept..];
         for (name, attribute) in from.face().iter() {
@@ -179,9 +184,8 @@ impl<'a> Carry<'a> {
     }
 
     /// A column per corner. Filled corners get the entries of their vertices, computed from one corner at each vertex of the data.
-    fn corner(&self, mesh: &Mesh, attribute: &Attribute, corners: &[u32]) -> Attribute {
+    fn corner(&self, mesh: &Mesh, attribute: &Attribute, of_vertices: Attribute) -> Attribute {
         let count = mesh.faces().corners().len() as u32;
-        let of_vertices = self.vertex(&attribute.select(corners));
         let new_corners = self.filling.faces[self.filling.kept..].as_flattened();
         let joined = |first: &Attribute| {
             // The places of both columns, one behind the other.

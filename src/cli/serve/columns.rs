@@ -174,7 +174,7 @@ impl Columns {
                         edges.extend([start, start + 1]);
                     }
                 }
-                Layer::Triangles(_) | Layer::Picture(_) | Layer::Plot(_) => {}
+                Layer::Triangles(_) | Layer::Picture(_) | Layer::Plot(_) | Layer::Marks(_) => {}
             }
         }
         let mut parts = Parts::default();

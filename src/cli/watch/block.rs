@@ -322,16 +322,11 @@ mod tests {
     fn broken() -> Block {
         let text = "Graph(\n    format: 1,\n    nodes: { \"a\": Treshold() },\n)\n";
         let source = Arc::new(Source { name: "doll.ron".into(), text: text.into() });
+        let place = (source, Span { start: 40, end: 48 });
+        let message = "there is no node type `Treshold`";
         let problem = Problem {
-            severity: Severity::Error,
-            code: code::UNKNOWN_NODE,
-            source,
-            span: Span { start: 40, end: 48 },
-            message: "there is no node type `Treshold`".into(),
             help: "did you mean `Threshold`?".into(),
-            fix: Vec::new(),
-            note: None,
-            uses: Vec::new(),
+            ..Problem::new(Severity::Error, code::UNKNOWN_NODE, place, message)
         };
         Block { run: 13, problems: vec![problem; 3], ..after_a_run() }
     }

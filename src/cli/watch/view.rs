@@ -480,16 +480,9 @@ mod tests {
 
     #[test]
     fn a_warning_is_told_when_it_comes_and_not_again_while_it_stays() {
-        let problem = |severity: Severity, message: &str| Problem {
-            severity,
-            code: code::WARNING,
-            source: Arc::new(Source { name: "a.ron".into(), text: String::new() }),
-            span: Span::default(),
-            message: message.into(),
-            help: String::new(),
-            fix: Vec::new(),
-            note: None,
-            uses: Vec::new(),
+        let source = Arc::new(Source { name: "a.ron".into(), text: String::new() });
+        let problem = |severity: Severity, message: &str| {
+            Problem::new(severity, code::WARNING, (source.clone(), Span::default()), message)
         };
         let warning = || problem(Severity::Warning, "it is thin");
         let error = || problem(Severity::Error, "it is torn");

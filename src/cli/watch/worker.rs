@@ -254,21 +254,22 @@ fn show(
     session: &mut Session,
     last: Option<&Arc<Shown>>,
 ) -> Arc<Shown> {
+    let place = graph.value_named(&format!("{}.{}", viewed.node, viewed.output));
+    let asked = place.map_or(Vec::new(), |target| graph.asked_of(target));
     let layers = if last.is_some() { Vec::new() } else { value.show() };
     let picture = match last {
         Some(last) => last.picture.as_ref(),
         None => picture_of(&layers),
     };
-    let place = graph.value_named(&format!("{}.{}", viewed.node, viewed.output));
     let ground = picture.zip(place).and_then(|(picture, (node, _))| {
         let found = Source { graph, node, session }.ground_or(picture, None);
         // Without what it was made from a value is shown alone.
         found.unwrap_or_default()
     });
     match last {
-        Some(last) if last.lies_on(ground.as_ref()) => last.clone(),
-        Some(_) => Arc::new(Shown::new(value.clone(), &value.show(), ground)),
-        None => Arc::new(Shown::new(value.clone(), &layers, ground)),
+        Some(last) if last.lies_on(ground.as_ref()) && last.asked == asked => last.clone(),
+        Some(_) => Arc::new(Shown::new(value.clone(), value.show(), asked, ground)),
+        None => Arc::new(Shown::new(value.clone(), layers, asked, ground)),
     }
 }
 

@@ -4,12 +4,12 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::{Expansion, Scope, Values};
-use crate::graph::Guard;
 use crate::graph::definition::Definition;
 use crate::graph::expected::{Expected, Expecter, Expecting};
+use crate::graph::{Guard, Wanter};
 
 impl Expansion<'_, '_> {
-    /// What a graph wants of its inputs is tested where a node inside takes them, which stand behind the `first`.
+    /// What a graph wants of its inputs is tested before a node inside takes them, which stand behind the `first`.
     pub(super) fn guard(&mut self, graph: &Definition, scope: &Scope, first: usize) {
         for (input, wants) in graph.wants.iter().enumerate().filter(|(_, wants)| !wants.is_empty())
         {
@@ -18,17 +18,28 @@ impl Expansion<'_, '_> {
                 Some(prefix) => format!("input `{name}` of `{prefix}`").into(),
                 None => format!("input `{name}`").into(),
             };
+            let by = &by;
+            let wanters = wants.iter().map(|&(property, span)| {
+                let (source, span) = graph.sheet.place(span);
+                (property, Arc::new(Wanter { source, span, uses: scope.uses.clone() }))
+            });
+            let wanters = &Vec::from_iter(wanters);
             for node in &mut self.nodes[first..] {
                 let slots = node.links.iter().enumerate();
                 let slots =
                     slots.filter(|(_, it)| Some((it.node, it.output)) == scope.inputs[input]);
-                let tests = slots.flat_map(|(slot, _)| wants.iter().map(move |&want| (slot, want)));
-                let tests = Vec::from_iter(tests);
-                if !tests.is_empty() {
-                    node.recipe = Arc::new(node.recipe.guarded(&tests));
+                let guards = slots.flat_map(|(slot, _)| {
+                    wanters.iter().map(move |(property, wanter)| {
+                        let (by, input) = (by.clone(), Some(wanter.clone()));
+                        Guard { slot, property, by, input }
+                    })
+                });
+                let guards = Vec::from_iter(guards);
+                if !guards.is_empty() {
+                    let tests = guards.iter().map(|guard| (guard.slot, guard.property));
+                    node.recipe = Arc::new(node.recipe.guarded(&Vec::from_iter(tests)));
                 }
-                let guard = |(slot, property)| Guard { slot, property, by: by.clone() };
-                node.guards.extend(tests.into_iter().map(guard));
+                node.guards.extend(guards);
             }
         }
     }

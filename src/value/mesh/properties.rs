@@ -1,7 +1,5 @@
 //! What may hold of a mesh: that it is closed, a surface, of triangles.
 
-use nalgebra::{Point3, center};
-
 use super::super::{Offence, Property};
 use super::Mesh;
 
@@ -39,7 +37,7 @@ pub(super) const PROPERTIES: &[Property<Mesh>] = &[
             &pinched(mesh),
             "vertices that join fans of faces",
             |vertex| format!("vertex {vertex}"),
-            |vertex| mesh.positions()[vertex as usize],
+            |vertex| vec![mesh.positions()[vertex as usize]],
         )
     }),
     Property::new("Triangles", "Each face has three corners.", |mesh| {
@@ -48,13 +46,12 @@ pub(super) const PROPERTIES: &[Property<Mesh>] = &[
         }
         let sides = |face: &u32| mesh.faces().face(*face as usize).len();
         let others = Vec::from_iter((0..mesh.faces().len() as u32).filter(|face| sides(face) != 3));
-        let middle = |face: u32| {
-            let face = mesh.faces().face(face as usize);
-            let places = face.iter().map(|&vertex| mesh.positions()[vertex as usize].coords);
-            Point3::from(places.sum::<nalgebra::Vector3<f64>>() / face.len() as f64)
+        let corners = |face: u32| {
+            let face = mesh.faces().face(face as usize).iter();
+            face.map(|&vertex| mesh.positions()[vertex as usize]).collect()
         };
         let name = |face: u32| format!("face {face} has {}", sides(&face));
-        Offence::of(&others, "faces of more than three corners", name, middle)
+        Offence::of(&others, "faces of more than three corners", name, corners)
     }),
     Property::new("NonEmpty", "It has faces.", |mesh| {
         mesh.faces().is_empty().then(|| Offence::nothing("faces"))
@@ -70,7 +67,7 @@ fn edges(
     let offending = Vec::from_iter(offending.map(|edge| ends[edge]));
     let place = |vertex: u32| mesh.positions()[vertex as usize];
     let name = |[a, b]: [u32; 2]| format!("edge {a}-{b}");
-    Offence::of(&offending, what, name, |[a, b]| center(&place(a), &place(b)))
+    Offence::of(&offending, what, name, |ends| ends.map(place).to_vec())
 }
 
 /// The edges that two faces run through in the same direction, ascending.
@@ -145,6 +142,8 @@ fn join(sets: &mut [u32], a: u32, b: u32) {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::super::super::{AnyValue, Faces};
     use super::*;
 

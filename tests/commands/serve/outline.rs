@@ -334,3 +334,26 @@ Layout(
         assert_eq!(told["ok"], true);
     }
 }
+
+#[test]
+fn what_has_another_value_in_drafts_says_so() {
+    let project = Project::doll();
+    project.save(
+        r#"Graph(format: 1, params: { "levels": Integer(default: Draft(final: 2, draft: 0)), "size": Number(default: 1.0) },
+        nodes: { "net": PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, Draft(final: 1, draft: 0)), (1, 1, 0)]]),
+        "s": Nurbs(net: "net", order: (2, 2)) }, outputs: { "s.ply": "s" })"#,
+    );
+    let mut host = Host::of(&project);
+    let outline = &host.ask("outline", json!({ "graph": "doll.ron" }))["outline"];
+    let drafts = |section: &str| {
+        Vec::from_iter(list(&outline[section]).iter().map(|it| it["draft"] == true))
+    };
+    assert_eq!((drafts("params"), drafts("nodes")), (vec![true, false], vec![true, false]));
+    for (draft, default) in [(false, 2), (true, 0)] {
+        let loaded = host.ask("load", json!({ "graph": "doll.ron", "draft": draft }));
+        let levels = &loaded["schema"]["properties"]["levels"];
+        assert_eq!(levels["draft"], json!({ "final": 2, "draft": 0 }), "{loaded}");
+        assert_eq!(levels["default"], default);
+        assert!(loaded["schema"]["properties"]["size"].get("draft").is_none());
+    }
+}

@@ -146,7 +146,7 @@ nodes: { "it": Transform(mesh: "mesh", translate: (1, 0, 0)) }, outputs: { "move
     std::fs::write(project.path("cap.ron"), lib).unwrap();
     let told = project.told(Wanted::Outputs);
     let [told] = &told[..] else { panic!("{told:#?}") };
-    let expected = "`caps/2/it` cannot be computed: input `mesh` of `caps/2` wants Mesh[Closed], but `caps/2/mesh` has 3 edges with one face";
+    let expected = "graph.ron:4 G016 input `mesh` of `caps/2` wants Mesh[Closed], but `caps/2/mesh` has 3 edges with one face";
     assert!(told.contains(expected), "{told}");
 }
 

@@ -82,7 +82,8 @@ fn a_node_is_not_run_on_what_it_does_not_want_and_the_elements_are_named() {
 "out": Subdivide(mesh: "fan", scheme: CatmullClark)"#;
     let told = Told::new(&[("graph.ron", &graph(nodes)), ("lib.ron", LIB)]).run();
     let expected = "graph.ron:3 G016 `out` cannot be computed: port `mesh` wants Mesh[Manifold], but `fan` has 1 edges with more than two \
-                    faces (edge 0-1; the first is at (0.5, 0, 0)) ()";
+                    faces (edge 0-1; the first is at (0.5, 0, 0)) (`maquette inspect graph.ron fan --out look.png` lists and marks \
+                    them)";
     assert_eq!(told, [expected]);
     let split = nodes.replace("CatmullClark", "CatmullClark, split: true");
     assert_eq!(Told::new(&[("graph.ron", &graph(&split)), ("lib.ron", LIB)]).run(), [""; 0]);
@@ -92,17 +93,53 @@ fn a_node_is_not_run_on_what_it_does_not_want_and_the_elements_are_named() {
 fn an_input_says_what_it_wants_and_an_output_what_it_promises() {
     let nodes = r#""mesh": ReadMesh(path: "open.obj"), "out": Lib(mesh: "mesh")"#;
     let told = Told::new(&[("graph.ron", &graph(nodes)), ("lib.ron", LIB)]);
-    let lines = told.run();
-    assert_eq!(lines.len(), 1, "{lines:#?}");
-    let expected = "`out/it` cannot be computed: input `mesh` of `out` wants Mesh[Closed], but `mesh` has 3 edges with one face (edge 0-2, \
-                    edge 0-3, edge 2-3; the first is at (0, 0.5, 0))";
-    assert!(lines[0].contains(expected), "{lines:#?}");
+    let expected = "graph.ron:2 G016 input `mesh` of `out` wants Mesh[Closed], but `mesh` has 3 edges with one face (edge 0-2, \
+                    edge 0-3, edge 2-3; the first is at (0, 0.5, 0)) (this is wanted at lib.ron:3:48; \
+                    `maquette inspect graph.ron mesh --out look.png` lists and marks them)";
+    assert_eq!(told.run(), [expected]);
     // What is promised and does not follow from what is inside is judged where the graph is used.
     let careless = LIB.replace(", wants: [Closed]", "");
     std::fs::write(told.path("lib.ron"), careless).unwrap();
     let expected = "graph.ron:2 G020 expected Closed, but `out.moved` has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3; the first \
                     is at (1, 0.5, 0)) (this is expected at lib.ron:6:27)";
     assert_eq!(told.run(), [expected]);
+}
+
+#[test]
+fn an_input_that_several_nodes_take_is_told_once_at_the_use_that_gives_it() {
+    let lib = LIB.replace("\"it\":", "\"other\": Transform(mesh: \"mesh\"), \"it\":");
+    let lib = lib.replace("\"moved\": \"it\"", "\"moved\": \"it\", \"other\": \"other\"");
+    let outer = r#"Graph(
+    format: 1,
+    use: { "Lib": "lib.ron" },
+    inputs: { "mesh": Mesh(doc: "It.") },
+    nodes: { "inner": Lib(mesh: "mesh"), "all": Merge(meshes: ["inner.moved", "inner.other"]) },
+    outputs: { "all": "all" },
+)"#;
+    let nodes = r#""mesh": ReadMesh(path: "open.obj"), "out": Outer(mesh: "mesh")"#;
+    let text = graph(nodes).replace("\"lib.ron\"", "\"lib.ron\", \"Outer\": \"outer.ron\"");
+    let told = Told::new(&[("graph.ron", &text), ("lib.ron", &lib), ("outer.ron", outer)]);
+    let settings = Settings { threads: 2, ..Settings::in_memory() };
+    let mut session = Session::new(PACKS, &settings).unwrap();
+    let finished = session.run(&told.load(), &Default::default()).unwrap();
+    let [problem] = &finished.problems()[..] else { panic!("{:#?}", finished.problems()) };
+    let line = told.line(problem);
+    assert!(
+        line.starts_with("outer.ron:5 G016 input `mesh` of `out/inner` wants Mesh[Closed]"),
+        "{line}"
+    );
+    assert_eq!(Vec::from_iter(problem.uses.iter().map(|it| &it.name[..])), ["out"]);
+    // Who offends is told as data, too.
+    let expected = [
+        ("edge 0-2".to_owned(), [0.0, 0.5, 0.0]),
+        ("edge 0-3".to_owned(), [0.0, 0.0, 0.5]),
+        ("edge 2-3".to_owned(), [0.0, 0.5, 0.5]),
+    ];
+    assert_eq!(problem.elements, expected);
+    // Nothing inside has run.
+    let trace = finished.trace();
+    let ran = trace.0.iter().filter(|node| node.seconds > 0.0 && node.name.contains('/'));
+    assert_eq!(Vec::from_iter(ran.map(|node| &node.name)), [""; 0]);
 }
 
 #[test]

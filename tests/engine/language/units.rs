@@ -223,3 +223,87 @@ fn edits_keep_what_is_written_and_refuse_what_does_not_fit() {
     assert_eq!(problems[0].message, "parameter `growth` is in mm, but `px(3)` is in px");
     assert!(set("cm(5)").unwrap_err()[0].message.contains("is 50, but must be"));
 }
+
+#[test]
+fn what_is_expected_takes_units_too() {
+    let folder = folder();
+    let with = |expect: &str| {
+        graph("", r#""out": ReadMesh(path: "ball.obj")"#)
+            .replace("outputs:", &format!("expect: [{expect}], outputs:"))
+    };
+    let told = |expect: &str| {
+        let graph = loaded(&folder, &with(expect), &[]);
+        let run = session().run(&graph, &Run::default()).unwrap();
+        Vec::from_iter(run.problems().into_iter().map(|problem| problem.message))
+    };
+    let holds = r#"Bounds(of: "out", low: (0, 0, 0), high: (cm(0.15), mm(2.25), m(0.003))), Bend(of: "out", max: rad(3.1)),
+        Near(of: "out", to: "out.ply", max: cm(0.01), rms: Some(mm(0.1)))"#;
+    assert_eq!(told(holds), [""; 0]);
+    let told_of_box = told(&holds.replace("cm(0.15)", "cm(0.14)"));
+    assert!(
+        told_of_box[0].starts_with("expected Bounds, but `out` has 1 vertices"),
+        "{told_of_box:?}"
+    );
+    let wrong = |expect: &str| {
+        let (path, options) = (folder.path().join("graph.ron"), Options::default());
+        let checked = Graph::load_text(&path, with(expect), &Catalog::new(PACKS), &options);
+        Vec::from_iter(
+            checked.problems.into_iter().map(|it| format!("{} ({})", it.message, it.help)),
+        )
+    };
+    let like = "a plain number is in mm; other units of the same kind are converted";
+    assert_eq!(
+        wrong(
+            r#"Near(of: "out", to: "out", max: px(3)), Bounds(of: "out", low: (0, 0, deg(1)), high: (1, 1, 1))"#
+        ),
+        [
+            format!("field `max` of Near is in mm, but `px(3)` is in px ({like})"),
+            format!("field `low` of Bounds is in mm, but `deg(1)` is in deg ({like})"),
+        ]
+    );
+    assert_eq!(
+        wrong(r#"Count(of: "out", what: "faces", min: mm(3))"#),
+        ["field `min` of Count has no unit, but `mm(3)` is in mm (write a plain number)"]
+    );
+    let too_much = wrong(r#"Bend(of: "out", max: rad(4))"#);
+    assert!(too_much[0].starts_with("field `max` of Graph is 229.18"), "{too_much:?}");
+}
+
+#[test]
+fn a_difference_is_shown_as_it_is_written_and_another_unit_for_the_same_is_none() {
+    let text = |size: &str, reach: &str, high: &str| {
+        let params = format!(r#""reach": Number(default: {reach}, unit: "mm")"#);
+        let nodes = format!(
+            r#""ball": ReadMesh(path: "ball.obj"), "out": Transform(mesh: "ball", translate: (0, {size}, Param("reach")), rotate: (0, 0, deg(5)))"#
+        );
+        graph(&params, &nodes).replace(
+            "outputs:",
+            &format!(
+                r#"expect: [Bounds(of: "out", low: (0, 0, 0), high: ({high}, 1, 1))], outputs:"#
+            ),
+        )
+    };
+    let told = |before: String, after: String| {
+        let [before, after] =
+            [before, after].map(|text| maquette::Source { name: "graph.ron".into(), text });
+        let found = Graph::differences(&before, &after, &Catalog::new(PACKS)).unwrap();
+        Vec::from_iter(found.iter().map(ToString::to_string))
+    };
+    let first = || text("cm(3)", "inch(1)", "cm(1)");
+    assert_eq!(told(first(), text("30", "mm(25.4)", "10.0")), [""; 0]);
+    assert_eq!(
+        told(first(), text("cm(4)", "12", "inch(2.5)")),
+        [
+            r#"graph: changed expect: [Bounds(high: (cm(1), 1, 1), low: (0, 0, 0), of: "out")] -> [Bounds(high: (inch(2.5), 1, 1), low: (0, 0, 0), of: "out")]"#,
+            "parameter reach: changed default: inch(1) -> 12",
+            "node out: changed translate.1: cm(3) -> cm(4)",
+        ]
+    );
+    // A whole tuple, too.
+    let bare = first().replace("rotate: (0, 0, deg(5))", "pivot: 1");
+    let gone = told(first(), bare);
+    assert!(
+        gone.iter().any(|it| it.contains("changed rotate: (0, 0, deg(5)) -> left out")),
+        "{gone:?}"
+    );
+}

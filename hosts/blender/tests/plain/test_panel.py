@@ -42,6 +42,11 @@ class PanelTest(unittest.TestCase):
                 kinds.add(it.kind)
         self.assertLessEqual({"number", "integer", "choice", "color"}, kinds)
 
+    def test_a_parameter_that_drafts_have_another_value_of_says_so(self) -> None:
+        told = self.loaded[str(ROOT / "graphs/language/drafts.ron")]
+        levels = next(it for it in panel.controls(told["schema"]) if it.draft)
+        self.assertEqual((levels.title, levels.default), ("Levels, in drafts 0", 2))
+
     def test_a_default_shown_and_given_back_is_the_default(self) -> None:
         for graph, told in self.loaded.items():
             controls = panel.controls(told["schema"])

@@ -1,0 +1,90 @@
+//! What a value is wanted to be and is not is listed and marked where people look.
+
+use maquette::format::png;
+use maquette::value::Image;
+use serde_json::{Value as Json, json};
+
+use crate::project::Project;
+use crate::seen::Seen;
+
+/// Of a graph whose node wants a closed mesh and gets one with a hole of three edges.
+fn project() -> Project {
+    let project = Project::doll();
+    let open = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n";
+    std::fs::write(project.folder().join("open.obj"), open).unwrap();
+    let lib = r#"Graph(
+    format: 1,
+    inputs: { "skin": Mesh(doc: "It.", wants: [Closed]) },
+    nodes: { "it": Transform(mesh: "skin") },
+    outputs: { "skin": "it" },
+)"#;
+    std::fs::write(project.folder().join("lib.ron"), lib).unwrap();
+    project.save(
+        r#"Graph(
+    format: 1,
+    use: { "Lib": "lib.ron" },
+    nodes: { "open": ReadMesh(path: "open.obj"), "whole": Lib(skin: "open") },
+    outputs: { "whole.ply": "whole" },
+)"#,
+    );
+    project
+}
+
+/// How many pixels of a picture have the color of marks.
+fn red(picture: &Image) -> usize {
+    picture.pixels().iter().filter(|[r, g, b]| 120 < *r && *g < r / 3 && *b < r / 3).count()
+}
+
+#[test]
+fn inspect_lists_and_marks_the_elements() {
+    let project = project();
+    let picture = || png::read(&std::fs::read(project.folder().join("open.png")).unwrap()).unwrap();
+    let done = project.maquette(&["inspect", "doll.ron", "open", "--out", "open.png"]);
+    let text = String::from_utf8(done.stdout).unwrap();
+    let expected = "  is not Closed, which is asked by input `skin` of `whole`: it has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3; \
+                    the first is at (0, 0.5, 0))\n    edge 0-2  (0, 0.5, 0)\n    edge 0-3  (0, 0, 0.5)\n    edge 2-3  (0, 0.5, 0.5)\n";
+    assert!(text.ends_with(expected), "{text}");
+    assert!(1000 < red(&picture()), "{}", red(&picture()));
+    let json = project.maquette(&["inspect", "doll.ron", "open", "--json"]).stdout;
+    let json: Json = serde_json::from_slice(&json).unwrap();
+    let broken = &json["outputs"][0]["broken"][0];
+    assert_eq!((&broken["property"], &broken["count"]), (&"Closed".into(), &3.into()));
+    assert_eq!(broken["elements"][2]["name"], "edge 2-3");
+    // Who was not given what it wants tells the same as data.
+    let json = project.maquette(&["run", "doll.ron", "--json"]).stdout;
+    let json: Json = serde_json::from_slice(&json).unwrap();
+    assert_eq!(json["problems"][0]["elements"][1]["at"], json!([0.0, 0.0, 0.5]));
+    // Nothing is marked on what is as it is wanted.
+    project.save(
+        &std::fs::read_to_string(project.graph()).unwrap().replace("Lib(skin", "Transform(mesh"),
+    );
+    project.maquette(&["inspect", "doll.ron", "open", "--view", "0,0", "--out", "open.png"]);
+    assert_eq!(red(&picture()), 0);
+}
+
+#[test]
+fn a_page_lists_and_marks_them_too_and_looks_at_one_that_is_clicked() {
+    let project = project();
+    let wanted = std::fs::read_to_string(project.graph()).unwrap();
+    project.save(&wanted.replace("Lib(skin", "Transform(mesh"));
+    let Some(mut seen) = Seen::of(project) else { return };
+    seen.view("open", "mesh");
+    let before = seen.canvas();
+    assert_eq!(red(&before), 0);
+    seen.project.save(&wanted);
+    seen.browser.wait("document.querySelectorAll('#broken ul li').length === 3");
+    let marked = seen.canvas_after(&before);
+    assert!(200 < red(&marked), "{}", red(&marked));
+    let words = seen.browser.ask("document.querySelector('#broken b').textContent");
+    let words = words.as_str().unwrap();
+    let expected = "is not Closed, which is asked by input `skin` of `whole`: it has 3 edges";
+    assert!(words.starts_with(expected), "{words}");
+    // The third one comes into the middle.
+    seen.browser.ask("document.querySelectorAll('#broken button')[2].click()");
+    seen.canvas_after(&marked);
+    seen.browser.wait("/camera=0,0,1,0,0.5,0.5,/.test(location.hash)");
+    // What is mended is not marked any more.
+    seen.project.save(&wanted.replace("Lib(skin", "Transform(mesh"));
+    seen.browser.wait("document.querySelectorAll('#broken li').length === 0");
+    seen.served.watch.end();
+}
