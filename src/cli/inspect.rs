@@ -93,11 +93,11 @@ type Found = (String, (usize, usize));
 
 impl Inspect {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let checked = self.options.load(&self.graph, catalog);
-        if checked.graph.is_none() {
+        let checked = self.options.load(&self.graph, catalog).as_far_as_known();
+        let Some(graph) = checked.graph else {
             report(&checked.problems);
-        }
-        let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
+            return Exit::Failed;
+        };
         if let Err(why) = self.check() {
             return Exit::Usage(why);
         }

@@ -112,6 +112,7 @@ impl Replay {
         let set = values(path, &told.provenance, catalog);
         let draft = told.provenance.draft;
         let checked = session.load(path, &Options { roots, set, draft, ..Options::default() });
+        let checked = checked.as_far_as_known();
         let Some(graph) = checked.graph else {
             report(&checked.problems);
             return Exit::Failed;
@@ -190,7 +191,7 @@ impl Replay {
 /// The values that the file was made with, as `--set` has them: of those parameters that the graph still declares.
 fn values(path: &Path, told: &Provenance, catalog: &Catalog) -> Vec<(String, String)> {
     let options = Options { files: Files::Ignored, ..Options::default() };
-    let graph = Graph::load(path, catalog, &options).graph;
+    let graph = Graph::load(path, catalog, &options).as_far_as_known().graph;
     let parameter = |(name, value): (&String, &serde_json::Value)| {
         Some((name.clone(), graph.as_ref()?.as_ron(name, value)?))
     };
