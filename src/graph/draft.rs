@@ -9,7 +9,7 @@ use super::check::Check;
 use super::definition::{Definition, Used};
 use super::each::{Branches, Each, Over, element_name};
 use super::migrate::renewed;
-use super::node::{Built, Survey};
+use super::node::{Built, Survey, is_own};
 use super::parameters::{Parameters, is_parametric};
 use super::repeat::{Elements, Pick, Repeat};
 use crate::catalog::{Entry, PortDescription, ports};
@@ -195,8 +195,7 @@ impl<'a> Check<'_, 'a> {
             let text = key.text().unwrap_or_default().to_owned();
             let name = Name { text, span: key.span };
             // The file's own types go before the packs', old names and new.
-            let is_own = |kind: &Name| subgraphs.iter().any(|own| own.name == kind.text);
-            let value = match value.name().is_some_and(|kind| is_own(&kind)) {
+            let value = match is_own(value, subgraphs) {
                 true => (*value).clone(),
                 false => {
                     let (value, outdated) = renewed(value, self.world.catalog);
@@ -204,7 +203,7 @@ impl<'a> Check<'_, 'a> {
                     value
                 }
             };
-            let value = self.with_sets(&name.text, value);
+            let value = self.with_sets(&name.text, value, subgraphs);
             match value.name().as_ref().map(|kind| &kind.text[..]) {
                 Some("ForEach") => {
                     eaches.extend(self.each(name, &value, subgraphs, defaults, drafts));
@@ -243,7 +242,7 @@ impl<'a> Check<'_, 'a> {
         let mut outputs = None;
         for (index, call) in repeated.calls(&name.text, list).into_iter().enumerate() {
             let text = element_name(&name.text, index);
-            let call = self.with_sets(&text, call);
+            let call = self.with_sets(&text, call, subgraphs);
             let element = Name { text, span: name.span };
             let what = self.what(&call, &element, subgraphs);
             let mut draft = Draft::new(element, call, what);
