@@ -16,6 +16,8 @@ use crate::pack::{Migration, NewValue};
 use crate::text::{Body, Field, Finding, Kind, Name, Tree, parse, syntax_problems};
 
 mod puts;
+#[cfg(feature = "cli")]
+mod sets;
 
 pub(super) use puts::{
     Renewed, node_steps, ready_for, renewed_node, renewed_put, renewed_target, renewed_text,
@@ -220,7 +222,7 @@ fn written(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
         }
         (_, Kind::Word(word), _) => splices.push((old.span, word.clone())),
         (_, Kind::Call { name: Some(name), .. }, _) if !is_draft(new) => {
-            splices.push((name.span, name.text.clone()))
+            splices.push((name.span, name.text.clone()));
         }
         _ => {
             for (old, new) in items(old).iter().zip(&items(new)) {

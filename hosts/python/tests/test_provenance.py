@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import pathlib
-from typing import Any, Callable
+from typing import Any, Callable, Tuple
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ GRAPH = """Graph(
     },
 )"""
 
-Folders = "tuple[pathlib.Path, pathlib.Path]"
+Folders = Tuple[pathlib.Path, pathlib.Path]
 
 
 @pytest.fixture

@@ -3,16 +3,11 @@
 //!
 //! There is one way: the value is read as if it stood alone in the node ([`renewed_put`]); who keeps it in a text writes what comes of it.
 
-use std::path::PathBuf;
-
 use super::{Splice, apply, quoted, renewed, without, written};
 use crate::catalog::Catalog;
 use crate::error::Span;
 use crate::graph::meaning::entries;
-use crate::graph::patch::patched_tree;
 use crate::graph::quality::is_side;
-use crate::graph::{Files, Graph, Options};
-use crate::plain::read_text;
 use crate::text::{Body, Field, Finding, Kind, Name, Tree, parse};
 
 /// By this place the value is found again among the fields around it.
@@ -132,28 +127,6 @@ pub(in crate::graph) fn renewed_target(
     Some((format!("{name}.{}", renewed.path), renewed))
 }
 
-/// The edits of the map that a test `set`s, of which each graph that it is about is given.
-fn of_test(test: &Tree, graphs: &[Tree], text: &str, catalog: &Catalog) -> Vec<Splice> {
-    let mut splices = Vec::new();
-    for (_, case) in entries(test.fields().unwrap_or_default(), "cases") {
-        for field in case.fields().unwrap_or_default() {
-            let ("set", Kind::Map(set)) = (&field.name.text[..], &field.value.kind) else {
-                continue;
-            };
-            for (key, value) in set {
-                let Some(target) = key.text() else { continue };
-                let now = |graph| renewed_target(graph, target, value, catalog);
-                let Some((now, renewed)) = graphs.iter().find_map(now) else { continue };
-                if now != target {
-                    splices.push((key.span, quoted(&now)));
-                }
-                written(value, &renewed.value, text, &mut splices);
-            }
-        }
-    }
-    splices
-}
-
 /// The edits of the `nodes` of a patch of a graph.
 pub(super) fn of_patch(patch: &Tree, graph: &Tree, text: &str, catalog: &Catalog) -> Vec<Splice> {
     let mut splices = Vec::new();
@@ -241,20 +214,6 @@ pub(in crate::graph) fn ready_for(text: String, target: &str, catalog: &Catalog)
         ready = apply(&ready, splices);
     }
     ready
-}
-
-impl Graph {
-    /// The text of a test of some graphs with the new names of all fields that it sets.
-    #[cfg(feature = "cli")]
-    pub(crate) fn migrated_test(text: &str, graphs: &[PathBuf], catalog: &Catalog) -> String {
-        let options = Options { files: Files::Ignored, ..Options::default() };
-        let read = |path: &PathBuf| {
-            let text = read_text(path).ok()?;
-            Some(patched_tree(path, text, catalog, &options))
-        };
-        let graphs = Vec::from_iter(graphs.iter().filter_map(read));
-        apply(text, of_test(&parse(text).0, &graphs, text, catalog))
-    }
 }
 
 #[cfg(test)]
