@@ -5,49 +5,14 @@ use std::path::PathBuf;
 
 use divan::{Bencher, black_box};
 use maquette::value::{Labels, Points};
-use maquette::{
-    AnyValue, Catalog, Context, Error, Graph, In, Node, Options, Pack, Run, Session, Settings, node,
-};
-use nalgebra::Point3;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use maquette::{AnyValue, Catalog, Graph, Options, Pack, Run, Session, Settings, node};
+use regions::{Center, Collect};
+
+#[path = "../tests/common/regions.rs"]
+mod regions;
 
 fn main() {
     divan::main();
-}
-
-/// The center of the first component.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-struct Center {
-    /// The labels.
-    labels: In<Labels>,
-}
-
-impl Node for Center {
-    type Outputs = (Points,);
-    const OUTPUTS: [&'static str; 1] = ["points"];
-
-    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let [x, y] = cx.get(&self.labels).statistics()[0].centroid;
-        Ok((Points::new(vec![Point3::new(x, y, 0.0)])?,))
-    }
-}
-
-/// All points.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-struct Collect {
-    /// The lists.
-    points: Vec<In<Points>>,
-}
-
-impl Node for Collect {
-    type Outputs = (Points,);
-    const OUTPUTS: [&'static str; 1] = ["points"];
-
-    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let lists = self.points.iter().flat_map(|list| cx.get(list).positions().iter().copied());
-        Ok((Points::new(lists.collect::<Vec<_>>())?,))
-    }
 }
 
 const PACK: Pack = Pack {
@@ -112,16 +77,16 @@ fn first_run(bencher: Bencher<'_, '_>) {
     bencher.with_inputs(session).bench_values(|mut session| run(&mut session, &graph, &labels));
 }
 
-/// One region is another one: its node runs, and what collects all.
+/// One region is another one, each time one that was never seen: its node runs, and what collects all.
 #[divan::bench(sample_count = 21)]
 fn one_changed(bencher: Bencher<'_, '_>) {
     let (graph, mut session, mut changed) = (load(), session(), 0);
     run(&mut session, &graph, &spots(None));
-    let labels = [spots(Some(77)), spots(Some(78))];
-    bencher.bench_local(|| {
-        changed = 1 - changed;
-        run(&mut session, &graph, &labels[changed]);
-    });
+    let next = || {
+        changed += 77;
+        spots(Some(changed % 5000))
+    };
+    bencher.with_inputs(next).bench_local_values(|labels| run(&mut session, &graph, &labels));
 }
 
 /// Nothing is another one.

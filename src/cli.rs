@@ -13,7 +13,7 @@ use std::sync::{Arc, OnceLock};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
 use crate::catalog::Catalog;
-use crate::error::{MOST_TOLD, Problem};
+use crate::error::{MOST_TOLD, Problem, code};
 use crate::graph::{Checked, Graph, Options};
 use crate::pack::Pack;
 use crate::session::{Finished, OutputFolder, Run, Session, Wanted};
@@ -336,7 +336,10 @@ fn all_outputs(session: &mut Session, graph: &Graph) -> Option<Finished> {
     let wanted = Wanted::Named(graph.output_names().map(str::to_owned).collect());
     match session.run(graph, &Run { wanted, ..Run::default() }) {
         Ok(finished) => {
-            report(&finished.problems());
+            // The check has told of nodes of unknown types, and other outputs may be there.
+            let unknown = |problem: &Problem| problem.code == code::UNKNOWN_NODE;
+            let problems = finished.problems();
+            report(&Vec::from_iter(problems.into_iter().filter(|it| !unknown(it))));
             Some(finished)
         }
         Err(problems) => {

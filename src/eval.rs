@@ -162,7 +162,7 @@ impl Evaluation {
         for (index, node) in self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index])
         {
             if let Some(news) = news.next_if(|news| news.index == index) {
-                // What the check has said is not said again.
+                // What the check has said is not said again: see `unknown`.
                 let error = news.error.as_ref();
                 let error = error.filter(|error| error.downcast::<UnknownType>().is_none());
                 // Several nodes of a used graph may take the value that it does not want.
@@ -177,6 +177,12 @@ impl Evaluation {
             }
         }
         problems
+    }
+
+    /// The nodes of unknown types that something wanted hangs on, as the check tells of them.
+    pub(crate) fn unknown(&self) -> impl Iterator<Item = Problem> {
+        let errors = self.news.iter().filter_map(|news| news.error.as_ref());
+        errors.filter_map(|error| error.downcast::<UnknownType>()?.0.clone())
     }
 
     /// The value of a node's output, both by their place in the graph, if it was asked for and computed.

@@ -89,7 +89,7 @@ pub trait FileFormat {
     fn write(value: &Self::Value, name: &str) -> Result<Vec<NewFile>, Error>;
 
     /// The same, where the files tell where the value came from. If this is left out, files of well-known formats do so in their own
-    /// way (GLB, PLY, OBJ, MTL, PCD, PNG, STEP, JSON objects, and by a hash STL), and others do not.
+    /// way (GLB, PLY, OBJ, MTL, PCD, PNG, TIFF, STEP, JSON objects, and by a hash STL), and others do not.
     ///
     /// # Errors
     /// Those of [`write`](Self::write).

@@ -433,10 +433,11 @@ impl Finished {
         self.evaluation.trace()
     }
 
-    /// What failed, what nodes warn of, and what the graph expects that does not hold.
+    /// What failed, what nodes warn of, and what the graph expects that does not hold; also nodes of unknown types that something
+    /// wanted hangs on.
     pub fn problems(&self) -> Vec<Problem> {
         let violations = self.violations.iter().map(|violation| violation.problem.clone());
-        self.failures().into_iter().chain(violations).collect()
+        self.evaluation.unknown().chain(self.failures()).chain(violations).collect()
     }
 
     /// What failed, and what nodes warn of.

@@ -33,19 +33,17 @@ impl Draw {
             Some(_) => return Exit::Usage("--out names a `.svg`, `.dot` or `.gv` file".into()),
         };
         let options = Options { files: Files::Ignored, ..Options::default() };
-        let checked = Graph::load(&self.graph, catalog, &options);
+        let checked = Graph::load(&self.graph, catalog, &options).as_far_as_known();
         report(&checked.problems);
-        // What can be understood of a graph with unknown nodes is drawn, and is still a failure.
-        let done = if checked.graph.is_some() { Exit::Done } else { Exit::Failed };
-        let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
+        let Some(graph) = checked.graph else { return Exit::Failed };
         let drawing = Drawing::new(&graph, catalog);
         let text = if dot { drawing.to_dot() } else { drawing.to_svg() };
         let Some(path) = &self.out else {
             print_document(&text);
-            return done;
+            return Exit::Done;
         };
         match Destination::anywhere(&Sources::of(&graph)).put(path, text.as_bytes()) {
-            Ok(()) => done,
+            Ok(()) => Exit::Done,
             Err(error) => Exit::Usage(format!("cannot write {}: {error}", path.display())),
         }
     }

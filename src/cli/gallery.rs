@@ -67,7 +67,7 @@ impl Gallery {
         let (mut pictures, mut sources) = (Vec::new(), Sources::default());
         let graphs = graphs(&self.graphs)?;
         for path in &graphs {
-            let checked = Graph::load(path, catalog, &Options::default());
+            let checked = Graph::load(path, catalog, &Options::default()).as_far_as_known();
             report(&checked.problems);
             let graph = checked.graph.ok_or_else(|| format!("{} has problems", path.display()))?;
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();

@@ -94,9 +94,9 @@ type Found = (String, (usize, usize));
 
 impl Inspect {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let checked = self.options.load(&self.graph, catalog);
+        let checked = self.options.load(&self.graph, catalog).as_far_as_known();
         report(&checked.problems);
-        let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
+        let Some(graph) = checked.graph else { return Exit::Failed };
         if let Err(why) = self.check() {
             return Exit::Usage(why);
         }

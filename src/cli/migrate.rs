@@ -8,6 +8,7 @@ use super::edit::changed_lines;
 use super::fmt::{collect, read};
 use super::{Exit, counted, eprint, print, print_document, report};
 use crate::catalog::Catalog;
+use crate::golden::case;
 use crate::graph::Graph;
 use crate::text::first_word;
 use crate::writing::rewrite;
@@ -43,7 +44,7 @@ impl Migrate {
         }
         if !self.check {
             let done = if self.write { "migrated" } else { "to be migrated" };
-            print(&format!("{} {done}\n", counted(count, "graph")));
+            print(&format!("{} {done}\n", counted(count, "file")));
         }
         if failed || self.check && count > 0 { Exit::Failed } else { Exit::Done }
     }
@@ -54,10 +55,14 @@ impl Migrate {
             eprint(&format!("error: cannot {what} {}: {error}\n", path.display()));
         };
         let text = read(path).map_err(|error| failed("read", &error))?;
-        if first_word(&text) != "Graph" {
-            return Ok(false);
-        }
-        let migrated = Graph::migrated(path, &text, catalog);
+        let migrated = match first_word(&text) {
+            "Graph" | "Patch" => Graph::migrated(path, &text, catalog),
+            "Test" => {
+                let graphs = case::skim(path).map(|test| test.graphs).unwrap_or_default();
+                Ok(Graph::migrated_test(&text, &graphs, catalog))
+            }
+            _ => return Ok(false),
+        };
         let migrated = migrated.map_err(|problems| report(&problems))?;
         if migrated == text {
             return Ok(false);

@@ -119,7 +119,7 @@ impl Render {
     }
 
     fn of_graph(&self, catalog: &Arc<Catalog>, sources: &mut Sources) -> Result<Image, Exit> {
-        let checked = self.options.load(&self.file, catalog);
+        let checked = self.options.load(&self.file, catalog).as_far_as_known();
         report(&checked.problems);
         let graph = checked.graph.ok_or(Exit::Failed)?;
         sources.extend(&Sources::of(&graph));

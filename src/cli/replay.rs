@@ -112,7 +112,7 @@ impl Replay {
         let set = values(path, &told.provenance, catalog);
         let (draft, pins) = (told.provenance.draft, !told.provenance.pins.is_empty());
         let options = Options { roots, set, draft, pins, ..Options::default() };
-        let checked = session.load(path, &options);
+        let checked = session.load(path, &options).as_far_as_known();
         report(&checked.problems);
         let Some(graph) = checked.graph else { return Exit::Failed };
         let graph = match self.inputs.told(&session, &graph) {
@@ -189,7 +189,7 @@ impl Replay {
 /// The values that the file was made with, as `--set` has them: of those parameters that the graph still declares.
 fn values(path: &Path, told: &Provenance, catalog: &Catalog) -> Vec<(String, String)> {
     let options = Options { files: Files::Ignored, ..Options::default() };
-    let graph = Graph::load(path, catalog, &options).graph;
+    let graph = Graph::load(path, catalog, &options).as_far_as_known().graph;
     let parameter = |(name, value): (&String, &serde_json::Value)| {
         Some((name.clone(), graph.as_ref()?.as_ron(name, value)?))
     };

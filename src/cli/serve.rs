@@ -176,7 +176,7 @@ impl Server<'_> {
     }
 
     fn load(&self, load: &Load) -> Json {
-        let checked = Graph::load(&load.graph, self.catalog, &options(load));
+        let checked = Graph::load(&load.graph, self.catalog, &options(load)).as_far_as_known();
         let pins = load.graph.with_extension(PINS_ENDING);
         let files = checked.files.iter().map(|file| &file.path).chain([&pins]);
         let files = files.map(|path| path.display().to_string());
@@ -213,6 +213,7 @@ impl Server<'_> {
         };
         let options = Options { roots, ..Options::default() };
         let (checked, outline) = Graph::outline(&graph, text.clone(), self.catalog, &options);
+        let checked = checked.as_far_as_known();
         let mut told = json!({ "ok": checked.graph.is_some(), "text": text, "outline": outline });
         match Layout::of(&graph) {
             Ok(layout) => told["layout"] = json!(layout),

@@ -68,7 +68,7 @@ impl Sheet {
         catalog: &Arc<Catalog>,
         session: &mut Session,
     ) -> Result<bool, String> {
-        let checked = self.options.load(path, catalog);
+        let checked = self.options.load(path, catalog).as_far_as_known();
         report(&checked.problems);
         let Some(graph) = checked.graph else { return Ok(false) };
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -102,9 +102,11 @@ impl Sheet {
     ) -> Option<Vec<Layer>> {
         let mut options: Options = self.options.all();
         options.set.extend_from_slice(values);
-        let checked = Graph::load(path, catalog, &options);
-        report(&checked.problems);
-        let graph = checked.graph?;
+        let checked = Graph::load(path, catalog, &options).as_far_as_known();
+        let Some(graph) = checked.graph else {
+            report(&checked.problems);
+            return None;
+        };
         let finished = all_outputs(session, &graph)?;
         let values = || graph.output_names().filter_map(|name| finished.value(name));
         let solid = values().find(|value| value.as_mesh().is_some());

@@ -27,10 +27,9 @@ pub(super) struct Why {
 
 impl Why {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let checked = self.options.load(&self.graph, catalog);
+        let checked = self.options.load(&self.graph, catalog).as_far_as_known();
         report(&checked.problems);
-        let done = if checked.graph.is_some() { Exit::Done } else { Exit::Failed };
-        let Some(graph) = checked.graph.or(checked.partial) else { return Exit::Failed };
+        let Some(graph) = checked.graph else { return Exit::Failed };
         let mut session = match self.cache.session(1, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
@@ -42,7 +41,7 @@ impl Why {
         match session.why(&graph, &self.node) {
             Some(reasons) => {
                 print(&reasons);
-                done
+                Exit::Done
             }
             None => {
                 let message = format!("the graph has no node `{}`", self.node);

@@ -211,11 +211,12 @@ fn read_text(
         }]
     })?;
     let mut cases = cases(&tree, &test, &source.text, folder);
-    let roots = [project_root(folder)];
+    let here = real(folder);
+    let roots = [project_root(&here)];
     for (_, case) in &cases {
         for (name, path) in &case.inputs {
             let given = path.strip_prefix(folder).unwrap_or(path).to_string_lossy();
-            let wrong = may_read(&given, path, &roots).err();
+            let wrong = may_read(&given, &here.join(&*given), &roots).err();
             findings.extend(wrong.map(|problem| {
                 let (code, message, help) = match problem {
                     PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
@@ -363,11 +364,16 @@ fn no_names(tree: &Tree) -> Vec<Finding> {
     wrong.collect()
 }
 
+/// A folder as it is reached from anywhere: only so a project is found above it.
+fn real(folder: &Path) -> PathBuf {
+    let here = if folder == Path::new("") { Path::new(".") } else { folder };
+    std::fs::canonicalize(here).unwrap_or_else(|_| here.to_owned())
+}
+
 /// The graphs that a name with at most one `*` in its last part stands for, sorted; where one lies out of the project, or there is
 /// none, why.
 fn graphs(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PathProblem> {
-    let here = if folder == Path::new("") { Path::new(".") } else { folder };
-    let here = std::fs::canonicalize(here).unwrap_or_else(|_| here.to_owned());
+    let here = real(folder);
     let roots = [project_root(&here)];
     let may_be_read = |given: &str| may_read(given, &here.join(given), &roots);
     let missing = || PathProblem::Missing {

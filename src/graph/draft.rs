@@ -9,13 +9,13 @@ use super::check::Check;
 use super::definition::{Definition, Used};
 use super::each::{Branches, Each, Over, element_name};
 use super::migrate::renewed;
-use super::node::{Built, Survey};
+use super::node::{Built, Survey, is_own};
 use super::parameters::{Parameters, is_parametric};
 use super::repeat::{Elements, Pick, Repeat};
 use crate::catalog::{Entry, PortDescription, ports};
 use crate::error::code;
 use crate::node::Output;
-use crate::text::{FoundLink, Kind, Name, Tree, nearest};
+use crate::text::{Finding, FoundLink, Kind, Name, Tree, nearest};
 use crate::value::ValueType;
 
 /// A node while it is checked.
@@ -57,7 +57,8 @@ pub(super) enum What {
     Elements(Elements),
     /// One element of a `ForEach` over data.
     Pick(Pick),
-    Unknown,
+    /// Of a type that no pack has, with what is told of it; or something that is wrong in another way.
+    Unknown(Option<Finding>),
 }
 
 impl What {
@@ -67,7 +68,7 @@ impl What {
             Self::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
             Self::Use(_, graph) => graph.ports.iter().map(|port| &port.name[..]).collect(),
             Self::Pick(pick) => pick.outputs.iter().map(String::as_str).collect(),
-            Self::Input | Self::Switch(_) | Self::Elements(_) | Self::Unknown => Vec::new(),
+            Self::Input | Self::Switch(_) | Self::Elements(_) | Self::Unknown(_) => Vec::new(),
         }
     }
 
@@ -111,7 +112,7 @@ impl What {
             Self::Switch(_) => "Switch",
             Self::Elements(_) => "ForEach",
             Self::Pick(pick) => &pick.kind,
-            Self::Unknown => "",
+            Self::Unknown(_) => "",
         }
     }
 }
@@ -194,8 +195,7 @@ impl<'a> Check<'_, 'a> {
             let text = key.text().unwrap_or_default().to_owned();
             let name = Name { text, span: key.span };
             // The file's own types go before the packs', old names and new.
-            let is_own = |kind: &Name| subgraphs.iter().any(|own| own.name == kind.text);
-            let value = match value.name().is_some_and(|kind| is_own(&kind)) {
+            let value = match is_own(value, subgraphs) {
                 true => (*value).clone(),
                 false => {
                     let (value, outdated) = renewed(value, self.world.catalog);
@@ -203,7 +203,7 @@ impl<'a> Check<'_, 'a> {
                     value
                 }
             };
-            let value = self.with_sets(&name.text, value);
+            let value = self.with_sets(&name.text, value, subgraphs);
             match value.name().as_ref().map(|kind| &kind.text[..]) {
                 Some("ForEach") => {
                     eaches.extend(self.each(name, &value, subgraphs, defaults, drafts));
@@ -230,7 +230,7 @@ impl<'a> Check<'_, 'a> {
         drafts: &mut Vec<Draft>,
     ) -> Option<Each> {
         let Some(repeated) = self.repeated(value) else {
-            drafts.push(Draft::new(name, value.clone(), What::Unknown));
+            drafts.push(Draft::new(name, value.clone(), What::Unknown(None)));
             return None;
         };
         let Over::List(list) = &repeated.over else {
@@ -242,7 +242,7 @@ impl<'a> Check<'_, 'a> {
         let mut outputs = None;
         for (index, call) in repeated.calls(&name.text, list).into_iter().enumerate() {
             let text = element_name(&name.text, index);
-            let call = self.with_sets(&text, call);
+            let call = self.with_sets(&text, call, subgraphs);
             let element = Name { text, span: name.span };
             let what = self.what(&call, &element, subgraphs);
             let mut draft = Draft::new(element, call, what);
@@ -271,7 +271,7 @@ impl<'a> Check<'_, 'a> {
 
     fn switch(&mut self, name: Name, value: Tree, defaults: &Parameters) -> Draft {
         let Some(branches) = self.branches(&value) else {
-            return Draft::new(name, value, What::Unknown);
+            return Draft::new(name, value, What::Unknown(None));
         };
         let chosen = defaults.substitute(&branches.choose, &mut self.findings);
         if let Err((message, word)) = branches.chosen(&chosen)
@@ -291,7 +291,7 @@ impl<'a> Check<'_, 'a> {
                 let message = format!("node `{}` is {}, not a node", name.text, tree.in_words());
                 self.find(code::WRONG_VALUE, tree.span, message, "write `Type(field: value, ..)`");
             }
-            return What::Unknown;
+            return What::Unknown(None);
         };
         if let Some(entry) = self.world.catalog.shared(&kind.text) {
             return What::Node(entry);
@@ -299,7 +299,7 @@ impl<'a> Check<'_, 'a> {
         if let Some(subgraph) = subgraphs.iter().find(|subgraph| subgraph.name == kind.text) {
             // What is wrong with its file is said there.
             let definition = subgraph.definition.clone();
-            return definition.map_or(What::Unknown, |it| What::Use(kind.text.clone(), it));
+            return definition.map_or(What::Unknown(None), |it| What::Use(kind.text.clone(), it));
         }
         let message = format!("there is no node type `{}`", kind.text);
         let help = self.guess(|| {
@@ -315,8 +315,10 @@ impl<'a> Check<'_, 'a> {
                 }
             }
         });
-        self.find(code::UNKNOWN_NODE, kind.span, message, help);
-        What::Unknown
+        let (code, span) = (code::UNKNOWN_NODE, kind.span);
+        let finding = Finding { code, span, message, help, note: None };
+        self.findings.push(finding.clone());
+        What::Unknown(Some(finding))
     }
 
     /// Looks at a node's fields with the default values of parameters.

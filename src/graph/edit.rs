@@ -7,6 +7,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::check::load_text;
+use super::migrate::{ready_for, renewed_target, renewed_text};
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, code};
@@ -119,7 +120,7 @@ pub struct Edited {
 /// A value that was put into a graph file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Put {
-    /// `name` or `node.field`, as it was given.
+    /// `name` or `node.field`, under the name that it has now.
     pub target: String,
     /// What stood there; none if nothing did.
     pub before: Option<String>,
@@ -252,14 +253,19 @@ impl Judge<'_> {
                 Vec::from_iter(refusals.into_iter().map(problem))
             };
             if let Edit::Set { target, value: given } = edit {
-                let value = values.concat();
-                let put = place(&edited.text, target, &value, false, self.options.draft);
+                let (mut target, mut value) = (target.clone(), values.concat());
+                let (graph, tree) = (parse(&edited.text).0, parse(&value).0);
+                if let Some((now, put)) = renewed_target(&graph, &target, &tree, self.catalog) {
+                    (target, value) = (now, renewed_text(&tree, &put.value, &value));
+                }
+                let text = ready_for(edited.text.clone(), &target, self.catalog);
+                let put = place(&text, &target, &value, false, self.options.draft);
                 let (splices, before) = put.map_err(|refusal| {
                     let message = format!("{target}={given}: {}", refusal.message);
-                    refused(vec![Refusal { message, ..refusal }])
+                    vec![self.refused(&text, Refusal { message, ..refusal })]
                 })?;
-                edited.text = apply(&edited.text, splices);
-                edited.changes.push(Put { target: target.clone(), before, after: value });
+                edited.text = apply(&text, splices);
+                edited.changes.push(Put { target, before, after: value });
             } else {
                 let structure = Structure::read(self, &edited.text)?;
                 edited.text = structure.edited(edit, &values).map_err(refused)?;

@@ -253,8 +253,10 @@ impl<'a> Expansion<'_, 'a> {
                     self.elements(definition, draft, elements, scope, &values)
                 }
                 What::Pick(pick) => self.pick(definition, draft, pick, scope, &values),
-                What::Unknown => {
-                    let (built, links) = (unknown_node(&draft.tree), Vec::new());
+                What::Unknown(told) => {
+                    let told = told.clone();
+                    let told = told.map(|told| definition.sheet.problem(told, &scope.uses));
+                    let (built, links) = (unknown_node(&draft.tree, told), Vec::new());
                     let name = One::default().name(draft, scope);
                     let put = Put { name, built, links, outputs: vec!["value"] };
                     vec![(self.put(definition, draft, put, scope), 0)]

@@ -77,7 +77,7 @@ impl GraphText {
         let (mut world, whole) = first(&self.path, self.text.clone(), catalog, &self.options);
         world.absent = inputs;
         let checked = judged(world, whole);
-        checked.graph.ok_or(checked.problems)
+        checked.graph.or(checked.partial).ok_or(checked.problems)
     }
 }
 

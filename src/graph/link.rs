@@ -64,7 +64,7 @@ impl<'a> Check<'_, 'a> {
             Some(&Named::Draft(index)) => {
                 let what = &drafts[index].what;
                 let output = match output {
-                    Some(output) if !matches!(what, What::Unknown) => {
+                    Some(output) if !matches!(what, What::Unknown(_)) => {
                         self.output(node, what.kind(), &what.outputs(), output, span)
                     }
                     _ => Some(0),
@@ -120,7 +120,7 @@ impl<'a> Check<'_, 'a> {
         let element = each.elements.first().map(|&element| &drafts[element].what);
         let outputs = match (element, &each.outputs) {
             (None, None) => return None,
-            (Some(What::Unknown), _) => {
+            (Some(What::Unknown(_)), _) => {
                 let is_carried = each.carry.iter().any(|(name, _)| Some(&name[..]) == output);
                 let last = each.elements.len() - 1;
                 let elements = if is_carried { &each.elements[last..] } else { &each.elements };

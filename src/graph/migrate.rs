@@ -6,15 +6,26 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::Graph;
 use super::edit::{Splice, added, apply, quoted, without};
+use super::patch::patched_tree;
+use super::quality::{each_side, is_draft};
+use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source, Span, code};
 use crate::pack::{Migration, NewValue};
 use crate::text::{Body, Field, Finding, Help, Kind, Name, Tree, parse, syntax_problems};
 
+mod puts;
+#[cfg(feature = "cli")]
+mod sets;
+
+pub(super) use puts::{
+    Renewed, node_steps, ready_for, renewed_node, renewed_put, renewed_target, renewed_text,
+};
+use puts::{nodes_of_packs, of_patch};
+
 /// No call needs as many steps: packs that send each other in a circle come to an end here.
-const MOST_STEPS: usize = 100;
+pub(super) const MOST_STEPS: usize = 100;
 
 /// The type of a node's call, and the groups that hold its fields: the call itself, or those of a `ForEach`.
 struct Call<'t> {
@@ -49,6 +60,11 @@ impl<'t> Call<'t> {
 #[derive(Clone, Copy)]
 struct Migrations<'c> {
     catalog: &'c Catalog,
+}
+
+/// The type of a node, or the one that a `ForEach` repeats.
+pub(super) fn kind_of(node: &Tree) -> Option<Name> {
+    Call::of(node).map(|call| call.kind)
 }
 
 impl<'c> Migrations<'c> {
@@ -94,6 +110,10 @@ impl<'c> Migrations<'c> {
 impl NewValue {
     /// Whether a value is one of those that are said otherwise now.
     fn is_old(self, tree: &Tree) -> bool {
+        if is_draft(tree) {
+            let sides = tree.fields().unwrap_or_default();
+            return sides.iter().any(|side| self.is_old(&side.value));
+        }
         let word = tree.name().map(|name| name.text);
         match self {
             Self::Words(words) => words.iter().any(|(old, _)| word.as_deref() == Some(old)),
@@ -103,6 +123,9 @@ impl NewValue {
 
     /// The value as it is said now, with the places that it had.
     fn of(self, tree: &Tree) -> Tree {
+        if is_draft(tree) {
+            return each_side(tree, |side| self.of(side));
+        }
         let kind = match (self, &tree.kind) {
             (Self::Times(factor), Kind::Number { value, .. }) => {
                 let value = value * factor;
@@ -158,8 +181,32 @@ fn written(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
     }
     let items = |tree: &Tree| match &tree.kind {
         Kind::List(items) | Kind::Call { name: None, body: Body::Items(items) } => items.clone(),
+        Kind::Call { body: Body::Fields(sides), .. } if is_draft(tree) => {
+            sides.iter().map(|side| side.value.clone()).collect()
+        }
         _ => Vec::new(),
     };
+    if let Kind::Call { name: None, body: Body::Fields(fields) } = &new.kind {
+        match (old.fields(), &fields[..]) {
+            (Some(before), _) => {
+                for (old, new) in before.iter().zip(fields) {
+                    if old.name.text != new.name.text {
+                        splices.push((old.name.span, new.name.text.clone()));
+                    }
+                    written(&old.value, &new.value, text, splices);
+                }
+            }
+            // It lies in a group now.
+            (None, [inner]) => {
+                let at = |at| Span { start: at, end: at };
+                splices.push((at(old.span.start), format!("({}: ", inner.name.text)));
+                written(old, &inner.value, text, splices);
+                splices.push((at(old.span.end), ")".to_owned()));
+            }
+            (None, _) => {}
+        }
+        return;
+    }
     let expression = new.call_of("Expr").and_then(Tree::text);
     match (&old.kind, &new.kind, expression) {
         (_, _, Some(expression)) => {
@@ -174,7 +221,9 @@ fn written(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
             splices.push((old.span, new));
         }
         (_, Kind::Word(word), _) => splices.push((old.span, word.clone())),
-        (_, Kind::Call { name: Some(name), .. }, _) => splices.push((name.span, name.text.clone())),
+        (_, Kind::Call { name: Some(name), .. }, _) if !is_draft(new) => {
+            splices.push((name.span, name.text.clone()));
+        }
         _ => {
             for (old, new) in items(old).iter().zip(&items(new)) {
                 written(old, new, text, splices);
@@ -292,17 +341,22 @@ pub(super) fn renewed_graph(tree: &Tree, catalog: &Catalog) -> Tree {
 }
 
 impl Graph {
-    /// The text of a graph file with the new names of all nodes and fields that it has under old ones: the same text if there are none.
-    /// Every other byte is as it was.
+    /// The text of a graph file, or of a patch of one, with the new names of all nodes and fields that it has under old ones: the same text if
+    /// there are none. Every other byte is as it was.
     ///
     /// # Errors
     /// The mistakes in the text, if it is no RON.
     pub fn migrated(path: &Path, text: &str, catalog: &Catalog) -> Result<String, Vec<Problem>> {
-        let (_, mistakes) = parse(text);
+        let (tree, mistakes) = parse(text);
         if !mistakes.is_empty() {
             return Err(syntax_problems(path, text, mistakes));
         }
         let mut migrated = text.to_owned();
+        if tree.name().is_some_and(|name| name.text == "Patch") {
+            let options = Options { files: Files::Ignored, ..Options::default() };
+            let graph = patched_tree(path, text.to_owned(), catalog, &options);
+            migrated = apply(text, of_patch(&tree, &graph, text, catalog));
+        }
         for _ in 0..MOST_STEPS {
             let splices = next_steps(&migrated, catalog);
             if splices.is_empty() {
@@ -324,30 +378,24 @@ impl Graph {
 
 /// The edits of the next step of each call in a text.
 fn next_steps(text: &str, catalog: &Catalog) -> Vec<Splice> {
-    let migrations = Migrations { catalog };
     let (tree, _) = parse(text);
-    let fields = tree.fields().unwrap_or_default();
-    let own = super::meaning::entries(fields, "use").map(|(name, _)| name);
-    let own = Vec::from_iter(own);
-    let mut splices = Vec::new();
-    for (_, entry) in super::meaning::entries(fields, "nodes") {
-        let Some(Call { kind, is_text, groups }) = Call::of(entry) else { continue };
-        if own.contains(&&kind.text[..]) {
-            continue;
-        }
-        if let Some(new) = migrations.kind(&kind.text) {
-            splices.push((kind.span, if is_text { quoted(new) } else { new.to_owned() }));
-            continue;
-        }
-        for group in groups {
-            if let Some((at, Migration::Field { new, value, .. })) =
-                migrations.field(&kind.text, group)
-            {
-                splices.extend(field_splices(text, group, at, new, *value));
-            }
-        }
+    nodes_of_packs(&tree).flat_map(|(_, node)| call_steps(node, text, catalog)).collect()
+}
+
+/// Those of one of them.
+fn call_steps(node: &Tree, text: &str, catalog: &Catalog) -> Vec<Splice> {
+    let migrations = Migrations { catalog };
+    let Some(Call { kind, is_text, groups }) = Call::of(node) else { return Vec::new() };
+    if let Some(new) = migrations.kind(&kind.text) {
+        return vec![(kind.span, if is_text { quoted(new) } else { new.to_owned() })];
     }
-    splices
+    let step = |group| match migrations.field(&kind.text, group) {
+        Some((at, Migration::Field { new, value, .. })) => {
+            field_splices(text, group, at, new, *value)
+        }
+        _ => Vec::new(),
+    };
+    groups.into_iter().flat_map(step).collect()
 }
 
 /// The edits that put a field's value to the place that it has now.

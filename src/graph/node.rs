@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::check::Check;
+use super::definition::Used;
 use super::draft::{Draft, What};
 use super::each::Each;
+use super::migrate::{Renewed, kind_of, renewed_put};
 use super::parameters::{Parameters, read_set};
 use super::quality::{has_draft, is_draft, is_side};
 use super::recipe::{NodeFile, Recipe};
@@ -195,11 +197,13 @@ impl Check<'_, '_> {
     }
 
     /// The node's call with the fields that `--set node.field=value` gives.
-    pub(super) fn with_sets(&self, node: &str, mut tree: Tree) -> Tree {
+    pub(super) fn with_sets(&mut self, node: &str, mut tree: Tree, subgraphs: &[Used]) -> Tree {
         if !self.is_first() {
             return tree;
         }
-        for (target, text) in &self.world.options.set {
+        let options = self.world.options;
+        let is_own = is_own(&tree, subgraphs);
+        for (target, text) in &options.set {
             let Some(path) = target.strip_prefix(node).and_then(|rest| rest.strip_prefix('.'))
             else {
                 continue;
@@ -208,7 +212,21 @@ impl Check<'_, '_> {
                 continue;
             }
             let value = read_set(text, &format!("{target}={text}"), Span::default());
-            set_field(&mut tree, path, &value);
+            let renewed = match is_own {
+                true => None,
+                false => renewed_put(&tree, path, &value, self.world.catalog),
+            };
+            let Some(Renewed { path, value, findings }) = renewed else {
+                set_field(&mut tree, path, &value);
+                continue;
+            };
+            let told = findings.into_iter().map(|finding| {
+                let message = format!("--set {target}={text}: {}", finding.message);
+                let help = format!("set `{node}.{path}`, with the value as it is now");
+                Finding { span: Span::default(), message, help: help.into(), ..finding }
+            });
+            self.findings.extend(told);
+            set_field(&mut tree, &path, &value);
         }
         tree
     }
@@ -247,6 +265,11 @@ impl Check<'_, '_> {
             }
         }
     }
+}
+
+/// Whether the type of a node, or that which a `ForEach` repeats, is one of the file's own graphs.
+pub(super) fn is_own(node: &Tree, subgraphs: &[Used]) -> bool {
+    kind_of(node).is_some_and(|kind| subgraphs.iter().any(|own| own.name == kind.text))
 }
 
 /// Puts a value at `field` or `field.field` of a call, or `field.0` of a list; a field that is not there is added.

@@ -296,7 +296,7 @@ impl<'w> Outliner<'w> {
                 vec![Output { name: String::new(), kind }]
             }
             // Those that are named.
-            What::Unknown => {
+            What::Unknown(_) => {
                 let named = self.references.links().filter(|text| named_node(text) == name);
                 let named = named.map(|text| text.split_once('.').map_or("", |(_, output)| output));
                 let mut names = Vec::from_iter(named);

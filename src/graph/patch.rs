@@ -4,15 +4,17 @@
 //! graph. The [`Sheet`] knows which part of the text stands in which file, so that problems are reported where their cause
 //! stands, and paths are relative to the file that has them.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
 use super::Options;
 use super::check::{Check, first, folder_of};
 use super::edit::{Splice, place};
+use super::migrate::{MOST_STEPS, node_steps, renewed_node, renewed_target, renewed_text};
 use crate::catalog::Catalog;
 use crate::error::{Source, Span, code};
-use crate::text::{Body, Field, Kind, Mistake, Sheet, TextPart, Tree, nearest_or_all};
+use crate::text::{Body, Field, Finding, Kind, Mistake, Sheet, TextPart, Tree, nearest_or_all};
 
 /// The tree of the graph that a patch makes; the patch's own if the other graph is not there, or one of them is wrong.
 pub(super) fn patched_tree(
@@ -26,8 +28,8 @@ pub(super) fn patched_tree(
     whole.map_or(tree, |whole| crate::text::parse(&whole.definition.sheet.source.text).0)
 }
 
-/// A value, what it is for, and where the patch names that.
-type Wanted = (String, Span, Tree);
+/// A value, what it is for, where the patch names that, and where its field.
+type Wanted = (String, Span, Span, Tree);
 
 /// The fields of a patch.
 pub(super) const FIELDS: [&str; 5] = ["format", "doc", "of", "params", "nodes"];
@@ -66,7 +68,8 @@ impl Check<'_, '_> {
             match (&field.name.text[..], &field.value.kind) {
                 ("format", Kind::Number { .. }) => {}
                 ("doc", Kind::Text(_)) => {
-                    puts.push(("doc".into(), field.name.span, field.value.clone()));
+                    let span = field.name.span;
+                    puts.push(("doc".into(), span, span, field.value.clone()));
                 }
                 ("of", Kind::Text(path)) => of = Some((path.clone(), field.value.span)),
                 ("params", Kind::Map(entries)) => self.params(entries, &mut puts),
@@ -97,10 +100,18 @@ impl Check<'_, '_> {
             return None;
         };
         let mut sheet = self.base(&path, span)?;
-        for (target, named, value) in puts {
-            let text = &own.source.text[value.span.start..value.span.end];
-            match place(&sheet.source.text, &target, text, true, false) {
-                Ok((edits, _)) => sheet = spliced(&sheet, edits, text, &own, value.span),
+        sheet = self.up_to_date(sheet, &puts);
+        let (graph, _) = crate::text::parse(&sheet.source.text);
+        for (mut target, named, field, value) in puts {
+            let mut text = own.source.text[value.span.start..value.span.end].to_owned();
+            if let Some((now, put)) = renewed_target(&graph, &target, &value, self.world.catalog) {
+                text = renewed_text(&value, &put.value, &own.source.text);
+                target = now;
+                let told = put.findings.into_iter();
+                self.findings.extend(told.map(|finding| Finding { span: field, ..finding }));
+            }
+            match place(&sheet.source.text, &target, &text, true, false) {
+                Ok((edits, _)) => sheet = spliced(&sheet, edits, &text, &own, value.span),
                 Err(refusal) => {
                     let message = format!("`{target}`: {}", refusal.message);
                     let is_unknown = refusal.code == code::UNKNOWN_LINK;
@@ -117,10 +128,35 @@ impl Check<'_, '_> {
         Some(sheet)
     }
 
+    /// The graph that is patched with the present names of all fields of the nodes that are: then a value goes to its field, whatever the
+    /// graph and the patch call it.
+    fn up_to_date(&mut self, mut sheet: Arc<Sheet>, puts: &[Wanted]) -> Arc<Sheet> {
+        let nodes = puts.iter().filter_map(|(target, ..)| Some(target.split_once('.')?.0));
+        for name in BTreeSet::from_iter(nodes) {
+            let (tree, _) = crate::text::parse(&sheet.source.text);
+            let told = renewed_node(&tree, name, self.world.catalog);
+            let told = told.into_iter().map(|finding| sheet.problem(finding, &self.uses));
+            self.world.problems.extend(told);
+            for _ in 0..MOST_STEPS {
+                let mut splices = node_steps(&sheet.source.text, name, self.world.catalog);
+                if splices.is_empty() {
+                    break;
+                }
+                splices.sort_by_key(|(span, _)| *span);
+                for (span, new) in splices.into_iter().rev() {
+                    let (source, at) = sheet.place(span);
+                    let from = Sheet::new(source, sheet.folder_of(span).to_owned());
+                    sheet = spliced(&sheet, vec![(span, new.clone())], &new, &from, at);
+                }
+            }
+        }
+        sheet
+    }
+
     fn params(&mut self, entries: &[(Tree, Tree)], puts: &mut Vec<Wanted>) {
         for (key, value) in entries {
             match key.text() {
-                Some(name) => puts.push((name.to_owned(), key.span, value.clone())),
+                Some(name) => puts.push((name.to_owned(), key.span, key.span, value.clone())),
                 None => self.no_name(key),
             }
         }
@@ -136,7 +172,9 @@ impl Check<'_, '_> {
             match &value.kind {
                 Kind::Call { name: None, body: Body::Fields(fields) } => {
                     let target = |field: &Field| format!("{node}.{}", field.name.text);
-                    let put = |field: &Field| (target(field), key.span, field.value.clone());
+                    let put = |field: &Field| {
+                        (target(field), key.span, field.name.span, field.value.clone())
+                    };
                     puts.extend(fields.iter().map(put));
                 }
                 Kind::Call { name: None, body: Body::Empty } => {}

@@ -79,7 +79,7 @@ impl Check<'_, '_> {
         let call = repeated.example(value.span);
         let what = self.what(&call, &name, subgraphs);
         let mut draft = Draft::new(name, call, what);
-        if matches!(draft.what, What::Unknown) {
+        if matches!(draft.what, What::Unknown(_)) {
             drafts.push(draft);
             return;
         }
@@ -88,7 +88,7 @@ impl Check<'_, '_> {
         let count = match &repeated.over {
             Over::Data(link, word) => {
                 let Some(port) = self.taker(&draft, &repeated, link) else {
-                    draft.what = What::Unknown;
+                    draft.what = What::Unknown(None);
                     drafts.push(draft);
                     return;
                 };

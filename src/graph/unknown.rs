@@ -4,25 +4,26 @@ use std::sync::Arc;
 
 use serde_json::json;
 
+use super::Checked;
 use super::check::Check;
 use super::node::Built;
 use super::recipe::Recipe;
-use crate::error::{Error, code};
+use crate::error::{Error, Problem, Severity, code};
 use crate::node::{AnyNode, Context, FilePath};
 use crate::text::Tree;
 use crate::value::AnyValue;
 
-/// What stands for a node of an unknown type.
-struct Unknown;
+/// What stands for a node of an unknown type, with what the check tells of it.
+struct Unknown(Option<Problem>);
 
-/// What such a node answers when it is asked for its values. The check has said so already.
+/// What such a node answers when it is asked for its values: what the check tells of it.
 #[derive(Debug, thiserror::Error)]
 #[error("no pack has a node of this type")]
-pub(crate) struct UnknownType;
+pub(crate) struct UnknownType(pub(crate) Option<Problem>);
 
 impl AnyNode for Unknown {
     fn eval(&self, _: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
-        Err(UnknownType.into())
+        Err(UnknownType(self.0.clone()).into())
     }
 
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
@@ -35,11 +36,25 @@ impl AnyNode for Unknown {
 }
 
 /// The node that stands for one of an unknown type.
-pub(super) fn unknown_node(tree: &Tree) -> Built {
+pub(super) fn unknown_node(tree: &Tree, told: Option<Problem>) -> Built {
     let kind = tree.name().map_or_else(String::new, |kind| kind.text);
     let recipe = Arc::new(Recipe::new(&kind, json!({}), &[]));
-    let (node, tree) = (Arc::new(Unknown), Arc::new(tree.clone()));
+    let (node, tree) = (Arc::new(Unknown(told)), Arc::new(tree.clone()));
     Built { node, pack: "", recipe, files: Vec::new(), tree }
+}
+
+impl Checked {
+    /// The same for who wants what of a graph can be had: its [`graph`](Self::graph) may have nodes of unknown types then, which are
+    /// no more than warnings. A run tells each that something hangs on as an error.
+    #[must_use]
+    pub fn as_far_as_known(mut self) -> Self {
+        if self.partial.is_some() {
+            self.graph = self.partial.take();
+            let unknown = self.problems.iter_mut().filter(|it| it.code == code::UNKNOWN_NODE);
+            unknown.for_each(|problem| problem.severity = Severity::Warning);
+        }
+        self
+    }
 }
 
 impl Check<'_, '_> {

@@ -20,7 +20,8 @@ pub(crate) enum Found {
 }
 
 /// Puts the words into a file of this ending, or their hash where the format has no room for more. What has no place for either
-/// stays as it is: PTX, XYZ, TIFF, and what the engine does not know.
+/// stays as it is: PTX, whose lines are counted; XYZ, of which other programs take a comment for a point, or refuse it; and what the
+/// engine does not know.
 pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }: &Signature) {
     let signed = match ending {
         "glb" => glb(bytes, words),
@@ -33,6 +34,7 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
         }
         "obj" | "mtl" => Some((0, 0, format!("# {KEY} {words}\n").into_bytes())),
         "stl" => stl(bytes, hash),
+        "tiff" => tiff(bytes, words),
         _ => None,
     };
     if let Some((at, replaced, new)) = signed {
@@ -58,6 +60,13 @@ pub(crate) fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
                 (kind == b"tEXt").then(|| str::from_utf8(content).ok())?
             });
             words(text?)
+        }
+        "tiff" | "tif" => {
+            let (_, entries) = directory(bytes)?;
+            let entry = entries.iter().find(|entry| entry.starts_with(&DESCRIPTION))?;
+            let [count, at] = [4, 8].map(|at| number(&entry[at..]));
+            let text = bytes.get(at? as usize..)?.get(..(count? as usize).checked_sub(1)?)?;
+            words(str::from_utf8(text).ok()?.strip_prefix(KEY)?.trim())
         }
         "json" => {
             let document: Json = serde_json::from_slice(bytes).ok()?;
@@ -131,6 +140,40 @@ fn stl(bytes: &[u8], hash: &str) -> Option<Splice> {
     is_binary.then(|| (0, 80, format!("{:<80}", format!("{STL}{hash}")).into_bytes()))
 }
 
+/// How an entry `ImageDescription`, a text, begins in the directory of a TIFF file.
+const DESCRIPTION: [u8; 4] = [14, 1, 2, 0];
+
+fn number(bytes: &[u8]) -> Option<u32> {
+    bytes.first_chunk().map(|bytes| u32::from_le_bytes(*bytes))
+}
+
+/// Where the first directory of a TIFF file begins, and its entries, each of a tag, a type, how many there are, and a value or its place.
+fn directory(bytes: &[u8]) -> Option<(usize, &[[u8; 12]])> {
+    let start = number(bytes.strip_prefix(b"II*\0")?)? as usize;
+    let (count, rest) = bytes.get(start..)?.split_first_chunk()?;
+    let entries = rest.get(..12 * usize::from(u16::from_le_bytes(*count)))?;
+    Some((start, entries.as_chunks().0))
+}
+
+/// The directory with one entry more, and the text behind it: where it is the end of the file, as our writer puts it.
+fn tiff(bytes: &[u8], words: &str) -> Option<Splice> {
+    let (start, entries) = directory(bytes)?;
+    let is_last = bytes.len() == start + 2 + 12 * entries.len() + 4;
+    let tag = |entry: &[u8]| u16::from_le_bytes([entry[0], entry[1]]);
+    let at = entries.partition_point(|entry| tag(entry) < tag(&DESCRIPTION));
+    let text = format!("{KEY} {words}\0");
+    let count = u16::try_from(entries.len() + 1).ok()?;
+    let mut new = count.to_le_bytes().to_vec();
+    new.extend_from_slice(entries[..at].as_flattened());
+    new.extend_from_slice(&DESCRIPTION);
+    new.extend_from_slice(&(text.len() as u32).to_le_bytes());
+    new.extend_from_slice(&u32::try_from(bytes.len() + 12).ok()?.to_le_bytes());
+    new.extend_from_slice(entries[at..].as_flattened());
+    new.extend_from_slice(&[0; 4]);
+    new.extend_from_slice(text.as_bytes());
+    is_last.then(|| (start, bytes.len() - start, new))
+}
+
 /// The bytes before the first chunk of a PNG file.
 const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 
@@ -197,6 +240,9 @@ mod tests {
         let mut glb = [&b"glTF\x02\0\0\0\0\0\0\0"[..], &[28, 0, 0, 0], b"JSON"].concat();
         glb.extend_from_slice(&document[..28]);
         check("glb", &glb, "\"extras\":{\"maquette\":{");
+        let entry = [0, 1, 4, 0, 1, 0, 0, 0, 7, 0, 0, 0];
+        let tiff = [&b"II*\0\x08\0\0\0\x01\0"[..], &entry, &[0; 4]].concat();
+        check("tiff", &tiff, "maquette {");
         let header = [SIGNATURE, &[0, 0, 0, 1], b"IHDR", &[7], &[0; 4]].concat();
         check("png", &header, "tEXtmaquette\0{");
         assert_eq!(checksum(b"IEND"), 0xae42_6082);

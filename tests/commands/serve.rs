@@ -437,6 +437,34 @@ fn what_a_killed_server_left_the_next_one_removes() {
 }
 
 #[test]
+fn a_graph_with_an_unknown_node_gives_what_does_not_hang_on_it() {
+    let project = Project::new(
+        r#"Graph(
+            format: 1,
+            packs: { "hair": "0.3" },
+            nodes: { "ball": ReadMesh(path: "ball.obj"), "hair": HairStrands(on: "ball") },
+            outputs: { "ball.ply": "ball", "hair.ply": "hair" },
+        )"#,
+    );
+    fs::write(project.folder().join("ball.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let mut host = Host::of(&project);
+    let loaded = host.ask("load", json!({ "graph": project.graph() }));
+    assert_eq!((&loaded["ok"], &loaded["nodes"]), (&json!(true), &json!(["ball", "hair"])));
+    let severities = |answer: &Json| {
+        let problems = answer["problems"].as_array().unwrap().iter();
+        assert!(problems.clone().all(|it| it["help"].as_str().unwrap().contains("`hair` 0.3")));
+        Vec::from_iter(problems.map(|it| it["severity"].as_str().unwrap().to_owned()))
+    };
+    assert_eq!(severities(&loaded), ["warning"]);
+    let want = json!([{ "value": "ball.ply", "as": "facts" }]);
+    let ball = host.ask("run", json!({ "graph": project.graph(), "want": want }));
+    assert_eq!((&ball["ok"], severities(&ball)), (&json!(true), vec!["warning".to_owned()]));
+    let all = host.ask("run", json!({ "graph": project.graph() }));
+    assert_eq!((&all["ok"], severities(&all).contains(&"error".to_owned())), (&json!(false), true));
+    assert!(all["values"]["ball.ply"].is_object() && all["values"]["hair.ply"].is_null(), "{all}");
+}
+
+#[test]
 fn edits_are_made_taken_back_and_never_over_what_somebody_else_wrote() {
     let project = Project::new(FINE);
     let mut host = Host::of(&project);

@@ -2,6 +2,7 @@
 
 mod merging;
 mod migrations;
+mod old_names;
 mod versions;
 
 use std::path::Path;

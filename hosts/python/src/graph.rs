@@ -36,7 +36,8 @@ impl Graph {
     ) -> PyResult<Loaded<'py>> {
         let texts = texts.into_iter().collect();
         let options = Options { roots, set, texts, draft, pins: true, ..Options::default() };
-        let checked = on_threads(py, || maquette::Graph::load(&path, &CATALOG, &options))?;
+        let checked =
+            on_threads(py, || maquette::Graph::load(&path, &CATALOG, &options).as_far_as_known())?;
         let problems = plain::problems(py, &checked.problems)?;
         let graph = checked.graph.map(|graph| Self { graph, path });
         Ok((graph, problems, checked.subgraphs))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pathlib
+import warnings
 
 import pytest
 
@@ -19,9 +20,13 @@ def test_every_bad_graph_has_its_problems_where_they_are_expected(program) -> No
     files = sorted(BAD.glob("*.ron"))
     assert len(files) >= 15
     for file in files:
-        with pytest.raises(maquette.GraphError) as wrong:
-            maquette.load(file)
-        found = wrong.value.problems
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            try:
+                found = maquette.load(file)._problems
+                assert warned, f"{file.name} has a mistake"
+            except maquette.GraphError as wrong:
+                found = wrong.problems
         told = json.loads(program("check", str(file), "--json").stdout)["problems"]
         assert [(it.code, it.line, it.column, it.end_line, it.end_column, it.message, it.help) for it in found] == [
             tuple(it[key] for key in ("code", "line", "column", "end_line", "end_column", "message", "help")) for it in told
@@ -43,3 +48,31 @@ def test_a_mistake_in_a_used_graph_says_by_which_uses_it_is_reached(graphs: path
         maquette.load(graphs / "face.ron")
     problem = wrong.value.problems[0]
     assert problem.file.endswith("feature.ron") and "Rang" in problem.text
+
+
+FOREIGN = """Graph(
+    format: 1,
+    packs: { "hair": "0.3" },
+    params: { "size": Number(default: 2.0, min: 1.0, max: 3.0, doc: "How large.") },
+    nodes: {
+        "ball": ReadMesh(path: "doll/coarse.obj"),
+        "strands": HairStrands(on: "ball"),
+        "combed": Transform(mesh: "strands", scale: (2, 2, 2)),
+        "big": Transform(mesh: "ball", scale: (Param("size"), 1, 1)),
+    },
+    outputs: { "hair.obj": "combed", "big.ply": "big" },
+)"""
+
+
+def test_a_graph_with_an_unknown_node_gives_what_does_not_hang_on_it(graphs: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    with pytest.warns(maquette.UnknownNodeWarning, match="`HairStrands` .*the pack `hair` 0.3"):
+        graph = maquette.load(graphs / "foreign.ron", text=FOREIGN)
+    assert [(it.code, it.severity) for it in graph.check() if it.code == "G003"] == [("G003", "warning")]
+    assert isinstance(graph.run("big.ply")["big.ply"], maquette.Mesh)
+    assert graph.run("big.ply", size=3)["big"] != graph.run("big.ply")["big"]
+    with pytest.raises(maquette.GraphError, match="the pack `hair` 0.3") as wrong:
+        graph.run()
+    assert [(it.code, it.severity) for it in wrong.value.problems] == [("G003", "error")]
+    run = graph.run(strict=False)
+    assert "big.ply" in run and "hair.obj" not in run
+    assert [file.name for file in run.write(tmp_path / "out")] == ["big.ply"]

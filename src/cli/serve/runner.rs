@@ -77,7 +77,7 @@ impl Runner {
     }
 
     fn graph(&self, load: &Load) -> Result<(Graph, Vec<Problem>), Refused> {
-        let checked = Graph::load(&load.graph, &self.catalog, &options(load));
+        let checked = Graph::load(&load.graph, &self.catalog, &options(load)).as_far_as_known();
         let problems = checked.problems;
         match checked.graph {
             Some(graph) => Ok((graph, problems)),

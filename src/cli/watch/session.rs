@@ -53,7 +53,7 @@ pub(super) struct Session<'a> {
     told: Option<(Vec<PathBuf>, Option<String>)>,
     contents: Contents,
     batch: Batch,
-    /// Whether the graph has been without unknown nodes.
+    /// Whether the graph has been without unknown nodes: pages go on to show it as it was then while the name of a type is typed.
     was_whole: bool,
     check: Check,
     /// Whether the next run has to compute everything.
@@ -72,7 +72,7 @@ pub(super) struct Session<'a> {
     changes: Vec<Vec<Put>>,
     /// The identity of the graph that pages show.
     shown: Option<Hash>,
-    /// The last graph that could be run, and when it was.
+    /// The last graph that could be run, and when it was; one without unknown nodes if there has been such.
     good: Option<(usize, Arc<Graph>)>,
     /// How many runs there have been.
     runs: usize,
@@ -90,6 +90,11 @@ struct Running {
     graph: Arc<Graph>,
     cancel: CancelToken,
     purpose: Purpose,
+}
+
+/// Whether there are nodes of unknown types in the graph.
+fn is_part(problems: &[Problem]) -> bool {
+    problems.iter().any(|problem| problem.code == code::UNKNOWN_NODE)
 }
 
 fn is_stop(message: &Message) -> bool {
@@ -311,12 +316,14 @@ impl<'a> Session<'a> {
             let new = Vec::from_iter(new);
             self.subgraphs.extend(new);
         }
-        // While somebody types, what was last good stays; a graph that begins with an unknown node is run as far as it can be.
-        self.was_whole |= graph.is_some();
-        self.check = match graph.or(partial.filter(|_| !self.was_whole)) {
+        let is_whole = graph.is_some();
+        self.check = match graph.or(partial) {
             Some(graph) => {
-                self.view.graph(&graph);
-                self.shown = Some(graph.shape.identity);
+                if is_whole || !self.was_whole {
+                    self.view.graph(&graph);
+                    self.shown = Some(graph.shape.identity);
+                }
+                self.was_whole |= is_whole;
                 self.view.checked(self.runs + 1, &problems);
                 Check::Good { graph: Arc::new(graph), problems }
             }
@@ -396,7 +403,9 @@ impl<'a> Session<'a> {
             let (graph, problems) = (graph.clone(), problems.clone());
             self.runs += 1;
             self.view.begin(self.runs, &changed);
-            self.good = Some((self.runs, graph.clone()));
+            if !(self.was_whole && is_part(&problems)) {
+                self.good = Some((self.runs, graph.clone()));
+            }
             let recompute = std::mem::take(&mut self.recompute);
             self.give(self.runs, graph, problems, recompute, Purpose::Outputs);
         } else if self.look
@@ -441,7 +450,8 @@ impl<'a> Session<'a> {
             }
             return;
         }
-        if let Some(graph) = report.graph.as_ref().filter(|graph| !self.is_shown(graph)) {
+        let stays = self.was_whole && is_part(&report.problems);
+        if let Some(graph) = report.graph.as_ref().filter(|it| !stays && !self.is_shown(it)) {
             self.view.graph(graph);
             self.shown = Some(graph.shape.identity);
         }

@@ -186,6 +186,10 @@ fn evaluate(
     };
     match (job.purpose, &seen) {
         _ if cancelled => {}
+        // What hangs on a node whose name is being typed will be wanted again.
+        (Purpose::Outputs, _) if job.problems.iter().any(|p| p.severity == Severity::Error) => {
+            *kept = enough(&trace).max(*kept);
+        }
         (Purpose::Outputs, _) => *kept = enough(&trace),
         // A hand makes many results of which the outputs need nothing.
         (Purpose::Drag, Some(seen)) => {

@@ -79,7 +79,7 @@ impl References {
                     known_ports.entry(node.to_owned()).or_insert_with(|| ports(&graph.schema));
                 }
                 // A text that names a node is taken for a link where the type is not known.
-                What::Unknown => drop(unknown.insert(node.to_owned())),
+                What::Unknown(_) => drop(unknown.insert(node.to_owned())),
                 What::Input | What::Switch(_) | What::Elements(_) | What::Pick(_) => {}
             }
         }

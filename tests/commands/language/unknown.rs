@@ -17,10 +17,15 @@ const GRAPH: &str = r#"Graph(
 
 const BALL: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
 
-#[test]
-fn what_does_not_need_the_unknown_node_is_written_and_the_error_is_told_once() {
+fn project() -> Project {
     let project = Project::new(GRAPH);
     std::fs::write(project.folder().join("ball.obj"), BALL).unwrap();
+    project
+}
+
+#[test]
+fn what_does_not_need_the_unknown_node_is_written_and_the_error_is_told_once() {
+    let project = project();
     let run = project.maquette(&["run", "doll.ron", "--out", "out"]);
     assert_eq!(run.status.code(), Some(1), "{run:?}");
     assert_eq!(Vec::from_iter(project.outputs().into_keys()), ["big.ply"]);
@@ -31,12 +36,6 @@ fn what_does_not_need_the_unknown_node_is_written_and_the_error_is_told_once() {
     assert!(states.contains("skipped   combed"), "{states}");
     let check = project.maquette(&["check", "doll.ron"]);
     assert_eq!(check.status.code(), Some(1));
-    for words in
-        [&["draw", "doll.ron"][..], &["inspect", "doll.ron", "big"], &["why", "doll.ron", "big"]]
-    {
-        let done = project.maquette(words);
-        assert!(!done.stdout.is_empty(), "{words:?}: {done:?}");
-    }
     // Nothing of it is lost.
     let fmt = project.maquette(&["fmt", "--check", "doll.ron"]);
     assert!(fmt.status.success(), "{fmt:?}");
@@ -50,12 +49,58 @@ fn what_does_not_need_the_unknown_node_is_written_and_the_error_is_told_once() {
 }
 
 #[test]
-fn a_watch_makes_the_rest_too() {
-    let project = Project::new(GRAPH);
-    std::fs::write(project.folder().join("ball.obj"), BALL).unwrap();
+fn what_is_asked_for_and_does_not_need_it_is_given_with_a_warning() {
+    let project = project();
+    for words in [
+        &["draw", "doll.ron", "--out", "graph.svg"][..],
+        &["why", "doll.ron", "big"],
+        &["inspect", "doll.ron", "big", "--out", "big.png"],
+        &["render", "doll.ron", "big", "render.png"],
+        &["sheet", "doll.ron", "--size", "30x20"],
+    ] {
+        let done = project.maquette(words);
+        let told = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success(), "{words:?}: {told}");
+        assert!(!told.contains("error"), "{words:?}: {told}");
+        let warned = told.matches("there is no node type `HairStrands`").count();
+        // What is looked into says nothing of what it has nothing to do with.
+        assert_eq!(warned, usize::from(words[0] != "inspect"), "{words:?}: {told}");
+    }
+    for file in ["graph.svg", "big.png", "render.png", "doll.png"] {
+        assert!(project.folder().join(file).metadata().unwrap().len() > 0, "{file}");
+    }
+    for words in
+        [&["inspect", "doll.ron", "combed"][..], &["render", "doll.ron", "hair.obj", "a.png"]]
+    {
+        let done = project.maquette(words);
+        let told = String::from_utf8_lossy(&done.stderr);
+        assert_eq!(done.status.code(), Some(1), "{words:?}: {told}");
+        assert!(told.contains("error[G003]") && told.contains("the pack `hair` 0.3"), "{told}");
+    }
+}
+
+#[test]
+fn a_watch_makes_the_rest_too_also_of_a_graph_that_was_whole() {
+    let project = project();
     let mut watch = project.start(&[]);
     let run = watch.run();
     assert_eq!((run.state("big"), run.state("combed")), ("computed", "skipped"), "{run:?}");
     assert_eq!(run.done["ok"], false);
     assert_eq!(Vec::from_iter(project.outputs().into_keys()), ["big.ply"]);
+    // The node gets a type that there is, and again one that there is not, with a change of the rest.
+    let whole = GRAPH
+        .replace("HairStrands(on: \"ball\")", "Transform(mesh: \"ball\", scale: (1.0, 2.0, 1.0))");
+    project.save(&whole);
+    let run = watch.run_until_ok();
+    assert_eq!(run.state("combed"), "computed", "{run:?}");
+    let before = project.outputs();
+    let other = "\"ball\", scale: (3.0, 2.0, 2.0)";
+    project.save(&GRAPH.replace("\"ball\", scale: (2.0, 2.0, 2.0)", other));
+    let run = watch.run();
+    assert_eq!((run.state("big"), run.state("combed")), ("computed", "skipped"), "{run:?}");
+    assert!(run.problems.to_string().contains("the pack `hair` 0.3"), "{run:?}");
+    let outputs = project.outputs();
+    // What cannot be made anew stays as it was.
+    assert_eq!(outputs["hair.obj"], before["hair.obj"]);
+    assert_ne!(outputs["big.ply"], before["big.ply"]);
 }

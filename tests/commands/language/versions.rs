@@ -136,3 +136,68 @@ fn an_optional_input_need_not_be_given_and_is_told_of_with_the_version() {
     assert!(project.maquette(&["draw", "doll.ron"]).status.success());
     assert!(project.maquette(&["fmt", "--check", "doll.ron", "lib/skirt.ron"]).status.success());
 }
+
+/// What the program says on a terminal on which its question gets this answer, and whether it succeeds.
+#[cfg(unix)]
+fn asked(project: &Project, words: &[&str], answer: &str) -> (String, bool) {
+    use std::fs::File;
+    use std::io::{Read, Write};
+    use std::time::Duration;
+
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+    let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&ours).unwrap();
+    unlockpt(&ours).unwrap();
+    let name = ptsname(&ours, Vec::new()).unwrap().into_string().unwrap();
+    let terminal = File::options().read(true).write(true).open(name).unwrap();
+    let mut command = project.command(words);
+    for stream in 0..3 {
+        let terminal = terminal.try_clone().unwrap();
+        match stream {
+            0 => command.stdin(terminal),
+            1 => command.stdout(terminal),
+            _ => command.stderr(terminal),
+        };
+    }
+    let mut process = command.spawn().unwrap();
+    drop((command, terminal));
+    let mut ours = File::from(ours);
+    let (sender, heard) = std::sync::mpsc::channel();
+    let mut listener = ours.try_clone().unwrap();
+    std::thread::spawn(move || {
+        let mut part = [0; 1024];
+        // On Linux the end of a terminal is an error.
+        while let Ok(count @ 1..) = listener.read(&mut part) {
+            let _ = sender.send(String::from_utf8_lossy(&part[..count]).into_owned());
+        }
+    });
+    let mut said = String::new();
+    while !said.contains("[y/N] ") {
+        let part = heard.recv_timeout(Duration::from_secs(60));
+        said += &part.unwrap_or_else(|why| panic!("nothing is asked: {why}, {said}"));
+    }
+    ours.write_all(answer.as_bytes()).unwrap();
+    let done = process.wait().unwrap().success();
+    said.extend(heard);
+    (said.replace("\r\n", "\n"), done)
+}
+
+#[cfg(unix)]
+#[test]
+fn on_a_terminal_what_changed_is_shown_and_taken_only_if_the_answer_is_yes() {
+    let project = project();
+    project.maquette(&["lock", "doll.ron"]);
+    let text = || std::fs::read_to_string(project.folder().join("doll.lock.ron")).unwrap();
+    let first = text();
+    save(&project, &SKIRT.replace("1.0.0", "1.1.0"));
+    for no in ["\n", "n\n", "yess\n", "\u{4}"] {
+        let (said, taken) = asked(&project, &["update", "doll.ron"], no);
+        assert!(said.contains("lib/skirt.ron: 1.0.0 -> 1.1.0\n"), "{said}");
+        assert!(said.contains("nothing was taken"), "{said}");
+        assert!(!taken && text() == first, "{no:?}");
+    }
+    let (said, taken) = asked(&project, &["update", "doll.ron"], "y\n");
+    assert!(taken && text().contains("1.1.0"), "{said}");
+    assert!(said.contains("take it? [y/N] y\n"), "{said}");
+}

@@ -75,10 +75,14 @@ fn a_migrated_text_has_every_other_byte_as_it_was() {
     assert_eq!(Graph::migrated("graph.ron".as_ref(), &migrated, &catalog()).unwrap(), migrated);
 }
 
-/// A pack that calls a built-in node and its fields by other names, over three versions.
-#[test]
-fn names_units_words_and_places_change_over_several_versions() {
-    const MIGRATIONS: &[Migration] = &[
+/// A pack that calls built-in nodes and their fields by other names, over three versions.
+pub(super) const OLD_NAMES: Pack = Pack {
+    name: "old",
+    nodes: &[],
+    values: &[],
+    formats: &[],
+    readers: &[],
+    migrations: &[
         Migration::Node { old: "Grid", new: "Mesher" },
         Migration::Node { old: "Mesher", new: "Triangulate" },
         Migration::Field { node: "Grid", old: "gap", new: "step", value: NewValue::Times(10.0) },
@@ -96,51 +100,56 @@ fn names_units_words_and_places_change_over_several_versions() {
             new: "scheme",
             value: NewValue::Words(&[("Triangles", "Loop")]),
         },
-        Migration::Field {
-            node: "Smooth",
-            old: "rounds",
-            new: "until.rounds",
-            value: NewValue::Same,
-        },
-    ];
-    const PACK: Pack = Pack {
-        name: "old",
-        nodes: &[],
-        values: &[],
-        formats: &[],
-        readers: &[],
-        migrations: MIGRATIONS,
-    };
-    let catalog = Catalog::new(&[maquette_nodes::PACKS, &[&PACK]].concat());
-    let text = |nodes: &str| {
-        format!(
-            "Graph(format: 1, params: {{\"cm\": Number(default: 0.7, doc: \"A.\")}}, nodes: {{\n{nodes}\n}}, outputs: {{}})"
-        )
-    };
-    let old = text(
-        r#"    "scan": ReadCapture(color: "a.png", range: "a.pcd"),
-    "one": Grid(range: "scan.range", gap: 0.6),
-    "two": Mesher(range: "scan.range", step: 7.5),
-    "three": Grid(range: "scan.range", gap: Param("cm")),
-    "four": Grid(range: "scan.range", gap: Expr("cm / 2")),
-    "red": Find(image: "scan.color", how: Close(color: "c33923", distance: 3.0)),
-    "skin": Subdivide(mesh: "one", scheme: Triangles, levels: 1),
-    "loop": Subdivide(mesh: "one", scheme: Loop, levels: 1),"#,
+    ],
+};
+
+/// Nodes as they were written once, and as they are now.
+const NODES: [[&str; 2]; 9] = [
+    [r#""scan": ReadCapture(color: "a.png", range: "a.pcd")"#; 2],
+    [
+        r#""one": Grid(range: "scan.range", gap: 0.6)"#,
+        r#""one": Triangulate(range: "scan.range", jump: 6.0)"#,
+    ],
+    [
+        r#""two": Mesher(range: "scan.range", step: 7.5)"#,
+        r#""two": Triangulate(range: "scan.range", jump: 7.5)"#,
+    ],
+    [
+        r#""three": Grid(range: "scan.range", gap: Param("cm"))"#,
+        r#""three": Triangulate(range: "scan.range", jump: Expr("cm * 10"))"#,
+    ],
+    [
+        r#""four": Grid(range: "scan.range", gap: Expr("cm / 2"))"#,
+        r#""four": Triangulate(range: "scan.range", jump: Expr("(cm / 2) * 10"))"#,
+    ],
+    [
+        r#""five": Grid(range: "scan.range", gap: Draft(final: 0.6, draft: 0.9))"#,
+        r#""five": Triangulate(range: "scan.range", jump: Draft(final: 6.0, draft: 9.0))"#,
+    ],
+    [
+        r##""red": Find(image: "scan.color", how: Close(color: "#c33923", distance: 3.0))"##,
+        r##""red": Threshold(image: "scan.color", select: Near(color: "#c33923", distance: 3.0))"##,
+    ],
+    [
+        r#""skin": Subdivide(mesh: "one", scheme: Triangles, levels: 1)"#,
+        r#""skin": Subdivide(mesh: "one", scheme: Loop, levels: 1)"#,
+    ],
+    [r#""loop": Subdivide(mesh: "one", scheme: Loop, levels: 1)"#; 2],
+];
+
+/// The graph of these nodes, as it was written once or is now.
+pub(super) fn graph_of_nodes(now: bool) -> String {
+    let nodes = Vec::from_iter(NODES.iter().map(|node| node[usize::from(now)])).join(",\n    ");
+    format!(
+        "Graph(format: 1, params: {{\"cm\": Number(default: 0.7, doc: \"A.\")}}, nodes: {{\n    {nodes},\n}}, outputs: {{}})"
     )
-    .replace("\"c33923\"", "\"#c33923\"");
-    let migrated = Graph::migrated("graph.ron".as_ref(), &old, &catalog).unwrap();
-    let new = text(
-        r#"    "scan": ReadCapture(color: "a.png", range: "a.pcd"),
-    "one": Triangulate(range: "scan.range", jump: 6.0),
-    "two": Triangulate(range: "scan.range", jump: 7.5),
-    "three": Triangulate(range: "scan.range", jump: Expr("cm * 10")),
-    "four": Triangulate(range: "scan.range", jump: Expr("(cm / 2) * 10")),
-    "red": Threshold(image: "scan.color", select: Near(color: "c33923", distance: 3.0)),
-    "skin": Subdivide(mesh: "one", scheme: Loop, levels: 1),
-    "loop": Subdivide(mesh: "one", scheme: Loop, levels: 1),"#,
-    )
-    .replace("\"c33923\"", "\"#c33923\"");
-    assert_eq!(migrated, new);
+}
+
+#[test]
+fn names_units_words_and_places_change_over_several_versions() {
+    let catalog = Catalog::new(&[maquette_nodes::PACKS, &[&OLD_NAMES]].concat());
+    let (old, new) = (graph_of_nodes(false), graph_of_nodes(true));
+    assert_eq!(Graph::migrated("graph.ron".as_ref(), &old, &catalog).unwrap(), new);
     let identity = |text: &str| {
         let checked = load(text, &catalog);
         checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems)).identity()

@@ -101,3 +101,36 @@ fn a_palette_is_read_again_when_one_that_it_includes_changes() {
     assert_eq!((third.0, third.1.len()), (State::Computed, 2));
     assert_eq!(third.2, ["`colors`: there is no file `grays.gpl`: its colors are left out"]);
 }
+
+#[test]
+fn old_names_in_patches_and_tests_are_migrated_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    let graphs = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs/");
+    std::fs::copy(format!("{graphs}color.png"), folder.path().join("color.png")).unwrap();
+    std::fs::copy(format!("{graphs}Posterize.ron"), folder.path().join("poster.ron")).unwrap();
+    let test = "// Fewer colors.\nTest(graph: \"p*.ron\", cases: { \"few\": (set: { \"palette.colors\": 2 }) })\n";
+    let patch = "Patch(of: \"poster.ron\", nodes: { \"palette\": (colors: 3) })\n";
+    write("poster.test.ron", test);
+    write("patch.ron", patch);
+    let run = |words: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_third-party"));
+        let done = command.args(words).current_dir(folder.path()).output().unwrap();
+        let told = [done.stdout, done.stderr].concat();
+        (String::from_utf8(told).unwrap(), done.status.success())
+    };
+    let (told, done) = run(&["run", "patch.ron", "--no-cache"]);
+    assert!(
+        done && told.contains("field `colors` of ExtractPalette is called `count` now"),
+        "{told}"
+    );
+    let (told, done) = run(&["run", "poster.ron", "--no-cache", "--set", "palette.colors=2"]);
+    assert!(done && told.contains("--set palette.colors=2: field `colors`"), "{told}");
+    assert!(!run(&["migrate", ".", "--check"]).1);
+    let (told, done) = run(&["migrate", ".", "--write"]);
+    assert!(done && told.ends_with("2 files migrated\n"), "{told}");
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    assert_eq!(read("poster.test.ron"), test.replace("colors\"", "count\""));
+    assert_eq!(read("patch.ron"), patch.replace("colors", "count"));
+    assert!(run(&["migrate", ".", "--check"]).1);
+}

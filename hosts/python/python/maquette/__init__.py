@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         read,
         value_types,
     )
-    from ._problems import GraphError, Problem, Use
+    from ._problems import GraphError, Problem, UnknownNodeWarning, Use
     from ._values import (
         ControlNet,
         Curve,
@@ -80,6 +80,7 @@ __all__ = [
     "Run",
     "Surface",
     "Trace",
+    "UnknownNodeWarning",
     "Use",
     "Value",
     "WrittenFile",
@@ -90,7 +91,7 @@ __all__ = [
 ]
 
 _GRAPH = "Graph Node Output Param Port Progress Run WrittenFile load nodes read value_types".split()
-_PROBLEMS = ["GraphError", "Problem", "Use"]
+_PROBLEMS = ["GraphError", "Problem", "UnknownNodeWarning", "Use"]
 
 
 def __getattr__(name: str) -> object:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import atexit
 import os
+import warnings
 from collections.abc import Mapping
 from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
 
 from . import _maquette
-from ._problems import GraphError, Problem, problems
+from ._problems import GraphError, Problem, UnknownNodeWarning, problems
 from ._values import Value, value_of, wrap
 
 Path = Union[str, "os.PathLike[str]"]
 T = TypeVar("T")
+
+# The code of the problem that a node's type is one that no pack has.
+_UNKNOWN_NODE = "G003"
 
 # What is still on its way to the disk would be computed again by the next process.
 atexit.register(_maquette.finish_all)
@@ -156,9 +160,17 @@ def load(
 
     The graph stays as it is now when files of graphs change; files that its nodes read are looked at in every run.
 
+    A node of a type that no pack has is an UnknownNodeWarning, which says what pack may be missing: all that does not hang on the node can be
+    run.
+
     Raises GraphError with every problem of the file, OSError if it cannot be read.
     """
-    return Graph(path, text, roots, cache, memory, threads, max_memory)
+    graph = Graph(path, text, roots, cache, memory, threads, max_memory)
+    for problem in graph._problems:
+        if problem.code == _UNKNOWN_NODE:
+            told = f"{problem.file}:{problem.line}:{problem.column}: {problem.message} ({problem.help})"
+            warnings.warn(UnknownNodeWarning(told), stacklevel=2)
+    return graph
 
 
 class Graph:
@@ -276,8 +288,8 @@ class Graph:
         the names of the graph's inputs: a `Value`, the path of a file, or whatever the class of the input's type takes, as a mesh of trimesh
         or an array of points. `draft`: whether each `Draft(final: .., draft: ..)` stands for its draft. `progress`: is called with `Progress`; True draws a bar. Ctrl-C stops the run.
 
-        Only what hangs on something changed is computed. Raises GraphError if something failed or does not hold, with what was found in its
-        `run`; with `strict=False` the run is given all the same, and its `problems` tell.
+        Only what hangs on something changed is computed. Raises GraphError if something failed, hangs on a node of an unknown type or does not
+        hold, with what was found in its `run`; with `strict=False` the run is given all the same, and its `problems` tell.
         """
         named = [outputs] if isinstance(outputs, str) else outputs
         wanted = [nodes] if isinstance(nodes, str) else list(nodes)
@@ -421,8 +433,6 @@ def read(path: Path, kind: Optional[str] = None) -> Value:
     """
     value, doubts = _maquette.read(path, kind)
     if doubts:
-        import warnings
-
         for doubt in doubts:
             warnings.warn(f"{os.fspath(path)}: {doubt}", stacklevel=2)
     return wrap(value)

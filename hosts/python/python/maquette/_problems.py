@@ -83,6 +83,10 @@ def problems(told: Sequence[Dict[str, Any]]) -> List[Problem]:
     return [problem(one) for one in told]
 
 
+class UnknownNodeWarning(UserWarning):
+    """A graph has a node of a type that no pack has: what does not hang on it can be run."""
+
+
 class GraphError(Exception):
     """A graph cannot be read, or something of it failed.
 

@@ -82,7 +82,8 @@ impl<'a> Session<'a> {
         let Watch { graph: path, options, .. } = self.command;
         let edited = self.edited(values)?;
         let options = options.all().with_text(path, edited.text);
-        let Checked { graph, problems, .. } = Graph::load(path, self.catalog, &options);
+        let Checked { graph, problems, .. } =
+            Graph::load(path, self.catalog, &options).as_far_as_known();
         let wrong = problems.into_iter().find(|problem| problem.severity == Severity::Error);
         graph
             .map(|graph| (graph, edited.before))

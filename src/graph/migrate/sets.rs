@@ -1,0 +1,47 @@
+//! Old names in what tests set.
+
+use std::path::PathBuf;
+
+use super::puts::renewed_target;
+use super::{Splice, apply, quoted, written};
+use crate::catalog::Catalog;
+use crate::graph::meaning::entries;
+use crate::graph::patch::patched_tree;
+use crate::graph::{Files, Graph, Options};
+use crate::plain::read_text;
+use crate::text::{Kind, Tree, parse};
+
+impl Graph {
+    /// The text of a test of some graphs with the new names of all fields that it sets.
+    pub(crate) fn migrated_test(text: &str, graphs: &[PathBuf], catalog: &Catalog) -> String {
+        let options = Options { files: Files::Ignored, ..Options::default() };
+        let read = |path: &PathBuf| {
+            let text = read_text(path).ok()?;
+            Some(patched_tree(path, text, catalog, &options))
+        };
+        let graphs = Vec::from_iter(graphs.iter().filter_map(read));
+        apply(text, of_test(&parse(text).0, &graphs, text, catalog))
+    }
+}
+
+/// The edits of the map that a test `set`s, of which each graph that it is about is given.
+fn of_test(test: &Tree, graphs: &[Tree], text: &str, catalog: &Catalog) -> Vec<Splice> {
+    let mut splices = Vec::new();
+    for (_, case) in entries(test.fields().unwrap_or_default(), "cases") {
+        for field in case.fields().unwrap_or_default() {
+            let ("set", Kind::Map(set)) = (&field.name.text[..], &field.value.kind) else {
+                continue;
+            };
+            for (key, value) in set {
+                let Some(target) = key.text() else { continue };
+                let now = |graph| renewed_target(graph, target, value, catalog);
+                let Some((now, renewed)) = graphs.iter().find_map(now) else { continue };
+                if now != target {
+                    splices.push((key.span, quoted(&now)));
+                }
+                written(value, &renewed.value, text, &mut splices);
+            }
+        }
+    }
+    splices
+}

@@ -1,0 +1,45 @@
+//! Nodes that do next to nothing with the regions of a picture: what is tested and measured is the engine.
+
+use maquette::value::{Labels, Points};
+use maquette::{Context, Error, In, Node};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The center of the first component, with a number as its height.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub(crate) struct Center {
+    /// The labels.
+    labels: In<Labels>,
+    /// The height.
+    #[serde(default)]
+    #[schemars(range(max = 3))]
+    rank: u32,
+}
+
+impl Node for Center {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let [x, y] = cx.get(&self.labels).statistics()[0].centroid;
+        Ok((Points::new(vec![Point3::new(x, y, f64::from(self.rank))])?,))
+    }
+}
+
+/// All points, one list after the other.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub(crate) struct Collect {
+    /// The lists.
+    points: Vec<In<Points>>,
+}
+
+impl Node for Collect {
+    type Outputs = (Points,);
+    const OUTPUTS: [&'static str; 1] = ["points"];
+
+    fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
+        let lists = self.points.iter().flat_map(|list| cx.get(list).positions().iter().copied());
+        Ok((Points::new(lists.collect::<Vec<_>>())?,))
+    }
+}

@@ -1,0 +1,121 @@
+//! Values that are put into a graph from outside of it, under names that fields once had: by `--set`, a patch, or an edit.
+
+use std::path::Path;
+
+use maquette::{Catalog, Checked, Files, Graph, Hash, Options, Severity};
+
+use super::migrations::{OLD_NAMES, graph_of_nodes};
+
+fn catalog() -> Catalog {
+    Catalog::new(&[maquette_nodes::PACKS, &[&OLD_NAMES]].concat())
+}
+
+fn options(set: &[(&str, &str)]) -> Options {
+    let set = set.iter().map(|(target, value)| ((*target).into(), (*value).into())).collect();
+    Options { files: Files::Ignored, set, ..Options::default() }
+}
+
+fn identity(checked: Checked) -> Hash {
+    let warned = |it: &maquette::Problem| (it.severity, it.code) == (Severity::Warning, "G032");
+    assert!(checked.problems.iter().all(warned), "{:?}", checked.problems);
+    checked.graph.unwrap().identity()
+}
+
+/// Values as they were put once, and as they are put now.
+const PUTS: [[(&str, &str); 2]; 7] = [
+    [("one.gap", "0.8"), ("one.jump", "8.0")],
+    [("two.step", "0.9"), ("two.jump", "0.9")],
+    [("four.gap", "Expr(\"cm\")"), ("four.jump", "Expr(\"(cm) * 10\")")],
+    [("five.gap.draft", "0.5"), ("five.jump.draft", "5.0")],
+    [("red.how.distance", "9.0"), ("red.select.distance", "9.0")],
+    [("skin.scheme", "Triangles"), ("skin.scheme", "Loop")],
+    [("loop.levels", "2"), ("loop.levels", "2")],
+];
+
+#[test]
+fn a_value_that_is_set_goes_to_the_field_that_it_names_whatever_it_is_called() {
+    let catalog = catalog();
+    let load = |now: bool, set: &[(&str, &str)]| {
+        let text = graph_of_nodes(now);
+        Graph::load_text("graph.ron".as_ref(), text, &catalog, &options(set))
+    };
+    let old = PUTS.map(|put| put[0]);
+    let new = PUTS.map(|put| put[1]);
+    let expected = identity(load(true, &new));
+    assert_ne!(expected, identity(load(true, &[])));
+    for [old, new] in PUTS {
+        assert_eq!(identity(load(true, &[old])), identity(load(true, &[new])), "{old:?}");
+    }
+    for (now, set) in [(true, old), (false, old), (false, new)] {
+        assert_eq!(identity(load(now, &set)), expected, "{now} {set:?}");
+    }
+    let told = load(true, &old).problems;
+    let told = Vec::from_iter(told.iter().map(|it| format!("{} ({})", it.message, it.help)));
+    expect_test::expect![[r#"
+        --set one.gap=0.8: field `gap` of Triangulate is called `step` now (set `one.jump`, with the value as it is now)
+        --set one.gap=0.8: field `step` of Triangulate is called `jump` now (set `one.jump`, with the value as it is now)
+        --set two.step=0.9: field `step` of Triangulate is called `jump` now (set `two.jump`, with the value as it is now)
+        --set four.gap=Expr("cm"): field `gap` of Triangulate is called `step` now (set `four.jump`, with the value as it is now)
+        --set four.gap=Expr("cm"): field `step` of Triangulate is called `jump` now (set `four.jump`, with the value as it is now)
+        --set five.gap.draft=0.5: field `gap` of Triangulate is called `step` now (set `five.jump.draft`, with the value as it is now)
+        --set five.gap.draft=0.5: field `step` of Triangulate is called `jump` now (set `five.jump.draft`, with the value as it is now)
+        --set red.how.distance=9.0: field `how` of Threshold is called `select` now (set `red.select.distance`, with the value as it is now)
+        --set skin.scheme=Triangles: field `scheme` of Subdivide is said otherwise now (set `skin.scheme`, with the value as it is now)"#]].assert_eq(&told.join("\n"));
+}
+
+#[test]
+fn a_patch_means_what_it_meant_whichever_of_both_files_has_the_old_names() {
+    let catalog = catalog();
+    let folder = tempfile::tempdir().unwrap();
+    let old = r##"// Other values.
+Patch(
+    of: "base.ron",
+    nodes: {
+        "one": (gap: 0.8), // cm
+        "four": (gap: Expr("cm")),
+        "red": (how: Close(color: "#000000", distance: 1.0)),
+        "red.how": (distance: 9.0),
+        "skin": (scheme: Triangles, levels: 2),
+    },
+)
+"##;
+    let new = old
+        .replace("gap: 0.8", "jump: 8.0")
+        .replace("gap: Expr(\"cm\")", "jump: Expr(\"(cm) * 10\")")
+        .replace("how: Close", "select: Near")
+        .replace("red.how", "red.select")
+        .replace("Triangles", "Loop");
+    let path = folder.path().join("patch.ron");
+    let load = |now: bool, patch: &str| {
+        std::fs::write(folder.path().join("base.ron"), graph_of_nodes(now)).unwrap();
+        let options = options(&[]);
+        identity(Graph::load_text(&path, patch.to_owned(), &catalog, &options))
+    };
+    let expected = load(true, &new);
+    for (now, patch) in [(true, old), (false, old), (false, &new)] {
+        assert_eq!(load(now, patch), expected, "{now} {patch}");
+        assert_eq!(Graph::migrated(&path, patch, &catalog).unwrap(), new, "{now}");
+    }
+}
+
+#[test]
+fn an_edit_under_an_old_name_changes_the_field_that_it_names() {
+    let catalog = catalog();
+    let edited = |now: bool, target: &str, value: &str| {
+        let (text, set) = (graph_of_nodes(now), [(target.to_owned(), value.to_owned())]);
+        let edited =
+            Graph::edited(Path::new("graph.ron"), &text, &set, &catalog, &options(&[])).unwrap();
+        let line = edited.text.lines().find(|line| line.contains("\"one\":")).unwrap();
+        (line.trim().to_owned(), edited.changes[0].clone())
+    };
+    let expected = r#""one": Triangulate(range: "scan.range", jump: 8.0),"#;
+    for (now, target, value) in
+        [(true, "one.gap", "0.8"), (false, "one.gap", "0.8"), (false, "one.jump", "8.0")]
+    {
+        let (line, put) = edited(now, target, value);
+        assert_eq!(line, expected, "{now} {target}");
+        assert_eq!((&put.target[..], put.before.as_deref()), ("one.jump", Some("6.0")));
+    }
+    // What is not spoken of stays as it is written.
+    assert!(edited(false, "red.how.distance", "9.0").0.contains("Grid("));
+}
