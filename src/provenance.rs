@@ -107,7 +107,12 @@ impl Provenance {
             changes.extend(new.map(|name| format!("{what} `{name}` was not there")));
         }
         if self.made != now.made {
-            changes.push("the graph changed".to_owned());
+            // As many nodes are made of a graph as its data have elements.
+            let is_of_same = (&self.files, &self.inputs) == (&now.files, &now.inputs);
+            changes.push(match is_of_same {
+                true => "the graph changed".into(),
+                false => "the graph changed, or how many elements its data have".into(),
+            });
         }
         changes
     }
@@ -148,5 +153,13 @@ mod tests {
         assert_eq!(told(1.0, "a").changes(&told(1.0, "a")), [""; 0]);
         let expected = ["parameter `growth` was 1.0, now 2.0", "the graph changed"];
         assert_eq!(told(1.0, "a").changes(&told(2.0, "b")), expected);
+        // Other data may have other elements.
+        let files = Sorted::from_iter([("scan.ply".to_owned(), json!("00ff"))]);
+        let other = Provenance { files, ..told(1.0, "b") };
+        let expected = [
+            "file `scan.ply` was not there",
+            "the graph changed, or how many elements its data have",
+        ];
+        assert_eq!(told(1.0, "a").changes(&other), expected);
     }
 }

@@ -1,7 +1,7 @@
 //! How a surface bends, at each vertex.
 
 use maquette::value::Mesh;
-use maquette::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette::{Carry, Context, Error, Fate, In, Node, Progress, Promise};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -78,7 +78,8 @@ impl Node for Curvature {
     const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["color"])];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let bent = curvature(cx.get(&self.mesh), self.method, self.scheme, self.boundary)?;
+        let (mesh, progress) = (cx.get(&self.mesh), cx.progress());
+        let bent = curvature(mesh, self.method, self.scheme, self.boundary, progress)?;
         let unknown = bent.bending.iter().filter(|bending| bending.is_none()).count();
         if 0 < unknown {
             cx.warn(format!("nothing can be told of the curvature at {unknown} vertices, which are marked `unknown`"));
@@ -94,18 +95,19 @@ impl Node for Curvature {
 /// surface consists of, by differences of control points.
 ///
 /// # Errors
-/// If the mesh is not one that the scheme can refine.
+/// If the mesh is not one that the scheme can refine, or the evaluation is told to stop.
 pub fn curvature(
     mesh: &Mesh,
     method: CurvatureMethod,
     scheme: Scheme,
     boundary: Boundary,
+    progress: &Progress<'_>,
 ) -> Result<BentMesh, CurvatureError> {
     if method == CurvatureMethod::Limit {
-        return at_limit::at_limit(mesh, scheme, boundary);
+        return at_limit::at_limit(mesh, scheme, boundary, progress);
     }
     let vertices = Vec::from_iter(0..mesh.positions().len() as u32);
-    let mut bending = discrete::fitted(mesh, &vertices);
+    let mut bending = discrete::fitted(mesh, &vertices, progress)?;
     if method == CurvatureMethod::Mesh {
         let angles = angle_bending(&discrete::triangulated(mesh)?);
         for (bending, angles) in bending.iter_mut().zip(angles) {

@@ -80,24 +80,27 @@ pub fn simplify(
 ) -> Result<Mesh, SimplifyError> {
     let mut net = Net::new(mesh);
     let mut heap = BinaryHeap::new();
-    for edge in net.edges() {
+    for (index, edge) in net.edges().into_iter().enumerate() {
+        if index.is_multiple_of(4096) {
+            progress.check()?;
+        }
         heap.extend(net.collapse(edge));
     }
     let begin = net.n_faces;
     let mut done = 0usize;
     while target < net.n_faces {
         let Some(next) = heap.pop() else { break };
+        done += 1;
+        if done.is_multiple_of(1024) {
+            let share = (begin - net.n_faces) as f64 / (begin - target) as f64;
+            progress.tick(share)?;
+        }
         if !net.is_current(&next) || !net.allows(&next) {
             continue;
         }
         net.apply(&next);
         for neighbor in net.neighbors(next.ends[0]) {
             heap.extend(net.collapse([next.ends[0], neighbor]));
-        }
-        done += 1;
-        if done.is_multiple_of(1024) {
-            let share = (begin - net.n_faces) as f64 / (begin - target) as f64;
-            progress.tick(share)?;
         }
     }
     Ok(net.into_mesh(mesh)?)

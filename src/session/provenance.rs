@@ -26,7 +26,11 @@ impl<'a> Teller<'a> {
         let root = project_root(folder.unwrap_or(Path::new(".")));
         let mut made: Vec<Hash> = Vec::with_capacity(graph.nodes.len());
         for node in graph.nodes.iter() {
-            let mut content = node.recipe.identity.0.to_vec();
+            // What is given at an input is told beside it.
+            let mut content = match node.kind() {
+                INPUT => [INPUT, &node.name].concat().into_bytes(),
+                _ => node.recipe.identity.0.to_vec(),
+            };
             for link in &node.links {
                 content.extend_from_slice(&made[link.node].0);
                 content.extend_from_slice(&(link.output as u64).to_le_bytes());

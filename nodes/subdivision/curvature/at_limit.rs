@@ -4,6 +4,7 @@
 //! differences of them. Elsewhere the limit has no curvature, or none that means anything: it vanishes or grows without bound. There
 //! the surface close by is taken: a quadratic surface through the limit points of the mesh refined three times.
 
+use maquette::Progress;
 use maquette::parallel::*;
 use maquette::value::{Mesh, NearestPlace, TriangleTree};
 use nalgebra::{Point3, Vector3};
@@ -26,6 +27,7 @@ pub(super) fn at_limit(
     mesh: &Mesh,
     scheme: Scheme,
     boundary: Boundary,
+    progress: &Progress<'_>,
 ) -> Result<BentMesh, CurvatureError> {
     if boundary == Boundary::None {
         return Err(CurvatureError::NoBorder);
@@ -33,6 +35,7 @@ pub(super) fn at_limit(
     let (creases, corners) = (Creases::OpenSubdiv, Corners::Linear);
     let how = Subdivision { scheme, levels: 0, limit: false, boundary, creases, corners };
     let limit = Limit::new(&Topology::of(mesh, how))?.apply(mesh)?;
+    progress.check()?;
     let (connectivity, starts) = Connectivity::new(mesh.faces(), mesh.positions().len())?;
     let mut creased = vec![false; starts.len()];
     let sharp = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
@@ -52,7 +55,7 @@ pub(super) fn at_limit(
         regular.into_iter().map(|found| found.and_then(|(u, uu)| Bending::of_derivatives(u, uu))),
     );
     let others = Vec::from_iter((0..starts.len() as u32).filter(|&v| extraordinary[v as usize]));
-    for (&vertex, found) in others.iter().zip(close_by(mesh, &limit, how, &others)?) {
+    for (&vertex, found) in others.iter().zip(close_by(mesh, &limit, how, &others, progress)?) {
         bending[vertex as usize] = found;
     }
     Ok(BentMesh { mesh: limit, bending, extraordinary })
@@ -136,13 +139,18 @@ fn close_by(
     limit: &Mesh,
     how: Subdivision,
     vertices: &[u32],
+    progress: &Progress<'_>,
 ) -> Result<Vec<Option<Bending>>, CurvatureError> {
     if vertices.is_empty() {
         return Ok(Vec::new());
     }
+    progress.check()?;
     let (part, own) = around(mesh, vertices)?;
     let how = Subdivision { levels: LEVELS, limit: true, ..how };
-    let fine = Plan::new(&part, how)?.apply(&part)?;
+    let plan = Plan::new(&part, how)?;
+    progress.check()?;
+    let fine = plan.apply(&part)?;
+    progress.check()?;
     let neighbors = Neighbors::new(&fine.edges(), fine.positions().len());
     let places = Vec::from_iter(vertices.iter().map(|&vertex| limit.positions()[vertex as usize]));
     // The other schemes keep the numbers of vertices when they refine.

@@ -1,5 +1,6 @@
 //! Why a mesh has no curvature.
 
+use maquette::Cancelled;
 use maquette::value::MeshError;
 
 use crate::SubdivideError;
@@ -18,4 +19,7 @@ pub enum CurvatureError {
     /// Places out of all bounds.
     #[error(transparent)]
     Mesh(#[from] MeshError),
+    /// The evaluation was told to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
 }

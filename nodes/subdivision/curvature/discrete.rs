@@ -2,6 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Edges, Faces, Mesh, MeshError};
+use maquette::{Cancelled, Progress};
 use nalgebra::Vector3;
 
 use super::bending::Bending;
@@ -65,7 +66,14 @@ const LEAST: usize = 6;
 
 /// The curvature at some vertices of a mesh by a quadratic surface through the vertices around; none where they do not
 /// determine one.
-pub(super) fn fitted(mesh: &Mesh, vertices: &[u32]) -> Vec<Option<Bending>> {
+///
+/// # Errors
+/// If the evaluation is told to stop.
+pub(super) fn fitted(
+    mesh: &Mesh,
+    vertices: &[u32],
+    progress: &Progress<'_>,
+) -> Result<Vec<Option<Bending>>, Cancelled> {
     let neighbors = Neighbors::new(&mesh.edges(), mesh.positions().len());
     let normals = mesh.vertex_normals();
     let at = |&vertex: &u32| {
@@ -74,5 +82,10 @@ pub(super) fn fitted(mesh: &Mesh, vertices: &[u32]) -> Vec<Option<Bending>> {
         let middle = mesh.positions()[vertex as usize];
         Bending::of_points(middle, normals[vertex as usize], &around)
     };
-    vertices.par_iter().with_min_len(64).map(at).collect()
+    let part = |vertices: &[u32]| {
+        progress.check()?;
+        Ok(Vec::from_iter(vertices.iter().map(at)))
+    };
+    let parts = vertices.par_chunks(256).map(part).collect::<Result<Vec<_>, _>>()?;
+    Ok(parts.concat())
 }

@@ -35,7 +35,8 @@ fn interpolated(data: &Mesh, scheme: Scheme) -> BentMesh {
     let mut options = InterpolateOptions::default();
     options.how.tolerance = 1e-12;
     let control = interpolate(data, scheme, &options, &[], &Progress::none()).unwrap().shape;
-    curvature(&control, CurvatureMethod::Limit, scheme, Boundary::default()).unwrap()
+    curvature(&control, CurvatureMethod::Limit, scheme, Boundary::default(), &Progress::none())
+        .unwrap()
 }
 
 // The table of reference errors on a torus.
@@ -51,8 +52,13 @@ fn curvature_on_a_torus_is_as_near_as_its_reference() {
     let mut before: Option<[[f64; 2]; 4]> = None;
     for (n, by_loop, by_angles, by_catmull_clark, by_doo_sabin) in reference {
         let (triangles, quads) = (torus(n, n / 2, true), torus(n, n / 2, false));
-        let angles =
-            curvature(&triangles, CurvatureMethod::Mesh, Scheme::Loop, Boundary::default());
+        let angles = curvature(
+            &triangles,
+            CurvatureMethod::Mesh,
+            Scheme::Loop,
+            Boundary::default(),
+            &Progress::none(),
+        );
         let found = [
             errors(&triangles, &interpolated(&triangles, Scheme::Loop)),
             errors(&triangles, &angles.unwrap()),
@@ -88,7 +94,14 @@ fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
     });
     let faces = maquette::value::Faces::triangles(faces.collect());
     let tube = Mesh::new((0..n * m).map(at).collect::<Vec<_>>(), faces).unwrap();
-    let bent = curvature(&tube, CurvatureMethod::Limit, Scheme::Loop, Boundary::default()).unwrap();
+    let bent = curvature(
+        &tube,
+        CurvatureMethod::Limit,
+        Scheme::Loop,
+        Boundary::default(),
+        &Progress::none(),
+    )
+    .unwrap();
     let middle = (n * 4) as usize;
     let bending = bent.bending[middle].unwrap();
     let place = bent.mesh.positions()[middle];
@@ -101,12 +114,20 @@ fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
 
     let flat =
         tube.with_positions(tube.positions().iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect());
-    let flat = curvature(&flat.unwrap(), CurvatureMethod::Fit, Scheme::Loop, Boundary::default());
+    let flat = curvature(
+        &flat.unwrap(),
+        CurvatureMethod::Fit,
+        Scheme::Loop,
+        Boundary::default(),
+        &Progress::none(),
+    );
     let known = flat.unwrap().bending.into_iter().flatten();
     assert!(known.map(|bend| bend.mean.abs()).fold(0.0, f64::max) < 1e-9);
 
     for method in [CurvatureMethod::Limit, CurvatureMethod::Mesh, CurvatureMethod::Fit] {
-        let round = curvature(&sphere(3), method, Scheme::Loop, Boundary::default()).unwrap();
+        let round =
+            curvature(&sphere(3), method, Scheme::Loop, Boundary::default(), &Progress::none())
+                .unwrap();
         for bending in round.bending {
             let [k1, k2] = bending.unwrap().principal;
             assert!(k1 >= k2 && k2 > 0.4 && k1 < 1.8, "{method:?} {k1} {k2}");
@@ -119,7 +140,9 @@ fn curvature_scales_and_keeps_its_sign_when_mirrored() {
     let mesh = noisy(&torus(24, 12, true), 0.03);
     for method in [CurvatureMethod::Limit, CurvatureMethod::Mesh, CurvatureMethod::Fit] {
         let bend = |mesh: &Mesh| {
-            curvature(mesh, method, Scheme::Loop, Boundary::default()).unwrap().bending
+            curvature(mesh, method, Scheme::Loop, Boundary::default(), &Progress::none())
+                .unwrap()
+                .bending
         };
         let places = |map: fn(&Point3<f64>) -> Point3<f64>| mesh.positions().iter().map(map);
         let large = mesh.with_positions(places(|p| p * 3.0).collect()).unwrap();
@@ -145,11 +168,24 @@ fn curvature_scales_and_keeps_its_sign_when_mirrored() {
 
 #[test]
 fn polygons_bend_as_their_triangles_and_colors_show_the_sign() {
-    let bent =
-        curvature(&cube(), CurvatureMethod::Mesh, Scheme::Loop, Boundary::default()).unwrap();
+    let bent = curvature(
+        &cube(),
+        CurvatureMethod::Mesh,
+        Scheme::Loop,
+        Boundary::default(),
+        &Progress::none(),
+    )
+    .unwrap();
     assert!(bent.bending.iter().all(|bending| bending.unwrap().gaussian > 0.0));
     let saddle = torus(24, 12, true);
-    let bent = curvature(&saddle, CurvatureMethod::Fit, Scheme::Loop, Boundary::default()).unwrap();
+    let bent = curvature(
+        &saddle,
+        CurvatureMethod::Fit,
+        Scheme::Loop,
+        Boundary::default(),
+        &Progress::none(),
+    )
+    .unwrap();
     let mesh = bent.into_mesh(CurvatureRamp::Gaussian, 0.0).unwrap();
     let colors = mesh.vertex().colors("color").unwrap();
     for (point, &[red, _, blue]) in mesh.positions().iter().zip(colors.iter()) {
@@ -180,7 +216,14 @@ fn extraordinary_vertices_at_any_distance_bend_as_each_alone() {
     let round = torus(48, 24, true);
     let bend = |pairs: &[usize]| {
         let mesh = flipped(&round, pairs);
-        curvature(&mesh, CurvatureMethod::Limit, Scheme::Loop, Boundary::default()).unwrap()
+        curvature(
+            &mesh,
+            CurvatureMethod::Limit,
+            Scheme::Loop,
+            Boundary::default(),
+            &Progress::none(),
+        )
+        .unwrap()
     };
     let alone = bend(&[0]);
     let own: Vec<usize> =
