@@ -1,8 +1,10 @@
 //! The language of graphs, as users of the commands meet it: a file for each row of what it promises.
 
+mod cases;
 mod each;
 mod help;
 mod merging;
+mod messages;
 mod pins;
 mod provenance;
 mod tables;
