@@ -3,6 +3,7 @@
 pub(crate) mod case;
 pub(crate) mod compare;
 mod expect;
+mod fits;
 mod intersect;
 mod looks;
 pub(crate) mod parts;

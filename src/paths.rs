@@ -63,7 +63,8 @@ pub(crate) fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Resul
 
 /// The file in the same folder whose name is nearest.
 fn similar(path: &Path) -> Help {
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = path.parent().filter(|folder| *folder != Path::new(""));
+    let folder = folder.unwrap_or(Path::new("."));
     let Ok(entries) = std::fs::read_dir(folder) else {
         return format!("there is no folder {}", folder.display()).into();
     };

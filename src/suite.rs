@@ -21,12 +21,15 @@ use crate::writing::{Destination, Refused, Sources};
 pub(crate) mod html;
 mod job;
 pub(crate) mod junit;
+mod misfits;
 mod nodes;
 mod orphans;
 mod picture;
+mod shared;
 
 use job::Job;
 use nodes::{changed_lines, changed_warnings};
+pub(crate) use shared::shared;
 
 /// The folder of goldens beside a test file.
 const FOLDER: &str = "goldens";
@@ -217,6 +220,12 @@ impl Report {
         self.cases.iter().map(|case| case.file_seconds).sum()
     }
 
+    /// How many test files could not be run.
+    pub(crate) fn broken_files(&self) -> usize {
+        let files = self.problems.iter().map(|problem| &problem.source.name);
+        BTreeSet::from_iter(files).len()
+    }
+
     pub(crate) fn count(&self, wanted: impl Fn(&Case) -> bool) -> usize {
         self.cases.iter().filter(|case| wanted(case)).count()
     }
@@ -233,6 +242,9 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
             Err(found) => problems.extend(found),
         }
     }
+    let (found, files) = shared(&tests);
+    problems.extend(found);
+    tests.retain(|test| !files.contains(&test.source.name));
     let jobs: Vec<Job<'_>> = tests.iter().flat_map(jobs_of).collect();
     let orphans = match settings.filter {
         None if settings.graphs.is_empty() => orphans::unclaimed(&tests),

@@ -13,6 +13,7 @@ mod sheet;
 mod suggest;
 mod tree;
 mod tree_reader;
+mod twice;
 mod unit;
 
 pub(crate) use expected::Expected;
@@ -30,6 +31,7 @@ pub(crate) use sheet::{Sheet, TextPart};
 pub(crate) use suggest::tests::LOOKS;
 pub(crate) use suggest::{nearest, nearest_or_all, unknown};
 pub(crate) use tree::{Body, Field, Given, Kind, Name, Origin, Tree, cut};
+pub(crate) use twice::{fields_twice, twice};
 pub(crate) use unit::{Quantity, Unit, unit_names};
 
 /// `a Mask`, `an Image`.

@@ -13,8 +13,9 @@ use crate::catalog::Catalog;
 use crate::error::{Place, Problem, Severity, Source, Span, code};
 use crate::format::handles;
 use crate::golden::case;
-use crate::graph::{Checked, Graph, Options};
+use crate::graph::{Graph, InputValues, Options};
 use crate::plain;
+use crate::suite::shared;
 use crate::text::first_word;
 use crate::value::HandleSpace;
 use crate::writing::rewrite;
@@ -63,6 +64,7 @@ impl Check {
             problems.extend(unread.map(|(path, error)| unreadable(&path, &error)));
         }
         let mut counts = [0; 3];
+        let mut tests = Vec::new();
         for path in &files {
             match read(path) {
                 Ok(mut text) => {
@@ -74,11 +76,12 @@ impl Check {
                         }
                     }
                     counts[what as usize] += 1;
-                    problems.extend(self.file(what, path, text, catalog));
+                    problems.extend(self.file(what, path, text, catalog, &mut tests));
                 }
                 Err(error) => problems.push(unreadable(path, &error)),
             }
         }
+        problems.extend(shared(&tests).0);
         // Files that use one another, or are tested by several, show the same problems.
         let mut seen = HashSet::new();
         problems.retain(|problem| {
@@ -128,7 +131,15 @@ impl Check {
         Ok(mended)
     }
 
-    fn file(&self, what: What, path: &Path, text: String, catalog: &Catalog) -> Vec<Problem> {
+    /// The problems of a file; a test file that can be read is put to the `tests`.
+    fn file(
+        &self,
+        what: What,
+        path: &Path,
+        text: String,
+        catalog: &Catalog,
+        tests: &mut Vec<case::TestFile>,
+    ) -> Vec<Problem> {
         match what {
             What::Graph => {
                 let checked = Graph::load_text(path, text, catalog, &self.options.all());
@@ -136,7 +147,11 @@ impl Check {
                 Vec::from_iter(checked.problems.iter().chain(unused).cloned())
             }
             What::Test => match case::read(path, catalog) {
-                Ok(test) => self.test(&test, catalog),
+                Ok(test) => {
+                    let problems = self.test(&test, catalog);
+                    tests.push(test);
+                    problems
+                }
                 Err(problems) => problems,
             },
             What::Handles => {
@@ -149,18 +164,29 @@ impl Check {
         }
     }
 
-    /// The problems of the graphs that a test is about, with what each of its cases sets.
+    /// The problems of the graphs that a test is about, with what each of its cases sets, and what of the test does not fit them.
     fn test(&self, test: &case::TestFile, catalog: &Catalog) -> Vec<Problem> {
-        let case = |graph: &PathBuf, set: &[(String, String)]| -> Checked {
-            let own = self.options.all();
-            let set = own.set.iter().chain(set).cloned().collect();
-            // Tests are judged without pins.
-            Graph::load(graph, catalog, &Options { set, pins: false, ..own })
-        };
-        let cases = test.cases.iter().flat_map(|(_, set)| {
-            test.graphs.iter().flat_map(move |graph| case(graph, &set.set).problems)
-        });
-        cases.collect()
+        let own = self.options.all();
+        let mut problems = Vec::new();
+        for (case, graph) in (0..test.cases.len())
+            .flat_map(|case| test.graphs.iter().map(move |graph| (case, graph)))
+        {
+            let checked = test.loaded(case, |set| {
+                let set = own.set.iter().chain(set).cloned().collect();
+                // Tests are judged without pins.
+                Graph::load(graph, catalog, &Options { set, pins: false, ..own.clone() })
+            });
+            problems.extend(checked.problems);
+            let Some(graph) = checked.graph else { continue };
+            problems.extend(test.wrong_inputs(case, &graph));
+            // Then its outputs are files.
+            let fed = match graph.inputs().is_empty() {
+                true => Ok(graph),
+                false => graph.with_inputs(&InputValues::default(), catalog),
+            };
+            problems.extend(fed.map(|graph| test.misfits(&graph)).unwrap_or_default());
+        }
+        problems
     }
 }
 

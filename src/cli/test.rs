@@ -347,7 +347,7 @@ fn uncommitted(path: &Path) -> Option<String> {
 
 /// Why tests could not run, if some could not.
 fn broken(report: &Report) -> Option<String> {
-    let broken = report.count(|case| case.state == State::Broken) + report.problems.len();
+    let broken = report.count(|case| case.state == State::Broken) + report.broken_files();
     (broken > 0).then(|| format!("{} could not run", counted(broken, "test")))
 }
 
@@ -440,7 +440,7 @@ fn show(result: &Report) {
     }
     let passed = result.count(|case| case.state == State::Passed);
     let skipped = result.count(|case| matches!(case.state, State::Skipped(_)));
-    let failed = result.count(Case::failed) + result.orphans.len() + result.problems.len();
+    let failed = result.count(Case::failed) + result.orphans.len() + result.broken_files();
     let skips = if skipped > 0 { format!(", {skipped} skipped") } else { String::new() };
     let nodes = match result.node_seconds() {
         0.0 => String::new(),

@@ -13,7 +13,7 @@ use crate::error::{Problem, Source, Span, code};
 use crate::graph::Expectation;
 use crate::paths::{MARKER, PathProblem, may_read, project_root};
 use crate::plain;
-use crate::text::{Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, parse, read_tree};
+use crate::text::{Body, Finding, Help, Kind, Tree, Walk, nearest_or_all, parse, read_tree, twice};
 use crate::value::{Meaning, Part, ValueType};
 
 /// The ending of a test file's name.
@@ -71,7 +71,8 @@ pub(crate) struct TestFile {
     pub(crate) graphs: Vec<PathBuf>,
     pub(crate) cases: Vec<(String, TestCase)>,
     pub(crate) compare: Vec<Allowed>,
-    pub(crate) expect: Vec<(Expectation, Span)>,
+    /// What must hold, and where that stands.
+    pub(crate) expect: Vec<(Expectation, Tree)>,
     pub(crate) budget: Budget,
 }
 
@@ -160,15 +161,19 @@ fn read_text(
     fields: &Fields<'_>,
 ) -> Result<TestFile, Vec<Finding>> {
     let (mut tree, mistakes) = parse(&source.text);
-    let mistake = |m: crate::text::Mistake| finding(code::SYNTAX, m.span, m.message, m.help);
+    let begin = "begin with `Test(graph: \"name.ron\")`";
+    let mistake = |m: crate::text::Mistake| match m.span.start {
+        // The only mistake of a text with nothing in it.
+        0 if tree.is_broken() => finding(code::SYNTAX, m.span, m.message, begin),
+        _ => finding(code::SYNTAX, m.span, m.message, m.help),
+    };
     let mut findings: Vec<Finding> = mistakes.into_iter().map(mistake).collect();
     if !findings.is_empty() {
         return Err(findings);
     }
     if tree.name().is_none_or(|name| name.text != "Test") {
         let message = format!("a test file holds Test(..), not {}", tree.in_words());
-        let help = "begin with `Test(graph: \"name.ron\")`";
-        return Err(vec![finding(code::SYNTAX, tree.span, message, help)]);
+        return Err(vec![finding(code::SYNTAX, tree.span, message, begin)]);
     }
     let kinds = take_kinds(&mut tree, fields, &mut findings);
     if let Kind::Call { body: Body::Fields(fields), .. } = &mut tree.kind
@@ -182,7 +187,7 @@ fn read_text(
     let mut walk = Walk {
         node: "Test",
         root: &schema,
-        folder: Path::new(""),
+        sheet: None,
         findings: Vec::new(),
         links: Vec::new(),
         files: Vec::new(),
@@ -190,6 +195,7 @@ fn read_text(
     walk.node(&tree);
     findings.append(&mut walk.findings);
     findings.extend(no_names(&tree));
+    findings.extend(duplicates(&tree));
     if !findings.is_empty() {
         return Err(findings);
     }
@@ -237,7 +243,7 @@ fn read_text(
         ));
     }
     let items = match field(&tree, "expect").map(|tree| &tree.kind) {
-        Some(Kind::List(items)) => Vec::from_iter(items.iter().map(|item| item.span)),
+        Some(Kind::List(items)) => items.clone(),
         _ => Vec::new(),
     };
     let compare = test.compare;
@@ -370,6 +376,21 @@ fn real(folder: &Path) -> PathBuf {
     std::fs::canonicalize(here).unwrap_or_else(|_| here.to_owned())
 }
 
+/// What stands twice where each name stands once; of fields this is known already.
+fn duplicates(tree: &Tree) -> Vec<Finding> {
+    let entries = |tree: &'_ Tree, name: &str| match field(tree, name).map(|tree| &tree.kind) {
+        Some(Kind::Map(entries)) => entries.clone(),
+        _ => Vec::new(),
+    };
+    let cases = entries(tree, "cases");
+    let of_case = |(_, case): &(Tree, Tree)| {
+        [twice(&entries(case, "set"), "value"), twice(&entries(case, "inputs"), "input")].concat()
+    };
+    let of_cases = cases.iter().flat_map(of_case);
+    let compared = twice(&entries(tree, "compare"), "output");
+    twice(&cases, "case").into_iter().chain(of_cases).chain(compared).collect()
+}
+
 /// The graphs that a name with at most one `*` in its last part stands for, sorted; where one lies out of the project, or there is
 /// none, why.
 fn graphs(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PathProblem> {
@@ -428,6 +449,16 @@ pub(crate) fn find(path: &Path) -> Vec<PathBuf> {
     found
 }
 
+/// The test files in a folder itself, sorted.
+pub(crate) fn in_folder(folder: &Path) -> Vec<PathBuf> {
+    let here = if folder == Path::new("") { Path::new(".") } else { folder };
+    let files = std::fs::read_dir(here).into_iter().flatten().flatten();
+    let files = files.map(|file| folder.join(file.file_name()));
+    let mut tests = Vec::from_iter(files.filter(|path| path.to_string_lossy().ends_with(ENDING)));
+    tests.sort();
+    tests
+}
+
 /// The test files that test a graph: beside it, or else in the nearest folder above that has some.
 pub(crate) fn tests_of(graph: &Path) -> Vec<PathBuf> {
     let Ok(wanted) = graph.canonicalize() else { return Vec::new() };
@@ -436,13 +467,8 @@ pub(crate) fn tests_of(graph: &Path) -> Vec<PathBuf> {
         skim(path).is_some_and(tests)
     };
     for folder in graph.ancestors().skip(1) {
-        let here = if folder == Path::new("") { Path::new(".") } else { folder };
-        let files = std::fs::read_dir(here).into_iter().flatten().flatten();
-        let files = files.map(|file| folder.join(file.file_name()));
-        let mut tests: Vec<PathBuf> =
-            files.filter(|path| path.to_string_lossy().ends_with(ENDING)).filter(is_of).collect();
+        let tests = Vec::from_iter(in_folder(folder).into_iter().filter(is_of));
         if !tests.is_empty() {
-            tests.sort();
             return tests;
         }
     }

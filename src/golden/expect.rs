@@ -207,14 +207,7 @@ fn count(
     min: Option<f64>,
     max: Option<f64>,
 ) -> Option<(String, Vec<Point3<f64>>)> {
-    let counts: Vec<(Cow<'static, str>, i64)> = match value.as_mesh() {
-        Some(mesh) => {
-            let loops = [("border loops", looks::border_loops(&mesh) as i64)];
-            let facts = Topology::of(&mesh).facts().into_iter().chain(loops);
-            facts.map(|(name, count)| (name.into(), count)).collect()
-        }
-        None => counts(&value.parts()),
-    };
+    let counts = counted(value);
     let Some(&(_, found)) = counts.iter().find(|(name, _)| *name == what) else {
         let names = Vec::from_iter(counts.iter().map(|(name, _)| &**name)).join(", ");
         let kind = value.kind().name;
@@ -232,7 +225,19 @@ fn count(
         .then(|| (format!("has {found} {what}; wanted are {}", wanted.join(" and ")), Vec::new()))
 }
 
-/// What can be counted of a value: its facts that are counts, without `valid` before them, and the pixels of a mask.
+/// What is counted of a value, and how many there are.
+pub(super) fn counted(value: &AnyValue) -> Vec<(Cow<'static, str>, i64)> {
+    match value.as_mesh() {
+        Some(mesh) => {
+            let loops = [("border loops", looks::border_loops(&mesh) as i64)];
+            let facts = Topology::of(&mesh).facts().into_iter().chain(loops);
+            facts.map(|(name, count)| (name.into(), count)).collect()
+        }
+        None => counts(&value.parts()),
+    }
+}
+
+/// What can be counted of a value that shows no faces: its facts that are counts, without `valid` before them, and the pixels of a mask.
 fn counts(parts: &Parts<'_>) -> Vec<(Cow<'static, str>, i64)> {
     let fact = |fact: &Fact| match (&fact.name, &fact.value) {
         (name, FactValue::Count(count)) => {

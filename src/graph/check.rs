@@ -10,10 +10,11 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use super::definition::{Definition, World};
+use super::definition::{Definition, Port, World};
 use super::draft::{Draft, What};
 use super::expand::expand;
 use super::lineage::Lineage;
+use super::link::Names;
 use super::needs::Needs;
 use super::parameters::Parameters;
 use super::recipe::NodeFile;
@@ -166,6 +167,8 @@ pub(super) struct Check<'w, 'a> {
     pub(super) depth: usize,
     /// The packs that the file says it needs and the program does not have, with their versions.
     pub(super) missing_packs: Vec<String>,
+    /// What stands as a name and cannot be one, of which nothing more is said.
+    pub(super) misnamed: HashSet<String>,
 }
 
 /// What a file says, and what only the first one of a graph gives.
@@ -183,8 +186,8 @@ pub(super) struct Whole {
 
 impl<'w, 'a> Check<'w, 'a> {
     pub(super) fn new(world: &'w mut World<'a>, sheet: Arc<Sheet>, uses: Vec<Use>) -> Self {
-        let (findings, missing_packs) = (Vec::new(), Vec::new());
-        Self { world, sheet, uses, findings, depth: 0, missing_packs }
+        let (findings, missing_packs, misnamed) = (Vec::new(), Vec::new(), HashSet::new());
+        Self { world, sheet, uses, findings, depth: 0, missing_packs, misnamed }
     }
 
     /// Whether the file is that of the graph itself, and not of one that it uses.
@@ -237,7 +240,7 @@ impl<'w, 'a> Check<'w, 'a> {
         }
         let outputs = top.outputs.iter().map(|(_, value)| value);
         self.picks(&mut drafts, &Vec::from_iter(outputs.chain(top.expect)));
-        let names = super::link::Names::new(&drafts, &eaches);
+        let names = Names::new(&drafts, &eaches);
         self.link(&mut drafts, &names);
         self.optional_inputs(&drafts);
         let needs = Self::needs(&drafts);
@@ -248,7 +251,7 @@ impl<'w, 'a> Check<'w, 'a> {
         let is_used = !self.is_first() || top.inputs.is_some();
         let (mut ports, mut outputs, mut undecided) = (Vec::new(), Vec::new(), Vec::new());
         match is_used {
-            true => ports = self.ports(top.outputs, &drafts, &names),
+            true => ports = self.ports_of(top, &drafts, &names),
             false => (outputs, undecided) = self.outputs(top.outputs, &drafts, &names),
         }
         if self.is_first() {
@@ -283,6 +286,25 @@ impl<'w, 'a> Check<'w, 'a> {
             schema,
         };
         Whole { definition, outputs, undecided, is_used, unused }
+    }
+}
+
+impl Check<'_, '_> {
+    /// What the graph gives to who uses it. Names of files say that it is none to be used, which is one mistake.
+    fn ports_of(&mut self, top: &TopLevel<'_>, drafts: &[Draft], names: &Names<'_>) -> Vec<Port> {
+        let known = self.findings.len();
+        let ports = self.ports(top.outputs, drafts, names);
+        let is_file = |finding: &Finding| finding.code == code::BAD_NAME;
+        if top.inputs.is_none() && self.findings[known..].iter().any(is_file) {
+            let mut found = self.findings.split_off(known);
+            found.retain(|finding| !is_file(finding));
+            self.findings.append(&mut found);
+            let span = top.outputs.first().map_or(Span::default(), |(name, _)| name.span);
+            let message = "this graph gives files and has no `inputs`: it is no node of another";
+            let help = "declare `inputs: {..}`, and name its outputs as ports: lower-case letters, digits, hyphens";
+            self.find(code::BAD_NAME, span, message.to_owned(), help);
+        }
+        ports
     }
 }
 

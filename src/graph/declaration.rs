@@ -223,6 +223,7 @@ impl Declaration {
             findings.push(Finding { code, span: at, message, help, note: note.clone() });
         };
         if let Some(x) = out_of_range {
+            let unit = self.unit.as_ref().map_or_else(String::new, |unit| format!(" {unit}"));
             let limits = [
                 self.min.map(|min| format!("at least {min}")),
                 self.max.map(|max| format!("at most {max}")),
@@ -230,7 +231,7 @@ impl Declaration {
             let limits = Vec::from_iter(limits.into_iter().flatten()).join(" and ");
             find(
                 code::OUT_OF_RANGE,
-                format!("parameter `{}` is {x}, but must be {limits}", self.name),
+                format!("parameter `{}` is {x}{unit}, but must be {limits}{unit}", self.name),
                 Help::default(),
             );
             return Tree::new(tree.span, Kind::Broken);

@@ -233,6 +233,10 @@ impl<'a> Check<'_, 'a> {
             drafts.push(Draft::new(name, value.clone(), What::Unknown(None)));
             return None;
         };
+        if !self.carries(&name, value, &repeated, subgraphs) {
+            drafts.push(Draft::new(name, value.clone(), What::Unknown(None)));
+            return None;
+        }
         let Over::List(list) = &repeated.over else {
             self.repeat(name, value, repeated, subgraphs, defaults, drafts);
             return None;

@@ -8,11 +8,12 @@ use serde::Deserialize;
 
 use super::check::load_text;
 use super::migrate::{ready_for, renewed_target, renewed_text};
-use super::{Files, Graph, Options};
+use super::{Files, Graph, Options, patch};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, code};
 use crate::text::{Kind, parse, syntax_problems};
 
+mod part;
 mod place;
 mod references;
 mod splice;
@@ -145,9 +146,15 @@ impl Graph {
         catalog: &Catalog,
         options: &Options,
     ) -> Result<Edited, Vec<Problem>> {
-        let (_, mistakes) = parse(text);
+        let (tree, mistakes) = parse(text);
         if !mistakes.is_empty() {
             return Err(syntax_problems(path, text, mistakes));
+        }
+        // Which of both an edit means is not known.
+        let twice = patch::duplicates(&tree);
+        if !twice.is_empty() {
+            let source = Arc::new(Source { name: path.to_owned(), text: text.to_owned() });
+            return Err(twice.into_iter().map(|finding| finding.at(&source)).collect());
         }
         let judge = Judge { path, catalog, options };
         judge.edited(text, edits)
@@ -259,7 +266,7 @@ impl Judge<'_> {
                     (target, value) = (now, renewed_text(&tree, &put.value, &value));
                 }
                 let text = ready_for(edited.text.clone(), &target, self.catalog);
-                let put = place(&text, &target, &value, false, self.options.draft);
+                let put = self.put(&text, &target, &value);
                 let (splices, before) = put.map_err(|refusal| {
                     let message = format!("{target}={given}: {}", refusal.message);
                     vec![self.refused(&text, Refusal { message, ..refusal })]
@@ -282,7 +289,10 @@ impl Judge<'_> {
         };
         let mut problems = check(Files::Ignored);
         let outside = check(Files::Needed).into_iter();
-        problems.extend(outside.filter(|problem| problem.code == code::OUTSIDE));
+        let outside = Vec::from_iter(
+            outside.filter(|problem| problem.code == code::OUTSIDE && !problems.contains(problem)),
+        );
+        problems.extend(outside);
         problems.retain(|problem| problem.severity == Severity::Error);
         problems
     }

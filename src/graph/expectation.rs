@@ -123,7 +123,7 @@ impl Expectation {
         let mut walk = Walk {
             node: "Graph",
             root: &root,
-            folder: std::path::Path::new(""),
+            sheet: None,
             findings: misfits.clone(),
             links: Vec::new(),
             files: Vec::new(),
@@ -190,18 +190,21 @@ impl Expectation {
     /// The texts in a list of expectations that name values.
     pub(crate) fn value_texts(list: &Tree) -> Vec<&Tree> {
         let Kind::List(items) = &list.kind else { return Vec::new() };
+        items.iter().flat_map(Self::value_texts_of).collect()
+    }
+
+    /// The same in one of them.
+    pub(crate) fn value_texts_of(item: &Tree) -> Vec<&Tree> {
         let mut texts = Vec::new();
-        for item in items {
-            match &item.kind {
-                Kind::Call { body: Body::Items(items), .. } => texts.extend(items),
-                Kind::Call { body: Body::Fields(fields), .. } => {
-                    let names = ["of", "to", "around"];
-                    let values = fields.iter().filter(|f| names.contains(&&f.name.text[..]));
-                    let values = values.map(|field| &field.value);
-                    texts.extend(values.map(|value| value.call_of("Some").unwrap_or(value)));
-                }
-                _ => {}
+        match &item.kind {
+            Kind::Call { body: Body::Items(items), .. } => texts.extend(items),
+            Kind::Call { body: Body::Fields(fields), .. } => {
+                let names = ["of", "to", "around"];
+                let values = fields.iter().filter(|f| names.contains(&&f.name.text[..]));
+                let values = values.map(|field| &field.value);
+                texts.extend(values.map(|value| value.call_of("Some").unwrap_or(value)));
             }
+            _ => {}
         }
         texts.retain(|text| text.text().is_some());
         texts

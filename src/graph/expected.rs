@@ -10,7 +10,7 @@ use super::expectation::Expectation;
 use super::link::Names;
 use super::{Graph, GraphOutput};
 use crate::error::{Place, Problem, Severity, Source, Span, Use, code};
-use crate::text::Tree;
+use crate::text::{Kind, Tree};
 
 /// An expectation in the file that has it, and the drafts and outputs whose values it speaks of; none for one that is not there.
 pub(super) struct Expecting {
@@ -140,6 +140,10 @@ impl Check<'_, '_> {
         let Some(tree) = tree else { return Vec::new() };
         let (expectations, findings) = Expectation::read_all(tree);
         self.findings.extend(findings);
+        let items = match &tree.kind {
+            Kind::List(items) => &items[..],
+            _ => &[],
+        };
         let mut expecting = Vec::new();
         for (expectation, span) in expectations {
             let target = |value: &str| {
@@ -168,7 +172,13 @@ impl Check<'_, '_> {
                     }
                 }
             };
-            let targets = expectation.values().into_iter().map(target).collect();
+            let targets = Vec::from_iter(expectation.values().into_iter().map(target));
+            let kind =
+                |&(node, output): &(usize, usize)| drafts[node].types.get(output).copied()?;
+            let types = targets.iter().map(|target| target.as_ref().and_then(kind));
+            let item = items.iter().find(|item| item.span == span);
+            let fault = item.and_then(|item| expectation.fault(&Vec::from_iter(types), item));
+            self.findings.extend(fault);
             expecting.push(Expecting { expectation, span, targets });
         }
         expecting

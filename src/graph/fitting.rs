@@ -131,7 +131,10 @@ impl Fitting<'_> {
             };
             let whole = value.fract() == 0.0;
             let number = Tree { kind: Kind::Number { value, whole }, ..tree.clone() };
-            let words = format!("`{}({value})`", name.text);
+            // Written out, a number may have hundreds of digits.
+            let number_in_words =
+                if value.abs() < 1e16 { value.to_string() } else { format!("{value:e}") };
+            let words = format!("`{}({number_in_words})`", name.text);
             let note = match &tree.origin {
                 Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
                 _ => None,

@@ -74,6 +74,9 @@ impl<'a> Check<'_, 'a> {
             Some(&Named::Each(index)) => {
                 self.target_in_each(&names.eaches[index], output, span, drafts, names)
             }
+            None if self.misnamed.contains(node) => None,
+            // What is wrong with a `ForEach` says nothing of its elements.
+            None if is_element_of_unknown(node, drafts) => None,
             None => {
                 let help = self.guess(|| {
                     let all = drafts.iter().map(|draft| &draft.name.text[..]);
@@ -397,4 +400,12 @@ impl<'a> Check<'_, 'a> {
         }
         self.find(code::WRONG_TYPE, link.span, message, help);
     }
+}
+
+/// Whether a name is that of an element of what could not be understood.
+fn is_element_of_unknown(name: &str, drafts: &[Draft]) -> bool {
+    let outer = name.split_once('/').map(|(outer, _)| outer);
+    let is_it =
+        |draft: &Draft| outer == Some(&draft.name.text) && matches!(draft.what, What::Unknown(_));
+    drafts.iter().any(is_it)
 }

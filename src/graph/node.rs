@@ -73,24 +73,17 @@ impl Check<'_, '_> {
         };
         let name = what.kind();
         let tree = values.fitted(tree, name, schema, &mut self.findings);
-        let folder = self.sheet.folder_of(tree.span).to_owned();
         let mut walk = Walk {
             node: name,
             root: schema,
-            folder: &folder,
+            sheet: Some(&self.sheet),
             findings: std::mem::take(&mut self.findings),
             links: Vec::new(),
             files: Vec::new(),
         };
         walk.node(&tree);
-        let (links, mut files) = (walk.links, walk.files);
+        let (links, files) = (walk.links, walk.files);
         self.findings = walk.findings;
-        if !self.sheet.parts.is_empty() {
-            // The name of a file may come from a patch.
-            for file in files.iter_mut().filter(|file| file.from.is_none()) {
-                file.resolved = self.sheet.folder_of(file.span).join(&file.given);
-            }
-        }
         Survey { tree, links, files }
     }
 
@@ -168,7 +161,7 @@ impl Check<'_, '_> {
             (Err(PathProblem::Missing { message, help }), _) => (code::MISSING_FILE, message, help),
             (Ok(()), None) => return,
         };
-        let Some(from) = &file.from else { return self.find(code, file.span, message, help) };
+        let Some(from) = &file.from else { return self.find(code, file.at, message, help) };
         // The mistake is where the name stands, not in the graph that was given it.
         let (source, _) = from.sheet.place(from.span);
         let outer = self.uses.iter().position(|at| Arc::ptr_eq(&at.source, &source));
@@ -254,7 +247,14 @@ impl Check<'_, '_> {
             if !known.contains(&name) {
                 let message = format!("--set {target}={text}: the graph has no {what} `{name}`");
                 let inside = name.split_once('/').map(|(outer, _)| outer);
+                let is_repeated = |outer: &&str| {
+                    drafts.iter().any(|it| it.name.text == **outer && it.repeat.is_some())
+                };
                 let help = match inside.filter(|outer| known.contains(outer)) {
+                    Some(outer) if is_repeated(&outer) => format!(
+                        "how many elements `{outer}` has is not known, so that they are not set one by one; all of them: --set {outer}.with.field=VALUE"
+                    )
+                    .into(),
                     Some(outer) => format!(
                         "what is inside of `{outer}` is set by its parameters: --set {outer}.name=VALUE"
                     )

@@ -14,7 +14,9 @@ use super::edit::{Splice, place};
 use super::migrate::{MOST_STEPS, node_steps, renewed_node, renewed_target, renewed_text};
 use crate::catalog::Catalog;
 use crate::error::{Source, Span, code};
-use crate::text::{Body, Field, Finding, Kind, Mistake, Sheet, TextPart, Tree, nearest_or_all};
+use crate::text::{
+    Body, Field, Finding, Kind, Mistake, Sheet, TextPart, Tree, fields_twice, nearest_or_all, twice,
+};
 
 /// The tree of the graph that a patch makes; the patch's own if the other graph is not there, or one of them is wrong.
 pub(super) fn patched_tree(
@@ -42,7 +44,7 @@ impl Check<'_, '_> {
             return None;
         }
         let tree = self.whole_tree(tree, mistakes)?;
-        if tree.name().is_none_or(|name| name.text != "Patch") {
+        if !is_patch(&tree) {
             return Some(tree);
         }
         self.sheet = self.patched(&tree)?;
@@ -62,6 +64,7 @@ impl Check<'_, '_> {
     /// The text of the graph that a patch makes; none if something in the patch or in the other graph's text is wrong.
     fn patched(&mut self, patch: &Tree) -> Option<Arc<Sheet>> {
         let own = self.sheet.clone();
+        self.findings.extend(duplicates(patch));
         let mut of = None;
         let mut puts = Vec::new();
         for field in patch.fields().unwrap_or_default() {
@@ -220,8 +223,29 @@ impl Check<'_, '_> {
         tree?;
         let parts = whole(&sheet);
         let source = Source { name: own.source.name.clone(), text: sheet.source.text.clone() };
-        Some(Arc::new(Sheet { source: Arc::new(source), folder: sheet.folder.clone(), parts }))
+        let (folder, named_folder) = (sheet.folder.clone(), own.folder.clone());
+        Some(Arc::new(Sheet { source: Arc::new(source), folder, named_folder, parts }))
     }
+}
+
+/// Whether a file holds `Patch(..)`.
+pub(super) fn is_patch(tree: &Tree) -> bool {
+    tree.name().is_some_and(|name| name.text == "Patch")
+}
+
+/// What stands twice in a patch, where each name stands once. In a value the check of the patched graph finds it.
+pub(super) fn duplicates(file: &Tree) -> Vec<Finding> {
+    let fields = file.fields().filter(|_| is_patch(file)).unwrap_or_default();
+    let mut found = fields_twice(fields);
+    for field in fields {
+        let Kind::Map(entries) = &field.value.kind else { continue };
+        let what = if field.name.text == "nodes" { "node" } else { "parameter" };
+        found.extend(twice(entries, what));
+        let groups = entries.iter().filter(|_| what == "node");
+        found
+            .extend(groups.flat_map(|(_, group)| fields_twice(group.fields().unwrap_or_default())));
+    }
+    found
 }
 
 /// The parts of a text; the text itself if it has none.
@@ -278,5 +302,6 @@ fn spliced(
     }
     copy(&mut text, &mut parts, copied, old.len());
     let source = Arc::new(Source { name: sheet.source.name.clone(), text });
-    Arc::new(Sheet { source, folder: sheet.folder.clone(), parts })
+    let (folder, named_folder) = (sheet.folder.clone(), sheet.named_folder.clone());
+    Arc::new(Sheet { source, folder, named_folder, parts })
 }

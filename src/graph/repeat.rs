@@ -119,6 +119,32 @@ impl Check<'_, '_> {
         drafts.extend(elements);
     }
 
+    /// Whether the nodes of a `ForEach` have the inputs that are carried; else nothing more is said of them.
+    pub(super) fn carries(
+        &mut self,
+        name: &Name,
+        value: &Tree,
+        repeated: &Repeated,
+        subgraphs: &[Used],
+    ) -> bool {
+        let known = self.findings.len();
+        let what = self.what(&repeated.example(value.span), name, subgraphs);
+        // What is wrong with the type is said of the elements.
+        self.findings.truncate(known);
+        if matches!(what, What::Unknown(_)) {
+            return true;
+        }
+        let ports = Vec::from_iter(what.ports().into_iter().map(|port| port.name));
+        let is_input = |field: &&Field| ports.contains(&field.name.text);
+        for Field { name, .. } in repeated.carry.iter().filter(|field| !is_input(field)) {
+            let message = format!("{} has no input `{}` to carry", what.kind(), name.text);
+            let known = Vec::from_iter(ports.iter().map(String::as_str));
+            let help = self.guess(|| nearest_or_all(&name.text, "its inputs", &known));
+            self.find(code::UNKNOWN_FIELD, name.span, message, help);
+        }
+        self.findings.len() == known
+    }
+
     /// The input that takes an element of data: the one that is named, else the only one that must have a link and has none.
     fn taker(&mut self, draft: &Draft, repeated: &Repeated, link: &Tree) -> Option<Name> {
         let kind = draft.what.kind();

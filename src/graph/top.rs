@@ -158,6 +158,7 @@ impl Check<'_, '_> {
                 let message = format!("`{name}` cannot name {}", with_article(what));
                 let help = "names begin with a lower-case letter; lower-case letters, digits and hyphens follow";
                 self.find(code::BAD_NAME, key.span, message, help);
+                self.misnamed.insert(name.to_owned());
             } else if let Some((first, kind)) = seen.insert(name, (key.span, what)) {
                 let message = format!("there is already {} `{name}`", with_article(kind));
                 self.find(code::BAD_NAME, key.span, message, "give one of them another name");

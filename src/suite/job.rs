@@ -6,13 +6,13 @@ use std::time::Instant;
 use super::nodes::nodes_of;
 use super::orphans::goldens;
 use super::{Case, Compared, State, beside};
-use crate::error::{Problem, Severity, Span, code};
+use crate::error::{Problem, Severity, code};
 use crate::eval::RunTrace;
 use crate::golden::case::{Allowed, TestFile};
 use crate::golden::compare::{Comparison, Measure, Tolerance, Verdict, limit_of, six};
 use crate::golden::parts::GoldenParts;
 use crate::golden::store::{self, Golden, NoGolden, Written};
-use crate::graph::{Expectation, Expected, Graph, GraphOutput, Options};
+use crate::graph::{Expected, Graph, GraphOutput, Options};
 use crate::session::{Finished, Run, Session, Wanted};
 use crate::value::AnyValue;
 use crate::writing::{self, Sources};
@@ -73,7 +73,7 @@ impl Job<'_> {
         };
         match &test_case.skip {
             Some(why) if why.trim().is_empty() => {
-                case.problems.push(self.problem(
+                case.problems.push(self.test.problem(
                     code::WRONG_VALUE,
                     test_case.span,
                     format!("case `{name}` is skipped without a reason"),
@@ -86,11 +86,18 @@ impl Job<'_> {
             }
             None => {}
         }
-        let options = Options { set: test_case.set.clone(), locked, ..Options::default() };
-        let checked = session.load(&self.graph, &options);
+        let options = Options { locked, ..Options::default() };
+        let checked = self.test.loaded(self.case, |set| {
+            session.load(&self.graph, &Options { set: set.to_vec(), ..options.clone() })
+        });
         case.sources = Sources::of_checked(&self.graph, &checked);
         case.problems = checked.problems;
         let Some(graph) = checked.graph else { return case };
+        let wrong = self.test.wrong_inputs(self.case, &graph);
+        if !wrong.is_empty() {
+            case.problems.extend(wrong);
+            return case;
+        }
         let graph = match self.fed(graph, &test_case.inputs, session) {
             Ok(graph) => graph,
             Err(problems) => {
@@ -102,7 +109,7 @@ impl Job<'_> {
         let names = Vec::from_iter(graph.output_names().chain(expected));
         let idle = Run::default();
         let graph = session.resolved_for(&graph, &names, idle.observer, &idle.cancel);
-        case.problems.extend(self.misfits(&graph));
+        case.problems.extend(self.test.misfits(&graph));
         let expectations = self.expectations(&graph);
         let values = expectations.iter().flat_map(|expected| expected.expectation.values());
         let values = values.filter(|name| graph.value_named(name).is_some());
@@ -155,49 +162,11 @@ impl Job<'_> {
         session.fed(&graph, &values)
     }
 
-    fn problem(&self, code: &'static str, span: Span, message: String) -> Problem {
-        Problem::new(Severity::Error, code, (self.test.source.clone(), span), message)
-    }
-
     /// What the test expects, beside the graph itself.
     fn expectations(&self, graph: &Graph) -> Vec<Expected> {
-        // A test of many graphs expects of each what it has.
-        let many = self.test.graphs.len() > 1;
-        let has = |expectation: &Expectation| {
-            !many || expectation.values().iter().all(|value| graph.value_named(value).is_some())
-        };
-        let expected = self.test.expect.iter().filter(|(expectation, _)| has(expectation));
         let source = &self.test.source;
-        expected.map(|(expectation, span)| graph.expecting(expectation, source, *span)).collect()
-    }
-
-    /// Tolerances for outputs that the graph does not have, or that are of another type.
-    fn misfits(&self, graph: &Graph) -> Vec<Problem> {
-        let mut problems = Vec::new();
-        for allowed in &self.test.compare {
-            let Some(output) = graph.outputs.iter().find(|output| output.name == allowed.output)
-            else {
-                if self.test.graphs.len() == 1 {
-                    let names = Vec::from_iter(graph.output_names());
-                    let mut problem = self.problem(
-                        code::UNKNOWN_LINK,
-                        allowed.span,
-                        format!("the graph has no output `{}`", allowed.output),
-                    );
-                    problem.help =
-                        crate::text::nearest_or_all(&allowed.output, "its outputs", &names).into();
-                    problems.push(problem);
-                }
-                continue;
-            };
-            let kind = graph.nodes[output.node].types[output.output];
-            if let Some(kind) = kind.filter(|kind| kind.name != allowed.kind) {
-                let message =
-                    format!("`{}` is a {}, not a {}", allowed.output, kind.name, allowed.kind);
-                problems.push(self.problem(code::WRONG_TYPE, allowed.kind_span, message));
-            }
-        }
-        problems
+        let expected = self.test.expected(graph);
+        expected.map(|(expectation, span)| graph.expecting(expectation, source, span)).collect()
     }
 
     fn allowed(&self, files: &[String]) -> Option<&Allowed> {
@@ -216,6 +185,16 @@ impl Job<'_> {
             graph.outputs.iter().map(|o| (o.node, o.output)).collect();
         places.sort_unstable();
         places.dedup();
+        // A node inside of a use is named by the way to it; its golden is a file beside the others.
+        let name_of = |(node, output): (usize, usize)| {
+            let (name, outputs) = (&graph.nodes[node].name, &graph.nodes[node].outputs);
+            let name = match outputs.len() {
+                1 => name.clone(),
+                _ => format!("{name}.{}", outputs[output]),
+            };
+            name.replace('/', ".")
+        };
+        let named = Vec::from_iter(places.iter().copied().map(name_of));
         let mut compared = Vec::new();
         for (node, output) in places {
             let mine = graph.outputs.iter().filter(|o| (o.node, o.output) == (node, output));
@@ -227,16 +206,25 @@ impl Job<'_> {
             case.file_seconds += start.elapsed().as_secs_f64();
             let tolerance =
                 self.allowed(&names).map(|allowed| allowed.tolerance.clone()).unwrap_or_default();
-            let names_of_node = &graph.nodes[node].outputs;
-            let name = match names_of_node.len() {
-                1 => graph.nodes[node].name.clone(),
-                _ => format!("{}.{}", graph.nodes[node].name, names_of_node[output]),
-            };
-            // A node inside of a use is named by the way to it; its golden is a file beside the others.
-            let name = name.replace('/', ".");
+            let name = self.golden_name(name_of((node, output)), &names, &named);
             compared.push(self.compare(name, names, value, &files, &tolerance));
         }
         compared
+    }
+
+    /// The name of the golden of some outputs: that of the node which gives them, or of the one that did so when it was accepted, if the
+    /// node has another name now.
+    fn golden_name(&self, name: String, outputs: &[String], named: &[String]) -> String {
+        if !matches!(store::read(&self.folder, &name), Err(NoGolden::Missing)) {
+            return name;
+        }
+        let is_of = |golden: &Golden| {
+            outputs.iter().any(|output| golden.line(&format!("file {output}")).is_some())
+        };
+        let mut others = goldens(&self.folder).into_keys().filter(|other| !named.contains(other));
+        let before =
+            others.find(|other| store::read(&self.folder, other).is_ok_and(|it| is_of(&it)));
+        before.unwrap_or(name)
     }
 
     /// The files that a value is written to. This program writes equal values to equal files: what it wrote of one before is
@@ -264,7 +252,7 @@ impl Job<'_> {
                     let message = format!("cannot write `{}`: {error}", output.name);
                     problems.push(Problem {
                         source: finished.graph().source.clone(),
-                        ..self.problem(code::FAILED, output.span, message)
+                        ..self.test.problem(code::FAILED, output.span, message)
                     });
                 }
                 None => complete = false,
@@ -368,7 +356,7 @@ impl Job<'_> {
             if let Some(budget) = budget.filter(|budget| spent > *budget) {
                 let span = self.test.cases[self.case].1.span;
                 let message = format!("{what} {spent:.2} {unit}; the budget is {budget} {unit}");
-                case.problems.push(self.problem(code::EXPECTED, span, message));
+                case.problems.push(self.test.problem(code::EXPECTED, span, message));
             }
         }
     }

@@ -76,12 +76,15 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
         .iter()
         .map(|found| explain(text, span(found.range), &found.message))
         .collect();
-    if let Some(unclosed) = unclosed(text, &document.root()) {
+    // A text or a comment without an end has all of the rest in it, and is told as that below.
+    let is_swallowed = is_swallowed(text);
+    let mut unclosed = unclosed(text, &document.root());
+    if let Some(unclosed) = &unclosed {
         // Whatever the parser finds behind it follows from it.
         mistakes.retain(|mistake| mistake.span.end <= unclosed.span.start);
-        mistakes.push(unclosed);
     }
-    if mistakes.is_empty() {
+    mistakes.extend(unclosed.take_if(|_| !is_swallowed));
+    if mistakes.is_empty() && !is_swallowed {
         mistakes.extend(wrong_separators(&document.root()));
     }
     let is_in_order = mistakes.is_empty();
@@ -117,6 +120,9 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
         mistakes.extend(reader.misplaced);
     }
     mistakes.extend(reader.mistakes);
+    if mistakes.is_empty() {
+        mistakes.extend(unclosed);
+    }
     mistakes.sort_by_key(|mistake| mistake.span);
     (tree, mistakes)
 }
@@ -158,6 +164,22 @@ fn strange_spaces(text: &str) -> Vec<Mistake> {
         mistakes.push(Mistake { span, message: message.into(), help: help.into() });
     }
     mistakes
+}
+
+/// Whether the last piece of a text is a text or a comment without an end.
+fn is_swallowed(text: &str) -> bool {
+    let Some((kind, at)) = raw_tokens(text).last() else { return false };
+    let piece = &text[at.start..at.end];
+    match kind {
+        SyntaxKind::BlockComment => !is_closed(piece),
+        SyntaxKind::String => {
+            let inside = piece.get(1..).and_then(|rest| rest.strip_suffix('"'));
+            let is_escaped =
+                |inside: &str| (inside.len() - inside.trim_end_matches('\\').len()) % 2 == 1;
+            inside.is_none_or(is_escaped)
+        }
+        _ => false,
+    }
 }
 
 /// Whether a comment, in which others may stand, comes to its end.
@@ -421,6 +443,20 @@ mod tests {
         let open = "(".repeat(999);
         let text = format!("// {open}\n(a: \"{open}\", /* {open} */ b: r#\"{open}\"#)");
         assert_eq!(parse(&text).1, []);
+    }
+
+    #[test]
+    fn a_text_or_a_comment_without_an_end_is_one_mistake() {
+        for (text, message) in [
+            ("Graph(doc: \"abc", "this text has an unknown escape or no end"),
+            ("Graph(doc: \"abc\\\"", "this text has an unknown escape or no end"),
+            ("Graph(/* format: 1, nodes: {}", "this comment is never closed"),
+            ("Graph(nodes: {} /* in /* it */", "this comment is never closed"),
+            ("Graph(doc: \"abc\"", "this `(` is never closed"),
+        ] {
+            let told = parse(text).1.into_iter().map(|mistake| mistake.message);
+            assert_eq!(Vec::from_iter(told), [message], "{text}");
+        }
     }
 
     #[test]

@@ -11,9 +11,10 @@ use serde_json::{Map, Value as Json};
 use super::file::parse;
 use super::help::Help;
 use super::ron::ron;
+use super::sheet::Sheet;
 use super::suggest::nearest_or_all;
 use super::tree::{Body, Field, Given, Kind, Name, Origin, Tree};
-use super::with_article;
+use super::{any_of, with_article};
 use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, code};
 use crate::plain::ending;
 use crate::value::Color;
@@ -40,6 +41,8 @@ pub(crate) struct FoundLink {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct FoundFile {
     pub(crate) span: Span,
+    /// Where its name is written in this file, if not there: the default of a parameter.
+    pub(crate) at: Span,
     pub(crate) given: String,
     pub(crate) resolved: PathBuf,
     /// Where its name comes from, if that is another file.
@@ -79,8 +82,8 @@ pub(crate) struct Walk<'a> {
     pub(crate) node: &'a str,
     /// The schema of the node, which holds the definitions that others refer to.
     pub(crate) root: &'a Json,
-    /// The folder that paths are relative to.
-    pub(crate) folder: &'a Path,
+    /// What says which folder paths are relative to; none where there are none.
+    pub(crate) sheet: Option<&'a Sheet>,
     /// What has been found, behind what was known before.
     pub(crate) findings: Vec<Finding>,
     pub(crate) links: Vec<FoundLink>,
@@ -166,7 +169,8 @@ impl Walk<'_> {
         let message =
             format!("field `{field}` of {} wants {wanted}, not {}", self.node, tree.in_words());
         let help = match (&tree.kind, wanted) {
-            (Kind::Text(text), _) if wanted.starts_with("a number") => {
+            // It is written here, and not a parameter's value.
+            (Kind::Text(text), _) if wanted.starts_with("a number") && tree.origin.is_none() => {
                 format!(
                     "parameters take values; for a parameter of the graph write Param(\"{text}\")"
                 )
@@ -216,7 +220,7 @@ impl Walk<'_> {
                 Some(Json::String(wants)) => {
                     let words = format!(
                         "write `{name}: \"node\"` with a node that gives {}",
-                        with_article(wants)
+                        taken(schema.unwrap_or(&Json::Null), wants)
                     );
                     let types = schema.and_then(|schema| schema["types"].as_array());
                     let types = types.into_iter().flatten().filter_map(Json::as_str);
@@ -248,7 +252,7 @@ impl Walk<'_> {
                 if is_parameter { "the value of a parameter".into() } else { tree.in_words() };
             let message = format!("port `{field}` of {} wants a link, not {found}", self.node);
             let help =
-                format!("write the name of a node that gives {}: \"node\"", with_article(&wants));
+                format!("write the name of a node that gives {}: \"node\"", taken(schema, &wants));
             return self.find(code::WRONG_VALUE, tree, message, help);
         };
         let types = schema["types"].as_array().into_iter().flatten();
@@ -406,15 +410,16 @@ impl Walk<'_> {
                 self.find(code::MISSING_FILE, tree, message, "write the path of a file");
             }
             Some("file") => {
-                let from = match &tree.origin {
-                    Some(Origin::Given(given)) => Some(given.clone()),
-                    _ => None,
+                let span = tree.span;
+                let (at, from) = match &tree.origin {
+                    Some(Origin::Given(given)) => (span, Some(given.clone())),
+                    Some(Origin::Default(at)) => (*at, None),
+                    _ => (span, None),
                 };
-                let folder =
-                    from.as_ref().map_or(self.folder, |from| from.sheet.folder_of(from.span));
+                let folder = self.sheet.map_or(Path::new("."), |sheet| sheet.folder_for(tree));
                 let (given, resolved) = (text.to_owned(), folder.join(text));
                 let misfit = self.misfit(schema, text);
-                self.files.push(FoundFile { span: tree.span, given, resolved, from, misfit });
+                self.files.push(FoundFile { span, at, given, resolved, from, misfit });
             }
             _ => {}
         }
@@ -439,6 +444,13 @@ impl Walk<'_> {
     }
 }
 
+/// What a port takes, in words: the types of a union, whose own name is nobody's.
+fn taken(port: &Json, wants: &str) -> String {
+    let types = port["types"].as_array().into_iter().flatten();
+    let types = Vec::from_iter(types.filter_map(Json::as_str).map(with_article));
+    if types.is_empty() { with_article(wants) } else { any_of(types.iter().map(String::as_str)) }
+}
+
 /// The schema behind a reference, with what stands beside the reference on top.
 pub(crate) fn resolve(root: &Json, schema: &Json) -> Json {
     let Some(target) = schema.get("$ref").and_then(Json::as_str) else { return schema.clone() };
@@ -457,7 +469,7 @@ pub(crate) fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<St
     let mut walk = Walk {
         node: "the node",
         root,
-        folder: Path::new("."),
+        sheet: None,
         findings: Vec::new(),
         links: Vec::new(),
         files: Vec::new(),

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::schema::Finding;
+use super::tree::{Given, Origin, Tree};
 use crate::error::{Place, Problem, Source, Span, Use};
 
 /// A text that is checked as one. A patched graph is the graph's text with parts that stand in the patch's file.
@@ -13,6 +14,8 @@ pub(crate) struct Sheet {
     pub(crate) source: Arc<Source>,
     /// The folder that paths in the text are relative to.
     pub(crate) folder: PathBuf,
+    /// The folder of the file that was named, which may be a patch: paths that are set from outside are relative to it.
+    pub(crate) named_folder: PathBuf,
     /// What the text is made of, in order, if it is not one file's.
     pub(crate) parts: Vec<TextPart>,
 }
@@ -30,7 +33,7 @@ pub(crate) struct TextPart {
 
 impl Sheet {
     pub(crate) fn new(source: Arc<Source>, folder: PathBuf) -> Arc<Self> {
-        Arc::new(Self { source, folder, parts: Vec::new() })
+        Arc::new(Self { source, named_folder: folder.clone(), folder, parts: Vec::new() })
     }
 
     fn part(&self, at: usize) -> Option<&TextPart> {
@@ -65,6 +68,17 @@ impl Sheet {
     /// The folder that a path at this place is relative to.
     pub(crate) fn folder_of(&self, span: Span) -> &Path {
         self.part(span.start).map_or(&self.folder, |part| &part.folder)
+    }
+
+    /// The folder that a path is relative to: that of the file in which it is written, wherever it is used.
+    pub(crate) fn folder_for<'a>(&'a self, path: &'a Tree) -> &'a Path {
+        match &path.origin {
+            Some(Origin::Given(Given { sheet, set: Some(_), .. })) => &sheet.named_folder,
+            Some(Origin::Given(Given { sheet, span, set: None })) => sheet.folder_of(*span),
+            Some(Origin::Set(_)) => &self.named_folder,
+            Some(Origin::Default(span)) => self.folder_of(*span),
+            None => self.folder_of(path.span),
+        }
     }
 
     /// A finding as a problem of its file.

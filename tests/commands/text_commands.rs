@@ -121,7 +121,7 @@ fn set_prints_the_text_in_a_dry_run_and_touches_nothing_in_vain() {
     assert_eq!(stdout(&output), DOLL.replace("default: 12.0", "default: 20"));
     let output = maquette(folder.path(), &["set", "doll.ron", "red.invert=true", "growth=99"]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(stderr(&output).contains("parameter `growth` is 99, but must be at least 0"));
+    assert!(stderr(&output).contains("parameter `growth` is 99 mm, but must be at least 0"));
     let output = maquette(folder.path(), &["set", "doll.ron", "skin.levels=3"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("= help: set the parameter: levels=3"), "{}", stderr(&output));

@@ -19,6 +19,7 @@ mod each;
 mod library_expectations;
 mod limits;
 mod minimal;
+mod patches;
 mod promises;
 mod units;
 

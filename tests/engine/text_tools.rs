@@ -386,7 +386,7 @@ fn what_would_make_a_new_problem_is_refused() {
     check(
         "growth",
         "99",
-        expect!["G010 parameter `growth` is 99, but must be at least 0 and at most 40 ()"],
+        expect!["G010 parameter `growth` is 99 mm, but must be at least 0 and at most 40 mm ()"],
     );
     check(
         "raised.steps.0.distance",

@@ -2,6 +2,7 @@
 
 use super::splice::{Splice, added, put_entry};
 use crate::error::{Span, code};
+use crate::graph::patch::is_patch;
 use crate::graph::quality::{self, is_draft, is_side};
 use crate::text::{Body, Field, Kind, Tree, nearest_or_all, parse};
 
@@ -32,7 +33,7 @@ pub(in crate::graph) fn place(
     let side = (!is_draft(&parse(value).0)).then_some(draft);
     let put = |entry: &Tree, steps: &[&str]| in_call(text, entry, steps, value, overrules, side);
     let (tree, _) = parse(text);
-    let is_patch = tree.name().is_some_and(|name| name.text == "Patch");
+    let is_patch = is_patch(&tree);
     let (section, what, name, path) = match target.split_once('.') {
         _ if overrules && target == "doc" => {
             return put(&tree, &["doc"]);
@@ -63,7 +64,9 @@ pub(in crate::graph) fn place(
     }
     let Some((_, entry)) = entry else {
         let known: Vec<&str> = entries.iter().filter_map(|(key, _)| key.text()).collect();
-        let help = nearest_or_all(name, &format!("its {what}s"), &known);
+        let help = element_help(name, path, &entries);
+        let help =
+            help.map_or_else(|| nearest_or_all(name, &format!("its {what}s"), &known), Into::into);
         let message = format!("the graph has no {what} `{name}`");
         return Err(Refusal {
             code: code::UNKNOWN_LINK,
@@ -71,6 +74,21 @@ pub(in crate::graph) fn place(
         });
     };
     put(entry, &Vec::from_iter(path.split('.')))
+}
+
+/// Where to set what an element of a `ForEach` has, which is no node of the file.
+fn element_help(name: &str, path: &str, entries: &[&(Tree, Tree)]) -> Option<String> {
+    let (outer, number) = name.split_once('/')?;
+    let (_, each) = entries.iter().find(|(key, _)| key.text() == Some(outer))?;
+    let each = each.name().filter(|name| name.text == "ForEach").map(|_| each)?;
+    let over = field(each, "over").map(|field| &field.value.kind);
+    let index = number.parse::<usize>().ok().and_then(|number| number.checked_sub(1));
+    Some(match (over, index) {
+        (Some(Kind::List(items)), Some(index)) if index < items.len() => {
+            format!("it is an element of a list: {outer}.over.{index}.{path}=VALUE")
+        }
+        _ => format!("elements have no names in the file; all of them: {outer}.with.{path}=VALUE"),
+    })
 }
 
 /// The same within one value.

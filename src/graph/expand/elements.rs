@@ -1,7 +1,9 @@
 //! The elements of a `ForEach` whose number is known late, in the flat graph.
 
+use std::collections::HashSet;
+
 use super::{Elemental, Expansion, MOST, One, Put, Scope, Target, Values, linked};
-use crate::error::code;
+use crate::error::{Problem, code};
 use crate::graph::definition::Definition;
 use crate::graph::draft::Draft;
 use crate::graph::each::{element_name, numbered};
@@ -66,7 +68,7 @@ impl Expansion<'_, '_> {
         let carried = Vec::from_iter(carried);
         let is_data = data.is_some() && count.is_some();
         let mut elements: Vec<Vec<Target>> = Vec::new();
-        let expected = self.expect.len();
+        let (expected, known) = (self.expect.len(), self.world.problems.len());
         for index in 0..count.unwrap_or(1) {
             if !is_data && self.is_full(definition, draft, scope) {
                 break;
@@ -92,6 +94,11 @@ impl Expansion<'_, '_> {
                 false => self.one(definition, draft, &one, scope, values),
             });
         }
+        // What is wrong at one place is so for each element, whose numbers alone differ.
+        let found = self.world.problems.split_off(known);
+        let mut seen = HashSet::new();
+        let is_new = |it: &Problem| seen.insert((it.source.name.clone(), it.span, it.code));
+        self.world.problems.extend(found.into_iter().filter(is_new));
         let expected = self.expect[expected..].iter_mut();
         expected.for_each(|it| it.is_example |= count.is_none());
         let first = |port: &String| {

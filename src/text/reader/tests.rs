@@ -1,5 +1,3 @@
-use std::path::Path;
-
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
@@ -88,7 +86,7 @@ fn read(text: &str) -> Result<Shape, Vec<String>> {
     let mut walk = Walk {
         node: "Node",
         root: &root,
-        folder: Path::new(""),
+        sheet: None,
         findings: Vec::new(),
         links: Vec::new(),
         files: Vec::new(),

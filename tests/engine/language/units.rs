@@ -221,7 +221,7 @@ fn edits_keep_what_is_written_and_refuse_what_does_not_fit() {
     assert_eq!(Graph::formatted(&path, &edited.text).unwrap(), edited.text);
     let problems = set("px(3)").unwrap_err();
     assert_eq!(problems[0].message, "parameter `growth` is in mm, but `px(3)` is in px");
-    assert!(set("cm(5)").unwrap_err()[0].message.contains("is 50, but must be"));
+    assert!(set("cm(5)").unwrap_err()[0].message.contains("is 50 mm, but must be"));
 }
 
 #[test]
