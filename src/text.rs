@@ -1,5 +1,6 @@
 //! RON text alone: a file's tree with the place of every value, its lossless tokens, and checks of a value against a schema.
 
+mod ends;
 mod expected;
 mod file;
 mod help;
@@ -15,6 +16,7 @@ mod tree;
 mod tree_reader;
 mod unit;
 
+pub(crate) use ends::Ends;
 pub(crate) use expected::Expected;
 pub(crate) use file::{DEEPEST, Mistake, Token, first_word, parse, printed, tokens};
 pub(crate) use help::Help;
