@@ -4,6 +4,7 @@ mod ends;
 mod expected;
 mod file;
 mod help;
+mod marks;
 #[cfg(test)]
 mod peer;
 mod problems;
