@@ -1,8 +1,10 @@
 //! RON text alone: a file's tree with the place of every value, its lossless tokens, and checks of a value against a schema.
 
+mod ends;
 mod expected;
 mod file;
 mod help;
+mod marks;
 #[cfg(test)]
 mod peer;
 mod problems;
@@ -16,6 +18,7 @@ mod tree_reader;
 mod twice;
 mod unit;
 
+pub(crate) use ends::Ends;
 pub(crate) use expected::Expected;
 pub(crate) use file::{DEEPEST, Mistake, Token, first_word, parse, printed, tokens};
 pub(crate) use help::Help;

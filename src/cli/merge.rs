@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::{Exit, eprint, print_document, report};
 use crate::catalog::Catalog;
+use crate::error::Source;
 use crate::graph::{Graph, Merge as Merged};
 use crate::plain;
 use crate::writing::rewrite;
@@ -32,29 +33,34 @@ impl Merge {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
         let path = self.path.as_ref().unwrap_or(&self.ours);
         let mut texts = Vec::new();
-        for file in [&self.base, &self.ours, &self.theirs] {
-            match plain::read_text(file) {
-                Ok(text) => texts.push(text),
+        for (file, side) in [(&self.base, "base"), (&self.ours, "ours"), (&self.theirs, "theirs")] {
+            let text = match plain::read_text(file) {
+                Ok(text) => text,
                 Err(error) => {
                     return Exit::Usage(format!("cannot read {}: {error}", file.display()));
                 }
-            }
+            };
+            // git gives files of a moment, whose names say nothing.
+            let name = match &self.path {
+                Some(path) => format!("{} ({side})", path.display()).into(),
+                None => file.clone(),
+            };
+            texts.push(Source { name, text });
         }
         let merged = Graph::merge(path, [&texts[0], &texts[1], &texts[2]], catalog);
-        let Merged { text, conflicts, problems } = match merged {
-            Ok(merged) => merged,
-            Err(problems) => {
-                report(&problems);
-                return Exit::Usage("what is no graph cannot be merged by what it says".into());
-            }
-        };
+        let Merged { text, conflicts, problems, by_lines } = merged;
         if self.print {
             print_document(&text);
         } else if let Err(error) = rewrite(&self.ours, &text) {
             return Exit::Usage(format!("cannot write {}: {error}", self.ours.display()));
         }
+        let path = path.display();
+        if by_lines {
+            eprint(&format!("{path}: merged line by line, not by what it says\n"));
+        }
         for place in &conflicts {
-            eprint(&format!("{}: both changed {place}, differently\n", path.display()));
+            let place = if place.is_empty() { "it" } else { place };
+            eprint(&format!("{path}: both changed {place}, differently\n"));
         }
         report(&problems);
         if conflicts.is_empty() && problems.is_empty() { Exit::Done } else { Exit::Failed }

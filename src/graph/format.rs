@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use super::Graph;
 use crate::error::{Problem, Severity, Source, Span, code};
-use crate::text::{Token, parse, printed, syntax_problems, tokens};
+use crate::text::{Ends, Token, parse, printed, syntax_problems, tokens};
 
 /// Columns of the longest line that is not broken. The graphs that the form was taken from have nodes of up to 146 columns on
 /// one line; at 120 every fifth of the long ones would become a block of five to ten lines.
@@ -30,15 +30,21 @@ const SHORT: usize = 30;
 impl Graph {
     /// A graph file's text in its canonical form; problems if it cannot be read. `name` is for the problems.
     ///
-    /// Every comment is kept, and the order; the form of a canonical text is the text itself.
+    /// Every comment is kept, and the order; the form of a canonical text is the text itself. Lines end as all of them do in the text;
+    /// with `\n` if they end differently.
     pub fn formatted(name: &Path, text: &str) -> Result<String, Vec<Problem>> {
         let (_, mistakes) = parse(text);
         if !mistakes.is_empty() {
             return Err(syntax_problems(name, text, mistakes));
         }
-        let form = Printer::default().file(&Parts::new(text).file());
-        if inventory(text) == inventory(&form) {
-            return Ok(form);
+        let ends = Ends::of(text);
+        let plain = match ends {
+            Some(Ends::Windows) => text.replace("\r\n", "\n"),
+            _ => text.to_owned(),
+        };
+        let form = Printer::default().file(&Parts::new(&plain).file());
+        if inventory(&plain) == inventory(&form) {
+            return Ok(ends.unwrap_or(Ends::Unix).put(form));
         }
         Err(vec![fault(name, text, "the canonical form")])
     }

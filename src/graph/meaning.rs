@@ -13,6 +13,7 @@ use super::describe::Subgraph;
 use super::expectation::Expectation;
 use super::expression::named_parameters;
 use super::fitting::{declaration_in_own_unit, in_plain_numbers};
+use super::minimal::{EMPTY, is_empty, is_usual_most};
 use super::parameters::is_computed;
 use super::quality::is_draft;
 use crate::catalog::{Catalog, Entry};
@@ -97,7 +98,12 @@ impl Meaning {
             rest.push(Item { name: "type".to_owned(), written: value.clone(), value });
         }
         let is_section = |name: &str| SECTIONS.iter().any(|(section, _)| *section == name);
-        for field in fields.iter().filter(|field| !is_section(&field.name.text)) {
+        let is_said = |field: &&Field| {
+            let name = &field.name.text[..];
+            let is_nothing = EMPTY.contains(&name) && is_empty(&field.value);
+            !is_section(name) && !is_nothing
+        };
+        for field in fields.iter().filter(is_said) {
             let value = match &field.name.text[..] {
                 "expect" => plain(&Expectation::in_plain_numbers(&field.value).0),
                 _ => plain(&field.value),
@@ -113,7 +119,8 @@ impl Meaning {
                 let value = match section {
                     "nodes" => reader.node(value),
                     "outputs" => reader.links(value),
-                    "params" => plain(&declaration_in_own_unit(value, name, &mut Vec::new())),
+                    "params" => declared(&declaration_in_own_unit(value, name, &mut Vec::new())),
+                    "inputs" => declared(value),
                     _ => plain(value),
                 };
                 let count = seen.entry(name).or_default();
@@ -138,6 +145,18 @@ pub(super) fn entries<'t>(
         _ => None,
     });
     entries.flatten().filter_map(|(key, value)| Some((key.text()?, value)))
+}
+
+/// What a declaration says; an empty description says nothing.
+fn declared(tree: &Tree) -> Tree {
+    let mut said = plain(tree);
+    if let Kind::Call { body, .. } = &mut said.kind
+        && let Body::Fields(fields) = body
+    {
+        fields.retain(|field| field.name.text != "doc" || !is_empty(&field.value));
+        *body = sorted(std::mem::take(fields));
+    }
+    said
 }
 
 /// The type of each node; that of an input is empty.
@@ -225,9 +244,8 @@ struct Reading<'a> {
 impl Reading<'_> {
     fn node(&self, tree: &Tree) -> Tree {
         let Some(name) = tree.name() else { return self.links(tree) };
-        let built_in = self.catalog.find(&name.text).map(Entry::schema);
-        let schema = built_in.or_else(|| Some(self.graph(&name.text)?.schema()));
-        match (schema, tree.fields()) {
+        match (self.schema(&name.text), tree.fields()) {
+            (None, Some(fields)) if name.text == "ForEach" => self.each(&name, fields),
             (Some(schema), Some(_)) => {
                 let tree = in_plain_numbers(tree, schema);
                 let fields = tree.fields().unwrap_or_default();
@@ -237,6 +255,51 @@ impl Reading<'_> {
             // A text that names a node is taken for a link where the type is not known.
             _ => self.links(tree),
         }
+    }
+
+    /// Of the type of a node, as far as it is known.
+    fn schema(&self, kind: &str) -> Option<&Json> {
+        let built_in = self.catalog.find(kind).map(Entry::schema);
+        built_in.or_else(|| Some(self.graph(kind)?.schema()))
+    }
+
+    /// A `ForEach`, whose elements are nodes of the type that it names.
+    fn each(&self, name: &Name, fields: &[Field]) -> Tree {
+        let value = |name: &str| fields.iter().find(|it| it.name.text == name).map(|it| &it.value);
+        let schema = value("graph").and_then(Tree::text).and_then(|kind| self.schema(kind));
+        let of_node = |tree: &Tree, kept: &[Field]| match (schema, tree.fields()) {
+            (Some(schema), Some(_)) => {
+                let tree = in_plain_numbers(tree, schema);
+                let fields = tree.fields().unwrap_or_default().iter().filter_map(|field| {
+                    let one = self.fields(std::slice::from_ref(field), schema, schema);
+                    // An element says a default where all others have something else.
+                    let is_kept = kept.iter().any(|it| it.name.text == field.name.text);
+                    match one {
+                        Body::Fields(mut fields) => fields.pop(),
+                        _ => is_kept.then(|| named(&field.name, plain(&field.value))),
+                    }
+                });
+                bare(Kind::Call { name: None, body: sorted(fields.collect()) })
+            }
+            _ => self.links(tree),
+        };
+        let with = value("with").map(|with| of_node(with, &[]));
+        let kept = with.as_ref().and_then(Tree::fields).unwrap_or_default();
+        let said = |field: &Field| {
+            let said = match (&field.name.text[..], &field.value.kind) {
+                ("with", _) => with.clone()?,
+                ("over", Kind::List(elements)) => {
+                    bare(Kind::List(elements.iter().map(|it| of_node(it, kept)).collect()))
+                }
+                _ => self.links(&field.value),
+            };
+            let is_nothing = matches!(&field.name.text[..], "with" | "links" | "carry")
+                && is_empty(&said)
+                || is_usual_most(field);
+            (!is_nothing).then(|| named(&field.name, said))
+        };
+        let body = sorted(fields.iter().filter_map(said).collect());
+        bare(Kind::Call { name: Some(bare_name(name)), body })
     }
 
     fn graph(&self, kind: &str) -> Option<&Subgraph> {

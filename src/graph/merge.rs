@@ -4,30 +4,42 @@
 //! one of them changed is taken; both must have changed the same part, differently, for a conflict. What has another name on one
 //! side gets it everywhere first.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::diff::Change;
 use super::edit::renamed_in;
+use super::minimal::cuts;
 use super::{Difference, Files, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source};
-use crate::text::{Tree, parse, syntax_problems};
+use crate::text::{Ends, Tree, parse, syntax_problems};
 
+mod align;
+mod lines;
+mod notes;
 mod parts;
+mod readings;
 mod sides;
 
+use lines::by_lines;
+use notes::{around, comments, is_amiss};
 use parts::Value;
-use sides::{Merger, RenamedTwice, comments};
+use readings::{entries_of, turned};
+use sides::{Merger, RenamedTwice};
 
 /// What two people's edits of a graph file give.
 #[derive(Clone, Debug)]
 pub struct Merge {
     /// The text, with conflicts marked as git marks them.
     pub text: String,
-    /// Where both changed the same, differently: `nodes.red.select.distance`.
+    /// Where both changed the same, differently: `nodes.red.select.distance`; empty for the whole text.
     pub conflicts: Vec<String>,
-    /// Errors of the new text that neither of both has. Nothing is checked as long as there are conflicts.
+    /// Errors of the new text that neither of both has, which is checked if there are no conflicts; expressions in conflicts that would
+    /// say something else; mistakes in the texts that could not be read.
     pub problems: Vec<Problem>,
+    /// Whether lines were merged, as git does, because a text cannot be read, or comments cannot be put where they belong.
+    pub by_lines: bool,
 }
 
 /// What was renamed: the section, the old name, and the new one.
@@ -36,42 +48,37 @@ type Renamed = (&'static str, String, String);
 impl Graph {
     /// What `ours` and `theirs` have made of `base`, as one text. `path` is where the file belongs, for the graphs that it uses.
     ///
-    /// Names, comments and the form of our text stay; what they changed and added is as they wrote it.
-    ///
-    /// # Errors
-    /// The mistakes in the texts, if one of them is no RON.
-    pub fn merge(
-        path: &Path,
-        [base, ours, theirs]: [&str; 3],
-        catalog: &Catalog,
-    ) -> Result<Merge, Vec<Problem>> {
-        let mut mistakes = Vec::new();
-        for text in [base, ours, theirs] {
-            mistakes.extend(syntax_problems(path, text, parse(text).1));
-        }
-        if !mistakes.is_empty() {
-            return Err(mistakes);
-        }
+    /// Names, comments and the form of our text stay; what they changed and added is as they wrote it. If one of the texts is no RON,
+    /// lines are merged.
+    pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog) -> Merge {
         let named = Named { path, catalog };
-        let (texts, renamed_twice) = named.same_names([base, ours, theirs])?;
-        let trees = texts.each_ref().map(|text| parse(text).0);
-        let [before, left, right] = [0, 1, 2].map(|k| Value { text: &texts[k], tree: &trees[k] });
-        let mut merger = Merger { renamed_twice: &renamed_twice, conflicts: Vec::new() };
-        let whole = merger.whole(before, left, right);
-        let around = |part: fn(&str, &Tree) -> String| {
-            let [base, ours, theirs] = [0, 1, 2].map(|k| part(&texts[k], &trees[k]));
-            comments(&base, &ours, &theirs)
+        let texts = [base, ours, theirs].map(|source| &source.text[..]);
+        let ends = match Ends::of(texts[0]) == Ends::of(texts[1]) {
+            true => Ends::of(texts[2]),
+            false => Ends::of(texts[1]),
         };
-        let above = around(|text, tree| text[..tree.span.start].to_owned());
-        let below = around(|text, tree| text[tree.span.end..].to_owned());
-        let text = format!("{above}{whole}{below}");
-        let mut conflicts = merger.conflicts;
-        conflicts.dedup();
-        let problems = match conflicts.is_empty() {
-            true => named.new_problems(&text, [ours, theirs]),
-            false => Vec::new(),
+        let own = |text: &str| match ends {
+            Some(_) => text.replace("\r\n", "\n"),
+            None => text.to_owned(),
         };
-        Ok(Merge { text, conflicts, problems })
+        let texts = texts.map(own);
+        let texts = texts.each_ref().map(|text| &text[..]);
+        let mut mistakes = Vec::new();
+        for source in [ours, theirs] {
+            mistakes.extend(syntax_problems(&source.name, &source.text, parse(&source.text).1));
+        }
+        let mut merged = match named.by_meaning(texts) {
+            Some(merged) if mistakes.is_empty() => merged,
+            _ => by_lines(texts, mistakes),
+        };
+        if let Some(ends) = ends {
+            merged.text = ends.put(merged.text);
+        }
+        if merged.conflicts.is_empty() && merged.problems.is_empty() {
+            merged.problems =
+                named.new_problems(&merged.text, [ours, theirs].map(|it| &it.text[..]));
+        }
+        merged
     }
 }
 
@@ -83,6 +90,61 @@ struct Named<'a> {
 }
 
 impl Named<'_> {
+    /// The texts as one by what they say; none if one of them cannot be read. The result is not checked yet.
+    fn by_meaning(self, texts: [&str; 3]) -> Option<Merge> {
+        if texts.iter().any(|text| !parse(text).1.is_empty()) {
+            return None;
+        }
+        let (same, twice) = self.same_names(texts).ok()?;
+        let texts = same.each_ref().map(|text| &text[..]);
+        let (mut text, mut conflicts) = self.put_together(texts, &twice, &BTreeSet::new());
+        let mut problems = Vec::new();
+        if conflicts.is_empty() {
+            let trees = texts.map(|text| parse(text).0);
+            let turned = turned(trees.each_ref(), &parse(&text).0);
+            if !turned.is_empty() {
+                (text, conflicts) = self.put_together(texts, &twice, &entries_of(&turned));
+                problems = turned.iter().map(|it| it.problem(self.path, &text)).collect();
+            }
+        }
+        if is_amiss(texts, &text, !conflicts.is_empty()) {
+            return Some(by_lines(texts, problems));
+        }
+        Some(Merge { text, conflicts, problems, by_lines: false })
+    }
+
+    /// The texts, which have the same names, as one, and where both do not agree. Some entries are kept apart in any case.
+    fn put_together(
+        self,
+        texts: [&str; 3],
+        renamed_twice: &[RenamedTwice],
+        kept_apart: &BTreeSet<String>,
+    ) -> (String, Vec<String>) {
+        let trees = texts.map(|text| parse(text).0);
+        let defaults = texts.map(|text| self.defaults(text));
+        let [before, left, right] =
+            [0, 1, 2].map(|k| Value { text: texts[k], tree: &trees[k], defaults: &defaults[k] });
+        let known = BTreeSet::from_iter(comments(texts[0]));
+        let mut merger = Merger { renamed_twice, kept_apart, known, conflicts: Vec::new() };
+        let whole = merger.whole(before, left, right);
+        let outside = |part: fn(&str, &Tree) -> String| {
+            let [base, ours, theirs] = [0, 1, 2].map(|k| part(texts[k], &trees[k]));
+            around(&base, &ours, &theirs)
+        };
+        let above = outside(|text, tree| text[..tree.span.start].to_owned());
+        let below = outside(|text, tree| text[tree.span.end..].to_owned());
+        let mut conflicts = merger.conflicts;
+        conflicts.dedup();
+        (format!("{above}{whole}{below}"), conflicts)
+    }
+
+    /// Where the fields of a text begin that would say the same if they were left out.
+    fn defaults(self, text: &str) -> BTreeSet<usize> {
+        let options = Options { files: Files::Ignored, ..Options::default() };
+        let cuts = cuts(self.path, text, self.catalog, &options);
+        cuts.into_iter().map(|cut| cut.start).collect()
+    }
+
     /// The three texts with the new names of what one of both has renamed, and what both have, differently.
     fn same_names(
         self,

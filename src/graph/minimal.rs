@@ -9,10 +9,14 @@ use super::check::{first, load_text};
 use super::fitting::in_plain_numbers;
 use super::format::fault;
 use super::meaning::{entries, is_default, named_node};
+use super::repeat::MOST;
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Span};
 use crate::text::{Body, Expected, Field, Kind, Token, Tree, parse, tokens};
+
+/// The fields of a graph that say nothing if there is nothing in them.
+pub(super) const EMPTY: [&str; 5] = ["doc", "packs", "use", "params", "expect"];
 
 impl Graph {
     /// A graph file's text in its canonical form, without values that are their defaults. Every comment is kept. What is no graph of its
@@ -55,7 +59,7 @@ impl Graph {
 }
 
 /// The fields that can be left out, by the places of their names and values.
-fn cuts(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Vec<Span> {
+pub(super) fn cuts(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Vec<Span> {
     let (tree, _) = parse(text);
     let is_graph = tree.name().is_some_and(|name| name.text == "Graph");
     let (_, whole) = first(path, text.to_owned(), catalog, options);
@@ -66,7 +70,7 @@ fn cuts(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Vec<Sp
     let schemas: HashMap<&str, &Json> = schemas.collect();
     let mut search = Search { catalog, cuts: Vec::new() };
     let fields = tree.fields().unwrap_or_default();
-    search.empty(fields, &["doc", "use", "params", "expect"]);
+    search.empty(fields, &EMPTY);
     for (_, declaration) in ["inputs", "params"].into_iter().flat_map(|it| entries(fields, it)) {
         search.empty(declaration.fields().unwrap_or_default(), &["doc"]);
     }
@@ -93,14 +97,7 @@ impl Search<'_> {
     /// Those of the fields with these names that hold nothing.
     fn empty(&mut self, fields: &[Field], names: &[&str]) {
         for field in fields.iter().filter(|field| names.contains(&&field.name.text[..])) {
-            let is_empty = match &field.value.kind {
-                Kind::Text(text) => text.is_empty(),
-                Kind::List(items) => items.is_empty(),
-                Kind::Map(entries) => entries.is_empty(),
-                Kind::Call { name: None, body } => *body == Body::Empty,
-                _ => false,
-            };
-            if is_empty {
+            if is_empty(&field.value) {
                 self.cut(field);
             }
         }
@@ -176,6 +173,7 @@ impl Search<'_> {
             field.map(|field| in_plain_numbers(&field.value, schema))
         };
         self.empty(fields, &["with", "links", "carry"]);
+        fields.iter().filter(|field| is_usual_most(field)).for_each(|field| self.cut(field));
         let with = group("with");
         let with = with.as_ref().and_then(Tree::fields).unwrap_or_default();
         self.fields(with, &expected, |_| false);
@@ -193,26 +191,51 @@ impl Search<'_> {
     }
 }
 
-/// The text without these fields and the commas behind them, but with the comments in them.
+/// Whether a value holds nothing.
+pub(super) fn is_empty(value: &Tree) -> bool {
+    match &value.kind {
+        Kind::Text(text) => text.is_empty(),
+        Kind::List(items) => items.is_empty(),
+        Kind::Map(entries) => entries.is_empty(),
+        Kind::Call { name: None, body } => *body == Body::Empty,
+        _ => false,
+    }
+}
+
+/// Whether a field of a `ForEach` says what most of its elements may be where it does not say it.
+pub(super) fn is_usual_most(field: &Field) -> bool {
+    let is_usual = matches!(&field.value.kind, Kind::Number { value, .. } if *value == MOST as f64);
+    field.name.text == "most" && is_usual
+}
+
+/// The text without these fields, the commas behind them and their lines, but with the comments in them.
 fn without(text: &str, cuts: &[Span]) -> String {
     let mut result = String::with_capacity(text.len());
-    // Whether a field has just ended whose comma goes along.
-    let mut is_behind = false;
+    // Whether a field has just ended whose comma goes along, and whether its line is still empty.
+    let (mut is_behind, mut is_blank) = (false, false);
     for (token, span) in tokens(text) {
         let word = &text[span.start..span.end];
         let is_cut = cuts.iter().any(|cut| cut.start <= span.start && span.end <= cut.end);
         match token {
             Token::LineComment | Token::BlockComment => {
+                is_blank = false;
                 result.push_str(word);
                 if token == Token::LineComment && is_cut {
                     result.push('\n');
                 }
             }
-            _ if is_cut => is_behind = true,
-            Token::Space => result.push_str(word),
+            _ if is_cut => {
+                is_blank |= !is_behind && result.trim_end_matches(' ').ends_with('\n');
+                is_behind = true;
+            }
+            Token::Space => {
+                let rest = word.split_once('\n').filter(|_| is_blank);
+                is_blank &= rest.is_none();
+                result.push_str(rest.map_or(word, |(_, rest)| rest));
+            }
             Token::Comma if is_behind => is_behind = false,
             _ => {
-                is_behind = false;
+                (is_behind, is_blank) = (false, false);
                 result.push_str(word);
             }
         }

@@ -13,7 +13,7 @@ use crate::error::code;
 use crate::text::{Body, Field, Kind, Name, Tree, nearest_or_all};
 
 /// A `ForEach` has no more elements than this, unless it says so.
-const MOST: usize = 10_000;
+pub(super) const MOST: usize = 10_000;
 
 /// How a draft is repeated whose number is no matter of its file.
 pub(super) struct Repeat {

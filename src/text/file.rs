@@ -7,6 +7,7 @@ use ronin_core::lexer::tokenize;
 use ronin_core::{SyntaxKind, SyntaxNode, TextRange};
 
 use super::help::Help;
+use super::marks::conflict_marks;
 use super::tree::{Kind, Tree, cut};
 use super::tree_reader::{TreeReader, is_value};
 use crate::error::{Place, Span};
@@ -24,7 +25,7 @@ pub(crate) struct Mistake {
 pub(crate) const DEEPEST: usize = 128;
 
 /// The tokens of a text in order, none left out, each with its place. Nothing in it is nested, so that any text will do.
-fn raw_tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)> + '_ {
+pub(super) fn raw_tokens(text: &str) -> impl Iterator<Item = (SyntaxKind, Span)> + '_ {
     let mut end = 0;
     tokenize(text).into_iter().map(move |token| {
         let start = end;
@@ -122,6 +123,12 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
     mistakes.extend(reader.mistakes);
     if mistakes.is_empty() {
         mistakes.extend(unclosed);
+    }
+    // Whatever else is wrong follows from them.
+    if !mistakes.is_empty()
+        && let Some(marks) = conflict_marks(text)
+    {
+        return (Tree::new(Span::default(), Kind::Broken), vec![marks]);
     }
     mistakes.sort_by_key(|mistake| mistake.span);
     (tree, mistakes)

@@ -50,7 +50,10 @@ fn each_fix_makes_its_problem_go_away_and_brings_no_other() {
             let now = problems(path, &fixed, &catalog);
             let mut expected = told(&before);
             *expected.get_mut(&(problem.code, &problem.message[..])).unwrap() -= 1;
-            for (what, count) in told(&now) {
+            // Of a node whose type was not known nobody could say what it lacks.
+            let was_hidden = |problem: &&Problem| problem.code == "G005";
+            let shown = now.iter().filter(|it| problem.code != "G003" || !was_hidden(it));
+            for (what, count) in told(&Vec::from_iter(shown.cloned())) {
                 let before = expected.get(&what).copied().unwrap_or_default();
                 let name = path.display();
                 assert!(count <= before, "{name}: {}: {what:?}\n{fixed}", problem.message);

@@ -1,5 +1,8 @@
 //! A value of a text as the parts that it is made of, each with what stands around it, and parts put together again.
 
+use std::collections::BTreeSet;
+
+use super::notes::is_open;
 use crate::graph::edit::{opened, parts as places};
 use crate::graph::meaning::{plain, show};
 use crate::text::{Body, Kind, Token, Tree, tokens};
@@ -9,6 +12,8 @@ use crate::text::{Body, Kind, Token, Tree, tokens};
 pub(super) struct Value<'t> {
     pub(super) text: &'t str,
     pub(super) tree: &'t Tree,
+    /// Where the fields begin that would say the same if they were left out.
+    pub(super) defaults: &'t BTreeSet<usize>,
 }
 
 impl<'t> Value<'t> {
@@ -19,7 +24,44 @@ impl<'t> Value<'t> {
 
     /// Whether both say the same.
     pub(super) fn says(self, other: Self) -> bool {
-        plain(self.tree) == plain(other.tree)
+        self.said() == other.said()
+    }
+
+    /// What it says, without values that would be the same if they were left out.
+    fn said(self) -> Tree {
+        let mut tree = self.tree.clone();
+        leave_out(&mut tree, self.defaults);
+        plain(&tree)
+    }
+
+    /// The items of a list or a tuple.
+    fn items(self) -> Option<&'t [Tree]> {
+        match &self.tree.kind {
+            Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => Some(items),
+            _ => None,
+        }
+    }
+
+    /// What each item of a list or a tuple says.
+    pub(super) fn said_by_items(self) -> Option<Vec<String>> {
+        let said = |item| show(&Self { tree: item, ..self }.said());
+        Some(self.items()?.iter().map(said).collect())
+    }
+}
+
+fn leave_out(tree: &mut Tree, defaults: &BTreeSet<usize>) {
+    match &mut tree.kind {
+        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
+            items.iter_mut().for_each(|item| leave_out(item, defaults));
+        }
+        Kind::Call { body: Body::Fields(fields), .. } => {
+            fields.retain(|field| !defaults.contains(&field.name.span.start));
+            fields.iter_mut().for_each(|field| leave_out(&mut field.value, defaults));
+        }
+        Kind::Map(entries) => {
+            entries.iter_mut().for_each(|(_, value)| leave_out(value, defaults));
+        }
+        _ => {}
     }
 }
 
@@ -32,6 +74,20 @@ pub(super) struct Part<'t> {
     pub(super) name: &'t str,
     pub(super) value: Value<'t>,
     pub(super) behind: Behind<'t>,
+    /// Whether it would say the same if it were left out.
+    pub(super) is_default: bool,
+}
+
+impl Part<'_> {
+    /// It as it is written.
+    pub(super) fn piece(&self) -> Piece {
+        Piece {
+            before: self.before.to_owned(),
+            own: format!("{}{}", self.name, self.value.written()),
+            comma: self.behind.comma.to_owned(),
+            line: self.behind.line.to_owned(),
+        }
+    }
 }
 
 /// What belongs to a part behind it: what stands before its comma, and the comment on its line.
@@ -41,22 +97,21 @@ pub(super) struct Behind<'t> {
     pub(super) line: &'t str,
 }
 
-/// A value that is made of parts with names.
+/// A value that is made of parts.
 pub(super) struct Parts<'t> {
     /// The text up to and with the bracket.
     pub(super) open: &'t str,
     pub(super) all: Vec<(String, Part<'t>)>,
-    /// The text behind the last part.
+    /// The text behind the last part, with the bracket.
     pub(super) close: &'t str,
     /// Whether a comma follows the last part.
     pub(super) comma: bool,
 }
 
 impl<'t> Parts<'t> {
-    /// The parts of a map or of a call with fields, whose names are all different; of a list, by what its items say.
+    /// The parts of a map or of a call with fields, whose names are all different; with `lists`, of a list by what its items say.
     pub(super) fn of(value: Value<'t>, lists: bool) -> Option<Self> {
-        let Value { text, tree } = value;
-        let named: Vec<(String, &Tree)> = match &tree.kind {
+        let named: Vec<(String, &Tree)> = match &value.tree.kind {
             Kind::Map(entries) => {
                 let entry = |(key, value): &'t (Tree, Tree)| Some((key.text()?.to_owned(), value));
                 entries.iter().map(entry).collect::<Option<_>>()?
@@ -76,6 +131,17 @@ impl<'t> Parts<'t> {
         if named.iter().enumerate().any(is_twice) {
             return None;
         }
+        Some(Self::named(value, named))
+    }
+
+    /// The items of a list or a tuple, under these names.
+    pub(super) fn numbered(value: Value<'t>, names: Vec<String>) -> Option<Self> {
+        let items = value.items()?;
+        Some(Self::named(value, names.into_iter().zip(items).collect()))
+    }
+
+    fn named(value: Value<'t>, named: Vec<(String, &'t Tree)>) -> Self {
+        let Value { text, tree, defaults } = value;
         let start = opened(text, tree.span);
         let (mut at, mut comma, mut before) = (start, false, "");
         let mut all: Vec<(String, Part<'_>)> = Vec::with_capacity(named.len());
@@ -93,13 +159,14 @@ impl<'t> Parts<'t> {
             }
             let (Some(place), Some((key, value))) = (place, named.next()) else { break };
             let name = &text[place.start..value.span.start];
-            let value = Value { text, tree: value };
-            all.push((key, Part { before, name, value, behind: Behind::default() }));
+            let is_default = !name.is_empty() && defaults.contains(&place.start);
+            let value = Value { text, tree: value, defaults };
+            all.push((key, Part { before, name, value, behind: Behind::default(), is_default }));
             at = place.end;
         }
         let rest = before.len() + 1;
         let close = &text[tree.span.end - rest..tree.span.end];
-        Some(Self { open: &text[tree.span.start..start], all, close, comma })
+        Self { open: &text[tree.span.start..start], all, close, comma }
     }
 
     pub(super) fn get(&self, key: &str) -> Option<Part<'t>> {
@@ -154,11 +221,14 @@ pub(super) enum Merged {
     Conflict(Option<Piece>, Option<Piece>),
 }
 
-/// Parts put together, as the value that they were made of stands on one line or on several.
-pub(super) fn put_together(parts: &Parts<'_>, pieces: &[Merged]) -> String {
-    let mut text = parts.open.to_owned();
+/// Parts put together between `open` and `close`, as the value that they were made of stands on one line or on several.
+pub(super) fn put_together(
+    parts: &Parts<'_>,
+    (open, close): &(String, String),
+    pieces: &[Merged],
+) -> String {
+    let mut writer = Writer { text: open.clone(), must_end: is_open(open) };
     let first = parts.all.first().map_or("", |(_, part)| part.before);
-    let mut on_new_line = false;
     for (index, piece) in pieces.iter().enumerate() {
         let is_last = index + 1 == pieces.len();
         match piece {
@@ -169,35 +239,50 @@ pub(super) fn put_together(parts: &Parts<'_>, pieces: &[Merged]) -> String {
                     (true, 1..) => " ",
                     _ => &piece.before,
                 };
-                if on_new_line && !before.starts_with(['\n', '\r']) {
-                    text.push('\n');
-                }
-                text += before;
-                text += &piece.own;
-                text += &piece.comma;
+                writer.put(before);
+                writer.put(&piece.own);
+                writer.put(&piece.comma);
                 if !is_last || parts.comma {
-                    text.push(',');
+                    writer.put(",");
                 }
-                text += &piece.line;
-                on_new_line = false;
+                writer.put(&piece.line);
             }
             Merged::Conflict(ours, theirs) => {
                 let before = ours.as_ref().or(theirs.as_ref()).map_or("", |piece| &piece.before);
                 let (above, indent) = before.rsplit_once('\n').unwrap_or(("", before));
                 let side = |piece: &Option<Piece>| match piece {
                     Some(Piece { own, comma, line, .. }) => {
-                        format!("{indent}{own}{comma},{line}\n")
+                        let end = if is_open(comma) { "\n" } else { "" };
+                        format!("{indent}{own}{comma}{end},{line}\n")
                     }
                     None => String::new(),
                 };
                 let (ours, theirs) = (side(ours), side(theirs));
-                text += &format!("{above}\n<<<<<<< ours\n{ours}=======\n{theirs}>>>>>>> theirs");
-                on_new_line = true;
+                writer.put(above);
+                writer.text += &format!("\n<<<<<<< ours\n{ours}=======\n{theirs}>>>>>>> theirs");
+                writer.must_end = true;
             }
         }
     }
-    if on_new_line && !parts.close.starts_with(['\n', '\r']) {
-        text.push('\n');
+    writer.put(close);
+    writer.text
+}
+
+/// Writes a text piece by piece. Behind a comment that runs to the end of its line, and behind a mark, comes a new line.
+struct Writer {
+    text: String,
+    must_end: bool,
+}
+
+impl Writer {
+    fn put(&mut self, piece: &str) {
+        if piece.is_empty() {
+            return;
+        }
+        if self.must_end && !piece.starts_with(['\n', '\r']) {
+            self.text.push('\n');
+        }
+        self.text += piece;
+        self.must_end = is_open(piece);
     }
-    text + parts.close
 }

@@ -112,5 +112,36 @@ fn the_result_is_written_into_ours_or_printed_and_the_exit_code_says_how_it_went
     let told = String::from_utf8(conflict.stderr).unwrap();
     assert_eq!(told, "ours.ron: both changed params.size.default, differently\n");
     put("theirs.ron", "Graph(");
-    assert_eq!(project.maquette(&words).status.code(), Some(2));
+    let broken = project.maquette(&words);
+    assert_eq!(broken.status.code(), Some(1));
+    let told = String::from_utf8(broken.stderr).unwrap();
+    assert!(told.contains("--> theirs.ron:1:6") && told.contains("merged line by line"), "{told}");
+}
+
+#[test]
+fn git_keeps_both_sides_where_what_they_say_cannot_be_merged() {
+    let broken = BASE.replace("(1.0, 1.0, 1.0)", "(3.0");
+    let (text, is_content) = merged(&BASE.replace("(1.0, 1.0, 1.0)", "(2.0, 2.0, 2.0)"), &broken);
+    assert!(!is_content && text.contains("<<<<<<< ours\n"), "{text}");
+    assert!(text.contains("scale: (2.0, 2.0, 2.0)") && text.contains("scale: (3.0"), "{text}");
+    // A mistake of theirs in lines that we left alone has no marks, but git waits all the same.
+    let (text, is_content) = merged(&BASE.replace("default: 1.0", "default: 2.0"), &broken);
+    assert!(!is_content && text.contains("default: 2.0") && text.contains("scale: (3.0"), "{text}");
+
+    let project = repository();
+    let add = |text: &str| {
+        std::fs::write(project.folder().join("new.ron"), text).unwrap();
+        git(&project, &["add", "-A"]);
+        assert!(git(&project, &["commit", "-q", "-m", "x"]).status.success());
+    };
+    git(&project, &["checkout", "-q", "-b", "theirs"]);
+    add(&BASE.replace("A ball", "Their ball"));
+    git(&project, &["checkout", "-q", "main"]);
+    add(&BASE.replace("A ball", "Our ball"));
+    let done = git(&project, &["merge", "--no-edit", "theirs"]);
+    let told = format!("{done:?}");
+    assert!(!done.status.success() && told.contains("CONFLICT (add/add)"), "{told}");
+    let text = std::fs::read_to_string(project.folder().join("new.ron")).unwrap();
+    assert!(text.contains("<<<<<<< ours\n") && text.contains("Our ball"), "{text}");
+    assert!(text.contains("Their ball") && !told.contains("the file is empty"), "{text}{told}");
 }

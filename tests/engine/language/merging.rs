@@ -1,6 +1,6 @@
 //! Two people's edits of one graph: what both did is in the result, and only what both changed differently is a conflict.
 
-use maquette::{Catalog, Graph, Merge};
+use maquette::{Catalog, Files, Graph, Merge, Options, Source};
 
 /// The doll, shortened.
 const BASE: &str = r##"// A doll's nose, grown from one scan.
@@ -48,7 +48,9 @@ fn with(text: &str, edits: &[(&str, &str)]) -> String {
 
 fn merge(base: &str, ours: &str, theirs: &str) -> Merge {
     let catalog = Catalog::new(maquette_nodes::PACKS);
-    Graph::merge("graph.ron".as_ref(), [base, ours, theirs], &catalog).unwrap()
+    let source = |text: &str| Source { name: "graph.ron".into(), text: text.to_owned() };
+    let [base, ours, theirs] = [base, ours, theirs].map(source);
+    Graph::merge("graph.ron".as_ref(), [&base, &ours, &theirs], &catalog)
 }
 
 type Edits = &'static [(&'static str, &'static str)];
@@ -168,7 +170,7 @@ fn fifty_pairs_of_edits_give_what_both_meant() {
 #[test]
 fn what_both_mean_is_the_same_whoever_merges() {
     let catalog = Catalog::new(maquette_nodes::PACKS);
-    let source = |text: String| maquette::Source { name: "graph.ron".into(), text };
+    let source = |text: String| Source { name: "graph.ron".into(), text };
     for Case(name, by_us, by_them, _) in CASES {
         let (ours, theirs) = (with(BASE, by_us), with(BASE, by_them));
         let (one, other) = (merge(BASE, &ours, &theirs), merge(BASE, &theirs, &ours));
@@ -214,4 +216,138 @@ fn texts_with_any_ends_of_lines_are_merged() {
         (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(EIGHT, "connectivity: Four")]));
     let both = with(BASE, &[(FAR, "distance: 25.0"), (EIGHT, "connectivity: Four")]);
     assert_eq!(merge(&windows(BASE), &windows(&ours), &windows(&theirs)).text, windows(&both));
+}
+
+#[test]
+fn marks_end_their_lines_as_the_text_does() {
+    let windows = |text: &str| text.replace('\n', "\r\n");
+    let (ours, theirs) =
+        (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(FAR, "distance: 20.0")]));
+    let marked = merge(BASE, &ours, &theirs).text;
+    assert!(marked.contains("\n=======\n"), "{marked}");
+    let merged = merge(&windows(BASE), &windows(&ours), &windows(&theirs));
+    assert_eq!(merged.text, windows(&marked));
+    // The ends of lines are of the side that changed them.
+    let far = windows(&with(BASE, &[(FAR, "distance: 25.0"), (EIGHT, "connectivity: Four")]));
+    let four = with(BASE, &[(EIGHT, "connectivity: Four")]);
+    assert_eq!(merge(BASE, &windows(&ours), &four).text, far);
+    assert_eq!(merge(BASE, &ours, &windows(&four)).text, far);
+}
+
+#[test]
+fn an_expression_that_both_together_would_turn_into_another_is_a_conflict() {
+    let named = "        \"growth-levels\": Number(default: 1.0, doc: \"Another.\"),\n";
+    let ours = with(BASE, &[("    params: {\n", &format!("    params: {{\n{named}"))]);
+    let theirs = with(BASE, &[(FAR, "distance: Expr(\"growth-levels\")")]);
+    for (ours, theirs) in [(&ours, &theirs), (&theirs, &ours)] {
+        let merged = merge(BASE, ours, theirs);
+        assert_eq!(merged.conflicts, ["nodes.red"], "{}", merged.text);
+        let [problem] = &merged.problems[..] else { panic!("{:?}", merged.problems) };
+        assert_eq!(problem.code, "G011");
+        let place = &merged.text[problem.span.start..problem.span.end];
+        assert_eq!(place, "\"growth-levels\"", "{}", merged.text);
+        assert_eq!(merged.text.matches(FAR).count(), 1, "{}", merged.text);
+    }
+    // With spaces it says the same in any case, and a parameter that it does not name is no matter of it.
+    for other in ["growth - levels", "growth*levels"] {
+        let theirs = with(BASE, &[(FAR, &format!("distance: Expr(\"{other}\")"))]);
+        assert_eq!(merge(BASE, &ours, &theirs).conflicts, [""; 0]);
+    }
+    // One who does both has meant it.
+    let both = with(&ours, &[(FAR, "distance: Expr(\"growth-levels\")")]);
+    let theirs = with(BASE, &[(EIGHT, "connectivity: Four")]);
+    assert_eq!(merge(BASE, &both, &theirs).conflicts, [""; 0]);
+}
+
+#[test]
+fn a_default_that_is_written_out_or_left_out_is_no_change() {
+    let far = with(BASE, &[(FAR, "distance: 20.0"), (EIGHT, "connectivity: Four")]);
+    let written = with(BASE, &[("range: \"blended\")", "range: \"blended\", jump: 6.0)")]);
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let path = "graph.ron".as_ref();
+    let short = Graph::minimal(path, &written, &catalog, &Options::default()).unwrap();
+    assert!(!short.contains("jump"), "the default has another value now: {short}");
+    let changed = with(&written, &[("jump: 6.0", "jump: 5.0")]);
+    for (ours, theirs) in [(&short, &changed), (&changed, &short)] {
+        let merged = merge(&written, ours, theirs);
+        assert_eq!(merged.conflicts, [""; 0], "{}", merged.text);
+        assert_eq!(merged.text.matches("jump: 5.0").count(), 1, "{}", merged.text);
+    }
+    let merged = merge(
+        BASE,
+        &written,
+        &with(&far, &[("range: \"blended\")", "range: \"blended\", jump: 5.0)")]),
+    );
+    assert_eq!((&merged.conflicts[..], merged.text.contains("jump: 5.0")), (&[][..], true));
+}
+
+#[test]
+fn a_comment_that_they_reword_in_what_we_take_away_is_a_conflict() {
+    let ours = with(BASE, &[(MASK, "")]);
+    let theirs = with(BASE, &[("\"red\",\n", "\"red\", // where it is red\n")]);
+    for (ours, theirs) in [(&ours, &theirs), (&theirs, &ours)] {
+        let merged = merge(BASE, ours, theirs);
+        assert_eq!(merged.conflicts, ["outputs.nose-mask.png"]);
+        assert_eq!(merged.text.matches("// where it is red").count(), 1, "{}", merged.text);
+    }
+}
+
+#[test]
+fn what_cannot_be_read_is_merged_by_lines_and_nothing_is_lost() {
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let merge = |texts: [&str; 3]| {
+        let names = ["base.ron", "ours.ron", "theirs.ron"];
+        let [base, ours, theirs] =
+            [0, 1, 2].map(|k| Source { name: names[k].into(), text: texts[k].to_owned() });
+        Graph::merge("graph.ron".as_ref(), [&base, &ours, &theirs], &catalog)
+    };
+    let ours = with(BASE, &[(FAR, "distance: 25.0")]);
+    let broken = with(BASE, &[(FAR, "distance: (20.0")]);
+    let merged = merge([BASE, &ours, &broken]);
+    assert!(merged.by_lines && merged.conflicts == [""], "{merged:?}");
+    let told = Vec::from_iter(merged.problems.iter().map(|it| it.source.name.to_str().unwrap()));
+    assert_eq!(told, ["theirs.ron"]);
+    for part in ["<<<<<<< ours", "25.0", "||||||| original", "=======", "(20.0", ">>>>>>> theirs"] {
+        assert!(merged.text.contains(part), "{part} in\n{}", merged.text);
+    }
+    // Both added the file.
+    let theirs = with(BASE, &[(EIGHT, "connectivity: Four")]);
+    let merged = merge(["", &ours, &theirs]);
+    assert!(merged.by_lines && merged.conflicts == [""] && merged.problems.is_empty());
+    assert!(merged.text.contains("distance: 25.0") && merged.text.contains("connectivity: Four"));
+    assert_eq!(merge(["", &ours, &ours]).text, ours);
+    // What they began with cannot be read, but both mended it alike.
+    assert_eq!(merge([&broken, &ours, &ours]).conflicts, [""; 0]);
+}
+
+#[test]
+fn marks_of_a_merge_are_one_mistake_at_the_first_of_them() {
+    let (ours, theirs) =
+        (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(FAR, "distance: 20.0")]));
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let options = Options { files: Files::Ignored, ..Options::default() };
+    let problems = |text: &str| {
+        Graph::load_text("a.ron".as_ref(), text.to_owned(), &catalog, &options).problems
+    };
+    let marked = merge(BASE, &ours, &theirs).text;
+    for text in [marked.replace('\n', "\r\n"), marked] {
+        let told = problems(&text);
+        let [problem] = &told[..] else { panic!("{told:?}") };
+        assert_eq!(problem.message, "this file has the conflict marks of a merge");
+        assert_eq!(&text[problem.span.start..problem.span.end], "<<<<<<< ours");
+    }
+    // In a text or a comment they are none.
+    let told = with(BASE, &[("    nodes: {\n", "    /*\n=======\n    */\n    nodes: {\n")]);
+    assert_eq!(problems(&told), []);
+    let told = problems(&with(&told, &[(FAR, "distance: (20.0")]));
+    assert!(told[0].message.starts_with("this `(` is not closed"), "{told:?}");
+}
+
+#[test]
+fn a_list_alone_is_merged_as_a_whole() {
+    let handles = |at: &str| format!("[(at: ({at}, 0, 0), to: (1, 0, 0))]\n");
+    let merged = merge(&handles("0"), &handles("1"), &handles("2"));
+    assert_eq!(merged.conflicts, [""]);
+    let marked = format!("<<<<<<< ours\n{}=======\n{}>>>>>>> theirs\n", handles("1"), handles("2"));
+    assert_eq!(merged.text, marked);
 }

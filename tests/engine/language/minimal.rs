@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use expect_test::{Expect, expect};
-use maquette::{Catalog, Files, Graph, Options, Run, Session, Settings, State, Wanted};
+use maquette::{Catalog, Files, Graph, Options, Run, Session, Settings, Source, State, Wanted};
 use maquette_nodes::PACKS;
 
 fn graphs() -> PathBuf {
@@ -133,4 +133,73 @@ fn comments_stay_and_what_all_others_have_is_said_by_the_one_that_has_not() {
             )
         "#]],
     );
+}
+
+#[test]
+fn no_difference_is_told_and_no_gap_is_left_where_defaults_were() {
+    const TEXT: &str = r#"Graph(
+    format: 1,
+    packs: {},
+    doc: "",
+    params: { "size": Number(default: 1, doc: "") },
+    nodes: {
+        "a": ReadMesh(path: "../doll/mug.obj"),
+        "b": Transform(
+            mesh: "a",
+            // as it is
+            scale: (1, 1, 1),
+            rotate: (0, 0, 90),
+        ),
+        "c": ForEach(graph: "Transform", over: [(scale: (1, 1, 1)), (rotate: (0, 0, 0))], with: (translate: (0, 0, 0)), links: (mesh: "b"), carry: (), most: 10000),
+        "m": Merge(meshes: "c"),
+    },
+    outputs: { "m.ply": "m" },
+)
+"#;
+    let catalog = Catalog::new(PACKS);
+    let path = graphs().join("nodes/graph.ron");
+    let short = minimal(&path, TEXT, &catalog);
+    expect![[r#"
+        Graph(
+            format: 1,
+            params: { "size": Number(default: 1) },
+            nodes: {
+                "a": ReadMesh(path: "../doll/mug.obj"),
+                "b": Transform(
+                    mesh: "a",
+                    // as it is
+                    rotate: (0, 0, 90),
+                ),
+                "c": ForEach(graph: "Transform", over: [(), ()], links: (mesh: "b")),
+                "m": Merge(meshes: "c"),
+            },
+            outputs: { "m.ply": "m" },
+        )
+    "#]]
+    .assert_eq(&short);
+    let differences = |old: &str, new: &str| {
+        let source = |text: &str| Source { name: path.clone(), text: text.to_owned() };
+        Graph::differences(&source(old), &source(new), &catalog).unwrap()
+    };
+    assert_eq!(differences(TEXT, &short), []);
+    // What an element says against all others is a difference.
+    let with = TEXT.replace("with: (translate: (0, 0, 0))", "with: (rotate: (0, 0, 9))");
+    let told = differences(&with, &minimal(&path, &with, &catalog));
+    assert_eq!(told, []);
+    let told = differences(&with, &with.replace("(rotate: (0, 0, 0))", "()"));
+    assert_eq!(told.len(), 1, "{told:?}");
+}
+
+#[test]
+fn a_graph_without_its_defaults_is_no_other_graph() {
+    let catalog = Catalog::new(PACKS);
+    let mut paths = Vec::new();
+    all(&graphs(), &mut paths);
+    for path in &paths {
+        let text = std::fs::read_to_string(path).unwrap();
+        let short = minimal(path, &text, &catalog);
+        let source = |text: String| Source { name: path.clone(), text };
+        let told = Graph::differences(&source(text), &source(short), &catalog);
+        assert_eq!(told, Ok(vec![]), "{}", path.display());
+    }
 }
