@@ -103,9 +103,9 @@ impl<'a> Check<'_, 'a> {
         if found.is_none() {
             let kind = with_article(kind);
             let message = format!("`{node}` is {kind}, which has no output `{output}`");
-            let help = self.guess(|| match names {
-                [only] => Help::rename(format!("its outputs: {only}"), output, only),
-                _ => nearest_or_all(output, "its outputs", names),
+            let help = self.guess(|| match (nearest_or_all(output, "its outputs", names), names) {
+                (help, [only]) if help.meant().is_none() => Help::rename(help.into(), output, only),
+                (help, _) => help,
             });
             self.find(code::UNKNOWN_LINK, span, message, help);
         }

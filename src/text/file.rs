@@ -280,16 +280,19 @@ fn explain(text: &str, found: Span, message: &str) -> Mistake {
     Mistake { span: found, message, help }
 }
 
-/// A comma behind what stands before a place.
+/// A comma behind what stands before a place, unless that is a comment, or far away.
 fn missing_comma(text: &str, found: Span) -> Help {
+    const FAR: usize = 400;
     let words = "put one between this and what stands before it";
-    let is_trivia =
-        |token| matches!(token, Token::Space | Token::LineComment | Token::BlockComment);
-    let before = tokens(text).into_iter().filter(|(token, _)| !is_trivia(*token));
-    let last = before.take_while(|(_, at)| at.end <= found.start).last();
-    last.map_or(words.into(), |(_, Span { end, .. })| {
-        Help::edit(words, Span { start: end, end }, ",")
-    })
+    let from =
+        (found.start.saturating_sub(FAR)..=found.start).find(|&at| text.is_char_boundary(at));
+    let before = text[from.unwrap_or(found.start)..found.start].trim_end();
+    let line = before.rsplit('\n').next().unwrap_or_default();
+    if before.is_empty() || line.contains("//") || line.contains("*/") {
+        return words.into();
+    }
+    let end = from.unwrap_or(found.start) + before.len();
+    Help::edit(words, Span { start: end, end }, ",")
 }
 
 const ONE_TOO_MANY: &str = "is it one too many?";
