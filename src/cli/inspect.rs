@@ -13,7 +13,7 @@ use super::look::{At, Over, Request, Source, at};
 use super::progress::Progress;
 use super::{Exit, GraphOptions, in_bytes, print, print_document, print_json, report};
 use crate::catalog::Catalog;
-use crate::error::{Error, Problem};
+use crate::error::{Error, Problem, code};
 use crate::format::png;
 use crate::graph::{Asked, Broken, ELEMENTS, Graph};
 use crate::node::CancelToken;
@@ -95,7 +95,9 @@ type Found = (String, (usize, usize));
 impl Inspect {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let checked = self.options.load(&self.graph, catalog).as_far_as_known();
-        report(&checked.problems);
+        // What is looked into says itself if it hangs on a node of an unknown type.
+        let is_told = |it: &&Problem| checked.graph.is_none() || it.code != code::UNKNOWN_NODE;
+        report(&Vec::from_iter(checked.problems.iter().filter(is_told).cloned()));
         let Some(graph) = checked.graph else { return Exit::Failed };
         if let Err(why) = self.check() {
             return Exit::Usage(why);

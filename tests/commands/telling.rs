@@ -69,7 +69,7 @@ fn check_takes_folders_tests_handles_patches_and_stdin() {
     {
         assert!(problems.contains(wrong), "{wrong} is missing:\n{problems}");
     }
-    let end = "checked 2 graphs, 2 tests, 1 file of handles: 4 errors\n";
+    let end = "checked 2 graphs, 2 tests, 1 file of handles: 3 errors\n";
     assert_eq!(stdout(&output), end, "{problems}");
     let output = maquette(folder.path(), &["check", "a.ron", "b.ron"]);
     assert_eq!(stdout(&output), "checked 2 graphs: 0 errors\n", "{}", stderr(&output));

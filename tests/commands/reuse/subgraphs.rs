@@ -181,7 +181,7 @@ nodes: { "r": Read(file: Param("which")), "own": Read() }, outputs: { "mesh": "r
     std::fs::remove_file(folder.path("lib/own.obj")).unwrap();
     folder.check(expect![[r#"
         graph.ron:2:24-34 G013 there is no file `doll.obj`
-        lib/read.ron:2:31-44 G013 there is no file `own.obj` <- a at graph.ron:3:1 <- own at mid/through.ron:2:43
+        lib/read.ron:1:62-71 G013 there is no file `own.obj` <- a at graph.ron:3:1 <- own at mid/through.ron:2:43
         graph.ron:3:37-47 G013 there is no file `doll.obj`
     "#]]);
 }
