@@ -229,10 +229,11 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), Tes
         Edit::Remove { and_links, .. } => !and_links,
         _ => false,
     };
-    if of_nodes && form(old).as_deref() == Some(old) && !old.contains("params: { ") {
+    let is_joined = |text: &str| text.contains("params: { ") || text.contains("inputs: { ");
+    if of_nodes && form(old).as_deref() == Some(old) && !is_joined(old) {
         let formed = form(new).unwrap_or_default();
-        // A shorter list of parameters may fit on one line, but what is left of it stays as it is.
-        let is_joined = formed.contains("params: { ");
+        // A shorter list of parameters or inputs may fit on one line, but what is left of it stays as it is.
+        let is_joined = is_joined(&formed);
         let from = |text: &str| text.find("\n    nodes:").filter(|_| is_joined).unwrap_or(0);
         let (formed, new) = (&formed[from(&formed)..], &new[from(new)..]);
         holds!(formed == new, "no longer canonical:\n{new}");
