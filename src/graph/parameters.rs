@@ -144,14 +144,14 @@ impl Parameters {
                 Worked { value, unit, words, note }
             }
             Err(finding) => {
-                findings.push(finding);
+                findings.push(*finding);
                 let (value, unit) = (Tree::new(tree.span, Kind::Broken), Unit::default());
                 Worked { value, unit, words: String::new(), note: None }
             }
         }
     }
 
-    fn parameter(&self, argument: &Tree, guesses: bool) -> Result<Worked, Finding> {
+    fn parameter(&self, argument: &Tree, guesses: bool) -> Result<Worked, Box<Finding>> {
         let name = written(argument)?;
         let Some(value) = self.values.get(name).cloned() else {
             let help = match self.values.is_empty() {
@@ -165,7 +165,12 @@ impl Parameters {
         Ok(Worked { value, unit: self.unit(name), words, note: self.note(name) })
     }
 
-    fn expression(&self, call: &Tree, argument: &Tree, guesses: bool) -> Result<Worked, Finding> {
+    fn expression(
+        &self,
+        call: &Tree,
+        argument: &Tree,
+        guesses: bool,
+    ) -> Result<Worked, Box<Finding>> {
         let text = written(argument)?;
         let (kind, unit) = match evaluate(text, &self.numbers) {
             Ok(Outcome::Number(Quantity { value, unit })) => {
@@ -180,7 +185,7 @@ impl Parameters {
                 let place = |at: Range<usize>| place_in(call, argument, text, at);
                 let span = at.and_then(place).unwrap_or(argument.span);
                 let note = note.and_then(|note| Some((place(note.0)?, note.1)));
-                return Err(Finding { note, ..wrong(span, message, help) });
+                return Err(Box::new(Finding { note, ..*wrong(span, message, help) }));
             }
         };
         let named = named_parameters(text, &|name| self.values.contains_key(name));
@@ -202,14 +207,14 @@ fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
 }
 
 /// The text in a `Param` or `Expr`.
-fn written(argument: &Tree) -> Result<&str, Finding> {
+fn written(argument: &Tree) -> Result<&str, Box<Finding>> {
     let found = || format!("this wants a text, not {}", argument.in_words());
     let help = "write Param(\"name\") or Expr(\"a + b\")";
     argument.text().ok_or_else(|| wrong(argument.span, found(), help.into()))
 }
 
-fn wrong(span: Span, message: String, help: Help) -> Finding {
-    Finding { code: code::EXPRESSION, span, message, help, note: None }
+fn wrong(span: Span, message: String, help: Help) -> Box<Finding> {
+    Box::new(Finding { code: code::EXPRESSION, span, message, help, note: None })
 }
 
 /// The place of a part of an expression's text, if the text stands in the file as it is, without escapes.

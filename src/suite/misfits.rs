@@ -51,8 +51,7 @@ impl TestFile {
                 let message = problem.message.replace(&format!("--set {target}={text}: "), "");
                 let span = *place.get_or_insert_with(|| self.place(case, "set", target));
                 let help = std::mem::take(&mut problem.help);
-                *problem =
-                    Problem { help: help.into(), ..self.problem(problem.code, span, message) };
+                *problem = Problem { help, ..self.problem(problem.code, span, message) };
             }
         }
         checked

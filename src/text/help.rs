@@ -8,15 +8,13 @@ use crate::error::Span;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Help {
     words: String,
-    fix: Fix,
+    /// None if only people can decide.
+    fix: Option<Box<Fix>>,
 }
 
 /// What makes a problem go away.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 enum Fix {
-    /// Something that only people can decide.
-    #[default]
-    None,
     /// Another name in the place of the one that stands at the problem's place.
     Rename { from: String, to: String },
     /// Texts in the place of what stands at some spans.
@@ -26,24 +24,28 @@ enum Fix {
 }
 
 impl Help {
+    fn new(words: String, fix: Fix) -> Self {
+        Self { words, fix: Some(Box::new(fix)) }
+    }
+
     /// Help that is one edit of the text.
     pub(crate) fn edit(words: impl Into<String>, span: Span, text: impl Into<String>) -> Self {
-        Self { words: words.into(), fix: Fix::Edits(vec![(span, text.into())]) }
+        Self::new(words.into(), Fix::Edits(vec![(span, text.into())]))
     }
 
     /// Help that is another name.
     pub(crate) fn rename(words: String, from: &str, to: &str) -> Self {
-        Self { words, fix: Fix::Rename { from: from.to_owned(), to: to.to_owned() } }
+        Self::new(words, Fix::Rename { from: from.to_owned(), to: to.to_owned() })
     }
 
     /// Help that is a link at a port, which wants values of some types.
     pub(crate) fn link(words: String, port: &str, wants: Vec<String>) -> Self {
-        Self { words, fix: Fix::Link { port: port.to_owned(), wants } }
+        Self::new(words, Fix::Link { port: port.to_owned(), wants })
     }
 
     /// The port that lacks a link, and the types of values that it takes.
     pub(crate) fn lacking(&self) -> Option<(&str, &[String])> {
-        match &self.fix {
+        match self.fix.as_deref()? {
             Fix::Link { port, wants } => Some((port, wants)),
             _ => None,
         }
@@ -51,7 +53,7 @@ impl Help {
 
     /// The name that was meant.
     pub(crate) fn meant(&self) -> Option<&str> {
-        match &self.fix {
+        match self.fix.as_deref()? {
             Fix::Rename { to, .. } => Some(to),
             _ => None,
         }
@@ -59,7 +61,7 @@ impl Help {
 
     /// The same words with this edit.
     pub(crate) fn with_edits(&mut self, edits: Vec<(Span, String)>) {
-        self.fix = Fix::Edits(edits);
+        self.fix = Some(Box::new(Fix::Edits(edits)));
     }
 
     /// The same edit, in other words.
@@ -73,10 +75,10 @@ impl Help {
 
     /// The edits of a text that make the problem at `span` go away; none if people have to decide.
     pub(crate) fn edits(&self, text: &str, span: Span) -> Vec<(Span, String)> {
-        match &self.fix {
-            Fix::None | Fix::Link { .. } => Vec::new(),
-            Fix::Edits(edits) => edits.clone(),
-            Fix::Rename { from, to } => {
+        match self.fix.as_deref() {
+            None | Some(Fix::Link { .. }) => Vec::new(),
+            Some(Fix::Edits(edits)) => edits.clone(),
+            Some(Fix::Rename { from, to }) => {
                 let found = only(text.get(span.start..span.end).unwrap_or_default(), from);
                 let edit = |at: usize| {
                     let start = span.start + at;
@@ -89,9 +91,9 @@ impl Help {
 
     /// The same with its spans elsewhere; without an edit if one of them is nowhere.
     pub(crate) fn moved(self, place: impl Fn(Span) -> Option<Span>) -> Self {
-        let Fix::Edits(edits) = self.fix else { return self };
-        let moved = edits.into_iter().map(|(span, text)| Some((place(span)?, text)));
-        let fix = moved.collect::<Option<_>>().map_or(Fix::None, Fix::Edits);
+        let Some(Fix::Edits(edits)) = self.fix.as_deref() else { return self };
+        let moved = edits.iter().map(|(span, text)| Some((place(*span)?, text.clone())));
+        let fix = moved.collect::<Option<_>>().map(|edits| Box::new(Fix::Edits(edits)));
         Self { fix, ..self }
     }
 }
@@ -121,7 +123,7 @@ impl From<&str> for Help {
 
 impl From<String> for Help {
     fn from(words: String) -> Self {
-        Self { words, fix: Fix::None }
+        Self { words, fix: None }
     }
 }
 
