@@ -41,6 +41,35 @@ def test_every_bad_graph_has_its_problems_where_they_are_expected(program) -> No
             assert any(all(word in it.message + it.help for word in want["words"]) for it in at), (file.name, want, found)
 
 
+def test_a_misspelled_name_brings_the_edit_that_puts_it_right(tmp_path: pathlib.Path) -> None:
+    text = 'Graph(format: 1, nodes: { "a": PointNe(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]) }, outputs: { "a.json": "a" })'
+    with pytest.raises(maquette.GraphError) as wrong, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        maquette.load(tmp_path / "it.ron", text=text).run()
+    [problem] = wrong.value.problems
+    [edit] = problem.fix
+    assert edit.line == edit.end_line == 1
+    assert text[edit.column - 1 : edit.end_column - 1] == "PointNe" and edit.text == "PointNet"
+
+
+def test_what_is_not_as_it_is_wanted_is_named_with_its_place(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "open.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "part.ron").write_text(
+        'Graph(format: 1, inputs: { "mesh": Mesh(doc: "Closed.", wants: [Closed]) },'
+        ' nodes: { "it": Transform(mesh: "mesh") }, outputs: { "mesh": "it" })'
+    )
+    graph = maquette.load(
+        tmp_path / "it.ron",
+        text='Graph(format: 1, use: { "Part": "part.ron" }, nodes: { "a": ReadMesh(path: "open.obj"), "b": Part(mesh: "a") },'
+        ' outputs: { "b.ply": "b" })',
+    )
+    with pytest.raises(maquette.GraphError) as wrong:
+        graph.run()
+    [problem] = [it for it in wrong.value.problems if it.elements]
+    assert sorted(element.name for element in problem.elements) == ["edge 0-1", "edge 0-2", "edge 1-2"]
+    assert all(len(element.at) == 3 for element in problem.elements)
+
+
 def test_a_mistake_in_a_used_graph_says_by_which_uses_it_is_reached(graphs: pathlib.Path) -> None:
     feature = graphs / "lib/feature.ron"
     feature.write_text(feature.read_text().replace("pick: Rank", "pick: Rang"))

@@ -38,6 +38,30 @@ class Note(NamedTuple):
     """What is there."""
 
 
+class TextEdit(NamedTuple):
+    """A text in the place of what stands in a graph file."""
+
+    line: int
+    """The line where it begins, from 1."""
+    column: int
+    """The column where it begins, from 1, in characters."""
+    end_line: int
+    """The line where it ends."""
+    end_column: int
+    """The column behind its end."""
+    text: str
+    """What stands there then."""
+
+
+class Element(NamedTuple):
+    """An element of a value that is to blame."""
+
+    name: str
+    """What it is, as `edge 0-2`."""
+    at: Tuple[float, float, float]
+    """A place of it, in mm."""
+
+
 class Problem(NamedTuple):
     """Something wrong at a place of a graph file: where, what, and what to do."""
 
@@ -65,6 +89,10 @@ class Problem(NamedTuple):
     """The whole as a terminal shows it, with the lines of the graph."""
     note: Optional[Note] = None
     """Another place that explains it, if there is one."""
+    fix: Tuple[TextEdit, ...] = ()
+    """The edits of the file that make it go away, if there is one answer."""
+    elements: Tuple[Element, ...] = ()
+    """The first elements of a value that are not as they are wanted."""
 
     def __str__(self) -> str:
         """The whole as a terminal shows it, with the lines of the graph."""
@@ -75,7 +103,9 @@ def problem(told: Dict[str, Any]) -> Problem:
     """A problem as the engine tells it."""
     uses = tuple(Use(**use) for use in told.pop("uses", ()))
     note = told.pop("note", None)
-    return Problem(uses=uses, note=Note(**note) if note else None, **told)
+    fix = tuple(TextEdit(**edit) for edit in told.pop("fix", ()))
+    elements = tuple(Element(it["name"], (x, y, z)) for it in told.pop("elements", ()) for x, y, z in [it["at"]])
+    return Problem(uses=uses, note=Note(**note) if note else None, fix=fix, elements=elements, **told)
 
 
 def problems(told: Sequence[Dict[str, Any]]) -> List[Problem]:
