@@ -118,7 +118,7 @@ def test_tiff_elsewhere(folders: Folders) -> None:
 
 
 def test_step(folders: Folders) -> None:
-    control = pytest.importorskip("OCP.STEPControl")
+    control = pytest.importorskip("OCP.STEPControl", reason="OCP cannot be loaded here", exc_type=ImportError)
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.TopAbs import TopAbs_ShapeEnum
     from OCP.TopExp import TopExp_Explorer
