@@ -374,7 +374,7 @@ fn made(
         warnings: Mutex::default(),
     };
     let eval = AssertUnwindSafe(|| -> Result<_, Error> { node.node.eval(&cx) });
-    catch_unwind(eval).map(Result::ok).map_err(|panic| crate::eval::in_words(&*panic))
+    catch_unwind(eval).map(Result::ok).map_err(|panic| crate::error::in_words(&*panic))
 }
 
 #[cfg(test)]

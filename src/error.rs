@@ -136,6 +136,12 @@ impl Lines {
     }
 }
 
+/// What a panic said.
+pub(crate) fn in_words(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".into())
+}
+
 /// The most problems that are reported at a time: nobody reads more. Explanations of further ones are not computed.
 pub(crate) const MOST_TOLD: usize = 100;
 

@@ -4,12 +4,13 @@
 //! node's key is known before the node is run ([`key`]), so a result that is in the cache is never computed again. Nodes that do
 //! not hang on each other run in parallel; a node that fails takes with it only what hangs on it.
 
-use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
+use crate::error::in_words;
 use crate::error::{Error, Problem, Severity, code};
+use crate::files::Known;
 use crate::graph::{Graph, GraphNode, GraphOutput, UnknownType};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
@@ -19,7 +20,6 @@ use crate::value::{AnyValue, Hash};
 mod cache;
 mod compute;
 mod disk;
-mod files;
 mod guard;
 mod key;
 #[cfg(test)]
@@ -36,8 +36,6 @@ mod why;
 use cache::{Cache, Values};
 pub(crate) use disk::this_is_a_program;
 pub use disk::{Diagnosis, Disk, DiskError, Fault, Usage};
-use files::Known;
-pub(crate) use files::named_in;
 use guard::{Guards, NotAsWanted};
 use plan::Plan;
 use run::{News, Run};
@@ -252,12 +250,6 @@ fn difference(node: &GraphNode) -> Problem {
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("it panicked: {0}")]
 struct Panic(String);
-
-/// What a panic said.
-pub(crate) fn in_words(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".into())
-}
 
 impl Evaluator {
     /// An evaluator with this many threads (0: as many as the machine has) and this many bytes of memory for results.

@@ -31,12 +31,12 @@ mod expected;
 mod expression;
 mod fitting;
 mod fix;
-mod fixes;
 mod format;
 mod guards;
 mod input;
 mod lineage;
 mod link;
+mod link_fixes;
 mod lock;
 mod meaning;
 mod merge;
@@ -81,7 +81,7 @@ pub use merge::Merge;
 #[cfg(feature = "cli")]
 pub(crate) use outline::{Node as OutlineNode, Outline, Target};
 pub(crate) use pins::{Ancestry, ENDING as PINS_ENDING, PINNED, Pin, Pins, bytes_of};
-pub(crate) use recipe::{NodeFile, Recipe};
+pub(crate) use recipe::Recipe;
 pub(crate) use shape::Shape;
 pub(crate) use stage::{Count, Counts, ELEMENTS, Loop, OtherCount};
 pub(crate) use top::is_name;
@@ -90,6 +90,7 @@ pub(crate) use unknown::UnknownType;
 pub(crate) use words::{Word, words, words_of_choices, words_of_fields};
 
 use crate::catalog::Catalog;
+use crate::files::NodeFile;
 use lineage::Lineage;
 
 /// A graph that has been checked: every name, type, range and path in it is right.

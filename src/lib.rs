@@ -87,6 +87,7 @@ mod catalog;
 mod draw;
 mod error;
 mod eval;
+mod files;
 mod golden;
 mod graph;
 mod language;

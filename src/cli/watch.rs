@@ -19,7 +19,7 @@ use super::terminal::{Input, Screen};
 use super::{Exit, GraphOptions, eprint, interrupt, print, report};
 use crate::catalog::Catalog;
 use crate::error::{Problem, code};
-use crate::eval::named_in;
+use crate::files::named_in;
 use crate::format::camera;
 use crate::graph::{LOCK_ENDING, PINS_ENDING, ReadFile};
 use crate::page::{Page, Redirect, Wish};

@@ -22,9 +22,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use super::cache::{Outcome, Values};
-use super::files::KnownFile;
 use super::snapshot::Snapshot;
 use crate::catalog::Catalog;
+use crate::files::KnownFile;
 use crate::plain;
 use crate::value::{Bytes, Columns, Hash, ValueType};
 use crate::writing::{in_spite_of_removal, make_folder, remove, touch, write_parts};

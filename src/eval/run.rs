@@ -8,7 +8,6 @@ use std::time::Instant;
 
 use super::cache::{FirstBytes, Outcome, Values};
 use super::compute::Loaded;
-use super::files::Reads;
 use super::key::Parts;
 use super::memory::Memory;
 use super::plan::{Plan, Task};
@@ -16,6 +15,7 @@ use super::snapshot::{Done, Visited};
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 use crate::error::Error;
+use crate::files::Reads;
 use crate::graph::{Graph, GraphNode};
 use crate::node::CancelToken;
 use crate::value::{AnyValue, Hash};

@@ -17,12 +17,12 @@ use super::lineage::Lineage;
 use super::link::Names;
 use super::needs::Needs;
 use super::parameters::Parameters;
-use super::recipe::NodeFile;
 use super::stage::{Counts, Stage};
 use super::top::TopLevel;
 use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
 use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, Use, code};
+use crate::files::NodeFile;
 use crate::paths::project_root;
 use crate::text::{Finding, Help, Sheet};
 

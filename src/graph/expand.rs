@@ -84,7 +84,11 @@ pub(super) fn expand<'a>(
     expansion.guard(definition, &scope, 0);
     let Expansion { mut nodes, uses, loops, mut expect, .. } = expansion;
     if !is_broken {
-        world.put_pins(&mut nodes, &definition.sheet.source);
+        // With more elements the same is said of pins.
+        if counts.is_empty() {
+            world.judge_pins(&nodes, &definition.sheet.source);
+        }
+        world.put_pins(&mut nodes);
     }
     // Where something is wrong, links may lead to nodes that could not be made.
     let is_error = |problem: &Problem| problem.severity == Severity::Error;

@@ -11,10 +11,11 @@ use super::each::Each;
 use super::migrate::{Renewed, kind_of, renewed_put};
 use super::parameters::{Parameters, read_set};
 use super::quality::{has_draft, is_draft, is_side};
-use super::recipe::{NodeFile, Recipe};
+use super::recipe::Recipe;
 use super::{Files, ReadFile};
 use crate::catalog::Entry;
 use crate::error::{Span, code};
+use crate::files::NodeFile;
 use crate::node::AnyNode;
 use crate::paths::{PathProblem, may_read};
 use crate::text::{

@@ -14,9 +14,10 @@ use serde_json::json;
 
 use super::check::load_text;
 use super::definition::World;
-use super::recipe::{NodeFile, Recipe};
+use super::recipe::Recipe;
 use super::{Files, GraphNode, Options};
 use crate::error::{Error, Problem, Severity, Source, Span, code};
+use crate::files::NodeFile;
 use crate::node::{AnyNode, Context, FilePath};
 use crate::value::{AnyValue, Hash, ValueType};
 
@@ -84,15 +85,16 @@ impl World<'_> {
         }
     }
 
-    /// Puts kept results in the place of their nodes, and says which were computed from something else.
-    pub(super) fn put_pins(&mut self, nodes: &mut [GraphNode], graph: &Source) {
+    /// Says which kept results were computed from something else than these nodes say, in which no pins have been put yet.
+    pub(super) fn judge_pins(&mut self, nodes: &[GraphNode], graph: &Source) {
         let pins = self.pins.clone();
-        let place = |name: &String| nodes.iter().position(|node| node.name == *name);
-        let places = Vec::from_iter(pins.pins.keys().map(place));
-        let stale = match pins.pins.is_empty() || !self.options.draft {
-            true => self.stale(&pins, &places, nodes),
+        if pins.pins.is_empty() {
+            return;
+        }
+        let stale = match self.options.draft {
+            false => self.stale(&pins, nodes),
             // Pins are of final results: a draft does not make them stale.
-            false => {
+            true => {
                 let options = Options { draft: false, ..self.options.clone() };
                 let finals =
                     load_text(&graph.name, graph.text.clone(), self.catalog, &options).problems;
@@ -100,8 +102,13 @@ impl World<'_> {
             }
         };
         self.problems.extend(stale);
-        for (pin, place) in pins.pins.iter().zip(places) {
-            let Some(index) = place else { continue };
+    }
+
+    /// Puts kept results in the place of their nodes.
+    pub(super) fn put_pins(&mut self, nodes: &mut [GraphNode]) {
+        let pins = self.pins.clone();
+        for pin in &pins.pins {
+            let Some(index) = nodes.iter().position(|node| node.name == *pin.0) else { continue };
             match self.stand_in(&nodes[index], pin, &pins) {
                 Ok(node) => nodes[index] = node,
                 Err(problem) => self.problems.push(*problem),
@@ -109,8 +116,9 @@ impl World<'_> {
         }
     }
 
-    fn stale(&self, pins: &Pins, places: &[Option<usize>], nodes: &[GraphNode]) -> Vec<Problem> {
-        let stale = pins.pins.iter().zip(places).filter_map(|((name, pin), place)| match place {
+    fn stale(&self, pins: &Pins, nodes: &[GraphNode]) -> Vec<Problem> {
+        let place = |name: &String| nodes.iter().position(|node| node.name == *name);
+        let stale = pins.pins.iter().filter_map(|(name, pin)| match place(name) {
             None => {
                 let message = format!("`{name}` is pinned, but the graph has no such node");
                 let help =
@@ -119,10 +127,10 @@ impl World<'_> {
                 Some(Problem { severity: Severity::Warning, ..problem })
             }
             Some(index) => {
-                let change = pin.ancestry.change(nodes, *index)?;
+                let change = pin.ancestry.change(nodes, index, self.catalog.readers())?;
                 let message = format!("`{name}` is pinned before {change}");
                 let help = "it is used as it was: pin it again, or unpin it";
-                Some(nodes[*index].problem(Severity::Warning, code::PIN, message, help))
+                Some(nodes[index].problem(Severity::Warning, code::PIN, message, help))
             }
         });
         stale.collect()

@@ -1,10 +1,8 @@
 //! What a node of a graph is, apart from what comes in.
 
-use std::path::PathBuf;
-use std::sync::Arc;
-
 use serde_json::{Value as Json, json};
 
+use crate::files::NodeFile;
 use crate::plain::ending;
 use crate::text::FILE;
 use crate::value::Hash;
@@ -18,18 +16,6 @@ pub(crate) struct Recipe {
     pub(crate) parameters: Json,
     /// The hash of both, in which of a file's path only the ending counts.
     pub(crate) identity: Hash,
-}
-
-/// A file that a node reads.
-#[derive(Clone, Debug)]
-pub(crate) struct NodeFile {
-    /// The path as the graph has it.
-    pub(crate) given: String,
-    pub(crate) path: PathBuf,
-    /// Whether the node cannot do without it.
-    pub(crate) needed: bool,
-    /// The folders that a file named by it must lie in.
-    pub(crate) roots: Arc<[PathBuf]>,
 }
 
 impl Recipe {

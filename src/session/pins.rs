@@ -6,7 +6,9 @@ use super::Finished;
 use crate::error::{Problem, code};
 use crate::graph::{Ancestry, ELEMENTS, Graph, INPUT, PINS_ENDING, Pin, Pins, bytes_of};
 use crate::text::unknown;
-use crate::writing::{Destination, Refused, Sources, keep_beside, make_folder};
+use crate::writing::{
+    Destination, Refused, Sources, keep_beside, make_folder, remove, remove_empty,
+};
 
 /// Why pins are not changed.
 #[derive(Debug, thiserror::Error)]
@@ -15,8 +17,8 @@ pub(crate) enum PinError {
     Unread(Box<Problem>),
     #[error("the pin cannot be kept: {0}")]
     Refused(#[from] Refused),
-    #[error("the folder for pins cannot be made: {0}")]
-    Folder(#[from] std::io::Error),
+    #[error("the pins cannot be changed: {0}")]
+    Io(#[from] std::io::Error),
 }
 
 impl From<Box<Problem>> for PinError {
@@ -70,7 +72,7 @@ impl Finished {
                 let message = format!("`{name}` gave nothing");
                 return Err(Box::new(graph.problem(code::FAILED, message)).into());
             };
-            let pin = Pin::new(&values, Ancestry::of(&graph.nodes, index));
+            let pin = Pin::new(&values, Ancestry::of(&graph.nodes, index, &graph.readers));
             let file = pin.file(&pins.folder);
             Destination::folder(&pins.folder, &sources).write(&file, &bytes_of(&values))?;
             files.push(file);
@@ -90,9 +92,15 @@ pub(crate) fn unpin(graph: &Path, names: &[String]) -> Result<Vec<String>, PinEr
     let mut pins = Pins::of(graph)?;
     let is_meant = |pinned: &String| names.iter().any(|name| means(name, pinned));
     let taken = Vec::from_iter(pins.pins.extract_if(.., |pinned, _| is_meant(pinned)));
-    keep_beside(&graph.with_extension(PINS_ENDING), &pins.to_text())?;
-    for (_, pin) in &taken {
-        tidy(&pins, pin)?;
+    let file = graph.with_extension(PINS_ENDING);
+    match (taken.is_empty(), pins.pins.is_empty()) {
+        (true, _) => {}
+        (false, true) => remove(&file)?,
+        (false, false) => keep_beside(&file, &pins.to_text())?,
+    }
+    taken.iter().try_for_each(|(_, pin)| tidy(&pins, pin))?;
+    if pins.pins.is_empty() {
+        remove_empty(&pins.folder);
     }
     Ok(taken.into_iter().map(|(name, _)| name).collect())
 }

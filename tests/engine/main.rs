@@ -20,3 +20,5 @@ mod text_tools;
 mod beside;
 #[path = "../common/examples.rs"]
 mod examples;
+#[path = "../common/ron_files.rs"]
+mod ron_files;

@@ -33,7 +33,7 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 32] = [
+const ROOMS: [(&str, &[&str]); 33] = [
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
     (
         "cli",
@@ -42,6 +42,7 @@ const ROOMS: [(&str, &[&str]); 32] = [
             "draw",
             "error",
             "eval",
+            "files",
             "format",
             "golden",
             "graph",
@@ -78,6 +79,7 @@ const ROOMS: [(&str, &[&str]); 32] = [
         &[
             "catalog",
             "error",
+            "files",
             "graph",
             "limit",
             "memory",
@@ -94,6 +96,7 @@ const ROOMS: [(&str, &[&str]); 32] = [
             "writing",
         ],
     ),
+    ("files", &["error", "node", "plain", "reading", "stamp", "value"]),
     ("format", &["error", "memory", "pack", "parallel", "reading", "render", "text", "value"]),
     (
         "golden",
@@ -105,8 +108,8 @@ const ROOMS: [(&str, &[&str]); 32] = [
     (
         "graph",
         &[
-            "catalog", "error", "node", "pack", "paths", "plain", "reading", "stamp", "text",
-            "value",
+            "catalog", "error", "files", "node", "pack", "paths", "plain", "reading", "stamp",
+            "text", "value",
         ],
     ),
     ("language", &[]),

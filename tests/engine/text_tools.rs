@@ -11,6 +11,7 @@ use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use ron::Value;
 
 use crate::beside::beside;
+use crate::ron_files::ron_files;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -22,9 +23,10 @@ fn catalog() -> &'static Catalog {
 /// All graphs of the project, and those of the folder beside it if it is there.
 fn corpus() -> Vec<(PathBuf, String)> {
     let root = Path::new(ROOT);
-    let mut files = Vec::new();
     let own = ["graphs", "tests/third_party/graphs"].map(|folder| root.join(folder));
-    own.into_iter().chain(beside("graphs")).for_each(|folder| collect(&folder, &mut files));
+    let folders = own.into_iter().chain(beside("graphs"));
+    let mut files = Vec::from_iter(folders.flat_map(|folder| ron_files(&folder)));
+    files.retain(|path| !path.to_string_lossy().ends_with(".lock.ron"));
     assert!(files.len() > 30);
     files.sort();
     let read = |path: PathBuf| {
@@ -32,19 +34,6 @@ fn corpus() -> Vec<(PathBuf, String)> {
         (path, text)
     };
     files.into_iter().map(read).collect()
-}
-
-fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            collect(&path, files);
-        } else if path.extension().is_some_and(|ending| ending == "ron")
-            && !path.to_string_lossy().ends_with(".lock.ron")
-        {
-            files.push(path);
-        }
-    }
 }
 
 /// The text with some bytes taken out, doubled, or replaced by pieces that graphs are made of.

@@ -9,8 +9,9 @@ use std::time::Instant;
 
 use crate::cli::inputs::InputOptions;
 use crate::cli::look::Source;
+use crate::error::in_words;
 use crate::error::{Problem, Severity, code};
-use crate::eval::{Observer, RunTrace, in_words};
+use crate::eval::{Observer, RunTrace};
 use crate::graph::Graph;
 use crate::node::CancelToken;
 use crate::page::{Shown, Viewed, Views};

@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
 use super::super::cache::Outcome;
-use super::super::files::KnownFile;
 use super::super::key::Parts;
 use super::super::snapshot::{Done, Snapshot};
 use super::Store;
+use crate::files::KnownFile;
 use crate::graph::Recipe;
 use crate::value::Hash;
 

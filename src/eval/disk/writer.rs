@@ -7,10 +7,10 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use super::super::cache::{Outcome, Values};
-use super::super::files::KnownFile;
 use super::super::lock;
 use super::super::snapshot::Snapshot;
 use super::{Store, entry, record};
+use crate::files::KnownFile;
 use crate::value::{AnyValue, Hash};
 
 /// Something to write.

@@ -1,16 +1,15 @@
 //! What a pinned result was computed from: the node and all that it hangs on, each with its type, parameters, links and files.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
-use std::sync::{LazyLock, Mutex, PoisonError};
+use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
+use crate::files::{Known, NodeFile, Reads};
 use crate::graph::difference::{in_short, parameter_difference, parameter_name};
 use crate::graph::{GraphNode, Link};
-use crate::plain;
-use crate::stamp::Stamp;
+use crate::reading::Readers;
 use crate::value::Hash;
 
 /// What a result was computed from.
@@ -32,13 +31,15 @@ struct Step {
     parameters: Json,
     /// What each port is linked to, `node.output`.
     links: Vec<(String, String)>,
-    /// The name of each file as the graph has it, and the hash of its content.
+    /// The name of each file as the graph has it, and the hash of its content and of the files that it names.
     files: Vec<(String, Option<String>)>,
 }
 
 impl Ancestry {
     /// Of nodes that stand after what they hang on.
-    pub(crate) fn of(nodes: &[GraphNode], index: usize) -> Self {
+    pub(crate) fn of(nodes: &[GraphNode], index: usize, readers: &Readers) -> Self {
+        static KNOWN: LazyLock<Known> = LazyLock::new(Known::default);
+        let reads = Reads::new(&KNOWN, readers);
         let mut needed = vec![false; nodes.len()];
         needed[index] = true;
         let mut steps = Vec::new();
@@ -47,7 +48,7 @@ impl Ancestry {
                 continue;
             }
             nodes[at].links.iter().for_each(|link| needed[link.node] = true);
-            steps.push((at, Step::of(nodes, at)));
+            steps.push((at, Step::of(nodes, at, &reads)));
         }
         let mut made: HashMap<usize, Hash> = HashMap::new();
         for (at, step) in steps.iter().rev() {
@@ -67,8 +68,13 @@ impl Ancestry {
     }
 
     /// In words, what of the node or of what it hangs on is not as it was: what is nearest to it.
-    pub(super) fn change(&self, nodes: &[GraphNode], index: usize) -> Option<String> {
-        let now = Self::of(nodes, index);
+    pub(super) fn change(
+        &self,
+        nodes: &[GraphNode],
+        index: usize,
+        readers: &Readers,
+    ) -> Option<String> {
+        let now = Self::of(nodes, index, readers);
         if self.made == now.made {
             return None;
         }
@@ -84,14 +90,15 @@ impl Ancestry {
 }
 
 impl Step {
-    fn of(nodes: &[GraphNode], index: usize) -> Self {
+    fn of(nodes: &[GraphNode], index: usize, reads: &Reads<'_>) -> Self {
         let node = &nodes[index];
         let link = |link: &Link| {
             let source = &nodes[link.node];
             (link.port.clone(), format!("{}.{}", source.name, source.outputs[link.output]))
         };
-        let file = |file: &crate::graph::NodeFile| {
-            (file.given.clone(), hash(&file.path).map(|hash| hash.to_string()))
+        let file = |file: &NodeFile| {
+            let hash = reads.hash(file).ok().flatten();
+            (file.given.clone(), hash.map(|hash| hash.to_string()))
         };
         Self {
             name: node.name.clone(),
@@ -120,19 +127,4 @@ impl Step {
         let changed = now.files.iter().zip(&self.files).find(|(now, before)| now.1 != before.1);
         changed.map(|((name, _), _)| format!("file {name} changed"))
     }
-}
-
-/// The hash of a file's content; of one that is as it was, without reading it again.
-fn hash(path: &Path) -> Option<Hash> {
-    static KNOWN: LazyLock<Mutex<HashMap<PathBuf, (Stamp, Hash)>>> = LazyLock::new(Mutex::default);
-    let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-    let stamp = Stamp::of(path)?;
-    if let Some((_, hash)) = known().get(path).filter(|(then, _)| *then == stamp) {
-        return Some(*hash);
-    }
-    let hash = Hash::of(&plain::read(path).ok()?);
-    if stamp.is_settled() {
-        known().insert(path.to_owned(), (stamp, hash));
-    }
-    Some(hash)
 }

@@ -113,7 +113,11 @@ fn a_pinned_node_is_not_run_and_a_stale_pin_is_loud() {
     assert_eq!(ok(&project, &["unpin", "doll.ron", "skin"]), "unpinned skin\n");
     let (told, end) = run(&project, &[]);
     assert!(!told.to_lowercase().contains("pinned") && end == two_levels, "{told}");
-    assert_eq!(std::fs::read_dir(project.folder().join("doll.pins")).unwrap().count(), 0);
+    for left in ["doll.pins.ron", "doll.pins"] {
+        assert!(!project.folder().join(left).exists(), "{left} holds nothing");
+    }
+    assert!(fails(&project, &["unpin", "doll.ron", "skin"]).contains("`skin` is not pinned"));
+    assert!(!project.folder().join("doll.pins.ron").exists(), "nothing is written for nothing");
 }
 
 #[test]
@@ -181,6 +185,20 @@ fn another_file_makes_a_pin_stale_and_a_draft_does_not() {
     std::fs::write(&path, mesh + "# more\n").unwrap();
     let told = ok(&project, &["check", "doll.ron"]);
     assert!(told.contains("`skin` is pinned before file doll/coarse.obj changed"), "{told}");
+}
+
+#[test]
+fn a_file_that_a_file_names_makes_a_pin_stale_too() {
+    let project = project();
+    let write = |name: &str, text: &str| std::fs::write(project.folder().join(name), text).unwrap();
+    write("a.obj", "mtllib a.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n");
+    write("a.mtl", "newmtl a\nmap_Kd doll/color.png\n");
+    project.save(r#"Graph(format: 1, nodes: { "a": ReadMesh(path: "a.obj"), "b": Transform(mesh: "a") }, outputs: { "b.glb": "b" })"#);
+    ok(&project, &["pin", "doll.ron", "b"]);
+    assert!(!ok(&project, &["check", "doll.ron"]).contains("is pinned before"));
+    write("a.mtl", "newmtl a\nKd 1 0 0\n");
+    let told = ok(&project, &["check", "doll.ron"]);
+    assert!(told.contains("`b` is pinned before file a.obj changed"), "{told}");
 }
 
 #[test]

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use super::sketch::{self, Sketch};
 use super::{catalog, differences, edit, schemas};
 use crate::beside::beside;
+use crate::ron_files::ron_files;
 
 /// How many edits are tried on each graph, unless `LAW_EDITS` says otherwise.
 const EDITS: u32 = 40;
@@ -23,9 +24,9 @@ const WALK: usize = 8;
 
 /// All graphs of the project, and those of the folder beside it if it is there.
 fn graphs() -> Vec<(PathBuf, String)> {
-    let mut files = Vec::new();
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs");
-    [own].into_iter().chain(beside("graphs")).for_each(|folder| collect(&folder, &mut files));
+    let folders = [own].into_iter().chain(beside("graphs"));
+    let mut files = Vec::from_iter(folders.flat_map(|folder| ron_files(&folder)));
     files.sort();
     let read = |path: PathBuf| {
         let text = std::fs::read_to_string(&path).unwrap();
@@ -35,17 +36,6 @@ fn graphs() -> Vec<(PathBuf, String)> {
     files.retain(|path| !path.to_string_lossy().ends_with(".lock.ron"));
     let graphs = files.into_iter().map(read).filter(|(_, text)| text.contains("Graph("));
     graphs.collect()
-}
-
-fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            collect(&path, files);
-        } else if path.extension().is_some_and(|ending| ending == "ron") {
-            files.push(path);
-        }
-    }
 }
 
 fn problems(path: &Path, text: &str) -> Vec<(&'static str, String)> {

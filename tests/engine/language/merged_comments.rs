@@ -1,7 +1,7 @@
 //! A law of merging: whatever comment one side adds or changes and the other one leaves alone stands in the result exactly once. It is
 //! tried at random places of all graphs, with random edits of the other side; `LAW_EDITS` says how many, `PROPTEST_RNG_SEED` which.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
 
 use maquette::{Catalog, Edit, Graph, Merge, Options, Source};
@@ -10,19 +10,10 @@ use proptest::sample::Index;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 use rayon::prelude::*;
 
+use crate::ron_files::ron_files;
+
 /// How many pairs of edits are tried on each graph, unless `LAW_EDITS` says otherwise.
 const EDITS: u32 = 16;
-
-fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            collect(&path, files);
-        } else if path.extension().is_some_and(|ending| ending == "ron") {
-            files.push(path);
-        }
-    }
-}
 
 /// What a piece of a text is.
 #[derive(Clone, Copy, PartialEq)]
@@ -213,9 +204,7 @@ fn both_comment(
 
 /// Tries a law on all graphs.
 fn try_on_all(law: fn(&Path, &str, &Dice, &Catalog) -> Result<(), TestCaseError>) {
-    let mut paths = Vec::new();
-    collect(&Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs"), &mut paths);
-    paths.sort();
+    let paths = ron_files(&Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs"));
     let number =
         |name: &str| std::env::var(name).ok().and_then(|number| number.parse::<u64>().ok());
     let (cases, seed) = (number("LAW_EDITS"), number("PROPTEST_RNG_SEED").unwrap_or(0));

@@ -1,13 +1,15 @@
 //! Old graphs and foreign ones: what has another name now means what it meant, and what is not known keeps its data.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use expect_test::{expect, expect_file};
 use maquette::{
     Catalog, Edit, Files, Graph, Migration, NewValue, Options, OutputFolder, Pack, Session,
     Settings, Severity,
 };
+
+use crate::ron_files::ron_files;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -178,26 +180,13 @@ fn names_that_go_in_a_circle_come_to_an_end() {
     let _ = Graph::migrated("graph.ron".as_ref(), text, &catalog);
 }
 
-fn graphs(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        match path.is_dir() {
-            true => graphs(&path, found),
-            false if path.extension().is_some_and(|ending| ending == "ron") => found.push(path),
-            false => {}
-        }
-    }
-}
-
 /// The graphs as they were at each release, and what they were: a hash of each.
 #[test]
 fn every_graph_of_every_release_is_read_and_means_what_it_meant() {
     let releases = std::fs::read_dir(Path::new(ROOT).join("tests/released")).unwrap();
     let mut count = 0;
     for release in releases.map(|entry| entry.unwrap().path()).filter(|path| path.is_dir()) {
-        let mut paths = Vec::new();
-        graphs(&release, &mut paths);
-        paths.sort();
+        let paths = ron_files(&release);
         let mut told = String::new();
         for path in &paths {
             let checked = Graph::load(path, &catalog(), &ignoring_files());

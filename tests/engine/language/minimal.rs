@@ -6,19 +6,10 @@ use expect_test::{Expect, expect};
 use maquette::{Catalog, Files, Graph, Options, Run, Session, Settings, Source, State, Wanted};
 use maquette_nodes::PACKS;
 
+use crate::ron_files::ron_files;
+
 fn graphs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs")
-}
-
-fn all(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            all(&path, found);
-        } else if path.extension().is_some_and(|ending| ending == "ron") {
-            found.push(path);
-        }
-    }
 }
 
 fn minimal(path: &Path, text: &str, catalog: &Catalog) -> String {
@@ -36,8 +27,7 @@ fn comments(text: &str) -> Vec<&str> {
 #[test]
 fn every_graph_says_the_same_without_its_defaults_and_again() {
     let catalog = Catalog::new(PACKS);
-    let mut paths = Vec::new();
-    all(&graphs(), &mut paths);
+    let paths = ron_files(&graphs());
     let mut shorter = 0;
     for path in &paths {
         let text = std::fs::read_to_string(path).unwrap();
@@ -193,8 +183,7 @@ fn no_difference_is_told_and_no_gap_is_left_where_defaults_were() {
 #[test]
 fn a_graph_without_its_defaults_is_no_other_graph() {
     let catalog = Catalog::new(PACKS);
-    let mut paths = Vec::new();
-    all(&graphs(), &mut paths);
+    let paths = ron_files(&graphs());
     for path in &paths {
         let text = std::fs::read_to_string(path).unwrap();
         let short = minimal(path, &text, &catalog);

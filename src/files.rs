@@ -6,13 +6,12 @@ use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::{in_words, lock};
-use crate::graph::NodeFile;
+use crate::error::in_words;
 use crate::node::{Companions, File, ReadError};
 use crate::plain;
 use crate::plain::ending;
@@ -20,9 +19,21 @@ use crate::reading::{Readers, Reading, read_companion};
 use crate::stamp::Stamp;
 use crate::value::Hash;
 
+/// A file that a node reads.
+#[derive(Clone, Debug)]
+pub(crate) struct NodeFile {
+    /// The path as the graph has it.
+    pub(crate) given: String,
+    pub(crate) path: PathBuf,
+    /// Whether the node cannot do without it.
+    pub(crate) needed: bool,
+    /// The folders that a file named by it must lie in.
+    pub(crate) roots: Arc<[PathBuf]>,
+}
+
 /// A file that was read, and what the system said of it then.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct KnownFile {
+pub(crate) struct KnownFile {
     path: PathBuf,
     as_read: AsRead,
 }
@@ -47,11 +58,11 @@ impl AsRead {
 
 /// The files that were read, by path, with what the system said of them then.
 #[derive(Default)]
-pub(super) struct Known(Mutex<HashMap<PathBuf, AsRead>>);
+pub(crate) struct Known(Mutex<HashMap<PathBuf, AsRead>>);
 
 impl Known {
     /// The content's hash, or that there is no such file; none if it must be read to know.
-    pub(super) fn look(&self, path: &Path) -> Option<Option<Hash>> {
+    pub(crate) fn look(&self, path: &Path) -> Option<Option<Hash>> {
         match std::fs::metadata(path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Some(None),
             Err(_) => None,
@@ -63,7 +74,7 @@ impl Known {
     }
 
     /// Takes over what another process knew.
-    pub(super) fn extend(&self, files: Vec<KnownFile>) {
+    pub(crate) fn extend(&self, files: Vec<KnownFile>) {
         lock(&self.0).extend(files.into_iter().map(|file| (file.path, file.as_read)));
     }
 
@@ -72,7 +83,7 @@ impl Known {
     }
 
     /// What is known of these files.
-    pub(super) fn of<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
+    pub(crate) fn of<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
         let known = lock(&self.0);
         let find = |path: &Path| {
             Some(KnownFile { path: path.to_owned(), as_read: known.get(path)?.clone() })
@@ -82,7 +93,7 @@ impl Known {
 }
 
 /// The files of one evaluation.
-pub(super) struct Reads<'a> {
+pub(crate) struct Reads<'a> {
     known: &'a Known,
     readers: &'a Readers,
     read: Mutex<HashMap<PathBuf, Arc<Slot>>>,
@@ -93,17 +104,17 @@ pub(super) struct Reads<'a> {
 type Slot = OnceLock<Option<File>>;
 
 impl<'a> Reads<'a> {
-    pub(super) fn new(known: &'a Known, readers: &'a Readers) -> Self {
+    pub(crate) fn new(known: &'a Known, readers: &'a Readers) -> Self {
         Self { known, readers, read: Mutex::default(), nanoseconds: AtomicU64::new(0) }
     }
 
     /// How long reading took, on all threads together.
-    pub(super) fn seconds(&self) -> f64 {
+    pub(crate) fn seconds(&self) -> f64 {
         self.nanoseconds.load(Ordering::Relaxed) as f64 / 1e9
     }
 
     /// The hash of the content; none if there is no such file and the node can do without it.
-    pub(super) fn hash(&self, file: &NodeFile) -> Result<Option<Hash>, ReadError> {
+    pub(crate) fn hash(&self, file: &NodeFile) -> Result<Option<Hash>, ReadError> {
         let read = lock(&self.read).get(&file.path).cloned();
         if let Some(read) = read.as_ref().and_then(|slot| slot.get()) {
             return Ok(read.as_ref().map(|file| file.hash));
@@ -115,7 +126,7 @@ impl<'a> Reads<'a> {
     }
 
     /// The file with its content; none if there is no such file and the node can do without it.
-    pub(super) fn file(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
+    pub(crate) fn file(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
         let slot = lock(&self.read).entry(file.path.clone()).or_default().clone();
         let found = match slot.get() {
             Some(found) => found.clone(),
@@ -199,6 +210,10 @@ fn companions(file: &NodeFile, bytes: &[u8], readers: &Readers) -> Result<Named,
         .map_err(|panic| format!("its reader panicked: {}", in_words(&*panic)))?;
     drop(reading);
     Ok(named.into_inner())
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The hash of a file's content, and of that of the files that it names.
