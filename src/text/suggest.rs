@@ -8,12 +8,13 @@ const MOST_LISTED: usize = 30;
 /// "did you mean `x`?" with the nearest of the known names; empty if none is near.
 ///
 /// Near is: no more than a third of the letters differ (swaps count once), and at least one may; if there is no such name, one
-/// that goes on where the given one, of four letters at least, ends.
+/// that goes on where the given one, of four letters at least, ends. It is an answer, not only a guess, if no other name is as near, and if
+/// more than a single letter has been meant.
 pub(crate) fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Help {
     let name = given.to_lowercase();
     let length = name.chars().count();
     let limit = (length / 3).max(1);
-    let (mut near, mut longer) = (None, None);
+    let (mut near, mut longer, mut is_only) = (None, None, false);
     for known in known {
         #[cfg(test)]
         tests::LOOKS.set(tests::LOOKS.get() + 1);
@@ -21,7 +22,9 @@ pub(crate) fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>)
         let known_length = lower.chars().count();
         if length.abs_diff(known_length) <= limit {
             let distance = strsim::osa_distance(&name, &lower);
-            if distance <= limit && near.is_none_or(|(least, _)| distance < least) {
+            let least = near.map_or(limit + 1, |(least, _)| least);
+            is_only = if distance == least { false } else { is_only || distance < least };
+            if distance < least {
                 near = Some((distance, known));
             }
         } else if 4 <= length && length < known_length && longer.is_none_or(|(least, _)| 0 < least)
@@ -36,8 +39,14 @@ pub(crate) fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>)
             }
         }
     }
-    let help = |(_, known)| Help::rename(format!("did you mean `{known}`?"), given, known);
-    near.or(longer).map(help).unwrap_or_default()
+    let words = |known: &str| format!("did you mean `{known}`?");
+    match (near, longer) {
+        (Some((distance, known)), _) if is_only && distance <= length / 3 => {
+            Help::rename(words(known), given, known)
+        }
+        (Some((_, known)), _) | (None, Some((_, known))) => words(known).into(),
+        (None, None) => Help::default(),
+    }
 }
 
 /// The same; if nothing is near, a list of what there is.
@@ -82,6 +91,18 @@ pub(crate) mod tests {
             nearest_or_all("xyz", "fields", &["scheme", "levels"]).to_string(),
             "fields: scheme, levels"
         );
+    }
+
+    #[test]
+    fn only_the_one_name_that_is_near_is_an_answer() {
+        let meant = |name: &str, known: &[&'static str]| {
+            nearest(name, known.iter().copied()).meant().map(str::to_owned)
+        };
+        assert_eq!(meant("dol", &["doll", "mask"]).as_deref(), Some("doll"));
+        assert_eq!(meant("dol", &["doll", "dog"]), None, "either may be meant");
+        assert_eq!(meant("dool", &["dog", "doll"]), Some("doll".into()));
+        assert_eq!(meant("b", &["a"]), None, "nothing of it is the same");
+        assert_eq!(meant("trian", &["Triangulate"]), None, "others may begin like that");
     }
 
     #[test]
