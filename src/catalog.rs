@@ -483,6 +483,7 @@ pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
                 None => format!("[{}, ..]{unit}", words(0)),
             }
         }
+        Some("object") if schema.get("properties").is_none() => "{\"name\": .., ..}".into(),
         Some("object") => describe_content(schema, root),
         Some("string") => schema.get("format").and_then(Json::as_str).unwrap_or("text").to_owned(),
         Some("boolean") => "true | false".into(),

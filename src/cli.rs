@@ -35,6 +35,7 @@ mod inspect;
 mod interrupt;
 mod lock;
 mod look;
+mod lsp;
 mod merge;
 mod migrate;
 mod nodes;
@@ -111,6 +112,8 @@ enum Command {
     Unpin(pin::Unpin),
     /// Run graphs for another program, by lines of JSON; see docs/serve.md.
     Serve(serve::Serve),
+    /// Serve editors: problems, completion, names and more, by the language server protocol.
+    Lsp(lsp::Lsp),
     /// Look after the results that are kept on disk.
     Cache(cache::Cache),
     /// Explain the language of graphs, a topic at a time, or a command.
@@ -233,6 +236,7 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Pin(command) => command.run(&catalog),
         Command::Unpin(command) => command.run(),
         Command::Serve(command) => command.run(&catalog),
+        Command::Lsp(command) => command.run(&catalog),
         Command::Cache(command) => command.run(),
         Command::Help(command) => command.run(),
         Command::Completions { shell } => {

@@ -42,6 +42,8 @@ use run::{News, Run};
 use snapshot::Snapshot;
 use trace::Reason;
 pub use trace::{NodeTrace, RunTrace, State};
+#[cfg(feature = "cli")]
+pub(crate) use why::Remembered;
 pub(crate) use why::{Forecast, explanation};
 
 /// Watches an evaluation from outside. All methods may be called from any thread.

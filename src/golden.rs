@@ -11,7 +11,9 @@ mod sketch;
 pub(crate) mod store;
 mod topology;
 
-#[cfg(test)]
+#[cfg(feature = "cli")]
+pub(crate) use case::test_schema;
+#[cfg(any(test, feature = "cli"))]
 pub(crate) use case::words;
 pub(crate) use compare::six;
 pub use compare::{Comparison, Keep, Measure, Tolerance, Verdict, compare};

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::error::{Problem, Severity, Source, Span, Use};
 use crate::node::AnyNode;
 use crate::pack::Format;
+use crate::paths::without_dots;
 use crate::plain;
 use crate::reading::Readers;
 use crate::text::{Origin, Sheet, Tree, ron};
@@ -42,6 +43,8 @@ mod meaning;
 mod merge;
 mod migrate;
 mod minimal;
+#[cfg(feature = "cli")]
+mod names;
 mod needs;
 mod node;
 #[cfg(feature = "cli")]
@@ -59,12 +62,14 @@ mod stage;
 mod top;
 mod unknown;
 mod version;
-#[cfg(test)]
+#[cfg(any(test, feature = "cli"))]
 mod words;
 
 pub(crate) use asked::{Asked, Broken};
 #[cfg(feature = "cli")]
 pub(crate) use condition::Condition;
+#[cfg(feature = "cli")]
+pub(crate) use definition::is_type_name;
 pub(crate) use describe::Subgraph;
 pub use diff::{Change, Difference};
 pub(crate) use difference::{in_short, parameter_difference, parameter_name};
@@ -79,6 +84,8 @@ pub(crate) use lock::{ENDING as LOCK_ENDING, beside as lock_beside};
 pub(crate) use lock::{Lock, Locked, UsedNow, differences};
 pub use merge::Merge;
 #[cfg(feature = "cli")]
+pub(crate) use names::{Named, NamesOf, Symbol, SymbolSort, real};
+#[cfg(feature = "cli")]
 pub(crate) use outline::{Node as OutlineNode, Outline, Target};
 pub(crate) use pins::{Ancestry, ENDING as PINS_ENDING, PINNED, Pin, Pins, bytes_of};
 pub(crate) use recipe::Recipe;
@@ -86,7 +93,7 @@ pub(crate) use shape::Shape;
 pub(crate) use stage::{Count, Counts, ELEMENTS, Loop, OtherCount};
 pub(crate) use top::is_name;
 pub(crate) use unknown::UnknownType;
-#[cfg(test)]
+#[cfg(any(test, feature = "cli"))]
 pub(crate) use words::{Word, words, words_of_choices, words_of_fields};
 
 use crate::catalog::Catalog;
@@ -223,15 +230,22 @@ impl Options {
 
     /// The text of a graph's file, or the one that stands in its place.
     pub(crate) fn text(&self, path: &Path) -> std::io::Result<String> {
-        match self.texts.get(path) {
+        match self.text_in_place_of(path) {
             Some(text) => Ok(text.clone()),
             None => plain::read_text(path),
         }
     }
 
+    /// However the path is written that leads there.
+    fn text_in_place_of(&self, path: &Path) -> Option<&String> {
+        let texts = Some(&self.texts).filter(|texts| !texts.is_empty())?;
+        let real = || texts.get(&std::fs::canonicalize(path).ok()?);
+        texts.get(path).or_else(|| texts.get(&without_dots(path))).or_else(real)
+    }
+
     /// Whether a text stands in place of the file.
     pub(crate) fn has_text(&self, path: &Path) -> bool {
-        self.texts.contains_key(path)
+        self.text_in_place_of(path).is_some()
     }
 }
 

@@ -75,6 +75,8 @@
 pub mod cli;
 pub mod conformance;
 pub mod format;
+#[cfg(feature = "cli")]
+pub mod lsp;
 pub mod memory;
 pub mod parallel;
 #[doc(hidden)]

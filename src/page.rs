@@ -132,6 +132,8 @@ struct Shared {
     news: News,
     /// What each page looks at, by the number of its socket.
     looks: Mutex<BTreeMap<u64, Views>>,
+    /// Whether editors may show the page in a frame.
+    in_editor: bool,
     /// Is told what pages want.
     wish: Box<dyn Fn(Wish) + Send + Sync>,
     values: Mutex<Values>,
@@ -198,14 +200,15 @@ struct Feed {
 }
 
 impl Page {
-    /// Starts the server on a port of this machine: that of the last time if it is free. `draft` is whether runs are drafts; `wish` is
-    /// told what pages want.
+    /// Starts the server on a port of this machine: that of the last time if it is free. `draft` is whether runs are drafts,
+    /// `in_editor` whether editors may show it in a frame; `wish` is told what pages want.
     ///
     /// # Errors
     /// If no port can be listened on, or the system gives no random numbers.
     pub(crate) fn open(
         graph: &Path,
         draft: bool,
+        in_editor: bool,
         wish: impl Fn(Wish) + Send + Sync + 'static,
     ) -> io::Result<Self> {
         let keeper = Keeper::of(graph);
@@ -216,6 +219,7 @@ impl Page {
             feed: Mutex::default(),
             news: News::new(),
             looks: Mutex::default(),
+            in_editor,
             wish: Box::new(wish),
             values: Mutex::default(),
         });

@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem, code};
+#[cfg(feature = "cli")]
+use crate::eval::Remembered;
 use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace, explanation};
 use crate::golden::{self, Violation};
 use crate::graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
@@ -111,6 +113,12 @@ impl Session {
     /// What its packs offer.
     pub fn catalog(&self) -> &Catalog {
         &self.catalog
+    }
+
+    /// The same for who keeps it.
+    #[cfg(feature = "cli")]
+    pub(crate) fn shared_catalog(&self) -> Arc<Catalog> {
+        self.catalog.clone()
     }
 
     /// Reads and checks the graph at this path, or in [`Options::texts`], and those that it uses. Runs no node.
@@ -238,6 +246,13 @@ impl Session {
     /// What each node that these need would do now, and why.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
         self.evaluator.forecast(graph, nodes)
+    }
+
+    /// What is known of the last result of each node, by this process or another one; nothing is run. The graph is one as it is
+    /// [last known](Self::as_last_known).
+    #[cfg(feature = "cli")]
+    pub(crate) fn remembered(&mut self, graph: &Graph) -> Vec<Option<Remembered>> {
+        self.evaluator.remembered(graph)
     }
 
     /// Why a node, or each node that makes what a use of a graph gives, would run, or why not, since the graph was evaluated last: in

@@ -18,6 +18,8 @@ use crate::session::{self, Session};
 use crate::value::AnyValue;
 use crate::writing::{Destination, Refused, Sources};
 
+#[cfg(feature = "cli")]
+mod file;
 pub(crate) mod html;
 mod job;
 pub(crate) mod junit;
@@ -27,6 +29,8 @@ mod orphans;
 mod picture;
 mod shared;
 
+#[cfg(feature = "cli")]
+pub(crate) use file::{FileKind, of_file};
 use job::Job;
 use nodes::{changed_lines, changed_warnings};
 pub(crate) use shared::shared;

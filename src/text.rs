@@ -1,5 +1,6 @@
 //! RON text alone: a file's tree with the place of every value, its lossless tokens, and checks of a value against a schema.
 
+mod cursor;
 mod ends;
 mod expected;
 mod file;
@@ -18,6 +19,8 @@ mod tree_reader;
 mod twice;
 mod unit;
 
+#[cfg(feature = "cli")]
+pub(crate) use cursor::{Cursor, Frame, Passed, TypedKind, cursor, each_word};
 pub(crate) use ends::Ends;
 pub(crate) use expected::Expected;
 pub(crate) use file::{DEEPEST, Mistake, Token, first_word, parse, printed, tokens};

@@ -52,6 +52,19 @@ impl CacheOptions {
         Ok(session)
     }
 
+    /// The words that say where results are kept.
+    pub(super) fn words(&self) -> Vec<String> {
+        match (&self.folder, self.no_cache) {
+            (_, true) => vec!["--no-cache".into()],
+            (Some(folder), _) => {
+                // It is read from another folder than this program's own.
+                let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.clone());
+                vec!["--cache".into(), folder.display().to_string()]
+            }
+            (None, _) => Vec::new(),
+        }
+    }
+
     fn settings(&self, threads: usize) -> Settings {
         let cache = match (&self.folder, self.no_cache) {
             (_, true) => CacheFolder::None,

@@ -2,7 +2,6 @@
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use clap::Args;
 use serde_json::json;
@@ -10,14 +9,10 @@ use serde_json::json;
 use super::fmt::{collect, read};
 use super::{Exit, GraphOptions, counted, eprint, print, print_json, put_problems, report};
 use crate::catalog::Catalog;
-use crate::error::{Place, Problem, Severity, Source, Span, code};
-use crate::format::handles;
-use crate::golden::case;
-use crate::graph::{Graph, InputValues, Options};
+use crate::error::{Place, Problem, Severity, code};
+use crate::graph::Graph;
 use crate::plain;
-use crate::suite::shared;
-use crate::text::first_word;
-use crate::value::HandleSpace;
+use crate::suite::{FileKind, of_file, shared};
 use crate::writing::rewrite;
 
 #[derive(Args)]
@@ -36,25 +31,6 @@ pub(super) struct Check {
     fix: bool,
 }
 
-/// What the `.ron` files of a project are.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum What {
-    Graph,
-    Test,
-    Handles,
-}
-
-impl What {
-    fn of(path: &Path, text: &str) -> Self {
-        match first_word(text) {
-            "Test" => Self::Test,
-            _ if path.to_string_lossy().ends_with(case::ENDING) => Self::Test,
-            "Handles" | "[" => Self::Handles,
-            _ => Self::Graph,
-        }
-    }
-}
-
 impl Check {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
         let mut files = Vec::new();
@@ -68,15 +44,17 @@ impl Check {
         for path in &files {
             match read(path) {
                 Ok(mut text) => {
-                    let what = What::of(path, &text);
-                    if self.fix && what == What::Graph {
+                    let what = FileKind::of(path, &text);
+                    if self.fix && what == FileKind::Graph {
                         match self.mend(path, text, catalog) {
                             Ok(mended) => text = mended,
                             Err(why) => return Exit::Usage(why),
                         }
                     }
                     counts[what as usize] += 1;
-                    problems.extend(self.file(what, path, text, catalog, &mut tests));
+                    let (found, test) = what.problems(path, text, catalog, &self.options.all());
+                    problems.extend(found);
+                    tests.extend(test);
                 }
                 Err(error) => problems.push(unreadable(path, &error)),
             }
@@ -130,64 +108,6 @@ impl Check {
         }
         Ok(mended)
     }
-
-    /// The problems of a file; a test file that can be read is put to the `tests`.
-    fn file(
-        &self,
-        what: What,
-        path: &Path,
-        text: String,
-        catalog: &Catalog,
-        tests: &mut Vec<case::TestFile>,
-    ) -> Vec<Problem> {
-        match what {
-            What::Graph => {
-                let checked = Graph::load_text(path, text, catalog, &self.options.all());
-                let unused = checked.graph.as_ref().map(Graph::unused).unwrap_or_default();
-                Vec::from_iter(checked.problems.iter().chain(unused).cloned())
-            }
-            What::Test => match case::read(path, catalog) {
-                Ok(test) => {
-                    let problems = self.test(&test, catalog);
-                    tests.push(test);
-                    problems
-                }
-                Err(problems) => problems,
-            },
-            What::Handles => {
-                let read = handles::read_ron(text.as_bytes(), HandleSpace::default());
-                let wrong = |error: handles::HandlesFileError| {
-                    problem(code::WRONG_VALUE, path, text.clone(), error.to_string())
-                };
-                read.err().map(wrong).into_iter().collect()
-            }
-        }
-    }
-
-    /// The problems of the graphs that a test is about, with what each of its cases sets, and what of the test does not fit them.
-    fn test(&self, test: &case::TestFile, catalog: &Catalog) -> Vec<Problem> {
-        let own = self.options.all();
-        let mut problems = Vec::new();
-        for (case, graph) in (0..test.cases.len())
-            .flat_map(|case| test.graphs.iter().map(move |graph| (case, graph)))
-        {
-            let checked = test.loaded(case, |set| {
-                let set = own.set.iter().chain(set).cloned().collect();
-                // Tests are judged without pins.
-                Graph::load(graph, catalog, &Options { set, pins: false, ..own.clone() })
-            });
-            problems.extend(checked.problems);
-            let Some(graph) = checked.graph else { continue };
-            problems.extend(test.wrong_inputs(case, &graph));
-            // Then its outputs are files.
-            let fed = match graph.inputs().is_empty() {
-                true => Ok(graph),
-                false => graph.with_inputs(&InputValues::default(), catalog),
-            };
-            problems.extend(fed.map(|graph| test.misfits(&graph)).unwrap_or_default());
-        }
-        problems
-    }
 }
 
 fn changed() -> std::io::Error {
@@ -195,11 +115,5 @@ fn changed() -> std::io::Error {
 }
 
 fn unreadable(path: &Path, error: &std::io::Error) -> Problem {
-    problem(code::MISSING_FILE, path, String::new(), format!("cannot read the file: {error}"))
-}
-
-/// A problem of a whole file; if it is about a place in it, its message says where.
-fn problem(code: &'static str, path: &Path, text: String, message: String) -> Problem {
-    let source = Arc::new(Source { name: path.to_owned(), text });
-    Problem::new(Severity::Error, code, (source, Span::default()), message)
+    of_file(code::MISSING_FILE, path, String::new(), format!("cannot read the file: {error}"))
 }

@@ -85,6 +85,9 @@ pub(super) struct Watch {
     /// The same, and open the page in your browser: $BROWSER, or the system's.
     #[arg(long, conflicts_with_all = ["once", "list"])]
     open: bool,
+    /// Let an editor on this machine show the live page in a frame of its own.
+    #[arg(long, hide = true)]
+    in_editor: bool,
 }
 
 /// What the listening thread hears.
@@ -161,7 +164,7 @@ impl Watch {
     fn open_page(&self, sender: &Sender<Message>) -> std::io::Result<Page> {
         let sender = sender.clone();
         let wish = move |wish| drop(sender.send(Message::Page(wish)));
-        Page::open(&self.graph, self.options.draft, wish)
+        Page::open(&self.graph, self.options.draft, self.in_editor, wish)
     }
 
     fn tell_link(&self, link: &str) {

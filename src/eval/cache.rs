@@ -2,12 +2,13 @@
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
+use std::panic::AssertUnwindSafe;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use super::lock;
 use crate::node::Memos;
-use crate::value::{AnyValue, Hash};
+use crate::value::{AnyValue, Fact, FactValue, Hash};
 
 /// The values of a node's outputs.
 pub(super) type Values = Arc<[AnyValue]>;
@@ -17,6 +18,8 @@ pub(super) struct Outcome {
     /// The type and the hash of each output.
     pub(super) outputs: Box<[(&'static str, Hash)]>,
     pub(super) warnings: Box<[String]>,
+    /// What the values are in a few words, such as their counts; empty where that is not known.
+    pub(super) shapes: Box<[String]>,
     /// How much memory the values need.
     pub(super) bytes: usize,
     /// How long it took to compute them.
@@ -31,8 +34,9 @@ impl Outcome {
     pub(super) fn new(values: &Values, warnings: Vec<String>, seconds: f64) -> Self {
         let outputs = values.iter().map(|value| (value.kind().name, value.hash())).collect();
         let bytes = values.iter().map(AnyValue::size).sum();
+        let shapes = values.iter().map(shape).collect();
         let known = Self::known(outputs, warnings, bytes, seconds);
-        Self { values: Mutex::new(Some(values.clone())), ..known }
+        Self { values: Mutex::new(Some(values.clone())), shapes, ..known }
     }
 
     /// An outcome without its values.
@@ -46,12 +50,18 @@ impl Outcome {
         Self {
             outputs,
             warnings,
+            shapes: Box::default(),
             bytes,
             seconds,
             values: Mutex::default(),
             used: AtomicU64::new(0),
             owed: AtomicBool::new(false),
         }
+    }
+
+    /// The same, with what its values are in a few words.
+    pub(super) fn shaped(self, shapes: Vec<String>) -> Self {
+        Self { shapes: shapes.into(), ..self }
     }
 
     /// The values, if they are in memory.
@@ -77,6 +87,30 @@ impl Outcome {
     pub(super) fn equals(&self, other: &Self) -> bool {
         self.outputs == other.outputs
     }
+}
+
+/// `1024 x 768`, `12 vertices, 20 faces`: the first facts of a value; empty if its type cannot say them.
+fn shape(value: &AnyValue) -> String {
+    std::panic::catch_unwind(AssertUnwindSafe(|| facts(value))).unwrap_or_default()
+}
+
+fn facts(value: &AnyValue) -> String {
+    const MOST: usize = 3;
+    let fact = |fact: Fact| match fact.value {
+        FactValue::Flag(false) => None,
+        FactValue::Flag(true) => Some(fact.name.into_owned()),
+        FactValue::Text(text) => Some(text),
+        FactValue::Count(1) if fact.name.ends_with('s') => {
+            Some(format!("1 {}", fact.name.trim_end_matches('s')))
+        }
+        FactValue::Count(_) if fact.name.ends_with(['s', 'x']) => {
+            Some(format!("{} {}", fact.value, fact.name))
+        }
+        FactValue::Count(_) => Some(format!("{} {}", fact.name, fact.value)),
+        FactValue::Size(_) => Some(fact.value.to_string()),
+    };
+    let facts = value.parts().facts.into_iter().filter_map(fact).take(MOST);
+    Vec::from_iter(facts).join(", ")
 }
 
 /// Outcomes by key, whose values are at most `limit` bytes together.

@@ -32,7 +32,40 @@ pub(crate) enum Outlook {
     Fails,
 }
 
+/// What is known of a node's last result, without its values.
+#[cfg(feature = "cli")]
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Remembered {
+    /// What each output is in a few words: `1024 x 768`.
+    pub(crate) shapes: Vec<String>,
+    pub(crate) bytes: usize,
+    pub(crate) seconds: f64,
+    /// Whether the node would give it again now, as far as that is known without running one.
+    pub(crate) is_current: bool,
+}
+
 impl Evaluator {
+    /// What is known of the last result of each node, by this process or another one; nothing is run.
+    #[cfg(feature = "cli")]
+    pub(crate) fn remembered(&mut self, graph: &Graph) -> Vec<Option<Remembered>> {
+        // Another process may have evaluated it since.
+        self.last = None;
+        let all = Vec::from_iter(0..graph.nodes.len());
+        let forecasts = self.forecast(graph, &all);
+        let Some(last) = self.last.clone() else { return vec![None; all.len()] };
+        let remembered = |forecast: &Forecast| {
+            let done = last.before(&graph.nodes[forecast.index].name, forecast.index)?;
+            let outcome = &done.outcome;
+            Some(Remembered {
+                shapes: outcome.shapes.to_vec(),
+                bytes: outcome.bytes,
+                seconds: outcome.seconds,
+                is_current: matches!(forecast.reason, Reason::Unchanged | Reason::Lost),
+            })
+        };
+        forecasts.iter().map(remembered).collect()
+    }
+
     /// What would become of the nodes that these hang on, in the graph's order.
     pub(crate) fn forecast(&mut self, graph: &Graph, roots: &[usize]) -> Vec<Forecast> {
         self.recall(graph);

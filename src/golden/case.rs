@@ -118,32 +118,52 @@ fn fields_of(kind: &ValueType) -> &'static [&'static str] {
 
 /// The test of a test file, or every problem of it; the catalog knows the types of values.
 pub(crate) fn read(path: &Path, catalog: &Catalog) -> Result<TestFile, Vec<Problem>> {
-    read_with(path, &|name| {
-        catalog.value_types().get(name).map(|kind| fields_of(kind)).ok_or_else(|| {
-            let mut known = Vec::from_iter(catalog.value_types().into_keys());
-            known.sort_unstable();
-            known
-        })
-    })
+    read_with(path, plain::read_own_text(path), &known_fields(catalog))
+}
+
+/// The same for a text that stands, or will stand, in the file.
+#[cfg(feature = "cli")]
+pub(crate) fn read_text(
+    path: &Path,
+    text: String,
+    catalog: &Catalog,
+) -> Result<TestFile, Vec<Problem>> {
+    read_with(path, Ok(text), &known_fields(catalog))
 }
 
 /// The same without judging which tolerances make sense: to know what it is about.
 pub(crate) fn skim(path: &Path) -> Option<TestFile> {
-    read_with(path, &|_| Ok(&OF_PLACES)).ok()
+    read_with(path, plain::read_own_text(path), &|_| Ok(&OF_PLACES)).ok()
 }
 
 /// The tolerances of a type of values by its name, or the types that are known.
 type Fields<'a> = dyn Fn(&str) -> Result<&'static [&'static str], Vec<&'static str>> + 'a;
 
-fn read_with(path: &Path, fields: &Fields<'_>) -> Result<TestFile, Vec<Problem>> {
-    let (text, unread) = match plain::read_own_text(path) {
+fn known_fields(
+    catalog: &Catalog,
+) -> impl Fn(&str) -> Result<&'static [&'static str], Vec<&'static str>> + '_ {
+    |name| {
+        catalog.value_types().get(name).map(|kind| fields_of(kind)).ok_or_else(|| {
+            let mut known = Vec::from_iter(catalog.value_types().into_keys());
+            known.sort_unstable();
+            known
+        })
+    }
+}
+
+fn read_with(
+    path: &Path,
+    text: std::io::Result<String>,
+    fields: &Fields<'_>,
+) -> Result<TestFile, Vec<Problem>> {
+    let (text, unread) = match text {
         Ok(text) => (text, None),
         Err(error) => (String::new(), Some(format!("cannot read the test: {error}"))),
     };
     let source = Arc::new(Source { name: path.to_owned(), text });
     let result = match unread {
         Some(message) => Err(vec![finding(code::MISSING_FILE, Span::default(), message, "")]),
-        None => read_text(path, &source, fields),
+        None => read_source(path, &source, fields),
     };
     result.map_err(|mut findings| {
         findings.sort_by_key(|finding| finding.span);
@@ -155,7 +175,7 @@ fn finding(code: &'static str, span: Span, message: String, help: impl Into<Help
     Finding { code, span, message, help: help.into(), note: None }
 }
 
-fn read_text(
+fn read_source(
     path: &Path,
     source: &Arc<Source>,
     fields: &Fields<'_>,
@@ -486,8 +506,14 @@ fn is_same(path: &Path, file: &Path) -> bool {
     path.canonicalize().is_ok_and(|path| path == file)
 }
 
+/// The schema of a test file.
+#[cfg(feature = "cli")]
+pub(crate) fn test_schema() -> serde_json::Value {
+    schemars::schema_for!(Test).into()
+}
+
 /// The words of tests.
-#[cfg(test)]
+#[cfg(any(test, feature = "cli"))]
 pub(crate) fn words() -> Vec<crate::graph::Word> {
     use crate::graph::{words_of_choices, words_of_fields};
     let fields = |within, schema: schemars::Schema| words_of_fields("test", within, &schema.into());

@@ -337,7 +337,7 @@ fn first_use<'t>(top: &TopLevel<'t>, name: &str) -> Option<(&'t str, Span)> {
 }
 
 /// Whether a word can name a type of nodes.
-fn is_type_name(word: &str) -> bool {
+pub(crate) fn is_type_name(word: &str) -> bool {
     word.starts_with(|c: char| c.is_ascii_uppercase())
         && word.chars().all(|c| c.is_ascii_alphanumeric())
 }

@@ -21,6 +21,8 @@ mod structure;
 
 pub(super) use place::{Refusal, place};
 pub(super) use references::References;
+#[cfg(feature = "cli")]
+pub(super) use references::{Names, Reference};
 pub(super) use splice::{Splice, added, apply, opened, parts, quoted, without};
 use structure::Structure;
 

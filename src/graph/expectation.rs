@@ -236,7 +236,7 @@ impl Expectation {
     }
 }
 
-#[cfg(test)]
+#[cfg(any(test, feature = "cli"))]
 pub(super) fn schema() -> serde_json::Value {
     schemars::schema_for!(Expectation).into()
 }

@@ -201,7 +201,7 @@ impl Check<'_, '_> {
     fn base(&mut self, given: &str, span: Span) -> Option<Arc<Sheet>> {
         let own = self.sheet.clone();
         let found = self.enter(given, span)?;
-        let text = match crate::plain::read_text(&found.path) {
+        let text = match self.world.options.text(&found.path) {
             Ok(text) => text,
             Err(error) => {
                 self.find(code::MISSING_FILE, span, format!("cannot read `{given}`: {error}"), "");

@@ -54,11 +54,17 @@ const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// What the page may do: nothing but what it brings.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
-                      worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; \
+                      worker-src 'self'; base-uri 'none'; form-action 'none'; \
                       require-trusted-types-for 'script'; trusted-types 'none'";
 
-const HEADERS: [(HeaderName, &str); 7] = [
-    (header::CONTENT_SECURITY_POLICY, POLICY),
+/// Who may show the page in a frame.
+const NOBODY: &str = "'none'";
+
+/// The same if an editor shows it.
+const EDITORS: &str =
+    "vscode-webview: vscode-file: https://*.vscode-cdn.net http://127.0.0.1:* http://localhost:*";
+
+const HEADERS: [(HeaderName, &str); 6] = [
     (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
     (HeaderName::from_static("cross-origin-embedder-policy"), "require-corp"),
     (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
@@ -138,7 +144,10 @@ async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) 
             (StatusCode::FORBIDDEN, "this page is served to this machine alone\n").into_response()
         }
     };
-    for (name, value) in HEADERS {
+    let framed_by = if shared.in_editor { EDITORS } else { NOBODY };
+    let policy = format!("{POLICY}; frame-ancestors {framed_by}");
+    for (name, value) in HEADERS.into_iter().chain([(header::CONTENT_SECURITY_POLICY, &policy[..])])
+    {
         response.headers_mut().insert(name, value.parse().expect("a constant of visible letters"));
     }
     response

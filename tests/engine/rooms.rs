@@ -33,7 +33,7 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 33] = [
+const ROOMS: [(&str, &[&str]); 34] = [
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
     (
         "cli",
@@ -47,6 +47,7 @@ const ROOMS: [(&str, &[&str]); 33] = [
             "golden",
             "graph",
             "language",
+            "lsp",
             "memory",
             "node",
             "pack",
@@ -114,6 +115,13 @@ const ROOMS: [(&str, &[&str]); 33] = [
     ),
     ("language", &[]),
     ("limit", &[]),
+    (
+        "lsp",
+        &[
+            "catalog", "error", "eval", "golden", "graph", "language", "paths", "session", "suite",
+            "text", "value",
+        ],
+    ),
     ("memory", &[]),
     (
         "page",

@@ -9,7 +9,7 @@ use super::super::cache::{Outcome, Values};
 use crate::value::{AnyValue, Columns, Hash, Kept, ValueType};
 
 /// What stands at the start of every entry: the format's name and version.
-const MAGIC: &[u8; 8] = b"maqent02";
+const MAGIC: &[u8; 8] = b"maqent03";
 
 /// What is known of a result without its values; in JSON, so that a person can read it.
 #[derive(Serialize, Deserialize)]
@@ -19,6 +19,7 @@ struct Header {
     /// The large columns of all outputs, and how many items each has.
     columns: Vec<(Hash, u64)>,
     warnings: Vec<String>,
+    shapes: Vec<String>,
     bytes: usize,
     seconds: f64,
 }
@@ -51,6 +52,7 @@ pub(super) fn write(key: Hash, outcome: &Outcome, kept: &[Kept]) -> Vec<u8> {
         outputs: outputs.collect(),
         columns: columns.map(|column| (column.hash(), column.items() as u64)).collect(),
         warnings: outcome.warnings.to_vec(),
+        shapes: outcome.shapes.to_vec(),
         bytes: outcome.bytes,
         seconds: outcome.seconds,
     };
@@ -104,8 +106,8 @@ impl Entry {
 
     pub(super) fn outcome(self) -> Outcome {
         let outputs = self.outputs.iter().map(|(kind, hash, _)| (kind.name, *hash)).collect();
-        let Header { warnings, bytes, seconds, .. } = self.header;
-        Outcome::known(outputs, warnings, bytes, seconds)
+        let Header { warnings, shapes, bytes, seconds, .. } = self.header;
+        Outcome::known(outputs, warnings, bytes, seconds).shaped(shapes)
     }
 
     pub(super) fn values(&self, columns: &dyn Columns) -> Option<Values> {

@@ -23,7 +23,7 @@ struct Record {
     files: Vec<KnownFile>,
 }
 
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 #[derive(Serialize, Deserialize)]
 struct Node {
@@ -44,6 +44,7 @@ struct NodeResult {
     warnings: Vec<String>,
     bytes: usize,
     seconds: f64,
+    shapes: Vec<String>,
 }
 
 pub(super) fn write(snapshot: &Snapshot, files: &[KnownFile]) -> Vec<u8> {
@@ -70,6 +71,7 @@ fn result(done: &Done) -> NodeResult {
         warnings: outcome.warnings.to_vec(),
         bytes: outcome.bytes,
         seconds: outcome.seconds,
+        shapes: outcome.shapes.to_vec(),
     }
 }
 
@@ -109,6 +111,7 @@ fn done(result: NodeResult, store: &Store) -> Option<Done> {
         inputs: result.inputs.into(),
         files: result.files.into(),
     };
-    let outcome = Outcome::known(outputs, result.warnings, result.bytes, result.seconds);
+    let known = Outcome::known(outputs, result.warnings, result.bytes, result.seconds);
+    let outcome = known.shaped(result.shapes);
     Some(Done { key: parts.key(), parts, outcome: Arc::new(outcome) })
 }

@@ -16,19 +16,19 @@ use crate::text::{Body, Kind, Tree};
 
 /// A text in a graph that names something of it.
 #[derive(Clone, Debug)]
-pub(super) struct Reference {
+pub(in crate::graph) struct Reference {
     /// Where the literal stands.
-    pub(super) span: Span,
+    pub(in crate::graph) span: Span,
     /// What it says.
-    pub(super) text: String,
-    pub(super) kind: Names,
+    pub(in crate::graph) text: String,
+    pub(in crate::graph) kind: Names,
     /// Who names it, in words: port `mask` of `spots`.
     pub(super) by: String,
 }
 
 /// What a text names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Names {
+pub(in crate::graph) enum Names {
     /// A node or an input.
     Link,
     /// An output.
@@ -115,6 +115,12 @@ impl References {
             }
         }
         Self { all: search.found.into_values().collect(), ports: known_ports }
+    }
+
+    /// All, in the order of their places.
+    #[cfg(feature = "cli")]
+    pub(in crate::graph) fn all(&self) -> &[Reference] {
+        &self.all
     }
 
     /// What links say.

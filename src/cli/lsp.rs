@@ -1,0 +1,41 @@
+//! `maquette lsp`: graphs in editors.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::Args;
+use lsp_server::Connection;
+
+use super::Exit;
+use super::caching::CacheOptions;
+use crate::catalog::Catalog;
+use crate::lsp::{Setup, serve};
+
+#[derive(Args)]
+pub(super) struct Lsp {
+    /// Speak over stdin and stdout, which is the only way there is.
+    #[arg(long)]
+    stdio: bool,
+    #[command(flatten)]
+    cache: CacheOptions,
+}
+
+impl Lsp {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
+        // It looks things up, which needs no more threads.
+        let session = match self.cache.session(1, catalog) {
+            Ok(session) => session,
+            Err(why) => return Exit::Usage(why),
+        };
+        let program = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("maquette"));
+        let (connection, threads) = Connection::stdio();
+        let ended = serve(&connection, Setup { session, program, words: self.cache.words() });
+        drop(connection);
+        // The reading thread ends when the editor has closed its end.
+        let _ = threads.join();
+        match ended {
+            Ok(()) => Exit::Done,
+            Err(why) => Exit::Usage(why),
+        }
+    }
+}

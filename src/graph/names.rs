@@ -1,0 +1,390 @@
+//! Every name in the text of a graph, a patch or a test, and what it names, there or in another file.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::check::{Whole, first, folder_of};
+use super::definition::Definition;
+use super::edit::{Names, Reference, References};
+use super::expectation::Expectation;
+use super::expression::named_parameters;
+use super::meaning::{entries, named_node};
+use super::patch::is_patch;
+use super::{Files, Graph, Options};
+use crate::catalog::Catalog;
+use crate::error::Span;
+use crate::text::{Field, Kind, Name, Tree, parse};
+
+/// What has a name of its author.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct Symbol {
+    /// The file that declares it, without links and dots.
+    pub(crate) file: PathBuf,
+    pub(crate) sort: SymbolSort,
+    pub(crate) name: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) enum SymbolSort {
+    /// A node or an input.
+    Node,
+    Parameter,
+    Output,
+    /// A type of nodes that `use` makes of a graph.
+    Type,
+}
+
+/// A name in a text.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Named {
+    /// Where it stands, without quotes and what stands beside it.
+    pub(crate) span: Span,
+    pub(crate) symbol: Symbol,
+    /// Whether it is the place that declares it.
+    pub(crate) declares: bool,
+}
+
+/// The names in a file, and the files of graphs that it names, without links and dots.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct NamesOf {
+    /// In the order of their places.
+    pub(crate) all: Vec<Named>,
+    /// The graph of each type of nodes that `use` makes.
+    pub(crate) types: HashMap<String, PathBuf>,
+}
+
+impl Graph {
+    /// The names in the text of a graph or a patch; none if it cannot be read.
+    pub(crate) fn names_in(
+        path: &Path,
+        text: &str,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> NamesOf {
+        let (tree, mistakes) = parse(text);
+        if !mistakes.is_empty() {
+            return NamesOf::default();
+        }
+        let Some((known, whole)) = Known::of(path, text, catalog, options) else {
+            return NamesOf::default();
+        };
+        let mut search = Search { text, found: Vec::new() };
+        let fields = tree.fields().unwrap_or_default();
+        if is_patch(&tree) {
+            for (key, _) in keys(fields, "params") {
+                search.put(key, |name| known.value(name));
+            }
+            for (key, value) in keys(fields, "nodes") {
+                search.put(key, |name| known.way(name));
+                let node = key.text().unwrap_or_default();
+                if let Some(inner) =
+                    known.uses.get(named_node(node)).filter(|_| !node.contains('.'))
+                {
+                    search.fields(value, inner);
+                }
+            }
+        } else {
+            search.graph(fields, &known, &References::within(&whole.definition, &tree));
+        }
+        search.found.sort_by_key(|found| found.span);
+        search.found.dedup();
+        let types = known.types.iter().map(|(name, inner)| (name.clone(), inner.file.clone()));
+        NamesOf { types: types.collect(), all: search.found }
+    }
+
+    /// The names in the text of a test of these graphs.
+    pub(crate) fn names_in_test(
+        text: &str,
+        graphs: &[PathBuf],
+        catalog: &Catalog,
+        options: &Options,
+    ) -> NamesOf {
+        let (tree, _) = parse(text);
+        let mut search = Search { text, found: Vec::new() };
+        for path in graphs {
+            let Ok(graph) = options.text(path) else { continue };
+            let Some((known, _)) = Known::of(path, &graph, catalog, options) else { continue };
+            search.test(tree.fields().unwrap_or_default(), &known);
+        }
+        search.found.sort_by(|a, b| (a.span, &a.symbol).cmp(&(b.span, &b.symbol)));
+        search.found.dedup();
+        NamesOf { all: search.found, types: HashMap::new() }
+    }
+}
+
+/// What a graph declares, for who names it from outside.
+struct Inner {
+    file: PathBuf,
+    params: Vec<String>,
+    inputs: Vec<String>,
+}
+
+impl Inner {
+    fn of(definition: &Definition) -> Self {
+        let inputs = definition.drafts[..definition.inputs].iter();
+        Self {
+            file: file_of(definition),
+            params: definition.declared.iter().map(|declared| declared.name.clone()).collect(),
+            inputs: inputs.map(|draft| draft.name.text.clone()).collect(),
+        }
+    }
+
+    /// The input or parameter of this name.
+    fn field(&self, name: &str) -> Option<Symbol> {
+        let sort = match () {
+            () if self.inputs.iter().any(|known| known == name) => SymbolSort::Node,
+            () if self.params.iter().any(|known| known == name) => SymbolSort::Parameter,
+            () => return None,
+        };
+        Some(Symbol { file: self.file.clone(), sort, name: name.to_owned() })
+    }
+}
+
+/// The file of a definition; of what a patch makes, that of the graph.
+fn file_of(definition: &Definition) -> PathBuf {
+    let sheet = &definition.sheet;
+    let (folder, source) = match sheet.parts.first() {
+        Some(first) => (&first.folder, &first.source),
+        None => (&sheet.folder, &sheet.source),
+    };
+    folder.join(source.name.file_name().unwrap_or_default())
+}
+
+/// What a graph declares, and what the graphs do that its nodes use.
+struct Known {
+    own: Inner,
+    nodes: Vec<String>,
+    outputs: Vec<String>,
+    types: HashMap<String, Arc<Inner>>,
+    /// The graph that a node uses.
+    uses: HashMap<String, Arc<Inner>>,
+}
+
+impl Known {
+    fn of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Option<(Self, Whole)> {
+        let options = Options { files: Files::Ignored, set: Vec::new(), ..options.clone() };
+        let (world, whole) = first(path, text.to_owned(), catalog, &options);
+        let whole = whole?;
+        let definition = &whole.definition;
+        let listed = world.listed.iter().filter(|(depth, ..)| *depth == 1);
+        let types = listed.map(|(_, name, inner)| (name.clone(), Arc::new(Inner::of(inner))));
+        let types: HashMap<_, _> = types.collect();
+        let (tree, _) = parse(&definition.sheet.source.text);
+        let fields = tree.fields().unwrap_or_default();
+        let mut uses = HashMap::new();
+        for (name, call) in entries(fields, "nodes") {
+            let inner = kind_of(call).and_then(|kind| types.get(&kind.text));
+            uses.extend(inner.map(|inner| (name.to_owned(), inner.clone())));
+        }
+        let names = |section| entries(fields, section).map(|(name, _)| name.to_owned()).collect();
+        let own = Inner::of(definition);
+        Some((Self { own, nodes: names("nodes"), outputs: names("outputs"), types, uses }, whole))
+    }
+
+    fn symbol(&self, sort: SymbolSort, name: &str) -> Symbol {
+        Symbol { file: self.own.file.clone(), sort, name: name.to_owned() }
+    }
+
+    /// A node or an input.
+    fn node(&self, name: &str) -> Option<Symbol> {
+        let known = self.nodes.iter().chain(&self.own.inputs).any(|known| known == name);
+        known.then(|| self.symbol(SymbolSort::Node, name))
+    }
+
+    /// What a link names: a node, and an output of the graph that it uses.
+    fn link(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
+        let node = named_node(text);
+        let mut found = Vec::from_iter(self.node(node).map(|symbol| (0..node.len(), symbol)));
+        if let (Some(inner), Some(dot)) = (self.uses.get(node), text.find('.')) {
+            let name = text[dot + 1..].to_owned();
+            let symbol = Symbol { file: inner.file.clone(), sort: SymbolSort::Output, name };
+            found.push((dot + 1..text.len(), symbol));
+        }
+        found
+    }
+
+    /// What a name of a value names: `growth`, or `node.field`.
+    fn value(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
+        if text.contains('.') {
+            return self.way(text);
+        }
+        let known = self.own.params.iter().any(|known| known == text);
+        let symbol = || self.symbol(SymbolSort::Parameter, text);
+        Vec::from_iter(known.then(|| (0..text.len(), symbol())))
+    }
+
+    /// What `node.field` names.
+    fn way(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
+        let node = named_node(text);
+        let mut found = Vec::from_iter(self.node(node).map(|symbol| (0..node.len(), symbol)));
+        let field = text.split_once('.').and_then(|(_, way)| way.split('.').next());
+        let start = text.find('.').map_or(0, |dot| dot + 1);
+        if let Some((field, inner)) = field.zip(self.uses.get(node)) {
+            found.extend(inner.field(field).map(|symbol| (start..start + field.len(), symbol)));
+        }
+        found
+    }
+
+    /// What an expectation speaks of.
+    fn expected(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
+        match self.outputs.iter().any(|output| output == text) {
+            true => vec![(0..text.len(), self.symbol(SymbolSort::Output, text))],
+            false => self.link(text),
+        }
+    }
+}
+
+/// The type of a node; of a `ForEach`, that of its nodes.
+fn kind_of(call: &Tree) -> Option<Name> {
+    let kind = call.name()?;
+    if kind.text != "ForEach" {
+        return Some(kind);
+    }
+    let graph = call.fields()?.iter().find(|field| field.name.text == "graph")?;
+    Some(Name { text: graph.value.text()?.to_owned(), span: graph.value.span })
+}
+
+/// The keys of a section with their values.
+fn keys<'t>(fields: &'t [Field], section: &str) -> impl Iterator<Item = (&'t Tree, &'t Tree)> {
+    let maps = fields.iter().filter(move |field| field.name.text == section);
+    maps.flat_map(|field| entries_of(&field.value))
+}
+
+fn entries_of(map: &Tree) -> impl Iterator<Item = (&Tree, &Tree)> {
+    let entries = match &map.kind {
+        Kind::Map(entries) => &entries[..],
+        _ => &[],
+    };
+    entries.iter().map(|(key, value)| (key, value))
+}
+
+/// Collects the names in a text.
+struct Search<'t> {
+    text: &'t str,
+    found: Vec<Named>,
+}
+
+impl Search<'_> {
+    /// Puts what a literal names, by ranges of what it says.
+    fn put(&mut self, literal: &Tree, of: impl FnOnce(&str) -> Vec<(Range<usize>, Symbol)>) {
+        let Some(says) = literal.text() else { return };
+        self.put_at(literal.span, says, of(says), false);
+    }
+
+    fn declare(&mut self, literal: &Tree, symbol: Symbol) {
+        let Some(says) = literal.text() else { return };
+        self.put_at(literal.span, says, vec![(0..says.len(), symbol)], true);
+    }
+
+    fn put_at(&mut self, at: Span, says: &str, named: Vec<(Range<usize>, Symbol)>, declares: bool) {
+        // What is written with escapes is no name.
+        let Some(start) = self.text[at.start..at.end].find(says) else { return };
+        let start = at.start + start;
+        for (range, symbol) in named {
+            let span = Span { start: start + range.start, end: start + range.end };
+            self.found.push(Named { span, symbol, declares });
+        }
+    }
+
+    /// The fields of a call of a used graph.
+    fn fields(&mut self, call: &Tree, inner: &Inner) {
+        for Field { name, .. } in call.fields().unwrap_or_default() {
+            let symbol = inner.field(&name.text);
+            let named = |symbol| Named { span: name.span, symbol, declares: false };
+            self.found.extend(symbol.map(named));
+        }
+    }
+
+    fn graph(&mut self, fields: &[Field], known: &Known, references: &References) {
+        use SymbolSort::{Node, Output, Parameter, Type};
+        let sections = [
+            ("nodes", Node),
+            ("inputs", Node),
+            ("params", Parameter),
+            ("outputs", Output),
+            ("use", Type),
+        ];
+        for (section, sort) in sections {
+            for (key, _) in keys(fields, section) {
+                let name = key.text().unwrap_or_default();
+                self.declare(key, known.symbol(sort, name));
+            }
+        }
+        for Reference { span, text, kind, .. } in references.all() {
+            let named = match kind {
+                Names::Link => known.link(text),
+                Names::Output => vec![(0..text.len(), known.symbol(Output, text))],
+                Names::Parameter => vec![(0..text.len(), known.symbol(Parameter, text))],
+                Names::Expression => {
+                    let is_known = |name: &str| known.own.params.iter().any(|known| known == name);
+                    let places = named_parameters(text, &is_known).unwrap_or_default();
+                    let named = |place: Range<usize>| {
+                        let symbol = known.symbol(Parameter, &text[place.clone()]);
+                        (place, symbol)
+                    };
+                    places.into_iter().map(named).collect()
+                }
+            };
+            self.put_at(*span, text, named, false);
+        }
+        for (_, call) in keys(fields, "nodes") {
+            let Some((kind, inner)) = kind_of(call).and_then(|kind| {
+                let inner = known.types.get(&kind.text)?.clone();
+                Some((kind, inner))
+            }) else {
+                continue;
+            };
+            let symbol = known.symbol(Type, &kind.text);
+            self.put_at(kind.span, &kind.text, vec![(0..kind.text.len(), symbol)], false);
+            if call.name().is_some_and(|name| name.text != "ForEach") {
+                self.fields(call, &inner);
+                continue;
+            }
+            for Field { name, value } in call.fields().unwrap_or_default() {
+                match (&name.text[..], &value.kind) {
+                    ("with" | "links" | "carry", _) => self.fields(value, &inner),
+                    ("over", Kind::List(items)) => {
+                        items.iter().for_each(|item| self.fields(item, &inner));
+                    }
+                    ("each" | "number", _) => self.put(value, |says| {
+                        Vec::from_iter(inner.field(says).map(|symbol| (0..says.len(), symbol)))
+                    }),
+                    _ => {}
+                }
+            }
+        }
+    }
+
+    fn test(&mut self, fields: &[Field], known: &Known) {
+        for (_, case) in keys(fields, "cases") {
+            for field in case.fields().unwrap_or_default() {
+                for (key, _) in entries_of(&field.value) {
+                    match &field.name.text[..] {
+                        "set" => self.put(key, |says| known.value(says)),
+                        "inputs" => self.put(key, |says| {
+                            Vec::from_iter(known.node(says).map(|symbol| (0..says.len(), symbol)))
+                        }),
+                        _ => {}
+                    }
+                }
+            }
+        }
+        for (key, _) in keys(fields, "compare") {
+            self.put(key, |says| match known.outputs.iter().any(|output| output == says) {
+                true => vec![(0..says.len(), known.symbol(SymbolSort::Output, says))],
+                false => Vec::new(),
+            });
+        }
+        let expect = fields.iter().filter(|field| field.name.text == "expect");
+        for text in expect.flat_map(|field| Expectation::value_texts(&field.value)) {
+            self.put(text, |says| known.expected(says));
+        }
+    }
+}
+
+/// A path without links and dots, whether or not there is such a file.
+pub(crate) fn real(path: &Path) -> PathBuf {
+    folder_of(path).join(path.file_name().unwrap_or_default())
+}

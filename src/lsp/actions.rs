@@ -1,0 +1,108 @@
+//! What an editor offers to do at a place: mend a problem, mend all, look at a node.
+
+use gen_lsp_types::CodeActionParams;
+use serde_json::{Value as Json, json};
+
+use super::checker::diagnostic;
+use super::outline;
+use super::project::Texts;
+use super::{Refused, Server, Subject};
+use crate::error::Problem;
+use crate::graph::{Graph, real};
+use crate::suite::FileKind;
+use crate::text::first_word;
+
+impl Server {
+    pub(super) fn actions(
+        &mut self,
+        subject: &Subject<'_>,
+        asked: &CodeActionParams,
+    ) -> Result<Json, Refused> {
+        let text = subject.lines.text();
+        let (start, end) =
+            (subject.lines.offset(asked.range.start), subject.lines.offset(asked.range.end));
+        let wants = |kind: &str| {
+            let only = asked.context.only.as_deref();
+            let is_wanted = |wanted: &Json| {
+                wanted.as_str().is_some_and(|wanted| {
+                    wanted.is_empty() || kind == wanted || kind.starts_with(&format!("{wanted}."))
+                })
+            };
+            only.is_none_or(|only| only.iter().any(|wanted| is_wanted(&json!(wanted))))
+        };
+        let mut found = Vec::new();
+        let kind = FileKind::of(&subject.path, text);
+        if wants("quickfix") {
+            let (problems, _) =
+                kind.problems(&subject.path, text.to_owned(), &self.catalog, &subject.options);
+            let is_here =
+                |problem: &&Problem| problem.span.start <= end && start <= problem.span.end;
+            let is_own = |problem: &&Problem| {
+                real(&problem.source.name) == subject.path && *problem.source.text == *text
+            };
+            for problem in
+                problems.iter().filter(is_own).filter(is_here).filter(|it| !it.fix.is_empty())
+            {
+                let edits =
+                    problem.fix.iter().map(|(span, new)| subject.lines.edit(*span, new.clone()));
+                let changes = json!({ &subject.uri.0: Vec::from_iter(edits) });
+                found.push(json!({
+                    "title": title(problem),
+                    "kind": "quickfix",
+                    "isPreferred": true,
+                    "diagnostics": [diagnostic(problem, self.client)],
+                    "edit": { "changes": changes },
+                }));
+            }
+        }
+        // It is asked for by itself, as when a text is saved.
+        let is_all = asked.context.only.as_ref().is_some_and(|_| wants("source.fixAll"));
+        if is_all && kind == FileKind::Graph {
+            let (mended, problems) =
+                Graph::fixed(&subject.path, text, &self.catalog, &subject.options);
+            if !problems.is_empty() {
+                let edits = self.edits(&Texts::from([(subject.path.clone(), mended)]));
+                let title = "Put right all that has one answer";
+                found.push(json!({ "title": title, "kind": "source.fixAll", "edit": edits }));
+            }
+        }
+        if asked.context.only.is_none() && first_word(text) == "Graph" {
+            let sections = outline::sections(text);
+            let nodes = sections.iter().filter(|it| it.name == "nodes").flat_map(|it| &it.entries);
+            let here =
+                Vec::from_iter(nodes.filter(|it| it.span.start <= end && start <= it.span.end));
+            if let [node] = &here[..] {
+                for (title, command) in
+                    [("Inspect", "maquette.inspect"), ("Why does it run:", "maquette.why")]
+                {
+                    let title = format!("{title} `{}`", node.name);
+                    let command = json!({ "title": title, "command": command, "arguments": [subject.uri.0, node.name] });
+                    found.push(json!({ "title": title, "command": command }));
+                }
+            }
+        }
+        Ok(found.into())
+    }
+}
+
+/// What is written, in a few words.
+fn title(problem: &Problem) -> String {
+    match &problem.fix[..] {
+        [(span, new)] if span.start == span.end => format!("Write `{}`", short(new)),
+        [(_, new)] if new.is_empty() => "Take it away".into(),
+        [(span, new)] => {
+            let old = problem.source.text.get(span.start..span.end).unwrap_or_default();
+            format!("Write `{}` in place of `{}`", short(new), short(old))
+        }
+        _ => "Put it right".into(),
+    }
+}
+
+fn short(text: &str) -> String {
+    const MOST: usize = 40;
+    let line = text.trim().lines().next().unwrap_or_default();
+    match line.chars().count() {
+        ..=MOST => line.to_owned(),
+        _ => line.chars().take(MOST).chain("..".chars()).collect(),
+    }
+}

@@ -1,0 +1,375 @@
+//! Commands that an editor has run: each by a process of its own, so that nothing that a graph does can harm the server.
+
+use std::collections::HashMap;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use lsp_server::{ErrorCode, Message, Notification, Request, RequestId, Response};
+use serde_json::{Value as Json, json};
+
+use super::checker::{Job, OfFiles};
+use super::place::{Lines, path_of};
+use super::{Client, Server, real};
+use crate::error::Span;
+use crate::paths::project_root;
+
+/// The commands, as editors name them.
+pub(super) const COMMANDS: [&str; 5] =
+    ["maquette.run", "maquette.watch", "maquette.stop", "maquette.inspect", "maquette.why"];
+
+/// What runs for an editor.
+pub(super) struct Commands {
+    program: PathBuf,
+    /// What each command is told beside its own words.
+    words: Vec<String>,
+    client: Client,
+    sender: crossbeam_channel::Sender<Message>,
+    checks: Sender<Job>,
+    running: Arc<Mutex<HashMap<String, Child>>>,
+    watches: Arc<Mutex<HashMap<PathBuf, Child>>>,
+    news: News,
+    next: usize,
+}
+
+/// Tells that something has been evaluated.
+#[derive(Clone)]
+struct News {
+    client: Client,
+    sender: crossbeam_channel::Sender<Message>,
+    count: Arc<AtomicUsize>,
+}
+
+impl News {
+    /// Has the editor ask for hints and lenses again.
+    fn tell(&self) {
+        let count = self.count.fetch_add(1, Ordering::Relaxed);
+        if self.client.refreshes {
+            for what in ["inlayHint", "codeLens"] {
+                let id = format!("maquette-refresh-{count}-{what}").into();
+                let method = format!("workspace/{what}/refresh");
+                let _ = self.sender.send(Request { id, method, params: Json::Null }.into());
+            }
+        }
+    }
+}
+
+impl Commands {
+    pub(super) fn new(
+        (program, words): (PathBuf, Vec<String>),
+        client: Client,
+        sender: crossbeam_channel::Sender<Message>,
+        checks: Sender<Job>,
+    ) -> Self {
+        let (running, watches) = (Arc::default(), Arc::default());
+        let news = News { client, sender: sender.clone(), count: Arc::default() };
+        Self { program, words, client, sender, checks, running, watches, news, next: 0 }
+    }
+
+    /// How often something has been evaluated.
+    pub(super) fn evaluations(&self) -> usize {
+        self.news.count.load(Ordering::Relaxed)
+    }
+
+    /// Whether a graph is being watched.
+    pub(super) fn watches(&self, path: &Path) -> bool {
+        let mut watches = lock(&self.watches);
+        // One that has ended by itself is none any more.
+        watches.retain(|_, child| matches!(child.try_wait(), Ok(None)));
+        watches.contains_key(path)
+    }
+
+    /// Stops what was begun under this token.
+    pub(super) fn cancel(&self, token: &Json) {
+        if let Some(child) = token.as_str().and_then(|token| lock(&self.running).remove(token)) {
+            end(child);
+        }
+    }
+}
+
+impl Drop for Commands {
+    fn drop(&mut self) {
+        lock(&self.running).drain().for_each(|(_, child)| end(child));
+        lock(&self.watches).drain().for_each(|(_, child)| end(child));
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(|broken| broken.into_inner())
+}
+
+fn end(mut child: Child) {
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+impl Server {
+    /// Runs a command; its answer comes when it has ended.
+    pub(super) fn execute(&mut self, id: RequestId, params: Json) {
+        let refuse =
+            |why: String| Response::new_err(id.clone(), ErrorCode::RequestFailed as i32, why);
+        let command = params["command"].as_str().unwrap_or_default().to_owned();
+        let argument = |index: usize| params["arguments"][index].as_str().map(str::to_owned);
+        let path = argument(0).and_then(|uri| path_of(&uri.into())).map(|path| real(&path));
+        let Some(path) = path else {
+            let _ = self
+                .sender
+                .send(refuse(format!("`{command}` wants the URI of a graph first")).into());
+            return;
+        };
+        let document = self.documents.get(&path);
+        let is_saved = document.is_none_or(|document| {
+            std::fs::read_to_string(&path).is_ok_and(|saved| *saved == *document.text)
+        });
+        if !is_saved && command != "maquette.stop" {
+            let _ = self
+                .sender
+                .send(refuse("save the graph first: what is on disk is run".into()).into());
+            return;
+        }
+        let text =
+            document.map_or_else(|| Arc::from(self.text(&path)), |document| document.text.clone());
+        let first: &[&str] = match &command[..] {
+            "maquette.run" => &["run", "--json"],
+            "maquette.inspect" => &["inspect"],
+            "maquette.why" => &["why"],
+            "maquette.watch" => {
+                let answer = self.commands.watch(&path);
+                let is_shown =
+                    answer.as_ref().ok().and_then(|told| told["url"].as_str().map(str::to_owned));
+                let response =
+                    answer.map_or_else(refuse, |told| Response::new_ok(id.clone(), told));
+                let _ = self.sender.send(response.into());
+                if let Some(url) = is_shown {
+                    self.show(&url, true);
+                }
+                return self.commands.news.tell();
+            }
+            "maquette.stop" => {
+                let watch = lock(&self.commands.watches).remove(&path);
+                let text =
+                    if watch.is_some() { "the watch has ended" } else { "there was no watch" };
+                watch.into_iter().for_each(end);
+                let _ = self.sender.send(Response::new_ok(id, json!({ "text": text })).into());
+                return self.commands.news.tell();
+            }
+            _ => {
+                let _ = self.sender.send(refuse(format!("there is no command `{command}`")).into());
+                return;
+            }
+        };
+        let mut words = Vec::from_iter(first.iter().map(|&word| word.to_owned()));
+        words.extend(std::iter::once(path.display().to_string()).chain(argument(1)));
+        for root in &self.choices.roots {
+            words.extend(["--root".to_owned(), root.display().to_string()]);
+        }
+        self.commands.start(id, &command, words, path, text, self.choices.shows);
+    }
+}
+
+impl Commands {
+    /// The program, in the folder of a graph's project: an editor may have been started anywhere, and outputs go to `out` there.
+    fn program_in(&self, graph: &Path) -> Command {
+        let mut program = Command::new(&self.program);
+        program.current_dir(project_root(graph.parent().unwrap_or(Path::new("/"))));
+        program
+    }
+
+    /// Starts a process, and answers when it has ended.
+    fn start(
+        &mut self,
+        id: RequestId,
+        command: &str,
+        words: Vec<String>,
+        path: PathBuf,
+        text: Arc<str>,
+        shows: bool,
+    ) {
+        self.next += 1;
+        let token = format!("maquette-run-{}", self.next);
+        let begun = self
+            .program_in(&path)
+            .args(&words)
+            .args(&self.words)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn();
+        let mut child = match begun {
+            Ok(child) => child,
+            Err(error) => {
+                let why = format!("cannot run {}: {error}", self.program.display());
+                let response = Response::new_err(id, ErrorCode::RequestFailed as i32, why);
+                return drop(self.sender.send(response.into()));
+            }
+        };
+        let (out, err) = (child.stdout.take(), child.stderr.take());
+        lock(&self.running).insert(token.clone(), child);
+        let (client, sender, checks) = (self.client, self.sender.clone(), self.checks.clone());
+        let (running, news, is_run) =
+            (self.running.clone(), self.news.clone(), command == "maquette.run");
+        let title = format!(
+            "{} {}",
+            command.trim_start_matches("maquette."),
+            path.file_name().unwrap_or_default().to_string_lossy()
+        );
+        std::thread::spawn(move || {
+            let tell = |method: &str, params: Json| {
+                let _ = sender.send(Notification { method: method.to_owned(), params }.into());
+            };
+            if client.progress {
+                let params = json!({ "token": token });
+                let method = "window/workDoneProgress/create".to_owned();
+                let _ = sender.send(Request { id: token.clone().into(), method, params }.into());
+                let value = json!({ "kind": "begin", "title": title, "cancellable": true });
+                tell("$/progress", json!({ "token": token, "value": value }));
+            }
+            let error = std::thread::spawn(move || all(err));
+            let (out, error) = (all(out), error.join().unwrap_or_default());
+            let child = lock(&running).remove(&token);
+            let is_cancelled = child.is_none();
+            child.into_iter().for_each(|mut child| drop(child.wait()));
+            let words = match (is_run, serde_json::from_str::<Json>(&out)) {
+                (true, Ok(document)) => {
+                    let diagnostics = diagnostics(&document, &path, &text, client);
+                    let _ = checks.send(Job::Found { path, text, diagnostics });
+                    in_words(&document)
+                }
+                _ => format!("{out}{error}"),
+            };
+            if client.progress {
+                tell("$/progress", json!({ "token": token, "value": { "kind": "end" } }));
+            }
+            news.tell();
+            let words = if is_cancelled { "stopped".to_owned() } else { words };
+            let first = words.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
+            if !shows {
+                tell("window/logMessage", json!({ "type": 3, "message": words }));
+                tell("window/showMessage", json!({ "type": 3, "message": first }));
+            }
+            let _ = sender.send(Response::new_ok(id, json!({ "text": words })).into());
+        });
+    }
+
+    /// Starts a watch with the live page, and gives its link.
+    fn watch(&self, path: &Path) -> Result<Json, String> {
+        if let Some(old) = lock(&self.watches).remove(path) {
+            end(old);
+        }
+        let mut child = self
+            .program_in(path)
+            .args([
+                "watch".as_ref(),
+                path.as_os_str(),
+                "--preview".as_ref(),
+                "--events".as_ref(),
+                "--in-editor".as_ref(),
+            ])
+            .args(&self.words)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .map_err(|error| format!("cannot run {}: {error}", self.program.display()))?;
+        let Some(out) = child.stdout.take() else { return Err("the watch says nothing".into()) };
+        let mut out = BufReader::new(out);
+        let mut line = String::new();
+        let link = loop {
+            line.clear();
+            match out.read_line(&mut line) {
+                Ok(0) | Err(_) => break None,
+                Ok(_) => {}
+            }
+            let told: Json = serde_json::from_str(&line).unwrap_or_default();
+            if let Some(link) = told["link"].as_str() {
+                break Some(link.to_owned());
+            }
+        };
+        let Some(link) = link else {
+            end(child);
+            return Err(format!("{} cannot be watched: run it to see why", path.display()));
+        };
+        // It ends when nobody reads what it prints.
+        let news = self.news.clone();
+        std::thread::spawn(move || {
+            for line in out.lines().map_while(Result::ok) {
+                if serde_json::from_str::<Json>(&line).is_ok_and(|told| told["event"] == "done") {
+                    news.tell();
+                }
+            }
+        });
+        lock(&self.watches).insert(path.to_owned(), child);
+        Ok(json!({ "url": link }))
+    }
+}
+
+fn all(stream: Option<impl Read>) -> String {
+    let mut bytes = Vec::new();
+    stream.into_iter().for_each(|mut stream| drop(stream.read_to_end(&mut bytes)));
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// What a run found that the check cannot know: failures and warnings of nodes, expectations that do not hold.
+fn diagnostics(document: &Json, graph: &Path, text: &str, client: Client) -> OfFiles {
+    const OF_RUNS: [&str; 5] = ["G016", "G017", "G018", "G019", "G020"];
+    let problems = document["problems"].as_array().into_iter().flatten();
+    let mut found = Vec::new();
+    for problem in
+        problems.filter(|it| it["code"].as_str().is_some_and(|code| OF_RUNS.contains(&code)))
+    {
+        let file = real(Path::new(problem["file"].as_str().unwrap_or_default()));
+        let other = if file == graph { None } else { std::fs::read_to_string(&file).ok() };
+        let text = other.as_deref().unwrap_or(text);
+        let lines = Lines::new(text, client.columns);
+        let number = |name: &str| problem[name].as_u64().unwrap_or(1).max(1) as usize - 1;
+        let byte = |line: usize, column: usize| {
+            let start = text.split_inclusive('\n').take(line).map(str::len).sum::<usize>();
+            let line = text[start..].lines().next().unwrap_or_default();
+            start + line.char_indices().nth(column).map_or(line.len(), |(at, _)| at)
+        };
+        let start = byte(number("line"), number("column"));
+        let end = byte(number("end_line"), number("end_column")).max(start);
+        found.push((
+            file,
+            json!({
+                "range": lines.range(Span { start, end }),
+                "severity": if problem["severity"] == "error" { 1 } else { 2 },
+                "code": problem["code"],
+                "source": "maquette run",
+                "message": problem["message"],
+            }),
+        ));
+    }
+    found
+}
+
+/// What a run came to: problems, files, time.
+fn in_words(document: &Json) -> String {
+    let list = |name: &str| document[name].as_array().cloned().unwrap_or_default();
+    let mut words = String::new();
+    for problem in list("problems") {
+        let text = |name: &str| problem[name].as_str().unwrap_or_default().to_owned();
+        words += &format!(
+            "{}: {}:{}:{}: {}\n",
+            text("severity"),
+            text("file"),
+            problem["line"],
+            problem["column"],
+            text("message")
+        );
+    }
+    for output in list("outputs") {
+        let state = if output["changed"] == false { "unchanged" } else { "written" };
+        words += &format!(
+            "{}: {state}\n",
+            output["path"].as_str().or(output["name"].as_str()).unwrap_or_default()
+        );
+    }
+    let nodes = list("nodes");
+    let computed = nodes.iter().filter(|node| node["state"] == "computed").count();
+    let seconds = document["seconds"].as_f64().unwrap_or(0.0);
+    words + &format!("{computed} of {} nodes computed in {seconds:.2} s\n", nodes.len())
+}

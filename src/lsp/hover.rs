@@ -1,0 +1,217 @@
+//! What is said of the word under the pointer.
+
+use serde_json::Value as Json;
+
+use super::last::Last;
+use super::library::{Library, NodeKind};
+use super::scope::{Declared, Scope};
+use super::slot::{Inside, Slot, Slots, fields_of};
+use crate::error::Span;
+use crate::text::{Cursor, TypedKind, cursor, unit_names, variants};
+
+/// What is said of a place, as Markdown, and of which part of the text.
+pub(super) fn hover(
+    library: &Library<'_>,
+    text: &str,
+    at: usize,
+    last: &Last,
+) -> Option<(Span, String)> {
+    // Behind the whole word, so that all of it is what has been typed.
+    let whole = cursor(text, at).typed;
+    if matches!(whole.kind, TypedKind::Nothing | TypedKind::Comment)
+        || whole.span.start == whole.span.end
+    {
+        return None;
+    }
+    let cursor = cursor(text, whole.span.end);
+    let scope = Scope::of(text);
+    let (inside, slot) = Slots { library, scope: &scope }.at(&cursor.frames);
+    let word = &text[whole.span.start..whole.span.end];
+    let told =
+        Hover { library, scope: &scope, cursor: &cursor, last, word, at: at - whole.span.start };
+    let words = told.of(&inside, &slot)?;
+    Some((whole.span, words))
+}
+
+struct Hover<'a> {
+    library: &'a Library<'a>,
+    scope: &'a Scope,
+    cursor: &'a Cursor,
+    last: &'a Last,
+    word: &'a str,
+    /// The place in the word.
+    at: usize,
+}
+
+impl Hover<'_> {
+    fn of(&self, inside: &Inside, slot: &Slot) -> Option<String> {
+        let frame = self.cursor.frames.last();
+        let is_name = frame.is_some_and(|frame| {
+            frame.field.is_none()
+                || frame.field.as_ref().is_some_and(|it| it.span == self.cursor.typed.span)
+        });
+        match inside {
+            Inside::Fields(owner, fields) if is_name => {
+                let field = fields.iter().find(|field| field.name == self.word)?;
+                let head = match field.takes.is_empty() {
+                    true => format!("**{}** of {owner}", field.name),
+                    false => format!("**{}**: `{}`", field.name, field.takes),
+                };
+                Some(paragraphs([head, field.doc.clone()]))
+            }
+            Inside::Entries(_) if is_name => self.key(),
+            _ => self.value(slot),
+        }
+    }
+
+    /// A name of the author's.
+    fn key(&self) -> Option<String> {
+        let section = self.cursor.frames.get(1).filter(|_| self.cursor.frames.len() == 2);
+        section?;
+        let section = self.cursor.frames[0].field.as_ref()?;
+        match &section.text[..] {
+            "nodes" | "inputs" => self.node(self.word),
+            "params" => self.parameter(self.word),
+            _ => None,
+        }
+    }
+
+    fn value(&self, slot: &Slot) -> Option<String> {
+        match (slot, self.cursor.typed.kind) {
+            (Slot::Link(_) | Slot::Expected, TypedKind::Text) => {
+                let output = self.scope.outputs.iter().find(|output| output.name.text == self.word);
+                match (slot, output) {
+                    (Slot::Expected, Some(output)) => {
+                        Some(format!("output **{}**: `{}`", self.word, output.kind))
+                    }
+                    _ => self.link(self.word),
+                }
+            }
+            (Slot::ParameterName, TypedKind::Text) => self.parameter(self.word),
+            (Slot::Expression, TypedKind::Text) => {
+                let is_part = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+                let start = self.word[..self.at].trim_end_matches(is_part).len();
+                let rest = &self.word[start..];
+                let name = &rest[..rest.find(|c| !is_part(c)).unwrap_or(rest.len())];
+                self.parameter(name).or_else(|| of_language("Expr", name))
+            }
+            (Slot::NodeType, TypedKind::Text) | (Slot::Node, TypedKind::Word) => {
+                self.kind(self.word).or_else(|| of_language("nodes", self.word))
+            }
+            (Slot::Use | Slot::Path(_), TypedKind::Text) => {
+                let path = self.library.resolved(self.word);
+                let found = std::fs::metadata(&path).ok();
+                let size =
+                    found.map_or("it is not there".to_owned(), |it| format!("{} bytes", it.len()));
+                Some(format!("`{}`: {size}", path.display()))
+            }
+            (Slot::Parameter | Slot::Input, TypedKind::Word) => of_language(
+                if matches!(slot, Slot::Input) { "inputs" } else { "params" },
+                self.word,
+            ),
+            (Slot::Value { schema, root }, TypedKind::Word) => self.choice(schema, root),
+            (_, TypedKind::Word) => of_language("", self.word),
+            _ => None,
+        }
+    }
+
+    /// A choice, a unit or a word of the language in the place of a value.
+    fn choice(&self, schema: &Json, root: &Json) -> Option<String> {
+        if unit_names().any(|unit| unit == self.word) {
+            return Some(format!(
+                "**{}**: a number in this unit; `maquette help units` tells more",
+                self.word
+            ));
+        }
+        let place = variants(schema).iter().position(|(name, _)| name == self.word);
+        let Some(place) = place else { return of_language("", self.word) };
+        let doc =
+            schema["oneOf"].as_array().and_then(|all| all.get(place)?["description"].as_str());
+        let takes =
+            variants(schema)[place].1.as_ref().map(|content| super::slot::takes(content, root));
+        let head = match takes {
+            Some(takes) => format!(
+                "**{}**{}",
+                self.word,
+                if takes.is_empty() { String::new() } else { format!(": `{takes}`") }
+            ),
+            None => format!("**{}**", self.word),
+        };
+        Some(paragraphs([head, doc.unwrap_or_default().to_owned()]))
+    }
+
+    fn link(&self, link: &str) -> Option<String> {
+        let (node, output) = link.split_once('.').unwrap_or((link, ""));
+        let declared = self.scope.node(node.split('/').next()?)?;
+        let kind = self.kind_of(declared);
+        let outputs = kind.as_ref().map(|kind| &kind.outputs[..]).unwrap_or_default();
+        let found = outputs.iter().find(|(name, _)| name == output || output.is_empty());
+        let gives = found.map_or_else(|| declared.kind.clone(), |(_, types)| types.join(" or "));
+        let promised = kind.iter().flat_map(|kind| &kind.promises);
+        let promised = promised.filter(|(name, _)| found.is_some_and(|(found, _)| found == name));
+        let promised = Vec::from_iter(promised.map(|(_, words)| &words[..])).join(", ");
+        let promised =
+            if promised.is_empty() { String::new() } else { format!("promised: {promised}") };
+        let head = format!("**{link}**: `{gives}` of {}", declared.kind);
+        Some(paragraphs([head, promised, self.last.in_words(link)]))
+    }
+
+    fn node(&self, name: &str) -> Option<String> {
+        let declared = self.scope.node(name)?;
+        let told = match self.kind_of(declared) {
+            Some(kind) => first_paragraph(kind.schema["description"].as_str().unwrap_or_default()),
+            None => String::new(),
+        };
+        let head = format!("**{name}**: {}", declared.kind);
+        Some(paragraphs([head, told, self.last.in_words(name)]))
+    }
+
+    fn kind_of(&self, declared: &Declared) -> Option<std::rc::Rc<NodeKind>> {
+        let name = if declared.kind == "ForEach" { &declared.of } else { &declared.kind };
+        self.library.kind(self.scope, name)
+    }
+
+    /// A type of nodes: what it is for, what it takes, what it gives.
+    fn kind(&self, name: &str) -> Option<String> {
+        let kind = self.library.kind(self.scope, name)?;
+        let fields = fields_of(&kind.schema, &kind.schema);
+        let row = |field: &super::slot::FieldOf| {
+            let mark = if field.required { "" } else { "?" };
+            format!("    {}{mark}: {}\n", field.name, field.takes)
+        };
+        let rows = fields.iter().map(row).collect::<String>();
+        let gives =
+            kind.outputs.iter().map(|(name, types)| format!("{name}: {}", types.join(" or ")));
+        let gives = Vec::from_iter(gives).join(", ");
+        let from = match &kind.file {
+            Some(_) => format!("graph `{}`", kind.from),
+            None => format!("pack {}", kind.from),
+        };
+        let doc = kind.schema["description"].as_str().unwrap_or_default().to_owned();
+        Some(paragraphs([format!("**{name}** ({from})"), doc, rows, format!("gives {gives}")]))
+    }
+
+    fn parameter(&self, name: &str) -> Option<String> {
+        let declared = self.scope.params.iter().find(|it| it.name.text == name)?;
+        let described = self.last.parameter(name);
+        let Some((takes, doc)) = described else {
+            return Some(format!("parameter **{name}**: {} {}", declared.kind, declared.of));
+        };
+        Some(paragraphs([format!("parameter **{name}**: `{takes}`"), doc]))
+    }
+}
+
+/// What the language's documentation says of a word.
+fn of_language(within: &str, word: &str) -> Option<String> {
+    let told = Library::word(within, word);
+    (!told.is_empty()).then(|| format!("**{word}**\n\n{told}"))
+}
+
+fn first_paragraph(text: &str) -> String {
+    text.split("\n\n").next().unwrap_or_default().to_owned()
+}
+
+fn paragraphs(parts: impl IntoIterator<Item = String>) -> String {
+    let parts = parts.into_iter().filter(|part| !part.trim().is_empty());
+    Vec::from_iter(parts.map(|part| part.trim_end().to_owned())).join("\n\n")
+}

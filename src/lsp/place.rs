@@ -1,0 +1,217 @@
+//! Places in texts and files as editors say them: lines, columns of one of three widths, and URIs.
+
+use std::path::{Path, PathBuf};
+
+use gen_lsp_types::{Position, PositionEncodingKind, Range, TextEdit, Uri};
+use line_index::{LineCol, LineIndex, TextSize, WideEncoding, WideLineCol};
+use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, utf8_percent_encode};
+
+use crate::error::Span;
+
+/// What a column counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Columns {
+    Utf8,
+    #[default]
+    Utf16,
+    Utf32,
+}
+
+impl Columns {
+    /// What both know, bytes at best: those are what we have.
+    pub(super) fn agreed(offered: Option<&[PositionEncodingKind]>) -> Self {
+        let knows = |kind| offered.is_some_and(|offered| offered.contains(&kind));
+        match () {
+            () if knows(PositionEncodingKind::UTF8) => Self::Utf8,
+            () if knows(PositionEncodingKind::UTF16) || !knows(PositionEncodingKind::UTF32) => {
+                Self::Utf16
+            }
+            () => Self::Utf32,
+        }
+    }
+
+    pub(super) fn kind(self) -> PositionEncodingKind {
+        match self {
+            Self::Utf8 => PositionEncodingKind::UTF8,
+            Self::Utf16 => PositionEncodingKind::UTF16,
+            Self::Utf32 => PositionEncodingKind::UTF32,
+        }
+    }
+
+    fn wide(self) -> Option<WideEncoding> {
+        match self {
+            Self::Utf8 => None,
+            Self::Utf16 => Some(WideEncoding::Utf16),
+            Self::Utf32 => Some(WideEncoding::Utf32),
+        }
+    }
+}
+
+/// The lines of a text.
+pub(super) struct Lines<'t> {
+    text: &'t str,
+    index: LineIndex,
+    columns: Columns,
+}
+
+impl<'t> Lines<'t> {
+    pub(super) fn new(text: &'t str, columns: Columns) -> Self {
+        Self { text, index: LineIndex::new(text), columns }
+    }
+
+    pub(super) fn text(&self) -> &'t str {
+        self.text
+    }
+
+    /// Where a byte stands; that of a letter in whose middle it is, and the end if it is behind it.
+    pub(super) fn position(&self, at: usize) -> Position {
+        let at = (0..=at.min(self.text.len())).rfind(|&at| self.text.is_char_boundary(at));
+        let at = TextSize::from(u32::try_from(at.unwrap_or(0)).unwrap_or(u32::MAX));
+        let LineCol { line, col } = self.index.line_col(at);
+        let wide =
+            self.columns.wide().and_then(|wide| self.index.to_wide(wide, LineCol { line, col }));
+        Position { line, character: wide.map_or(col, |wide| wide.col) }
+    }
+
+    pub(super) fn range(&self, span: Span) -> Range {
+        Range { start: self.position(span.start), end: self.position(span.end) }
+    }
+
+    /// The byte at a position; the end of its line, or of the text, if it is behind that.
+    pub(super) fn offset(&self, position: Position) -> usize {
+        let Position { line, character } = position;
+        let Some(range) = self.index.line(line) else { return self.text.len() };
+        let (start, end) = (usize::from(range.start()), usize::from(range.end()));
+        let end = start + self.text[start..end].trim_end_matches(['\n', '\r']).len();
+        let column = match self.columns.wide() {
+            None => Some(LineCol { line, col: character }),
+            Some(wide) => self.index.to_utf8(wide, WideLineCol { line, col: character }),
+        };
+        let column = column.map_or(usize::MAX, |column| column.col as usize);
+        let at = start.saturating_add(column).min(end);
+        (start..=at).rfind(|&at| self.text.is_char_boundary(at)).unwrap_or(start)
+    }
+
+    pub(super) fn edit(&self, span: Span, new_text: String) -> TextEdit {
+        TextEdit { range: self.range(span), new_text }
+    }
+
+    /// The edit that makes of the text another one: what both begin and end with stays.
+    pub(super) fn difference(&self, new: &str) -> Option<TextEdit> {
+        if self.text == new {
+            return None;
+        }
+        let same = self.text.bytes().zip(new.bytes()).take_while(|(a, b)| a == b).count();
+        let start =
+            (0..=same).rfind(|&at| self.text.is_char_boundary(at) && new.is_char_boundary(at));
+        let start = start.unwrap_or(0);
+        let (old_rest, new_rest) = (&self.text[start..], &new[start..]);
+        let same =
+            old_rest.bytes().rev().zip(new_rest.bytes().rev()).take_while(|(a, b)| a == b).count();
+        let is_whole = |&at: &usize| {
+            old_rest.is_char_boundary(old_rest.len() - at)
+                && new_rest.is_char_boundary(new_rest.len() - at)
+        };
+        let same = (0..=same).rev().find(is_whole).unwrap_or(0);
+        let span = Span { start, end: self.text.len() - same };
+        Some(self.edit(span, new_rest[..new_rest.len() - same].to_owned()))
+    }
+}
+
+/// What is written with a percent sign in a path of a URI.
+const ESCAPED: &AsciiSet = &CONTROLS
+    .add(b' ')
+    .add(b'"')
+    .add(b'#')
+    .add(b'%')
+    .add(b'<')
+    .add(b'>')
+    .add(b'?')
+    .add(b'`')
+    .add(b'{')
+    .add(b'}')
+    .add(b'[')
+    .add(b']')
+    .add(b'\\')
+    .add(b'^')
+    .add(b'|');
+
+/// The file that a URI names; none if it names something else.
+pub(super) fn path_of(uri: &Uri) -> Option<PathBuf> {
+    let rest = uri.0.strip_prefix("file://")?;
+    let path = &rest[rest.find('/')?..];
+    let path = percent_decode_str(path).decode_utf8().ok()?.into_owned();
+    // `/c:/x` is a path of Windows.
+    let is_drive = path.as_bytes().get(2) == Some(&b':');
+    let path = if cfg!(windows) && is_drive { &path[1..] } else { &path[..] };
+    Some(PathBuf::from(path))
+}
+
+pub(super) fn uri_of(path: &Path) -> Uri {
+    let text = path.to_string_lossy();
+    let text = if cfg!(windows) { text.replace('\\', "/") } else { text.into_owned() };
+    let slash = if text.starts_with('/') { "" } else { "/" };
+    Uri(format!("file://{slash}{}", utf8_percent_encode(&text, ESCAPED)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "a\u{e4}\u{1f600}b\r\n\nx\u{e4}";
+
+    #[test]
+    fn every_place_comes_back_in_every_width() {
+        for columns in [Columns::Utf8, Columns::Utf16, Columns::Utf32] {
+            let lines = Lines::new(TEXT, columns);
+            for at in (0..=TEXT.len()).filter(|&at| TEXT.is_char_boundary(at)) {
+                // Between the two letters of a line's end nothing can be pointed at.
+                if TEXT[..at].ends_with('\r') {
+                    continue;
+                }
+                assert_eq!(lines.offset(lines.position(at)), at, "{columns:?}");
+            }
+        }
+        let column = |columns| Lines::new(TEXT, columns).position(8).character;
+        assert_eq!([Columns::Utf8, Columns::Utf16, Columns::Utf32].map(column), [8, 5, 4]);
+    }
+
+    #[test]
+    fn places_that_are_not_there_are_the_next_ones_before() {
+        let lines = Lines::new(TEXT, Columns::Utf16);
+        let at = |line, character| lines.offset(Position { line, character });
+        assert_eq!([at(0, 99), at(1, 5), at(9, 9), at(2, 99)], [8, 10, TEXT.len(), TEXT.len()]);
+        assert_eq!(
+            lines.position(3),
+            lines.position(4).min(lines.position(3)),
+            "inside of a letter"
+        );
+    }
+
+    #[test]
+    fn a_difference_is_one_edit_between_whole_letters() {
+        let lines = Lines::new("a\u{e4}b", Columns::Utf8);
+        let edit = lines.difference("a\u{e5}b").unwrap();
+        assert_eq!(
+            (edit.range.start.character, edit.range.end.character, &edit.new_text[..]),
+            (1, 3, "\u{e5}")
+        );
+        assert_eq!(lines.difference("a\u{e4}b"), None);
+        let edit = Lines::new("aa", Columns::Utf8).difference("aaa").unwrap();
+        assert_eq!(edit.new_text, "a");
+    }
+
+    #[test]
+    fn uris_are_paths_with_signs_in_place_of_what_they_may_not_have() {
+        let path = Path::new("/a b/\u{e4}#%.ron");
+        let uri = uri_of(path);
+        assert_eq!(uri.0, "file:///a%20b/%C3%A4%23%25.ron");
+        assert_eq!(path_of(&uri).as_deref(), Some(path));
+        assert_eq!(
+            path_of(&Uri("file:///c%3A/x.ron".into())).unwrap().to_string_lossy().len(),
+            if cfg!(windows) { 8 } else { 9 }
+        );
+        assert_eq!(path_of(&Uri("untitled:x".into())), None);
+        assert_eq!(path_of(&Uri("file://".into())), None);
+    }
+}

@@ -1,0 +1,292 @@
+//! The files of a project by the names in them: where a name is declared, where it is used, and what a new one changes.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::catalog::Catalog;
+use crate::error::{Problem, Severity, Span};
+use crate::golden::case;
+use crate::graph::{
+    Graph, Named, NamesOf, Options, Symbol, SymbolSort, is_name, is_type_name, real,
+};
+use crate::paths::project_root;
+use crate::suite::FileKind;
+use crate::text::{Passed, each_word};
+
+/// Folders deeper than this are not looked into.
+const DEEPEST: usize = 12;
+
+/// More files are not looked into.
+const MOST: usize = 5_000;
+
+/// What files there are in a project, and the names in them.
+#[derive(Default)]
+pub(super) struct Project {
+    names: HashMap<PathBuf, (Arc<str>, Arc<NamesOf>)>,
+}
+
+/// A name in a file.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Found {
+    pub(super) file: PathBuf,
+    pub(super) span: Span,
+    pub(super) declares: bool,
+}
+
+/// New texts of files, by path.
+pub(super) type Texts = BTreeMap<PathBuf, String>;
+
+impl Project {
+    /// The names in a file. Those of a text that cannot be read are those that it had when it could.
+    pub(super) fn names(
+        &mut self,
+        path: &Path,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> Arc<NamesOf> {
+        let path = real(path);
+        let Ok(text) = options.text(&path) else { return Arc::default() };
+        if let Some((known, names)) = self.names.get(&path)
+            && **known == *text
+        {
+            return names.clone();
+        }
+        let names = Arc::new(names_of(&path, &text, catalog, options));
+        self.names.insert(path, (text.into(), names.clone()));
+        names
+    }
+
+    /// Forgets what it knows of names: what one file names may hang on others.
+    pub(super) fn forget(&mut self) {
+        self.names.clear();
+    }
+
+    /// What the name at a place names.
+    pub(super) fn at(
+        &mut self,
+        path: &Path,
+        at: usize,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> Vec<Named> {
+        let names = self.names(path, catalog, options);
+        let is_there = |named: &&Named| named.span.start <= at && at <= named.span.end;
+        names.all.iter().filter(is_there).cloned().collect()
+    }
+
+    /// Where something is declared: in the file of a graph, of a type of nodes the graph itself.
+    pub(super) fn declaration(
+        &mut self,
+        symbol: &Symbol,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> Option<Found> {
+        let names = self.names(&symbol.file, catalog, options);
+        if symbol.sort == SymbolSort::Type {
+            let file = names.types.get(&symbol.name)?.clone();
+            return Some(Found { file, span: Span::default(), declares: true });
+        }
+        let found = names.all.iter().find(|named| named.declares && named.symbol == *symbol)?;
+        Some(Found { file: symbol.file.clone(), span: found.span, declares: true })
+    }
+
+    /// All places in the project that name something.
+    pub(super) fn places(
+        &mut self,
+        symbol: &Symbol,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> Vec<Found> {
+        let mut found = Vec::new();
+        for file in files_of(&symbol.file, options) {
+            // Most files do not have the word at all.
+            if !options.text(&file).is_ok_and(|text| text.contains(&symbol.name)) {
+                continue;
+            }
+            let names = self.names(&file, catalog, options);
+            let named = names.all.iter().filter(|named| named.symbol == *symbol);
+            found.extend(named.map(|named| Found {
+                file: file.clone(),
+                span: named.span,
+                declares: named.declares,
+            }));
+        }
+        found
+    }
+
+    /// The places, by file, at which another name of something must stand.
+    ///
+    /// # Errors
+    /// Why it cannot have it, in words.
+    pub(super) fn renamed(
+        &mut self,
+        symbol: &Symbol,
+        to: &str,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> Result<BTreeMap<PathBuf, Vec<Span>>, String> {
+        may_have(symbol, to)?;
+        if symbol.name == to {
+            return Ok(BTreeMap::new());
+        }
+        let declared = self.names(&symbol.file, catalog, options);
+        if declared
+            .all
+            .iter()
+            .any(|it| it.declares && it.symbol.name == to && it.symbol.sort != SymbolSort::Output)
+        {
+            return Err(format!("there is already a `{to}` in {}", symbol.file.display()));
+        }
+        let places = self.places(symbol, catalog, options);
+        let mut spans: BTreeMap<PathBuf, Vec<Span>> = BTreeMap::new();
+        for found in &places {
+            let names = self.names(&found.file, catalog, options);
+            let also = names.all.iter().find(|it| it.span == found.span && it.symbol != *symbol);
+            if let Some(also) = also {
+                let (file, other) = (found.file.display(), also.symbol.file.display());
+                return Err(format!(
+                    "{file} names `{}` of {other} by the same word: rename both by hand",
+                    symbol.name
+                ));
+            }
+            spans.entry(found.file.clone()).or_default().push(found.span);
+        }
+        if symbol.sort == SymbolSort::Node {
+            beside(symbol, &mut spans, options)?;
+        }
+        let mut texts = Texts::new();
+        for (file, spans) in &mut spans {
+            let text = options.text(file);
+            let mut text =
+                text.map_err(|error| format!("cannot read {}: {error}", file.display()))?;
+            spans.sort_unstable();
+            spans.dedup();
+            for span in spans.iter().rev() {
+                text.replace_range(span.start..span.end, to);
+            }
+            texts.insert(file.clone(), text);
+        }
+        no_new_problems(&texts, catalog, options)?;
+        Ok(spans)
+    }
+}
+
+fn names_of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> NamesOf {
+    match FileKind::of(path, text) {
+        FileKind::Graph => Graph::names_in(path, text, catalog, options),
+        FileKind::Test => match case::read_text(path, text.to_owned(), catalog) {
+            Ok(test) => Graph::names_in_test(text, &test.graphs, catalog, options),
+            Err(_) => NamesOf::default(),
+        },
+        FileKind::Handles => NamesOf::default(),
+    }
+}
+
+/// Whether something may have a name.
+fn may_have(symbol: &Symbol, to: &str) -> Result<(), String> {
+    let is_file = symbol.sort == SymbolSort::Output && symbol.name.contains('.');
+    match symbol.sort {
+        _ if is_file => Err(format!(
+            "`{}` is the name of a file, and goldens are kept under it: change it by hand",
+            symbol.name
+        )),
+        SymbolSort::Type if !is_type_name(to) => Err(format!(
+            "`{to}` cannot name a type of nodes: such names begin with a capital letter"
+        )),
+        SymbolSort::Type => Ok(()),
+        _ if !is_name(to) => Err(format!(
+            "`{to}` cannot be a name: a lower-case letter, then lower-case letters, digits and hyphens"
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// What names a node in files that lie beside its graph: where an editor shows it, and pins, which would be of another node.
+fn beside(
+    symbol: &Symbol,
+    spans: &mut BTreeMap<PathBuf, Vec<Span>>,
+    options: &Options,
+) -> Result<(), String> {
+    let keys = |path: &Path| {
+        let mut found = Vec::new();
+        let text = options.text(path).unwrap_or_default();
+        each_word(&text, |_, passed| {
+            if let Passed::Name(name) = passed
+                && name.text == symbol.name
+                && text[..name.span.start].ends_with('"')
+            {
+                found.push(name.span);
+            }
+        });
+        found
+    };
+    let pins = symbol.file.with_extension("pins.ron");
+    if !keys(&pins).is_empty() {
+        let (name, pins) = (&symbol.name, pins.display());
+        return Err(format!(
+            "`{name}` is pinned in {pins}: unpin it first, for a pin is of a name"
+        ));
+    }
+    let layout = symbol.file.with_extension("layout.ron");
+    let found = keys(&layout);
+    if !found.is_empty() {
+        spans.insert(layout, found);
+    }
+    Ok(())
+}
+
+/// Refuses texts that have errors which the old ones do not have.
+fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Result<(), String> {
+    let errors = |options: &Options, path: &Path| {
+        let text = options.text(path).unwrap_or_default();
+        let (problems, _) = FileKind::of(path, &text).problems(path, text, catalog, options);
+        let errors = problems.into_iter().filter(|problem| problem.severity == Severity::Error);
+        Vec::from_iter(errors)
+    };
+    let mut new = options.clone();
+    new.texts.extend(texts.iter().map(|(path, text)| (path.clone(), text.clone())));
+    for path in texts.keys().filter(|path| !path.to_string_lossy().ends_with(".layout.ron")) {
+        let (before, after) = (errors(options, path), errors(&new, path));
+        let count = |all: &[Problem], code: &str| all.iter().filter(|it| it.code == code).count();
+        let worse = after.iter().find(|it| count(&before, it.code) < count(&after, it.code));
+        if let Some(problem) = worse {
+            return Err(format!("{}: {}", problem.source.name.display(), problem.message));
+        }
+    }
+    Ok(())
+}
+
+/// The files with graphs, patches and tests of the project that a file belongs to, and those that have not been saved yet.
+fn files_of(path: &Path, options: &Options) -> Vec<PathBuf> {
+    let root = project_root(path.parent().unwrap_or(Path::new("/")));
+    let mut files = Vec::new();
+    collect(&root, 0, &mut files);
+    files.extend(options.texts.keys().filter(|path| path.starts_with(&root)).cloned());
+    files.sort();
+    files.dedup();
+    files
+}
+
+fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    let mut entries = Vec::from_iter(entries.flatten());
+    entries.sort_by_key(std::fs::DirEntry::file_name);
+    for entry in entries {
+        let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
+        let Ok(kind) = entry.file_type() else { continue };
+        if kind.is_dir()
+            && !name.starts_with('.')
+            && name != "target"
+            && name != "goldens"
+            && depth < DEEPEST
+        {
+            collect(&path, depth + 1, files);
+        }
+        let is_beside =
+            [".pins.ron", ".lock.ron", ".layout.ron"].iter().any(|ending| name.ends_with(ending));
+        if kind.is_file() && name.ends_with(".ron") && !is_beside && files.len() < MOST {
+            files.push(path);
+        }
+    }
+}
