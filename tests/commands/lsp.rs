@@ -216,7 +216,7 @@ fn a_used_file_counts_as_it_is_in_the_editor() {
     editor.diagnostics(&nose);
     let messages =
         Vec::from_iter(editor.told[&uri(&face)].iter().map(|it| it["message"].as_str().unwrap()));
-    assert!(messages.iter().any(|it| *it == "Nose has no field `lift`"), "{messages:?}");
+    assert!(messages.contains(&"Nose has no field `lift`"), "{messages:?}");
     // On disk nothing has changed; closed, it counts as it is there.
     editor.tell("textDocument/didClose", json!({ "textDocument": { "uri": uri(&nose) } }));
     editor.change(&face, &format!("{FACE} "));
@@ -326,7 +326,7 @@ fn completion_proposes_what_fits() {
             assert!(
                 found.iter().take(5).any(|it| it == wanted),
                 "{wanted} in {found:?} behind {text}"
-            )
+            );
         });
     };
     check(e, "Patch(format: 1, of: \"face.ron\", params: { \"", &["growth"]);

@@ -46,7 +46,7 @@ impl Editor {
         };
         let words = vec!["--cache".to_owned(), cache.display().to_string()];
         let server = std::thread::spawn(move || {
-            let session = Session::new(&maquette_nodes::PACKS, &settings).unwrap();
+            let session = Session::new(maquette_nodes::PACKS, &settings).unwrap();
             let program = PathBuf::from(env!("CARGO_BIN_EXE_maquette"));
             serve(&theirs, Setup { session, program, words })
         });
