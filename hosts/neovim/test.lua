@@ -42,7 +42,7 @@ local function open(name, text)
   vim.cmd("edit! " .. name)
   local buffer = vim.api.nvim_get_current_buf()
   wait("a client", function()
-    for _, it in pairs(vim.lsp.get_active_clients()) do
+    for _, it in pairs((vim.lsp.get_clients or vim.lsp.get_active_clients)()) do
       client = it
     end
     return client and vim.lsp.buf_is_attached(buffer, client.id)
