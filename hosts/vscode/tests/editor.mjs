@@ -10,7 +10,7 @@ const ROOT = resolve(import.meta.dirname, "../../..");
 const MADE = join(ROOT, "target/vscode");
 
 /** How long anything may take to be seen, in milliseconds. */
-export const PATIENCE = 20_000;
+export const PATIENCE = 10_000;
 
 /** The program that is tested. */
 export const PROGRAM = resolve(process.env.MAQUETTE ?? join(ROOT, "target/debug/maquette"));
@@ -36,17 +36,33 @@ export class Editor {
     return editor;
   }
 
-  async #serve() {
-    const code = join(MADE, "server/node_modules/code-server/out/node/entry.js");
-    const version = readFileSync(join(ROOT, "Cargo.toml"), "utf8").match(/^version = "(.*)"/m)[1];
+  #words() {
     const folders = ["--user-data-dir", join(this.home, "user"), "--extensions-dir", join(this.home, "extensions")];
-    // Nothing of whoever runs this is read or changed; nor is what other runs have computed.
-    const env = { ...process.env, HOME: this.home, XDG_CONFIG_HOME: this.home, XDG_DATA_HOME: this.home, XDG_CACHE_HOME: this.home };
-    execFileSync("node", [code, ...folders, "--install-extension", join(MADE, `maquette-${version}.vsix`)], { env });
+    return [join(MADE, "server/node_modules/code-server/out/node/entry.js"), ...folders];
+  }
+
+  /** Nothing of whoever runs this is read or changed; nor is what other runs have computed. */
+  #env() {
+    return { ...process.env, HOME: this.home, XDG_CONFIG_HOME: this.home, XDG_DATA_HOME: this.home, XDG_CACHE_HOME: this.home };
+  }
+
+  /** Runs the editor's own command, and says that it went well. */
+  #code(...words) {
+    execFileSync("node", [...this.#words(), ...words], { env: this.#env(), stdio: "pipe" });
+    return true;
+  }
+
+  async #serve() {
+    const version = readFileSync(join(ROOT, "Cargo.toml"), "utf8").match(/^version = "(.*)"/m)[1];
+    this.#code("--install-extension", join(MADE, `maquette-${version}.vsix`));
     const port = await free();
     const words = ["--auth", "none", "--bind-addr", `127.0.0.1:${port}`, "--disable-telemetry", "--disable-update-check"];
     // A group of its own, which ends as one.
-    this.server = spawn("node", [code, ...folders, ...words, "--disable-workspace-trust", this.project], { env, detached: true, stdio: "ignore" });
+    this.server = spawn("node", [...this.#words(), ...words, "--disable-workspace-trust", this.project], {
+      env: this.#env(),
+      detached: true,
+      stdio: "ignore",
+    });
     this.address = `http://127.0.0.1:${port}/`;
     await until(async () => (await fetch(this.address + "healthz")).ok);
   }
@@ -80,20 +96,39 @@ export class Editor {
 
   /** Runs a command by its name in the palette. @param {string} name */
   async command(name) {
-    await this.page.keyboard.press("F1");
-    await this.page.locator(".quick-input-widget input").fill(`>${name}`);
+    const words = this.page.locator(".quick-input-widget input");
+    // What has the keyboard may be about to change.
+    await until(async () => {
+      await this.page.keyboard.press("F1");
+      await words.fill(`>${name}`, { timeout: 1000 });
+      return true;
+    });
     await this.page.locator(`.quick-input-list .monaco-list-row[aria-label^="${name}"]`).first().click();
   }
 
-  /** Opens a file of the project and closes all others. @param {string} name */
+  /** Opens a file of the project. @param {string} name */
   async open(name) {
-    await this.command("View: Close All Editors");
-    await this.command("File: Open File...");
-    await this.page.locator(".quick-input-widget input").fill(join(this.project, name));
-    await this.page.locator(".quick-input-list .monaco-list-row").filter({ hasText: name.split("/").at(-1) }).waitFor();
-    await this.page.keyboard.press("Enter");
+    // A window is known only a little after it is there.
+    await until(() => this.#code("--reuse-window", join(this.project, name)));
     await this.page.locator(`.tab.active[data-resource-name="${name.split("/").at(-1)}"]`).waitFor();
     await this.page.locator(".view-lines .view-line").first().waitFor();
+  }
+
+  /** Closes all files and drops what was not saved. */
+  async closeAll() {
+    const { keyboard } = this.page;
+    for (let k = 0; k < 3; k++) await keyboard.press("Escape");
+    const tabs = this.page.locator(".tabs-container .tab");
+    while ((await tabs.count()) > 0) {
+      const many = await tabs.count();
+      await this.command("View: Revert and Close Editor");
+      await until(async () => (await tabs.count()) < many);
+    }
+  }
+
+  /** Puts the cursor into the text. */
+  focus() {
+    return this.page.locator(".editor-group-container.active .view-lines").click();
   }
 
   /** Puts the cursor before the first place of a text in a file, and so many letters on. */
@@ -103,6 +138,7 @@ export class Editor {
   }
 
   async line(line, column = 1) {
+    await this.focus();
     await this.page.keyboard.press("Control+g");
     await this.page.locator(".quick-input-widget input").fill(`:${line}:${column}`);
     await this.page.keyboard.press("Enter");
@@ -116,6 +152,12 @@ export class Editor {
   async save() {
     await this.page.keyboard.press("Control+s");
     await this.page.locator(".tab.active.dirty").waitFor({ state: "detached" });
+  }
+
+  /** Sets what the project says beside the user's settings. */
+  set(settings) {
+    mkdirSync(join(this.project, ".vscode"), { recursive: true });
+    this.write(".vscode/settings.json", JSON.stringify(settings));
   }
 
   read(name) {
@@ -133,14 +175,18 @@ export class Editor {
   }
 }
 
+/** A quiet editor, which saves nothing by itself. */
 const SETTINGS = {
+  "chat.sendElementsToChat.enabled": false,
   "editor.minimap.enabled": false,
   "extensions.autoCheckUpdates": false,
   "extensions.ignoreRecommendations": true,
+  "files.autoSave": "off",
   "git.enabled": false,
   "security.workspace.trust.enabled": false,
   "telemetry.telemetryLevel": "off",
   "update.mode": "none",
+  "workbench.editor.restoreViewState": false,
   "workbench.colorTheme": "Default Dark Modern",
   "workbench.startupEditor": "none",
   "workbench.tips.enabled": false,
