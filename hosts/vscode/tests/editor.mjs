@@ -128,7 +128,7 @@ export class Editor {
 
   /** Puts the cursor into the text. */
   focus() {
-    return this.page.locator(".editor-group-container.active .view-lines").click();
+    return this.page.locator(".editor-group-container .view-lines").first().click();
   }
 
   /** Puts the cursor before the first place of a text in a file, and so many letters on. */
@@ -152,6 +152,11 @@ export class Editor {
   async save() {
     await this.page.keyboard.press("Control+s");
     await this.page.locator(".tab.active.dirty").waitFor({ state: "detached" });
+  }
+
+  /** The language servers that run, as lines of `ps`. */
+  servers() {
+    return alive(this.server.pid).filter((line) => line.includes("maquette lsp"));
   }
 
   /** Sets what the project says beside the user's settings. */
@@ -204,11 +209,13 @@ export async function until(holds, patience = PATIENCE) {
   }
 }
 
+/** The processes of a group, as lines of `ps`. */
 function alive(group) {
-  const lines = execFileSync("ps", ["-eo", "pgid,stat,args"], { encoding: "utf8" }).split("\n");
+  const lines = execFileSync("ps", ["-eo", "pgid,stat,pid,args"], { encoding: "utf8" }).split("\n");
   return lines.filter((line) => +line.trim().split(/\s+/)[0] === group && !/^\s*\d+\s+Z/.test(line));
 }
 
+/** A port that nobody listens at. */
 function free() {
   return new Promise((tell) => {
     const server = createServer().listen(0, "127.0.0.1", () => {

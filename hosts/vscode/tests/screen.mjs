@@ -216,3 +216,11 @@ check("12 a program that is not there is told, with what to do", async (page) =>
   await editor.command("Notifications: Clear All Notifications");
   await lens(/run/i).waitFor();
 });
+
+check("12 a restart ends the server and starts another one", async () => {
+  await editor.open("doll.ron");
+  const before = await until(() => editor.servers()[0]);
+  await editor.command("Maquette: Restart server");
+  await until(() => editor.servers().length === 1 && editor.servers()[0] !== before);
+  await lens(/run/i).waitFor();
+});
