@@ -65,9 +65,14 @@ async function start() {
     { command: program, args: ["lsp"], options: { cwd: folder } },
     {
       documentSelector: [{ language: "ron", scheme: "file" }],
-      initializationOptions: settings(),
+      // What commands tell is shown here: the server need not tell it once more.
+      initializationOptions: { ...settings(), shows: true },
       synchronize: { configurationSection: "maquette" },
-      middleware: { executeCommand: run },
+      middleware: {
+        executeCommand: run,
+        // The page that a command has opened is opened beside the text, by its answer.
+        window: { showDocument: async (page, ask) => (page.external ? { success: true } : ask(page)) },
+      },
     },
   );
   await client.start().catch((error) => complain(`${program} did not start: ${error.message}`));
@@ -118,6 +123,9 @@ async function complain(why) {
 async function run(command, words, ask) {
   const active = window.activeTextEditor?.document;
   const given = words.length > 0 || !active ? words : [active.uri.toString()];
+  // What is run is what is seen.
+  const graph = workspace.textDocuments.find((it) => given[0] && it.uri.toString() === Uri.parse(given[0]).toString());
+  if (command !== "maquette.stop" && graph?.isDirty && !(await graph.save())) return undefined;
   const answer = await ask(command, given);
   if (answer?.text) {
     told.appendLine(answer.text.trimEnd() + "\n");

@@ -112,6 +112,8 @@ export class Editor {
     await until(() => this.#code("--reuse-window", join(this.project, name)));
     await this.page.locator(`.tab.active[data-resource-name="${name.split("/").at(-1)}"]`).waitFor();
     await this.page.locator(".view-lines .view-line").first().waitFor();
+    // An editor that has not the keyboard does not ask for lenses anew.
+    await this.focus();
   }
 
   /** Closes all files and drops what was not saved. */
@@ -121,14 +123,16 @@ export class Editor {
     const tabs = this.page.locator(".tabs-container .tab");
     while ((await tabs.count()) > 0) {
       const many = await tabs.count();
+      await tabs.first().click();
       await this.command("View: Revert and Close Editor");
       await until(async () => (await tabs.count()) < many);
     }
   }
 
-  /** Puts the cursor into the text. */
-  focus() {
-    return this.page.locator(".editor-group-container .view-lines").first().click();
+  /** Gives the keyboard to the text, whoever has it: a page beside it takes all keys for itself. */
+  async focus() {
+    await this.page.locator(".editor-group-container .tab.active").first().click();
+    await this.page.locator(".editor-group-container .monaco-editor.focused").first().waitFor();
   }
 
   /** Puts the cursor before the first place of a text in a file, and so many letters on. */
