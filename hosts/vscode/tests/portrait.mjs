@@ -57,7 +57,7 @@ try {
   await editor.type("rad");
   await page.keyboard.press("Escape");
   await page.locator(".squiggly-error").first().waitFor();
-  await page.locator(".view-line span", { hasText: /^OffsetNet$/ }).first().hover();
+  await page.locator(".view-line", { hasText: "Subdivide" }).locator("span", { hasText: /^scheme$/ }).first().hover();
   await page.locator(".monaco-hover:visible").first().waitFor();
   await page.waitForTimeout(1500);
   await page.screenshot({ path: process.argv[2] });
