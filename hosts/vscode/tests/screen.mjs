@@ -79,17 +79,19 @@ check("7 a quick fix is one click, and the problem is gone", async (page) => {
 
 check("2 completion offers the fields of a node that are not there yet", async (page) => {
   await editor.open("doll.ron");
-  await editor.goto("doll.ron", ", connectivity: Eight");
+  await editor.goto("doll.ron", ", select: Near");
   await editor.type(", ");
   await page.keyboard.press("Control+Space");
   const list = page.locator(".suggest-widget.visible .monaco-list-row");
   await list.first().waitFor();
   const offered = await list.allInnerTexts();
-  assert.ok(!offered.slice(0, 5).some((it) => /^(mask|connectivity)\b/.test(it.trim())), offered.join("; "));
+  const first = offered.slice(0, 5).map((it) => it.trim().split(/\W/)[0]);
+  assert.ok(first.includes("within") && first.includes("invert"), offered.join("; "));
+  assert.ok(!first.includes("image") && !first.includes("select"), offered.join("; "));
   await page.keyboard.press("Escape");
-  await editor.goto("doll.ron", '"scan.color", select: Near', 6);
+  await editor.goto("doll.ron", '"whole", pick', 1);
   await page.keyboard.press("Control+Space");
-  await list.filter({ hasText: "scan.color" }).first().waitFor();
+  await list.filter({ hasText: "scan.range" }).first().waitFor();
 });
 
 check("4 a hover over a type of nodes shows its words", async (page) => {
