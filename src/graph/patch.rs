@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use super::Options;
 use super::check::{Check, first, folder_of};
-use super::edit::{Splice, place};
+use super::edit::{Splice, place, written};
 use super::migrate::{MOST_STEPS, node_steps, renewed_node, renewed_target, renewed_text};
 use crate::catalog::Catalog;
 use crate::error::{Source, Span, code};
@@ -103,6 +103,20 @@ impl Check<'_, '_> {
             return None;
         };
         let mut sheet = self.base(&path, span)?;
+        let (graph, _) = crate::text::parse(&sheet.source.text);
+        puts.retain_mut(|(target, named, ..)| {
+            match written(&graph, target, self.world.options.draft) {
+                Ok(now) => {
+                    *target = now;
+                    true
+                }
+                Err(refusal) => {
+                    let message = format!("`{target}`: {}", refusal.message);
+                    self.find(refusal.code, *named, message, refusal.help);
+                    false
+                }
+            }
+        });
         sheet = self.up_to_date(sheet, &puts);
         let (graph, _) = crate::text::parse(&sheet.source.text);
         for (mut target, named, field, value) in puts {

@@ -17,6 +17,7 @@ mod both_ends;
 mod documentation;
 mod drafts;
 mod each;
+mod elements;
 mod empty_lists;
 mod library_expectations;
 mod limits;
