@@ -14,6 +14,7 @@ use crate::graph_files::problems;
 
 mod attributes;
 mod both_ends;
+mod differences;
 mod documentation;
 mod drafts;
 mod each;
