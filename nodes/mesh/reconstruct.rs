@@ -170,7 +170,9 @@ impl Node for Reconstruct {
             .when("with `faces: Quads`", |it| it.how.faces == FaceKind::Quads),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::all("points", "mesh", Fate::Dropped)];
+    const CARRIES: &'static [Carry] = &[Carry::all("points", "mesh", Fate::Dropped)
+        .and_cells(Fate::Interpolated)
+        .but(&["filled"])];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = self.points.iter().map(|points| valid(&cx.get(points))).sum::<usize>() as f64;
