@@ -507,6 +507,7 @@ impl Walk<'_, '_> {
     }
 }
 
-fn joined(path: &str, step: &str) -> String {
+/// A way through fields, and one step more.
+pub(super) fn joined(path: &str, step: &str) -> String {
     if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
 }
