@@ -1,5 +1,6 @@
 //! The language of graphs: what is written wrongly is told once for each mistake, at its place.
 
+mod merge_sample;
 mod merged_comments;
 mod merging;
 mod migrations;

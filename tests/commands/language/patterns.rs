@@ -32,7 +32,10 @@ fn what_lies_beside_graphs_is_passed_over_where_several_files_are_named() {
     };
     assert_eq!(said(&with_all(&["check"])), "checked 1 graph, 1 test: 0 errors\n");
     assert_eq!(said(&["check", "."]), "checked 1 graph, 1 test: 0 errors\n");
-    assert_eq!(said(&with_all(&["sheet", "--size", "30x20"])), "./doll.png\n  row 1: the defaults\n");
+    assert_eq!(
+        said(&with_all(&["sheet", "--size", "30x20"])),
+        "./doll.png\n  row 1: the defaults\n"
+    );
     assert_eq!(said(&with_all(&["migrate"])), "0 files to be migrated\n");
     let kept = || BESIDE.map(|(name, _)| std::fs::read(project.folder().join(name)).unwrap());
     let before = kept();
