@@ -15,6 +15,7 @@ use crate::graph_files::problems;
 
 mod attributes;
 mod both_ends;
+mod chains;
 mod differences;
 mod documentation;
 mod drafts;
