@@ -89,6 +89,9 @@ const STATES = ["failed", "started", "skipped", "computed", "equal", "cached"];
  */
 let chosen = null;
 
+/** Whether runs are drafts. */
+let isDraft = false;
+
 /** What the address names at first. */
 let wanted = viewer.address(location.hash);
 
@@ -101,7 +104,8 @@ const hear = {
     renew(message.page);
     const file = message.graph.split(/[\\/]/).at(-1) ?? "";
     document.title = `${file}${message.draft ? " (draft)" : ""} - maquette`;
-    by("draft").hidden = !message.draft;
+    isDraft = message.draft ?? false;
+    by("draft").hidden = !isDraft;
     by("title").textContent = file;
     by("title").title = `${message.graph}, ${message.program}`;
   },
@@ -318,7 +322,9 @@ function showFacts(name) {
     return;
   }
   const { state, reason, seconds, bytes } = known(box.name);
-  /** @type {[string, string][]} */
+  const drafts = box.drafts ?? [];
+  const mark = (/** @type {string} */ words) => element("span", { class: "draft" }, words);
+  /** @type {[string, any][]} */
   const rows = [
     ["name", box.name],
     ["type", box.node ?? "a file"],
@@ -328,8 +334,10 @@ function showFacts(name) {
     ["bytes", bytes === undefined ? "" : inBytes(bytes)],
     ["takes", box.inputs.map((port) => port.name).join(", ")],
     ["gives", box.outputs.map((port) => `${port.name}: ${port.type}`).join(", ")],
+    ...drafts.map(({ field, final, draft }) => [field, mark(`final ${final}, draft ${draft}`)]),
+    ["shown", isDraft ? mark("what drafts give, no final results") : ""],
   ];
-  const table = tableOf(/** @type {[string, any][]} */ (rows.filter(([, value]) => value)));
+  const table = tableOf(rows.filter(([, value]) => value));
   const hadFocus = by("node").contains(document.activeElement);
   by("node").replaceChildren(table);
   const { file, line, column } = box;
@@ -359,6 +367,7 @@ function tableOf(rows) {
  * @returns {(string | HTMLElement)[]}
  */
 function inPage(fact) {
+  if (fact instanceof HTMLElement) return [fact];
   if (typeof fact === "number") return [String(Number(fact.toPrecision(6)))];
   if (Array.isArray(fact)) return [fact.flatMap(inPage).join(", ")];
   if (!Array.isArray(fact?.counts)) return [typeof fact === "string" ? fact : JSON.stringify(fact)];

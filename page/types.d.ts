@@ -11,6 +11,8 @@ export type Box = {
   place: [number, number, number, number];
   inputs: Port[];
   outputs: (Port & { type: string })[];
+  /** The fields, or what lies in them, that are a `Draft(..)`, with both values as text. */
+  drafts?: { field: string; final: string; draft: string }[];
 } & Partial<Location>;
 
 /** A place in a file, from 1. */

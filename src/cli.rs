@@ -27,6 +27,7 @@ mod diff;
 mod draw;
 mod edit;
 mod events;
+mod files;
 mod fmt;
 mod gallery;
 mod help;

@@ -18,6 +18,7 @@ use crate::text::{check_default, inside_option, resolve, variants};
 use crate::value::{AnyValue, ValueType};
 
 mod attributes;
+mod cells;
 mod extremes;
 mod files;
 mod migrations;
@@ -40,7 +41,7 @@ const MEMORY: usize = 1 << 30;
 ///    ends, fails with an error, or stops soon when it is told to.
 /// 9. Readers of files give a value or an error, whatever the bytes are; tried with files that the pack writes, whole and damaged.
 /// 10. What a node promises of its outputs holds: on its example, and on hostile values that it accepts.
-/// 11. Of the attributes of meshes and points becomes what the node declares, from each port to each output.
+/// 11. Of the attributes of meshes, points and range images becomes what the node declares, from each port to each output.
 /// 12. What its migrations call old is not there, and what they call new is.
 ///
 /// `others` are the packs whose nodes the examples use beside those of `pack`.
@@ -217,6 +218,7 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     let case = extremes::Case { entry, graph: &graph, index, values: &values, hostile: &hostile };
     promises::check(&case, broken);
     attributes::check(&case, broken);
+    cells::check(&case, broken);
     extremes::check(&case, &load, broken);
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::catalog::Catalog;
 use crate::error::Source;
-use crate::graph::{ELEMENTS, Graph, GraphUse};
+use crate::graph::{DraftField, ELEMENTS, Graph, GraphUse};
 
 mod dot;
 #[cfg(feature = "cli")]
@@ -49,6 +49,8 @@ struct Block {
     outputs: Vec<Port>,
     /// The file in which it stands, and at which byte.
     at: Option<(Arc<Source>, usize)>,
+    /// What of its fields is a `Draft`.
+    drafts: Vec<DraftField>,
 }
 
 /// What only a node has.
@@ -101,7 +103,7 @@ impl Drawing {
         places.push((places.len(), GRAPHS));
         let packs = places.into_iter().filter(|(_, name)| kinds.contains(name));
         drawing.packs = packs.map(|(place, name)| Pack { name: name.to_owned(), place }).collect();
-        let sources = sources(graph, &boxes);
+        let (sources, drafts) = (sources(graph, &boxes), graph.draft_fields());
         for (index, (part, pack)) in boxes.iter().zip(&kinds).enumerate() {
             let pack = drawing.packs.iter().position(|known| known.name == **pack);
             let links: Vec<(&str, (usize, usize))> = match part {
@@ -125,7 +127,10 @@ impl Drawing {
             let (name, kind, outputs) = described(graph, part);
             let node = Some(NodeBlock { kind, pack: pack.unwrap_or_default() });
             let at = Some(place(graph, part));
-            drawing.boxes.push(Block { name, node, inputs, outputs, at });
+            // An element of a list has those of the `ForEach`.
+            let drafts = drafts.get(name.split('/').next().unwrap_or_default());
+            let drafts = drafts.cloned().unwrap_or_default();
+            drawing.boxes.push(Block { name, node, inputs, outputs, at, drafts });
         }
         for output in &graph.outputs {
             let to = [drawing.boxes.len(), 0];
@@ -136,6 +141,7 @@ impl Drawing {
                 node: None,
                 inputs: vec![String::new()],
                 outputs: Vec::new(),
+                drafts: Vec::new(),
                 at: Some((output.source.clone(), output.span.start)),
             });
         }
@@ -279,6 +285,7 @@ mod tests {
                 .map(|[name, kind]| Port { name: (*name).into(), kind: (*kind).into() })
                 .collect(),
             at: None,
+            drafts: Vec::new(),
         };
         let wire = |from, to| Wire { from, to };
         Drawing {

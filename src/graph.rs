@@ -88,6 +88,7 @@ pub(crate) use names::{Named, NamesOf, Symbol, SymbolSort, real};
 #[cfg(feature = "cli")]
 pub(crate) use outline::{Node as OutlineNode, Outline, Target};
 pub(crate) use pins::{Ancestry, ENDING as PINS_ENDING, PINNED, Pin, Pins, bytes_of};
+pub(crate) use quality::DraftField;
 pub(crate) use recipe::Recipe;
 pub(crate) use shape::Shape;
 pub(crate) use stage::{Count, Counts, ELEMENTS, Loop, OtherCount};

@@ -49,7 +49,7 @@ pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'stati
     /// What it promises of the values that it gives, beyond their types: only what holds for all values that it accepts.
     const PROMISES: &'static [Promise<Self>] = &[];
 
-    /// What becomes of the attributes of meshes and points, for each port that takes and each output that gives some.
+    /// What becomes of the attributes of meshes, points and range images, for each port that takes and each output that gives some.
     const CARRIES: &'static [Carry] = &[];
 
     /// Files that it reads if they are there, beside those that its fields name.

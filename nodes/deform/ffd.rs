@@ -67,8 +67,10 @@ impl Node for Ffd {
 
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
-    const CARRIES: &'static [Carry] =
-        &[Carry::all("mesh", "mesh", Fate::Kept), Carry::all("frame", "mesh", Fate::Dropped)];
+    const CARRIES: &'static [Carry] = &[
+        Carry::all("mesh", "mesh", Fate::Kept).and_cells(Fate::Kept),
+        Carry::all("frame", "mesh", Fate::Dropped).and_cells(Fate::Dropped),
+    ];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let from_layout = self.layout.as_ref().map_or(0, |layout| cx.get(layout).at().len());

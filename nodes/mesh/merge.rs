@@ -20,7 +20,8 @@ use super::poses::Poses;
 /// Meshes of captures are brought together by the poses of their cameras, if these are known: the result then has the axes of
 /// the world, with y up. Attributes that all meshes have are kept; a flag, such as `filled`, that some do not have counts as not
 /// set there, and other attributes that some do not have, or have as another type, are left out. A picture is kept if it is
-/// the same on all meshes; otherwise it becomes the color of the vertices, and texture coordinates are left out.
+/// the same on all meshes; otherwise it becomes the color of the vertices, and texture coordinates are left out. No meshes, as a
+/// `ForEach` over data without elements gives, make an empty mesh, with a warning.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Merge {
     /// The meshes, in the order in which their vertices follow.
@@ -45,6 +46,9 @@ impl Node for Merge {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let meshes: Vec<&Mesh> = self.meshes.iter().map(|mesh| cx.get(mesh)).collect();
+        if meshes.is_empty() {
+            cx.warn("the mesh is empty: there are no meshes to merge");
+        }
         let known = meshes.iter().filter(|mesh| pose(mesh).is_some()).count();
         let stay = self.poses == Poses::Ignore || known < meshes.len();
         if self.poses == Poses::Auto && 0 < known && known < meshes.len() {
@@ -74,12 +78,14 @@ fn pose<'a>(mesh: &&'a Mesh) -> Option<&'a Matrix4<f64>> {
 /// Positions are in mm: with poses in the world's frame (y up), otherwise as they come. The result has no capture frame if the
 /// poses were applied or some mesh has none. If the meshes stay as they lie, it has their frame if all have the same; if they are
 /// those of different captures, it has that of the first mesh without camera and pose, which says no more than that y points
-/// down.
+/// down. Of no meshes the result is empty.
 ///
 /// # Errors
-/// If there is no mesh, a pose is missing with [`Poses::Apply`], or the result is too large for a mesh.
+/// If a pose is missing with [`Poses::Apply`], or the result is too large for a mesh.
 pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
-    let first = *meshes.first().ok_or(MergeError::Nothing)?;
+    let Some(&first) = meshes.first() else {
+        return Ok(Mesh::new(Vec::new(), Faces::triangles(Vec::new()))?);
+    };
     let nowhere = meshes.iter().position(|mesh| pose(mesh).is_none());
     if let (Some(place), Poses::Apply) = (nowhere, poses) {
         return Err(MergeError::NoPose { mesh: place + 1 });
@@ -320,7 +326,14 @@ mod tests {
         assert_eq!(error, MergeError::NoPose { mesh: 2 });
         let mixed = merge(&[&first, &square(0.0, true)], Poses::Auto).unwrap();
         assert_eq!(mixed.frame(), None);
-        assert_eq!(merge(&[], Poses::Auto), Err(MergeError::Nothing));
+    }
+
+    #[test]
+    fn no_meshes_make_an_empty_one() {
+        for poses in [Poses::Auto, Poses::Apply, Poses::Ignore] {
+            let empty = merge(&[], poses).unwrap();
+            assert_eq!((empty.positions().len(), empty.faces().len()), (0, 0));
+        }
     }
 
     #[test]

@@ -6,9 +6,6 @@ use maquette::value::MeshError;
 /// Why meshes do not make one.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MergeError {
-    /// No mesh at all.
-    #[error("there are no meshes to merge")]
-    Nothing,
     /// A mesh without a pose.
     #[error(
         "mesh {mesh} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved"

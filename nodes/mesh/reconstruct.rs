@@ -79,6 +79,9 @@ pub enum FaceKind {
 /// Why points have no skin.
 #[derive(Debug, thiserror::Error)]
 pub enum ReconstructError {
+    /// No source at all.
+    #[error("the list `points` is empty, and nothing has no skin")]
+    NoSource,
     /// Too few points.
     #[error("there are only {count} different points, but a skin needs at least {FEWEST}")]
     TooFew {
@@ -167,7 +170,9 @@ impl Node for Reconstruct {
             .when("with `faces: Quads`", |it| it.how.faces == FaceKind::Quads),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::all("points", "mesh", Fate::Dropped)];
+    const CARRIES: &'static [Carry] = &[Carry::all("points", "mesh", Fate::Dropped)
+        .and_cells(Fate::Interpolated)
+        .but(&["filled"])];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = self.points.iter().map(|points| valid(&cx.get(points))).sum::<usize>() as f64;
@@ -244,7 +249,7 @@ impl Default for Options {
 /// 1.5 times the deviation of the points from their surface, if that is more.
 ///
 /// # Errors
-/// If there are too few points, all lie on a line or, for a closed skin, in a plane, a pose is missing with [`Poses::Apply`], a
+/// If there is no source, there are too few points, all lie on a line or, for a closed skin, in a plane, a pose is missing with [`Poses::Apply`], a
 /// parameter is out of its range, or the result would be too large.
 pub fn reconstruct(
     sources: &[Scattered],
@@ -253,6 +258,9 @@ pub fn reconstruct(
     progress: &Progress<'_>,
 ) -> Result<Mesh, ReconstructError> {
     options.check()?;
+    if sources.is_empty() {
+        return Err(ReconstructError::NoSource);
+    }
     let (poses, frame) = placed(sources, poses)?;
     let count: usize = sources.iter().map(count).sum();
     POINTS.check("the skin", count as f64)?;

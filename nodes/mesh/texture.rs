@@ -69,7 +69,10 @@ impl Node for Texture {
 
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["uv"])];
+    const CARRIES: &'static [Carry] = &[
+        Carry::all("mesh", "mesh", Fate::Kept).but(&["uv"]),
+        Carry::cells("range", "mesh", Fate::Dropped),
+    ];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (mesh, image) = (cx.get(&self.mesh), cx.get(&self.image));

@@ -48,7 +48,8 @@ impl Node for Transform {
 
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] =
+        &[Carry::all("mesh", "mesh", Fate::Kept).and_cells(Fate::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let motion = Motion::new(self.translate, self.rotate, self.scale)?;

@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Mask, RangeImage, Region, Surface};
-use maquette::{Cancelled, Context, Error, Estimate, In, Limit, Node, Progress};
+use maquette::{Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -49,6 +49,9 @@ const CELLS: Limit = Limit { most: 1 << 26, of: "cells", help: "choose a smaller
 impl Node for Blend {
     type Outputs = (RangeImage,);
     const OUTPUTS: [&'static str; 1] = ["range"];
+
+    const CARRIES: &'static [Carry] =
+        &[Carry::cells("range", "range", Fate::Kept).but(&["filled", "joined"])];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let cells = cells(cx.get(&self.range), self.resample);

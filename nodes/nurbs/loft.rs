@@ -38,6 +38,9 @@ pub struct Loft {
 /// Why sections make no net.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LoftError {
+    /// No section at all.
+    #[error("there are no sections: both `curves` and `sections` are empty")]
+    Nothing,
     /// A section without points.
     #[error("section {section} has no point")]
     Empty {
@@ -137,6 +140,9 @@ fn common_knots(sections: &[Section]) -> Option<&KnotVector> {
 /// # Errors
 /// If there is no section, one is empty, all are single points, or a point is not finite.
 pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, LoftError> {
+    if sections.is_empty() {
+        return Err(LoftError::Nothing);
+    }
     if let Some(section) = sections.iter().position(|section| section.points.is_empty()) {
         return Err(LoftError::Empty { section });
     }
@@ -246,7 +252,9 @@ mod tests {
         assert_eq!(loft(&[points(2), points(0)], 0), Err(LoftError::Empty { section: 1 }));
         assert_eq!(loft(&[points(1)], 0), Err(LoftError::OneColumn { columns: 1 }));
         assert_eq!(loft(&[points(3)], 1), Err(LoftError::OneColumn { columns: 1 }));
-        assert!(loft(&[], 0).is_err() && loft(&[], 4).is_err());
+        for columns in [0, 4] {
+            assert_eq!(loft(&[], columns), Err(LoftError::Nothing));
+        }
         assert!(matches!(loft(&[vec![[f64::NAN; 3]; 3]], 5), Err(LoftError::Net(_))));
     }
 

@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::RangeImage;
-use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -54,6 +54,8 @@ fn once() -> u32 {
 impl Node for Denoise {
     type Outputs = (RangeImage,);
     const OUTPUTS: [&'static str; 1] = ["range"];
+
+    const CARRIES: &'static [Carry] = &[Carry::cells("range", "range", Fate::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((denoise(cx.get(&self.range), self.how, cx.progress())?,))

@@ -1,7 +1,7 @@
 //! Fills what a scanner did not see in the middle of what it saw.
 
 use maquette::value::{RangeImage, SizeError};
-use maquette::{Cancelled, Context, Error, In, Node, Progress};
+use maquette::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -49,6 +49,9 @@ pub enum FillRangeError {
 impl Node for FillRange {
     type Outputs = (RangeImage,);
     const OUTPUTS: [&'static str; 1] = ["range"];
+
+    const CARRIES: &'static [Carry] =
+        &[Carry::cells("range", "range", Fate::Kept).but(&["filled", "joined"])];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let largest = self.largest as usize;

@@ -2,7 +2,7 @@
 
 use maquette::parallel::*;
 use maquette::value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
-use maquette::{Context, Error, Estimate, In, Node, Promise};
+use maquette::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -70,6 +70,8 @@ impl Node for Triangulate {
         Promise::always("mesh", "Oriented"),
         Promise::always("mesh", "Unpinched"),
     ];
+
+    const CARRIES: &'static [Carry] = &[Carry::cells("range", "mesh", Fate::Kept)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = cx.get(&self.range).points();

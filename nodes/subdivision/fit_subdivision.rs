@@ -89,8 +89,10 @@ impl Node for FitSubdivision {
             .when("without `moves`", |it| it.moves == Moves::Nothing),
     ];
 
-    const CARRIES: &'static [Carry] =
-        &[Carry::all("mesh", "mesh", Fate::Kept), Carry::all("points", "mesh", Fate::Dropped)];
+    const CARRIES: &'static [Carry] = &[
+        Carry::all("mesh", "mesh", Fate::Kept),
+        Carry::all("points", "mesh", Fate::Dropped).and_cells(Fate::Dropped),
+    ];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (mesh, scattered) = (cx.get(&self.mesh), cx.get(&self.points));

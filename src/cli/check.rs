@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use super::fmt::{collect, read};
+use super::files::given;
+use super::fmt::read;
 use super::{Exit, GraphOptions, counted, eprint, print, print_json, put_problems, report};
 use crate::catalog::Catalog;
 use crate::error::{Place, Problem, Severity, code};
@@ -33,12 +34,9 @@ pub(super) struct Check {
 
 impl Check {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        let mut files = Vec::new();
-        let mut problems = Vec::new();
-        for path in &self.graphs {
-            let unread = collect(path, &mut files).err();
-            problems.extend(unread.map(|(path, error)| unreadable(&path, &error)));
-        }
+        let (files, unread) = given(&self.graphs);
+        let unread = unread.iter().map(|(path, error)| unreadable(path, error));
+        let mut problems = Vec::from_iter(unread);
         let mut counts = [0; 3];
         let mut tests = Vec::new();
         for path in &files {

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::files::given;
 use super::{Exit, eprint, print, print_document, report};
 use crate::catalog::Catalog;
-use crate::graph::{Graph, LOCK_ENDING, Options, PINS_ENDING};
+use crate::graph::{Graph, Options};
 use crate::plain;
 use crate::writing::rewrite;
 
@@ -26,13 +27,10 @@ pub(super) struct Fmt {
 
 impl Fmt {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        let mut files = Vec::new();
-        let mut failed = false;
-        for graph in &self.graphs {
-            if let Err((path, error)) = collect(graph, &mut files) {
-                eprint(&format!("error: cannot read {}: {error}\n", path.display()));
-                failed = true;
-            }
+        let (files, unread) = given(&self.graphs);
+        let mut failed = !unread.is_empty();
+        for (path, error) in unread {
+            eprint(&format!("error: cannot read {}: {error}\n", path.display()));
         }
         for file in &files {
             failed |= !self.file(file, catalog);
@@ -91,33 +89,4 @@ pub(super) fn read(path: &Path) -> std::io::Result<String> {
     let mut text = String::new();
     std::io::stdin().lock().read_to_string(&mut text)?;
     Ok(text)
-}
-
-/// Adds a file, or the graph files in a folder and the folders in it, hidden ones, lock files and pins left out, in the order of
-/// their names.
-pub(super) fn collect(
-    path: &Path,
-    files: &mut Vec<PathBuf>,
-) -> Result<(), (PathBuf, std::io::Error)> {
-    if !path.is_dir() {
-        files.push(path.to_owned());
-        return Ok(());
-    }
-    let unread = |error| (path.to_owned(), error);
-    let entries = std::fs::read_dir(path).map_err(unread)?;
-    let mut entries = entries.collect::<Result<Vec<_>, _>>().map_err(unread)?;
-    entries.sort_by_key(std::fs::DirEntry::file_name);
-    for entry in entries {
-        let kind = entry.file_type().map_err(unread)?;
-        let is_hidden = entry.file_name().to_string_lossy().starts_with('.');
-        let path = entry.path();
-        let ends_with = |ending| path.to_string_lossy().ends_with(&format!(".{ending}"));
-        let is_beside = [LOCK_ENDING, PINS_ENDING].into_iter().any(ends_with);
-        let is_graph = path.extension().is_some_and(|ending| ending == "ron") && !is_beside;
-        // Links are not followed: they may lead in a circle, or to files of somebody else.
-        if (kind.is_dir() && !is_hidden) || (is_graph && kind.is_file()) {
-            collect(&path, files)?;
-        }
-    }
-    Ok(())
 }

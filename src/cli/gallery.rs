@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::Value as Json;
 
 use super::caching::CacheOptions;
+use super::files::is_no_graph;
 use super::{Exit, all_outputs, eprint, print, report};
 use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
 use crate::format::png;
@@ -229,8 +230,8 @@ fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let mut graphs = Vec::new();
     for entry in entries {
         let path = entry.map_err(unread)?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if path.is_file() && name.ends_with(".ron") && !name.ends_with(".test.ron") {
+        let is_ron = path.extension().is_some_and(|ending| ending == "ron");
+        if path.is_file() && is_ron && !is_no_graph(&path) {
             graphs.push(path);
         }
     }

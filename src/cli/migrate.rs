@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::edit::changed_lines;
-use super::fmt::{collect, read};
+use super::files::given;
+use super::fmt::read;
 use super::{Exit, counted, eprint, print, print_document, report};
 use crate::catalog::Catalog;
 use crate::golden::case;
@@ -29,12 +30,10 @@ pub(super) struct Migrate {
 
 impl Migrate {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        let (mut files, mut failed, mut count) = (Vec::new(), false, 0);
-        for graph in &self.graphs {
-            if let Err((path, error)) = collect(graph, &mut files) {
-                eprint(&format!("error: cannot read {}: {error}\n", path.display()));
-                failed = true;
-            }
+        let (files, unread) = given(&self.graphs);
+        let (mut failed, mut count) = (!unread.is_empty(), 0);
+        for (path, error) in unread {
+            eprint(&format!("error: cannot read {}: {error}\n", path.display()));
         }
         for file in &files {
             match self.file(file, catalog) {

@@ -10,7 +10,6 @@ use super::{Exit, print, print_json, program, report};
 use crate::catalog::{Catalog, Description, Entry, describe_default, describe_parameter, inside};
 use crate::error::{Problem, Severity};
 use crate::graph::{Files, Graph, Options, Subgraph};
-use crate::node::DOMAINS;
 use crate::text::{any_of, unknown, variants};
 
 #[derive(Args)]
@@ -146,8 +145,7 @@ fn in_full(entry: &Description<'_>) -> String {
         text += "\nAttributes\n";
     }
     for carry in entry.carries {
-        let fates = DOMAINS.iter().zip(carry.fates);
-        let fates = fates.map(|(domain, fate)| format!("{domain} {}", fate.word()));
+        let fates = carry.by_domain().map(|(domain, fate)| format!("{domain} {}", fate.word()));
         let fates = Vec::from_iter(fates).join(", ");
         let own = match carry.own {
             [] => String::new(),

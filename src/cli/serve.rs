@@ -14,6 +14,7 @@ use clap::Args;
 use serde_json::{Value as Json, json};
 
 use self::columns::Columns;
+pub(super) use self::layout::ENDING as LAYOUT_ENDING;
 use self::layout::Layout;
 use self::request::{EditWish, Line, Load, Outline, Wish};
 use self::runner::{Job, Refused, Runner, Runs, options};

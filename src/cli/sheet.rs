@@ -7,6 +7,7 @@ use clap::Args;
 use serde_json::Value as Json;
 
 use super::caching::CacheOptions;
+use super::files::{is_no_graph, without};
 use super::render::size;
 use super::{Exit, GraphOptions, all_outputs, print, report};
 use crate::catalog::{Catalog, inside};
@@ -20,7 +21,7 @@ use crate::writing::{Destination, Sources};
 /// A row for the defaults, and one for each end of each parameter that has a least and a greatest value.
 #[derive(Args)]
 pub(super) struct Sheet {
-    /// The graphs.
+    /// The graphs. Among several files, tests, lock files, pins and layouts are passed over.
     #[arg(required = true, value_name = "GRAPH")]
     graphs: Vec<PathBuf>,
     /// The folder that the sheets are written to, each with its graph's name.
@@ -51,7 +52,11 @@ impl Sheet {
             Err(why) => return Exit::Usage(why),
         };
         let mut exit = Exit::Done;
-        for path in &self.graphs {
+        let graphs = Vec::from_iter(without(&self.graphs, is_no_graph));
+        if graphs.is_empty() {
+            return Exit::Usage("none of these files is a graph".into());
+        }
+        for path in graphs {
             match self.make(path, catalog, &mut session) {
                 Ok(true) => {}
                 Ok(false) => exit = Exit::Failed,

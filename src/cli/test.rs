@@ -11,6 +11,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::caching::CacheOptions;
+use super::files::{is_beside, without};
 use super::{Exit, counted, eprint, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
@@ -62,7 +63,8 @@ impl Test {
         let mut files = Vec::new();
         let mut graphs: BTreeMap<PathBuf, BTreeSet<PathBuf>> = BTreeMap::new();
         let here = [PathBuf::from(".")];
-        for path in if self.paths.is_empty() { &here[..] } else { &self.paths } {
+        let paths = if self.paths.is_empty() { &here[..] } else { &self.paths };
+        for path in without(paths, is_beside) {
             if !path.exists() {
                 return Exit::Usage(format!("there is no file or folder {}", path.display()));
             }

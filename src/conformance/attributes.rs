@@ -21,16 +21,22 @@ const NAMED: [usize; 2] = [0, 1];
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let (entry, node) = (case.entry, &case.graph.nodes[case.index]);
     let declared = entry.carries();
-    let carries = |kind: &str| kind == "Mesh" || kind == "Points";
-    let ports = entry.ports();
-    let ports = ports.iter().filter(|port| port.types.iter().any(|kind| carries(kind)));
-    let outputs = entry.outputs().iter();
-    let outputs =
-        Vec::from_iter(outputs.filter(|it| it.types.iter().any(|kind| carries(kind.name))));
-    for port in ports {
-        for output in &outputs {
+    for port in &entry.ports() {
+        for output in entry.outputs() {
+            let takes = |kind: &str| port.types.iter().any(|it| it == kind);
+            let gives = |kind: &str| output.types.iter().any(|it| it.name == kind);
+            let has_elements =
+                (takes("Mesh") || takes("Points")) && (gives("Mesh") || gives("Points"));
+            let has_cells =
+                takes("RangeImage") && ["RangeImage", "Mesh", "Points"].into_iter().any(gives);
             let is_it = |it: &&Carry| (it.port, it.output) == (&port.name[..], output.name);
-            if declared.iter().filter(is_it).count() != 1 {
+            let said = Vec::from_iter(declared.iter().filter(is_it));
+            let is_right = match &said[..] {
+                [] => !has_elements && !has_cells,
+                [it] => (it.fates.is_some(), it.cells.is_some()) == (has_elements, has_cells),
+                _ => false,
+            };
+            if !is_right {
                 let (name, port, output) = (&entry.name, &port.name, output.name);
                 broken.push(format!("{name} does not say once what becomes of attributes from `{port}` to `{output}`"));
             }
@@ -42,6 +48,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
         return;
     }
     for carry in declared {
+        let Some(fates) = carry.fates else { continue };
         for named in NAMED {
             let mut given = good.clone();
             let mut marks = Marks::default();
@@ -62,7 +69,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
                 break;
             };
             for (domain, word) in DOMAINS.iter().enumerate() {
-                let fate = carry.fates[domain];
+                let fate = fates[domain];
                 for why in marks.wrong(domain, fate, carry.own, &made[at]) {
                     let (name, fate) = (&entry.name, fate.word());
                     let (port, output) = (carry.port, carry.output);

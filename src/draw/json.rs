@@ -5,6 +5,7 @@ use serde_json::{Value as Json, json};
 use super::svg::Picture;
 use super::{Block, Drawing};
 use crate::error::{Lines, Place};
+use crate::graph::DraftField;
 
 impl Drawing {
     /// Boxes with their places and ports, links as paths of SVG, and the packs with their colors. Places are in pixels from the upper left
@@ -44,12 +45,18 @@ fn boxed(picture: &Picture<'_>, index: usize, block: &Block, place: [f64; 4]) ->
     let outputs = block.outputs.iter().enumerate().map(
         |(port, output)| json!({ "name": output.name, "type": output.kind, "y": below(port) }),
     );
-    json!({
+    let draft =
+        |it: &DraftField| json!({ "field": it.field, "final": it.sides[0], "draft": it.sides[1] });
+    let mut boxed = json!({
         "name": block.name,
         "node": block.node.as_ref().map(|node| &node.kind),
         "pack": block.node.as_ref().map(|node| node.pack),
         "place": place,
         "inputs": Vec::from_iter(inputs),
         "outputs": Vec::from_iter(outputs),
-    })
+    });
+    if !block.drafts.is_empty() {
+        boxed["drafts"] = block.drafts.iter().map(draft).collect();
+    }
+    boxed
 }

@@ -38,20 +38,24 @@ impl Evaluator {
         !Plan::new(self, graph, roots, &[]).has_work()
     }
 
-    /// Evaluates what these nodes need, and gives the error of each. The next evaluation tells what happened.
+    /// Evaluates what these nodes need, and says of each whether it has a result, or its error; those that hang on one that failed
+    /// have none. The next evaluation tells what happened.
     pub(crate) fn prepare(
         &mut self,
         graph: &Graph,
         roots: &[usize],
         observer: &dyn Observer,
         cancel: &CancelToken,
-    ) -> Vec<Option<Error>> {
+    ) -> Vec<Result<(), Option<Error>>> {
         let found = self.evaluate_alone(graph, roots, &[], &OnTheWay(observer), cancel);
-        let error = |root: &usize| {
-            let news = found.news.iter().find(|news| news.index == *root);
-            news.and_then(|news| news.error.clone())
+        let end = |root: &usize| match found.found.current(*root) {
+            Some(_) => Ok(()),
+            None => {
+                let news = found.news.iter().find(|news| news.index == *root);
+                Err(news.and_then(|news| news.error.clone()))
+            }
         };
-        let errors = roots.iter().map(error).collect();
+        let ends = roots.iter().map(end).collect();
         let happened = |news: &News| !matches!(news.state, State::Failed | State::Skipped);
         for news in found.news.into_iter().filter(happened) {
             let name = graph.nodes[news.index].name.clone();
@@ -61,7 +65,7 @@ impl Evaluator {
                 self.staged.insert(name, news);
             }
         }
-        errors
+        ends
     }
 }
 

@@ -28,8 +28,10 @@ pub(crate) enum Outlook {
     Runs,
     /// It hangs on a node that would be computed: it runs if that gives another result.
     MayRun,
-    /// It would fail: a file cannot be read.
+    /// It would fail: a file cannot be read, or no pack has such a node.
     Fails,
+    /// It hangs on a node that would fail.
+    Skipped,
 }
 
 /// What is known of a node's last result, without its values.
@@ -73,35 +75,56 @@ impl Evaluator {
         let (observer, cancel) = ((), CancelToken::default());
         let run = Run::new(self, graph, &plan, &[], &observer, &cancel);
         let wanted = (0..graph.nodes.len()).filter(|&index| plan.wanted[index]);
-        let forecast = |index: usize| match plan.tasks[index] {
-            Task::None => Forecast { index, outlook: Outlook::Cached, reason: Reason::Unchanged },
-            Task::Restore => Forecast { index, outlook: Outlook::Runs, reason: Reason::Lost },
-            Task::Verify => Forecast { index, outlook: Outlook::Runs, reason: Reason::Verified },
-            Task::Look => run.forecast(index),
-        };
-        wanted.map(forecast).collect()
+        let mut told = Vec::new();
+        for index in wanted {
+            let (outlook, reason) = match plan.tasks[index] {
+                Task::None => (Outlook::Cached, Reason::Unchanged),
+                Task::Restore => (Outlook::Runs, Reason::Lost),
+                Task::Verify => (Outlook::Runs, Reason::Verified),
+                Task::Look => match failing(graph, index, &told) {
+                    Some(cause) => (Outlook::Skipped, Reason::HangsOn(cause)),
+                    None => run.forecast(index),
+                },
+            };
+            told.push(Forecast { index, outlook, reason });
+        }
+        told
     }
+}
+
+/// What is told of a node, if it is: the list is in the graph's order.
+fn told_of(told: &[Forecast], index: usize) -> Option<&Forecast> {
+    told.binary_search_by_key(&index, |it| it.index).ok().map(|place| &told[place])
+}
+
+/// The first of a node's inputs that there will not be.
+fn failing(graph: &Graph, index: usize, told: &[Forecast]) -> Option<usize> {
+    let is_missing = |it: &Forecast| matches!(it.outlook, Outlook::Fails | Outlook::Skipped);
+    let mut links = graph.nodes[index].links.iter().map(|link| link.node);
+    links.find(|&link| told_of(told, link).is_some_and(is_missing))
 }
 
 impl Run<'_> {
     /// What would become of a node that must be looked at; those that it hangs on have been asked about before. A node that
     /// would not run has its result from then on.
-    fn forecast(&self, index: usize) -> Forecast {
+    fn forecast(&self, index: usize) -> (Outlook, Reason) {
         let node = &self.graph.nodes[index];
-        let tell = |outlook, reason| Forecast { index, outlook, reason };
+        if let Some(why) = node.node.lacks() {
+            return (Outlook::Fails, Reason::Error(why));
+        }
         let unknown = node.links.iter().find(|link| self.done(link.node).is_none());
         let before = self.before(index);
         let mut parts = match self.parts(node) {
             Ok(parts) => parts,
-            Err(error) => return tell(Outlook::Fails, Reason::Error(error.to_string())),
+            Err(error) => return (Outlook::Fails, Reason::Error(error.to_string())),
         };
         if let Some(unknown) = unknown {
             // What it is apart from its inputs.
             parts.inputs = before.map_or_else(Box::default, |before| before.parts.inputs.clone());
             return match before.map(|before| parts.change(&before.parts)) {
-                None => tell(Outlook::Runs, Reason::First),
-                Some(Some(change)) => tell(Outlook::Runs, Reason::Changed(change)),
-                Some(None) => tell(Outlook::MayRun, Reason::HangsOn(unknown.node)),
+                None => (Outlook::Runs, Reason::First),
+                Some(Some(change)) => (Outlook::Runs, Reason::Changed(change)),
+                Some(None) => (Outlook::MayRun, Reason::HangsOn(unknown.node)),
             };
         }
         let key = parts.key();
@@ -118,21 +141,29 @@ impl Run<'_> {
         if let Some((outcome, slot)) = found.zip(self.slot(index)) {
             let _ = slot.done.set(Some(Arc::new(Done { parts, key, outcome })));
         }
-        tell(outlook, reason)
+        (outlook, reason)
     }
 }
 
 /// Why a node would run, or why not, back to what was changed; `forecasts` has it and what it hangs on.
 pub(crate) fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String {
-    let of_node = |forecast: &&Forecast| forecast.index == node;
-    let Some(forecast) = forecasts.iter().find(of_node) else { return String::new() };
+    let Some(forecast) = told_of(forecasts, node) else { return String::new() };
     let (name, reason) = (&graph.nodes[node].name, forecast.reason_in(graph));
     if graph.nodes[node].kind() == PINNED {
         return format!("`{name}` does not run: its result is pinned\n");
     }
     match forecast.outlook {
         Outlook::Cached => format!("`{name}` does not run: {reason}\n"),
-        Outlook::Fails => format!("`{name}` fails: {reason}\n"),
+        Outlook::Fails => format!("`{name}` cannot run: {reason}\n"),
+        Outlook::Skipped => {
+            let mut cause = forecast;
+            while let Reason::HangsOn(above) = cause.reason {
+                let Some(above) = told_of(forecasts, above) else { break };
+                cause = above;
+            }
+            let (above, reason) = (&graph.nodes[cause.index].name, cause.reason_in(graph));
+            format!("`{name}` is skipped: it hangs on `{above}`, which cannot run: {reason}\n")
+        }
         Outlook::Runs => format!("`{name}` runs: {reason}\n"),
         Outlook::MayRun => {
             let mut text = format!("`{name}` runs if what it hangs on comes out different:\n");
@@ -154,6 +185,7 @@ impl Forecast {
             Outlook::Runs => "runs",
             Outlook::MayRun => "may run",
             Outlook::Fails => State::Failed.word(),
+            Outlook::Skipped => State::Skipped.word(),
         }
     }
 

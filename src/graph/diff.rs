@@ -480,6 +480,10 @@ impl Walk<'_, '_> {
         let change = if links { Change::Rewired } else { Change::Changed };
         let before = old.map(|old| self.items[0].show(&path, old));
         let after = new.map(|new| self.items[1].show(&path, &self.names.in_new(new)));
+        // What may be a link where the type is not known was one only as long as there was such a node.
+        if before == after {
+            return;
+        }
         self.report(change, &path, before, after);
     }
 
@@ -503,6 +507,7 @@ impl Walk<'_, '_> {
     }
 }
 
-fn joined(path: &str, step: &str) -> String {
+/// A way through fields, and one step more.
+pub(super) fn joined(path: &str, step: &str) -> String {
     if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
 }

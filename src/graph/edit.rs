@@ -13,12 +13,14 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, code};
 use crate::text::{Kind, parse, syntax_problems};
 
+mod element;
 mod part;
 mod place;
 mod references;
 mod splice;
 mod structure;
 
+pub(super) use element::written;
 pub(super) use place::{Refusal, place};
 pub(super) use references::References;
 #[cfg(feature = "cli")]
@@ -212,8 +214,11 @@ impl Judge<'_> {
                 // A word in place of a text is meant as a text.
                 let is_text = match edit {
                     Edit::Set { target, .. } => {
-                        let old = place(text, target, &spellings[0], false, self.options.draft);
-                        let old = old.ok().and_then(|(_, before)| before);
+                        let draft = self.options.draft;
+                        let target = written(&parse(text).0, target, draft);
+                        let put =
+                            |target: String| place(text, &target, &spellings[0], false, draft);
+                        let old = target.and_then(put).ok().and_then(|(_, before)| before);
                         old.is_some_and(|old| old.starts_with('"'))
                     }
                     _ => false,
@@ -262,7 +267,12 @@ impl Judge<'_> {
                 Vec::from_iter(refusals.into_iter().map(problem))
             };
             if let Edit::Set { target, value: given } = edit {
-                let (mut target, mut value) = (target.clone(), values.concat());
+                let with_target = |refusal: Refusal| {
+                    let message = format!("{target}={given}: {}", refusal.message);
+                    vec![self.refused(&edited.text, Refusal { message, ..refusal })]
+                };
+                let (mut target, mut value) =
+                    (self.written(&edited.text, target).map_err(with_target)?, values.concat());
                 let (graph, tree) = (parse(&edited.text).0, parse(&value).0);
                 if let Some((now, put)) = renewed_target(&graph, &target, &tree, self.catalog) {
                     (target, value) = (now, renewed_text(&tree, &put.value, &value));

@@ -95,9 +95,9 @@ impl Known {
                     Origin::Always => true,
                     Origin::From(port) => {
                         let links = node.links.iter().enumerate();
-                        links
-                            .filter(|(_, link)| link.port == port)
-                            .all(|(slot, _)| holds(slot, property))
+                        let mut links = links.filter(|(_, link)| link.port == port).peekable();
+                        // Of nothing anything holds, but not of what is made of it.
+                        links.peek().is_some() && links.all(|(slot, _)| holds(slot, property))
                     }
                     Origin::Never => {
                         known.never.insert(((index, output), property));

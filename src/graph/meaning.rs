@@ -291,6 +291,8 @@ impl Reading<'_> {
                 ("over", Kind::List(elements)) => {
                     bare(Kind::List(elements.iter().map(|it| of_node(it, kept)).collect()))
                 }
+                // Names of a type, of an input and of a parameter, whatever nodes are called.
+                ("graph" | "each" | "number", _) => plain(&field.value),
                 _ => self.links(&field.value),
             };
             let is_nothing = matches!(&field.name.text[..], "with" | "links" | "carry")

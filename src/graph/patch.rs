@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use super::Options;
 use super::check::{Check, first, folder_of};
-use super::edit::{Splice, place};
+use super::edit::{Splice, place, written};
 use super::migrate::{MOST_STEPS, node_steps, renewed_node, renewed_target, renewed_text};
 use crate::catalog::Catalog;
 use crate::error::{Source, Span, code};
@@ -103,6 +103,20 @@ impl Check<'_, '_> {
             return None;
         };
         let mut sheet = self.base(&path, span)?;
+        let (graph, _) = crate::text::parse(&sheet.source.text);
+        puts.retain_mut(|(target, named, ..)| {
+            match written(&graph, target, self.world.options.draft) {
+                Ok(now) => {
+                    *target = now;
+                    true
+                }
+                Err(refusal) => {
+                    let message = format!("`{target}`: {}", refusal.message);
+                    self.find(refusal.code, *named, message, refusal.help);
+                    false
+                }
+            }
+        });
         sheet = self.up_to_date(sheet, &puts);
         let (graph, _) = crate::text::parse(&sheet.source.text);
         for (mut target, named, field, value) in puts {
@@ -114,7 +128,10 @@ impl Check<'_, '_> {
                 self.findings.extend(told.map(|finding| Finding { span: field, ..finding }));
             }
             match place(&sheet.source.text, &target, &text, true, false) {
-                Ok((edits, _)) => sheet = spliced(&sheet, edits, &text, &own, value.span),
+                Ok((edits, _)) => {
+                    let names = steps(&own.source.text, named, field);
+                    sheet = spliced(&sheet, edits, (&text, &names), &own, value.span);
+                }
                 Err(refusal) => {
                     let message = format!("`{target}`: {}", refusal.message);
                     let is_unknown = refusal.code == code::UNKNOWN_LINK;
@@ -149,7 +166,7 @@ impl Check<'_, '_> {
                 for (span, new) in splices.into_iter().rev() {
                     let (source, at) = sheet.place(span);
                     let from = Sheet::new(source, sheet.folder_of(span).to_owned());
-                    sheet = spliced(&sheet, vec![(span, new.clone())], &new, &from, at);
+                    sheet = spliced(&sheet, vec![(span, new.clone())], (&new, &[]), &from, at);
                 }
             }
         }
@@ -257,11 +274,39 @@ fn whole(sheet: &Sheet) -> Vec<TextPart> {
     vec![TextPart { span, source: sheet.source.clone(), start: 0, folder: sheet.folder.clone() }]
 }
 
-/// The text with edits that put a value of another file into it.
+/// The names of fields that lead to a value of a patch, and where they stand: `select` of the key `"red.select"`, and then its field.
+fn steps(text: &str, key: Span, field: Span) -> Vec<(&str, Span)> {
+    let mut at = key.start;
+    let mut steps = Vec::new();
+    for step in text[key.start..key.end].split(['.', '"']) {
+        steps.push((step, Span { start: at, end: at + step.len() }));
+        at += step.len() + 1;
+    }
+    steps.push((&text[field.start..field.end], field));
+    steps
+}
+
+/// Where names stand in what leads to a value, `select: (distance: `, each with its place in the file that has it; in order.
+fn led_by(lead: &str, names: &[(&str, Span)]) -> Vec<(usize, Span)> {
+    let (mut found, mut end) = (Vec::new(), lead.len());
+    for (name, span) in names.iter().rev().filter(|(name, _)| !name.is_empty()) {
+        let is_key = |at: &usize| {
+            let is_part = |c: char| c.is_alphanumeric() || c == '_';
+            let behind = lead[at + name.len()..].trim_start();
+            behind.starts_with(':') && !lead[..*at].ends_with(is_part)
+        };
+        let Some(at) = lead[..end].rfind(name).filter(is_key) else { break };
+        found.insert(0, (at, *span));
+        end = at;
+    }
+    found
+}
+
+/// The text with edits that put a value of another file into it, to which some names of that file lead.
 fn spliced(
     sheet: &Sheet,
     mut edits: Vec<Splice>,
-    value: &str,
+    (value, names): (&str, &[(&str, Span)]),
     from: &Sheet,
     at: Span,
 ) -> Arc<Sheet> {
@@ -287,11 +332,19 @@ fn spliced(
         let lead = new.rfind(value).unwrap_or(0);
         let start = text.len();
         text.push_str(&new);
-        for (from_at, first, last) in [
-            (at.start, start, start + lead),
-            (at.start, start + lead, start + (lead + value.len()).min(new.len())),
-            (at.end, start + (lead + value.len()).min(new.len()), text.len()),
-        ] {
+        let end = start + (lead + value.len()).min(new.len());
+        let (mut own, mut behind) = (Vec::new(), start);
+        for (name, Span { start: from_at, end }) in led_by(&new[..lead], names) {
+            let (first, last) = (start + name, start + name + (end - from_at));
+            own.extend([(at.start, behind, first), (from_at, first, last)]);
+            behind = last;
+        }
+        own.extend([
+            (at.start, behind, start + lead),
+            (at.start, start + lead, end),
+            (at.end, end, text.len()),
+        ]);
+        for (from_at, first, last) in own {
             if first < last {
                 let (source, folder) = (from.source.clone(), from.folder.clone());
                 let span = Span { start: first, end: last };

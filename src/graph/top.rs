@@ -62,12 +62,19 @@ impl Check<'_, '_> {
         let is_graph = tree.name().is_some_and(|name| name.text == "Graph");
         let Some(fields) = tree.fields().filter(|_| is_graph) else {
             let message = format!("a graph file holds Graph(..), not {}", tree.in_words());
-            self.find(
-                code::SYNTAX,
-                tree.span,
-                message,
-                "begin with `Graph(format: 1, nodes: {..}, outputs: {..})`",
-            );
+            let help = match tree.name().as_ref().map_or("", |name| &name.text) {
+                "Test" => "it is a test: `maquette test` runs it",
+                "Lock" => {
+                    "it is a lock file, which `maquette lock` writes beside a graph: name the graph"
+                }
+                "Pins" => {
+                    "these are pins, which `maquette pin` writes beside a graph: name the graph"
+                }
+                "Layout" => "it is where an editor puts the nodes of a graph: name the graph",
+                "Handles" => "these are handles, which nodes read",
+                _ => "begin with `Graph(format: 1, nodes: {..}, outputs: {..})`",
+            };
+            self.find(code::SYNTAX, tree.span, message, help);
             return None;
         };
         let mut top = TopLevel {

@@ -26,6 +26,14 @@ impl AnyNode for Unknown {
         Err(UnknownType(self.0.clone()).into())
     }
 
+    fn lacks(&self) -> Option<String> {
+        Some(match &self.0 {
+            Some(Problem { message, help, .. }) if !help.is_empty() => format!("{message}: {help}"),
+            Some(problem) => problem.message.clone(),
+            None => UnknownType(None).to_string(),
+        })
+    }
+
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
         Ok(json!({}))
     }

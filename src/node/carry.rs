@@ -13,13 +13,15 @@ pub enum Fate {
     Dropped,
 }
 
-/// What becomes of the attributes of a mesh, or of points, from a port to an output, for each domain.
+/// What becomes of the attributes of a mesh, of points or of a range image, from a port to an output, for each domain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Carry {
     pub(crate) port: &'static str,
     pub(crate) output: &'static str,
-    /// By domain, in the order of [`DOMAINS`].
-    pub(crate) fates: [Fate; 4],
+    /// Of meshes and points, by domain, in the order of [`DOMAINS`]; none if the port takes no such values.
+    pub(crate) fates: Option<[Fate; 4]>,
+    /// Of the cells of range images; none if the port takes none.
+    pub(crate) cells: Option<Fate>,
     /// Attributes that the node makes itself.
     pub(crate) own: &'static [&'static str],
 }
@@ -35,7 +37,18 @@ impl Carry {
 
     /// Those of vertices, corners, edges (their creases) and faces.
     pub const fn each(port: &'static str, output: &'static str, fates: [Fate; 4]) -> Self {
-        Self { port, output, fates, own: &[] }
+        Self { port, output, fates: Some(fates), cells: None, own: &[] }
+    }
+
+    /// Those of the cells of a range image, which become those of cells, or of the vertices that are made of them.
+    pub const fn cells(port: &'static str, output: &'static str, fate: Fate) -> Self {
+        Self { port, output, fates: None, cells: Some(fate), own: &[] }
+    }
+
+    /// The same for a port that takes range images, too.
+    #[must_use]
+    pub const fn and_cells(self, fate: Fate) -> Self {
+        Self { cells: Some(fate), ..self }
     }
 
     /// But for attributes of these names, which the node makes itself, whatever came in.
@@ -44,11 +57,17 @@ impl Carry {
         Self { own, ..self }
     }
 
+    /// What there is to say, with the names of domains.
+    pub(crate) fn by_domain(self) -> impl Iterator<Item = (&'static str, Fate)> {
+        let fates = self.fates.into_iter().flat_map(|fates| DOMAINS.into_iter().zip(fates));
+        fates.chain(self.cells.map(|fate| ("cell", fate)))
+    }
+
     /// As programs are told.
     pub(crate) fn to_json(self) -> Json {
         let mut json = json!({ "port": self.port, "output": self.output });
-        for (domain, fate) in DOMAINS.iter().zip(self.fates) {
-            json[*domain] = json!(fate.word());
+        for (domain, fate) in self.by_domain() {
+            json[domain] = json!(fate.word());
         }
         if !self.own.is_empty() {
             json["own"] = json!(self.own);

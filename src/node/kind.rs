@@ -102,6 +102,11 @@ pub(crate) trait AnyNode: Send + Sync {
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
     fn files(&self) -> Vec<FilePath>;
 
+    /// Why it cannot run, whatever comes in.
+    fn lacks(&self) -> Option<String> {
+        None
+    }
+
     /// Properties of the values at ports.
     fn wants(&self) -> Vec<(&'static str, &'static str)> {
         Vec::new()

@@ -21,7 +21,7 @@ pub struct Promise<N> {
 pub(crate) enum Source {
     /// Nothing.
     Always,
-    /// All values at this port have the property.
+    /// All values at this port have the property, and there are some.
     From(&'static str),
     /// A value with anything in it never has the property.
     Never,
@@ -57,7 +57,7 @@ impl<N> Promise<N> {
         Self::new(output, property, Source::Always)
     }
 
-    /// `output` has the property if all values at `port` have it.
+    /// `output` has the property if all values at `port`, one at least, have it.
     pub const fn from(output: &'static str, property: &'static str, port: &'static str) -> Self {
         Self::new(output, property, Source::From(port))
     }

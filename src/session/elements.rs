@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use super::{Session, Wanted};
 use crate::error::Problem;
@@ -36,26 +37,49 @@ impl Session {
         counts.retain(|_, count| matches!(count, Count::Of(1..)));
         let mut found = self.expanded(graph, &mut counts);
         let mut met = BTreeSet::new();
-        // Each time one more of those that hang on each other is known.
+        // Those whose count nobody has found out yet: it is that of others.
+        let mut guessed = BTreeSet::new();
+        // Each time one more of those that hang on each other is known, and with it all that are guessed rightly.
         loop {
             let loops = needed(&found);
             met.extend(loops.iter().map(|it| it.name.clone()));
             let roots = Vec::from_iter(loops.iter().map(|it| it.node));
             if roots.is_empty() || self.evaluator.is_settled(&found, &roots) {
+                guessed.clear();
                 break;
             }
-            let errors = self.evaluator.prepare(&found, &roots, observer, cancel);
-            let mut is_new = false;
-            for (it, error) in loops.iter().zip(errors) {
-                let other = error.as_ref().and_then(|error| error.downcast::<OtherCount>());
-                if let Some(OtherCount(count)) = other {
-                    let count = Count::Of(*count);
-                    is_new |= counts.insert(it.name.clone(), count.clone()) != Some(count);
+            let ends = self.evaluator.prepare(&found, &roots, observer, cancel);
+            let mut news = Vec::new();
+            for (it, end) in loops.iter().zip(ends) {
+                let other = match &end {
+                    Ok(()) => None,
+                    Err(error) => error.as_ref().and_then(|error| error.downcast::<OtherCount>()),
+                };
+                if end.is_err() && other.is_none() {
+                    continue;
+                }
+                guessed.remove(&it.name);
+                let Some(&OtherCount(count)) = other else { continue };
+                let now = Some(Count::Of(count));
+                if counts.insert(it.name.clone(), Count::Of(count)) != now {
+                    news.push((it, count));
                 }
             }
-            if !is_new || cancel.is_cancelled() {
+            if news.is_empty() || cancel.is_cancelled() {
                 break;
             }
+            let guesses = guesses(&found, &loops, &news, &counts);
+            guessed.extend(guesses.keys().cloned());
+            counts.extend(guesses);
+            found = graph.expanded(&counts, &self.catalog).unwrap_or_else(|_| {
+                counts.retain(|name, _| !guessed.contains(name));
+                guessed.clear();
+                self.expanded(graph, &mut counts)
+            });
+        }
+        // What their data are is not known: one example stands for all.
+        if !guessed.is_empty() {
+            counts.retain(|name, _| !guessed.contains(name));
             found = self.expanded(graph, &mut counts);
         }
         counts.retain(|name, _| found.loops().iter().any(|it| it.name == *name));
@@ -121,6 +145,27 @@ impl Session {
         });
         self.known.insert(file.clone(), counts);
     }
+}
+
+/// More elements than this are not guessed at a time: where that is wrong, it was for nothing.
+const MOST_GUESSED: usize = 10_000;
+
+/// How many elements those have whose number is not known yet: as many as one that stands at the same place of the same file, which
+/// several use. If it is so, a chain of them takes no more rounds than one of them.
+fn guesses(graph: &Graph, open: &[Loop], found: &[(&Loop, usize)], known: &Counts) -> Counts {
+    let place = |it: &Loop| {
+        let node = &graph.nodes[it.node];
+        (Arc::as_ptr(&node.sheet), node.span)
+    };
+    let found = BTreeMap::from_iter(found.iter().map(|&(it, count)| (place(it), count)));
+    let mut left = MOST_GUESSED;
+    let open = open.iter().filter(|it| !known.contains_key(&it.name));
+    let guess = |it: &Loop| {
+        let count = found.get(&place(it)).copied().filter(|count| (1..=left).contains(count))?;
+        left -= count;
+        Some((it.name.clone(), Count::Of(count)))
+    };
+    open.filter_map(guess).collect()
 }
 
 /// The nodes that are wanted, as far as the graph has them by now.

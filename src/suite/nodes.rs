@@ -7,27 +7,46 @@ use crate::text::FILE;
 /// Begins the line of a warning, among those of the nodes.
 const WARNING: &str = "warning  ";
 
-/// Which warnings of nodes came or went, in words.
+/// Which warnings of nodes came or went, in words. That of a node which only got another name did neither.
 pub(super) fn changed_warnings(before: &str, now: &str) -> Vec<String> {
-    let of = |text: &str| {
-        let lines = text.lines().filter_map(|line| line.strip_prefix(WARNING));
-        lines.map(str::to_owned).collect::<Vec<_>>()
-    };
+    fn of(text: &str) -> Vec<&str> {
+        text.lines().filter_map(|line| line.strip_prefix(WARNING)).collect()
+    }
     let (old, new) = (of(before), of(now));
-    let gone = old.iter().filter(|line| !new.contains(line));
-    let gone = gone.map(|line| format!("there is no longer the warning {line}"));
-    let came = new.iter().filter(|line| !old.contains(line));
-    gone.chain(came.map(|line| format!("there is a new warning {line}"))).collect()
+    let mut gone = Vec::from_iter(old.iter().filter(|line| !new.contains(line)));
+    let mut came = Vec::from_iter(new.iter().filter(|line| !old.contains(line)));
+    gone.retain(|was| {
+        let renamed = came.iter().position(|is| is_renamed((before, was), (now, is)));
+        renamed.map(|at| came.remove(at)).is_none()
+    });
+    let gone = gone.into_iter().map(|line| format!("there is no longer the warning {line}"));
+    gone.chain(came.into_iter().map(|line| format!("there is a new warning {line}"))).collect()
+}
+
+/// Whether two lines of warnings say the same of nodes of one type, of which one is gone and the other one new.
+fn is_renamed((before, was): (&str, &str), (now, is): (&str, &str)) -> bool {
+    fn named(line: &str) -> Option<(&str, &str)> {
+        line.strip_prefix('`')?.split_once("`: ")
+    }
+    let (Some((old, was)), Some((new, is))) = (named(was), named(is)) else { return false };
+    let kind = |text: &'_ str, name: &str| {
+        let line = nodes(text).map(split).find(|(other, _)| *other == name)?;
+        line.1.split(' ').next().map(str::to_owned)
+    };
+    let is_gone = kind(now, old).is_none() && kind(before, new).is_none();
+    was == is && is_gone && kind(before, old) == kind(now, new)
+}
+
+fn split(line: &str) -> (&str, &str) {
+    line.split_once("  ").unwrap_or((line, ""))
+}
+
+fn nodes(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().filter(|line| !line.starts_with(WARNING))
 }
 
 /// What of the nodes' lines differs: `raised: {..12..} -> {..15..}`.
 pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
-    fn split(line: &str) -> (&str, &str) {
-        line.split_once("  ").unwrap_or((line, ""))
-    }
-    fn nodes(text: &str) -> impl Iterator<Item = &str> {
-        text.lines().filter(|line| !line.starts_with(WARNING))
-    }
     let (old, new) =
         (Vec::from_iter(nodes(before).map(split)), Vec::from_iter(nodes(now).map(split)));
     let mut changes = Vec::new();

@@ -6,6 +6,7 @@ mod each;
 mod help;
 mod merging;
 mod messages;
+mod patterns;
 mod pins;
 mod promises;
 mod provenance;

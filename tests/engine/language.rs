@@ -1,5 +1,6 @@
 //! The language of graphs: what is written wrongly is told once for each mistake, at its place.
 
+mod merge_sample;
 mod merged_comments;
 mod merging;
 mod migrations;
@@ -14,9 +15,13 @@ use crate::graph_files::problems;
 
 mod attributes;
 mod both_ends;
+mod chains;
+mod differences;
 mod documentation;
 mod drafts;
 mod each;
+mod elements;
+mod empty_lists;
 mod library_expectations;
 mod limits;
 mod minimal;

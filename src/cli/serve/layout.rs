@@ -12,6 +12,8 @@ use crate::plain;
 use crate::text::{parse, read_tree};
 use crate::writing::{Destination, Refused, Sources, rewrite};
 
+pub(in crate::cli) const ENDING: &str = "layout.ron";
+
 /// Column and row of a box, as [`Places`](crate::draw::Places) has them, but anywhere in between, too.
 type Spot = (f64, f64);
 
@@ -87,5 +89,5 @@ impl Layout {
 
 /// The file of a graph's layout.
 fn beside(graph: &Path) -> PathBuf {
-    graph.with_extension("layout.ron")
+    graph.with_extension(ENDING)
 }

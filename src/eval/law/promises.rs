@@ -136,6 +136,7 @@ impl Found<'_> {
                 Outlook::Runs => state != State::Skipped || !inputs_are_known,
                 Outlook::MayRun => true,
                 Outlook::Fails => state == State::Failed,
+                Outlook::Skipped => state == State::Skipped,
             };
             promise!(
                 possible,

@@ -2,6 +2,7 @@
 //! no such part, so it gets all of the value that has it.
 
 use super::Judge;
+use super::element::written;
 use super::place::{Found, Refusal, field, find, place};
 use super::splice::{Splice, apply};
 use crate::error::Span;
@@ -48,6 +49,19 @@ impl Judge<'_> {
         let edited = apply(&patched, splices);
         let (splices, _) = put(&part.owner, &edited[start..edited.len() - behind])?;
         Ok((splices, before))
+    }
+
+    /// The target by the names of the text, or of the graph that is patched; see [`written`].
+    pub(super) fn written(&self, text: &str, target: &str) -> Result<String, Refusal> {
+        let (tree, _) = parse(text);
+        let patched = (is_patch(&tree) && target.contains('/')).then(|| self.patched(text));
+        match patched.flatten() {
+            Some(patched) => {
+                let nowhere = |refusal| Refusal { span: Span::default(), ..refusal };
+                written(&parse(&patched).0, target, self.options.draft).map_err(nowhere)
+            }
+            None => written(&tree, target, self.options.draft),
+        }
     }
 
     /// The text of the graph that a patch makes.

@@ -64,9 +64,7 @@ pub(in crate::graph) fn place(
     }
     let Some((_, entry)) = entry else {
         let known: Vec<&str> = entries.iter().filter_map(|(key, _)| key.text()).collect();
-        let help = element_help(name, path, &entries);
-        let help =
-            help.map_or_else(|| nearest_or_all(name, &format!("its {what}s"), &known), Into::into);
+        let help = nearest_or_all(name, &format!("its {what}s"), &known);
         let message = format!("the graph has no {what} `{name}`");
         return Err(Refusal {
             code: code::UNKNOWN_LINK,
@@ -74,21 +72,6 @@ pub(in crate::graph) fn place(
         });
     };
     put(entry, &Vec::from_iter(path.split('.')))
-}
-
-/// Where to set what an element of a `ForEach` has, which is no node of the file.
-fn element_help(name: &str, path: &str, entries: &[&(Tree, Tree)]) -> Option<String> {
-    let (outer, number) = name.split_once('/')?;
-    let (_, each) = entries.iter().find(|(key, _)| key.text() == Some(outer))?;
-    let each = each.name().filter(|name| name.text == "ForEach").map(|_| each)?;
-    let over = field(each, "over").map(|field| &field.value.kind);
-    let index = number.parse::<usize>().ok().and_then(|number| number.checked_sub(1));
-    Some(match (over, index) {
-        (Some(Kind::List(items)), Some(index)) if index < items.len() => {
-            format!("it is an element of a list: {outer}.over.{index}.{path}=VALUE")
-        }
-        _ => format!("elements have no names in the file; all of them: {outer}.with.{path}=VALUE"),
-    })
 }
 
 /// The same within one value.

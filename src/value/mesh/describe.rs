@@ -55,7 +55,8 @@ impl Value for Mesh {
         let (vertices, faces) = (self.positions.len(), self.faces.len());
         let euler = vertices as i64 - edges.vertices.len() as i64 + faces as i64;
         let count = |wanted: fn(&u32) -> bool| edges.faces.iter().filter(|n| wanted(n)).count();
-        let area: f64 = self.faces.iter().map(|face| self.area_vector(face).norm()).sum();
+        // From 0 on: the sum of nothing is -0.
+        let area = self.faces.iter().fold(0.0, |sum, face| sum + self.area_vector(face).norm());
         let attributes: Vec<&str> = [&self.vertex, &self.corner, &self.face]
             .into_iter()
             .flat_map(Attributes::iter)

@@ -186,3 +186,28 @@ fn a_node_that_is_renamed_keeps_its_golden() {
     assert!(!golden.with_file_name("smooth.txt").exists());
     assert_eq!(test(&[]).0, Some(0));
 }
+
+#[test]
+fn a_node_that_is_renamed_takes_its_warning_along() {
+    let project = project(&[("doll.test.ron", "Test(graph: \"doll.ron\")")]);
+    let graph = |nodes: &str| {
+        format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{ \"all.ply\": \"all\" }})")
+    };
+    project.save(&graph("\"none\": Merge(meshes: []), \"all\": Merge(meshes: [\"none\"])"));
+    let test = |more: &[&str]| {
+        let arguments = [&["test", "doll.test.ron"], more].concat();
+        let output = project.command(&arguments).env_remove("CI").output().unwrap();
+        (output.status.code(), String::from_utf8(output.stdout).unwrap())
+    };
+    assert_eq!(test(&["--bless"]).0, Some(0));
+    assert!(project.maquette(&["edit", "doll.ron", "rename", "none", "empty"]).status.success());
+    let (code, told) = test(&[]);
+    assert!(code == Some(0) && told.starts_with("passed"), "{told}");
+    // A second one is new, whatever it is called.
+    project.save(&graph(
+        "\"empty\": Merge(meshes: []), \"more\": Merge(meshes: []), \"all\": Merge(meshes: [\"empty\", \"more\"])",
+    ));
+    let (code, told) = test(&[]);
+    assert!(code == Some(1) && told.contains("a new warning `more`"), "{told}");
+    assert!(!told.contains("no longer"), "{told}");
+}

@@ -39,10 +39,15 @@ fn a_page_says_what_drafts_have_and_whether_it_shows_drafts() {
         browser.wait("document.querySelector('#parameter-levels')");
         assert_eq!(browser.ask("document.title"), title);
         let is_told = browser.ask("!document.querySelector('#draft').hidden");
-        assert_eq!(is_told, title.contains("draft"));
+        let is_draft = title.contains("draft");
+        assert_eq!(is_told, is_draft);
         assert_eq!(browser.ask("document.querySelector('#parameter-levels').value"), level);
         let marks = "[...document.querySelectorAll('.parameter')].map((row) => row.querySelector('.draft')?.textContent ?? '').join('|')";
         assert_eq!(browser.ask(marks), "final 2, draft 0|");
+        browser.wait("document.querySelector('#node table')");
+        let told = "[...document.querySelectorAll('#node .draft')].map((it) => it.closest('tr').textContent).join('|')";
+        let shown = if is_draft { "|shownwhat drafts give, no final results" } else { "" };
+        assert_eq!(browser.ask(told), format!("limitfinal true, draft false{shown}"));
         if let Some(path) = std::env::var_os("LOOK") {
             let shot = browser.call("Page.captureScreenshot", serde_json::json!({}));
             std::fs::write(path, shot["data"].as_str().unwrap()).unwrap();

@@ -25,9 +25,11 @@ fn elements_are_set_in_their_list_or_all_at_once() {
         "\"1.ply\": \"c/1\"",
     );
     let told = said(&list, &["set", "doll.ron", "c/1.scale=(2, 2, 2)"]);
-    assert!(told.contains("c.over.0.scale=VALUE"), "{told}");
+    assert_eq!(told, "c.over.0.scale: left out -> (2, 2, 2)\n");
     let told = said(&list, &["set", "doll.ron", "c.over.0.scale=(2, 2, 2)"]);
     assert!(!told.contains("error"), "{told}");
+    let told = said(&list, &["set", "doll.ron", "c/3.scale=(2, 2, 2)"]);
+    assert!(told.contains("`c/1` to `c/2`"), "{told}");
     let parts =
         graph("\"c\": ForEach(graph: \"Transform\", over: Parts(\"m\"))", "\"1.ply\": \"c/1\"");
     let told = said(&parts, &["check", "doll.ron", "--set", "c/1.scale=(2, 2, 2)"]);

@@ -80,6 +80,18 @@ fn what_is_asked_for_and_does_not_need_it_is_given_with_a_warning() {
 }
 
 #[test]
+fn why_says_what_cannot_run_and_what_is_skipped_for_it() {
+    let project = project();
+    let why =
+        |node| String::from_utf8(project.maquette(&["why", "doll.ron", node]).stdout).unwrap();
+    let reason = "there is no node type `HairStrands`: it may be of the pack `hair` 0.3, which this program does not have\n";
+    assert_eq!(why("strands"), format!("`strands` cannot run: {reason}"));
+    let skipped = "`combed` is skipped: it hangs on `strands`, which cannot run: ";
+    assert_eq!(why("combed"), format!("{skipped}{reason}"));
+    assert_eq!(why("big"), "`big` runs: not computed before\n");
+}
+
+#[test]
 fn a_watch_makes_the_rest_too_also_of_a_graph_that_was_whole() {
     let project = project();
     let mut watch = project.start(&[]);

@@ -12,8 +12,8 @@ fn the_manual_has_a_row_for_each_declaration_and_no_other() {
     let mut declared = Vec::new();
     for node in nodes {
         for carry in node["attributes"].as_array().into_iter().flatten() {
-            let word = |name: &str| carry[name].as_str().unwrap().to_owned();
-            let fates = ["vertex", "corner", "edge", "face"].map(word).join(" | ");
+            let word = |name: &str| carry[name].as_str().unwrap_or("-").to_owned();
+            let fates = ["vertex", "corner", "edge", "face", "cell"].map(word).join(" | ");
             let (name, port, output) =
                 (node["name"].as_str().unwrap(), word("port"), word("output"));
             declared.push(format!("| {name} | `{port}`, `{output}` | {fates} |"));

@@ -5,7 +5,8 @@ use std::process::{Command, Output};
 
 use maquette::value::{Layer, Meaning, Parts};
 use maquette::{
-    AnyValue, Catalog, Options, Run, Session, Settings, State, Wanted, test_graphs, value_type,
+    AnyValue, Catalog, Options, Pack, Run, Session, Settings, State, Wanted, test_graphs,
+    value_type,
 };
 use maquette_third_party::{PACK, Palette};
 
@@ -22,7 +23,7 @@ fn its_golden_passes_within_its_tolerance() {
     let packs = [maquette_nodes::PACKS, &[&PACK]].concat();
     let run = test_graphs(Path::new(GRAPHS), &Catalog::new(&packs), 1).unwrap();
     assert!(run.failures.is_empty(), "{:?}", run.failures);
-    assert_eq!(run.passed, 1);
+    assert_eq!(run.passed, 2);
 }
 
 #[test]
@@ -133,4 +134,26 @@ fn old_names_in_patches_and_tests_are_migrated_too() {
     assert_eq!(read("poster.test.ron"), test.replace("colors\"", "count\""));
     assert_eq!(read("patch.ron"), patch.replace("colors", "count"));
     assert!(run(&["migrate", ".", "--check"]).1);
+}
+
+#[test]
+fn an_old_graph_runs_with_the_pack_and_what_does_not_need_it_without() {
+    let path = Path::new(GRAPHS).join("old-names.ron");
+    let packs = [maquette_nodes::PACKS, &[&PACK]].concat();
+    let told = |packs: &[&Pack]| {
+        let mut session = Session::new(packs, &Settings::in_memory()).unwrap();
+        let checked = session.load(&path, &Options::default()).as_far_as_known();
+        let told = Vec::from_iter(checked.problems.iter().map(|it| (it.code, it.help.clone())));
+        let done = session.run(&checked.graph.unwrap(), &Run::default()).unwrap();
+        (told, ["poster.png", "red.png"].map(|name| done.value(name).is_some()))
+    };
+    let (with, given) = told(&packs);
+    assert_eq!(with.iter().map(|(code, _)| *code).collect::<Vec<_>>(), ["G032", "G032"]);
+    assert_eq!(given, [true, true]);
+    let (without, given) = told(maquette_nodes::PACKS);
+    assert_eq!(without.len(), 2, "{without:?}");
+    for (code, help) in without {
+        assert!(code == "G003" && help.contains("the pack `palette` 0.1"), "{help}");
+    }
+    assert_eq!(given, [false, true]);
 }

@@ -1,0 +1,24 @@
+//! The sample of a merge: what two people have made of one graph.
+
+use std::path::Path;
+
+use maquette::{Catalog, Graph, Source};
+use maquette_nodes::PACKS;
+
+#[test]
+fn the_sample_is_what_comes_of_both_sides() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/language/merge");
+    let source = |name: &str| {
+        let name = folder.join(name);
+        let text = std::fs::read_to_string(&name).unwrap();
+        Source { name, text }
+    };
+    let [base, ours, theirs, merged] =
+        ["base.ron", "ours.ron", "theirs.ron", "merged.ron"].map(source);
+    for [ours, theirs] in [[&ours, &theirs], [&theirs, &ours]] {
+        let found = Graph::merge(&merged.name, [&base, ours, theirs], &Catalog::new(PACKS));
+        assert_eq!((found.conflicts.len(), found.problems.len()), (0, 0), "{found:?}");
+    }
+    let found = Graph::merge(&merged.name, [&base, &ours, &theirs], &Catalog::new(PACKS));
+    assert_eq!(found.text, merged.text);
+}
