@@ -62,6 +62,11 @@ python *args:
 blender *args:
     bash hosts/blender/test {{args}}
 
+# The VS Code extension in a real VS Code, and the language server asked by two Neovims. They come from npm, Debian and PyPI.
+editors:
+    bash hosts/neovim/test
+    bash hosts/vscode/test
+
 # Every reader of files, for some seconds each.
 fuzz seconds="5":
     bash .ci/fuzz {{seconds}}
