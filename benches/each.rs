@@ -4,9 +4,9 @@
 use std::path::PathBuf;
 
 use divan::{Bencher, black_box};
-use maquette::value::{Labels, Points};
+use maquette::value::Points;
 use maquette::{AnyValue, Catalog, Graph, Options, Pack, Run, Session, Settings, node};
-use regions::{Center, Collect};
+use regions::{Center, Collect, grid};
 
 #[path = "../tests/common/regions.rs"]
 mod regions;
@@ -33,17 +33,6 @@ const TEXT: &str = r#"Graph(
     },
     outputs: { "all": "all" },
 )"#;
-
-/// 100 x 50 spots of 6 x 12 pixels; one of them is smaller if `changed` says so.
-fn spots(changed: Option<usize>) -> AnyValue {
-    let label = |at: usize| {
-        let [x, y] = [at % 1000, at / 1000];
-        let spot = x / 10 + y / 20 * 100;
-        let wide = if changed == Some(spot) { 5 } else { 6 };
-        if x % 10 < wide && y % 20 < 12 { spot as u32 + 1 } else { 0 }
-    };
-    AnyValue::new(Labels::new(1000, 1000, (0..1_000_000).map(label).collect()).expect("labels"))
-}
 
 fn load() -> Graph {
     let path = PathBuf::from("regions.ron");
@@ -73,7 +62,7 @@ fn check(bencher: Bencher<'_, '_>) {
 /// 5 000 regions, of which nothing is known.
 #[divan::bench(sample_count = 11)]
 fn first_run(bencher: Bencher<'_, '_>) {
-    let (graph, labels) = (load(), spots(None));
+    let (graph, labels) = (load(), grid(None));
     bencher.with_inputs(session).bench_values(|mut session| run(&mut session, &graph, &labels));
 }
 
@@ -81,10 +70,10 @@ fn first_run(bencher: Bencher<'_, '_>) {
 #[divan::bench(sample_count = 21)]
 fn one_changed(bencher: Bencher<'_, '_>) {
     let (graph, mut session, mut changed) = (load(), session(), 0);
-    run(&mut session, &graph, &spots(None));
+    run(&mut session, &graph, &grid(None));
     let next = || {
         changed += 77;
-        spots(Some(changed % 5000))
+        grid(Some(changed % 5000))
     };
     bencher.with_inputs(next).bench_local_values(|labels| run(&mut session, &graph, &labels));
 }
@@ -92,7 +81,7 @@ fn one_changed(bencher: Bencher<'_, '_>) {
 /// Nothing is another one.
 #[divan::bench(sample_count = 21)]
 fn unchanged(bencher: Bencher<'_, '_>) {
-    let (graph, mut session, labels) = (load(), session(), spots(None));
+    let (graph, mut session, labels) = (load(), session(), grid(None));
     run(&mut session, &graph, &labels);
     bencher.bench_local(|| run(&mut session, &graph, &labels));
 }

@@ -267,7 +267,7 @@ pub struct ValueType {
     show: fn(&(dyn Any + Send + Sync)) -> Vec<Layer>,
     as_mesh: fn(&(dyn Any + Send + Sync)) -> Option<Mesh>,
     elements: fn() -> Vec<ElementType>,
-    cut: fn(&(dyn Any + Send + Sync), &str, usize) -> Cut,
+    cut: fn(&(dyn Any + Send + Sync), &str, usize, &[AnyValue]) -> Cut,
     hostile: fn() -> Vec<AnyValue>,
     properties: fn() -> Vec<(&'static str, &'static str)>,
     offence: fn(&(dyn Any + Send + Sync), &str) -> Option<Offence>,
@@ -348,7 +348,7 @@ impl<T: Value> TypeOf<T> {
         show: |value| downcast::<T>(value).show(),
         as_mesh: |value| downcast::<T>(value).as_mesh(),
         elements: ElementType::all_of::<T>,
-        cut: |value, word, most| elements::cut(downcast::<T>(value), word, most),
+        cut: |value, word, most, before| elements::cut(downcast::<T>(value), word, most, before),
         hostile: || T::hostile().into_iter().map(AnyValue::new).collect(),
         properties: || T::properties().iter().map(|it| (it.name, it.doc)).collect(),
         offence: |value, name| {
@@ -446,9 +446,10 @@ impl AnyValue {
 }
 
 impl AnyValue {
-    /// Its elements that a word means, for a `ForEach`, if there are no more than `most`; none if its type has no such elements.
-    pub(crate) fn cut(&self, word: &str, most: usize) -> Cut {
-        (self.kind.cut)(&*self.value, word, most)
+    /// Its elements that a word means, for a `ForEach`, if there are no more than `most`; none if its type has no such elements. Those
+    /// of another value, `before`, may be taken over.
+    pub(crate) fn cut(&self, word: &str, most: usize, before: &[Self]) -> Cut {
+        (self.kind.cut)(&*self.value, word, most, before)
     }
 }
 

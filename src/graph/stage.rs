@@ -21,7 +21,7 @@ use crate::catalog::Catalog;
 use crate::error::{Error, Problem};
 use crate::node::{AnyNode, Context, FilePath};
 use crate::text::Tree;
-use crate::value::{AnyValue, NoElements};
+use crate::value::{AnyValue, Encoder, Hash, Memo, NoElements};
 
 /// How many elements each `ForEach` over data has, by its name, as far as that is known.
 pub(crate) type Counts = BTreeMap<String, Count>;
@@ -162,6 +162,22 @@ struct Cut {
     count: Option<Count>,
 }
 
+/// What a `ForEach` went over the last time: what is as it was need not be made again. It changes how long it takes, and nothing else.
+#[derive(Clone)]
+struct Before(Arc<[AnyValue]>);
+
+impl Memo for Before {
+    const NAME: &'static str = "elements";
+
+    fn encode(&self, to: &mut Encoder) {
+        to.counts(&[self.0.len()]);
+    }
+
+    fn size(&self) -> usize {
+        self.0.iter().map(AnyValue::size).sum()
+    }
+}
+
 /// There are other elements than the graph was expanded for.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("it has {0} elements by now: run the graph again")]
@@ -182,7 +198,11 @@ impl AnyNode for Cut {
         if let Some(Count::Refused(why)) = &self.count {
             return Err(Uncut::Refused(why.clone()).into());
         }
-        let found = cx.inputs.first().and_then(|value| value.cut(&self.word, self.most));
+        let key = Hash::of(format!("elements {} of {}", self.word, self.over).as_bytes());
+        let before = cx.memos.and_then(|memos| memos.find(key));
+        let before = before.as_ref().and_then(AnyValue::memo::<Before>);
+        let before = before.map_or(&[][..], |before| &before.0);
+        let found = cx.inputs.first().and_then(|value| value.cut(&self.word, self.most, before));
         let elements = match found {
             Some(Ok(elements)) => elements,
             Some(Err(NoElements::TooMany { count })) => {
@@ -192,6 +212,9 @@ impl AnyNode for Cut {
             Some(Err(NoElements::Impossible(why))) => return Err(Uncut::Refused(why).into()),
             None => return Err(Uncut::Refused("it has no elements".into()).into()),
         };
+        if let Some(memos) = cx.memos {
+            memos.keep(key, &AnyValue::of_memo(Before(elements.clone().into())));
+        }
         match self.count {
             Some(Count::Of(count)) if count == elements.len() => Ok(elements),
             _ => Err(OtherCount(elements.len()).into()),

@@ -15,9 +15,13 @@ pub struct Elements<T> {
     pub name: &'static str,
     /// The type of each.
     pub kind: &'static ValueType,
-    /// All of them in order, in one pass over the value, if there are no more than `most`.
-    pub cut: fn(value: &T, most: usize) -> Result<Vec<AnyValue>, NoElements>,
+    /// All of them in order, in one pass over the value, if there are no more than `most`. What comes last are elements of some other
+    /// value, perhaps of none: one that is equal may be taken over instead of being made again.
+    pub cut: fn(value: &T, most: usize, before: &[AnyValue]) -> Found,
 }
+
+/// What a value was taken apart to.
+type Found = Result<Vec<AnyValue>, NoElements>;
 
 /// Why a value was not taken apart.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -34,7 +38,7 @@ pub enum NoElements {
 }
 
 /// Elements, if a value has such.
-pub(crate) type Cut = Option<Result<Vec<AnyValue>, NoElements>>;
+pub(crate) type Cut = Option<Found>;
 
 /// What the engine knows of one way to take values of a type apart.
 #[derive(Clone, Copy)]
@@ -53,7 +57,7 @@ impl ElementType {
 }
 
 /// The elements of a value that a word means; none if its type has no such.
-pub(super) fn cut<T: Value>(value: &T, word: &str, most: usize) -> Cut {
+pub(super) fn cut<T: Value>(value: &T, word: &str, most: usize, before: &[AnyValue]) -> Cut {
     let way = T::elements().into_iter().find(|way| way.word == word)?;
-    Some((way.cut)(value, most))
+    Some((way.cut)(value, most, before))
 }

@@ -62,7 +62,7 @@ pub struct LabelStatistics {
 }
 
 /// Pixels side by side in one row that have the same label.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LabelRun {
     /// The row.
     pub row: u32,

@@ -39,7 +39,7 @@ impl<T: Memo> TypeOf<T> {
         show: |_| Vec::new(),
         as_mesh: |_| None,
         elements: Vec::new,
-        cut: |_, _, _| None,
+        cut: |_, _, _, _| None,
         hostile: Vec::new,
         properties: Vec::new,
         offence: |_, _| None,

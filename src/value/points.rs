@@ -146,7 +146,7 @@ impl Value for Points {
     /// Each point by itself, with its attributes.
     fn elements() -> Vec<Elements<Self>> {
         let kind = value_type::<Self>();
-        vec![Elements { word: "", name: "points", kind, cut: one_by_one }]
+        vec![Elements { word: "", name: "points", kind, cut: |it, most, _| one_by_one(it, most) }]
     }
 
     fn show(&self) -> Vec<Layer> {

@@ -1,9 +1,11 @@
 //! The components of labels, each by itself: as small as it is, though it lies in the whole picture.
 //!
 //! Equal labels have equal hashes, so a component has that of the picture that is background but for it. It is had without that
-//! picture: blake3 hashes a tree of chunks, and chunks of nothing but background are hashed once for all components.
+//! picture: blake3 hashes a tree of chunks, and chunks of nothing but background are hashed once for all components. One that was there
+//! before, run for run, is taken over: of what an artist changes, most is as it was.
 
-use std::sync::OnceLock;
+use std::collections::HashMap;
+use std::sync::{Arc, OnceLock};
 
 use blake3::hazmat::{HasherExt, Mode, merge_subtrees_non_root, merge_subtrees_root};
 
@@ -55,7 +57,11 @@ impl One {
 }
 
 /// The components, in the order of their numbers.
-pub(super) fn cut(labels: &Labels, most: usize) -> Result<Vec<AnyValue>, NoElements> {
+pub(super) fn cut(
+    labels: &Labels,
+    most: usize,
+    before: &[AnyValue],
+) -> Result<Vec<AnyValue>, NoElements> {
     let count = labels.statistics.len();
     if most < count {
         return Err(NoElements::TooMany { count });
@@ -65,9 +71,20 @@ pub(super) fn cut(labels: &Labels, most: usize) -> Result<Vec<AnyValue>, NoEleme
     for run in runs_of(width, labels.pixels()) {
         runs[run.label as usize - 1].push(LabelRun { label: 1, ..run });
     }
-    let background = (count > 0).then(|| Background::new(width, height));
+    // No two components of a picture begin at one place.
+    let begun = before.iter().filter_map(|value| {
+        let Labels { pixels: Pixels::One(one), .. } = value.get()? else { return None };
+        let is_as_large = (one.width, one.height) == (width, height);
+        Some((*one.runs.first().filter(|_| is_as_large)?, (one, value)))
+    });
+    let begun: HashMap<LabelRun, (&Arc<One>, &AnyValue)> = begun.collect();
+    let background = OnceLock::new();
     let one = |runs: Vec<LabelRun>| {
-        let hash = background.as_ref().map_or(Hash([0; 32]), |background| background.with(&runs));
+        let same = runs.first().and_then(|first| begun.get(first));
+        if let Some((_, value)) = same.filter(|(one, _)| one.runs == runs) {
+            return (*value).clone();
+        }
+        let hash = background.get_or_init(|| Background::new(width, height)).with(&runs);
         let statistics = statistics(width, height, &runs);
         let one = One { width, height, runs, hash, pixels: OnceLock::new() };
         AnyValue::new(Labels { width, height, pixels: Pixels::One(one.into()), statistics })
@@ -185,6 +202,8 @@ impl Part {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
     use crate::value::{Value, hash_of};
 
@@ -201,7 +220,7 @@ mod tests {
     fn an_element_is_the_picture_that_is_background_but_for_its_component() {
         for (width, height) in [(3, 2), (7, 6), (31, 9), (64, 40), (127, 33), (300, 70)] {
             let labels = spots(width, height);
-            let elements = cut(&labels, usize::MAX).unwrap();
+            let elements = cut(&labels, usize::MAX, &[]).unwrap();
             assert_eq!(elements.len(), labels.statistics().len());
             for (number, element) in (1..).zip(&elements) {
                 let alone = labels.pixels().iter().map(|&label| u32::from(label == number));
@@ -216,16 +235,48 @@ mod tests {
     }
 
     #[test]
+    fn what_was_there_before_is_taken_over_if_every_run_is_the_same() {
+        let before = cut(&spots(64, 40), usize::MAX, &[]).unwrap();
+        // One loses a pixel in its last row, one is gone, and one of another size begins where another one did.
+        let mut pixels = spots(64, 40).pixels().to_vec();
+        (pixels[64 + 2], pixels[5], pixels[6], pixels[7]) = (0, 0, 0, 0);
+        (pixels[64 + 5], pixels[64 + 6], pixels[64 + 7], pixels[13]) = (0, 0, 0, 3);
+        let mut order = BTreeMap::new();
+        for pixel in pixels.iter_mut().filter(|pixel| **pixel > 0) {
+            let next = order.len() as u32 + 1;
+            *pixel = *order.entry(*pixel).or_insert(next);
+        }
+        let labels = Labels::new(64, 40, pixels).unwrap();
+        let alone = cut(&labels, usize::MAX, &[]).unwrap();
+        let hashes = |all: &[AnyValue]| Vec::from_iter(all.iter().map(AnyValue::hash));
+        let one = |value: &AnyValue| match &value.get::<Labels>().unwrap().pixels {
+            Pixels::One(one) => one.clone(),
+            Pixels::All(_) => panic!("a component is kept as runs"),
+        };
+        for (before, same) in [(&before[..], before.len() - 3), (&before[..0], 0)] {
+            let found = cut(&labels, usize::MAX, before).unwrap();
+            assert_eq!(hashes(&found), hashes(&alone));
+            let is_taken = |found: &&AnyValue| {
+                before.iter().any(|before| Arc::ptr_eq(&one(before), &one(found)))
+            };
+            assert_eq!(found.iter().filter(is_taken).count(), same);
+        }
+        // Those of a wider picture lie elsewhere.
+        let wide = cut(&spots(65, 40), usize::MAX, &before).unwrap();
+        assert_eq!(hashes(&wide), hashes(&cut(&spots(65, 40), usize::MAX, &[]).unwrap()));
+    }
+
+    #[test]
     fn more_components_than_are_wanted_are_counted() {
         let count = spots(20, 8).statistics().len();
-        let refused = cut(&spots(20, 8), count - 1).unwrap_err();
+        let refused = cut(&spots(20, 8), count - 1, &[]).unwrap_err();
         assert_eq!(refused, NoElements::TooMany { count });
-        assert!(cut(&Labels::new(0, 0, vec![]).unwrap(), 0).unwrap().is_empty());
+        assert!(cut(&Labels::new(0, 0, vec![]).unwrap(), 0, &[]).unwrap().is_empty());
     }
 
     #[test]
     fn thousands_of_components_need_little_memory() {
-        let elements = cut(&spots(1000, 1000), usize::MAX).unwrap();
+        let elements = cut(&spots(1000, 1000), usize::MAX, &[]).unwrap();
         assert_eq!(elements.len(), 50_000);
         let bytes: usize = elements.iter().map(|it| it.get::<Labels>().unwrap().size()).sum();
         assert!(bytes < 20_000_000, "{bytes}");

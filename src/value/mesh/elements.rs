@@ -9,8 +9,8 @@ use crate::value::{AnyValue, Curve, Elements, NoElements, value_type};
 pub(super) fn elements() -> Vec<Elements<Mesh>> {
     let (mesh, curve) = (value_type::<Mesh>(), value_type::<Curve>());
     vec![
-        Elements { word: "Parts", name: "parts", kind: mesh, cut: parts },
-        Elements { word: "Holes", name: "holes", kind: curve, cut: holes },
+        Elements { word: "Parts", name: "parts", kind: mesh, cut: |it, most, _| parts(it, most) },
+        Elements { word: "Holes", name: "holes", kind: curve, cut: |it, most, _| holes(it, most) },
     ]
 }
 

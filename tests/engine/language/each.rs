@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use regions::{Center, Collect};
+use regions::{Center, Collect, grid};
 
 #[path = "../../common/regions.rs"]
 mod regions;
@@ -114,7 +114,11 @@ impl Value for Beads {
     }
 
     fn elements() -> Vec<Elements<Self>> {
-        fn one_by_one(beads: &Beads, most: usize) -> Result<Vec<AnyValue>, NoElements> {
+        fn one_by_one(
+            beads: &Beads,
+            most: usize,
+            _: &[AnyValue],
+        ) -> Result<Vec<AnyValue>, NoElements> {
             match beads.0.len() {
                 count if count > most => Err(NoElements::TooMany { count }),
                 _ => Ok(beads.0.iter().map(|&bead| AnyValue::new(Beads(vec![bead]))).collect()),
@@ -529,4 +533,19 @@ fn why_says_that_the_number_is_not_known_yet() {
     run(&mut session, &graph, "labels", spots(&[1, 2]));
     assert!(session.why(&graph, "spots/2").unwrap().starts_with("`spots/2` "));
     assert_eq!(session.why(&graph, "spots/3"), None);
+}
+
+#[test]
+fn components_that_are_as_they_were_are_taken_over() {
+    let (mut session, graph) = (session(), graph(SPOTS));
+    let mut times = Vec::new();
+    for changed in [None, Some(77), Some(154), Some(4900)] {
+        let labels = grid(changed);
+        let start = std::time::Instant::now();
+        let found = run(&mut session, &graph, "labels", labels);
+        times.push(start.elapsed());
+        assert_eq!(along_x(&found, "all").len(), 5000);
+    }
+    let changed = times[1..].iter().min().unwrap();
+    assert!(6 * *changed < times[0], "{times:?}");
 }
