@@ -128,7 +128,7 @@ fn measure(editor: &mut Editor, text: &str, method: &str) {
         let new = text.replacen("1.01", &format!("1.{index:03}"), 1 + index % 7);
         let line =
             new.lines().position(|line| line.contains(&format!("\"n{node}\": "))).expect("a line");
-        let place = json!({ "line": line, "character": 12 });
+        let place = json!({ "line": line, "character": 10 });
         let end = json!({ "line": line, "character": 20 });
         let version = json!({ "uri": editor.uri, "version": index + 1 });
         editor.tell(
@@ -139,7 +139,7 @@ fn measure(editor: &mut Editor, text: &str, method: &str) {
             "textDocument": { "uri": editor.uri },
             "position": if method == "completion" { json!({ "line": line, "character": 32 }) } else { place.clone() },
             "range": if method == "inlayHint" { json!({ "start": { "line": 0, "character": 0 }, "end": { "line": 9999, "character": 0 } }) } else { json!({ "start": place, "end": end }) },
-            "context": { "includeDeclaration": true, "diagnostics": [] },
+            "context": { "includeDeclaration": true, "diagnostics": [], "triggerKind": 1 },
             "newName": format!("m{index}"),
             "options": { "tabSize": 4, "insertSpaces": true },
         });

@@ -9,7 +9,7 @@ use super::library::{Library, NodeKind};
 use super::scope::{Declared, Scope};
 use super::slot::{FieldOf, Inside, Keys, Slot, Slots, takes};
 use crate::error::Span;
-use crate::text::{Cursor, TypedKind, cursor, ron, unit_names, variants};
+use crate::text::{Cursor, Passed, TypedKind, cursor, each_word, ron, unit_names, variants};
 
 /// Something that may be written.
 #[derive(Clone, Debug, PartialEq)]
@@ -277,6 +277,7 @@ impl Search<'_> {
     fn links(&self, types: &[String]) -> Vec<Proposal> {
         let own = self.cursor.frames.get(1).and_then(|section| section.field.as_ref());
         let own = own.filter(|_| self.cursor.frames.len() > 2).map(|name| &name.text[..]);
+        let used = self.texts();
         let mut found = Vec::new();
         let nodes = self.scope.inputs.iter().chain(&self.scope.nodes);
         for (index, node) in nodes.enumerate().filter(|(_, node)| own != Some(&node.name.text[..]))
@@ -294,9 +295,7 @@ impl Search<'_> {
                     true => node.name.text.clone(),
                     false => format!("{}.{output}", node.name.text),
                 };
-                let is_used = self.text.contains(&format!("\"{label}\","))
-                    || self.text.contains(&format!("\"{label}\")"))
-                    || self.text.contains(&format!("\"{label}\" "));
+                let is_used = used.contains(&label);
                 let is_below = self.at < node.name.span.start;
                 let near = 1000 - index.min(999);
                 let rank = near + 1000 * usize::from(is_used) + 2000 * usize::from(is_below);
@@ -307,6 +306,18 @@ impl Search<'_> {
             }
         }
         found
+    }
+
+    /// All that stands in quotes, except for keys and what is being written.
+    fn texts(&self) -> BTreeSet<String> {
+        let mut texts = BTreeSet::new();
+        each_word(self.text, |_, passed| match passed {
+            Passed::Word(word, TypedKind::Text) if word.span != self.cursor.typed.span => {
+                texts.insert(word.text.clone());
+            }
+            _ => {}
+        });
+        texts
     }
 
     /// The outputs of a node or an input, and the types of values that each gives; no types where nothing is known.
