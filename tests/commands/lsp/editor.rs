@@ -139,6 +139,15 @@ impl Editor {
         }
     }
 
+    /// The diagnostics of this file as soon as there are some.
+    pub(crate) fn some_diagnostics(&mut self, path: &Path) -> Vec<Json> {
+        while self.told.get(&uri(path)).is_none_or(Vec::is_empty) {
+            let message = self.receive();
+            self.hear(message);
+        }
+        self.told[&uri(path)].clone()
+    }
+
     /// What is asked about the place behind the first occurrence of `mark` in a text; `|` in it is the place itself.
     pub(crate) fn at(&mut self, method: &str, path: &Path, text: &str, mark: &str) -> Json {
         let params = place(path, text, mark);
