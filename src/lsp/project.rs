@@ -163,6 +163,14 @@ impl Project {
             spans.sort_unstable();
             spans.dedup();
             for span in spans.iter().rev() {
+                let is_field = text[span.end..].trim_start().starts_with(':')
+                    && !text[..span.start].ends_with('"');
+                if is_field && to.contains('-') {
+                    let (file, name) = (file.display(), &symbol.name);
+                    return Err(format!(
+                        "`{to}` cannot be a field, and {file} has `{name}` as one: write it without hyphens"
+                    ));
+                }
                 text.replace_range(span.start..span.end, to);
             }
             texts.insert(file.clone(), text);

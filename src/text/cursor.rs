@@ -86,13 +86,10 @@ impl Walk {
             _ => self.last.take(),
         };
         if kind == Colon {
-            if let Some(((name, _), frame)) = last.zip(self.frames.last_mut()) {
-                frame.given.push(name.clone());
-                frame.field = Some(name);
-            }
-            if let Some(name) = self.frames.last().and_then(|frame| frame.field.clone()) {
-                see(&self.frames, Passed::Name(&name));
-            }
+            let Some(((name, _), frame)) = last.zip(self.frames.last_mut()) else { return };
+            frame.given.push(name.clone());
+            frame.field = Some(name.clone());
+            see(&self.frames, Passed::Name(&name));
             return;
         }
         // A word before a bracket is told of, too: `Threshold` of `Threshold(`.
@@ -330,5 +327,17 @@ mod tests {
             };
         });
         assert_eq!(told, "A -b: -c -d: --E ---1 --true ");
+    }
+
+    #[test]
+    fn words_of_a_broken_text_come_in_their_order() {
+        for text in ["A(b: : c: d", "A(b: (: )", "a: b: \"c", "A(\"b\": {: 1, : }"] {
+            let mut last = 0;
+            each_word(text, |_, passed| {
+                let (Passed::Name(word) | Passed::Word(word, _)) = passed;
+                assert!(last <= word.span.start, "{text}");
+                last = word.span.end;
+            });
+        }
     }
 }
