@@ -14,11 +14,10 @@ use crate::error::{Place, Problem, Severity, Source, Span, code};
 use crate::format::handles;
 use crate::golden::case;
 use crate::graph::{Graph, InputValues, Options};
-use crate::plain;
 use crate::suite::shared;
 use crate::text::first_word;
 use crate::value::HandleSpace;
-use crate::writing::rewrite;
+use crate::writing::{Turn, replace};
 
 #[derive(Args)]
 pub(super) struct Check {
@@ -38,14 +37,14 @@ pub(super) struct Check {
 
 /// What the `.ron` files of a project are.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum What {
+pub(super) enum What {
     Graph,
     Test,
     Handles,
 }
 
 impl What {
-    fn of(path: &Path, text: &str) -> Self {
+    pub(super) fn of(path: &Path, text: &str) -> Self {
         match first_word(text) {
             "Test" => Self::Test,
             _ if path.to_string_lossy().ends_with(case::ENDING) => Self::Test,
@@ -117,13 +116,13 @@ impl Check {
         if path == Path::new("-") {
             return Err("--fix writes files: there is none to write behind `-`".into());
         }
+        let failed = |error| format!("cannot write {}: {error}", path.display());
         let (mended, problems) = Graph::fixed(path, &text, catalog, &self.options.all());
         if problems.is_empty() {
             return Ok(text);
         }
-        let is_as_read = plain::read_text(path).is_ok_and(|now| now == text);
-        let written = if is_as_read { rewrite(path, &mended) } else { Err(changed()) };
-        written.map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        let _turn = Turn::beside(path).map_err(failed)?;
+        replace(path, &text, &mended).map_err(failed)?;
         for problem in &problems {
             let Place { line, column } = Place::of(&problem.source.text, problem.span.start);
             eprint(&format!("fixed {}:{line}:{column}: {}\n", path.display(), problem.message));
@@ -188,10 +187,6 @@ impl Check {
         }
         problems
     }
-}
-
-fn changed() -> std::io::Error {
-    std::io::Error::other("somebody else is changing it: try again")
 }
 
 fn unreadable(path: &Path, error: &std::io::Error) -> Problem {

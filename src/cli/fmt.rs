@@ -9,7 +9,7 @@ use super::{Exit, eprint, print, print_document, report};
 use crate::catalog::Catalog;
 use crate::graph::{Graph, LOCK_ENDING, Options, PINS_ENDING};
 use crate::plain;
-use crate::writing::rewrite;
+use crate::writing::{Turn, replace};
 
 #[derive(Args)]
 pub(super) struct Fmt {
@@ -72,13 +72,15 @@ impl Fmt {
                 true
             }
             (false, false) if form == text => true,
-            (false, false) => match rewrite(path, &form) {
-                Ok(()) => true,
-                Err(error) => {
-                    eprint(&format!("error: cannot write {}: {error}\n", path.display()));
-                    false
+            (false, false) => {
+                match Turn::beside(path).and_then(|_turn| replace(path, &text, &form)) {
+                    Ok(()) => true,
+                    Err(error) => {
+                        eprint(&format!("error: cannot write {}: {error}\n", path.display()));
+                        false
+                    }
                 }
-            },
+            }
         }
     }
 }
@@ -91,6 +93,13 @@ pub(super) fn read(path: &Path) -> std::io::Result<String> {
     let mut text = String::new();
     std::io::stdin().lock().read_to_string(&mut text)?;
     Ok(text)
+}
+
+/// Whether a file is one that people write: a graph, a test or handles, but neither a lock file nor pins.
+pub(super) fn is_for_people(path: &Path) -> bool {
+    let ends_with = |ending| path.to_string_lossy().ends_with(&format!(".{ending}"));
+    let is_beside = [LOCK_ENDING, PINS_ENDING].into_iter().any(ends_with);
+    path.extension().is_some_and(|ending| ending == "ron") && !is_beside
 }
 
 /// Adds a file, or the graph files in a folder and the folders in it, hidden ones, lock files and pins left out, in the order of
@@ -111,11 +120,8 @@ pub(super) fn collect(
         let kind = entry.file_type().map_err(unread)?;
         let is_hidden = entry.file_name().to_string_lossy().starts_with('.');
         let path = entry.path();
-        let ends_with = |ending| path.to_string_lossy().ends_with(&format!(".{ending}"));
-        let is_beside = [LOCK_ENDING, PINS_ENDING].into_iter().any(ends_with);
-        let is_graph = path.extension().is_some_and(|ending| ending == "ron") && !is_beside;
         // Links are not followed: they may lead in a circle, or to files of somebody else.
-        if (kind.is_dir() && !is_hidden) || (is_graph && kind.is_file()) {
+        if (kind.is_dir() && !is_hidden) || (kind.is_file() && is_for_people(&path)) {
             collect(&path, files)?;
         }
     }

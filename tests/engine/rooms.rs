@@ -162,7 +162,7 @@ const ROOMS: [(&str, &[&str]); 33] = [
     ("text", &["error", "plain", "value"]),
     ("value", &["memory", "parallel", "simd"]),
     ("watch", &[]),
-    ("writing", &["graph", "paths", "stamp"]),
+    ("writing", &["graph", "paths", "plain", "stamp"]),
 ];
 
 #[test]
