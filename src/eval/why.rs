@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
+use super::disk::WORTH_A_FILE;
 use super::key::Change;
 use super::plan::{Plan, Task};
 use super::run::Run;
@@ -33,16 +34,26 @@ pub(crate) enum Outlook {
 }
 
 impl Evaluator {
-    /// What would become of the nodes that these hang on, in the graph's order.
-    pub(crate) fn forecast(&mut self, graph: &Graph, roots: &[usize]) -> Vec<Forecast> {
+    /// What would become of the nodes that these hang on, in the graph's order, if the values of the nodes `values` were wanted
+    /// afterwards.
+    pub(crate) fn forecast(
+        &mut self,
+        graph: &Graph,
+        roots: &[usize],
+        values: &[usize],
+    ) -> Vec<Forecast> {
         self.recall(graph);
-        let plan = Plan::new(self, graph, roots, &[]);
+        let plan = Plan::new(self, graph, roots, values);
         let (observer, cancel) = ((), CancelToken::default());
         let run = Run::new(self, graph, &plan, &[], &observer, &cancel);
+        let lost = |index: usize| match plan.known.get(index) {
+            Some(done) if done.outcome.seconds <= WORTH_A_FILE => Reason::Cheap,
+            _ => Reason::Lost,
+        };
         let wanted = (0..graph.nodes.len()).filter(|&index| plan.wanted[index]);
         let forecast = |index: usize| match plan.tasks[index] {
             Task::None => Forecast { index, outlook: Outlook::Cached, reason: Reason::Unchanged },
-            Task::Restore => Forecast { index, outlook: Outlook::Runs, reason: Reason::Lost },
+            Task::Restore => Forecast { index, outlook: Outlook::Runs, reason: lost(index) },
             Task::Verify => Forecast { index, outlook: Outlook::Runs, reason: Reason::Verified },
             Task::Look => run.forecast(index),
         };
