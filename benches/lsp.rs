@@ -3,6 +3,8 @@
 //!
 //! `cargo bench -p maquette-nodes --bench lsp` prints medians and the 95th of a hundred, in ms.
 
+#![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

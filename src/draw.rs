@@ -111,9 +111,7 @@ impl Drawing {
                     let links = graph.nodes[*node].links.iter();
                     links.map(|link| (&link.port[..], (link.node, link.output))).collect()
                 }
-                BoxContent::Use(given, _) => {
-                    given.inputs.iter().map(|(port, target)| (&port[..], *target)).collect()
-                }
+                BoxContent::Use(given, _) => linked(graph, given),
             };
             let mut inputs: Vec<String> = Vec::new();
             for (port, target) in links {
@@ -190,6 +188,24 @@ fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
         }
     }
     boxes
+}
+
+/// The linked ports of a use with what they are linked to. The elements of a `ForEach` over data are taken apart inside of its box: their
+/// port is linked to the data.
+fn linked<'g>(graph: &'g Graph, given: &'g GraphUse) -> Vec<(&'g str, (usize, usize))> {
+    let apart = graph.loops().iter().find(|it| it.name == given.name).map(|it| it.node);
+    let data = apart.and_then(|node| graph.nodes[node].links.first());
+    let mut links = Vec::with_capacity(given.inputs.len() + 1);
+    for (port, target) in &given.inputs {
+        if Some(target.0) != apart {
+            links.push((&port[..], *target));
+        }
+    }
+    if let (Some(node), Some(data)) = (apart, data) {
+        let port = graph.nodes[node].name.rsplit('/').next().unwrap_or_default();
+        links.insert(0, (port, (data.node, data.output)));
+    }
+    links
 }
 
 /// How many elements a `ForEach` over data has.

@@ -99,10 +99,25 @@ pub struct Evaluator {
     verify: f64,
 }
 
+/// The most threads that are started: more machines do not have, and thousands would be busy with each other alone.
+pub(crate) const MOST_THREADS: usize = 1024;
+
 /// No threads could be started.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot start threads: {0}")]
 pub struct ThreadsError(String);
+
+impl ThreadsError {
+    /// Refuses a number that no machine has.
+    pub(crate) fn judge(threads: usize) -> Result<(), Self> {
+        match threads {
+            0..=MOST_THREADS => Ok(()),
+            _ => Err(Self(format!(
+                "{threads} are too many, there may be at most {MOST_THREADS}; 0 is as many as the machine has"
+            ))),
+        }
+    }
+}
 
 /// The result of one evaluation.
 pub struct Evaluation {
@@ -254,11 +269,12 @@ fn difference(node: &GraphNode) -> Problem {
 struct Panic(String);
 
 impl Evaluator {
-    /// An evaluator with this many threads (0: as many as the machine has) and this many bytes of memory for results.
+    /// An evaluator with this many threads (0 to 1024; 0: as many as the machine has) and this many bytes of memory for results.
     ///
     /// # Errors
-    /// If the threads cannot be started.
+    /// If the threads cannot be started, or are too many.
     pub fn new(threads: usize, memory: usize) -> Result<Self, ThreadsError> {
+        ThreadsError::judge(threads)?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|error| ThreadsError(error.to_string()))?;
         let (cache, files, guards) = (Cache::new(memory), Known::default(), Guards::default());

@@ -243,9 +243,12 @@ impl Session {
         Ok(self.forecast(graph, &nodes))
     }
 
-    /// What each node that these need would do now, and why.
+    /// What each node that these need would do now, and why. The values of which something is expected are needed themselves.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
-        self.evaluator.forecast(graph, nodes)
+        let needed = graph.shape.needed_by(nodes);
+        let mut judged = golden::nodes_of(&graph.expected(nodes));
+        judged.retain(|&node| needed[node]);
+        self.evaluator.forecast(graph, nodes, &judged)
     }
 
     /// What is known of the last result of each node, by this process or another one; nothing is run. The graph is one as it is

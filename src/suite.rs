@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
-use crate::eval::RunTrace;
+use crate::eval::{RunTrace, ThreadsError};
 use crate::golden::case::{self, TestFile};
 use crate::golden::store::{Golden, NoGolden, because};
 use crate::golden::{Comparison, Violation};
@@ -254,6 +254,7 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
         None if settings.graphs.is_empty() => orphans::unclaimed(&tests),
         _ => Vec::new(),
     };
+    ThreadsError::judge(settings.threads).map_err(|error| error.to_string())?;
     let wanted = |job: &&Job<'_>| {
         let graphs = settings.graphs.get(&job.test.source.name);
         graphs.is_none_or(|graphs| graphs.contains(&job.graph))

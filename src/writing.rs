@@ -12,17 +12,20 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use crate::paths::without_dots;
+use crate::plain;
 use crate::stamp::Stamp;
 
 #[cfg(feature = "cli")]
 mod shelf;
 mod sources;
 mod temporary;
+mod turn;
 
 #[cfg(feature = "cli")]
 pub(crate) use shelf::Shelf;
 pub(crate) use sources::Sources;
 pub(crate) use temporary::{is_abandoned, is_temporary, sweep};
+pub(crate) use turn::Turn;
 
 /// Where files may be written and removed.
 pub(crate) struct Destination<'a> {
@@ -191,6 +194,19 @@ pub(crate) fn rewrite(path: &Path, text: &str) -> io::Result<()> {
     sweep(beside(&path));
     write_whole(&path, text.as_bytes())?;
     fs::set_permissions(&path, metadata.permissions())
+}
+
+/// The same in place of what was read, and nothing if that is not there any more. Who has a [`Turn`] since then loses nothing that
+/// this program writes, and no editor's work but by a hair.
+pub(crate) fn replace(path: &Path, read: &str, text: &str) -> io::Result<()> {
+    match plain::read_text(path)? == read {
+        true => rewrite(path, text),
+        false => Err(changed_meanwhile()),
+    }
+}
+
+fn changed_meanwhile() -> io::Error {
+    io::Error::other("somebody else is changing it: try again")
 }
 
 /// Writes what the program itself keeps beside a graph, in a file that people read and may have changed.

@@ -18,6 +18,7 @@ pub struct ReadCurve {
     pub path: FilePath,
     /// The unit of the file's coordinates; they are converted to mm.
     #[serde(default, skip_serializing_if = "Unit::is_millimeters")]
+    #[schemars(extend("default" = "Mm"))]
     pub unit: Unit,
 }
 

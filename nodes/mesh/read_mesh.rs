@@ -22,6 +22,7 @@ pub struct ReadMesh {
     pub path: FilePath,
     /// The unit of the file's coordinates; they are converted to mm. A GLB file, which says its unit itself, is taken at its word.
     #[serde(default, skip_serializing_if = "Unit::is_millimeters")]
+    #[schemars(extend("default" = "Mm"))]
     pub unit: Unit,
 }
 

@@ -12,9 +12,8 @@ use super::{Exit, GraphOptions, counted, eprint, print, print_json, put_problems
 use crate::catalog::Catalog;
 use crate::error::{Place, Problem, Severity, code};
 use crate::graph::Graph;
-use crate::plain;
 use crate::suite::{FileKind, of_file, shared};
-use crate::writing::rewrite;
+use crate::writing::{Turn, replace};
 
 #[derive(Args)]
 pub(super) struct Check {
@@ -93,23 +92,19 @@ impl Check {
         if path == Path::new("-") {
             return Err("--fix writes files: there is none to write behind `-`".into());
         }
+        let failed = |error| format!("cannot write {}: {error}", path.display());
         let (mended, problems) = Graph::fixed(path, &text, catalog, &self.options.all());
         if problems.is_empty() {
             return Ok(text);
         }
-        let is_as_read = plain::read_text(path).is_ok_and(|now| now == text);
-        let written = if is_as_read { rewrite(path, &mended) } else { Err(changed()) };
-        written.map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        let _turn = Turn::beside(path).map_err(failed)?;
+        replace(path, &text, &mended).map_err(failed)?;
         for problem in &problems {
             let Place { line, column } = Place::of(&problem.source.text, problem.span.start);
             eprint(&format!("fixed {}:{line}:{column}: {}\n", path.display(), problem.message));
         }
         Ok(mended)
     }
-}
-
-fn changed() -> std::io::Error {
-    std::io::Error::other("somebody else is changing it: try again")
 }
 
 fn unreadable(path: &Path, error: &std::io::Error) -> Problem {

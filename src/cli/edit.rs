@@ -9,7 +9,7 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Source};
 use crate::graph::{Edit as GraphEdit, Edited, Files, Graph, Options};
 use crate::plain;
-use crate::writing::rewrite;
+use crate::writing::{Turn, replace};
 
 /// What the edit does not speak of keeps every byte. An edit that would leave the graph with a mistake is refused, with the reason.
 #[derive(Args)]
@@ -135,11 +135,7 @@ pub(super) struct GraphFile<'a> {
 impl GraphFile<'_> {
     /// The text after some edits; none if they failed, for reasons that have been printed.
     pub(super) fn edit(&self, edits: &[GraphEdit], catalog: &Catalog) -> Option<Edited> {
-        let edited = self.edited(edits, catalog).and_then(|edited| match self.dry_run {
-            true => Ok(edited),
-            false => self.write(&edited).map(|()| edited),
-        });
-        match edited {
+        match self.done(edits, catalog) {
             Ok(edited) => Some(edited),
             Err(EditError::Refused(problems)) => {
                 report(&problems);
@@ -150,6 +146,23 @@ impl GraphFile<'_> {
                 None
             }
         }
+    }
+
+    /// The text after some edits, which is in the file unless they are only tried. Whoever else edits it at the same time comes before
+    /// or after.
+    pub(super) fn done(&self, edits: &[GraphEdit], catalog: &Catalog) -> Result<Edited, EditError> {
+        if self.dry_run {
+            return self.edited(edits, catalog);
+        }
+        let _turn = self.turn()?;
+        let edited = self.edited(edits, catalog)?;
+        self.write(&edited)?;
+        Ok(edited)
+    }
+
+    /// Keeps others from changing the file.
+    pub(super) fn turn(&self) -> Result<Turn, EditError> {
+        Turn::beside(self.graph).map_err(|error| EditError::Write(self.graph.to_owned(), error))
     }
 
     /// The text after some edits, which is not yet in the file.
@@ -171,7 +184,7 @@ impl GraphFile<'_> {
             return Ok(());
         }
         let failed = |error| EditError::Write(self.graph.to_owned(), error);
-        rewrite(self.graph, &edited.text).map_err(failed)
+        replace(self.graph, &edited.before, &edited.text).map_err(failed)
     }
 }
 

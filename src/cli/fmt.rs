@@ -10,7 +10,7 @@ use super::{Exit, eprint, print, print_document, report};
 use crate::catalog::Catalog;
 use crate::graph::{Graph, Options};
 use crate::plain;
-use crate::writing::rewrite;
+use crate::writing::{Turn, replace};
 
 #[derive(Args)]
 pub(super) struct Fmt {
@@ -70,13 +70,15 @@ impl Fmt {
                 true
             }
             (false, false) if form == text => true,
-            (false, false) => match rewrite(path, &form) {
-                Ok(()) => true,
-                Err(error) => {
-                    eprint(&format!("error: cannot write {}: {error}\n", path.display()));
-                    false
+            (false, false) => {
+                match Turn::beside(path).and_then(|_turn| replace(path, &text, &form)) {
+                    Ok(()) => true,
+                    Err(error) => {
+                        eprint(&format!("error: cannot write {}: {error}\n", path.display()));
+                        false
+                    }
                 }
-            },
+            }
         }
     }
 }

@@ -9,13 +9,14 @@ use serde_json::Value as Json;
 
 use super::caching::CacheOptions;
 use super::files::is_no_graph;
-use super::{Exit, all_outputs, eprint, print, report};
+use super::{Exit, all_outputs, counted, eprint, print, report};
 use crate::catalog::{Catalog, Description, describe_default, describe_parameter};
 use crate::format::png;
 use crate::graph::{Graph, Options, Subgraph};
 use crate::plain;
 use crate::render::{View, render};
 use crate::session::Session;
+use crate::suite::FileKind;
 use crate::text::any_of;
 use crate::value::AnyValue;
 use crate::writing::{Destination, Refused, Sources};
@@ -61,7 +62,7 @@ impl Gallery {
     }
 
     fn make(&self, catalog: &Arc<Catalog>) -> Result<Exit, String> {
-        let mut page = String::from(HEAD);
+        let (mut page, mut example) = (String::new(), None);
         let mut used: Vec<Subgraph> = Vec::new();
         let mut session = None;
         let mut complete = true;
@@ -75,6 +76,7 @@ impl Gallery {
             let picture = Path::new(PICTURES).join(&name).with_extension("png");
             let (subgraphs, _) = Graph::subgraphs(path, catalog, &Options::default());
             self.entry(&mut page, &name, &picture, &graph, &subgraphs);
+            example = example.or_else(|| Some((path, number_of(&graph)?)));
             let file = self.graphs.join(&picture);
             if self.check {
                 complete &= file.is_file();
@@ -95,12 +97,13 @@ impl Gallery {
             }
         }
         self.library(&mut page, &mut used);
+        let page = self.head(example) + &page;
         // What the authors of graphs wrote is text with emphasis, and no markup for a browser.
         let page = page.replace('<', "&lt;");
         let path = self.graphs.join(PAGE);
         if !self.check {
             self.put(&path, &page, &pictures, &sources)?;
-            print(&format!("{}: {} graphs\n", path.display(), graphs.len()));
+            print(&format!("{}: {}\n", path.display(), counted(graphs.len(), "graph")));
             return Ok(Exit::Done);
         }
         if complete && plain::read_text(&path).is_ok_and(|known| known == page) {
@@ -143,6 +146,21 @@ impl Gallery {
             .try_for_each(|(path, _)| destination.judge(path).map_err(|why| failed(path, why)))?;
         new.iter()
             .try_for_each(|(path, it)| destination.put(path, it).map_err(|why| failed(path, why)))
+    }
+
+    /// How the page begins, with a graph of the folder that has a number to be set.
+    fn head(&self, example: Option<(&PathBuf, (String, Json))>) -> String {
+        let folder = self.graphs.display();
+        let mut head = format!("{MARK} {folder}`. ");
+        let Some((path, (name, value))) = example else { return head + "\n" };
+        let graph = path.strip_prefix(".").unwrap_or(path).display();
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        let _ = writeln!(
+            head,
+            "Run a graph as it stands, `maquette run {graph}`, with other values,\n`--set {name}={value}`, or as a file of its own \
+             that says what differs: `Patch(of: \"{file}\", params: {{ \"{name}\": {value} }})`."
+        );
+        head
     }
 
     fn entry(
@@ -204,12 +222,6 @@ impl Gallery {
 /// How every page begins.
 const MARK: &str = "# Graphs to start from\n\nThis page is made by `maquette gallery";
 
-const HEAD: &str = "# Graphs to start from
-
-This page is made by `maquette gallery graphs`. Run a graph as it stands, `maquette run graphs/face.ron`, with other values,
-`--set nose=20`, or as a file of its own that says what differs: `Patch(of: \"face.ron\", params: { \"nose\": 20.0 })`.
-";
-
 const LIBRARY: &str = "
 ## To be used in other graphs
 
@@ -223,7 +235,14 @@ fn parameter(page: &mut String, name: &str, field: &Json, root: &Json) {
     let _ = writeln!(page, "- `{name}`: {kind}{default}. {doc}");
 }
 
-/// The graphs of a folder, by name; tests are none.
+/// The first number among the parameters of a graph, and the most that it may be.
+fn number_of(graph: &Graph) -> Option<(String, Json)> {
+    let fields = graph.schema.get("properties").and_then(Json::as_object)?;
+    let most = |field: &Json| field.get("maximum").filter(|_| field["type"] == "number").cloned();
+    fields.iter().find_map(|(name, field)| Some((name.clone(), most(field)?)))
+}
+
+/// The graphs of a folder, by name; tests, lock files, pins and handles are none.
 fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let unread = |error: std::io::Error| format!("cannot read {}: {error}", folder.display());
     let entries = std::fs::read_dir(folder).map_err(unread)?;
@@ -231,7 +250,9 @@ fn graphs(folder: &Path) -> Result<Vec<PathBuf>, String> {
     for entry in entries {
         let path = entry.map_err(unread)?.path();
         let is_ron = path.extension().is_some_and(|ending| ending == "ron");
-        if path.is_file() && is_ron && !is_no_graph(&path) {
+        let text = || plain::read_text(&path).unwrap_or_default();
+        let is_graph = || FileKind::of(&path, &text()) == FileKind::Graph;
+        if path.is_file() && is_ron && !is_no_graph(&path) && is_graph() {
             graphs.push(path);
         }
     }

@@ -12,7 +12,7 @@ use crate::catalog::Catalog;
 use crate::golden::case;
 use crate::graph::Graph;
 use crate::text::first_word;
-use crate::writing::rewrite;
+use crate::writing::{Turn, replace};
 
 /// Graphs with old names go on to work; what the new ones are is said by the packs. Every other byte of the files stays.
 #[derive(Args)]
@@ -68,7 +68,9 @@ impl Migrate {
         }
         match (self.write, self.check) {
             (true, _) => {
-                rewrite(path, &migrated).map_err(|error| failed("write", &error))?;
+                let turn = Turn::beside(path);
+                let written = turn.and_then(|_turn| replace(path, &text, &migrated));
+                written.map_err(|error| failed("write", &error))?;
                 print(&format!("{}\n", path.display()));
             }
             (false, true) => print(&format!("{}\n", path.display())),

@@ -186,12 +186,17 @@ impl Replay {
     }
 }
 
-/// The values that the file was made with, as `--set` has them: of those parameters that the graph still declares.
+/// The values that the file was made with, as `--set` has them: of those parameters that the graph still declares. What the graph
+/// says itself stays as it is: a path that it takes from another graph is relative to that one.
 fn values(path: &Path, told: &Provenance, catalog: &Catalog) -> Vec<(String, String)> {
-    let options = Options { files: Files::Ignored, ..Options::default() };
+    let options = Options { files: Files::Ignored, draft: told.draft, ..Options::default() };
     let graph = Graph::load(path, catalog, &options).as_far_as_known().graph;
     let parameter = |(name, value): (&String, &serde_json::Value)| {
-        Some((name.clone(), graph.as_ref()?.as_ron(name, value)?))
+        let graph = graph.as_ref()?;
+        let own = graph.schema["properties"].get(name).and_then(|declared| declared.get("default"));
+        let value = graph.as_ron(name, value)?;
+        let is_own = own.and_then(|own| graph.as_ron(name, own)).is_some_and(|own| own == value);
+        (!is_own).then(|| (name.clone(), value))
     };
     let field = |(name, value): (&String, &serde_json::Value)| {
         Some((name.clone(), value.as_str()?.to_owned()))

@@ -230,20 +230,16 @@ impl Server<'_> {
     fn edit(&self, wish: &EditWish) -> Result<Json, Refused> {
         let EditWish { graph, roots, edits, dry } = wish;
         let file = GraphFile { graph, roots, draft: false, dry_run: *dry };
-        let edited = file.edited(edits, self.catalog);
-        let done = edited.and_then(|edited| match dry {
-            true => Ok(edited),
-            false => file.write(&edited).map(|()| edited),
-        });
-        told_edit(done)
+        told_edit(file.done(edits, self.catalog))
     }
 }
 
 /// Puts a text in place of another one.
 fn put(graph: &Path, was: String, text: String) -> Result<Json, Refused> {
-    let found = plain::read_text(graph).map_err(|error| EditError::Read(graph.to_owned(), error));
     let file = GraphFile { graph, roots: &[], draft: false, dry_run: false };
-    told_edit(found.and_then(|found| {
+    told_edit(file.turn().and_then(|_turn| {
+        let found = plain::read_text(graph);
+        let found = found.map_err(|error| EditError::Read(graph.to_owned(), error))?;
         if found != was {
             return Err(EditError::Changed(graph.to_owned()));
         }

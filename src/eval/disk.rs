@@ -90,7 +90,7 @@ const FOLDERS: [&str; 4] = ["entries", "columns", "graphs", "outputs"];
 const CHEAP_ENTRIES: usize = 1000;
 
 /// What later entries must have taken, in seconds.
-const WORTH_A_FILE: f64 = 1e-3;
+pub(super) const WORTH_A_FILE: f64 = 1e-3;
 
 /// Results below this many bytes are read back at once.
 const SMALL: usize = 8 << 20;

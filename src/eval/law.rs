@@ -258,7 +258,7 @@ impl World {
                 "`{name}` is said to be as it was, and is not"
             );
         }
-        let forecasts = evaluator.forecast(&graph, &roots);
+        let forecasts = evaluator.forecast(&graph, &roots, &[]);
         let cancel = CancelToken::default();
         let seen = Seen { after, cancel: cancel.clone(), started: Mutex::default() };
         let values = if values { &roots[..] } else { &[] };

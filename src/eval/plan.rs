@@ -66,15 +66,27 @@ impl Known {
         for (index, done) in visited {
             results[index] = done;
         }
-        let found = results.iter().map(Option::is_some).collect();
+        let mut found = Vec::from_iter(results.iter().map(Option::is_some));
         let (name, shape) = (&graph.source.name, &graph.shape);
         if let Some(last) = last.filter(|last| last.graph == *name) {
             for (index, result) in results.iter_mut().enumerate().filter(|(_, it)| it.is_none()) {
                 *result = last.before(&shape.names[index], index).cloned();
             }
         }
-        let of = (shape.identity, shape.names.clone());
-        Arc::new(Snapshot::new(name.clone(), of, results, found))
+        let mut names = shape.names.clone();
+        if let Some(last) = last.filter(|last| last.graph == *name) {
+            let kept = Vec::from_iter(last.elements(graph));
+            if !kept.is_empty() {
+                names = names
+                    .iter()
+                    .cloned()
+                    .chain(kept.iter().map(|(name, _)| name.clone()))
+                    .collect();
+                results.extend(kept.into_iter().map(|(_, done)| Some(done)));
+            }
+        }
+        found.resize(results.len(), false);
+        Arc::new(Snapshot::new(name.clone(), (shape.identity, names), results, found))
     }
 }
 

@@ -1,12 +1,13 @@
 //! What evaluations found of a graph: for each node what it was last computed from, and what came out.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use super::cache::Outcome;
 use super::disk::Disk;
 use super::key::Parts;
+use crate::graph::Graph;
 use crate::value::Hash;
 
 /// A result, and what it was computed from: true whatever becomes of the graph and its files.
@@ -25,7 +26,7 @@ pub(super) struct Snapshot {
     pub(super) graph: PathBuf,
     /// The identity of its shape.
     pub(super) shape: Hash,
-    /// The nodes' names.
+    /// The nodes' names, and behind them those of elements that the graph had when its data were taken apart.
     pub(super) names: Arc<[String]>,
     pub(super) results: Vec<Option<Arc<Done>>>,
     /// The nodes that the last evaluation wanted and has the results of.
@@ -64,6 +65,19 @@ impl Snapshot {
             _ => *self.places().get(name)?,
         };
         self.results[index].as_ref()
+    }
+
+    /// The results of elements of data that a graph does not go over for now: who looks at another node of it, or has not taken the data
+    /// apart yet, knows no less of them.
+    pub(super) fn elements(&self, graph: &Graph) -> impl Iterator<Item = (String, Arc<Done>)> {
+        let is_open = graph.loops().iter().any(|it| it.is_open);
+        let names = is_open.then(|| HashSet::<&String>::from_iter(graph.shape.names.iter()));
+        let is_kept = move |name: &String| {
+            names.as_ref().is_some_and(|names| !names.contains(name))
+                && graph.open_loop(name).is_some()
+        };
+        let known = self.names.iter().zip(&self.results).filter(move |(name, _)| is_kept(name));
+        known.filter_map(|(name, done)| Some((name.clone(), done.clone()?)))
     }
 
     fn places(&self) -> &HashMap<String, usize> {

@@ -51,6 +51,8 @@ pub(crate) enum Reason {
     Changed(Change),
     /// Its result was dropped, or what was kept of it is damaged.
     Lost,
+    /// Its result was too little work to be kept on disk.
+    Cheap,
     /// The user wanted it computed, to compare.
     Verified,
     /// It hangs on this node.
@@ -70,6 +72,9 @@ impl Reason {
             Self::First => "not computed before".into(),
             Self::Changed(change) => in_words(change, node),
             Self::Lost => "its result is no longer in the cache".into(),
+            Self::Cheap => {
+                "computed again (cheap): it was too little work to be kept on disk".into()
+            }
             Self::Verified => "computed again to compare it with its cached result".into(),
             Self::HangsOn(index) => format!("hangs on `{}`", nodes[*index].name),
             Self::Error(words) => words.clone(),

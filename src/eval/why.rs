@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
+use super::disk::WORTH_A_FILE;
 use super::key::Change;
 use super::plan::{Plan, Task};
 use super::run::Run;
@@ -53,7 +54,7 @@ impl Evaluator {
         // Another process may have evaluated it since.
         self.last = None;
         let all = Vec::from_iter(0..graph.nodes.len());
-        let forecasts = self.forecast(graph, &all);
+        let forecasts = self.forecast(graph, &all, &[]);
         let Some(last) = self.last.clone() else { return vec![None; all.len()] };
         let remembered = |forecast: &Forecast| {
             let done = last.before(&graph.nodes[forecast.index].name, forecast.index)?;
@@ -62,24 +63,37 @@ impl Evaluator {
                 shapes: outcome.shapes.to_vec(),
                 bytes: outcome.bytes,
                 seconds: outcome.seconds,
-                is_current: matches!(forecast.reason, Reason::Unchanged | Reason::Lost),
+                is_current: matches!(
+                    forecast.reason,
+                    Reason::Unchanged | Reason::Lost | Reason::Cheap
+                ),
             })
         };
         forecasts.iter().map(remembered).collect()
     }
 
-    /// What would become of the nodes that these hang on, in the graph's order.
-    pub(crate) fn forecast(&mut self, graph: &Graph, roots: &[usize]) -> Vec<Forecast> {
+    /// What would become of the nodes that these hang on, in the graph's order, if the values of the nodes `values` were wanted
+    /// afterwards.
+    pub(crate) fn forecast(
+        &mut self,
+        graph: &Graph,
+        roots: &[usize],
+        values: &[usize],
+    ) -> Vec<Forecast> {
         self.recall(graph);
-        let plan = Plan::new(self, graph, roots, &[]);
+        let plan = Plan::new(self, graph, roots, values);
         let (observer, cancel) = ((), CancelToken::default());
         let run = Run::new(self, graph, &plan, &[], &observer, &cancel);
+        let lost = |index: usize| match plan.known.get(index) {
+            Some(done) if done.outcome.seconds <= WORTH_A_FILE => Reason::Cheap,
+            _ => Reason::Lost,
+        };
         let wanted = (0..graph.nodes.len()).filter(|&index| plan.wanted[index]);
         let mut told = Vec::new();
         for index in wanted {
             let (outlook, reason) = match plan.tasks[index] {
                 Task::None => (Outlook::Cached, Reason::Unchanged),
-                Task::Restore => (Outlook::Runs, Reason::Lost),
+                Task::Restore => (Outlook::Runs, lost(index)),
                 Task::Verify => (Outlook::Runs, Reason::Verified),
                 Task::Look => match failing(graph, index, &told) {
                     Some(cause) => (Outlook::Skipped, Reason::HangsOn(cause)),

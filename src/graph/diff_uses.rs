@@ -58,8 +58,16 @@ fn source(path: &Path) -> Option<Source> {
     Some(Source { name: path.to_owned(), text: plain::read_text(path).ok()? })
 }
 
-/// The graphs that a text uses, and the one that a patch is of, by name; without those that are not there.
+/// The graphs that a text uses, by name; without those that are not there. A patch uses those of the graph that it is of: all that
+/// this one says itself is compared with the patch in it.
 fn used(source: &Source) -> Vec<(String, PathBuf)> {
+    used_through(source, MOST_PATCHES)
+}
+
+/// So many patches may be of each other: they are read before anybody knows whether they go round in a circle.
+const MOST_PATCHES: usize = 64;
+
+fn used_through(source: &Source, most: usize) -> Vec<(String, PathBuf)> {
     let (tree, _) = parse(&source.text);
     let fields = tree.fields().unwrap_or_default();
     let path = |tree: &Tree| {
@@ -68,8 +76,11 @@ fn used(source: &Source) -> Vec<(String, PathBuf)> {
         let given = value.text().or_else(named)?;
         std::fs::canonicalize(folder_of(&source.name).join(given)).ok()
     };
-    let of = fields.iter().filter(|field| field.name.text == "of");
-    let of = of.map(|field| (String::from("of"), &field.value));
-    let uses = entries(fields, "use").map(|(name, value)| (name.to_owned(), value));
-    uses.chain(of).filter_map(|(name, value)| Some((name, path(value)?))).collect()
+    if let Some(of) = fields.iter().find(|field| field.name.text == "of").filter(|_| 0 < most) {
+        let patched = path(&of.value).and_then(|path| self::source(&path));
+        return patched.map(|patched| used_through(&patched, most - 1)).unwrap_or_default();
+    }
+    entries(fields, "use")
+        .filter_map(|(name, value)| Some((name.to_owned(), path(value)?)))
+        .collect()
 }

@@ -283,8 +283,13 @@ impl Judge<'_> {
                     let message = format!("{target}={given}: {}", refusal.message);
                     vec![self.refused(&text, Refusal { message, ..refusal })]
                 })?;
+                // What was no `Draft` has become one.
+                let draft = before.as_ref().filter(|_| self.options.draft);
+                let draft = draft.map(|before| format!("Draft(final: {before}, draft: {value})"));
+                let is_put = |after: &String| splices.iter().any(|(_, text)| text.contains(after));
+                let after = draft.filter(is_put).unwrap_or(value);
                 edited.text = apply(&text, splices);
-                edited.changes.push(Put { target, before, after: value });
+                edited.changes.push(Put { target, before, after });
             } else {
                 let structure = Structure::read(self, &edited.text)?;
                 edited.text = structure.edited(edit, &values).map_err(refused)?;

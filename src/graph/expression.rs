@@ -34,6 +34,11 @@ pub(crate) struct ExpressionError {
 }
 
 impl ExpressionError {
+    /// The parameter that is not there, if that is why.
+    pub(crate) fn unknown(&self) -> Option<&str> {
+        self.unknown.as_deref()
+    }
+
     /// What may have been meant.
     pub(crate) fn help(&self, parameters: &BTreeMap<String, Outcome>) -> Help {
         match &self.unknown {

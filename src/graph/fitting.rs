@@ -4,7 +4,7 @@ use serde_json::{Value as Json, json};
 
 use super::parameters::{Parameters, Worked, is_computed};
 use super::quality::{each_side, is_draft};
-use crate::error::code;
+use crate::error::{Span, code};
 use crate::text::{Body, Expected, Field, Finding, Help, Kind, Origin, Quantity, Tree, Unit};
 
 /// Works out the values in a call.
@@ -67,8 +67,11 @@ pub(super) fn in_own_unit(
         return each_side(tree, |side| in_own_unit(side, name, unit, findings));
     }
     let number = json!({ "type": "number" });
-    let schema = match tree.kind {
-        Kind::Call { name: None, .. } => json!({ "type": "array", "items": number }),
+    let schema = match &tree.kind {
+        Kind::Call { name, body: Body::Items(items) } if name.is_none() || 1 < items.len() => {
+            let count = items.len();
+            json!({ "type": "array", "items": number, "minItems": count, "maxItems": count })
+        }
         _ => number,
     };
     let unit = unit.map(str::to_owned);
@@ -135,11 +138,13 @@ impl Fitting<'_> {
             let number_in_words =
                 if value.abs() < 1e16 { value.to_string() } else { format!("{value:e}") };
             let words = format!("`{}({number_in_words})`", name.text);
-            let note = match &tree.origin {
-                Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
-                _ => None,
-            };
-            return self.literal(Worked { value: number, unit, words, note }, expected);
+            return self.literal(Worked { value: number, unit, words, note: note(tree) }, expected);
+        }
+        if let Some(expected) = expected.as_ref().filter(|expected| expected.is_tuple())
+            && let Kind::Call { name: Some(name), body: Body::Items(items) } = &tree.kind
+            && let Some(unit) = Unit::named(&name.text)
+        {
+            return self.tuple(tree, &name.text, unit, items, expected);
         }
         let expected = expected.as_ref();
         let kind = match &tree.kind {
@@ -179,6 +184,37 @@ impl Fitting<'_> {
         Tree { kind, ..tree.clone() }
     }
 
+    /// What `cm(1, 2, 3)` says: `(cm(1), cm(2), cm(3))`. What is wrong with one of them is told of all.
+    fn tuple(
+        &mut self,
+        tree: &Tree,
+        name: &str,
+        unit: Unit,
+        items: &[Tree],
+        expected: &Expected<'_>,
+    ) -> Tree {
+        if items.iter().any(|item| !matches!(item.kind, Kind::Number { .. } | Kind::Broken)) {
+            let message = format!("`{name}(..)` holds numbers");
+            let help =
+                format!("give each its own: ({name}(1.5), Param(\"a\"), Expr(\"{name}(a)\"))");
+            return self.wrong(tree, message, help.into());
+        }
+        let mut fitted = Vec::with_capacity(items.len());
+        for (index, item) in items.iter().enumerate() {
+            // That there are too many is told when all of them are checked.
+            let Some(expected) = expected.item(index) else { break };
+            let value = Tree { span: tree.span, ..item.clone() };
+            let words = format!("`{name}(..)`");
+            let value = self.literal(Worked { value, unit, words, note: note(tree) }, &expected);
+            if value.is_broken() {
+                return value;
+            }
+            fitted.push(Tree { span: item.span, ..value });
+        }
+        fitted.extend_from_slice(&items[fitted.len()..]);
+        Tree { kind: Kind::Call { name: None, body: Body::Items(fitted) }, ..tree.clone() }
+    }
+
     fn items<'e>(
         &mut self,
         items: &[Tree],
@@ -204,7 +240,7 @@ impl Fitting<'_> {
                 let message = format!("{subject} has no unit, but {words} is in {unit}");
                 let help = "write a plain number";
                 let help = match &worked.value.kind {
-                    Kind::Number { value, .. } => {
+                    Kind::Number { value, .. } if !words.ends_with("(..)`") => {
                         Help::edit(help, worked.value.span, value.to_string())
                     }
                     _ => help.into(),
@@ -265,6 +301,14 @@ impl Fitting<'_> {
         let (code, span) = (code::WRONG_VALUE, tree.span);
         self.findings.push(Finding { code, span, message, help, note: None });
         Tree::new(span, Kind::Broken)
+    }
+}
+
+/// What a value was set by, if it was.
+fn note(tree: &Tree) -> Option<(Span, String)> {
+    match &tree.origin {
+        Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
+        _ => None,
     }
 }
 

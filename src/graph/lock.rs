@@ -253,7 +253,9 @@ impl World<'_> {
             let problem = problem(place, message, help.clone());
             problems.push(Problem { uses: entered.uses.clone(), ..problem });
         }
-        for key in lock.0.keys().filter(|key| !seen.contains_key(*key)) {
+        // Of a graph that cannot be read nobody knows what it uses.
+        let is_read = self.problems.iter().all(|problem| problem.severity != Severity::Error);
+        for key in lock.0.keys().filter(|key| is_read && !seen.contains_key(*key)) {
             let source = Source { name: beside(path), text: String::new() };
             let message = format!("`{key}` is in {name}, but nothing uses it any more");
             problems.push(problem((Arc::new(source), Span::default()), message, help.clone()));

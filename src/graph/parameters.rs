@@ -179,6 +179,14 @@ impl Parameters {
             Ok(Outcome::Truth(truth)) => (Kind::Bool(truth), Unit::default()),
             // A parameter without a value has been reported where it is declared.
             Err(_) if self.values.values().any(Tree::is_broken) => (Kind::Broken, Unit::default()),
+            Err(error) if error.unknown().is_some_and(|name| self.values.contains_key(name)) => {
+                return Err(self.no_number(
+                    call,
+                    argument,
+                    text,
+                    error.unknown().unwrap_or_default(),
+                ));
+            }
             Err(error) => {
                 let help = if guesses { error.help(&self.numbers) } else { Help::default() };
                 let ExpressionError { message, at, note, .. } = error;
@@ -192,6 +200,22 @@ impl Parameters {
         let note = named.into_iter().flatten().find_map(|at| self.note(&text[at]));
         let words = format!("`Expr(\"{}\")`", cut(text));
         Ok(Worked { value: Tree::new(Span::default(), kind), unit, words, note })
+    }
+}
+
+impl Parameters {
+    /// Says that an expression names a parameter with which nothing can be computed.
+    fn no_number(&self, call: &Tree, argument: &Tree, text: &str, name: &str) -> Box<Finding> {
+        let named = named_parameters(text, &|known| known == name).into_iter().flatten().next();
+        let at = named.and_then(|at| place_in(call, argument, text, at));
+        let kind = match self.values.get(name).map(|value| &value.kind) {
+            Some(Kind::Text(_)) => "a text",
+            Some(Kind::Word(_)) => "a choice",
+            _ => "a vector",
+        };
+        let message = format!("`{name}` is {kind}, and Expr computes with numbers and toggles");
+        let help = format!("it is given to a field as it is: Param(\"{name}\")");
+        wrong(at.unwrap_or(argument.span), message, help.into())
     }
 }
 
@@ -225,11 +249,14 @@ fn place_in(call: &Tree, argument: &Tree, text: &str, part: Range<usize>) -> Opt
     is_there.then(|| Span { start: start + 1 + part.start, end: start + 1 + part.end })
 }
 
-/// A value from `--set`: RON, or else text.
+/// A value from `--set`: RON, or else text. A word with more behind it is text: `data//mug.obj` is a path, and no word before a comment.
 pub(crate) fn read_set(text: &str, set: &str, span: Span) -> Tree {
     let (tree, mistakes) = parse(text);
-    let kind =
-        if mistakes.is_empty() { moved(tree, span).kind } else { Kind::Text(text.to_owned()) };
+    let is_cut = matches!(&tree.kind, Kind::Word(word) if *word != text.trim());
+    let kind = match mistakes.is_empty() && !is_cut {
+        true => moved(tree, span).kind,
+        false => Kind::Text(text.to_owned()),
+    };
     Tree { span, kind, origin: Some(Origin::Set(set.to_owned())) }
 }
 

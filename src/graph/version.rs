@@ -5,7 +5,7 @@ use semver::{Version, VersionReq};
 use super::check::Check;
 use super::definition::Definition;
 use crate::error::{Span, code};
-use crate::text::{Help, Kind, Tree, nearest_or_all};
+use crate::text::{Help, Kind, Tree, nearest_or_all, parse};
 
 /// What a graph says of another one that it uses.
 pub(super) struct Wanted<'t> {
@@ -117,10 +117,16 @@ impl Check<'_, '_> {
         let text = wanted.text;
         let (message, help) = match &graph.version {
             Some(version) if wanted.fitting.matches(version) => return,
+            Some(version) if !version.pre.is_empty() => (
+                format!("`{name}` wants version {text}, but {file} is version {version}"),
+                "what stands before a version, as 1.4.0-beta before 1.4.0, is only taken by its whole name",
+            ),
             Some(version) => (
                 format!("`{name}` wants version {text}, but {file} is version {version}"),
                 "take the file of a version that fits, or look at what changed and want this one",
             ),
+            // What is wrong with it is told there.
+            None if says_version(graph) => return,
             None => (
                 format!("`{name}` wants version {text}, but {file} says no version"),
                 "write `version: \"..\"` there, or leave it out here",
@@ -128,4 +134,10 @@ impl Check<'_, '_> {
         };
         self.find(code::VERSION, wanted.span, message, help);
     }
+}
+
+/// Whether a graph's file has a version, right or wrong.
+fn says_version(graph: &Definition) -> bool {
+    let (tree, _) = parse(&graph.sheet.source.text);
+    tree.fields().unwrap_or_default().iter().any(|field| field.name.text == "version")
 }

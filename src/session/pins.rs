@@ -7,7 +7,7 @@ use crate::error::{Problem, code};
 use crate::graph::{Ancestry, ELEMENTS, Graph, INPUT, PINS_ENDING, Pin, Pins, bytes_of};
 use crate::text::unknown;
 use crate::writing::{
-    Destination, Refused, Sources, keep_beside, make_folder, remove, remove_empty,
+    Destination, Refused, Sources, Turn, keep_beside, make_folder, remove, remove_empty,
 };
 
 /// Why pins are not changed.
@@ -62,6 +62,7 @@ impl Finished {
     /// If a value is not there, or a file cannot be written.
     pub(crate) fn pin(&self, graph: &Graph, names: &[&str]) -> Result<Vec<PathBuf>, PinError> {
         let path = &graph.source.name;
+        let _turn = Turn::beside(path)?;
         let mut pins = Pins::of(path)?;
         make_folder(&pins.folder)?;
         let sources = Sources::of(graph);
@@ -89,6 +90,7 @@ impl Finished {
 /// # Errors
 /// If a file cannot be read, written or taken away.
 pub(crate) fn unpin(graph: &Path, names: &[String]) -> Result<Vec<String>, PinError> {
+    let _turn = Turn::beside(graph)?;
     let mut pins = Pins::of(graph)?;
     let is_meant = |pinned: &String| names.iter().any(|name| means(name, pinned));
     let taken = Vec::from_iter(pins.pins.extract_if(.., |pinned, _| is_meant(pinned)));

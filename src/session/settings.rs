@@ -8,7 +8,7 @@ use crate::eval::{Disk, DiskError, Evaluator, ThreadsError};
 /// How a session works. Nothing of it changes a result, but a node for which there is too little memory has none.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// How many threads there are; 0: as many as the machine has.
+    /// How many threads there are, at most 1024; 0: as many as the machine has.
     pub threads: usize,
     /// How many bytes of memory results may hold when no node needs them any more.
     pub memory: usize,

@@ -63,6 +63,14 @@ impl<'a> Expected<'a> {
         matches!(self.schema.get("type").and_then(Json::as_str), Some("number" | "integer"))
     }
 
+    /// Whether it is written in parentheses, as a vector is, with numbers alone.
+    pub(crate) fn is_tuple(&self) -> bool {
+        let count = |name: &str| self.schema.get(name).and_then(Json::as_u64);
+        let is_fixed = self.schema.get("prefixItems").is_some()
+            || count("minItems").is_some() && count("minItems") == count("maxItems");
+        is_fixed && self.item(0).is_some_and(|item| item.is_number())
+    }
+
     fn with(self, schema: &Json) -> Self {
         let mut schema = resolve(self.root, schema);
         if let Some(inner) = inside_option(&schema) {

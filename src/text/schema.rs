@@ -306,9 +306,17 @@ impl Walk<'_> {
                 self.fields(&Tree { kind: call, ..tree.clone() }, &content, &name.text);
             }
             _ if is_struct => self.fields(tree, &content, &name.text),
+            Kind::Call { body, .. } if is_tuple => {
+                let kind = Kind::Call { name: None, body: body.clone() };
+                self.array(&Tree { kind, ..tree.clone() }, &content, field);
+            }
             _ if is_tuple => self.array(tree, &content, field),
             Kind::Call { body: Body::Items(items), .. } if items.len() == 1 => {
                 self.value(&items[0], &content, field);
+            }
+            Kind::Call { body: Body::Items(items), .. } => {
+                let message = format!("`{}(..)` holds one value, not {}", name.text, items.len());
+                self.find(code::WRONG_VALUE, tree, message, "");
             }
             _ => self.wrong(tree, field, &format!("one value: `{}(..)`", name.text)),
         }
@@ -334,7 +342,7 @@ impl Walk<'_> {
         let is_tuple = fixed.is_some() || (least.is_some() && least == most);
         let items: &[Tree] = match &tree.kind {
             Kind::List(items) => items,
-            Kind::Call { body: Body::Items(items), .. } if is_tuple => items,
+            Kind::Call { name: None, body: Body::Items(items) } if is_tuple => items,
             _ if is_tuple => {
                 let count = least.unwrap_or_default();
                 return self.wrong(tree, field, &format!("{count} values in parentheses"));

@@ -1,5 +1,6 @@
 //! The program as its users see it: what its commands do, say and write.
 
+mod at_once;
 mod blessing;
 mod builds;
 mod canvas;

@@ -28,6 +28,7 @@ mod minimal;
 mod patches;
 mod promises;
 mod units;
+mod vectors;
 
 /// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.
 #[test]

@@ -170,7 +170,7 @@ const ROOMS: [(&str, &[&str]); 34] = [
     ("text", &["error", "plain", "value"]),
     ("value", &["memory", "parallel", "simd"]),
     ("watch", &[]),
-    ("writing", &["graph", "paths", "stamp"]),
+    ("writing", &["graph", "paths", "plain", "stamp"]),
 ];
 
 #[test]

@@ -5,7 +5,7 @@ use super::Judge;
 use super::element::written;
 use super::place::{Found, Refusal, field, find, place};
 use super::splice::{Splice, apply};
-use crate::error::Span;
+use crate::error::{Span, code};
 use crate::graph::check::first;
 use crate::graph::patch::is_patch;
 use crate::graph::quality::{is_draft, is_side};
@@ -31,13 +31,15 @@ impl Judge<'_> {
             place(&patched, target, value, false, draft).map_err(nowhere)
         };
         let Some(part) = Part::of(&tree, target) else {
-            // What is not there has no items.
-            let refusal = in_graph().err().filter(|_| is_item(target));
+            // What is not there has no items, and no final value.
+            let is_nowhere =
+                |refusal: &Refusal| is_item(target) || refusal.code == code::MISSING_FIELD;
+            let refusal = in_graph().err().filter(is_nowhere);
             return refusal.map_or_else(|| put(target, value), Err);
         };
         let is_named = part.is_draft_named || !draft || is_draft(&parse(value).0);
         let direct = put(target, value);
-        if direct.is_ok() && !is_item(target) && (is_named || !is_draft(part.tree)) {
+        if direct.is_ok() && !is_item(target) && is_named {
             return direct;
         }
         if !is_named && is_draft(part.tree) && has_entry(&patch, &part.owner) {

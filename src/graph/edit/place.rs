@@ -22,7 +22,7 @@ impl Refusal {
 
 /// The edits that put a value to its place, and what stands there now. What stands for a parameter is replaced only if
 /// `overrules`. In a `Draft` it is the value for final results, or for drafts if the edit is of a `draft`, unless the new value is a
-/// `Draft` itself.
+/// `Draft` itself. What is no `Draft` becomes one by the edit of a `draft`, which leaves the final value as it is.
 pub(in crate::graph) fn place(
     text: &str,
     target: &str,
@@ -93,10 +93,20 @@ fn in_call(
                 not_computed(tree, value)?;
             }
             let before = text[tree.span.start..tree.span.end].to_owned();
-            Ok((vec![(tree.span, value.to_owned())], Some(before)))
+            let value = match side == Some(true) && !is_in_draft(entry, steps, tree) {
+                true => format!("Draft(final: {before}, draft: {value})"),
+                false => value.to_owned(),
+            };
+            Ok((vec![(tree.span, value)], Some(before)))
         }
         Found::Missing(owner, rest) => {
             let (name, inner) = (&rest[0], &rest[1..]);
+            if side == Some(true) && !is_in_draft(entry, steps, owner) {
+                let message = format!("`{name}` is left out, and so has no final value to keep");
+                let help = format!("give both: Draft(final: .., draft: {value})");
+                let code = code::MISSING_FIELD;
+                return Err(Refusal { code, ..Refusal::new(owner.span, message, help) });
+            }
             if rest.iter().any(|step| step.starts_with(|c: char| c.is_ascii_digit())) {
                 let message = format!("`{name}` is not there, so that it has no items to set");
                 return Err(Refusal::new(owner.span, message, format!("give all of `{name}`")));
@@ -106,6 +116,15 @@ fn in_call(
             Ok((added(text, owner, name, &value), None))
         }
     }
+}
+
+/// Whether what a way for drafts leads to lies in a `Draft`: final results have something else there.
+fn is_in_draft(entry: &Tree, steps: &[&str], reached: &Tree) -> bool {
+    let is_named = steps.iter().any(|step| is_side(step));
+    let is_same = |found| match found {
+        Found::Value(other) | Found::Missing(other, _) => other.span == reached.span,
+    };
+    is_named || !find(entry, steps, Some(false)).is_ok_and(is_same)
 }
 
 /// The edits that give a patch an entry that it does not have: `"growth": 25.0`, or `"red.select": (distance: 25.0)`.

@@ -145,3 +145,22 @@ fn a_draft_is_made_again_as_one() {
     assert!(replay(&project, "lifted.glb").1);
     assert_eq!(asset(&run(&project, &[])["lifted.glb"])["draft"], Json::Null);
 }
+
+#[test]
+fn what_a_patch_in_another_folder_made_is_made_again() {
+    let project = project();
+    let text = std::fs::read_to_string(project.graph()).unwrap();
+    let path = "\"doll/coarse.obj\"";
+    assert!(text.contains(path), "{text}");
+    let text = text
+        .replace(path, "Param(\"file\")")
+        .replace("params: {", "params: { \"file\": Text(default: \"doll/coarse.obj\"),");
+    project.save(&text);
+    std::fs::create_dir(project.folder().join("sub")).unwrap();
+    let patch = "Patch(format: 1, of: \"../doll.ron\", params: { \"height\": 7.0 })";
+    std::fs::write(project.folder().join("sub/high.ron"), patch).unwrap();
+    let ran = project.maquette(&["run", "sub/high.ron", "--out", "out"]);
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let again = project.maquette(&["replay", "out/lifted.glb", "--graph", "sub/high.ron"]);
+    assert!(again.status.success(), "{}", told(&again));
+}

@@ -151,3 +151,44 @@ fn the_gallery_is_up_to_date() {
     let output = maquette(Path::new(GRAPHS).parent().unwrap(), &["gallery", "graphs", "--check"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
+
+#[test]
+fn a_gallery_passes_over_lock_files_and_pins_and_names_its_own_graphs() {
+    let folder = Folder::new(&[("graph.ron", &graph(r#""out": Moved(mesh: "doll", step: 4.0)"#))]);
+    let run = |words: &[&str]| {
+        let output = maquette(&folder.path(""), words);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    run(&["lock", "graph.ron"]);
+    run(&["pin", "graph.ron", "doll"]);
+    assert!(run(&["gallery", "."]).contains("README.md: 1 graph\n"));
+    let page = std::fs::read_to_string(folder.path("README.md")).unwrap();
+    assert!(page.contains("This page is made by `maquette gallery .`."), "{page}");
+    assert!(page.contains("## [graph]") && !page.contains("face.ron"), "{page}");
+}
+
+#[test]
+fn a_lock_says_nothing_of_a_graph_that_cannot_be_read() {
+    let text = graph(r#""out": Moved(mesh: "doll", step: 4.0)"#);
+    let folder = Folder::new(&[("graph.ron", &text)]);
+    assert!(maquette(&folder.path(""), &["lock", "graph.ron"]).status.success());
+    std::fs::write(folder.path("graph.ron"), text + "broken").unwrap();
+    let output = maquette(&folder.path(""), &["check", "graph.ron"]);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && !told.contains("nothing uses it any more"), "{told}");
+}
+
+#[test]
+fn a_patch_that_changes_nothing_is_no_difference() {
+    let text = graph(r#""out": Moved(mesh: "doll", step: 4.0)"#);
+    let text = text.replace("format: 1,", "format: 1, params: { \"up\": Number(default: 1.0) },");
+    let folder = Folder::new(&[
+        ("graph.ron", &text),
+        ("a.ron", "Patch(format: 1, of: \"graph.ron\", params: { \"up\": 9.0 })"),
+        ("c.ron", "Patch(format: 1, of: \"a.ron\")"),
+    ]);
+    let output = maquette(&folder.path(""), &["diff", "a.ron", "c.ron"]);
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && told.is_empty(), "{told}");
+}

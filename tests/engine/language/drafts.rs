@@ -110,6 +110,47 @@ fn set_changes_the_final_value_or_that_of_drafts_or_the_whole() {
 }
 
 #[test]
+fn a_draft_that_is_set_leaves_the_final_value_as_it_is() {
+    let text = TEXT.replace("Draft(final: 3, draft: 1)", "3");
+    assert_ne!(text, TEXT);
+    let edit = |target: &str, value: &str| {
+        let edit = Edit::Set { target: target.into(), value: value.into() };
+        let options = Options { draft: true, ..Options::default() };
+        Graph::edit(&path(), &text, &[edit], &Catalog::new(PACKS), &options)
+    };
+    let edited = edit("levels", "0").unwrap();
+    assert!(edited.text.contains("default: Draft(final: 3, draft: 0)"), "{}", edited.text);
+    assert_eq!(edited.changes[0].before.as_deref(), Some("3"));
+    assert_eq!(edited.changes[0].after, "Draft(final: 3, draft: 0)");
+    // Nobody knows what is final of what is left out.
+    let refused = edit("moved.rotate", "(0, 0, 90)").unwrap_err();
+    assert_eq!(
+        refused[0].message,
+        "moved.rotate=(0, 0, 90): `rotate` is left out, and so has no final value to keep"
+    );
+    assert_eq!(refused[0].help, "give both: Draft(final: .., draft: (0, 0, 90))");
+}
+
+#[test]
+fn the_draft_of_a_patch_keeps_the_final_value_of_the_graph_that_is_patched() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = TEXT.replace("Draft(final: 3, draft: 1)", "3").replace("../doll", "doll");
+    std::fs::write(folder.path().join("base.ron"), text).unwrap();
+    let patch = |rest: &str| format!("Patch(format: 1, of: \"base.ron\"{rest})");
+    let edit = Edit::Set { target: "levels".into(), value: "0".into() };
+    let options = Options { draft: true, ..Options::default() };
+    let path = folder.path().join("patch.ron");
+    let edited = |text: &str| {
+        let edited = Graph::edit(&path, text, &[edit.clone()], &Catalog::new(PACKS), &options);
+        edited.unwrap_or_else(|problems| panic!("{problems:?}")).text
+    };
+    let own = edited(&patch(", params: { \"levels\": 2 }"));
+    assert!(own.contains("\"levels\": Draft(final: 2, draft: 0)"), "{own}");
+    let base = edited(&patch(""));
+    assert!(base.contains("\"levels\": Draft(final: 3, draft: 0)"), "{base}");
+}
+
+#[test]
 fn fmt_and_diff_keep_a_draft_and_tell_what_changed_in_it() {
     let text = set("moved.scale.draft.1", "7", false);
     let source = |text: &str| Source { name: path(), text: text.to_owned() };

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use maquette::value::{Curve, Faces, Labels, Mesh, Parts, Points};
 use maquette::{
-    AnyValue, Catalog, Context, DecodeError, Decoder, Elements, Encoder, Error, Finished, Graph,
-    In, NoElements, Node, Options, Pack, Run, Session, Settings, State, Summary, Value, Wanted,
-    node, value_type,
+    AnyValue, CacheFolder, Catalog, Context, DecodeError, Decoder, Elements, Encoder, Error,
+    Finished, Graph, In, InputValues, NoElements, Node, Options, Pack, Run, Session, Settings,
+    State, Summary, Value, Wanted, node, value_type,
 };
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -282,6 +282,43 @@ fn one_of_20_elements_changed_runs_one_body() {
     assert!(computed(&fewer, "Center").is_empty());
 }
 
+/// Little work is not kept on disk behind the first thousand results.
+#[test]
+fn who_looks_at_one_node_forgets_no_element() {
+    let graph = graph(
+        r#"inputs: { "points": Points() },
+        nodes: {
+            "one": Along(at: 1),
+            "sums": ForEach(graph: "Add", over: "points", each: "point", links: (sum: "one")),
+            "all": Collect(points: "sums"),
+        },
+        outputs: { "all": "all" }"#,
+    );
+    let points = (0..1200).map(|k| Point3::new(f64::from(k), 0.0, 0.0));
+    let points = AnyValue::new(Points::new(points.collect::<Vec<_>>()).unwrap());
+    let inputs = InputValues::from([("points".to_owned(), points)]);
+    let cache = tempfile::tempdir().unwrap();
+    let folder = CacheFolder::At(cache.path().join("cache"));
+    // Each as a process by itself.
+    let then = |wanted: Option<Wanted>| {
+        let settings = Settings { threads: 2, cache: folder.clone(), ..Settings::in_memory() };
+        let mut session = Session::new(&[&PACK], &settings).unwrap();
+        let fed = session.fed(&graph, &inputs).unwrap();
+        if let Some(wanted) = wanted {
+            let run = session.run(&fed, &Run { wanted, ..Run::default() }).unwrap();
+            assert_eq!(messages(&run), [] as [&str; 0]);
+        }
+        let said = [session.why(&fed, "sums/1150").unwrap(), session.why(&fed, "all").unwrap()];
+        session.finish();
+        said
+    };
+    then(Some(Wanted::Outputs));
+    let known = then(None);
+    assert!(known.iter().all(|why| why.contains("does not run")), "{known:?}");
+    then(Some(Wanted::Nodes(vec!["one".into()])));
+    assert_eq!(then(None), known);
+}
+
 #[test]
 fn names_are_those_of_a_list_and_each_element_can_be_had() {
     let folder = Folder::new();
@@ -521,6 +558,16 @@ fn data_that_fail_are_told_once() {
     let found = run(&mut session(), &graph, "mesh", AnyValue::new(empty));
     let messages = messages(&found);
     assert!(messages[..].len() == 1 && messages[0].starts_with("`corner` cannot"), "{messages:?}");
+}
+
+#[test]
+fn the_data_of_a_loop_are_linked_to_it_in_a_drawing() {
+    let links = |node: &str| {
+        let nodes = r#"nodes: { "one": Along(at: 1), "sum": NODE, "all": Collect(points: "sum") }, outputs: { "all.ply": "all" }"#;
+        graph(&nodes.replace("NODE", node)).to_svg(&Catalog::new(&[&PACK])).matches("<path").count()
+    };
+    let each = r#"ForEach(graph: "Add", over: "one", each: "point", links: (sum: "one"))"#;
+    assert_eq!(links(each), links(r#"Add(sum: "one", point: "one")"#));
 }
 
 #[test]

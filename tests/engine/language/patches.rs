@@ -242,7 +242,7 @@ fn a_patch_is_set_as_the_graph_is() {
             true,
             "2; nodes: { \"t\": (scale: Draft(final: (1, 1, 1), draft: (5, 2, 2))) }",
         ),
-        ("", "far", "3", true, "; params: { \"far\": 3 }"),
+        ("", "far", "3", true, "1.0; params: { \"far\": Draft(final: 1.0, draft: 3) }"),
     ];
     for (patch, target, value, draft, told) in cases {
         let done = set(&project, patch, target, value, draft);

@@ -121,6 +121,7 @@ impl<'a> Session<'a> {
         values: &[(String, String)],
         is_due: impl Fn(&[Put]) -> bool,
     ) -> Result<Vec<Put>, String> {
+        let _turn = self.file().turn().map_err(|error| error.to_string())?;
         let edited = self.edited(values)?;
         let changes = Vec::from_iter(
             edited.changes.iter().filter(|put| put.before.as_ref() != Some(&put.after)).cloned(),

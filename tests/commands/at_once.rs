@@ -1,0 +1,93 @@
+//! Several commands that change the same file at the same time: none of what they change is lost.
+
+use std::process::{Child, Stdio};
+
+use crate::project::Project;
+
+const COUNT: usize = 8;
+
+fn project() -> Project {
+    let params = (0..COUNT).map(|k| format!("\"p{k}\": Number(default: 0.0),"));
+    let nodes = (0..COUNT).map(|k| {
+        format!("\"n{k}\": Transform(mesh: \"mesh\", translate: (Param(\"p{k}\"), 0, 0)),")
+    });
+    let (params, nodes) = (String::from_iter(params), String::from_iter(nodes));
+    let mesh = "\"mesh\": ReadMesh(path: \"coarse.obj\"),";
+    let text = format!(
+        "Graph(format: 1, params: {{{params}}}, nodes: {{{mesh}{nodes}}}, outputs: {{\"a.ply\": \"n0\"}})"
+    );
+    let project = Project::new(&text);
+    project.copy_asset("coarse.obj", "coarse.obj");
+    project
+}
+
+/// Starts one for each number, all before the first one is waited for.
+fn at_once(project: &Project, words: impl Fn(usize) -> Vec<String>) {
+    let start = |k: usize| {
+        let words = words(k);
+        let words = Vec::from_iter(words.iter().map(String::as_str));
+        let mut command = project.command(&words);
+        command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    };
+    let started: Vec<Child> = (0..COUNT).map(start).collect();
+    for (k, mut child) in started.into_iter().enumerate() {
+        assert!(child.wait().unwrap().success(), "{:?}", words(k));
+    }
+}
+
+fn names(project: &Project) -> Vec<String> {
+    let entries = std::fs::read_dir(project.folder()).unwrap().flatten();
+    let mut names = Vec::from_iter(entries.map(|it| it.file_name().to_string_lossy().into_owned()));
+    names.sort();
+    names
+}
+
+#[test]
+fn no_edit_is_lost() {
+    let project = project();
+    let before = names(&project);
+    at_once(&project, |k| {
+        ["set", "doll.ron", &format!("p{k}={}", k + 1)].map(str::to_owned).into()
+    });
+    let text = std::fs::read_to_string(project.graph()).unwrap();
+    for k in 0..COUNT {
+        assert!(text.contains(&format!("\"p{k}\": Number(default: {})", k + 1)), "{k}: {text}");
+    }
+    assert_eq!(names(&project), before, "nothing is left behind");
+}
+
+#[test]
+fn no_pin_is_lost() {
+    let project = project();
+    at_once(&project, |k| ["pin", "doll.ron", &format!("n{k}")].map(str::to_owned).into());
+    let pinned = |project: &Project| {
+        let output = project.maquette(&["pin", "doll.ron", "--list"]);
+        String::from_utf8_lossy(&output.stdout).lines().count()
+    };
+    assert_eq!(pinned(&project), COUNT);
+    at_once(&project, |k| ["unpin", "doll.ron", &format!("n{k}")].map(str::to_owned).into());
+    assert_eq!(pinned(&project), 0);
+    assert!(!names(&project).contains(&"doll.pins".to_owned()));
+}
+
+#[test]
+fn more_threads_than_any_machine_has_are_refused() {
+    let project = project();
+    std::fs::write(project.folder().join("doll.test.ron"), "Test(graph: \"doll.ron\")").unwrap();
+    for words in ["run doll.ron", "inspect doll.ron n0", "test ."] {
+        let words = Vec::from_iter(words.split(' ').chain(["--threads", "1025"]));
+        let output = project.maquette(&words);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {told}");
+        assert!(told.contains("1025 are too many, there may be at most 1024"), "{words:?}: {told}");
+    }
+}
+
+#[test]
+fn a_path_with_two_slashes_that_is_set_is_no_comment() {
+    let project = project();
+    std::fs::create_dir(project.folder().join("data")).unwrap();
+    project.copy_asset("coarse.obj", "data/other.obj");
+    let output = project.maquette(&["run", "doll.ron", "--set", "mesh.path=data//other.obj"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
