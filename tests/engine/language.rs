@@ -19,6 +19,7 @@ mod drafts;
 mod each;
 mod library_expectations;
 mod limits;
+mod listed;
 mod minimal;
 mod patches;
 mod promises;
