@@ -24,6 +24,8 @@ export class Graph {
     this.boxes = new Map();
     /** @type {Map<string, SVGGElement>} */
     this.parts = new Map();
+    /** The names of boxes that something is linked to. */
+    this.used = new Set();
     this.drawn = "";
   }
 
@@ -47,6 +49,7 @@ export class Graph {
       const pack = message.boxes[link.from].pack;
       picture.append(shape("path", { class: "link", d: link.path, stroke: color(pack) }));
     }
+    this.used = new Set(message.links.map((link) => message.boxes[link.from].name));
     this.boxes.clear();
     this.parts.clear();
     for (const box of message.boxes) {
@@ -106,9 +109,10 @@ export class Graph {
     return at > 0 ? name.slice(0, at) : undefined;
   }
 
-  /** The last node. */
+  /** The last node that something is linked to, as what an output shows; the last one if there are no links. */
   last() {
-    return [...this.boxes.values()].findLast((box) => box.node !== null)?.name ?? null;
+    const nodes = [...this.boxes.values()].filter((box) => box.node !== null);
+    return (nodes.findLast((box) => this.used.has(box.name)) ?? nodes.at(-1))?.name ?? null;
   }
 
   /**

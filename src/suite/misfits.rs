@@ -110,11 +110,23 @@ impl TestFile {
     fn unknown(&self, expectation: &Expectation, item: &Tree, graph: &Graph) -> Option<Problem> {
         let is_there = |name: &&str| {
             let node = name.split('.').next().unwrap_or_default();
-            graph.value_named(name).is_some() || graph.open_loop(node).is_some()
+            let is_inside = graph.open_loop(node).is_some_and(|it| it.name != node);
+            graph.value_named(name).is_some() || is_inside
         };
         let name = expectation.values().into_iter().find(|name| !is_there(name))?;
         let texts = Expectation::value_texts_of(item);
         let span = texts.into_iter().find(|text| text.text() == Some(name))?.span;
+        let node = name.split('.').next().unwrap_or_default();
+        let first = format!("{node}/1");
+        let begins = |name: &str| {
+            name.strip_prefix(&first)
+                .is_some_and(|it| !it.starts_with(|c: char| c.is_ascii_digit()))
+        };
+        if graph.loops().iter().any(|it| it.name == node) || graph.node_names().any(begins) {
+            let message = format!("one value is expected to be so, but `{name}` is a list");
+            let help = format!("say it in the graph that makes each of them, or of one: `{first}`");
+            return Some(Problem { help, ..self.problem(code::WRONG_TYPE, span, message) });
+        }
         let known = graph.output_names().chain(graph.node_names());
         let known = Vec::from_iter(known.filter(|name| !name.contains('/')));
         let help = nearest_or_all(name, "its outputs and nodes", &known);

@@ -1,8 +1,10 @@
 //! The nodes of a graph as they were when its golden was accepted, and how they differ now: why a result changed.
 
+use serde_json::Value as Json;
+
 use crate::eval::RunTrace;
-use crate::graph::{Graph, Link};
-use crate::text::FILE;
+use crate::graph::{Graph, Link, in_short, parameter_difference, parameter_name};
+use crate::text::{FILE, with_article};
 
 /// Begins the line of a warning, among those of the nodes.
 const WARNING: &str = "warning  ";
@@ -45,18 +47,22 @@ fn nodes(text: &str) -> impl Iterator<Item = &str> {
     text.lines().filter(|line| !line.starts_with(WARNING))
 }
 
-/// What of the nodes' lines differs: `raised: {..12..} -> {..15..}`.
+/// What of the nodes' lines differs: "node `raised`: parameter `distance` 12 -> 15".
 pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
-    let (old, new) =
+    let (mut old, new) =
         (Vec::from_iter(nodes(before).map(split)), Vec::from_iter(nodes(now).map(split)));
+    // The tenth element stands behind the ninth.
+    old.sort_by_cached_key(|(name, _)| {
+        Vec::from_iter(name.split('/').map(|part| (part.parse::<usize>().ok(), part)))
+    });
     let mut changes = Vec::new();
     for (name, was) in &old {
         match new.iter().find(|(other, _)| other == name) {
             None => changes.push(format!("node `{name}` is gone")),
             Some((_, is)) if is != was => {
-                // Only what lies between the common start and end is told.
-                let (was, is) = (between(was, is), between(is, was));
-                changes.push(format!("node `{name}`: {} -> {}", short(was), short(is)));
+                let told = Line::read(was).zip(Line::read(is)).and_then(|(was, is)| was.told(is));
+                let told = told.unwrap_or_else(|| "it is another one".to_owned());
+                changes.push(format!("node `{name}`: {told}"));
             }
             Some(_) => {}
         }
@@ -66,17 +72,64 @@ pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
     changes
 }
 
-/// The part of a text that another one does not have, as whole words.
-fn between<'a>(text: &'a str, other: &str) -> &'a str {
-    const MARKS: [char; 8] = [' ', ',', '{', '}', '[', ']', '(', ')'];
-    let start = text.char_indices().zip(other.chars()).find(|((_, a), b)| a != b);
-    let start = start.map_or(text.len().min(other.len()), |((at, _), _)| at);
-    let start = text.get(..start).and_then(|before| before.rfind(MARKS)).map_or(0, |at| at + 1);
-    let same = text.chars().rev().zip(other.chars().rev()).take_while(|(a, b)| a == b);
-    let same: usize = same.map(|(c, _)| c.len_utf8()).sum();
-    let end = (text.len() - same).max(start);
-    let end = text[end..].find(MARKS).map_or(text.len(), |more| end + more);
-    &text[start..end]
+/// What a line says of a node behind its name.
+struct Line<'a> {
+    kind: &'a str,
+    parameters: Json,
+    links: &'a str,
+    /// The names of files, each with a hash behind it.
+    files: Vec<&'a str>,
+}
+
+impl<'a> Line<'a> {
+    fn read(text: &'a str) -> Option<Self> {
+        let (kind, rest) = text.split_once(' ')?;
+        let mut values = serde_json::Deserializer::from_str(rest).into_iter();
+        let parameters = values.next()?.ok()?;
+        let rest = rest[values.byte_offset()..].strip_prefix(" (")?;
+        let (links, files) = rest.split_once(')')?;
+        Some(Self { kind, parameters, links, files: files.split_whitespace().collect() })
+    }
+
+    /// How a later one differs, as `why` says it; none if that cannot be seen.
+    fn told(mut self, now: Self) -> Option<String> {
+        const MOST: usize = 3;
+        let mut told = Vec::new();
+        if self.kind != now.kind {
+            return Some(format!(
+                "it is {}, and was {} before",
+                with_article(now.kind),
+                with_article(self.kind)
+            ));
+        }
+        while let Some((path, was, is)) = parameter_difference(&self.parameters, &now.parameters) {
+            if told.len() == MOST {
+                told.push("and more".to_owned());
+                break;
+            }
+            let change = format!("{} -> {}", in_short(&was), in_short(&is));
+            if path.is_empty() {
+                return Some(format!("its parameters {change}"));
+            }
+            told.push(format!("parameter `{}` {change}", parameter_name(&path)));
+            let steps = path.iter().map(|step| step.replace('~', "~0").replace('/', "~1"));
+            let steps = String::from_iter(steps.map(|step| format!("/{step}")));
+            *self.parameters.pointer_mut(&steps)? = is;
+        }
+        if self.links != now.links {
+            told.push(format!("links ({}) -> ({})", short(self.links), short(now.links)));
+        }
+        let same_names = self.files.iter().step_by(2).eq(now.files.iter().step_by(2));
+        match same_names {
+            true => {
+                let pairs = self.files.chunks(2).zip(now.files.chunks(2));
+                let changed = pairs.filter(|(was, is)| was != is);
+                told.extend(changed.map(|(was, _)| format!("file {} changed", was[0])));
+            }
+            false => told.push("it reads other files".to_owned()),
+        }
+        (!told.is_empty()).then(|| told.join(", "))
+    }
 }
 
 fn short(text: &str) -> String {
@@ -114,13 +167,38 @@ pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
 }
 
 /// Takes away what depends on where the graph is: the paths of files, which are named apart.
-fn without_machine(parameters: &mut serde_json::Value) {
+fn without_machine(parameters: &mut Json) {
     match parameters {
-        serde_json::Value::Object(entries) => {
+        Json::Object(entries) => {
             entries.retain(|key, _| key != FILE);
             entries.values_mut().for_each(without_machine);
         }
-        serde_json::Value::Array(items) => items.iter_mut().for_each(without_machine),
+        Json::Array(items) => items.iter_mut().for_each(without_machine),
         _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::changed_lines;
+
+    #[test]
+    fn what_changed_is_told_in_words() {
+        let line = |at: &str, step: &str, hash: &str| {
+            format!(
+                "posts/{at}  Transform {{\"rotate\":[0.0,5.0],\"translate\":[{step},0.0]}} (mesh: m.mesh) a.obj {hash}\n"
+            )
+        };
+        let text = |step: &str, hash: &str| line("10", step, "1") + &line("2", step, hash);
+        assert_eq!(
+            changed_lines(&text("2.0", "1"), &text("2.5", "2")),
+            [
+                "node `posts/2`: parameter `translate[0]` 2 -> 2.5, file a.obj changed",
+                "node `posts/10`: parameter `translate[0]` 2 -> 2.5",
+            ]
+        );
+        let other = line("2", "2.0", "1").replace("m.mesh", "n.mesh");
+        let told = ["node `posts/2`: links (mesh: m.mesh) -> (mesh: n.mesh)"];
+        assert_eq!(changed_lines(&line("2", "2.0", "1"), &other), told);
     }
 }

@@ -71,18 +71,24 @@ fn a_golden_is_accepted_with_the_reason_and_another_refused() {
     let output = maquette(path, &["--review"], "what?\na\nr\n", None);
     let text = said(&output);
     assert_eq!(output.status.code(), Some(1), "{text}");
-    assert!(text.contains("because node `net`: 2.0 -> 2.5"), "{text}");
+    assert!(text.contains("because node `net`: parameter `points[1][1][2]` 2 -> 2.5"), "{text}");
     assert!(text.contains("blessed   net.ron default net:"), "{text}");
     assert!(text.contains("1 golden blessed"), "{text}");
     let accepted = golden(path, "net.txt");
     assert!(
-        accepted.contains("accepted because              node `net`: 2.0 -> 2.5"),
+        accepted.contains(
+            "accepted because              node `net`: parameter `points[1][1][2]` 2 -> 2.5"
+        ),
         "{accepted}"
     );
     // What was refused stays, and so does why it is different.
     assert_eq!([golden(path, "surface.txt"), golden(path, "nodes.txt")], before);
     let again = maquette(path, &[], "", None);
-    assert!(said(&again).contains("node `net`: 2.0 -> 2.5"), "{}", said(&again));
+    assert!(
+        said(&again).contains("node `net`: parameter `points[1][1][2]` 2 -> 2.5"),
+        "{}",
+        said(&again)
+    );
     assert!(!said(&again).contains("net: `point`"), "{}", said(&again));
 }
 

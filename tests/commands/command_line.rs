@@ -427,14 +427,22 @@ fn a_graph_is_tested_blessed_and_tested_again() {
     let far = test(&["--report", "report.html", "--junit", "junit.xml"]);
     assert_eq!(far.status.code(), Some(1));
     assert!(stdout(&far).contains("mm, allowed is 0.01 mm; worst at"), "{}", stdout(&far));
-    assert!(stdout(&far).contains("node `net`: 2.0 -> 2.5"), "{}", stdout(&far));
+    assert!(
+        stdout(&far).contains("node `net`: parameter `points[1][1][2]` 2 -> 2.5"),
+        "{}",
+        stdout(&far)
+    );
     let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     assert!(report.contains("distance to the old one, from the front"));
     assert!(!report.contains("http"), "the page needs nothing else");
     let junit = std::fs::read_to_string(folder.path().join("junit.xml")).unwrap();
     assert!(junit.contains("tests=\"1\" failures=\"1\" errors=\"0\""), "{junit}");
     let blessed = test(&["--bless"]);
-    assert!(stdout(&blessed).contains("because node `net`: 2.0 -> 2.5"), "{}", stdout(&blessed));
+    assert!(
+        stdout(&blessed).contains("because node `net`: parameter `points[1][1][2]` 2 -> 2.5"),
+        "{}",
+        stdout(&blessed)
+    );
     assert!(test(&[]).status.success());
 }
 

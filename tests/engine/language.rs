@@ -24,6 +24,7 @@ mod elements;
 mod empty_lists;
 mod library_expectations;
 mod limits;
+mod listed;
 mod minimal;
 mod patches;
 mod promises;

@@ -141,7 +141,8 @@ fn the_draft_of_a_patch_keeps_the_final_value_of_the_graph_that_is_patched() {
     let options = Options { draft: true, ..Options::default() };
     let path = folder.path().join("patch.ron");
     let edited = |text: &str| {
-        let edited = Graph::edit(&path, text, &[edit.clone()], &Catalog::new(PACKS), &options);
+        let edited =
+            Graph::edit(&path, text, std::slice::from_ref(&edit), &Catalog::new(PACKS), &options);
         edited.unwrap_or_else(|problems| panic!("{problems:?}")).text
     };
     let own = edited(&patch(", params: { \"levels\": 2 }"));

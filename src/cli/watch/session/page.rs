@@ -104,7 +104,7 @@ impl<'a> Session<'a> {
         let Some(changes) = self.changes.pop() else { return };
         let old = |put: &Put| Some((put.target.clone(), put.before.clone()?));
         let stand = |now: &[Put]| {
-            now.iter().zip(&changes).all(|(now, put)| now.before.as_ref() == Some(&put.after))
+            now.iter().zip(&changes).all(|(now, put)| stands(put, now.before.as_deref()))
         };
         let back: Option<Vec<_>> = changes.iter().map(old).collect();
         let Some(back) = back else {
@@ -144,4 +144,13 @@ impl<'a> Session<'a> {
         let Watch { graph, options, .. } = self.command;
         GraphFile { graph, roots: &options.roots, draft: options.draft, dry_run: false }
     }
+}
+
+/// Whether a value that was put there is what is there now: of what has become a `Draft` by that, its draft.
+fn stands(put: &Put, now: Option<&str>) -> bool {
+    let is_draft =
+        |before: &String, now: &str| put.after == format!("Draft(final: {before}, draft: {now})");
+    now.is_some_and(|now| {
+        put.after == now || put.before.as_ref().is_some_and(|it| is_draft(it, now))
+    })
 }

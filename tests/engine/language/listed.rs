@@ -1,0 +1,38 @@
+//! What is expected of one value in a test is not expected of a list.
+
+use maquette::{Catalog, test_graphs};
+use maquette_nodes::PACKS;
+
+/// What is wrong with a test that expects something of this value.
+fn told(of: &str) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("two.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf 1 2 3\nf 4 5 6\n");
+    write(
+        "graph.ron",
+        r#"Graph(format: 1, nodes: {
+            "two": ReadMesh(path: "two.obj"),
+            "parts": ForEach(graph: "Transform", over: Parts("two")),
+            "listed": ForEach(graph: "Transform", over: [(), ()], links: (mesh: "two")),
+            "all": Merge(meshes: ["parts", "listed"]),
+        }, outputs: { "all.ply": "all" })"#,
+    );
+    write("graph.test.ron", &format!("Test(graph: \"graph.ron\", expect: [Manifold({of:?})])"));
+    let run = test_graphs(folder.path(), &Catalog::new(PACKS), 1).unwrap();
+    run.failures
+        .into_iter()
+        .filter(|why| why.contains("there is no") || why.contains("expected"))
+        .collect()
+}
+
+#[test]
+fn a_list_is_told_as_one_and_an_element_is_a_value() {
+    for list in ["parts", "parts.mesh", "listed"] {
+        let told = told(list);
+        let words = format!("one value is expected to be so, but `{list}` is a list");
+        assert!(told.len() == 1 && told[0].contains(&words), "{told:?}");
+    }
+    for one in ["parts/2", "listed/1", "all"] {
+        assert_eq!(told(one), [""; 0], "{one}");
+    }
+}
