@@ -110,8 +110,11 @@ impl TestFile {
     fn unknown(&self, expectation: &Expectation, item: &Tree, graph: &Graph) -> Option<Problem> {
         let is_there = |name: &&str| {
             let node = name.split('.').next().unwrap_or_default();
-            let is_inside = graph.open_loop(node).is_some_and(|it| it.name != node);
-            graph.value_named(name).is_some() || is_inside
+            match graph.open_loop(node) {
+                // Its elements may be there when the graph is run.
+                Some(each) => each.name != node || graph.output_names().any(|it| it == *name),
+                None => graph.value_named(name).is_some(),
+            }
         };
         let name = expectation.values().into_iter().find(|name| !is_there(name))?;
         let texts = Expectation::value_texts_of(item);

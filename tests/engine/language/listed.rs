@@ -21,7 +21,7 @@ fn told(of: &str) -> Vec<String> {
     let run = test_graphs(folder.path(), &Catalog::new(PACKS), 1).unwrap();
     run.failures
         .into_iter()
-        .filter(|why| why.contains("there is no") || why.contains("expected"))
+        .filter(|why| why.contains("no output or node") || why.contains("expected"))
         .collect()
 }
 
