@@ -565,7 +565,7 @@ fn a_new_name_changes_names_alone_in_all_files() {
     };
     refused("\"smo|other\": Sub", "Big One", "cannot be a name");
     refused("\"smo|other\": Sub", "ball", "already");
-    refused("me|sh: \"ball\", raise", "the-mesh", "without hyphens");
+    refused("wh|at: \"ball\", raise", "the-mesh", "without hyphens");
     refused("\"face|.ply\":", "x.ply", "name of a file");
     refused("form|at: 1", "x", "no name");
     place.write("face.pins.ron", "Pins(pins: { \"ball\": () })");
