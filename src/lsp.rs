@@ -191,7 +191,7 @@ impl Server {
 
     fn request(&mut self, Request { id, method, params }: Request) {
         if method == "workspace/executeCommand" {
-            return self.execute(id, params);
+            return self.execute(id, &params);
         }
         let answer = catch_unwind(AssertUnwindSafe(|| self.answer(&method, params)));
         let response = match answer {
@@ -267,7 +267,6 @@ impl Server {
     /// A text is open, or has changed.
     fn put(&mut self, uri: Uri, version: i32, text: String) {
         let Some(path) = path_of(&uri).map(|path| real(&path)) else { return };
-        self.project.forget();
         self.documents
             .insert(path.clone(), Document { uri, version, text: text.into(), last: None });
         self.check(Some(path));
@@ -343,16 +342,16 @@ impl Server {
 
     /// What the last evaluation of a graph found.
     fn last(&mut self, path: &Path) -> Rc<Last> {
-        let options = self.options();
-        let Some(document) = self.documents.get_mut(path) else { return Rc::default() };
         let evaluations = self.commands.evaluations();
-        if let Some((when, known, last)) = &document.last
+        let known = self.documents.get(path).and_then(|document| document.last.as_ref());
+        if let Some((when, count, last)) = known
             && when.elapsed() < FRESH
-            && *known == evaluations
+            && *count == evaluations
         {
             return last.clone();
         }
-        let checked = Graph::load(path, &self.catalog, &options);
+        let checked = Graph::load(path, &self.catalog, &self.options());
+        let Some(document) = self.documents.get_mut(path) else { return Rc::default() };
         let graph = checked.graph.or(checked.partial);
         let last = match (graph, &document.last) {
             (Some(graph), _) => Rc::new(Last::of(&graph, &mut self.session)),
@@ -375,9 +374,10 @@ impl Server {
             .map_or_else(|| place::uri_of(path), |document| document.uri.clone())
     }
 
-    /// The lines of a file, open or not.
-    fn text(&self, path: &Path) -> String {
-        self.options().text(path).unwrap_or_default()
+    /// The text of a file, open or not.
+    fn text(&self, path: &Path) -> Arc<str> {
+        let open = self.documents.get(path).map(|document| document.text.clone());
+        open.unwrap_or_else(|| crate::plain::read_text(path).unwrap_or_default().into())
     }
 }
 

@@ -162,19 +162,13 @@ impl Server {
                 Sort::File => 17,
                 Sort::Keyword => 14,
             };
-            let is_quoted =
-                proposal.insert.starts_with('"') && !text[found.span.start..].starts_with('"');
             let mut item = json!({
                 "label": proposal.label,
                 "kind": kind,
                 "sortText": format!("{index:04}"),
-                "filterText": if is_quoted { &proposal.insert } else { &proposal.label },
                 "textEdit": { "range": range, "newText": inserted(&proposal.insert, snippets) },
                 "insertTextFormat": if snippets && proposal.insert.contains("$0") { 2 } else { 1 },
             });
-            if is_quoted {
-                item["filterText"] = proposal.label.clone().into();
-            }
             if !proposal.detail.is_empty() {
                 item["detail"] = proposal.detail.into();
             }
@@ -231,7 +225,7 @@ impl Server {
     }
 
     fn locations(&self, found: &[Found]) -> Json {
-        let mut texts: BTreeMap<&Path, String> = BTreeMap::new();
+        let mut texts: BTreeMap<&Path, Arc<str>> = BTreeMap::new();
         for place in found {
             texts.entry(&place.file).or_insert_with(|| self.text(&place.file));
         }

@@ -1,6 +1,6 @@
 //! The thread that checks what is open and publishes its problems.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -82,7 +82,7 @@ impl Checker {
 
     fn check(&mut self, open: &[Open], uris: &HashMap<PathBuf, Uri>, options: &Options) {
         let mut by_file: BTreeMap<PathBuf, Vec<Json>> = BTreeMap::new();
-        let mut seen: Vec<(PathBuf, Span, &str, String)> = Vec::new();
+        let mut seen: BTreeSet<(PathBuf, Span, &str, String)> = BTreeSet::new();
         self.found
             .retain(|path, (text, _)| open.iter().any(|it| it.path == *path && it.text == *text));
         for document in open {
@@ -90,8 +90,7 @@ impl Checker {
             for problem in problems(document, &self.catalog, options) {
                 let file = real(&problem.source.name);
                 let place = (file.clone(), problem.span, problem.code, problem.message.clone());
-                if !seen.contains(&place) {
-                    seen.push(place);
+                if seen.insert(place) {
                     by_file.entry(file).or_default().push(diagnostic(&problem, self.client));
                 }
             }

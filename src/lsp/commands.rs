@@ -16,6 +16,7 @@ use super::place::{Lines, path_of};
 use super::{Client, Server, real};
 use crate::error::Span;
 use crate::paths::project_root;
+use crate::plain::read_text;
 
 /// The commands, as editors name them.
 pub(super) const COMMANDS: [&str; 5] =
@@ -108,66 +109,64 @@ fn end(mut child: Child) {
 
 impl Server {
     /// Runs a command; its answer comes when it has ended.
-    pub(super) fn execute(&mut self, id: RequestId, params: Json) {
-        let refuse =
-            |why: String| Response::new_err(id.clone(), ErrorCode::RequestFailed as i32, why);
-        let command = params["command"].as_str().unwrap_or_default().to_owned();
-        let argument = |index: usize| params["arguments"][index].as_str().map(str::to_owned);
-        let path = argument(0).and_then(|uri| path_of(&uri.into())).map(|path| real(&path));
-        let Some(path) = path else {
-            let _ = self
-                .sender
-                .send(refuse(format!("`{command}` wants the URI of a graph first")).into());
-            return;
+    pub(super) fn execute(&mut self, id: RequestId, params: &Json) {
+        let answer = match self.command(&id, params) {
+            Ok(None) => return,
+            Ok(Some(told)) => Response::new_ok(id, told),
+            Err(why) => Response::new_err(id, ErrorCode::RequestFailed as i32, why),
         };
-        let document = self.documents.get(&path);
-        let is_saved = document.is_none_or(|document| {
-            std::fs::read_to_string(&path).is_ok_and(|saved| *saved == *document.text)
-        });
-        if !is_saved && command != "maquette.stop" {
-            let _ = self
-                .sender
-                .send(refuse("save the graph first: what is on disk is run".into()).into());
-            return;
+        let _ = self.sender.send(answer.into());
+    }
+
+    /// The answer to a command; none yet if a process has been started that gives it.
+    fn command(&mut self, id: &RequestId, params: &Json) -> Result<Option<Json>, String> {
+        let command = params["command"].as_str().unwrap_or_default();
+        let argument = |index: usize| params["arguments"][index].as_str();
+        let path = argument(0).and_then(|uri| path_of(&uri.into())).map(|path| real(&path));
+        let path = path.ok_or_else(|| format!("`{command}` wants the URI of a graph first"))?;
+        let text = self.text(&path);
+        let is_saved = || read_text(&path).is_ok_and(|saved| *saved == *text);
+        if command != "maquette.stop" && !is_saved() {
+            return Err("save the graph first: what is on disk is run".into());
         }
-        let text =
-            document.map_or_else(|| Arc::from(self.text(&path)), |document| document.text.clone());
-        let first: &[&str] = match &command[..] {
+        let roots = self.choices.roots.iter().map(|root| root.display().to_string());
+        let roots = Vec::from_iter(roots.flat_map(|root| ["--root".to_owned(), root]));
+        let first: &[&str] = match command {
             "maquette.run" => &["run", "--json"],
             "maquette.inspect" => &["inspect"],
             "maquette.why" => &["why"],
             "maquette.watch" => {
-                let answer = self.commands.watch(&path);
-                let is_shown =
-                    answer.as_ref().ok().and_then(|told| told["url"].as_str().map(str::to_owned));
-                let response =
-                    answer.map_or_else(refuse, |told| Response::new_ok(id.clone(), told));
-                let _ = self.sender.send(response.into());
-                if let Some(url) = is_shown {
-                    self.show(&url, true);
-                }
-                return self.commands.news.tell();
+                let link = self.commands.watch(&path, &roots)?;
+                self.show(&link, true);
+                self.commands.news.tell();
+                return Ok(Some(json!({ "url": link })));
             }
             "maquette.stop" => {
                 let watch = lock(&self.commands.watches).remove(&path);
-                let text =
-                    if watch.is_some() { "the watch has ended" } else { "there was no watch" };
+                let told = watch.as_ref().map_or("there was no watch", |_| "the watch has ended");
                 watch.into_iter().for_each(end);
-                let _ = self.sender.send(Response::new_ok(id, json!({ "text": text })).into());
-                return self.commands.news.tell();
+                self.commands.news.tell();
+                return Ok(Some(json!({ "text": told })));
             }
-            _ => {
-                let _ = self.sender.send(refuse(format!("there is no command `{command}`")).into());
-                return;
-            }
+            _ => return Err(format!("there is no command `{command}`")),
         };
-        let mut words = Vec::from_iter(first.iter().map(|&word| word.to_owned()));
-        words.extend(std::iter::once(path.display().to_string()).chain(argument(1)));
-        for root in &self.choices.roots {
-            words.extend(["--root".to_owned(), root.display().to_string()]);
-        }
-        self.commands.start(id, &command, words, path, text, self.choices.shows);
+        let name = path.display().to_string();
+        let words = first.iter().copied().chain([&name[..]]).chain(argument(1));
+        let words = Vec::from_iter(words.map(str::to_owned).chain(roots));
+        let job = Work { words, path, text, shows: self.choices.shows };
+        self.commands.start(id.clone(), first[0], job)?;
+        Ok(None)
     }
+}
+
+/// What a process does for an editor.
+struct Work {
+    words: Vec<String>,
+    /// The graph, and its text.
+    path: PathBuf,
+    text: Arc<str>,
+    /// Whether the editor shows the answer by itself.
+    shows: bool,
 }
 
 impl Commands {
@@ -175,47 +174,23 @@ impl Commands {
     fn program_in(&self, graph: &Path) -> Command {
         let mut program = Command::new(&self.program);
         program.current_dir(project_root(graph.parent().unwrap_or(Path::new("/"))));
+        program.stdin(Stdio::null()).stdout(Stdio::piped());
         program
     }
 
-    /// Starts a process, and answers when it has ended.
-    fn start(
-        &mut self,
-        id: RequestId,
-        command: &str,
-        words: Vec<String>,
-        path: PathBuf,
-        text: Arc<str>,
-        shows: bool,
-    ) {
+    /// Starts a process, which answers when it has ended.
+    fn start(&mut self, id: RequestId, verb: &str, work: Work) -> Result<(), String> {
+        let Work { words, path, text, shows } = work;
         self.next += 1;
         let token = format!("maquette-run-{}", self.next);
-        let begun = self
-            .program_in(&path)
-            .args(&words)
-            .args(&self.words)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn();
-        let mut child = match begun {
-            Ok(child) => child,
-            Err(error) => {
-                let why = format!("cannot run {}: {error}", self.program.display());
-                let response = Response::new_err(id, ErrorCode::RequestFailed as i32, why);
-                return drop(self.sender.send(response.into()));
-            }
-        };
+        let mut program = self.program_in(&path);
+        program.args(&words).args(&self.words).stderr(Stdio::piped());
+        let mut child = program.spawn().map_err(|error| self.not_run(&error))?;
         let (out, err) = (child.stdout.take(), child.stderr.take());
         lock(&self.running).insert(token.clone(), child);
         let (client, sender, checks) = (self.client, self.sender.clone(), self.checks.clone());
-        let (running, news, is_run) =
-            (self.running.clone(), self.news.clone(), command == "maquette.run");
-        let title = format!(
-            "{} {}",
-            command.trim_start_matches("maquette."),
-            path.file_name().unwrap_or_default().to_string_lossy()
-        );
+        let (running, news, is_run) = (self.running.clone(), self.news.clone(), verb == "run");
+        let title = format!("{verb} {}", path.file_name().unwrap_or_default().display());
         std::thread::spawn(move || {
             let tell = |method: &str, params: Json| {
                 let _ = sender.send(Notification { method: method.to_owned(), params }.into());
@@ -252,28 +227,27 @@ impl Commands {
             }
             let _ = sender.send(Response::new_ok(id, json!({ "text": words })).into());
         });
+        Ok(())
+    }
+
+    fn not_run(&self, error: &std::io::Error) -> String {
+        format!("cannot run {}: {error}", self.program.display())
     }
 
     /// Starts a watch with the live page, and gives its link.
-    fn watch(&self, path: &Path) -> Result<Json, String> {
+    fn watch(&self, path: &Path, roots: &[String]) -> Result<String, String> {
         if let Some(old) = lock(&self.watches).remove(path) {
             end(old);
         }
-        let mut child = self
-            .program_in(path)
-            .args([
-                "watch".as_ref(),
-                path.as_os_str(),
-                "--preview".as_ref(),
-                "--events".as_ref(),
-                "--in-editor".as_ref(),
-            ])
-            .args(&self.words)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .map_err(|error| format!("cannot run {}: {error}", self.program.display()))?;
+        let mut program = self.program_in(path);
+        program
+            .arg("watch")
+            .arg(path)
+            .args(["--preview", "--events", "--in-editor"])
+            .args(roots)
+            .args(&self.words);
+        let mut child =
+            program.stderr(Stdio::null()).spawn().map_err(|error| self.not_run(&error))?;
         let Some(out) = child.stdout.take() else { return Err("the watch says nothing".into()) };
         let mut out = BufReader::new(out);
         let mut line = String::new();
@@ -302,7 +276,7 @@ impl Commands {
             }
         });
         lock(&self.watches).insert(path.to_owned(), child);
-        Ok(json!({ "url": link }))
+        Ok(link)
     }
 }
 

@@ -54,7 +54,7 @@ impl<'a> Library<'a> {
 
     /// The path of a file that is named in this one.
     pub(super) fn resolved(&self, given: &str) -> PathBuf {
-        without_dots(&self.path.with_file_name("").join(given))
+        beside(self.path, given)
     }
 
     /// The type of nodes of this name.
@@ -113,7 +113,7 @@ impl<'a> Library<'a> {
             let scope = Scope::of(&self.options.text(&path).ok()?);
             match &scope.about {
                 Some(next) if scope.file == "Patch" => {
-                    path = without_dots(&path.with_file_name("").join(&next.text));
+                    path = beside(&path, &next.text);
                 }
                 _ => return Some(About { path, scope, schema }),
             }
@@ -320,6 +320,11 @@ impl<'a> Library<'a> {
             _ => (Slot::Any, "a word: Param(\"choice\")"),
         })
     }
+}
+
+/// The path of a file that another one names.
+fn beside(path: &Path, given: &str) -> PathBuf {
+    without_dots(&path.with_file_name("").join(given))
 }
 
 /// All words of the language.

@@ -38,7 +38,7 @@ pub(super) struct Found {
 pub(super) type Texts = BTreeMap<PathBuf, String>;
 
 impl Project {
-    /// The names in a file. Those of a text that cannot be read are those that it had when it could.
+    /// The names in a file; none while its text cannot be read.
     pub(super) fn names(
         &mut self,
         path: &Path,

@@ -118,8 +118,8 @@ const ROOMS: [(&str, &[&str]); 34] = [
     (
         "lsp",
         &[
-            "catalog", "error", "eval", "golden", "graph", "language", "paths", "session", "suite",
-            "text", "value",
+            "catalog", "error", "eval", "golden", "graph", "language", "paths", "plain", "session",
+            "suite", "text", "value",
         ],
     ),
     ("memory", &[]),

@@ -1,0 +1,289 @@
+//! What may be written as a value: nodes, words, what a schema describes, what stands for it, files.
+
+use std::path::Path;
+use std::rc::Rc;
+
+use serde_json::Value as Json;
+
+use super::{Proposal, Search, Sort, is_text};
+use crate::lsp::library::{Library, NodeKind};
+use crate::lsp::scope::Declared;
+use crate::lsp::slot::{Slot, fields_of, takes};
+use crate::text::{Unit, ron, unit_names, variants};
+
+impl Search<'_> {
+    /// Types of nodes: graphs that are used, then what takes the newest values.
+    pub(super) fn nodes(&self) -> Vec<Proposal> {
+        let mut known = Vec::new();
+        for used in &self.scope.uses {
+            known.extend(
+                self.library
+                    .kind(self.scope, &used.name.text)
+                    .map(|kind| (&used.name.text[..], kind)),
+            );
+        }
+        for name in self.library.catalog.names() {
+            known.extend(self.library.kind(self.scope, name).map(|kind| (name, kind)));
+        }
+        let newest = self.scope.nodes.iter().rev().filter(|node| node.name.span.end < self.at);
+        let newest = newest.filter(|node| !node.kind.is_empty());
+        let newest = newest.flat_map(|node| self.outputs(node)).flat_map(|(_, types)| types);
+        let newest = Vec::from_iter(newest);
+        let rank = |kind: &NodeKind| {
+            let wanted = fields_of(&kind.schema, &kind.schema);
+            let mut wanted = wanted.iter().filter(|field| field.required);
+            let wanted = wanted.find_map(|field| match &field.slot {
+                Slot::Link(types) => Some(types.clone()),
+                Slot::List(item) => match &**item {
+                    Slot::Link(types) => Some(types.clone()),
+                    _ => None,
+                },
+                _ => None,
+            });
+            match wanted {
+                None => {
+                    if newest.is_empty() {
+                        0
+                    } else {
+                        500
+                    }
+                }
+                Some(types) => newest
+                    .iter()
+                    .position(|kind| types.contains(kind))
+                    .map_or(900, |near| 10 * near.min(40)),
+            }
+        };
+        let node = |(index, (name, kind)): (usize, (&str, Rc<NodeKind>))| Proposal {
+            detail: gives(&kind),
+            doc: kind.schema["description"].as_str().unwrap_or_default().to_owned(),
+            ..self.proposal(name, self.call(name), Sort::Node, 1000 * rank(&kind) + index)
+        };
+        let mut found = Vec::from_iter(known.into_iter().enumerate().map(node));
+        for (index, name) in ["ForEach", "Switch"].into_iter().enumerate() {
+            found.push(Proposal {
+                doc: Library::word("nodes", name),
+                ..self.proposal(name, self.call(name), Sort::Keyword, 450_000 + index)
+            });
+        }
+        found
+    }
+
+    pub(super) fn node_types(&self) -> Vec<Proposal> {
+        let used = self.scope.uses.iter().map(|used| &used.name.text[..]);
+        let all = used.chain(self.library.catalog.names()).enumerate();
+        all.map(|(index, name)| self.proposal(name, self.quoted(name), Sort::Node, index)).collect()
+    }
+
+    pub(super) fn inputs(&self) -> Vec<Proposal> {
+        let mut kinds = Vec::from_iter(self.library.catalog.value_types().into_keys());
+        kinds.sort_unstable();
+        let all = kinds.into_iter().chain(["Optional"]).enumerate();
+        let of =
+            |(index, name): (usize, &str)| self.proposal(name, self.call(name), Sort::Node, index);
+        all.map(of).collect()
+    }
+
+    pub(super) fn declarations(&self) -> Vec<Proposal> {
+        let of = |(index, name): (usize, &String)| {
+            let insert = match self.behind().starts_with('(') {
+                true => name.clone(),
+                false => format!("{name}(default: $0)"),
+            };
+            Proposal {
+                doc: Library::word("params", name),
+                ..self.proposal(name, insert, Sort::Node, index)
+            }
+        };
+        Library::words_in("params").iter().enumerate().map(of).collect()
+    }
+
+    pub(super) fn properties(&self, kind: &str) -> Vec<Proposal> {
+        let mut types = Vec::from_iter(self.library.catalog.value_types());
+        types.sort_by_key(|(name, _)| *name);
+        let mut found = Vec::new();
+        for (name, value) in types {
+            if kind.is_empty() || name == kind {
+                for (property, doc) in value.properties() {
+                    let proposal =
+                        self.proposal(property, property.to_owned(), Sort::Choice, found.len());
+                    found.push(Proposal { doc: doc.to_owned(), ..proposal });
+                }
+            }
+        }
+        found.sort_by(|a, b| a.label.cmp(&b.label));
+        found
+    }
+
+    pub(super) fn words(&self, words: &[(String, String)]) -> Vec<Proposal> {
+        let is_plain =
+            |word: &str| word.parse::<f64>().is_ok() || word == "true" || word == "false";
+        let of = |(index, (word, doc)): (usize, &(String, String))| {
+            let insert = if is_plain(word) { word.clone() } else { self.quoted(word) };
+            Proposal { doc: doc.clone(), ..self.proposal(word, insert, Sort::Choice, index) }
+        };
+        words.iter().enumerate().map(of).collect()
+    }
+
+    pub(super) fn parameter_names(&self) -> Vec<Proposal> {
+        let of = |(index, it): (usize, &Declared)| Proposal {
+            detail: format!("{} {}", it.kind, it.of).trim_end().to_owned(),
+            ..self.proposal(&it.name.text, self.quoted(&it.name.text), Sort::Parameter, index)
+        };
+        self.scope.params.iter().enumerate().map(of).collect()
+    }
+
+    pub(super) fn expression(&self) -> Vec<Proposal> {
+        let mut found = self.parameter_names();
+        found.retain(|proposal| {
+            !proposal.detail.starts_with("Text") && !proposal.detail.starts_with("Color")
+        });
+        for name in Library::words_in("Expr") {
+            found.push(Proposal {
+                doc: Library::word("Expr", &name),
+                ..self.proposal(&name, format!("{name}($0)"), Sort::Value, 100 + found.len())
+            });
+        }
+        match is_text(self.cursor) {
+            true => found,
+            false => Vec::new(),
+        }
+    }
+
+    /// What a schema describes: its default, choices, units.
+    pub(super) fn described(&self, schema: &Json, root: &Json) -> Vec<Proposal> {
+        let mut found = Vec::new();
+        let default = schema.get("default").filter(|default| !default.is_null());
+        let default = default.map(|default| ron(default, schema, root));
+        let choices = variants(schema);
+        let described = schema["oneOf"].as_array().into_iter().flatten();
+        let described =
+            Vec::from_iter(described.map(|it| it["description"].as_str().unwrap_or_default()));
+        if is_text(self.cursor) {
+            let text = default.as_deref().and_then(|it| it.strip_prefix('"')?.strip_suffix('"'));
+            found.extend(text.map(|text| self.proposal(text, text.to_owned(), Sort::Value, 0)));
+            return found;
+        }
+        for (index, (name, content)) in choices.iter().enumerate() {
+            let insert = if content.is_some() { self.call(name) } else { name.clone() };
+            let doc = described.get(index).copied().unwrap_or_default().to_owned();
+            let is_default =
+                default.as_deref().is_some_and(|it| it.split('(').next() == Some(&name[..]));
+            let rank = if is_default { 0 } else { index + 1 };
+            let detail = content.as_ref().map_or_else(String::new, |content| takes(content, root));
+            found.push(Proposal { doc, detail, ..self.proposal(name, insert, Sort::Choice, rank) });
+        }
+        if schema["type"] == "boolean" {
+            for (rank, word) in ["true", "false"].into_iter().enumerate() {
+                found.push(self.proposal(word, word.to_owned(), Sort::Value, rank));
+            }
+        }
+        if let Some(default) = default.filter(|_| choices.is_empty()) {
+            let proposal = self.proposal(&default, default.clone(), Sort::Value, 0);
+            found.push(Proposal { detail: "default".into(), ..proposal });
+        }
+        if schema.get("properties").is_some() && !self.behind().starts_with('(') {
+            found.push(self.proposal("(..)", "($0)".into(), Sort::Value, 1));
+        }
+        if let Some(own) = schema["unit"].as_str().and_then(Unit::read) {
+            let fitting =
+                unit_names().filter(|name| Unit::named(name).is_some_and(|unit| unit.is_like(own)));
+            for (index, unit) in fitting.enumerate() {
+                found.push(self.proposal(unit, self.call(unit), Sort::Unit, 30 + index));
+            }
+        }
+        found
+    }
+
+    /// What stands for a value: parameters that fit, an expression, a draft.
+    pub(super) fn computed(&self, slot: &Slot) -> Vec<Proposal> {
+        let schema = match slot {
+            Slot::Value { schema, .. } => Some(&**schema),
+            _ => None,
+        };
+        let is_number =
+            schema.is_none_or(|it| matches!(it["type"].as_str(), Some("number" | "integer")));
+        let kind = |it: &Declared| match &it.kind[..] {
+            "Number" | "Integer" => is_number && schema.is_some(),
+            "Text" => {
+                matches!(slot, Slot::Path(_)) || schema.is_some_and(|it| it["type"] == "string")
+            }
+            "Color" => schema.is_some_and(|it| it["format"] == "color"),
+            "Toggle" => schema.is_some_and(|it| it["type"] == "boolean"),
+            "Choice" => schema.is_some_and(|it| !variants(it).is_empty()),
+            _ => schema.is_some_and(|it| it["type"] == "array"),
+        };
+        let unit = schema.and_then(|schema| schema["unit"].as_str()).unwrap_or_default();
+        let mut found = Vec::new();
+        for it in self.scope.params.iter().filter(|it| kind(it)) {
+            let rank = 5 + found.len() + if it.of == unit { 0 } else { 10 };
+            let label = format!("Param(\"{}\")", it.name.text);
+            let proposal = self.proposal(&label, label.clone(), Sort::Parameter, rank);
+            found.push(Proposal { detail: format!("{} {}", it.kind, it.of), ..proposal });
+        }
+        if self.behind().starts_with('(') {
+            let words = ["Param", "Expr", "Draft"].into_iter().enumerate();
+            found.extend(
+                words.map(|(index, word)| {
+                    self.proposal(word, word.into(), Sort::Keyword, 40 + index)
+                }),
+            );
+            return found;
+        }
+        if is_number && schema.is_some() {
+            found.push(self.proposal("Expr", "Expr(\"$0\")".into(), Sort::Keyword, 40));
+        }
+        let words = [("Param", "Param(\"$0\")"), ("Draft", "Draft(final: $0, draft: )")];
+        found.extend(
+            words.map(|(word, insert)| self.proposal(word, insert.into(), Sort::Keyword, 41)),
+        );
+        found
+    }
+
+    /// Files beside the text with one of these endings, and folders.
+    pub(super) fn files(&self, endings: &[String]) -> Vec<Proposal> {
+        let typed = match is_text(self.cursor) {
+            true => &self.text[self.cursor.typed.span.start..self.at],
+            false => "",
+        };
+        let (folder, _) = typed.rsplit_once('/').unwrap_or(("", typed));
+        let inside = self.library.path.with_file_name("").join(folder);
+        let fits = |name: &str| {
+            let ending = Path::new(name).extension().map(|it| it.to_string_lossy().to_lowercase());
+            endings.is_empty() || ending.is_some_and(|ending| endings.contains(&ending))
+        };
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(inside).into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let is_folder = entry.path().is_dir();
+            let is_own = entry.path() == self.library.path;
+            if name.starts_with('.') || is_own || !(is_folder || fits(&name)) {
+                continue;
+            }
+            let slash = if is_folder { "/" } else { "" };
+            let gap = if folder.is_empty() { "" } else { "/" };
+            names.push((is_folder, format!("{folder}{gap}{name}{slash}")));
+        }
+        names.sort();
+        let file = |(index, (is_folder, name)): (usize, (bool, String))| {
+            let rank = index + 1000 * usize::from(is_folder);
+            self.proposal(&name, self.quoted(&name), Sort::File, rank)
+        };
+        names.into_iter().enumerate().map(file).collect()
+    }
+}
+
+/// `Mask -> Labels`: what a node takes and gives.
+fn gives(kind: &NodeKind) -> String {
+    let fields = fields_of(&kind.schema, &kind.schema);
+    let takes = fields.iter().filter(|field| field.required);
+    let takes = takes.filter_map(|field| match &field.slot {
+        Slot::Link(types) => Some(types.join(" or ")),
+        Slot::List(_) => Some(field.takes.clone()),
+        _ => None,
+    });
+    let takes = Vec::from_iter(takes).join(", ");
+    let gives = kind.outputs.iter().map(|(_, types)| types.join(" or "));
+    let gives = Vec::from_iter(gives).join(", ");
+    if takes.is_empty() { gives } else { format!("{takes} -> {gives}") }
+}

@@ -1,0 +1,137 @@
+//! What is proposed while somebody writes.
+
+use super::editor::Editor;
+use super::{GRAPHS, face, files};
+
+#[test]
+fn completion_proposes_what_fits() {
+    let place = face();
+    let path = place.path("new.ron");
+    let mut editor = place.editor();
+    // What has been written, where, what is among the first five, and what is not there.
+    let check = |editor: &mut Editor, text: &str, wanted: &[&str], not: &[&str]| {
+        editor.open(&path, text);
+        let found = editor.proposed(&path, text, text);
+        let first = Vec::from_iter(found.iter().take(5).map(String::as_str));
+        for wanted in wanted {
+            assert!(first.contains(wanted), "{wanted} in {found:?} behind {text}");
+        }
+        for not in not {
+            assert!(!found.iter().any(|it| it == not), "{not} in {found:?} behind {text}");
+        }
+    };
+    let e = &mut editor;
+    check(e, "Gr", &["Graph"], &[]);
+    check(e, "Graph(", &["format", "nodes", "outputs"], &[]);
+    check(e, "Graph(format: ", &["1"], &[]);
+    check(e, "Graph(format: 1, ", &["nodes", "outputs"], &["format"]);
+    check(e, "Graph(use: { \"Nose\": \"", &["lib/", "face.ron"], &["ball.obj"]);
+    check(e, "Graph(use: { \"Nose\": \"lib/", &["lib/nose.ron"], &[]);
+    check(e, "Graph(inputs: { \"a\": Me", &["Mesh"], &[]);
+    check(e, "Graph(inputs: { \"a\": Mesh(wants: [Clo", &["Closed"], &[]);
+    check(e, "Graph(params: { \"a\": Nu", &["Number"], &[]);
+    check(e, "Graph(params: { \"a\": Number(", &["default", "min", "max", "unit"], &["of"]);
+    check(e, "Graph(params: { \"a\": Number(unit: \"", &["mm", "deg"], &[]);
+    check(e, "Graph(nodes: { \"a\": Thre", &["Threshold"], &[]);
+    let head = "Graph(use: { \"Nose\": \"lib/nose.ron\" }, params: { \"growth\": Number(default: 1.0, unit: \"mm\"), \"hue\": Color(default: \"#ffffff\") }, nodes: { \"scan\": ReadCapture(color: \"a.png\"), \"ball\": ReadMesh(path: \"ball.obj\"), ";
+    let check = |editor: &mut Editor, rest: &str, wanted: &[&str], not: &[&str]| {
+        check(editor, &format!("{head}{rest}"), wanted, not);
+    };
+    check(e, "\"a\": ", &["Nose", "Subdivide"], &[]);
+    check(e, "\"a\": Nose(", &["mesh", "lift"], &[]);
+    check(e, "\"a\": Nose(mesh: ", &["ball"], &["scan.color", "a"]);
+    check(e, "\"a\": Nose(mesh: \"", &["ball"], &["scan.color", "a"]);
+    check(e, "\"a\": Nose(lift: ", &["1.0", "Param(\"growth\")", "mm"], &["Param(\"hue\")", "deg"]);
+    check(e, "\"a\": Nose(lift: Param(\"", &["growth"], &[]);
+    check(e, "\"a\": Nose(lift: Expr(\"2 * gr", &["growth"], &[]);
+    check(e, "\"a\": ReadMesh(path: \"", &["ball.obj"], &["face.ron"]);
+    check(e, "\"a\": ReadMesh(", &["path", "unit"], &[]);
+    check(
+        e,
+        "\"a\": Subdivide(mesh: \"ball\", scheme: ",
+        &["Loop", "CatmullClark", "DooSabin"],
+        &[],
+    );
+    check(e, "\"a\": Subdivide(mesh: \"ball\", limit: ", &["true", "false"], &[]);
+    check(e, "\"a\": Threshold(image: \"", &["scan.color"], &["ball", "scan.range"]);
+    check(e, "\"a\": Threshold(image: \"scan.color\", ", &["select"], &["image"]);
+    check(e, "\"a\": Threshold(image: \"scan.color\", select: Near(", &["color", "distance"], &[]);
+    check(
+        e,
+        "\"a\": Threshold(image: \"scan.color\", select: Near(color: ",
+        &["Param(\"hue\")"],
+        &["Param(\"growth\")"],
+    );
+    check(e, "\"a\": Merge(meshes: [\"", &["ball"], &["scan.color"]);
+    check(e, "\"a\": ForEach(", &["graph", "over", "with"], &[]);
+    check(e, "\"a\": ForEach(graph: \"", &["Nose"], &[]);
+    check(e, "\"a\": ForEach(graph: \"Nose\", over: [(", &["lift"], &["path"]);
+    check(e, "\"a\": ForEach(graph: \"Nose\", each: \"", &["mesh"], &["lift"]);
+    check(e, "\"a\": Switch(cases: { \"one\": \"", &["ball", "scan.color"], &[]);
+    check(e, "\"a\": Nose(mesh: \"ball\") }, outputs: { \"x.ply\": \"", &["a"], &[]);
+    check(e, "}, outputs: { \"x.ply\": \"ball\" }, expect: [Clo", &["Closed"], &[]);
+    check(e, "}, outputs: { \"x.ply\": \"ball\" }, expect: [Closed(\"", &["x.ply", "ball"], &[]);
+    check(
+        e,
+        "}, outputs: { \"x.ply\": \"ball\" }, expect: [Count(of: \"ball\", ",
+        &["what"],
+        &["of"],
+    );
+    let check = |editor: &mut Editor, text: &str, wanted: &[&str]| {
+        editor.open(&path, text);
+        let found = editor.proposed(&path, text, text);
+        wanted.iter().for_each(|wanted| {
+            assert!(
+                found.iter().take(5).any(|it| it == wanted),
+                "{wanted} in {found:?} behind {text}"
+            );
+        });
+    };
+    check(e, "Patch(format: 1, of: \"face.ron\", params: { \"", &["growth"]);
+    check(e, "Patch(format: 1, of: \"face.ron\", nodes: { \"sm", &["smooth"]);
+    check(e, "Patch(format: 1, of: \"face.ron\", nodes: { \"smooth\": (", &["levels", "scheme"]);
+    check(e, "Patch(format: 1, of: \"face.ron\", nodes: { \"nose\": (li", &["lift"]);
+    check(e, "Test(graph: \"", &["face.ron"]);
+    check(e, "Test(graph: \"face.ron\", cases: { \"a\": (set: { \"gr", &["growth"]);
+    check(e, "Test(graph: \"face.ron\", cases: { \"a\": (set: { \"smooth.le", &["smooth.levels"]);
+    check(e, "Test(graph: \"face.ron\", compare: { \"", &["face.ply"]);
+    check(e, "Test(graph: \"face.ron\", compare: { \"face.ply\": Mesh(ma", &["max"]);
+}
+
+#[test]
+fn completion_bears_every_cut() {
+    let mut texts = Vec::new();
+    files(&std::fs::canonicalize(GRAPHS).unwrap(), &mut texts);
+    let place = face();
+    let mut editor = place.editor();
+    let (mut asked, mut met, mut named) = (0, 0, 0);
+    for path in
+        texts.iter().filter(|path| !path.to_string_lossy().contains("/nodes/")).step_by(7).take(20)
+    {
+        let text = std::fs::read_to_string(path).unwrap();
+        for at in (0..text.len()).filter(|&at| text.is_char_boundary(at)).step_by(3) {
+            let cut = &text[..at];
+            editor.open(path, cut);
+            let found = editor.proposed(path, cut, cut);
+            asked += 1;
+            // The word that is being written is among the first five once half of it is there.
+            let typed =
+                cut.chars().rev().take_while(|c| c.is_alphanumeric() || "-_.".contains(*c)).count();
+            let rest = text[at..]
+                .chars()
+                .take_while(|c| c.is_alphanumeric() || "-_.".contains(*c))
+                .count();
+            let word = &text[at - typed.min(at)
+                ..at + text[at..].chars().take(rest).map(char::len_utf8).sum::<usize>()];
+            if typed < 2 || rest == 0 || rest > typed || found.is_empty() {
+                continue;
+            }
+            named += 1;
+            met += usize::from(
+                found.iter().take(5).any(|it| it.starts_with(word) || it.contains(word)),
+            );
+        }
+    }
+    assert!(asked > 5_000, "{asked}");
+    assert!(named > 500 && 100 * met >= 97 * named, "{met} of {named}");
+}
