@@ -71,7 +71,7 @@ fn mistakes_are_reported_where_they_stand() {
         graph.ron:3:33-36 G009 parameter `far` wants a number, not the text "x"
         graph.ron:4:79-88 G013 there is no file `dll.obj` (did you mean `doll.obj`?)
         graph.ron:4:57-61 G010 field `step` of Moved is 40 mm, but must be at least 0 and at most 10 mm
-        graph.ron:4:48-51 G004 Moved has no field `stp` (did you mean `step`?)
+        graph.ron:4:41-44 G004 Moved has no field `stp` (did you mean `step`?)
         graph.ron:3:15-19 G007 `fr`: the graph has no parameter `fr` (did you mean `far`?)
         graph.ron:4:14-18 G007 `ot.step`: the graph has no node `ot` (did you mean `out`?)
         graph.ron:4:96-97 G009 a patch of `a` is a group of fields, not the number 5 (write `(field: value, ..)`)
