@@ -101,9 +101,9 @@ export class Editor {
     await until(async () => {
       await this.page.keyboard.press("F1");
       await words.fill(`>${name}`, { timeout: 1000 });
+      await this.page.locator(`.quick-input-list .monaco-list-row[aria-label^="${name}"]`).first().click({ timeout: 2000 });
       return true;
     });
-    await this.page.locator(`.quick-input-list .monaco-list-row[aria-label^="${name}"]`).first().click();
   }
 
   /** Opens a file of the project. @param {string} name */
