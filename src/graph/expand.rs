@@ -295,7 +295,7 @@ impl<'a> Expansion<'_, 'a> {
         if self.count == MOST + 1 {
             self.checked(definition, scope, |check| {
                 let message = format!("the graph has more than {MOST} nodes");
-                let help = "use fewer graphs in each other";
+                let help = "use fewer graphs in each other, or go over fewer elements";
                 check.find(code::CYCLE, draft.name.span, message, help);
             });
         }
@@ -478,7 +478,8 @@ impl<'a> Expansion<'_, 'a> {
                 let help = check.guess(|| branches.meant(&word));
                 check.find(code::WRONG_VALUE, chosen.span, message, help);
             };
-            case.map_err(wrong)
+            // What is wrong with a default is told where it stands.
+            if chosen.is_broken() { Err(()) } else { case.map_err(wrong) }
         });
         let Ok(case) = chosen else { return Vec::new() };
         let given = linked(draft, case, values);
