@@ -15,7 +15,7 @@ use super::{Exit, GraphOptions, in_bytes, print, print_document, print_json, rep
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem, code};
 use crate::format::png;
-use crate::graph::{Asked, Broken, ELEMENTS, Graph};
+use crate::graph::{Asked, Broken, ELEMENTS, Graph, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
 use crate::plain::ending;
@@ -147,6 +147,14 @@ impl Inspect {
             .filter_map(|(name, target)| Some((&name[..], finished.value_at(*target)?)));
         let found = Vec::from_iter(found);
         let node = self.node.split_once('.').map_or(&self.node[..], |(node, _)| node);
+        let node = self.file(&graph).map_or(node, |file| &graph.nodes[file.node].name);
+        if outputs.is_empty() && !self.json {
+            if self.out.is_some() {
+                return Exit::Usage(format!("`{node}` is a list of 0: there is no value to write"));
+            }
+            print(&format!("{node}: a list of 0\n"));
+            return Exit::Done;
+        }
         let found = match self.asked(node, found) {
             Ok(found) => found,
             Err(why) => return Exit::Usage(why),
@@ -225,8 +233,21 @@ impl Inspect {
         if answering.is_empty() { Err(probe::no_answer(node, &found, at)) } else { Ok(answering) }
     }
 
+    /// The output file that is meant, if its name means nothing else.
+    fn file<'g>(&self, graph: &'g Graph) -> Option<&'g GraphOutput> {
+        let (name, output) = self.node.split_once('.')?;
+        let mut used = graph.uses.iter().filter(|given| given.name == name);
+        let is_value = graph.find(name).is_some_and(|it| graph.nodes[it].outputs.contains(&output))
+            || used.any(|given| given.outputs.iter().any(|(known, _)| known == output));
+        graph.outputs.iter().find(|file| file.name == self.node && !is_value)
+    }
+
     /// The outputs that are meant, by name, each with its node and place there.
     fn find(&self, graph: &Graph) -> Result<Vec<Found>, String> {
+        if let Some(GraphOutput { node, output, .. }) = self.file(graph) {
+            let name = graph.nodes[*node].outputs[*output].to_owned();
+            return Ok(vec![(name, (*node, *output))]);
+        }
         let (name, output) = match self.node.split_once('.') {
             Some((name, output)) => (name, Some(output)),
             None => (&self.node[..], None),

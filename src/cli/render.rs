@@ -57,9 +57,13 @@ pub(super) struct Render {
 const LARGEST: usize = 1 << 14;
 
 pub(super) fn size(text: &str) -> Result<[usize; 2], String> {
-    let parse = |part: &str| part.trim().parse().ok().filter(|size| (1..=LARGEST).contains(size));
-    let (width, height) = text.split_once('x').ok_or("write WIDTHxHEIGHT")?;
-    parse(width).zip(parse(height)).map(|(w, h)| [w, h]).ok_or_else(|| "write WIDTHxHEIGHT".into())
+    let parse = |part: &str| part.trim().parse::<usize>().ok();
+    let parts = text.split_once('x').and_then(|(width, height)| parse(width).zip(parse(height)));
+    let (width, height) = parts.ok_or("write WIDTHxHEIGHT")?;
+    match [width, height].iter().all(|size| (1..=LARGEST).contains(size)) {
+        true => Ok([width, height]),
+        false => Err(format!("a picture has 1 to {LARGEST} pixels each way")),
+    }
 }
 
 /// A place in space or a name.

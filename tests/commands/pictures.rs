@@ -143,6 +143,7 @@ fn what_cannot_be_seen_is_refused_with_what_to_do() {
         (render("model", &["--at", "noose"]), "no output or node `noose`; did you mean `nose`?"),
         (render("model", &["--at", "red"]), "`red` gives a Mask, which lies nowhere in space"),
         (render("model", &["--at", "3,4"]), "write X,Y,Z for a place, or NODE"),
+        (render("model", &["--size", "20000x20000"]), "a picture has 1 to 16384 pixels each way"),
         (render("red", &["--camera", "3,4"]), "a Mask is a flat picture, which lies nowhere"),
         (render("red", &["--over", "scan.colour"]), "no output `colour`; did you mean `color`?"),
         (render("red", &["--over", "nose"]), "`nose` gives no Image"),

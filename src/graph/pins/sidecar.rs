@@ -37,7 +37,10 @@ impl Pins {
         let (tree, mistakes) = parse(&none.source.text);
         let mistakes = syntax_problems(&name, &none.source.text, mistakes);
         if let Some(mistake) = mistakes.into_iter().next() {
-            return Err(wrong(mistake.span, mistake.message));
+            let known = wrong(mistake.span, mistake.message);
+            // What a merge left, say, is put right without losing all pins.
+            let help = if mistake.help.is_empty() { known.help.clone() } else { mistake.help };
+            return Err(Box::new(Problem { help, ..*known }));
         }
         let pins = read_pins(&tree).map_err(|(span, message)| wrong(span, message))?;
         Ok(Self { pins, ..none })

@@ -121,3 +121,15 @@ fn a_watch_runs_what_is_new_when_the_data_change() {
     assert_eq!(watch.run().done["ok"], true);
     project.assert_outputs_are_right();
 }
+
+#[test]
+fn an_output_is_inspected_by_its_name_and_no_elements_are_a_list_of_0() {
+    let project = project(3);
+    let told = said(&project, &["inspect", "doll.ron", "second.xyz"]);
+    assert!(told.starts_with("second.") && told.contains(": Points"), "{told}");
+    let each =
+        "\"none\": ForEach(graph: \"Transform\", over: Param(\"n\"), links: (mesh: \"cloud\")),";
+    let none = format!("params: {{ \"n\": Integer(default: 0) }}, nodes: {{ {each}");
+    project.save(&GRAPH.replace("nodes: {", &none));
+    assert_eq!(said(&project, &["inspect", "doll.ron", "none"]), "none: a list of 0\n");
+}

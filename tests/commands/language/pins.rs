@@ -271,6 +271,11 @@ fn a_file_of_pins_that_is_none_is_an_error_at_its_place() {
         ("Pins(format: 1)", "a file of pins needs a map `pins`"),
         ("Pins(format: 1, pins: {", "doll.pins.ron:1:"),
         ("", "doll.pins.ron"),
+        // Taking the file away would lose the pins of both sides.
+        (
+            "<<<<<<< a\nPins(format: 1, pins: {})\n=======\nPins()\n>>>>>>> b\n",
+            "keep one side of each conflict",
+        ),
     ] {
         std::fs::write(project.folder().join("doll.pins.ron"), text).unwrap();
         for words in [&RUN[..], &["unpin", "doll.ron", "skin"], &["pin", "doll.ron", "skin"]] {
