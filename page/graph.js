@@ -24,7 +24,10 @@ export class Graph {
     this.boxes = new Map();
     /** @type {Map<string, SVGGElement>} */
     this.parts = new Map();
-    /** The names of boxes that something is linked to. */
+    /**
+     * The names of boxes that something is linked to.
+     * @type {Set<string>}
+     */
     this.used = new Set();
     this.drawn = "";
   }
