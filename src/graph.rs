@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::error::{Problem, Severity, Source, Span, Use};
 use crate::node::AnyNode;
 use crate::pack::Format;
+use crate::paths::without_dots;
 use crate::plain;
 use crate::reading::Readers;
 use crate::text::{Origin, Sheet, Tree, ron};
@@ -29,10 +30,12 @@ mod expand;
 mod expectation;
 mod expected;
 mod expression;
+mod extract;
 mod fitting;
 mod fix;
 mod format;
 mod guards;
+mod inline;
 mod input;
 mod lineage;
 mod link;
@@ -42,6 +45,7 @@ mod meaning;
 mod merge;
 mod migrate;
 mod minimal;
+mod moved;
 mod needs;
 mod node;
 #[cfg(feature = "cli")]
@@ -71,6 +75,7 @@ pub(crate) use difference::{in_short, parameter_difference, parameter_name};
 pub use edit::{Edit, Edited, Put};
 pub(crate) use expectation::Expectation;
 pub(crate) use expected::Expected;
+pub use extract::{Extracted, Extraction};
 pub(crate) use guards::{Guard, Wanter};
 pub(crate) use input::INPUT;
 pub use input::{GraphInput, GraphPort, InputValues};
@@ -223,15 +228,20 @@ impl Options {
 
     /// The text of a graph's file, or the one that stands in its place.
     pub(crate) fn text(&self, path: &Path) -> std::io::Result<String> {
-        match self.texts.get(path) {
+        match self.unsaved(path) {
             Some(text) => Ok(text.clone()),
             None => plain::read_text(path),
         }
     }
 
+    fn unsaved(&self, path: &Path) -> Option<&String> {
+        // Graphs in other folders name it with dots.
+        self.texts.get(path).or_else(|| self.texts.get(&without_dots(path)))
+    }
+
     /// Whether a text stands in place of the file.
     pub(crate) fn has_text(&self, path: &Path) -> bool {
-        self.texts.contains_key(path)
+        self.unsaved(path).is_some()
     }
 }
 

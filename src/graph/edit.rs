@@ -19,10 +19,14 @@ mod references;
 mod splice;
 mod structure;
 
-pub(super) use place::{Refusal, place};
-pub(super) use references::References;
-pub(super) use splice::{Splice, added, apply, opened, parts, quoted, without};
+pub(super) use place::{Refusal, field, place};
+pub(super) use references::{Names, References};
+pub(super) use splice::{
+    Splice, Tail, added, apply, behind, indent_of, newline, opened, parts, put_entry, quoted,
+    reindented, without, without_blank_lines,
+};
 use structure::Structure;
+pub(super) use structure::may_name;
 
 /// One edit of a graph.
 ///
@@ -194,10 +198,10 @@ pub(super) fn renamed_in(
 }
 
 /// Edits a text and judges what comes of it.
-struct Judge<'a> {
-    path: &'a Path,
-    catalog: &'a Catalog,
-    options: &'a Options,
+pub(super) struct Judge<'a> {
+    pub(super) path: &'a Path,
+    pub(super) catalog: &'a Catalog,
+    pub(super) options: &'a Options,
 }
 
 impl Judge<'_> {
@@ -245,7 +249,7 @@ impl Judge<'_> {
     }
 
     /// The text after the edits, with these spellings of their values; nothing is judged yet.
-    fn done<'s>(
+    pub(super) fn done<'s>(
         &self,
         text: &str,
         edits: &[Edit],
@@ -282,7 +286,7 @@ impl Judge<'_> {
     }
 
     /// The problems of a text, except for files that are not there.
-    fn problems(&self, text: &str) -> Vec<Problem> {
+    pub(super) fn problems(&self, text: &str) -> Vec<Problem> {
         let check = |files| {
             let options = Options { files, ..self.options.clone() };
             load_text(self.path, text.to_owned(), self.catalog, &options).problems
@@ -297,7 +301,7 @@ impl Judge<'_> {
         problems
     }
 
-    fn refused(&self, text: &str, refusal: Refusal) -> Problem {
+    pub(super) fn refused(&self, text: &str, refusal: Refusal) -> Problem {
         let source = Arc::new(Source { name: self.path.to_owned(), text: text.to_owned() });
         let Refusal { code, span, message, help } = refusal;
         Problem { help, ..Problem::new(Severity::Error, code, (source, span), message) }

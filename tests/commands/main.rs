@@ -8,6 +8,7 @@ mod doctor;
 mod faults;
 mod hands;
 mod language;
+mod moves;
 mod nothing_is_lost;
 mod page;
 mod pictures;
