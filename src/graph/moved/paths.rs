@@ -1,13 +1,15 @@
 //! Paths in a text that goes to another folder.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::Known;
 use crate::error::Span;
 use crate::graph::definition::Definition;
 use crate::graph::draft::{Draft, What};
 use crate::graph::edit::{Splice, field, quoted};
+use crate::graph::quality::side;
 use crate::paths::without_dots;
 use crate::text::{Origin, Tree, Walk, parse};
 
@@ -50,7 +52,19 @@ pub(in crate::graph) fn path_of_use(value: &Tree) -> Option<&Tree> {
 impl Known {
     /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
     pub(in crate::graph) fn files(&self) -> BTreeSet<Span> {
-        files(self.definition())
+        let mut files = Files::default().of(self.definition());
+        for (_, declaration) in self.entries("params") {
+            let Some(default) = field(declaration, "default").map(|field| &field.value) else {
+                continue;
+            };
+            // Of a `Draft` both sides are.
+            let is_in = |at: &Span| default.span.start <= at.start && at.end <= default.span.end;
+            if files.iter().any(is_in) {
+                let sides = [false, true].into_iter().filter_map(|draft| side(default, draft));
+                files.extend(sides.map(|side| side.span));
+            }
+        }
+        files
     }
 
     /// The edits of paths in these places that lead to the same files from another folder.
@@ -69,40 +83,50 @@ impl Known {
     }
 }
 
-fn files(definition: &Definition) -> BTreeSet<Span> {
-    definition.drafts.iter().flat_map(|draft| files_of(definition, draft)).collect()
-}
+/// Finds texts that are paths of files; each graph that others use is looked at once.
+#[derive(Default)]
+struct Files(HashMap<*const Definition, BTreeSet<Span>>);
 
-/// The places of texts that name files for a draft.
-fn files_of(definition: &Definition, draft: &Draft) -> Vec<Span> {
-    let mut found = Vec::new();
-    let sides = [definition.defaults.clone(), definition.defaults.of_other_side()];
-    for values in sides {
-        let Some(schema) = draft.what.schema() else { continue };
-        let tree = values.fitted(&draft.tree, draft.what.kind(), schema, &mut Vec::new());
-        let mut walk = Walk {
-            node: draft.what.kind(),
-            root: schema,
-            sheet: None,
-            findings: Vec::new(),
-            links: Vec::new(),
-            files: Vec::new(),
-        };
-        walk.node(&tree);
-        found.extend(walk.files.into_iter().filter(|file| file.from.is_none()).map(|it| it.at));
-        if let What::Use(_, graph) = &draft.what {
-            // A text that goes on to where a file is named.
-            let inside = files(graph);
-            let is_file = |name: &str| {
-                let mut declared = graph.declared.iter();
-                declared.any(|it| it.name == name && holds_one(&it.default, &inside))
-            };
-            let fields = tree.fields().unwrap_or_default().iter();
-            let given = fields.filter(|field| is_file(&field.name.text)).map(|field| &field.value);
-            found.extend(given.filter(|value| value.text().is_some()).map(written_at));
-        }
+impl Files {
+    fn of(&mut self, definition: &Definition) -> BTreeSet<Span> {
+        let drafts = definition.drafts.iter();
+        drafts.flat_map(|draft| self.of_draft(definition, draft)).collect()
     }
-    found
+
+    fn of_draft(&mut self, definition: &Definition, draft: &Draft) -> Vec<Span> {
+        let Some(schema) = draft.what.schema() else { return Vec::new() };
+        let mut found = Vec::new();
+        for values in [definition.defaults.clone(), definition.defaults.of_other_side()] {
+            let tree = values.fitted(&draft.tree, draft.what.kind(), schema, &mut Vec::new());
+            let mut walk = Walk {
+                node: draft.what.kind(),
+                root: schema,
+                sheet: None,
+                findings: Vec::new(),
+                links: Vec::new(),
+                files: Vec::new(),
+            };
+            walk.node(&tree);
+            found.extend(walk.files.into_iter().map(|file| file.at));
+            let What::Use(_, graph) = &draft.what else { continue };
+            let fields = tree.fields().unwrap_or_default().iter();
+            let texts = fields.filter(|field| field.value.text().is_some());
+            let files = texts.filter(|field| self.takes_file(graph, &field.name.text));
+            found.extend(files.map(|field| written_at(&field.value)));
+        }
+        found
+    }
+
+    /// Whether what a graph's parameter is given goes on to where a file is named.
+    fn takes_file(&mut self, graph: &Arc<Definition>, parameter: &str) -> bool {
+        let known = Arc::as_ptr(graph);
+        if !self.0.contains_key(&known) {
+            let inside = self.of(graph);
+            self.0.insert(known, inside);
+        }
+        let declared = graph.declared.iter().find(|declared| declared.name == parameter);
+        declared.is_some_and(|it| self.0[&known].contains(&written_at(&it.default)))
+    }
 }
 
 /// Where a value is written in its own file: itself, or the default of the parameter that it comes from.
@@ -111,8 +135,4 @@ fn written_at(value: &Tree) -> Span {
         Some(Origin::Default(at)) => at,
         _ => value.span,
     }
-}
-
-fn holds_one(default: &Tree, files: &BTreeSet<Span>) -> bool {
-    files.contains(&written_at(default))
 }

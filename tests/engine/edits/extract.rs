@@ -16,7 +16,15 @@ fn wish(nodes: &[&str], to: &str) -> Extraction {
 }
 
 fn extract(text: &str, extraction: &Extraction) -> Result<Extracted, String> {
-    let done = Graph::extract(Path::new(HERE), text, extraction, catalog(), &Options::default());
+    extract_with(text, extraction, &Options::default())
+}
+
+fn extract_with(
+    text: &str,
+    extraction: &Extraction,
+    options: &Options,
+) -> Result<Extracted, String> {
+    let done = Graph::extract(Path::new(HERE), text, extraction, catalog(), options);
     done.map_err(|problems| told(&problems))
 }
 
@@ -83,24 +91,10 @@ fn with_skin() -> Options {
 
 #[test]
 fn nodes_go_with_their_comments_and_what_they_need() {
-    let done = Graph::extract(
-        Path::new(HERE),
-        &scan(),
-        &wish(&["red", "spots", "raised"], "nowhere/lib/mark.ron"),
-        catalog(),
-        &with_skin(),
-    );
-    expect!["G008 graph.ron:20:9 `spot` stands between the nodes: it needs `red`, and `raised` needs it (extract `spot`, too, or leave one of them where it is)"]
-        .assert_eq(&told(&done.unwrap_err()));
-    let nodes = ["raised", "red", "spots", "spot", "net", "picture"];
-    let done = Graph::extract(
-        Path::new(HERE),
-        &scan(),
-        &wish(&nodes, "nowhere/lib/mark.ron"),
-        catalog(),
-        &with_skin(),
-    );
-    let done = done.unwrap_or_else(|problems| panic!("{}", told(&problems)));
+    let of =
+        |nodes: &[&str]| extract_with(&scan(), &wish(nodes, "nowhere/lib/mark.ron"), &with_skin());
+    expect!["G008 graph.ron:20:9 `spot` stands between the nodes: it needs `red`, and `raised` needs it (extract `spot`, too, or leave one of them where it is)"].assert_eq(&of(&["red", "spots", "raised"]).unwrap_err());
+    let done = of(&["raised", "red", "spots", "spot", "net", "picture"]).unwrap();
     assert_eq!((&done.kind[..], &done.name[..]), ("Mark", "mark"));
     assert_eq!(done.edited.before, scan());
     expect![[r##"
@@ -156,7 +150,7 @@ fn nodes_go_with_their_comments_and_what_they_need() {
 fn a_use_goes_along_with_its_type_and_comes_back() {
     let mut wanted = wish(&["skin"], "nowhere/lib/all.ron");
     wanted.name = Some("whole".into());
-    let done = Graph::extract(Path::new(HERE), &scan(), &wanted, catalog(), &with_skin()).unwrap();
+    let done = extract_with(&scan(), &wanted, &with_skin()).unwrap();
     expect![[r#"
         Graph(
             format: 1,
@@ -183,16 +177,99 @@ fn a_use_goes_along_with_its_type_and_comes_back() {
 }
 
 #[test]
-fn lines_end_as_they_do_in_the_graph() {
-    let text = scan().replace('\n', "\r\n");
+fn lines_end_and_begin_as_they_do_in_the_graph() {
     let wanted = wish(&["red", "spots"], "nowhere/mark.ron");
-    let windows = Graph::extract(Path::new(HERE), &text, &wanted, catalog(), &with_skin()).unwrap();
-    let unix = Graph::extract(Path::new(HERE), &scan(), &wanted, catalog(), &with_skin()).unwrap();
-    assert_eq!(windows.edited.text, unix.edited.text.replace('\n', "\r\n"));
-    assert_eq!(windows.text, unix.text.replace('\n', "\r\n"));
-    let options = with_skin().with_text("nowhere/mark.ron", &windows.text[..]);
-    let back = Graph::inline(Path::new(HERE), &windows.edited.text, "mark", catalog(), &options);
-    assert_eq!(back.unwrap().text, text);
+    let of = |text: &str| {
+        let done = extract_with(text, &wanted, &with_skin()).unwrap();
+        let options = with_skin().with_text("nowhere/mark.ron", &done.text[..]);
+        let new = &done.edited.text;
+        let back = Graph::inline(Path::new(HERE), new, "mark", catalog(), &options).unwrap();
+        assert_eq!(back.text, text);
+        (done.edited.text, done.text)
+    };
+    let (graph, new) = of(&scan());
+    let windows = |text: &str| text.replace('\n', "\r\n");
+    assert_eq!(of(&windows(&scan())), (windows(&graph), windows(&new)));
+    let tabs = |text: &str| text.replace("    ", "\t");
+    assert_eq!(of(&tabs(&scan())), (tabs(&graph), new));
+}
+
+#[test]
+fn paths_lead_to_the_same_files_whatever_they_go_through() {
+    let through = r#"Graph(
+    format: 1,
+    inputs: {},
+    params: { "from": Text(default: "c.obj"), "word": Text(default: "d.obj") },
+    nodes: { "in": Read(file: Param("from")), "two": Switch(cases: { "d.obj": "in", "e.obj": "in" }, choose: Param("word")) },
+    use: { "Read": "read.ron" },
+    outputs: { "mesh": "two" },
+)
+"#;
+    let read = r#"Graph(
+    format: 1,
+    inputs: {},
+    params: { "file": Text(default: Draft(final: "a.obj", draft: "b.obj")) },
+    nodes: { "mesh": ReadMesh(path: Param("file")) },
+    outputs: { "mesh": "mesh" },
+)
+"#;
+    let text = r#"Graph(
+    format: 1,
+    use: { "Through": "through.ron" },
+    params: { "last": Text(default: Draft(final: "f.obj", draft: "sub/../g.obj")) },
+    nodes: {
+        "each": ForEach(graph: "ReadMesh", over: [(path: "a.obj"), (path: "sub/b.obj")]),
+        "used": Through(from: "c.obj", word: "e.obj"),
+        "own": ReadMesh(path: Draft(final: "d.obj", draft: "e.obj")),
+        "given": Through(from: Param("last")),
+        "all": Merge(meshes: ["each/1", "each/2", "used", "own", "given"]),
+    },
+    outputs: { "all.ply": "all" },
+)
+"#;
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path().canonicalize().unwrap();
+    let path = folder.join("graph.ron");
+    let options = Options { files: Files::Ignored, ..Options::default() }
+        .with_text(folder.join("through.ron"), through)
+        .with_text(folder.join("read.ron"), read);
+    let nodes = ["each", "used", "own", "given", "all"];
+    let wanted = wish(&nodes, folder.join("sub/new.ron").to_str().unwrap());
+    let done = Graph::extract(&path, text, &wanted, catalog(), &options);
+    let done = done.unwrap_or_else(|problems| panic!("{}", told(&problems)));
+    expect![[r#"
+        Graph(
+            format: 1,
+            doc: "A part of graph.ron.",
+            use: { "Through": "../through.ron" },
+            inputs: {},
+            params: { "last": Text(default: Draft(final: "../f.obj", draft: "../g.obj")) },
+            nodes: {
+                "each": ForEach(graph: "ReadMesh", over: [(path: "../a.obj"), (path: "b.obj")]),
+                "used": Through(from: "../c.obj", word: "e.obj"),
+                "own": ReadMesh(path: Draft(final: "../d.obj", draft: "../e.obj")),
+                "given": Through(from: Param("last")),
+                "all": Merge(meshes: ["each/1", "each/2", "used", "own", "given"]),
+            },
+            outputs: { "all": "all" },
+        )
+    "#]]
+    .assert_eq(&done.text);
+    let options = options.with_text(&done.path, &done.text[..]);
+    let back = Graph::inline(&path, &done.edited.text, "new", catalog(), &options);
+    assert_eq!(back.map(|back| back.text).map_err(|problems| told(&problems)), Ok(text.to_owned()));
+    // With other values for its parameter, or none.
+    let other = done.edited.text.replace("Param(\"last\")", "\"other/x.obj\"");
+    let inlined = |text: &str| {
+        let done = Graph::inline(&path, text, "new", catalog(), &options);
+        let text = done.map(|edited| edited.text).unwrap_or_else(|problems| told(&problems));
+        text.lines().find(|line| line.contains("given\": ")).unwrap_or(&text).trim().to_owned()
+    };
+    let none = done.edited.text.replace("last: Param(\"last\")", "");
+    expect![[r#"
+        "given": Through(from: "other/x.obj"),
+        "given": Through(from: Draft(final: "f.obj", draft: "g.obj")),"#]]
+    .assert_eq(&format!("{}\n{}", inlined(&other), inlined(&none)));
 }
 
 #[test]
