@@ -303,21 +303,7 @@ impl Work<'_> {
         let paths = needed.iter().filter_map(|&at| path_of_use(&uses[at].1)).map(|it| it.span);
         let paths = self.paths(paths);
         let Some(map) = known.section("use") else {
-            let of_head = |name: &str| matches!(name, "format" | "version" | "doc" | "packs");
-            let fields = known.tree.fields().unwrap_or_default();
-            let head = fields.iter().rposition(|field| of_head(&field.name.text));
-            let value = format!("{{ {entry} }}");
-            return (
-                String::new(),
-                match head {
-                    Some(at) => {
-                        let places = parts(&known.tree);
-                        let before = at.checked_sub(1).map(|before| places[before].end);
-                        behind(text, known.tree.span, before, places[at], &format!("use: {value}"))
-                    }
-                    None => added(text, &known.tree, "use", &value),
-                },
-            );
+            return (String::new(), self.first_use(&entry));
         };
         let copies = needed.difference(&gone).map(|&at| parts(map)[at]);
         let copies = copies.map(|part| part_with(text, part, &paths) + ",\n");
@@ -328,6 +314,19 @@ impl Work<'_> {
             false => taken.splices,
         };
         (copies + &taken.text, splices)
+    }
+
+    /// The edits that give the graph its first entry of `use`: behind what stands at its head.
+    fn first_use(&self, entry: &str) -> Vec<Splice> {
+        let Known { text, tree, .. } = self.known;
+        let of_head = |name: &str| matches!(name, "format" | "version" | "doc" | "packs");
+        let fields = tree.fields().unwrap_or_default();
+        let Some(head) = fields.iter().rposition(|field| of_head(&field.name.text)) else {
+            return added(text, tree, "use", &format!("{{ {entry} }}"));
+        };
+        let places = parts(tree);
+        let before = head.checked_sub(1).map(|before| places[before].end);
+        behind(text, tree.span, before, places[head], &format!("use: {{ {entry} }}"))
     }
 
     /// The declaration of an input.
@@ -349,12 +348,8 @@ impl Work<'_> {
         let known = self.known;
         let mut splices = self.paths(known.files());
         let entries = known.entries("params");
-        let names = parameters.iter().zip(names);
-        splices.extend(
-            names
-                .filter(|(_, (old, new))| old != new)
-                .map(|(&at, (_, new))| (entries[at].0.span, quoted(new))),
-        );
+        let others = parameters.iter().zip(names).filter(|(_, (old, new))| old != new);
+        splices.extend(others.map(|(&at, (_, new))| (entries[at].0.span, quoted(new))));
         let entry = |&at: &usize| part_with(&known.text, whole(&entries[at]), &splices);
         parameters.iter().map(entry).collect()
     }

@@ -54,8 +54,9 @@ impl Graph {
         let own = inner.done(&graph.sheet.source.text, &edits, std::iter::empty())?.text;
         let inner_known = Known::read(&file, &own, catalog, &inside)?;
         let work = Work::of(&known, at, &inner_known, path, &file);
+        let named = Judge { path: &graph.sheet.source.name, ..inner };
         let new = work.done().map_err(|(is_inside, told)| match is_inside {
-            true => inner.refuse(&own, told),
+            true => named.refuse(&own, told),
             false => judge.refuse(text, told),
         })?;
         let problems = judge.problems(&new);
