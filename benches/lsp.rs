@@ -106,6 +106,8 @@ fn main() {
         "codeLens",
         "codeAction",
         "formatting",
+        "extract",
+        "inline",
     ] {
         measure(&mut editor, &text, method);
     }
@@ -137,16 +139,29 @@ fn measure(editor: &mut Editor, text: &str, method: &str) {
             "textDocument/didChange",
             json!({ "textDocument": version, "contentChanges": [{ "text": new }] }),
         );
-        let params = json!({
-            "textDocument": { "uri": editor.uri },
-            "position": if method == "completion" { json!({ "line": line, "character": 32 }) } else { place.clone() },
-            "range": if method == "inlayHint" { json!({ "start": { "line": 0, "character": 0 }, "end": { "line": 9999, "character": 0 } }) } else { json!({ "start": place, "end": end }) },
-            "context": { "includeDeclaration": true, "diagnostics": [], "triggerKind": 1 },
-            "newName": format!("m{index}"),
-            "options": { "tabSize": 4, "insertSpaces": true },
-        });
+        let (method, params) = match method {
+            "extract" => {
+                let nodes = [format!("n{node}"), format!("n{}", node + 1)];
+                resolved(&json!({ "extract": { "uri": editor.uri, "nodes": nodes } }))
+            }
+            "inline" => {
+                let used = format!("n{}", 10 + node / 10 % 49 * 10);
+                resolved(&json!({ "inline": { "uri": editor.uri, "node": used } }))
+            }
+            _ => (
+                format!("textDocument/{method}"),
+                json!({
+                    "textDocument": { "uri": editor.uri },
+                    "position": if method == "completion" { json!({ "line": line, "character": 32 }) } else { place.clone() },
+                    "range": if method == "inlayHint" { json!({ "start": { "line": 0, "character": 0 }, "end": { "line": 9999, "character": 0 } }) } else { json!({ "start": place, "end": end }) },
+                    "context": { "includeDeclaration": true, "diagnostics": [], "triggerKind": 1 },
+                    "newName": format!("m{index}"),
+                    "options": { "tabSize": 4, "insertSpaces": true },
+                }),
+            ),
+        };
         let start = Instant::now();
-        let answer = editor.ask(&format!("textDocument/{method}"), params);
+        let answer = editor.ask(&method, params);
         times.push(start.elapsed().as_secs_f64() * 1e3);
         assert!(!answer.is_null(), "{method}");
     }
@@ -156,4 +171,9 @@ fn measure(editor: &mut Editor, text: &str, method: &str) {
         times[TIMES / 2],
         times[TIMES * 95 / 100]
     );
+}
+
+/// An action is chosen.
+fn resolved(data: &Json) -> (String, Json) {
+    ("codeAction/resolve".into(), json!({ "title": "", "data": data }))
 }

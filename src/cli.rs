@@ -27,10 +27,12 @@ mod diff;
 mod draw;
 mod edit;
 mod events;
+mod extract;
 mod files;
 mod fmt;
 mod gallery;
 mod help;
+mod inline;
 mod inputs;
 mod inspect;
 mod interrupt;
@@ -79,6 +81,10 @@ enum Command {
     Set(set::Set),
     /// Add, remove, rename and link nodes of a graph file and leave every other byte of it alone.
     Edit(edit::Edit),
+    /// Make some nodes of a graph a graph of their own, and use it in their place.
+    Extract(extract::Extract),
+    /// Put the nodes of a used graph in the place of one use of it.
+    Inline(inline::Inline),
     /// Say how two graphs differ in what they say; formatting, comments and order do not matter.
     Diff(diff::Diff),
     /// Put together what two people made of one graph: git's merge driver for graphs.
@@ -220,6 +226,8 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Fmt(command) => command.run(&catalog),
         Command::Set(command) => command.run(&catalog),
         Command::Edit(command) => command.run(&catalog),
+        Command::Extract(command) => command.run(&catalog),
+        Command::Inline(command) => command.run(&catalog),
         Command::Diff(command) => command.run(&catalog),
         Command::Merge(command) => command.run(&catalog),
         Command::Migrate(command) => command.run(&catalog),

@@ -30,10 +30,12 @@ mod expand;
 mod expectation;
 mod expected;
 mod expression;
+mod extract;
 mod fitting;
 mod fix;
 mod format;
 mod guards;
+mod inline;
 mod input;
 mod lineage;
 mod link;
@@ -43,6 +45,7 @@ mod meaning;
 mod merge;
 mod migrate;
 mod minimal;
+mod moved;
 #[cfg(feature = "cli")]
 mod names;
 mod needs;
@@ -76,6 +79,7 @@ pub(crate) use difference::{in_short, parameter_difference, parameter_name};
 pub use edit::{Edit, Edited, Put};
 pub(crate) use expectation::Expectation;
 pub(crate) use expected::Expected;
+pub use extract::{Extracted, Extraction};
 pub(crate) use guards::{Guard, Wanter};
 pub(crate) use input::INPUT;
 pub use input::{GraphInput, GraphPort, InputValues};
@@ -256,6 +260,8 @@ pub enum Files {
     /// They must be there, inside of the project.
     #[default]
     Needed,
+    /// They may be missing, but no other ones may be named than those inside of the project: the graph is edited.
+    Inside,
     /// Nothing: the graph is looked at, not evaluated.
     Ignored,
 }

@@ -120,8 +120,8 @@ pub use eval::{
 };
 pub use golden::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
 pub use graph::{
-    Change, Checked, Difference, Edit, Edited, Files, Graph, GraphInput, GraphPort, InputValues,
-    Merge, Options, Put, ReadFile,
+    Change, Checked, Difference, Edit, Edited, Extracted, Extraction, Files, Graph, GraphInput,
+    GraphPort, InputValues, Merge, Options, Put, ReadFile,
 };
 pub use limit::{Estimate, Limit, TooMuch};
 pub use node::{

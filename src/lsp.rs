@@ -39,6 +39,7 @@ mod library;
 mod outline;
 mod place;
 mod project;
+mod refactor;
 mod scope;
 mod slot;
 
@@ -104,6 +105,10 @@ struct Client {
     shows_documents: bool,
     /// It shows how far work is.
     progress: bool,
+    /// Edits may make files.
+    creates_files: bool,
+    /// It asks for the edits of an action that is chosen.
+    resolves: bool,
 }
 
 struct Server {

@@ -209,6 +209,34 @@ fn changed_meanwhile() -> io::Error {
     io::Error::other("somebody else is changing it: try again")
 }
 
+/// The same, with another file that is not there yet and belongs to it: both are written, or none. An error comes with the file that it
+/// is of.
+#[cfg(feature = "cli")]
+pub(crate) fn rewrite_with(
+    path: &Path,
+    text: &str,
+    (new, new_text): (&Path, &str),
+) -> Result<(), (PathBuf, io::Error)> {
+    let of = |path: &Path| {
+        let path = path.to_owned();
+        |error| (path, error)
+    };
+    let metadata = fs::metadata(path).map_err(of(path))?;
+    if !metadata.is_file() || metadata.permissions().readonly() {
+        return Err((path.to_owned(), io::ErrorKind::PermissionDenied.into()));
+    }
+    let folder = beside(new);
+    fs::create_dir_all(folder).map_err(of(new))?;
+    let mut file = temporary::create(folder).map_err(of(new))?;
+    file.write_all(new_text.as_bytes()).map_err(of(new))?;
+    file.persist_noclobber(new).map_err(|error| of(new)(error.error))?;
+    rewrite(path, text).map_err(|error| {
+        // Nobody has read it yet.
+        let _ = remove(new);
+        (path.to_owned(), error)
+    })
+}
+
 /// Writes what the program itself keeps beside a graph, in a file that people read and may have changed.
 pub(crate) fn keep_beside(path: &Path, text: &str) -> Result<(), Refused> {
     match path.exists() {

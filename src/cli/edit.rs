@@ -110,14 +110,7 @@ impl Edit {
             dry_run: self.dry_run,
         };
         let Some(edited) = file.edit(&[self.what.edit()], catalog) else { return Exit::Failed };
-        if self.dry_run {
-            print_document(&changed_lines(&edited.before, &edited.text));
-            return Exit::Done;
-        }
-        let source = |text: String| Source { name: self.graph.clone(), text };
-        let found = Graph::differences(&source(edited.before), &source(edited.text), catalog);
-        // Both texts have been read.
-        found.unwrap_or_default().iter().for_each(|found| print(&format!("{found}\n")));
+        file.tell(edited, catalog);
         Exit::Done
     }
 }
@@ -135,17 +128,7 @@ pub(super) struct GraphFile<'a> {
 impl GraphFile<'_> {
     /// The text after some edits; none if they failed, for reasons that have been printed.
     pub(super) fn edit(&self, edits: &[GraphEdit], catalog: &Catalog) -> Option<Edited> {
-        match self.done(edits, catalog) {
-            Ok(edited) => Some(edited),
-            Err(EditError::Refused(problems)) => {
-                report(&problems);
-                None
-            }
-            Err(error) => {
-                eprint(&format!("error: {error}\n"));
-                None
-            }
-        }
+        self.done(edits, catalog).map_err(EditError::tell).ok()
     }
 
     /// The text after some edits, which is in the file unless they are only tried. Whoever else edits it at the same time comes before
@@ -171,11 +154,34 @@ impl GraphFile<'_> {
         edits: &[GraphEdit],
         catalog: &Catalog,
     ) -> Result<Edited, EditError> {
-        let failed = |error| EditError::Read(self.graph.to_owned(), error);
-        let text = plain::read_text(self.graph).map_err(failed)?;
-        let (roots, draft) = (self.roots.to_vec(), self.draft);
-        let options = Options { roots, draft, files: Files::Ignored, ..Options::default() };
+        let (text, options) = (self.text()?, self.options());
         Graph::edit(self.graph, &text, edits, catalog, &options).map_err(EditError::Refused)
+    }
+
+    pub(super) fn text(&self) -> Result<String, EditError> {
+        plain::read_text(self.graph).map_err(|error| EditError::Read(self.graph.to_owned(), error))
+    }
+
+    pub(super) fn options(&self) -> Options {
+        let (roots, draft) = (self.roots.to_vec(), self.draft);
+        Options { roots, draft, files: Files::Ignored, ..Options::default() }
+    }
+
+    /// Whether the file is what it was when it was read: nobody's changes are to be lost.
+    pub(super) fn unchanged(&self, before: &str) -> Result<(), EditError> {
+        let is_same = self.text()? == before;
+        if is_same { Ok(()) } else { Err(EditError::Changed(self.graph.to_owned())) }
+    }
+
+    /// Prints what an edit changes of what the graph says, or of its lines if nothing is written.
+    pub(super) fn tell(&self, edited: Edited, catalog: &Catalog) {
+        if self.dry_run {
+            return print_document(&changed_lines(&edited.before, &edited.text));
+        }
+        let source = |text: String| Source { name: self.graph.to_owned(), text };
+        let found = Graph::differences(&source(edited.before), &source(edited.text), catalog);
+        // Both texts have been read.
+        found.unwrap_or_default().iter().for_each(|found| print(&format!("{found}\n")));
     }
 
     /// Puts an edited text into the file.
@@ -200,6 +206,16 @@ pub(super) enum EditError {
     /// The edits would leave mistakes.
     #[error("{}", in_words(.0))]
     Refused(Vec<Problem>),
+}
+
+impl EditError {
+    /// Prints why.
+    pub(super) fn tell(self) {
+        match self {
+            Self::Refused(problems) => report(&problems),
+            error => eprint(&format!("error: {error}\n")),
+        }
+    }
 }
 
 fn in_words(problems: &[Problem]) -> String {

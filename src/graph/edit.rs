@@ -8,7 +8,7 @@ use serde::Deserialize;
 
 use super::check::load_text;
 use super::migrate::{ready_for, renewed_target, renewed_text};
-use super::{Files, Graph, Options, patch};
+use super::{Checked, Files, Graph, Options, patch};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, code};
 use crate::text::{Kind, parse, syntax_problems};
@@ -21,12 +21,16 @@ mod splice;
 mod structure;
 
 pub(super) use element::written;
-pub(super) use place::{Refusal, place};
-pub(super) use references::References;
+pub(super) use place::{Refusal, field, place};
 #[cfg(feature = "cli")]
-pub(super) use references::{Names, Reference};
-pub(super) use splice::{Splice, added, apply, opened, parts, quoted, without};
+pub(super) use references::Reference;
+pub(super) use references::{Names, References};
+pub(super) use splice::{
+    Splice, Tail, added, apply, behind, indent_of, newline, opened, parts, put_entry, quoted,
+    reindented, without, without_blank_lines,
+};
 use structure::Structure;
+pub(super) use structure::may_name;
 
 /// One edit of a graph.
 ///
@@ -198,10 +202,10 @@ pub(super) fn renamed_in(
 }
 
 /// Edits a text and judges what comes of it.
-struct Judge<'a> {
-    path: &'a Path,
-    catalog: &'a Catalog,
-    options: &'a Options,
+pub(super) struct Judge<'a> {
+    pub(super) path: &'a Path,
+    pub(super) catalog: &'a Catalog,
+    pub(super) options: &'a Options,
 }
 
 impl Judge<'_> {
@@ -252,7 +256,7 @@ impl Judge<'_> {
     }
 
     /// The text after the edits, with these spellings of their values; nothing is judged yet.
-    fn done<'s>(
+    pub(super) fn done<'s>(
         &self,
         text: &str,
         edits: &[Edit],
@@ -300,21 +304,28 @@ impl Judge<'_> {
 
     /// The problems of a text, except for files that are not there.
     fn problems(&self, text: &str) -> Vec<Problem> {
-        let check = |files| {
-            let options = Options { files, ..self.options.clone() };
-            load_text(self.path, text.to_owned(), self.catalog, &options).problems
-        };
-        let mut problems = check(Files::Ignored);
-        let outside = check(Files::Needed).into_iter();
-        let outside = Vec::from_iter(
-            outside.filter(|problem| problem.code == code::OUTSIDE && !problems.contains(problem)),
-        );
-        problems.extend(outside);
-        problems.retain(|problem| problem.severity == Severity::Error);
-        problems
+        self.checked(text, self.options.draft).problems
     }
 
-    fn refused(&self, text: &str, refusal: Refusal) -> Problem {
+    /// What a text says, for drafts or for final results, and its errors; files need not be there.
+    pub(super) fn checked(&self, text: &str, draft: bool) -> Checked {
+        let check = |files| {
+            let options = Options { files, draft, ..self.options.clone() };
+            load_text(self.path, text.to_owned(), self.catalog, &options)
+        };
+        let mut checked = check(Files::Inside);
+        // A file outside hides what would be wrong with values.
+        if checked.problems.iter().any(|problem| problem.code == code::OUTSIDE) {
+            let others = check(Files::Ignored).problems.into_iter();
+            let others = others.filter(|problem| !checked.problems.contains(problem));
+            let others = Vec::from_iter(others);
+            checked.problems.extend(others);
+        }
+        checked.problems.retain(|problem| problem.severity == Severity::Error);
+        checked
+    }
+
+    pub(super) fn refused(&self, text: &str, refusal: Refusal) -> Problem {
         let source = Arc::new(Source { name: self.path.to_owned(), text: text.to_owned() });
         let Refusal { code, span, message, help } = refusal;
         Problem { help, ..Problem::new(Severity::Error, code, (source, span), message) }

@@ -112,7 +112,7 @@ impl Check<'_, '_> {
             }
         };
         let optional = node.files();
-        if self.world.options.files == Files::Needed {
+        if self.world.options.files != Files::Ignored {
             for file in &optional {
                 let (given, resolved) = (file.given(), file.resolved());
                 if let Err(PathProblem::Outside { message, help }) =
@@ -154,6 +154,10 @@ impl Check<'_, '_> {
         let found = match self.world.options.files {
             Files::Ignored => Ok(()),
             Files::Needed => may_read(&file.given, &file.resolved, &self.world.roots),
+            Files::Inside => match may_read(&file.given, &file.resolved, &self.world.roots) {
+                Err(PathProblem::Missing { .. }) => Ok(()),
+                found => found,
+            },
         };
         let misfit = file.misfit.clone();
         let (code, message, help) = match (found, misfit) {

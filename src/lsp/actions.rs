@@ -1,10 +1,10 @@
 //! What an editor offers to do at a place: mend a problem, mend all, look at a node.
 
-use gen_lsp_types::CodeActionParams;
+use gen_lsp_types::{CodeActionParams, CodeActionTriggerKind};
 use serde_json::{Value as Json, json};
 
 use super::checker::diagnostic;
-use super::outline;
+use super::outline::{self, Symbol};
 use super::project::Texts;
 use super::{Refused, Server, Subject};
 use crate::error::Problem;
@@ -66,19 +66,31 @@ impl Server {
                 found.push(json!({ "title": title, "kind": "source.fixAll", "edit": edits }));
             }
         }
-        if asked.context.only.is_none() && first_word(text) == "Graph" {
-            let sections = outline::sections(text);
-            let nodes = sections.iter().filter(|it| it.name == "nodes").flat_map(|it| &it.entries);
-            let here =
-                Vec::from_iter(nodes.filter(|it| it.span.start <= end && start <= it.span.end));
-            if let [node] = &here[..] {
-                for (title, command) in
-                    [("Inspect", "maquette.inspect"), ("Why does it run:", "maquette.why")]
-                {
-                    let title = format!("{title} `{}`", node.name);
-                    let command = json!({ "title": title, "command": command, "arguments": [subject.uri.0, node.name] });
-                    found.push(json!({ "title": title, "command": command }));
-                }
+        if first_word(text) != "Graph" {
+            return Ok(found.into());
+        }
+        let sections = outline::sections(text);
+        let entries = |name: &'static str| {
+            sections.iter().filter(move |it| it.name == name).flat_map(|it| &it.entries)
+        };
+        let is_here = |it: &&Symbol| it.span.start <= end && start <= it.span.end;
+        let nodes = Vec::from_iter(entries("nodes").filter(is_here));
+        for action in self.refactors(subject, &nodes, &Vec::from_iter(entries("use"))) {
+            if wants(action.kind()) {
+                let is_automatic =
+                    asked.context.trigger_kind == Some(CodeActionTriggerKind::Automatic);
+                found.extend(self.refactor(&action, !is_automatic));
+            }
+        }
+        if asked.context.only.is_none()
+            && let [node] = &nodes[..]
+        {
+            for (title, command) in
+                [("Inspect", "maquette.inspect"), ("Why does it run:", "maquette.why")]
+            {
+                let title = format!("{title} `{}`", node.name);
+                let command = json!({ "title": title, "command": command, "arguments": [subject.uri.0, node.name] });
+                found.push(json!({ "title": title, "command": command }));
             }
         }
         Ok(found.into())

@@ -106,6 +106,7 @@ impl Server {
                 let asked: CodeActionParams = read(params)?;
                 self.of(&asked.text_document.uri, |server, subject| server.actions(subject, &asked))
             }
+            "codeAction/resolve" => self.resolved(params),
             "textDocument/formatting" => {
                 let asked: DocumentFormattingParams = read(params)?;
                 self.of(&asked.text_document.uri, |_, subject| {
@@ -120,7 +121,7 @@ impl Server {
     }
 
     /// An answer about a text; nothing if it is none of ours.
-    fn of(
+    pub(super) fn of(
         &mut self,
         uri: &Uri,
         answer: impl FnOnce(&mut Self, &Subject<'_>) -> Result<Json, Refused>,

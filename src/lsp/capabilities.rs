@@ -12,6 +12,11 @@ pub(super) fn of_client(told: &ClientCapabilities) -> Client {
     // Few of many fields are of interest, all of them optional.
     let told = serde_json::to_value(told).unwrap_or_default();
     let can = |way: &str| told.pointer(way) == Some(&Json::Bool(true));
+    let has = |way: &str, wanted: &str| {
+        told.pointer(way)
+            .and_then(Json::as_array)
+            .is_some_and(|all| all.iter().any(|it| it == wanted))
+    };
     let offered = told.pointer("/general/positionEncodings").cloned().unwrap_or_default();
     let offered = serde_json::from_value::<Vec<_>>(offered).ok();
     Client {
@@ -21,6 +26,10 @@ pub(super) fn of_client(told: &ClientCapabilities) -> Client {
         refreshes: can("/workspace/inlayHint/refreshSupport"),
         shows_documents: can("/window/showDocument/support"),
         progress: can("/window/workDoneProgress"),
+        creates_files: can("/workspace/workspaceEdit/documentChanges")
+            && has("/workspace/workspaceEdit/resourceOperations", "create"),
+        resolves: has("/textDocument/codeAction/resolveSupport/properties", "edit")
+            && can("/textDocument/codeAction/dataSupport"),
     }
 }
 
@@ -38,6 +47,7 @@ pub(super) fn of_server(columns: Columns) -> Json {
             "documentSymbolProvider": true,
             "codeActionProvider": {
                 "codeActionKinds": ["quickfix", "refactor.extract", "refactor.inline", "source.fixAll"],
+                "resolveProvider": true,
             },
             "codeLensProvider": {},
             "documentLinkProvider": {},

@@ -10,6 +10,7 @@ mod completion;
 mod editor;
 mod law;
 mod names;
+mod refactor;
 
 use editor::{Editor, edited, uri};
 

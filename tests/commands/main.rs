@@ -10,6 +10,7 @@ mod faults;
 mod hands;
 mod language;
 mod lsp;
+mod moves;
 mod nothing_is_lost;
 mod page;
 mod pictures;

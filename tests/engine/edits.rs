@@ -6,8 +6,11 @@ use std::sync::OnceLock;
 use expect_test::{Expect, expect};
 use maquette::{Catalog, Difference, Edit, Edited, Graph, Options, Problem, Source};
 
+mod extract;
+mod inline;
 mod law;
 mod links;
+mod moves;
 mod names;
 mod nodes;
 mod schemas;

@@ -220,7 +220,7 @@ fn find_inside<'t>(
     }
 }
 
-pub(super) fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Field> {
+pub(in crate::graph) fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Field> {
     tree.fields()?.iter().find(|field| field.name.text == name)
 }
 

@@ -23,7 +23,7 @@ pub(in crate::graph) struct Reference {
     pub(in crate::graph) text: String,
     pub(in crate::graph) kind: Names,
     /// Who names it, in words: port `mask` of `spots`.
-    pub(super) by: String,
+    pub(in crate::graph) by: String,
 }
 
 /// What a text names.
@@ -42,7 +42,7 @@ pub(in crate::graph) enum Names {
 /// All that names something in a graph, and the ports of its nodes.
 pub(in crate::graph) struct References {
     /// In the order of their places.
-    pub(super) all: Vec<Reference>,
+    pub(in crate::graph) all: Vec<Reference>,
     /// By the name of the node, as far as its type is known.
     pub(in crate::graph) ports: HashMap<String, Vec<PortDescription>>,
 }
@@ -53,8 +53,8 @@ impl References {
     /// # Errors
     /// The problems of the text, if it cannot be said what is in it.
     pub(super) fn of(judge: &Judge<'_>, text: &str, tree: &Tree) -> Result<Self, Vec<Problem>> {
-        let roots = judge.options.roots.clone();
-        let options = Options { roots, files: Files::Ignored, ..Options::default() };
+        let (roots, texts) = (judge.options.roots.clone(), judge.options.texts.clone());
+        let options = Options { roots, texts, files: Files::Ignored, ..Options::default() };
         let (world, whole) = first(judge.path, text.to_owned(), judge.catalog, &options);
         match whole {
             Some(Whole { definition, .. }) => Ok(Self::within(&definition, tree)),

@@ -49,7 +49,7 @@ pub(in crate::graph) fn added(text: &str, owner: &Tree, name: &str, value: &str)
 
 /// The edits that put a new field, entry or item behind one of `owner`: on a line of its own if that one is. `before` is where the
 /// one before that ends.
-pub(super) fn behind(
+pub(in crate::graph) fn behind(
     text: &str,
     owner: Span,
     before: Option<usize>,
@@ -77,7 +77,7 @@ pub(super) fn behind(
 }
 
 /// What stands before a part of `owner` on its line, if that is nothing but space and the line is not the one that opens it.
-pub(super) fn indent_of(text: &str, owner: Span, part: Span) -> Option<&str> {
+pub(in crate::graph) fn indent_of(text: &str, owner: Span, part: Span) -> Option<&str> {
     let line = line_start(text, part.start);
     let indent = &text[line..part.start];
     (line > owner.start && indent.trim().is_empty()).then_some(indent)
@@ -85,7 +85,7 @@ pub(super) fn indent_of(text: &str, owner: Span, part: Span) -> Option<&str> {
 
 /// The edits that put a new entry into a map: behind one of its entries, or as its only one, then on a line of its own if `broken`.
 /// `write` gives the entry as it stands behind an indentation.
-pub(super) fn put_entry(
+pub(in crate::graph) fn put_entry(
     text: &str,
     map: &Tree,
     behind_entry: Option<usize>,
@@ -122,8 +122,34 @@ pub(in crate::graph) fn quoted(text: &str) -> String {
 }
 
 /// How the line before a place ends.
-pub(super) fn newline(text: &str, at: usize) -> &'static str {
+pub(in crate::graph) fn newline(text: &str, at: usize) -> &'static str {
     if text[..line_start(text, at)].ends_with("\r\n") { "\r\n" } else { "\n" }
+}
+
+/// Lines in their canonical form behind so many columns, as they stand behind an indentation, with these ends. The first one has none
+/// before it.
+pub(in crate::graph) fn reindented(
+    form: &str,
+    columns: usize,
+    indent: &str,
+    newline: &str,
+) -> String {
+    let mut text = String::with_capacity(form.len());
+    for (token, Span { start, end }) in tokens(form) {
+        let piece = &form[start..end];
+        let breaks = piece.matches('\n').count();
+        if token != Token::Space || breaks == 0 {
+            text.push_str(piece);
+            continue;
+        }
+        let spaces = piece.len() - piece.rfind('\n').map_or(0, |at| at + 1);
+        let inner = spaces.saturating_sub(columns);
+        let steps = if indent.contains('\t') { "\t".repeat(inner / 4) } else { " ".repeat(inner) };
+        let is_last = end == form.len();
+        text += &newline.repeat(breaks);
+        text += &if is_last { String::new() } else { format!("{indent}{steps}") };
+    }
+    text
 }
 
 fn line_start(text: &str, at: usize) -> usize {
@@ -212,7 +238,12 @@ fn cut(text: &str, owner: Span, part: Span, is_first: bool) -> Span {
 }
 
 /// Whole lines, and the blank lines before them where blank lines or the closing bracket follow.
-fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> Span {
+pub(in crate::graph) fn without_blank_lines(
+    text: &str,
+    cut: Span,
+    open: usize,
+    close: usize,
+) -> Span {
     let Span { mut start, mut end } = cut;
     let begins_line = |at: usize| text[..at].ends_with('\n');
     if !begins_line(start) || !begins_line(end) {
@@ -249,15 +280,15 @@ fn merged(mut spans: Vec<Span>) -> Vec<Span> {
 }
 
 /// What follows a part of a value.
-struct Tail {
+pub(in crate::graph) struct Tail {
     /// The comma behind it.
-    comma: Option<usize>,
+    pub(in crate::graph) comma: Option<usize>,
     /// Where its line ends, comments included; the line of the comma if there is one.
-    line_end: usize,
+    pub(in crate::graph) line_end: usize,
 }
 
 impl Tail {
-    fn of(text: &str, value_end: usize, call_end: usize) -> Self {
+    pub(in crate::graph) fn of(text: &str, value_end: usize, call_end: usize) -> Self {
         let mut tail = Self { comma: None, line_end: value_end };
         let mut same_line = true;
         // A text that begins in the middle of a graph is still cut into the right pieces.

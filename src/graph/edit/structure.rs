@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::place::field;
 use super::references::{Names, Reference, References};
-use super::splice::{Splice, added, apply, newline, parts, put_entry, quoted, without};
+use super::splice::{Splice, added, apply, newline, parts, put_entry, quoted, reindented, without};
 use super::{Edit, Judge, Refusal};
 use crate::error::{Problem, Span, code};
 use crate::graph::expression::named_parameters;
@@ -176,17 +176,7 @@ impl<'j> Structure<'j> {
     /// An entry in its canonical form, as it stands behind an indentation; its lines end as the one before a place.
     fn written(&self, entry: &str, indent: &str, at: usize) -> String {
         let columns = indent.chars().count();
-        let form = entry_form(entry, columns);
-        let mut lines = form.split('\n');
-        let mut written = lines.next().unwrap_or_default().to_owned();
-        for line in lines {
-            let line = line.strip_prefix(&" ".repeat(columns)).unwrap_or(line);
-            let inner = line.len() - line.trim_start_matches(' ').len();
-            let steps =
-                if indent.contains('\t') { "\t".repeat(inner / 4) } else { " ".repeat(inner) };
-            written += &format!("{}{indent}{steps}{}", newline(self.text, at), &line[inner..]);
-        }
-        written
+        reindented(&entry_form(entry, columns), columns, indent, newline(self.text, at))
     }
 
     fn rename(&self, from: &str, to: &str) -> Result<Vec<Splice>, Refusal> {
@@ -505,7 +495,7 @@ fn with_places(text: &str, places: &[Range<usize>], new: &str) -> String {
 }
 
 /// Refuses what cannot name something.
-fn may_name(name: &str, what: &str) -> Result<(), Refusal> {
+pub(in crate::graph) fn may_name(name: &str, what: &str) -> Result<(), Refusal> {
     if is_name(name) {
         return Ok(());
     }

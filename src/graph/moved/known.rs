@@ -1,0 +1,144 @@
+//! The text of a graph without problems, and what stands where in it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use crate::catalog::Catalog;
+use crate::error::{Problem, Span};
+use crate::graph::Options;
+use crate::graph::check::{Check, Whole, first};
+use crate::graph::definition::Definition;
+use crate::graph::draft::{Draft, What};
+use crate::graph::edit::{Names, References, field};
+use crate::graph::expression::named_parameters;
+use crate::graph::link;
+use crate::graph::meaning::named_node;
+use crate::text::{Kind, Tree, parse};
+
+/// The text of a graph, understood.
+pub(in crate::graph) struct Known {
+    pub(in crate::graph) text: String,
+    pub(in crate::graph) tree: Tree,
+    pub(in crate::graph) whole: Whole,
+    pub(in crate::graph) references: References,
+    /// All links, in the order of their places.
+    pub(in crate::graph) links: Vec<Linked>,
+    /// The folders that it may read.
+    pub(in crate::graph) roots: Vec<PathBuf>,
+}
+
+/// A link in the text of a graph.
+pub(in crate::graph) struct Linked {
+    pub(in crate::graph) span: Span,
+    /// What it says.
+    pub(in crate::graph) text: String,
+    /// Whose it is, in words: port `mask` of `spots`.
+    pub(in crate::graph) by: String,
+    /// The drafts and outputs that it leads to.
+    pub(in crate::graph) targets: Vec<(usize, usize)>,
+}
+
+impl Known {
+    /// # Errors
+    /// The problems of the text, if nothing can be said of what is in it.
+    pub(in crate::graph) fn read(
+        path: &Path,
+        text: &str,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> Result<Self, Vec<Problem>> {
+        let (tree, _) = parse(text);
+        let (mut world, whole) = first(path, text.to_owned(), catalog, options);
+        let Some(whole) = whole else { return Err(world.problems) };
+        let definition = &whole.definition;
+        let references = References::within(definition, &tree);
+        let mut check = Check::new(&mut world, definition.sheet.clone(), Vec::new());
+        let names = link::Names::new(&definition.drafts, &definition.eaches);
+        let mut links = Vec::new();
+        for found in references.all.iter().filter(|found| found.kind == Names::Link) {
+            let (span, text, by) = (found.span, found.text.clone(), found.by.clone());
+            let targets = check.target(&text, span, &definition.drafts, &names);
+            links.push(Linked { span, text, by, targets: targets.unwrap_or_default() });
+        }
+        let (text, roots) = (text.to_owned(), std::mem::take(&mut world.roots));
+        Ok(Self { text, tree, whole, references, links, roots })
+    }
+
+    pub(in crate::graph) fn definition(&self) -> &Definition {
+        &self.whole.definition
+    }
+
+    /// A section with names, if the graph has it.
+    pub(in crate::graph) fn section(&self, name: &str) -> Option<&Tree> {
+        let value = &field(&self.tree, name)?.value;
+        matches!(value.kind, Kind::Map(_)).then_some(value)
+    }
+
+    /// The entries of a section.
+    pub(in crate::graph) fn entries(&self, name: &str) -> &[(Tree, Tree)] {
+        match self.section(name).map(|section| &section.kind) {
+            Some(Kind::Map(entries)) => entries,
+            _ => &[],
+        }
+    }
+
+    /// The names in a section.
+    pub(in crate::graph) fn names(&self, section: &str) -> impl Iterator<Item = &str> {
+        self.entries(section).iter().filter_map(|(key, _)| key.text())
+    }
+
+    /// The place of a name among the entries of its section.
+    pub(in crate::graph) fn position(&self, section: &str, name: &str) -> Option<usize> {
+        self.entries(section).iter().position(|(key, _)| key.text() == Some(name))
+    }
+
+    pub(in crate::graph) fn slice(&self, span: Span) -> &str {
+        &self.text[span.start..span.end]
+    }
+
+    /// The node in whose entry something stands.
+    pub(in crate::graph) fn owner(&self, span: Span) -> Option<usize> {
+        let is_around = |(key, value): &(Tree, Tree)| {
+            key.span.start <= span.start && span.end <= value.span.end
+        };
+        self.entries("nodes").iter().position(is_around)
+    }
+
+    /// What stands for a node: one of them, where it is a `ForEach`.
+    pub(in crate::graph) fn draft(&self, node: &str) -> Option<&Draft> {
+        let mut drafts = self.definition().drafts.iter();
+        drafts.find(|draft| {
+            let is_type = matches!(draft.what, What::Node(_) | What::Use(..));
+            is_type && named_node(&draft.name.text) == node
+        })
+    }
+
+    /// Whether a link leads to one value, and not to a list.
+    pub(in crate::graph) fn value(&self, link: &Linked) -> Option<(usize, usize)> {
+        match link.targets[..] {
+            [(draft, output)] if !self.definition().drafts[draft].is_list(output) => {
+                Some((draft, output))
+            }
+            _ => None,
+        }
+    }
+
+    /// The parameters that are named in these places, in the order of their declarations.
+    pub(in crate::graph) fn parameters(&self, within: impl Fn(Span) -> bool) -> BTreeSet<usize> {
+        let known = BTreeMap::from_iter(self.names("params").zip(0..));
+        let mut found = BTreeSet::new();
+        for reference in self.references.all.iter().filter(|found| within(found.span)) {
+            let text = &reference.text;
+            match reference.kind {
+                Names::Parameter => found.extend(known.get(&text[..])),
+                Names::Expression => {
+                    let places = named_parameters(text, &|name| known.contains_key(name));
+                    let names = places.into_iter().flatten().filter_map(|at| known.get(&text[at]));
+                    found.extend(names);
+                }
+                Names::Link | Names::Output => {}
+            }
+        }
+        found
+    }
+}

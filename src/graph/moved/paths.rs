@@ -1,0 +1,138 @@
+//! Paths in a text that goes to another folder.
+
+use std::collections::{BTreeSet, HashMap};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::Known;
+use crate::error::Span;
+use crate::graph::definition::Definition;
+use crate::graph::draft::{Draft, What};
+use crate::graph::edit::{Splice, field, quoted};
+use crate::graph::quality::side;
+use crate::paths::without_dots;
+use crate::text::{Origin, Tree, Walk, parse};
+
+/// The folder of a file that may not be there yet, without links and dots.
+pub(in crate::graph) fn folder_of_new(file: &Path) -> PathBuf {
+    let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    let folder = file.parent().unwrap_or(&file);
+    let there = folder.ancestors().find_map(|folder| {
+        let real = std::fs::canonicalize(folder).ok()?;
+        Some((real, folder))
+    });
+    let Some((real, there)) = there else { return without_dots(folder) };
+    without_dots(&real.join(folder.strip_prefix(there).unwrap_or(Path::new(""))))
+}
+
+/// The path that leads from a folder to a file, both without dots.
+pub(in crate::graph) fn path_between(folder: &Path, file: &Path) -> String {
+    let common = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
+    let up = folder.components().skip(common).map(|_| "..".to_owned());
+    let down = file.components().skip(common);
+    let down = down.map(|part| part.as_os_str().to_string_lossy().into_owned());
+    Vec::from_iter(up.chain(down)).join("/")
+}
+
+/// A path that is relative to one folder, relative to another one.
+fn rebased(given: &str, from: &Path, to: &Path) -> String {
+    if from == to || given.is_empty() {
+        return given.to_owned();
+    }
+    path_between(to, &without_dots(&from.join(given)))
+}
+
+/// The text in an entry of `use` that is the path of a graph.
+pub(in crate::graph) fn path_of_use(value: &Tree) -> Option<&Tree> {
+    let value = value.call_of("Graph").unwrap_or(value);
+    let path = field(value, "path").map_or(value, |field| &field.value);
+    path.text().map(|_| path)
+}
+
+impl Known {
+    /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
+    pub(in crate::graph) fn files(&self) -> BTreeSet<Span> {
+        let mut files = Files::default().of(self.definition());
+        for (_, declaration) in self.entries("params") {
+            let Some(default) = field(declaration, "default").map(|field| &field.value) else {
+                continue;
+            };
+            // Of a `Draft` both sides are.
+            let is_in = |at: &Span| default.span.start <= at.start && at.end <= default.span.end;
+            if files.iter().any(is_in) {
+                let sides = [false, true].into_iter().filter_map(|draft| side(default, draft));
+                files.extend(sides.map(|side| side.span));
+            }
+        }
+        files
+    }
+
+    /// The edits of paths in these places that lead to the same files from another folder.
+    pub(in crate::graph) fn rebased(
+        &self,
+        places: impl IntoIterator<Item = Span>,
+        from: &Path,
+        to: &Path,
+    ) -> Vec<Splice> {
+        let path = |span: Span| {
+            let given = parse(self.slice(span)).0.text()?.to_owned();
+            let path = rebased(&given, from, to);
+            (path != given).then(|| (span, quoted(&path)))
+        };
+        places.into_iter().filter_map(path).collect()
+    }
+}
+
+/// Finds texts that are paths of files; each graph that others use is looked at once.
+#[derive(Default)]
+struct Files(HashMap<*const Definition, BTreeSet<Span>>);
+
+impl Files {
+    fn of(&mut self, definition: &Definition) -> BTreeSet<Span> {
+        let drafts = definition.drafts.iter();
+        drafts.flat_map(|draft| self.of_draft(definition, draft)).collect()
+    }
+
+    fn of_draft(&mut self, definition: &Definition, draft: &Draft) -> Vec<Span> {
+        let Some(schema) = draft.what.schema() else { return Vec::new() };
+        let mut found = Vec::new();
+        for values in [definition.defaults.clone(), definition.defaults.of_other_side()] {
+            let tree = values.fitted(&draft.tree, draft.what.kind(), schema, &mut Vec::new());
+            let mut walk = Walk {
+                node: draft.what.kind(),
+                root: schema,
+                sheet: None,
+                findings: Vec::new(),
+                links: Vec::new(),
+                files: Vec::new(),
+            };
+            walk.node(&tree);
+            found.extend(walk.files.into_iter().map(|file| file.at));
+            let What::Use(_, graph) = &draft.what else { continue };
+            let fields = tree.fields().unwrap_or_default().iter();
+            let texts = fields.filter(|field| field.value.text().is_some());
+            let files = texts.filter(|field| self.takes_file(graph, &field.name.text));
+            found.extend(files.map(|field| written_at(&field.value)));
+        }
+        found
+    }
+
+    /// Whether what a graph's parameter is given goes on to where a file is named.
+    fn takes_file(&mut self, graph: &Arc<Definition>, parameter: &str) -> bool {
+        let known = Arc::as_ptr(graph);
+        if !self.0.contains_key(&known) {
+            let inside = self.of(graph);
+            self.0.insert(known, inside);
+        }
+        let declared = graph.declared.iter().find(|declared| declared.name == parameter);
+        declared.is_some_and(|it| self.0[&known].contains(&written_at(&it.default)))
+    }
+}
+
+/// Where a value is written in its own file: itself, or the default of the parameter that it comes from.
+fn written_at(value: &Tree) -> Span {
+    match value.origin {
+        Some(Origin::Default(at)) => at,
+        _ => value.span,
+    }
+}

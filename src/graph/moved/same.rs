@@ -1,0 +1,95 @@
+//! What a graph computes, whatever its nodes are called: by this an edit that only moves nodes is judged.
+
+use std::path::PathBuf;
+
+use crate::error::Problem;
+use crate::graph::edit::Judge;
+use crate::graph::expectation::Expectation;
+use crate::graph::{Checked, Graph, GraphNode};
+use crate::paths::without_dots;
+use crate::value::Hash;
+
+/// What a graph computes: equal for two graphs whose nodes have equal keys, whatever they are called and in which order they come.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::graph) struct Computed {
+    nodes: Vec<Hash>,
+    outputs: Vec<(String, Hash)>,
+    expected: Vec<String>,
+    /// What is promised and does not follow.
+    pub(in crate::graph) promised: Vec<String>,
+}
+
+/// What a graph computes for final results, and for drafts.
+pub(in crate::graph) type Sides = [Computed; 2];
+
+impl Judge<'_> {
+    /// What the text of a graph says.
+    ///
+    /// # Errors
+    /// Everything that is wrong with it.
+    pub(in crate::graph) fn computed(&self, text: &str) -> Result<Sides, Vec<Problem>> {
+        let side = |draft| -> Result<_, Vec<Problem>> {
+            let Checked { graph, problems, subgraphs, .. } = self.checked(text, draft);
+            let graph = graph.filter(|_| problems.is_empty()).ok_or(problems)?;
+            Ok((Computed::by(&graph), subgraphs))
+        };
+        let (by, used) = side(false)?;
+        let has_draft = |text: &str| text.contains("Draft");
+        let in_used = |path: &PathBuf| self.options.text(path).is_ok_and(|text| has_draft(&text));
+        let draft = match has_draft(text) || used.iter().any(in_used) {
+            true => side(true)?.0,
+            false => by.clone(),
+        };
+        Ok([by, draft])
+    }
+}
+
+impl Computed {
+    fn by(graph: &Graph) -> Self {
+        let mut hashes: Vec<Hash> = Vec::with_capacity(graph.nodes.len());
+        for node in graph.nodes.iter() {
+            hashes.push(hash_of(node, &hashes));
+        }
+        let value = |node: usize, output: usize| hash_of_value(hashes[node], output);
+        let files = graph.outputs.iter().map(|it| (it.name.clone(), value(it.node, it.output)));
+        let ports = graph.ports.iter().map(|it| (it.name.clone(), value(it.node, it.output)));
+        let outputs = files.chain(ports).collect();
+        let (mut expected, mut promised) = (Vec::new(), Vec::new());
+        for it in graph.expect.iter() {
+            let mut expectation = it.expectation.clone();
+            expectation.values_mut().into_iter().for_each(String::clear);
+            let values = it.values.iter().map(|target| target.map(|(node, at)| value(node, at)));
+            let words = format!("{expectation:?} {:?}", Vec::from_iter(values));
+            match expectation {
+                Expectation::Promised { .. } => promised.push(words),
+                _ => expected.push(words),
+            }
+        }
+        hashes.sort_unstable_by_key(|hash| hash.0);
+        expected.sort_unstable();
+        promised.sort_unstable();
+        Self { nodes: hashes, outputs, expected, promised }
+    }
+}
+
+/// What a node is, and what all that it hangs on is.
+fn hash_of(node: &GraphNode, before: &[Hash]) -> Hash {
+    let mut content = node.recipe.identity.0.to_vec();
+    for link in &node.links {
+        content.extend_from_slice(link.port.as_bytes());
+        content.extend_from_slice(&hash_of_value(before[link.node], link.output).0);
+    }
+    for file in &node.files {
+        content.extend_from_slice(without_dots(&file.path).as_os_str().as_encoded_bytes());
+        content.push(u8::from(file.needed));
+    }
+    for guard in &node.guards {
+        content.extend_from_slice(&(guard.slot as u64).to_le_bytes());
+        content.extend_from_slice(guard.property.as_bytes());
+    }
+    Hash::of(&content)
+}
+
+fn hash_of_value(node: Hash, output: usize) -> Hash {
+    Hash::of(&[&node.0[..], &(output as u64).to_le_bytes()].concat())
+}

@@ -1,0 +1,530 @@
+//! Nodes that become a graph of their own: both texts, what goes along, and what is refused.
+
+use std::path::{Path, PathBuf};
+
+use expect_test::{Expect, expect};
+use maquette::{Evaluator, Extracted, Extraction, Files, Graph, Options, State};
+
+use super::moves::told;
+use super::{DOLL, catalog, edited, rename};
+
+const HERE: &str = "nowhere/graph.ron";
+
+fn wish(nodes: &[&str], to: &str) -> Extraction {
+    let nodes = nodes.iter().map(|&node| node.to_owned()).collect();
+    Extraction { nodes, to: Some(PathBuf::from(to)), ..Extraction::default() }
+}
+
+fn extract(text: &str, extraction: &Extraction) -> Result<Extracted, String> {
+    extract_with(text, extraction, &Options::default())
+}
+
+fn extract_with(
+    text: &str,
+    extraction: &Extraction,
+    options: &Options,
+) -> Result<Extracted, String> {
+    let done = Graph::extract(Path::new(HERE), text, extraction, catalog(), options);
+    done.map_err(|problems| told(&problems))
+}
+
+#[track_caller]
+fn check(text: &str, extraction: &Extraction, expected: Expect) {
+    let done = extract(text, extraction).unwrap();
+    let (new, path) = (&done.edited.text, done.path.display());
+    expected.assert_eq(&format!("{new}--- {path}\n{}", done.text));
+}
+
+#[track_caller]
+fn check_refused(text: &str, extraction: &Extraction, expected: Expect) {
+    expected.assert_eq(&extract(text, extraction).unwrap_err());
+}
+
+const SCAN: &str = r##"// A scan.
+Graph(
+    format: 1,
+    doc: "Spots.",
+    use: { "Skin": "lib/skin.ron", "Bump": "lib/bump.ron" },
+    params: {
+        // How far.
+        "eye-step": Number(default: 12.0, min: 0.0, unit: "mm", doc: "How far."), // far
+        "file": Text(default: "doll/color.png", doc: "The picture."),
+    },
+    nodes: {
+        // The capture.
+        "scan": ReadCapture(color: "doll/color.png", range: "doll/range.pcd"),
+        "picture": ReadImage(path: Param("file")),
+
+        // What is red,
+        // and its spots.
+        "red": Threshold(image: "scan.color", select: Near(color: "#c33923", distance: 30.0)), // red
+        "spots": Label(mask: "red"),
+        "spot": ExtractRegion(labels: "spots", range: "scan.range"),
+
+        "net": ControlNet(region: "spot", range: "scan.range"),
+        "raised": OffsetNet(net: "net", steps: [(distance: Expr("eye-step / 2 - 1"))]),
+        "skin": Skin(color: "scan.color", range: "scan.range"),
+    },
+    outputs: { "red.png": "red", "raised.ply": "raised", "skin.glb": "skin", "picture.png": "picture" },
+    expect: [Count(of: "red", what: "pixels", min: 4), Closed("skin.mesh")],
+)
+"##;
+
+/// The graph with types of its own that need no files.
+fn scan() -> String {
+    let text = SCAN.replace("lib/skin.ron", "skin.ron").replace(", \"Bump\": \"lib/bump.ron\"", "");
+    assert_ne!(text, SCAN);
+    text
+}
+
+const SKIN: &str = r#"Graph(
+    format: 1,
+    inputs: { "color": Image(), "range": RangeImage() },
+    nodes: { "mesh": Triangulate(range: "range"), "model": Texture(mesh: "mesh", image: "color") },
+    outputs: { "mesh": "model" },
+)
+"#;
+
+fn with_skin() -> Options {
+    Options { files: Files::Ignored, ..Options::default() }.with_text("nowhere/skin.ron", SKIN)
+}
+
+#[test]
+fn nodes_go_with_their_comments_and_what_they_need() {
+    let of =
+        |nodes: &[&str]| extract_with(&scan(), &wish(nodes, "nowhere/lib/mark.ron"), &with_skin());
+    expect!["G008 graph.ron:20:9 `spot` stands between the nodes: it needs `red`, and `raised` needs it (extract `spot`, too, or leave one of them where it is)"].assert_eq(&of(&["red", "spots", "raised"]).unwrap_err());
+    let done = of(&["raised", "red", "spots", "spot", "net", "picture"]).unwrap();
+    assert_eq!((&done.kind[..], &done.name[..]), ("Mark", "mark"));
+    assert_eq!(done.edited.before, scan());
+    expect![[r##"
+        // A scan.
+        Graph(
+            format: 1,
+            doc: "Spots.",
+            use: { "Skin": "skin.ron", "Mark": "lib/mark.ron" },
+            params: {
+                // How far.
+                "eye-step": Number(default: 12.0, min: 0.0, unit: "mm", doc: "How far."), // far
+                "file": Text(default: "doll/color.png", doc: "The picture."),
+            },
+            nodes: {
+                // The capture.
+                "scan": ReadCapture(color: "doll/color.png", range: "doll/range.pcd"),
+                "mark": Mark(color: "scan.color", range: "scan.range", eyestep: Param("eye-step"), file: Param("file")),
+                "skin": Skin(color: "scan.color", range: "scan.range"),
+            },
+            outputs: { "red.png": "mark.red", "raised.ply": "mark.raised", "skin.glb": "skin", "picture.png": "mark.picture" },
+            expect: [Count(of: "mark.red", what: "pixels", min: 4), Closed("skin.mesh")],
+        )
+        --- nowhere/lib/mark.ron
+        Graph(
+            format: 1,
+            doc: "A part of graph.ron.",
+            inputs: {
+                "color": Image(doc: "What `scan.color` gives."),
+                "range": RangeImage(doc: "What `scan.range` gives."),
+            },
+            params: {
+                "eyestep": Number(default: 12.0, min: 0.0, unit: "mm", doc: "How far."),
+                "file": Text(default: "../doll/color.png", doc: "The picture."),
+            },
+            nodes: {
+                "picture": ReadImage(path: Param("file")),
+
+                // What is red,
+                // and its spots.
+                "red": Threshold(image: "color", select: Near(color: "#c33923", distance: 30.0)), // red
+                "spots": Label(mask: "red"),
+                "spot": ExtractRegion(labels: "spots", range: "range"),
+
+                "net": ControlNet(region: "spot", range: "range"),
+                "raised": OffsetNet(net: "net", steps: [(distance: Expr("eyestep / 2 - 1"))]),
+            },
+            outputs: { "picture": "picture", "red": "red", "raised": "raised" },
+        )
+    "##]].assert_eq(&format!("{}--- {}\n{}", done.edited.text, done.path.display(), done.text));
+}
+
+#[test]
+fn a_use_goes_along_with_its_type_and_comes_back() {
+    let mut wanted = wish(&["skin"], "nowhere/lib/all.ron");
+    wanted.name = Some("whole".into());
+    let done = extract_with(&scan(), &wanted, &with_skin()).unwrap();
+    expect![[r#"
+        Graph(
+            format: 1,
+            doc: "A part of graph.ron.",
+            use: { "Skin": "../skin.ron" },
+            inputs: {
+                "color": Image(doc: "What `scan.color` gives."),
+                "range": RangeImage(doc: "What `scan.range` gives."),
+            },
+            nodes: {
+                "skin": Skin(color: "color", range: "range"),
+            },
+            outputs: { "skin": "skin" },
+        )
+    "#]]
+    .assert_eq(&done.text);
+    assert!(done.edited.text.contains("use: { \"All\": \"lib/all.ron\" }"));
+    assert!(done.edited.text.contains("Closed(\"whole.skin\")"), "{}", done.edited.text);
+    let options = with_skin().with_text("nowhere/lib/all.ron", &done.text[..]);
+    let back = Graph::inline(Path::new(HERE), &done.edited.text, "whole", catalog(), &options);
+    // Its first output was named.
+    let was = scan().replace("Closed(\"skin.mesh\")", "Closed(\"skin\")");
+    assert_eq!(back.map(|back| back.text).map_err(|it| told(&it)), Ok(was));
+}
+
+#[test]
+fn lines_end_and_begin_as_they_do_in_the_graph() {
+    let wanted = wish(&["red", "spots"], "nowhere/mark.ron");
+    let of = |text: &str| {
+        let done = extract_with(text, &wanted, &with_skin()).unwrap();
+        let options = with_skin().with_text("nowhere/mark.ron", &done.text[..]);
+        let new = &done.edited.text;
+        let back = Graph::inline(Path::new(HERE), new, "mark", catalog(), &options).unwrap();
+        assert_eq!(back.text, text);
+        (done.edited.text, done.text)
+    };
+    let (graph, new) = of(&scan());
+    let windows = |text: &str| text.replace('\n', "\r\n");
+    assert_eq!(of(&windows(&scan())), (windows(&graph), windows(&new)));
+    let tabs = |text: &str| text.replace("    ", "\t");
+    assert_eq!(of(&tabs(&scan())), (tabs(&graph), new));
+}
+
+#[test]
+fn paths_lead_to_the_same_files_whatever_they_go_through() {
+    let through = r#"Graph(
+    format: 1,
+    inputs: {},
+    params: { "from": Text(default: "c.obj"), "word": Text(default: "d.obj") },
+    nodes: { "in": Read(file: Param("from")), "two": Switch(cases: { "d.obj": "in", "e.obj": "in" }, choose: Param("word")) },
+    use: { "Read": "read.ron" },
+    outputs: { "mesh": "two" },
+)
+"#;
+    let read = r#"Graph(
+    format: 1,
+    inputs: {},
+    params: { "file": Text(default: Draft(final: "a.obj", draft: "b.obj")) },
+    nodes: { "mesh": ReadMesh(path: Param("file")) },
+    outputs: { "mesh": "mesh" },
+)
+"#;
+    let text = r#"Graph(
+    format: 1,
+    use: { "Through": "through.ron" },
+    params: { "last": Text(default: Draft(final: "f.obj", draft: "sub/../g.obj")) },
+    nodes: {
+        "each": ForEach(graph: "ReadMesh", over: [(path: "a.obj"), (path: "sub/b.obj")]),
+        "used": Through(from: "c.obj", word: "e.obj"),
+        "own": ReadMesh(path: Draft(final: "d.obj", draft: "e.obj")),
+        "given": Through(from: Param("last")),
+        "all": Merge(meshes: ["each/1", "each/2", "used", "own", "given"]),
+    },
+    outputs: { "all.ply": "all" },
+)
+"#;
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path().canonicalize().unwrap();
+    let path = folder.join("graph.ron");
+    let options = Options { files: Files::Ignored, ..Options::default() }
+        .with_text(folder.join("through.ron"), through)
+        .with_text(folder.join("read.ron"), read);
+    let nodes = ["each", "used", "own", "given", "all"];
+    let wanted = wish(&nodes, folder.join("sub/new.ron").to_str().unwrap());
+    let done = Graph::extract(&path, text, &wanted, catalog(), &options);
+    let done = done.unwrap_or_else(|problems| panic!("{}", told(&problems)));
+    expect![[r#"
+        Graph(
+            format: 1,
+            doc: "A part of graph.ron.",
+            use: { "Through": "../through.ron" },
+            inputs: {},
+            params: { "last": Text(default: Draft(final: "../f.obj", draft: "../g.obj")) },
+            nodes: {
+                "each": ForEach(graph: "ReadMesh", over: [(path: "../a.obj"), (path: "b.obj")]),
+                "used": Through(from: "../c.obj", word: "e.obj"),
+                "own": ReadMesh(path: Draft(final: "../d.obj", draft: "../e.obj")),
+                "given": Through(from: Param("last")),
+                "all": Merge(meshes: ["each/1", "each/2", "used", "own", "given"]),
+            },
+            outputs: { "all": "all" },
+        )
+    "#]]
+    .assert_eq(&done.text);
+    let options = options.with_text(&done.path, &done.text[..]);
+    let back = Graph::inline(&path, &done.edited.text, "new", catalog(), &options);
+    assert_eq!(back.map(|back| back.text).map_err(|problems| told(&problems)), Ok(text.to_owned()));
+    // With other values for its parameter, or none.
+    let other = done.edited.text.replace("Param(\"last\")", "\"other/x.obj\"");
+    let inlined = |text: &str| {
+        let done = Graph::inline(&path, text, "new", catalog(), &options);
+        let text = done.map(|edited| edited.text).unwrap_or_else(|problems| told(&problems));
+        text.lines().find(|line| line.contains("given\": ")).unwrap_or(&text).trim().to_owned()
+    };
+    let none = done.edited.text.replace("last: Param(\"last\")", "");
+    expect![[r#"
+        "given": Through(from: "other/x.obj"),
+        "given": Through(from: Draft(final: "f.obj", draft: "g.obj")),"#]]
+    .assert_eq(&format!("{}\n{}", inlined(&other), inlined(&none)));
+}
+
+#[test]
+fn inputs_that_may_be_left_out_may_be_left_out_of_the_new_graph() {
+    check(
+        include_str!("../../../graphs/language/lib/raised.ron"),
+        &wish(&["all"], "nowhere/both.ron"),
+        expect![[r#"
+            // A copy of a mesh above it, on a plate if there is one.
+            Graph(
+                format: 1,
+                version: "1.2.0",
+                doc: "Puts a copy of a mesh above it, and both on a plate if one is given.",
+                use: { "Both": "both.ron" },
+                inputs: {
+                    "mesh": Mesh(doc: "What is copied."),
+                    "plate": Optional(Mesh(doc: "What it stands on; it may be left out.")),
+                },
+                params: { "height": Number(default: 107.0, min: 100.0, max: 200.0, unit: "mm", doc: "How far above it the copy is.") },
+                nodes: {
+                    "copy": Transform(mesh: "mesh", translate: (0, Param("height"), 0)),
+                    "both": Both(mesh: "mesh", copy: "copy", plate: "plate"),
+                },
+                outputs: { "mesh": "both.all" },
+            )
+            --- nowhere/both.ron
+            Graph(
+                format: 1,
+                doc: "A part of graph.ron.",
+                inputs: {
+                    "mesh": Mesh(doc: "What is copied."),
+                    "copy": Mesh(doc: "What `copy` gives."),
+                    "plate": Optional(Mesh(doc: "What it stands on; it may be left out.")),
+                },
+                nodes: {
+                    // Without a plate there are two meshes in this list.
+                    "all": Merge(meshes: ["mesh", "copy", "plate"]),
+                },
+                outputs: { "all": "all" },
+            )
+        "#]],
+    );
+}
+
+#[test]
+fn entries_that_share_a_line_are_taken_out_of_it() {
+    check(
+        "Graph(format: 1, nodes: { \"a\": ReadMesh(path: \"a.obj\"), \"b\": Subdivide(mesh: \"a\", scheme: Loop), \"c\": Merge(meshes: [\"a\", \"b\"]) }, outputs: { \"c.ply\": \"c\" })",
+        &wish(&["a", "b"], "nowhere/new.ron"),
+        expect![[r#"
+            Graph(format: 1, use: { "New": "new.ron" }, nodes: { "new": New(), "c": Merge(meshes: ["new.a", "new.b"]) }, outputs: { "c.ply": "c" })--- nowhere/new.ron
+            Graph(
+                format: 1,
+                doc: "A part of graph.ron.",
+                inputs: {},
+                nodes: {
+                    "a": ReadMesh(path: "a.obj"),
+                    "b": Subdivide(mesh: "a", scheme: Loop),
+                },
+                outputs: { "a": "a", "b": "b" },
+            )
+        "#]],
+    );
+}
+
+#[test]
+fn names_are_made_of_the_file_or_of_each_other() {
+    let names = |extraction: Extraction| {
+        let Extracted { path, kind, name, .. } = extract(DOLL, &extraction).unwrap();
+        format!("{} {kind} {name}", path.display())
+    };
+    let of = |kind: Option<&str>, name: Option<&str>, to: Option<&str>| Extraction {
+        nodes: vec!["grid".into()],
+        kind: kind.map(str::to_owned),
+        name: name.map(str::to_owned),
+        to: to.map(PathBuf::from),
+    };
+    assert_eq!(names(of(None, None, None)), "nowhere/grid.ron Grid grid");
+    assert_eq!(names(of(Some("BigNose"), None, None)), "nowhere/big-nose.ron BigNose big-nose");
+    assert_eq!(names(of(None, Some("far"), None)), "nowhere/far.ron Far far");
+    assert_eq!(names(of(None, None, Some("nowhere/x/y_2.ron"))), "nowhere/x/y_2.ron Y2 y2");
+    // A node of this type is built in, and one of this name is there.
+    assert_eq!(names(of(None, None, Some("nowhere/label.ron"))), "nowhere/label.ron Label2 label2");
+    assert_eq!(names(of(None, None, Some("nowhere/skin.ron"))), "nowhere/skin.ron Skin skin-2");
+}
+
+#[test]
+fn what_cannot_be_extracted_is_refused() {
+    let to = "nowhere/new.ron";
+    check_refused(
+        DOLL,
+        &wish(&[], to),
+        expect![
+            "G007 graph.ron:1:1 there is nothing to extract (name the nodes that are to become a graph)"
+        ],
+    );
+    check_refused(
+        DOLL,
+        &wish(&["grdi"], to),
+        expect!["G007 graph.ron:1:1 the graph has no node `grdi` (did you mean `grid`?)"],
+    );
+    check_refused(
+        DOLL,
+        &wish(&["red", "nose"], to),
+        expect![
+            "G008 graph.ron:16:9 `spots` stands between the nodes: it needs `red`, and `nose` needs it (extract `spots`, too, or leave one of them where it is)"
+        ],
+    );
+    check_refused(
+        DOLL,
+        &wish(&["red"], HERE),
+        expect![
+            "G006 graph.ron:1:1 `nowhere/graph.ron` is there already (name a file that is not there yet)"
+        ],
+    );
+    check_refused(
+        DOLL,
+        &wish(&["red"], "nowhere/new.txt"),
+        expect![
+            "G006 graph.ron:1:1 `nowhere/new.txt` cannot be the file of a graph (its name ends in .ron)"
+        ],
+    );
+    check_refused(
+        DOLL,
+        &wish(&["red"], "../new.ron"),
+        expect![
+            "G014 graph.ron:5:19 `../../new.ron` lies outside of the project (move the file into nowhere, put a maquette.toml into a folder above both, or allow its folder with --root)"
+        ],
+    );
+    let named = |kind: &str, name: &str| Extraction {
+        kind: (!kind.is_empty()).then(|| kind.to_owned()),
+        name: (!name.is_empty()).then(|| name.to_owned()),
+        ..wish(&["red"], to)
+    };
+    check_refused(
+        DOLL,
+        &named("Label", ""),
+        expect!["G006 graph.ron:1:1 there is already a node type `Label` (give it another name)"],
+    );
+    check_refused(
+        DOLL,
+        &named("red", ""),
+        expect![
+            "G006 graph.ron:1:1 `red` cannot name a type of nodes (such names begin with a capital letter; letters and digits follow)"
+        ],
+    );
+    check_refused(
+        DOLL,
+        &named("", "skin"),
+        expect![
+            "G006 graph.ron:1:1 there is already a node `skin` (give the new node another name)"
+        ],
+    );
+    check_refused(
+        DOLL,
+        &named("", "Skin"),
+        expect![
+            "G006 graph.ron:1:1 `Skin` cannot name a node (names begin with a lower-case letter; lower-case letters, digits and hyphens follow)"
+        ],
+    );
+    let lib = include_str!("../../../graphs/lib/feature.ron");
+    check_refused(
+        lib,
+        &wish(&["color"], to),
+        expect![
+            "G007 graph.ron:1:1 `color` is an input, and no node (what comes in at inputs comes in at the new graph's, too)"
+        ],
+    );
+    let patch = "Patch(format: 1, of: \"doll.ron\", params: { \"growth\": 3.0 })";
+    check_refused(
+        patch,
+        &wish(&["red"], to),
+        expect![
+            "G001 graph.ron:1:1 a patch has values of nodes, but no nodes of its own (do it in the graph that it is `of`)"
+        ],
+    );
+    check_refused(
+        &DOLL.replace("Label(", "Lable("),
+        &wish(&["red"], to),
+        expect!["G003 graph.ron:16:18 there is no node type `Lable` (did you mean `Label`?)"],
+    );
+    check_refused(
+        "Graph(",
+        &wish(&["red"], to),
+        expect!["G001 graph.ron:1:6 this `(` is never closed (put a `)` where it ends)"],
+    );
+    let each = r#"Graph(
+    format: 1,
+    nodes: {
+        "mesh": ReadMesh(path: "a.obj"),
+        "copies": ForEach(graph: "Transform", over: [(translate: (1, 0, 0)), ()], links: (mesh: "mesh")),
+        "row": Merge(meshes: "copies"),
+    },
+    outputs: { "row.ply": "row", "second.ply": "copies/2" },
+)
+"#;
+    check_refused(
+        each,
+        &wish(&["copies"], to),
+        expect![
+            "G012 graph.ron:6:30 port `meshes` of `row` takes all of `copies`, but the outputs of a graph are single values (extract what needs them, too)"
+        ],
+    );
+    check_refused(
+        each,
+        &wish(&["row"], to),
+        expect![
+            "G012 graph.ron:6:30 port `meshes` of `row` takes all of `copies`, but the inputs of a graph are single values (extract `copies`, too)"
+        ],
+    );
+    assert!(extract(each, &wish(&["copies", "row"], to)).is_ok());
+}
+
+#[test]
+fn a_file_that_is_there_is_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("doll.ron");
+    std::fs::write(folder.path().join("new.ron"), "mine").unwrap();
+    let wanted = Extraction { to: Some(folder.path().join("new.ron")), ..wish(&["red"], "") };
+    let refused = Graph::extract(&path, DOLL, &wanted, catalog(), &Options::default());
+    assert!(told(&refused.unwrap_err()).contains("new.ron` is there already"));
+    // One that an editor has not saved is there, too.
+    let other = Extraction { to: Some(folder.path().join("other.ron")), ..wish(&["red"], "") };
+    let options = Options::default().with_text(folder.path().join("other.ron"), "mine");
+    let refused = Graph::extract(&path, DOLL, &other, catalog(), &options);
+    assert!(told(&refused.unwrap_err()).contains("other.ron` is there already"));
+}
+
+#[test]
+fn nothing_is_computed_anew() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/doll.ron");
+    let path = path.canonicalize().unwrap();
+    let load = |text: &str, options: &Options| {
+        Graph::load_text(&path, text.to_owned(), catalog(), options).graph.unwrap()
+    };
+    let mut evaluator = Evaluator::new(2, 1 << 30).unwrap();
+    let first = evaluator.evaluate_all(&load(DOLL, &Options::default()));
+    assert_eq!(first.trace().count(State::Failed), 0);
+    let nodes = ["red", "spots", "nose", "normal", "net", "raised"];
+    let wanted = wish(&nodes, path.with_file_name("zz/nose.ron").to_str().unwrap());
+    let done = Graph::extract(&path, DOLL, &wanted, catalog(), &Options::default()).unwrap();
+    let options = Options::default().with_text(&done.path, &done.text[..]);
+    let count = |text: &str, evaluator: &mut Evaluator| {
+        let graph = load(text, &options);
+        let done = evaluator.evaluate_all(&graph);
+        (done.trace().count(State::Computed), done.trace().0.len())
+    };
+    let (computed, all) = count(&done.edited.text, &mut evaluator);
+    assert_eq!((computed, all), (0, first.trace().0.len()));
+    let inlined = Graph::inline(&path, &done.edited.text, "nose", catalog(), &options).unwrap();
+    assert_eq!(inlined.text, DOLL);
+    assert_eq!(count(&inlined.text, &mut evaluator).0, 0);
+    // Another name alone computes nothing either, but another value does.
+    let other = edited(DOLL, &[rename("red", "blue")]).unwrap();
+    assert_eq!(count(&other, &mut evaluator).0, 0);
+    let other = done.edited.text.replace("default: 12.0", "default: 13.0");
+    assert!(count(&other, &mut evaluator).0 > 0);
+}

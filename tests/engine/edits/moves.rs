@@ -1,0 +1,203 @@
+//! Random sets of nodes of all graphs are extracted and put back: what must be true of both. `LAW_SETS` says how many are tried on each
+//! graph, `PROPTEST_RNG_SEED` which.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use maquette::{Extracted, Extraction, Files, Graph, Options, Place, Problem};
+use proptest::prelude::RngExt;
+use proptest::test_runner::{RngAlgorithm, TestRng};
+use rayon::prelude::*;
+
+use super::sketch::{self, Sketch};
+use super::{catalog, differences, law};
+
+/// How many sets of nodes are tried on each graph, unless `LAW_SETS` says otherwise.
+const SETS: u64 = 6;
+
+fn options() -> Options {
+    Options { files: Files::Ignored, ..Options::default() }
+}
+
+/// Some nodes of a graph: a run of neighbors in the text, some that hang on each other, or any.
+fn random_nodes(sketch: &Sketch, rng: &mut impl RngExt) -> Vec<String> {
+    let names = Vec::from_iter(sketch.nodes.iter().map(|node| node.name.clone()));
+    let count = rng.random_range(1..=names.len().min(6));
+    let first = rng.random_range(0..names.len());
+    match rng.random_range(0..3) {
+        0 => Vec::from_iter(names.iter().skip(first).take(count).cloned()),
+        1 => {
+            let mut set = BTreeSet::from([names[first].clone()]);
+            for _ in 0..4 * count {
+                let (port, link) = match &sketch.links[..] {
+                    [] => break,
+                    links => &links[rng.random_range(0..links.len())],
+                };
+                let node = |text: &str| text.split(['.', '/']).next().unwrap_or("").to_owned();
+                let ends = [node(port), node(link)];
+                let is_near = ends.iter().any(|end| set.contains(end));
+                if is_near && set.len() < count && ends.iter().all(|end| names.contains(end)) {
+                    set.extend(ends);
+                }
+            }
+            set.into_iter().collect()
+        }
+        _ => Vec::from_iter((0..count).map(|_| names[rng.random_range(0..names.len())].clone())),
+    }
+}
+
+/// Whether nodes stand behind each other in the text.
+fn is_run(sketch: &Sketch, nodes: &[String]) -> bool {
+    let at = |name: &String| sketch.nodes.iter().position(|node| node.name == *name);
+    let places = BTreeSet::from_iter(nodes.iter().filter_map(at));
+    places.last().zip(places.first()).is_some_and(|(last, first)| last - first < places.len())
+}
+
+/// A text in its canonical form with one spelling of each link: the first output of a node has two.
+fn one_spelling(path: &Path, text: &str, outputs: &BTreeSet<String>) -> String {
+    let mut text = Graph::formatted(path, text).unwrap();
+    for output in outputs {
+        let node = output.split('.').next().unwrap_or("");
+        text = text.replace(&format!("\"{output}\""), &format!("\"{node}\""));
+    }
+    text
+}
+
+/// Links that say the same as the name of their node alone, where both are written.
+fn twice_spelled(text: &str, sketch: &Sketch) -> BTreeSet<String> {
+    let links = sketch.links.iter().map(|(_, link)| link.clone());
+    let links = links.filter(|link| {
+        let node = link.split('.').next().unwrap_or("");
+        link.contains('.') && text.contains(&format!("\"{node}\""))
+    });
+    links.collect()
+}
+
+/// Problems with their files and places.
+pub(super) fn told(problems: &[Problem]) -> String {
+    let told = |problem: &Problem| {
+        let place = Place::of(&problem.source.text, problem.span.start);
+        let Problem { code, message, help, source, .. } = problem;
+        let file = source.name.file_name().unwrap_or_default().to_string_lossy();
+        format!("{code} {file}:{}:{} {message} ({help})", place.line, place.column)
+    };
+    Vec::from_iter(problems.iter().map(told)).join("\n")
+}
+
+fn graph(path: &Path, text: &str, options: &Options) -> Graph {
+    let checked = Graph::load_text(path, text.to_owned(), catalog(), options);
+    checked.graph.unwrap_or_else(|| panic!("{}\n{text}", told(&checked.problems)))
+}
+
+/// What must be true of nodes that were extracted.
+fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(), String> {
+    let holds = |what: bool, words: String| if what { Ok(()) } else { Err(words) };
+    let after = &new.edited.text;
+    let texts = || format!("{after}\n--- {}\n{}", new.path.display(), new.text);
+    let form = |text: &str| Graph::formatted(path, text).unwrap();
+    holds(form(&new.text) == new.text, format!("the new graph has no form:\n{}", texts()))?;
+    // Links are longer than they were, so that what has them may no longer fit on its line; the use itself has its form.
+    let own = |text: &str| {
+        let start = text.find(&format!("        \"{}\": {}(", new.name, new.kind)).unwrap();
+        let first = text[start..].lines().next().unwrap();
+        let close = if first.ends_with('(') { "\n        ),\n" } else { "),\n" };
+        let length = text[start..].find(close).unwrap() + close.len() - 3;
+        (start, text[start..start + length].to_owned())
+    };
+    if form(text) == text {
+        holds(own(&form(after)).1 == own(after).1, format!("has no form:\n{}", texts()))?;
+    }
+    // No comment is lost, and none is in both.
+    let mut comments = Vec::from_iter(sketch::comments(after));
+    comments.extend(sketch::comments(&new.text));
+    comments.sort_unstable();
+    let mut known = Vec::from_iter(sketch::comments(text));
+    known.sort_unstable();
+    holds(comments == known, format!("other comments:\n{}", texts()))?;
+    // All lines that speak of other things are as they were.
+    let lines = BTreeSet::<&str>::from_iter(text.lines());
+    let (start, entry) = own(after);
+    let after_others = [&after[..start], &after[start + entry.len() + 3..]].concat();
+    let other = after_others.lines().filter(|line| !lines.contains(line));
+    let is_link =
+        |line: &str| line.contains(&format!("\"{}", new.name)) || line.contains(&new.kind);
+    let odd = Vec::from_iter(other.filter(|line| !is_link(line)));
+    holds(odd.is_empty(), format!("{odd:?} is new in\n{}", texts()))?;
+
+    let inside = options().with_text(&new.path, new.text.clone());
+    let inlined = Graph::inline(path, after, &new.name, catalog(), &inside);
+    let back = inlined.map_err(|found| format!("{}\n{}", told(&found), texts()))?.text;
+    let sketch = Sketch::of(text);
+    let twice = twice_spelled(text, &sketch);
+    let spelled = |text: &str| one_spelling(path, text, &twice);
+    if is_run(&sketch, nodes) {
+        let same = spelled(&back) == spelled(text);
+        holds(same, format!("is not what it was:\n{back}\n--- was\n{text}\n---{}", texts()))?;
+        let identity = |text: &str| graph(path, text, &options()).identity();
+        holds(identity(&back) == identity(text), format!("says something else:\n{back}"))?;
+    } else {
+        let found = differences(path, text, &back);
+        holds(found.is_empty(), format!("{found:?}\n{back}\n--- was\n{text}"))?;
+        let sorted = |text: &str| {
+            let mut lines = Vec::from_iter(text.lines().map(str::to_owned));
+            lines.retain(|line| !line.is_empty());
+            lines.sort_unstable();
+            lines
+        };
+        let same = sorted(&spelled(&back)) == sorted(&spelled(text));
+        holds(same, format!("other lines:\n{back}\n--- was\n{text}\n---{}", texts()))?;
+    }
+    Ok(())
+}
+
+#[test]
+fn what_is_extracted_comes_back_by_inlining() {
+    let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
+    let sets = number("LAW_SETS").unwrap_or(SETS);
+    let seed = number("PROPTEST_RNG_SEED").unwrap_or(20_070_115);
+    let graphs = law::graphs();
+    let sound = |(path, text): &&(PathBuf, String)| {
+        Graph::load_text(path, text.clone(), catalog(), &options()).graph.is_some()
+            && text.contains("nodes:")
+            && !text.trim_start().starts_with("Patch(")
+    };
+    let real = |(path, text): &(PathBuf, String)| (path.canonicalize().unwrap(), text.clone());
+    let graphs = Vec::from_iter(graphs.iter().filter(sound).map(real));
+    let counts = Mutex::new((0, 0));
+    let of_graph = |(index, (path, text)): (usize, &(PathBuf, String))| {
+        let mut bytes = [0; 32];
+        bytes[..8].copy_from_slice(&(seed + index as u64).to_le_bytes());
+        let mut rng = TestRng::from_seed(RngAlgorithm::ChaCha, &bytes);
+        let sketch = Sketch::of(text);
+        for set in 0..if sketch.nodes.is_empty() { 0 } else { sets } {
+            let nodes = random_nodes(&sketch, &mut rng);
+            let to = match set % 3 {
+                0 => path.with_file_name("zz-part.ron"),
+                1 => path.with_file_name("zz-new").join("zz-part.ron"),
+                _ => path.parent().unwrap().with_file_name("zz-part.ron"),
+            };
+            let extraction = Extraction { nodes, to: Some(to), ..Extraction::default() };
+            let done = Graph::extract(path, text, &extraction, catalog(), &options());
+            let judged = match &done {
+                Ok(new) => {
+                    counts.lock().unwrap().0 += 1;
+                    judge(path, text, &extraction.nodes, new)
+                }
+                Err(found) => {
+                    counts.lock().unwrap().1 += 1;
+                    let is_fault = |it: &Problem| it.help.contains("fault");
+                    let is_told = !found.is_empty() && !found.iter().any(is_fault);
+                    if is_told { Ok(()) } else { Err(told(found)) }
+                }
+            };
+            judged.map_err(|why| format!("{} {:?}: {why}", path.display(), extraction.nodes))?;
+        }
+        Ok(())
+    };
+    let judged = graphs.par_iter().enumerate().map(of_graph);
+    let failures: Vec<String> = judged.filter_map(Result::err).collect();
+    assert!(failures.is_empty(), "{} graphs:\n{}", failures.len(), failures.join("\n======\n"));
+    let (done, refused) = counts.into_inner().unwrap();
+    assert!(done > 2 * refused && refused > 20, "{done} done, {refused} refused");
+}
