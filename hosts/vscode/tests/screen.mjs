@@ -1,7 +1,7 @@
 // What a user sees. The first word of a test is the number of the statement that it is about, in the design of the language server.
 import assert from "node:assert/strict";
 import { spawnSync } from "node:child_process";
-import { existsSync } from "node:fs";
+import { existsSync, rmSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import { Editor, PROGRAM, until } from "./editor.mjs";
@@ -119,6 +119,30 @@ check("6 a rename changes the name in all files and nothing else", async (page) 
   assert.equal(editor.read("lib/feature.ron"), originals["lib/feature.ron"].replaceAll('"growth"', '"rise"'));
   assert.equal(editor.read("face.ron"), originals["face.ron"].replaceAll("growth:", "rise:"));
   assert.deepEqual(checked("face.ron"), []);
+});
+
+check("8 a node becomes a graph of its own, and comes back", async (page) => {
+  await editor.open("doll.ron");
+  const choose = async (title) => {
+    await editor.goto("doll.ron", '"spots":', 2);
+    await page.keyboard.press("Control+Shift+R");
+    const action = page.locator(".action-widget .monaco-list-row.action").filter({ hasText: title }).first();
+    await action.hover({ force: true });
+    await action.click({ force: true });
+    await action.waitFor({ state: "detached" });
+  };
+  await choose("Extract `spots` into a graph");
+  await until(() => existsSync(join(editor.project, "spots.ron")));
+  await page.locator(".view-line", { hasText: "Spots(" }).first().waitFor();
+  await editor.command("File: Save All");
+  await until(() => editor.read("doll.ron").includes('"Spots": "spots.ron"') && editor.read("spots.ron").includes("Label("));
+  editor.write("copy.ron", originals["doll.ron"]);
+  assert.deepEqual(checked("doll.ron"), checked("copy.ron"));
+  await choose("Inline `spots`");
+  await page.locator(".view-line", { hasText: "Spots(" }).first().waitFor({ state: "detached" });
+  await editor.command("File: Save All");
+  await until(() => editor.read("doll.ron") === originals["doll.ron"]);
+  rmSync(join(editor.project, "spots.ron"));
 });
 
 check("9 a color has a box, and a pick changes that one text", async (page) => {
