@@ -67,6 +67,11 @@ editors:
     bash hosts/neovim/test
     bash hosts/vscode/test
 
+# Batches handed to real engines: OpenJD, Slurm, HyperQueue, GNU parallel, which come from PyPI and Debian; and contact sheets in a real browser.
+farm *args:
+    bash tests/farm/run {{args}}
+    bash tests/sheet/run
+
 # Every reader of files, for some seconds each.
 fuzz seconds="5":
     bash .ci/fuzz {{seconds}}

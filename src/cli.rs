@@ -19,6 +19,7 @@ use crate::pack::Pack;
 use crate::session::{Finished, OutputFolder, Run, Session, Wanted};
 use crate::telling::{escaped, harmless, in_full};
 
+mod batch;
 mod cache;
 mod caching;
 mod check;
@@ -69,6 +70,8 @@ struct Cli {
 enum Command {
     /// Evaluate a graph and write its outputs.
     Run(run::Run),
+    /// Run a graph over many scans and many values, and show what came of them side by side.
+    Batch(batch::Batch),
     /// Evaluate a graph again whenever something that it depends on changes.
     Watch(watch::Watch),
     /// Find every problem of some graphs; run nothing.
@@ -174,6 +177,23 @@ impl GraphOptions {
         Options { roots, set, draft, locked, pins: !no_pins, ..Options::default() }
     }
 
+    /// The words that say the same.
+    fn words(&self) -> Vec<String> {
+        let mut words = Vec::new();
+        for (name, value) in &self.set {
+            words.extend(["--set".to_owned(), format!("{name}={value}")]);
+        }
+        for root in &self.roots {
+            words.extend(["--root".to_owned(), root.display().to_string()]);
+        }
+        let flags =
+            [(self.draft, "--draft"), (self.locked, "--locked"), (self.no_pins, "--no-pins")];
+        words.extend(
+            flags.into_iter().filter(|(is_set, _)| *is_set).map(|(_, flag)| flag.to_owned()),
+        );
+        words
+    }
+
     /// The folder for the outputs of a graph: the one that was named, else one that drafts have apart.
     fn folder(&self, named: Option<&Path>, graph: &Path) -> OutputFolder {
         if self.draft {
@@ -220,6 +240,7 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
     let catalog = Arc::new(Catalog::new(packs));
     let exit = match cli.command {
         Command::Run(command) => command.run(&catalog),
+        Command::Batch(command) => command.run(&catalog),
         Command::Watch(command) => command.run(&catalog),
         Command::Check(command) => command.run(&catalog),
         Command::Draw(command) => command.run(&catalog),

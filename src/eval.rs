@@ -347,6 +347,11 @@ impl Evaluator {
         self.cache.bytes()
     }
 
+    /// The files that were read.
+    pub(crate) fn known_files(&self) -> &Known {
+        &self.files
+    }
+
     /// Runs something on the evaluator's threads.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.pool.install(work)

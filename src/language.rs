@@ -28,6 +28,7 @@ pub(crate) const TOPICS: &[Topic] = &[
     Topic { name: "attributes", text: include_str!("language/attributes.md") },
     Topic { name: "expect", text: include_str!("language/expect.md") },
     Topic { name: "test", text: include_str!("language/test.md") },
+    Topic { name: "sweep", text: include_str!("language/sweep.md") },
     Topic { name: "drafts", text: include_str!("language/drafts.md") },
     Topic { name: "pins", text: include_str!("language/pins.md") },
     Topic { name: "limits", text: include_str!("language/limits.md") },

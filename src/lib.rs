@@ -85,6 +85,8 @@ pub mod render;
 pub mod simd;
 pub mod value;
 
+#[cfg(feature = "cli")]
+mod batch;
 mod catalog;
 mod draw;
 mod error;

@@ -386,15 +386,15 @@ impl Server {
     }
 }
 
-/// Whether a text is a graph, a patch or a test in a project of graphs.
+/// Whether a text is a graph, a patch, a test or a sweep in a project of graphs.
 fn is_ours(path: &Path, text: &str) -> bool {
-    is_in_project(path) && matches!(first_word(text), "Graph" | "Patch" | "Test")
+    is_in_project(path) && matches!(first_word(text), "Graph" | "Patch" | "Test" | "Sweep")
 }
 
 /// Whether nothing has been written yet that could tell.
 fn is_new(path: &Path, text: &str) -> bool {
     let word = first_word(text);
-    let begins = ["Graph", "Patch", "Test"].iter().any(|known| known.starts_with(word));
+    let begins = ["Graph", "Patch", "Test", "Sweep"].iter().any(|known| known.starts_with(word));
     is_in_project(path) && begins && text.trim().len() <= word.len()
 }
 

@@ -90,6 +90,27 @@ pub(crate) fn without_dots(path: &Path) -> PathBuf {
     clean
 }
 
+/// The folder of a file that may not be there yet, without links and dots.
+pub(crate) fn folder_of_new(file: &Path) -> PathBuf {
+    let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    let folder = file.parent().unwrap_or(&file);
+    let there = folder.ancestors().find_map(|folder| {
+        let real = std::fs::canonicalize(folder).ok()?;
+        Some((real, folder))
+    });
+    let Some((real, there)) = there else { return without_dots(folder) };
+    without_dots(&real.join(folder.strip_prefix(there).unwrap_or(Path::new(""))))
+}
+
+/// The path that leads from a folder to a file, both without dots.
+pub(crate) fn path_between(folder: &Path, file: &Path) -> String {
+    let common = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
+    let up = folder.components().skip(common).map(|_| "..".to_owned());
+    let down = file.components().skip(common);
+    let down = down.map(|part| part.as_os_str().to_string_lossy().into_owned());
+    Vec::from_iter(up.chain(down)).join("/")
+}
+
 /// A path as it is told to others: from the root of the project on, or its last name alone where it lies elsewhere.
 pub(crate) fn within(root: &Path, path: &Path) -> String {
     let name = path.file_name().unwrap_or_default();

@@ -17,11 +17,17 @@ use crate::text::{unknown, with_article};
 use crate::value::{AnyValue, Value};
 
 mod elements;
+#[cfg(feature = "cli")]
+mod made;
 mod outputs;
 mod pins;
 mod provenance;
 mod settings;
 
+#[cfg(feature = "cli")]
+pub(crate) use made::ReadFiles;
+#[cfg(feature = "cli")]
+pub(crate) use outputs::Left;
 pub use outputs::{OutputFolder, Written, save};
 pub(crate) use pins::{PinError, means, pinnable, unpin};
 pub(crate) use provenance::{Teller, sign};

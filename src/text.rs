@@ -28,7 +28,7 @@ pub(crate) use help::Help;
 pub(crate) use problems::syntax_problems;
 pub use reader::Reader;
 pub(crate) use reader::{FILE, LINK, ReadError, Slots, read_tree};
-pub(crate) use ron::ron;
+pub(crate) use ron::{quoted, ron};
 pub(crate) use schema::{
     Finding, FoundFile, FoundLink, Walk, as_tree, check_default, inside_option, resolve, variants,
 };

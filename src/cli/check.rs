@@ -36,7 +36,7 @@ impl Check {
         let (files, unread) = given(&self.graphs);
         let unread = unread.iter().map(|(path, error)| unreadable(path, error));
         let mut problems = Vec::from_iter(unread);
-        let mut counts = [0; 3];
+        let mut counts = [0; 4];
         let mut tests = Vec::new();
         for path in &files {
             match read(path) {
@@ -71,7 +71,7 @@ impl Check {
             print_json(&document);
         } else {
             report(&problems);
-            let names = ["graph", "test", "file of handles"].into_iter().zip(counts);
+            let names = ["graph", "test", "file of handles", "sweep"].into_iter().zip(counts);
             let checked = names.filter(|(name, count)| *count > 0 || *name == "graph");
             let checked = checked.map(|(name, count)| match (name, count) {
                 ("file of handles", 2..) => format!("{count} files of handles"),

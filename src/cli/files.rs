@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::serve::LAYOUT_ENDING;
+use crate::batch;
 use crate::golden::case;
 use crate::graph::{LOCK_ENDING, PINS_ENDING};
 
@@ -32,9 +33,10 @@ pub(super) fn is_beside(path: &Path) -> bool {
     [LOCK_ENDING, PINS_ENDING, LAYOUT_ENDING].into_iter().any(ends_with)
 }
 
-/// Whether the file is no graph by its name: the same, or a test.
+/// Whether the file is no graph by its name: the same, a test or a sweep.
 pub(super) fn is_no_graph(path: &Path) -> bool {
-    is_beside(path) || path.to_string_lossy().ends_with(case::ENDING)
+    let name = path.to_string_lossy();
+    is_beside(path) || [case::ENDING, batch::ENDING].iter().any(|ending| name.ends_with(ending))
 }
 
 fn collect(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), (PathBuf, io::Error)> {

@@ -31,6 +31,15 @@ impl ProvenanceOptions {
     pub(super) fn applied(&self, folder: OutputFolder) -> OutputFolder {
         if self.no_provenance { folder.without_provenance() } else { folder }
     }
+
+    pub(super) fn signs(&self) -> bool {
+        !self.no_provenance
+    }
+
+    /// The words that say the same.
+    pub(super) fn words(&self) -> Vec<String> {
+        self.no_provenance.then(|| "--no-provenance".to_owned()).into_iter().collect()
+    }
 }
 
 #[derive(Args)]

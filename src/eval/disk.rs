@@ -113,6 +113,12 @@ impl Disk {
         Ok(Self { writer: Writer::new(store.clone()), store })
     }
 
+    /// The id of the program's build, which no other build has.
+    pub(crate) fn program(&self) -> String {
+        let name = self.store.home.file_name().unwrap_or_default();
+        name.to_string_lossy().into_owned()
+    }
+
     /// Why results cannot be kept, if that is so: the disk is full, or the folder may not be written to.
     pub fn trouble(&self) -> Option<&str> {
         self.store.trouble.get().map(String::as_str)

@@ -21,6 +21,14 @@ pub(crate) struct Forecast {
     pub(crate) reason: Reason,
 }
 
+#[cfg(feature = "cli")]
+impl Forecast {
+    /// Whether the node may be computed.
+    pub(crate) fn may_run(&self) -> bool {
+        matches!(self.outlook, Outlook::Runs | Outlook::MayRun)
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outlook {
     /// Its result is in the cache.

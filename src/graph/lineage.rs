@@ -8,7 +8,7 @@ use super::expression::named_parameters;
 use super::needs::Needs;
 use super::parameters::Parameters;
 use super::repeat::Repeat;
-use crate::text::{Body, Kind, Tree};
+use crate::text::{Body, Kind, Tree, parse};
 
 /// The values from outside that may shape an output.
 #[derive(Debug, Default)]
@@ -57,7 +57,7 @@ impl Lineage {
                 .filter(|(_, is_named)| *is_named)
                 .map(|(name, _)| (*name).to_owned())
                 .collect(),
-            set: set.map(|(target, value)| (target.clone(), value.clone().into())).collect(),
+            set: set.map(|(target, value)| (target.clone(), plain(value).into())).collect(),
         }
     }
 }
@@ -87,4 +87,10 @@ fn named(tree: &Tree, names: &[&str], is_named: &mut [bool]) {
         }
         _ => {}
     }
+}
+
+/// A text without its quotes, as it may be given, too.
+fn plain(value: &str) -> String {
+    let tree = parse(value).0;
+    tree.text().unwrap_or(value).to_owned()
 }

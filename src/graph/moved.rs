@@ -6,9 +6,10 @@ mod paths;
 mod same;
 mod values;
 
+pub(super) use crate::paths::{folder_of_new, path_between};
 pub(super) use entries::{gap_behind, indented_entries, moved, part_with, put_in_place};
 pub(super) use known::{Known, Linked};
-pub(super) use paths::{folder_of_new, path_between, path_of_use};
+pub(super) use paths::path_of_use;
 pub(super) use same::Sides;
 pub(super) use values::{Given, put_values};
 

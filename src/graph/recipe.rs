@@ -1,5 +1,7 @@
 //! What a node of a graph is, apart from what comes in.
 
+use std::path::PathBuf;
+
 use serde_json::{Value as Json, json};
 
 use crate::files::NodeFile;
@@ -31,6 +33,29 @@ impl Recipe {
         let content = json!([self.identity, tests]);
         let identity = Hash::of(content.to_string().as_bytes());
         Self { kind: self.kind.clone(), parameters: self.parameters.clone(), identity }
+    }
+
+    /// The files that its fields name, each with the way there: `color`, `select.mask`.
+    pub(crate) fn files(&self) -> Vec<(String, PathBuf)> {
+        fn collect(field: &Json, way: &str, found: &mut Vec<(String, PathBuf)>) {
+            let mut inside = |step: &str, value: &Json| {
+                let way = if way.is_empty() { step.to_owned() } else { format!("{way}.{step}") };
+                collect(value, &way, found);
+            };
+            match field {
+                Json::Object(entries) => match entries.get(FILE).and_then(Json::as_str) {
+                    Some(path) => found.push((way.to_owned(), path.into())),
+                    None => entries.iter().for_each(|(name, value)| inside(name, value)),
+                },
+                Json::Array(items) => {
+                    items.iter().enumerate().for_each(|(nth, item)| inside(&nth.to_string(), item));
+                }
+                _ => {}
+            }
+        }
+        let mut found = Vec::new();
+        collect(&self.parameters, "", &mut found);
+        found
     }
 
     /// Its parameters with nothing but the ending of each file's path.

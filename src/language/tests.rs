@@ -68,6 +68,7 @@ fn every_word_of_the_language_has_a_sentence_and_a_sample() {
     let own = |topic: &&Topic| crate::graph::words().iter().any(|word| word.topic == topic.name);
     let mut lacking = Vec::new();
     let words = crate::graph::words().into_iter().chain(crate::golden::words());
+    let words = words.chain(crate::batch::words());
     for word in words {
         let is_home = |topic: &&Topic| topic.name == word.topic || !own(topic);
         let about = Vec::from_iter(TOPICS.iter().filter(is_home));

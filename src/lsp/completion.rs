@@ -156,6 +156,11 @@ impl Search<'_> {
                 "A graph that is another one with other values.",
             ),
             ("Test", "Test(graph: \"$0\")\n", "What a graph must give."),
+            (
+                "Sweep",
+                "Sweep(\n    graph: \"$0\",\n    over: Values(\"\", []),\n)\n",
+                "A graph over many scans and many values.",
+            ),
         ];
         let file = |(index, (label, insert, detail)): (usize, (&str, &str, &str))| Proposal {
             detail: detail.to_owned(),

@@ -10,6 +10,7 @@ use serde_json::{Value as Json, json};
 
 use super::scope::Scope;
 use super::slot::{FieldOf, Keys, Slot, fields_of, slot_of};
+use crate::batch;
 use crate::catalog::Catalog;
 use crate::golden;
 use crate::graph::{Expectation, Graph, Options, Word, words};
@@ -209,6 +210,16 @@ impl<'a> Library<'a> {
                             _ => {}
                         }
                     }
+                }
+                fields
+            }
+            "Sweep" => {
+                let root = Rc::new(batch::schema());
+                let mut fields = fields_of(&root, &root);
+                let graph =
+                    Rc::get_mut(&mut fields).into_iter().flat_map(|fields| fields.iter_mut());
+                for field in graph.filter(|field| field.name == "graph") {
+                    field.slot = Slot::Path(vec!["ron".into()]);
                 }
                 fields
             }

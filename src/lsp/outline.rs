@@ -184,9 +184,9 @@ pub(super) const MEANINGS: [(Meaning, &str); 9] = [
 
 /// The words of a text by what they are, in their order.
 pub(super) fn words(text: &str) -> Vec<(Span, Meaning)> {
-    const KEYWORDS: [&str; 12] = [
-        "Graph", "Patch", "Test", "Param", "Expr", "Draft", "ForEach", "Switch", "Some", "None",
-        "Optional", "Parts",
+    const KEYWORDS: [&str; 17] = [
+        "Graph", "Patch", "Test", "Sweep", "Product", "Zip", "Values", "Files", "Param", "Expr",
+        "Draft", "ForEach", "Switch", "Some", "None", "Optional", "Parts",
     ];
     let scope = Scope::of(text);
     let is_link =

@@ -187,7 +187,7 @@ fn names_of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Na
             Ok(test) => Graph::names_in_test(text, &test.graphs, catalog, options),
             Err(_) => NamesOf::default(),
         },
-        FileKind::Handles => NamesOf::default(),
+        FileKind::Handles | FileKind::Sweep => NamesOf::default(),
     }
 }
 

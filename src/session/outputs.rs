@@ -78,30 +78,42 @@ struct Known {
 
 /// A file as it was when it was last known to be right.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Left {
+pub(crate) struct Left {
     stamp: Stamp,
     /// Whether any later write gives another stamp; if not, an equal stamp does not prove that the file is unchanged.
     settled: bool,
 }
 
 impl Left {
-    fn at(path: &Path) -> Option<Self> {
+    pub(crate) fn at(path: &Path) -> Option<Self> {
         let stamp = Stamp::of(path)?;
         Some(Self { stamp, settled: stamp.is_settled() })
     }
 
-    /// Whether the file is as it was left: of a young one its content decides. Then it is known better from now on.
+    /// Whether the file is as it was left.
     fn is_there(&mut self, file: &Written) -> bool {
-        if Stamp::of(&file.path) != Some(self.stamp) {
+        self.holds(&file.path, file.hash)
+    }
+
+    /// Whether the file at this path is as it was left, with this content: of a young one its content decides. Then it is known better
+    /// from now on.
+    pub(crate) fn holds(&mut self, path: &Path, content: Hash) -> bool {
+        if Stamp::of(path) != Some(self.stamp) {
             return false;
         }
         if self.settled {
             return true;
         }
         let settled = self.stamp.is_settled();
-        let is_right = plain::read_own(&file.path).is_ok_and(|it| Hash::of(&it) == file.hash);
+        let is_right = plain::read_own(path).is_ok_and(|it| Hash::of(&it) == content);
         self.settled = settled && is_right;
         is_right
+    }
+
+    /// Whether its stamp alone proves that it is as it was.
+    #[cfg(feature = "cli")]
+    pub(crate) fn is_settled(&self) -> bool {
+        self.settled
     }
 }
 
@@ -116,6 +128,12 @@ impl OutputFolder {
         let named = folder.is_some();
         let folder = folder.map_or_else(|| default_folder(graph), Path::to_owned);
         Self { folder, named, signs: true, kept: Sources::default(), known: Mutex::default() }
+    }
+
+    /// The folder of a task's outputs, in one that the user named or not.
+    #[cfg(feature = "cli")]
+    pub(crate) fn of_task(folder: &Path, named: bool, signs: bool) -> Self {
+        Self { named, signs, ..Self::new(Some(folder), folder) }
     }
 
     /// The same, whose files do not tell where they came from.

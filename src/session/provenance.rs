@@ -45,6 +45,12 @@ impl<'a> Teller<'a> {
         Self { graph, catalog, root, made }
     }
 
+    /// What each node gives is made of.
+    #[cfg(feature = "cli")]
+    pub(super) fn made(self) -> Vec<Hash> {
+        self.made
+    }
+
     /// Where an output comes from; `read_by` gives the hashes of the files that a node has read.
     pub(crate) fn provenance<'f>(
         &self,

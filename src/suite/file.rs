@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::batch;
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Source, Span, code};
 use crate::format::handles;
@@ -17,12 +18,14 @@ pub(crate) enum FileKind {
     Graph,
     Test,
     Handles,
+    Sweep,
 }
 
 impl FileKind {
     pub(crate) fn of(path: &Path, text: &str) -> Self {
         match first_word(text) {
             "Test" => Self::Test,
+            "Sweep" => Self::Sweep,
             _ if path.to_string_lossy().ends_with(case::ENDING) => Self::Test,
             "Handles" | "[" => Self::Handles,
             _ => Self::Graph,
@@ -47,6 +50,7 @@ impl FileKind {
                 Ok(test) => (of_test(&test, catalog, options), Some(test)),
                 Err(problems) => (problems, None),
             },
+            Self::Sweep => (batch::read_text(path, &text, catalog, options).1, None),
             Self::Handles => {
                 let read = handles::read_ron(text.as_bytes(), HandleSpace::default());
                 let wrong = |error: handles::HandlesFileError| {

@@ -68,7 +68,7 @@ fn map(entries: &Map<String, Json>, schema: &Json, root: &Json) -> String {
 }
 
 /// A text in quotes, with its escapes.
-fn quoted(text: &str) -> String {
+pub(crate) fn quoted(text: &str) -> String {
     let mut quoted = String::from("\"");
     for c in text.chars() {
         match c {

@@ -18,6 +18,8 @@ pub(crate) struct TreeReader {
     pub(crate) mistakes: Vec<Mistake>,
     /// What stands where nothing like it can stand. Behind a forgotten comma or parenthesis that is much, and says nothing more.
     pub(crate) misplaced: Vec<Mistake>,
+    /// Whether what is read stands in a `Sweep(..)`.
+    in_sweep: bool,
 }
 
 impl TreeReader {
@@ -31,11 +33,13 @@ impl TreeReader {
                 let fields =
                     node.children().filter(|child| child.kind() == SyntaxKind::StructField);
                 let name = word(node);
-                // `Graph("lib/skirt.ron", version: "2.1")`: a path first needs no name.
-                let is_use = name.as_ref().is_some_and(|name| name.text == "Graph");
-                let field = |(nth, field): (usize, SyntaxNode)| match is_use && nth == 0 {
-                    true => self.path(&field).or_else(|| self.field(&field)),
-                    false => self.field(&field),
+                self.in_sweep |= name.as_ref().is_some_and(|name| name.text == "Sweep");
+                let unnamed = self.unnamed(name.as_ref());
+                let field = |(nth, field): (usize, SyntaxNode)| match unnamed {
+                    Some(name) if nth == 0 => {
+                        self.text_first(name, &field).or_else(|| self.field(&field))
+                    }
+                    _ => self.field(&field),
                 };
                 let fields = fields.enumerate().filter_map(field).collect();
                 Kind::Call { name, body: Body::Fields(fields) }
@@ -106,8 +110,19 @@ impl TreeReader {
         Some(Field { name, value })
     }
 
-    /// A text without a name, as the field `path`.
-    fn path(&mut self, node: &SyntaxNode) -> Option<Field> {
+    /// The field that needs no name if it comes first: the path of `Graph("lib/skirt.ron", version: "2.1")`, and in a sweep what
+    /// `Files("scans/*", set: "scan.range")` and `picture: ("model.glb", camera: (30, 15))` begin with.
+    fn unnamed(&self, call: Option<&Name>) -> Option<&'static str> {
+        match call.map(|name| &name.text[..]) {
+            Some("Graph") => Some("path"),
+            Some("Files") if self.in_sweep => Some("pattern"),
+            None if self.in_sweep => Some("output"),
+            _ => None,
+        }
+    }
+
+    /// A text without a name, as this field.
+    fn text_first(&mut self, name: &str, node: &SyntaxNode) -> Option<Field> {
         let value = node.children().find(|child| child.kind() == SyntaxKind::Literal)?;
         let text = first_token(&value)?;
         let is_text = matches!(text.kind(), SyntaxKind::String | SyntaxKind::RawString);
@@ -116,7 +131,7 @@ impl TreeReader {
         }
         let value = self.value(&value);
         let start = value.span.start;
-        Some(Field { name: Name { text: "path".into(), span: Span { start, end: start } }, value })
+        Some(Field { name: Name { text: name.into(), span: Span { start, end: start } }, value })
     }
 
     fn entry(&mut self, node: &SyntaxNode) -> Option<(Tree, Tree)> {

@@ -1,6 +1,7 @@
 //! The program as its users see it: what its commands do, say and write.
 
 mod at_once;
+mod batch;
 mod blessing;
 mod builds;
 mod canvas;

@@ -33,11 +33,19 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 34] = [
+const ROOMS: [(&str, &[&str]); 35] = [
+    (
+        "batch",
+        &[
+            "catalog", "error", "eval", "files", "graph", "node", "paths", "plain", "render",
+            "session", "telling", "text", "value", "writing",
+        ],
+    ),
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
     (
         "cli",
         &[
+            "batch",
             "catalog",
             "draw",
             "error",
@@ -118,8 +126,8 @@ const ROOMS: [(&str, &[&str]); 34] = [
     (
         "lsp",
         &[
-            "catalog", "error", "eval", "golden", "graph", "language", "paths", "plain", "session",
-            "suite", "text", "value",
+            "batch", "catalog", "error", "eval", "golden", "graph", "language", "paths", "plain",
+            "session", "suite", "text", "value",
         ],
     ),
     ("memory", &[]),
@@ -143,6 +151,7 @@ const ROOMS: [(&str, &[&str]); 34] = [
             "catalog",
             "error",
             "eval",
+            "files",
             "golden",
             "graph",
             "node",
@@ -162,8 +171,8 @@ const ROOMS: [(&str, &[&str]); 34] = [
     (
         "suite",
         &[
-            "catalog", "error", "eval", "format", "golden", "graph", "pack", "plain", "render",
-            "session", "text", "value", "writing",
+            "batch", "catalog", "error", "eval", "format", "golden", "graph", "pack", "plain",
+            "render", "session", "telling", "text", "value", "writing",
         ],
     ),
     ("telling", &["error"]),

@@ -48,6 +48,8 @@ async function mistake() {
   for (let k = 0; k < 3; k++) await editor.page.keyboard.press("Shift+ArrowRight");
   await editor.type("rad");
   await editor.page.locator(".squiggly-error").first().waitFor();
+  // Not what was told of the letters before.
+  await problems().filter({ hasText: "`rad`" }).first().waitFor();
 }
 
 /** The problems that the panel lists. */

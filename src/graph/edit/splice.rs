@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use crate::error::Span;
+pub(in crate::graph) use crate::text::quoted;
 use crate::text::{Body, Field, Kind, Token, Tree, tokens};
 
 /// A text in place of a part of another.
@@ -113,12 +114,6 @@ pub(in crate::graph) fn put_entry(
     let at = Span { start: open + inside.trim_end().len(), end: map.span.end - 1 };
     let newline = newline(text, map.span.start);
     vec![(at, format!("{newline}{indent}{},{newline}{outer}", write(&indent)))]
-}
-
-/// A text as a literal.
-pub(in crate::graph) fn quoted(text: &str) -> String {
-    let escaped = text.replace('\\', "\\\\").replace('"', "\\\"");
-    format!("\"{}\"", escaped.replace('\n', "\\n").replace('\r', "\\r").replace('\t', "\\t"))
 }
 
 /// How the line before a place ends.

@@ -1,7 +1,7 @@
 //! Paths in a text that goes to another folder.
 
 use std::collections::{BTreeSet, HashMap};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use super::Known;
@@ -10,29 +10,8 @@ use crate::graph::definition::Definition;
 use crate::graph::draft::{Draft, What};
 use crate::graph::edit::{Splice, field, quoted};
 use crate::graph::quality::side;
-use crate::paths::without_dots;
+use crate::paths::{path_between, without_dots};
 use crate::text::{Origin, Tree, Walk, parse};
-
-/// The folder of a file that may not be there yet, without links and dots.
-pub(in crate::graph) fn folder_of_new(file: &Path) -> PathBuf {
-    let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
-    let folder = file.parent().unwrap_or(&file);
-    let there = folder.ancestors().find_map(|folder| {
-        let real = std::fs::canonicalize(folder).ok()?;
-        Some((real, folder))
-    });
-    let Some((real, there)) = there else { return without_dots(folder) };
-    without_dots(&real.join(folder.strip_prefix(there).unwrap_or(Path::new(""))))
-}
-
-/// The path that leads from a folder to a file, both without dots.
-pub(in crate::graph) fn path_between(folder: &Path, file: &Path) -> String {
-    let common = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
-    let up = folder.components().skip(common).map(|_| "..".to_owned());
-    let down = file.components().skip(common);
-    let down = down.map(|part| part.as_os_str().to_string_lossy().into_owned());
-    Vec::from_iter(up.chain(down)).join("/")
-}
 
 /// A path that is relative to one folder, relative to another one.
 fn rebased(given: &str, from: &Path, to: &Path) -> String {

@@ -1,0 +1,26 @@
+//! Batches: one graph over many scans and many values, as tasks that leave records.
+//!
+//! A `Sweep(..)` says what differs from task to task ([`file`], [`axis`], [`pattern`]) and what each is called ([`names`]). Each task is run by
+//! one session, which computes once what tasks have in common, and leaves a record ([`record`], [`run`]); a contact sheet is made of records
+//! alone ([`sheet`]), whoever wrote them: this program or a farm's, which starts it a task at a time ([`emit`]).
+
+mod all;
+mod axis;
+mod emit;
+mod file;
+mod files;
+mod names;
+mod pattern;
+mod record;
+mod run;
+mod sheet;
+mod short;
+
+pub(crate) use all::{Ended, Hearer, Running};
+pub(crate) use emit::{Engine, Handover};
+#[cfg(test)]
+pub(crate) use file::words;
+pub(crate) use file::{ENDING, Picture, Sweep, Task, read_text, schema};
+pub(crate) use record::{Output, State};
+pub(crate) use run::{Batch, Standing, default_folder};
+pub(crate) use short::text_of;

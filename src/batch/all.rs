@@ -1,0 +1,105 @@
+//! Runs the tasks of a batch: one after the other, or several at a time once the first has found what they have in common.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use super::record::Record;
+use super::run::{Batch, Standing};
+use crate::eval::Observer;
+use crate::node::CancelToken;
+use crate::session::Session;
+
+/// A task that came to its end.
+pub(crate) struct Ended {
+    /// Which of the sweep's.
+    pub(crate) index: usize,
+    pub(crate) record: Record,
+    /// Whether it was run now, and did not still hold.
+    pub(crate) was_run: bool,
+}
+
+/// Hears what happens to tasks, from any thread.
+pub(crate) trait Hearer: Sync {
+    /// A task begins.
+    fn begins(&self, index: usize);
+    /// A task has ended.
+    fn ended(&self, ended: Ended);
+}
+
+/// How tasks are run.
+pub(crate) struct Running<'a> {
+    /// How many at a time.
+    pub(crate) jobs: usize,
+    /// Makes a session for each of them.
+    pub(crate) session: &'a (dyn Fn() -> Result<Session, String> + Sync),
+    /// Is called with each session when there is nothing more to do for it.
+    pub(crate) finish: &'a (dyn Fn(&Session) + Sync),
+    pub(crate) observer: &'a (dyn Observer + Sync),
+    pub(crate) hearer: &'a dyn Hearer,
+    pub(crate) cancel: &'a CancelToken,
+}
+
+impl Batch<'_> {
+    /// Runs these tasks, except those that need not be.
+    ///
+    /// # Errors
+    /// In words, if there can be no session, or a record cannot be written: the rest is not run then.
+    pub(crate) fn run_all(&self, tasks: &[usize], running: &Running<'_>) -> Result<(), String> {
+        let next = AtomicUsize::new(0);
+        let mut session = (running.session)()?;
+        if running.jobs < 2 || tasks.len() < 3 {
+            self.worked(&mut session, tasks, &next, running, usize::MAX)?;
+            (running.finish)(&session);
+            return Ok(());
+        }
+        // What the first one finds on the way, the others find on disk.
+        self.worked(&mut session, tasks, &next, running, 1)?;
+        (running.finish)(&session);
+        let failed = Mutex::new(None);
+        let work = |mut session: Session| {
+            let worked = self.worked(&mut session, tasks, &next, running, usize::MAX);
+            (running.finish)(&session);
+            if let Err(why) = worked {
+                *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(why);
+                running.cancel.cancel();
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 1..running.jobs.min(tasks.len()) {
+                let other = (running.session)()?;
+                scope.spawn(|| work(other));
+            }
+            work(session);
+            Ok::<(), String>(())
+        })?;
+        failed.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+    }
+
+    /// Works until no task is left, or so many have been run.
+    fn worked(
+        &self,
+        session: &mut Session,
+        tasks: &[usize],
+        next: &AtomicUsize,
+        running: &Running<'_>,
+        most: usize,
+    ) -> Result<(), String> {
+        let mut count = 0;
+        while count < most && !running.cancel.is_cancelled() {
+            let Some(&index) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
+            let task = &self.sweep.tasks[index];
+            let ended = match self.standing(session, task) {
+                Standing::Holds(record) => Ended { index, record: *record, was_run: false },
+                Standing::Due(_) => {
+                    running.hearer.begins(index);
+                    count += 1;
+                    let record = self.run(session, task, running.observer, running.cancel)?;
+                    let Some(record) = record else { break };
+                    Ended { index, record, was_run: true }
+                }
+            };
+            running.hearer.ended(ended);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,248 @@
+//! Hands a batch over to a farm's engine: each task is one call of this program, `maquette batch SWEEP --task I`, so that there is one way to
+//! run it. A first call, `--warm`, leaves in the cache what the tasks have in common.
+
+use serde_json::json;
+
+/// An engine that runs tasks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Engine {
+    /// A job template of Open Job Description, as JSON, to be kept in the current folder.
+    Openjd,
+    /// A script that hands the tasks to Slurm as an array.
+    Slurm,
+    /// A Python script that hands the tasks to HyperQueue.
+    Hq,
+    /// A command a line, for GNU parallel, xargs or a makefile.
+    Lines,
+}
+
+/// Slurm's own limit of an array, unless somebody has changed it.
+const LONGEST_ARRAY: usize = 1000;
+
+/// What is handed over.
+pub(crate) struct Handover<'a> {
+    /// The name of the batch.
+    pub(crate) name: &'a str,
+    /// The program, and its words up to those that name a task.
+    pub(crate) words: &'a [String],
+    /// How many tasks there are.
+    pub(crate) tasks: usize,
+    /// The current folder, that paths are relative to.
+    pub(crate) folder: &'a str,
+}
+
+impl Handover<'_> {
+    pub(crate) fn to(&self, engine: Engine) -> String {
+        match engine {
+            Engine::Openjd => self.openjd(),
+            Engine::Slurm => self.slurm(),
+            Engine::Hq => self.hq(),
+            Engine::Lines => {
+                (0..self.tasks).map(|task| format!("{} --task {task}\n", self.command())).collect()
+            }
+        }
+    }
+
+    fn command(&self) -> String {
+        Vec::from_iter(self.words.iter().map(|word| shell(word))).join(" ")
+    }
+
+    /// The template of a job. Its tasks run in folders of their own, so that the current one is a parameter.
+    fn openjd(&self) -> String {
+        let run = |last: &[&str]| {
+            let inside = "cd \"$0\" && exec \"$@\"";
+            let words = ["-c", inside, "{{Param.Project}}"].into_iter().map(str::to_owned);
+            // Braces would be taken for parameters.
+            let own = self.words.iter().map(|word| word.replace("{{", "{ {").replace("}}", "} }"));
+            let last = last.iter().map(|&word| word.to_owned());
+            let args = Vec::from_iter(words.chain(own).chain(last));
+            json!({ "actions": { "onRun": { "command": "bash", "args": args } } })
+        };
+        let tasks = json!({ "name": "Task", "type": "INT", "range": format!("0-{}", self.tasks.saturating_sub(1)) });
+        let job = json!({
+            "specificationVersion": "jobtemplate-2023-09",
+            "name": self.name,
+            "parameterDefinitions": [{
+                "name": "Project",
+                "type": "PATH",
+                "objectType": "DIRECTORY",
+                "dataFlow": "INOUT",
+                "default": ".",
+                "description": "The folder that the paths of the sweep and its results are relative to.",
+            }],
+            "steps": [
+                { "name": "Warm", "script": run(&["--warm"]) },
+                {
+                    "name": "Tasks",
+                    "dependencies": [{ "dependsOn": "Warm" }],
+                    "parameterSpace": { "taskParameterDefinitions": [tasks] },
+                    "script": run(&["--task", "{{Task.Param.Task}}"]),
+                },
+                { "name": "Sheet", "dependencies": [{ "dependsOn": "Tasks" }], "script": run(&["--report"]) },
+            ],
+        });
+        format!("{job:#}\n")
+    }
+
+    /// A script that submits an array. Its tasks take several in a row if there would be too many.
+    fn slurm(&self) -> String {
+        let each = self.tasks.div_ceil(LONGEST_ARRAY).max(1);
+        filled(
+            SLURM,
+            &[
+                ("NAME", &shell(self.name)),
+                ("FOLDER", &shell(self.folder)),
+                ("COMMAND", &self.command()),
+                ("TASKS", &self.tasks.to_string()),
+                ("LAST", &self.tasks.div_ceil(each).saturating_sub(1).to_string()),
+                ("EACH", &each.to_string()),
+                ("END", &self.tasks.saturating_sub(1).to_string()),
+            ],
+        )
+    }
+
+    fn hq(&self) -> String {
+        // Texts of JSON are texts of Python.
+        filled(
+            HQ,
+            &[
+                ("NAME", &json!(self.name).to_string()),
+                ("FOLDER", &json!(self.folder).to_string()),
+                ("COMMAND", &json!(self.words).to_string()),
+                ("TASKS", &self.tasks.to_string()),
+            ],
+        )
+    }
+}
+
+/// A text with something in the place of each mark, `@NAME@`, that is in the text itself.
+fn filled(text: &str, values: &[(&str, &str)]) -> String {
+    let mut full = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some((before, behind)) = rest.split_once('@') {
+        full += before;
+        let value = behind.split_once('@').and_then(|(mark, behind)| {
+            let (_, value) = values.iter().find(|(name, _)| *name == mark)?;
+            Some((value, behind))
+        });
+        rest = match value {
+            Some((value, behind)) => {
+                full += value;
+                behind
+            }
+            None => {
+                full.push('@');
+                behind
+            }
+        };
+    }
+    full + rest
+}
+
+const SLURM: &str = r#"#!/usr/bin/env bash
+# @TASKS@ tasks for Slurm: `bash THIS [OPTIONS OF SBATCH]`. The first job leaves in the cache what the tasks have in common, and the last one
+# makes the contact sheet, whatever came of the tasks.
+set -euo pipefail
+cd @FOLDER@
+command=(@COMMAND@)
+options=("$@")
+
+# Submits the command with more words, which may be worked out before, as an array, behind another job.
+submit() {
+    {
+        printf '#!/usr/bin/env bash\ncd %q || exit\n%s\nexec' "$PWD" "${4:-}"
+        printf ' %q' "${command[@]}"
+        printf ' %s\n' "$3"
+    } | sbatch --parsable --job-name=@NAME@ --array="$2" ${1:+--dependency="afterany:$1"} "${options[@]}"
+}
+
+warm=$(submit "" 0 --warm)
+tasks=$(submit "$warm" 0-@LAST@ '--task "$first-$last"' \
+    'first=$((SLURM_ARRAY_TASK_ID * @EACH@)); last=$((first + @EACH@ - 1)); [ $last -le @END@ ] || last=@END@')
+sheet=$(submit "$tasks" 0 --report)
+echo "$warm $tasks $sheet"
+"#;
+
+const HQ: &str = r#"#!/usr/bin/env python3
+"""@TASKS@ tasks for HyperQueue: `python3 THIS [SERVER DIRECTORY]`, or `python3 THIS --here` without a server. It waits for them and makes the
+contact sheet, whatever came of them. The first task leaves in the cache what the others have in common."""
+import os
+import sys
+
+from hyperqueue import Client, Job, LocalCluster
+
+COMMAND = @COMMAND@
+
+
+def submitted(client, *calls):
+    """Runs the command with these words; all calls but the first wait for that one. Returns how many failed."""
+    job = Job(default_workdir=@FOLDER@, max_fails=None, name=@NAME@)
+    first = []
+    for words in calls:
+        task = job.program([*COMMAND, *words], deps=first, stdout=os.devnull, stderr=os.devnull)
+        first = first or [task]
+    job = client.submit(job)
+    is_done = client.wait_for_jobs([job], raise_on_error=False)
+    return 0 if is_done else len(client.get_failed_tasks(job))
+
+
+def run(client):
+    failed = submitted(client, ["--warm"], *(["--task", str(task)] for task in range(@TASKS@)))
+    failed_sheet = submitted(client, ["--report"])
+    print(f"{@TASKS@ - failed} done, {failed} failed")
+    return 1 if failed or failed_sheet else 0
+
+
+if sys.argv[1:] == ["--here"]:
+    with LocalCluster() as cluster:
+        cluster.start_worker()
+        sys.exit(run(cluster.client()))
+sys.exit(run(Client(*sys.argv[1:])))
+"#;
+
+/// A word as a shell takes it.
+fn shell(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,+:@%".contains(c);
+    match !word.is_empty() && word.chars().all(is_plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn handed(engine: Engine, tasks: usize) -> String {
+        let words = ["maquette", "batch", "it's.ron", "--set", "a=$x"].map(str::to_owned);
+        Handover { name: "it's", words: &words, tasks, folder: "/a b" }.to(engine)
+    }
+
+    #[test]
+    fn lines_are_commands_whatever_the_words() {
+        assert_eq!(
+            handed(Engine::Lines, 2),
+            "maquette batch 'it'\\''s.ron' --set 'a=$x' --task 0\nmaquette batch 'it'\\''s.ron' --set 'a=$x' --task 1\n"
+        );
+    }
+
+    #[test]
+    fn a_long_array_takes_several_tasks_at_a_time() {
+        let script = handed(Engine::Slurm, 2500);
+        assert!(
+            script.contains(" 0-833 ") && script.contains("* 3)") && script.contains("last=2499"),
+            "{script}"
+        );
+        let script = handed(Engine::Slurm, 6);
+        assert!(script.contains(" 0-5 ") && script.contains("* 1)"), "{script}");
+    }
+
+    #[test]
+    fn a_job_template_is_json_with_a_task_for_each() {
+        let job: serde_json::Value = serde_json::from_str(&handed(Engine::Openjd, 6)).unwrap();
+        let step = &job["steps"][1];
+        assert_eq!(step["parameterSpace"]["taskParameterDefinitions"][0]["range"], "0-5");
+        let args = step["script"]["actions"]["onRun"]["args"].as_array().unwrap();
+        assert_eq!(args.last().unwrap(), "{{Task.Param.Task}}");
+    }
+}

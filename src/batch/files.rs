@@ -1,0 +1,103 @@
+//! Files that tasks differ by, and what of the graph they take the place of.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::axis::{Reader, Row, Rows, Set};
+use super::pattern::{Found, matches};
+use crate::error::{Span, code};
+use crate::paths::{PathProblem, may_read, path_between};
+use crate::text::{Tree, quoted};
+
+/// `Files(..)` as it is written.
+pub(super) struct Meant<'a> {
+    pub(super) pattern: &'a str,
+    pub(super) set: &'a str,
+    pub(super) input: &'a str,
+    pub(super) beside: &'a BTreeMap<String, String>,
+    pub(super) name: &'a str,
+    pub(super) tree: &'a Tree,
+}
+
+impl Meant<'_> {
+    /// Where a field stands.
+    fn place(&self, wanted: &str) -> Span {
+        let mut fields = self.tree.fields().unwrap_or_default().iter();
+        let field = fields.find(|field| field.name.text == wanted);
+        field.map_or(self.tree.span, |field| field.value.span)
+    }
+}
+
+impl Reader<'_> {
+    /// A row for each file.
+    pub(super) fn files(&mut self, meant: &Meant<'_>) -> Rows {
+        let (pattern, span) = (meant.pattern, meant.place("pattern"));
+        let found = matches(self.folder, pattern).unwrap_or_else(|message| {
+            self.find(code::WRONG_VALUE, span, message, "");
+            Vec::new()
+        });
+        if found.is_empty() && self.findings.is_empty() {
+            let help = "the pattern is relative to the sweep's file; `*` does not stand for `/`";
+            self.find(code::MISSING_FILE, span, format!("no file fits `{pattern}`"), help);
+        }
+        if !meant.set.is_empty() && !meant.input.is_empty() {
+            let message = "a file is for a field or for an input";
+            self.find(code::WRONG_VALUE, meant.place("input"), message, "leave one of them out");
+        }
+        // What each takes the place of is the same for all.
+        let is_said = !meant.set.is_empty() || !meant.input.is_empty();
+        let own = if is_said { Vec::new() } else { (self.reads)() };
+        let named = match meant.name {
+            "" => ("file".to_owned(), span),
+            name => (name.to_owned(), meant.place("name")),
+        };
+        let rows = found.into_iter().map(|found| self.file(found, meant, &own)).collect();
+        Rows { names: vec![named], rows }
+    }
+
+    /// A file, or a folder of files; `own` are those that the graph reads, by what names them.
+    fn file(&mut self, found: Found, meant: &Meant<'_>, own: &[(String, PathBuf)]) -> Row {
+        let Found { path, name } = found;
+        let mut row = Row { values: vec![name], ..Row::default() };
+        let is_folder = path.is_dir();
+        let folder = if is_folder { path.clone() } else { path.with_file_name("") };
+        let mut files: Vec<(String, PathBuf)> =
+            meant.beside.iter().map(|(target, file)| (target.clone(), folder.join(file))).collect();
+        if !meant.input.is_empty() {
+            row.inputs.push((meant.input.to_owned(), path));
+        } else if !meant.set.is_empty() {
+            files.push((meant.set.to_owned(), path));
+        } else {
+            let before = files.len();
+            files.extend(own.iter().filter_map(|(target, read)| {
+                let file = if is_folder { path.join(read.file_name()?) } else { path.clone() };
+                let fits = if is_folder { file.is_file() } else { has_ending(&file, read) };
+                fits.then(|| (target.clone(), file))
+            }));
+            if files.len() == before && meant.beside.is_empty() {
+                let message =
+                    format!("the graph reads no file that `{}` could stand for", path.display());
+                let help = "say which: `set: \"node.field\"` or `input: \"name\"`";
+                self.find(code::MISSING_FIELD, meant.place("pattern"), message, help);
+            }
+        }
+        let of = if meant.set.is_empty() { meant.tree.span } else { meant.place("set") };
+        for (target, file) in files {
+            let given = path_between(self.graph_folder, &file);
+            if let Err(problem) = may_read(&given, &self.graph_folder.join(&given), self.roots) {
+                let (code, message, help) = match problem {
+                    PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
+                    PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),
+                };
+                self.find(code, meant.place("pattern"), message, help);
+            }
+            let span = meant.place("pattern");
+            row.set.push(Set { target, text: quoted(&given), span, of });
+        }
+        row
+    }
+}
+
+fn has_ending(file: &Path, other: &Path) -> bool {
+    file.extension() == other.extension()
+}

@@ -1,0 +1,111 @@
+// Those that are chosen: beside each other, one over the other, or where they differ.
+
+import { cards, factsOf, pictureOf, pictured, said, valuesOf } from "./cards.js";
+import { facets } from "./data.js";
+import { element, onClick, plain, the } from "./element.js";
+import { sheet } from "./layout.js";
+import { RANGES, remember, state } from "./state.js";
+/** @typedef {import("./data.js").Task} Task */
+
+export const compare = the("compare", HTMLDialogElement);
+/** The buttons that say how. */
+export const views = [...the("views", HTMLElement).querySelectorAll("button")];
+
+/** @param {Task} task */
+export function choose(task, isChosen = !state.chosen.has(task)) {
+  if (isChosen) state.chosen.add(task);
+  else state.chosen.delete(task);
+  showChosen();
+  remember();
+}
+
+export function showChosen() {
+  for (const [task, card] of cards) {
+    const check = card.querySelector("input");
+    if (check) check.checked = state.chosen.has(task);
+  }
+  const count = state.chosen.size;
+  sheet.toggleAttribute("data-choosing", count > 0);
+  the("picked", HTMLElement).hidden = count === 0;
+  the("picked-count", HTMLElement).textContent = `${count} chosen`;
+  the("picked-compare", HTMLButtonElement).ariaDisabled = String(count < 2);
+}
+
+/** Shows those chosen beside or over each other. */
+export function showCompared(view = state.compare || "side") {
+  const chosen = [...state.chosen];
+  const [first, second] = chosen;
+  if (!first || !second) return compare.close();
+  const canOverlay = chosen.length === 2 && chosen.every((task) => pictured(task) !== null);
+  state.compare = canOverlay ? view : "side";
+  const differing = facets.slice(1).filter((facet) => chosen.some((task) => facet.of(task) !== facet.of(first)));
+  const same = facets.slice(1).filter((facet) => !differing.includes(facet));
+  the("compare-title", HTMLElement).replaceChildren(`${chosen.length} compared`, ...(same.length ? [valuesOf(first, same)] : []));
+  for (const button of views) {
+    button.ariaPressed = String(button.value === state.compare);
+    button.ariaDisabled = String(button.value !== "side" && !canOverlay);
+    if (button.value === "side") continue;
+    button.title = canOverlay ? `${button.value} (${button.value[0]})` : "two that have pictures can be laid over each other";
+  }
+  const caption = (/** @type {Task} */ task) => [differing.length ? valuesOf(task, differing) : plain(task.name), factsOf(task)];
+  const compared = the("compared", HTMLElement);
+  if (state.compare === "side") {
+    const figures = chosen.map((task) => {
+      const label = `no longer compare ${task.name}`;
+      const remove = onClick(element("button", { class: "remove", type: "button", title: label, "aria-label": label }, "×"), () => {
+        choose(task, false);
+        showCompared();
+      });
+      return element("figure", {}, pictureOf(task), element("figcaption", {}, ...caption(task)), ...(chosen.length > 2 ? [remove] : []));
+    });
+    compared.replaceChildren(element("div", { class: "beside" }, ...figures));
+  } else {
+    compared.replaceChildren(overlaid(first, second, caption));
+  }
+  if (!compare.open) compare.showModal();
+  // The keys move what is over the other at once.
+  compared.querySelector("input")?.focus();
+  remember();
+}
+
+/**
+ * @param {Task} first
+ * @param {Task} second
+ * @param {(task: Task) => HTMLElement[]} caption
+ */
+function overlaid(first, second, caption) {
+  const isWipe = state.compare === "wipe";
+  const key = isWipe ? "at" : "gain";
+  const [, least, most] = RANGES.find(([name]) => name === key) ?? [key, 0, 1];
+  const label = `${said(first)}; ${said(second)}`;
+  const pair = element("div", { class: "pair", "data-view": state.compare, role: "img", "aria-label": label }, pictureOf(first), pictureOf(second));
+  const range = element("input", { type: "range", min: least, max: most, value: state[key] });
+  const show = () => {
+    state[key] = Number(range.value);
+    pair.style.setProperty(`--${key}`, String(state[key]));
+    remember();
+  };
+  range.addEventListener("input", show);
+  const drag = (/** @type {PointerEvent} */ event) => {
+    if (!isWipe || !(event.buttons & 1)) return;
+    const { left, width } = pair.getBoundingClientRect();
+    range.value = String((100 * (event.clientX - left)) / width);
+    show();
+  };
+  pair.addEventListener("pointerdown", (event) => {
+    pair.setPointerCapture(event.pointerId);
+    drag(event);
+  });
+  pair.addEventListener("pointermove", drag);
+  show();
+  const ends = [first, second].map((task) => element("div", {}, ...caption(task)));
+  const equal = first.picture === second.picture ? [element("p", {}, "Both pictures are equal, byte for byte.")] : [];
+  const slider = element("label", {}, isWipe ? "wipe" : "strength", range);
+  return element("div", { class: "over" }, pair, element("div", { class: "ends" }, ...ends), ...equal, slider);
+}
+
+export function chooseNone() {
+  state.chosen.clear();
+  showChosen();
+  remember();
+}

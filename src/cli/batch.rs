@@ -1,0 +1,420 @@
+//! `maquette batch`: one graph over many scans and many values.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use clap::Args;
+use serde_json::{Value as Json, json};
+
+use super::caching::{self, CacheOptions};
+use super::events::{Events, Listener};
+use super::replay::ProvenanceOptions;
+use super::{
+    Exit, GraphOptions, assignment, counted, eprint, interrupt, print, print_document, print_json,
+    put_problems, report,
+};
+use crate::batch::{
+    self, Batch as Tasks, Ended, Engine, Handover, Hearer, Running, Standing, State, Sweep,
+    default_folder,
+};
+use crate::catalog::Catalog;
+use crate::error::Problem;
+use crate::eval::Observer;
+use crate::node::CancelToken;
+use crate::plain;
+use crate::session::Session;
+use crate::text::first_word;
+
+/// What tasks have in common is computed once. Each leaves a record in OUT/tasks; a task whose record still holds is not run again.
+#[derive(Args)]
+pub(super) struct Batch {
+    /// A file with a Sweep(..), or a graph, with --sweep and --scans.
+    #[arg(value_name = "SWEEP")]
+    file: PathBuf,
+    /// Sweep a parameter or field of the graph over these values; may be given several times.
+    #[arg(long = "sweep", value_name = "NAME=VALUE,VALUE..", value_parser = assignment)]
+    values: Vec<(String, String)>,
+    /// Sweep the graph over these files or folders, in quotes: 'scans/*'. Each takes the place of the files that the graph reads.
+    #[arg(long, value_name = "PATTERN")]
+    scans: Option<String>,
+    /// The folder of results; `out/SWEEP` if left out.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// How many tasks to run at a time.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: u16,
+    /// Run what failed again, though nothing has changed.
+    #[arg(long)]
+    retry: bool,
+    /// Only say what would run, and why.
+    #[arg(short = 'n', long)]
+    dry_run: bool,
+    /// Run these tasks alone, counted from 0, and make no contact sheet: as a farm does.
+    #[arg(long, value_name = "I|FIRST-LAST", value_parser = range, conflicts_with_all = ["dry_run", "report", "emit"])]
+    task: Option<(usize, usize)>,
+    /// Run the first task, so that the others find in the cache what they share, and end well whatever comes of it.
+    #[arg(long, conflicts_with_all = ["task", "dry_run", "report", "emit"])]
+    warm: bool,
+    /// Run nothing: make the contact sheet of the records that are there.
+    #[arg(long, conflicts_with_all = ["dry_run", "emit"])]
+    report: bool,
+    /// Print what hands the tasks to this engine.
+    #[arg(long, value_name = "ENGINE", conflicts_with = "dry_run")]
+    emit: Option<Engine>,
+    /// How many threads to use; 0 is all.
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    #[command(flatten)]
+    options: GraphOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
+    #[command(flatten)]
+    provenance: ProvenanceOptions,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+    /// Print what happens as it happens, one JSON object a line.
+    #[arg(long, conflicts_with = "json")]
+    events: bool,
+}
+
+fn range(text: &str) -> Result<(usize, usize), String> {
+    let number = |text: &str| text.trim().parse::<usize>().ok();
+    let range = match text.split_once('-') {
+        Some((first, last)) => number(first).zip(number(last)),
+        None => number(text).map(|only| (only, only)),
+    };
+    range
+        .filter(|(first, last)| first <= last)
+        .ok_or_else(|| "write I or FIRST-LAST, counted from 0".into())
+}
+
+impl Batch {
+    pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
+        let start = Instant::now();
+        let (path, text) = match self.text() {
+            Ok(found) => found,
+            Err(why) => return Exit::Usage(why),
+        };
+        let options = self.options.all();
+        let (sweep, problems) = batch::read_text(&path, &text, catalog, &options);
+        let Some(sweep) = sweep else {
+            self.tell_problems(&problems);
+            return Exit::Failed;
+        };
+        if !self.json {
+            report(&problems);
+        }
+        if let Some(engine) = self.emit {
+            return self.emit(engine, &sweep);
+        }
+        let default = default_folder(&path);
+        let out = self.out.as_deref().unwrap_or(&default);
+        let tasks = Tasks {
+            sweep: &sweep,
+            out,
+            is_named: self.out.is_some(),
+            options: &options,
+            signs: self.provenance.signs(),
+            retries: self.retry,
+        };
+        let all = 0..sweep.tasks.len();
+        let wanted = match self.task {
+            _ if self.warm => vec![0],
+            None => all.collect(),
+            Some((_, last)) if !all.contains(&last) => {
+                let most = sweep.tasks.len() - 1;
+                return Exit::Usage(format!(
+                    "there is no task {last}: they are counted from 0 to {most}"
+                ));
+            }
+            Some((first, last)) => (first..=last).collect(),
+        };
+        if self.dry_run {
+            return self.forecast(&tasks, catalog);
+        }
+        if self.report {
+            return self.write_sheet(&tasks);
+        }
+        self.work(&tasks, &wanted, &problems, catalog, start)
+    }
+
+    /// The text of the sweep, and where it stands: for a graph it is made of the options.
+    fn text(&self) -> Result<(PathBuf, String), String> {
+        let read = plain::read_text(&self.file);
+        let text = read.map_err(|error| format!("cannot read {}: {error}", self.file.display()))?;
+        let is_sweep = first_word(&text) == "Sweep";
+        let has_options = !self.values.is_empty() || self.scans.is_some();
+        match (is_sweep, has_options) {
+            (true, false) => return Ok((self.file.clone(), text)),
+            (true, true) => {
+                return Err("--sweep and --scans are for graphs: change the sweep's file".into());
+            }
+            (false, false) => {
+                return Err(format!(
+                    "{} is no Sweep(..): name what differs from task to task, `--sweep growth=5,12,20` or `--scans 'scans/*'`",
+                    self.file.display()
+                ));
+            }
+            (false, true) => {}
+        }
+        let beside = self.file.with_extension("sweep.ron");
+        Ok((beside, batch::text_of(&self.file, self.scans.as_deref(), &self.values)?))
+    }
+
+    fn emit(&self, engine: Engine, sweep: &Sweep) -> Exit {
+        let folder = match std::env::current_dir() {
+            Ok(folder) => folder.display().to_string(),
+            Err(error) => return Exit::Usage(format!("there is no current folder: {error}")),
+        };
+        let name = sweep.source.name.file_stem().unwrap_or_default().to_string_lossy();
+        let words = self.words();
+        let handover =
+            Handover { name: &name, words: &words, tasks: sweep.tasks.len(), folder: &folder };
+        print_document(&handover.to(engine));
+        Exit::Done
+    }
+
+    /// The words of this command, without those that say which tasks.
+    fn words(&self) -> Vec<String> {
+        let program = std::env::args().next().unwrap_or_else(|| "maquette".into());
+        let mut words = vec![program, "batch".into(), self.file.display().to_string()];
+        let mut add = |name: &str, value: &str| words.extend([name.to_owned(), value.to_owned()]);
+        for (name, values) in &self.values {
+            add("--sweep", &format!("{name}={values}"));
+        }
+        if let Some(scans) = &self.scans {
+            add("--scans", scans);
+        }
+        if let Some(out) = &self.out {
+            add("--out", &out.display().to_string());
+        }
+        if self.threads != 0 {
+            add("--threads", &self.threads.to_string());
+        }
+        if self.retry {
+            words.push("--retry".into());
+        }
+        words.extend(self.options.words());
+        words.extend(self.cache.words());
+        words.extend(self.provenance.words());
+        words
+    }
+
+    fn session(&self, catalog: &Arc<Catalog>) -> Result<Session, String> {
+        let jobs = usize::from(self.jobs);
+        let threads = match (self.threads, jobs) {
+            (0, 2..) => {
+                std::thread::available_parallelism().map_or(1, |all| (all.get() / jobs).max(1))
+            }
+            (threads, _) => threads,
+        };
+        self.cache.session(threads, catalog)
+    }
+
+    fn tell_problems(&self, problems: &[Problem]) {
+        match self.json {
+            true => {
+                let mut document = json!({ "tasks": [] });
+                put_problems(&mut document, problems);
+                print_json(&document);
+            }
+            false => report(problems),
+        }
+    }
+
+    /// Says what would run.
+    fn forecast(&self, tasks: &Tasks<'_>, catalog: &Arc<Catalog>) -> Exit {
+        let mut session = match self.session(catalog) {
+            Ok(session) => session,
+            Err(why) => return Exit::Usage(why),
+        };
+        let longest = tasks.sweep.tasks.iter().map(|task| task.name.len()).max().unwrap_or(0);
+        let (mut runs, mut all, mut due) = (std::collections::HashSet::new(), 0, 0);
+        for (index, task) in tasks.sweep.tasks.iter().enumerate() {
+            let (word, reason) = match tasks.standing(&session, task) {
+                Standing::Holds(record) => (record.state.word(), "nothing has changed".to_owned()),
+                Standing::Due(reason) => {
+                    due += 1;
+                    let forecast = tasks.forecast(&mut session, task).into_iter();
+                    let would = forecast.filter(|(_, it)| it.may_run());
+                    let before = runs.len();
+                    let count = would.map(|(made, _)| runs.insert(made)).count();
+                    all += count;
+                    let new = runs.len() - before;
+                    ("run", format!("{reason}; {}, {new} of them new", counted(count, "node")))
+                }
+            };
+            print(&format!("{word:<6}  {index:>4}  {:<longest$}  {reason}\n", task.name));
+        }
+        let shared = match all - runs.len() {
+            0 => String::new(),
+            _ => format!(" in place of {all}, for what tasks have in common is computed once"),
+        };
+        let tasks = counted(tasks.sweep.tasks.len(), "task");
+        print(&format!("{due} of {tasks} would run: {}{shared}\n", counted(runs.len(), "node")));
+        Exit::Done
+    }
+
+    fn write_sheet(&self, tasks: &Tasks<'_>) -> Exit {
+        match tasks.write_sheet() {
+            Ok(path) => {
+                if !self.json && !self.events {
+                    print(&format!("{}\n", path.display()));
+                }
+                Exit::Done
+            }
+            Err(why) => Exit::Usage(why),
+        }
+    }
+
+    fn work(
+        &self,
+        tasks: &Tasks<'_>,
+        wanted: &[usize],
+        problems: &[Problem],
+        catalog: &Arc<Catalog>,
+        start: Instant,
+    ) -> Exit {
+        let cancel = CancelToken::default();
+        interrupt::cancels(&cancel);
+        let events = self.events.then(|| Events::new(Listener::of_stdout(), cancel.clone()));
+        let observer: &(dyn Observer + Sync) = events.as_ref().map_or(&(), |events| events);
+        let teller = Teller::new(tasks.sweep, self.json, self.events);
+        let ended = tasks.run_all(
+            wanted,
+            &Running {
+                jobs: usize::from(self.jobs),
+                session: &|| self.session(catalog),
+                finish: &caching::finish,
+                observer,
+                hearer: &teller,
+                cancel: &cancel,
+            },
+        );
+        let Counts { done, failed, ran, ended: records } = teller.into_counts();
+        if let Err(why) = ended {
+            return Exit::Usage(why);
+        }
+        if cancel.is_cancelled() {
+            return Exit::Interrupted;
+        }
+        let is_whole = self.task.is_none() && !self.warm;
+        let sheet = if is_whole { Some(tasks.write_sheet()) } else { None };
+        let sheet = match sheet.transpose() {
+            Ok(sheet) => sheet,
+            Err(why) => return Exit::Usage(why),
+        };
+        let seconds = start.elapsed().as_secs_f64();
+        let place = sheet.as_deref().map(|path| path.display().to_string());
+        if self.json {
+            let mut document = json!({ "tasks": records, "sheet": place, "seconds": seconds });
+            put_problems(&mut document, problems);
+            print_json(&document);
+        } else if let Some(listener) = self.events.then(Listener::of_stdout) {
+            let fields = json!({ "done": done, "failed": failed, "ran": ran, "sheet": place, "seconds": seconds });
+            listener.tell("batch", fields);
+        } else {
+            let failed = if failed == 0 { String::new() } else { format!(", {failed} failed") };
+            print(&format!(
+                "{}: {done} done{failed}; {ran} run now; {seconds:.2} s\n{}",
+                counted(wanted.len(), "task"),
+                place.map_or(String::new(), |place| format!("{place}\n")),
+            ));
+        }
+        if failed == 0 || self.warm { Exit::Done } else { Exit::Failed }
+    }
+}
+
+/// What became of tasks.
+#[derive(Default)]
+struct Counts {
+    done: usize,
+    failed: usize,
+    ran: usize,
+    /// As `--json` has them.
+    ended: Vec<Json>,
+}
+
+/// Tells what happens to tasks.
+struct Teller<'a> {
+    sweep: &'a Sweep,
+    json: bool,
+    events: bool,
+    longest: usize,
+    counts: Mutex<Counts>,
+}
+
+impl<'a> Teller<'a> {
+    fn new(sweep: &'a Sweep, json: bool, events: bool) -> Self {
+        let longest = sweep.tasks.iter().map(|task| task.name.len()).max().unwrap_or(0);
+        Self { sweep, json, events, longest, counts: Mutex::default() }
+    }
+
+    fn into_counts(self) -> Counts {
+        let mut counts = self.counts.into_inner().unwrap_or_else(PoisonError::into_inner);
+        counts.ended.sort_by_key(|task| task["task"].as_u64());
+        counts
+    }
+}
+
+impl Hearer for Teller<'_> {
+    fn begins(&self, index: usize) {
+        if self.events {
+            let fields = json!({ "task": index, "name": self.sweep.tasks[index].name });
+            Listener::of_stdout().tell("task-started", fields);
+        }
+    }
+
+    fn ended(&self, Ended { index, record, was_run }: Ended) {
+        let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        match record.state {
+            State::Done => counts.done += 1,
+            State::Failed => counts.failed += 1,
+        }
+        counts.ran += usize::from(was_run);
+        let problems = record.problems.iter().filter(|problem| problem["severity"] == "error");
+        if self.json || self.events {
+            let output = |it: &batch::Output| json!({ "name": it.name, "path": it.path, "bytes": it.bytes, "hash": it.hash.to_string() });
+            let fields = json!({
+                "task": index,
+                "name": record.name,
+                "state": record.state.word(),
+                "ran": was_run,
+                "values": record.values.iter().map(|(name, value)| (name.clone(), value.clone().into())).collect::<serde_json::Map<_, _>>(),
+                "seconds": record.seconds,
+                "nodes": record.nodes,
+                "outputs": Vec::from_iter(record.outputs.iter().map(output)),
+                "problems": record.problems,
+            });
+            match self.events {
+                true => Listener::of_stdout().tell("task", fields),
+                false => counts.ended.push(fields),
+            }
+            return;
+        }
+        let nodes = record.nodes.iter().map(|(word, count)| format!("{count} {word}"));
+        let rest = match was_run {
+            true => format!("{:7.2} s  {}", record.seconds, Vec::from_iter(nodes).join(", ")),
+            false => "nothing has changed".to_owned(),
+        };
+        let longest = self.longest;
+        print(&format!(
+            "{:<6}  {index:>4}  {:<longest$}  {rest}\n",
+            record.state.word(),
+            record.name
+        ));
+        for problem in problems {
+            let text = |name: &str| problem[name].as_str().unwrap_or_default().to_owned();
+            let help =
+                if text("help").is_empty() { String::new() } else { format!("; {}", text("help")) };
+            let (line, column) = (&problem["line"], &problem["column"]);
+            eprint(&format!(
+                "error: {}:{line}:{column}: {}{help}\n",
+                text("file"),
+                text("message")
+            ));
+        }
+    }
+}

@@ -1,0 +1,455 @@
+//! One graph over many scans and many values: each test is named after a statement that `maquette batch` must keep.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
+
+use serde_json::Value as Json;
+
+use crate::project::Project;
+
+const SWEEP: &str = r#"Sweep(
+    graph: "doll.ron",
+    over: Product([
+        Files("scans/*/range.pcd", set: "scan.range", name: "scan"),
+        Zip([Values("growth", [5, 12, 20]), Values("levels", [0, 1, 1])]),
+    ]),
+    out: "{scan}/{growth}_{levels}",
+    picture: ("model.glb", camera: (30, 15)),
+)
+"#;
+
+/// The doll, seen by several scanners.
+fn scanned(scans: &[&str], sweep: &str) -> Project {
+    let project = Project::doll();
+    for scan in scans {
+        fs::create_dir_all(project.folder().join("scans").join(scan)).unwrap();
+        project.copy_asset("range.pcd", &format!("scans/{scan}/range.pcd"));
+        project.copy_asset("color.png", &format!("scans/{scan}/color.png"));
+    }
+    write(&project, "doll.sweep.ron", sweep);
+    project
+}
+
+fn write(project: &Project, name: &str, text: &str) {
+    fs::write(project.folder().join(name), text).unwrap();
+}
+
+/// Runs a batch to its end: how it ended, and what it says as one document.
+fn batch(project: &Project, more: &[&str]) -> (Option<i32>, Json) {
+    let words =
+        [&["batch", "doll.sweep.ron", "--out", "all", "--json", "--threads", "1"], more].concat();
+    let output = project.maquette(&words);
+    let told = String::from_utf8_lossy(&output.stderr);
+    let document = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{told}"));
+    (output.status.code(), document)
+}
+
+fn names(document: &Json, is_wanted: impl Fn(&Json) -> bool) -> Vec<String> {
+    let tasks = document["tasks"].as_array().unwrap().iter();
+    tasks
+        .filter(|task| is_wanted(task))
+        .map(|task| task["name"].as_str().unwrap().to_owned())
+        .collect()
+}
+
+fn ran(document: &Json) -> Vec<String> {
+    names(document, |task| task["ran"] == true)
+}
+
+/// The hash of each output of each task.
+fn hashes(document: &Json) -> BTreeMap<String, String> {
+    let mut hashes = BTreeMap::new();
+    for task in document["tasks"].as_array().unwrap() {
+        for output in task["outputs"].as_array().unwrap() {
+            let path = output["path"].as_str().unwrap().to_owned();
+            hashes.insert(path, output["hash"].as_str().unwrap().to_owned());
+        }
+    }
+    hashes
+}
+
+/// What `check` says of a sweep, without pictures of the places.
+fn problems(project: &Project, text: &str) -> Vec<(u64, u64, String)> {
+    write(project, "doll.sweep.ron", text);
+    let output = project.maquette(&["check", "doll.sweep.ron", "--json"]);
+    let document: Json = serde_json::from_slice(&output.stdout).unwrap();
+    let problem = |it: &Json| {
+        let number = |name: &str| it[name].as_u64().unwrap();
+        (number("line"), number("column"), it["message"].as_str().unwrap().to_owned())
+    };
+    document["problems"].as_array().unwrap().iter().map(problem).collect()
+}
+
+#[test]
+fn each_with_each_and_one_with_another() {
+    let project = scanned(&["a", "b-10", "b-2"], SWEEP);
+    let (code, document) = batch(&project, &[]);
+    assert_eq!(code, Some(0), "{document}");
+    let all = names(&document, |_| true);
+    let of = |scan: &str| ["5_0", "12_1", "20_1"].map(|rest| format!("{scan}/{rest}"));
+    assert_eq!(all, [of("a"), of("b-2"), of("b-10")].concat());
+    let first = &document["tasks"][1]["values"];
+    assert_eq!(
+        (&first["scan"], &first["growth"], &first["levels"]),
+        (&"a".into(), &"12".into(), &"1".into())
+    );
+    // The same scan under another name is the same work, and no task is other than a run with its values.
+    let computed =
+        |index: usize| document["tasks"][index]["nodes"]["computed"].as_u64().unwrap_or(0);
+    assert_eq!(Vec::from_iter((0..9).map(computed)), [15, 8, 8, 0, 0, 0, 0, 0, 0]);
+    let run = ["run", "doll.ron", "--out", "one", "--set", "growth=12", "--set", "levels=1"];
+    assert!(
+        project
+            .maquette(&[&run[..], &["--set", "scan.range=scans/a/range.pcd"]].concat())
+            .status
+            .success()
+    );
+    for file in ["model.glb", "model.ply", "blended.pcd", "surface.ply", "nose-mask.png"] {
+        let read = |folder: &str| fs::read(project.folder().join(folder).join(file)).unwrap();
+        assert!(read("all/a/12_1") == read("one"), "{file}");
+    }
+}
+
+#[test]
+fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
+    let project = scanned(&["a"], SWEEP);
+    let of = |over: &str, rest: &str| {
+        format!("Sweep(\n    graph: \"doll.ron\",\n    over: {over},\n{rest})\n")
+    };
+    let zip = of("Zip([Values(\"growth\", [5, 12, 20]), Values(\"levels\", [0, 1])])", "");
+    assert_eq!(
+        problems(&project, &zip),
+        [(3, 47, "`levels` has 2 values, and `growth` has 3".into())]
+    );
+    for (over, rest, line, column, message) in [
+        ("Values(\"growht\", [1, 2])", "", 3, 18, "the graph has no parameter `growht`"),
+        (
+            "Values(\"growth\", [1, 99])",
+            "",
+            3,
+            32,
+            "parameter `growth` is 99 mm, but must be at least 0 and at most 40 mm",
+        ),
+        (
+            "Values(\"red.select.distanse\", [1, 2])",
+            "",
+            3,
+            18,
+            "doll.ron:15:55: Near has no field `distanse`",
+        ),
+        (
+            "Values(\"growth\", [5, 5.0])",
+            "out: \"a\"",
+            4,
+            6,
+            "two tasks have the name `a`: growth = 5 and growth = 5.0",
+        ),
+        (
+            "Values(\"growth\", [5, 6])",
+            "out: \"{grwth}\"",
+            4,
+            7,
+            "nothing in `over` has the name `grwth`",
+        ),
+        (
+            "Values(\"growth\", [5, 6])",
+            "out: \"tasks/{growth}\"",
+            4,
+            6,
+            "no task can have the name `tasks/5`: the batch has its records and its contact sheet there",
+        ),
+        ("Files(\"scan/*\", set: \"scan.range\")", "", 3, 17, "no file fits `scan/*`"),
+        ("Files(\"../*\", set: \"scan.range\")", "", 3, 17, ""),
+        (
+            "Values(\"growth\", [5])",
+            "set: {\"levels\": 9}",
+            4,
+            17,
+            "parameter `levels` is 9, but must be at least 0 and at most 4",
+        ),
+        (
+            "Values(\"growth\", [5])",
+            "picture: \"modl.glb\"",
+            4,
+            10,
+            "the graph has no output `modl.glb`",
+        ),
+        ("Values(\"growth\", [])", "", 3, 28, "`growth` has no values"),
+        ("Valeus(\"growth\", [5])", "", 3, 11, "field `over` of Sweep has no choice `Valeus`"),
+    ] {
+        let found = problems(&project, &of(over, rest));
+        let [(at_line, at_column, told), others @ ..] = &found[..] else {
+            panic!("{over} {rest}: nothing is told")
+        };
+        assert_eq!((*at_line, *at_column), (line, column), "{found:?}");
+        assert!(message.is_empty() || (told == message && others.is_empty()), "{found:?}");
+    }
+    let output = project.maquette(&["batch", "doll.sweep.ron"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(!project.folder().join("out").exists(), "something was run");
+    // Capitals do not tell folders apart everywhere, nor are all names names.
+    let red = problems(
+        &project,
+        &of(
+            "Values(\"red.select.color\", [\"#ff0000\", \"#FF0000\"])",
+            "out: \"{red.select.color}\"",
+        ),
+    );
+    assert_eq!(red.len(), 1, "{red:?}");
+}
+
+#[test]
+fn one_that_fails_leaves_the_others() {
+    let project = scanned(
+        &["a", "b", "c", "d", "e", "f"],
+        &SWEEP.replace("[5, 12, 20]", "[5]").replace("[0, 1, 1]", "[0]"),
+    );
+    write(&project, "scans/c/range.pcd", "VERSION 0.7\nnot a range image\n");
+    let (code, document) = batch(&project, &[]);
+    assert_eq!(code, Some(1));
+    assert_eq!(names(&document, |task| task["state"] == "failed"), ["c/5_0"]);
+    assert_eq!(names(&document, |task| task["outputs"].as_array().unwrap().len() == 5).len(), 5);
+    let told = &document["tasks"][2]["problems"][0]["message"];
+    assert!(told.as_str().unwrap().contains("range.pcd"), "{told}");
+    let words = project.maquette(&["batch", "doll.sweep.ron", "--out", "all"]);
+    let (out, err) =
+        (String::from_utf8(words.stdout).unwrap(), String::from_utf8(words.stderr).unwrap());
+    assert!(out.contains("6 tasks: 5 done, 1 failed; 0 run now"), "{out}");
+    assert!(err.contains("error: "), "{err}");
+    assert_eq!(words.status.code(), Some(1));
+    // It is run again if it is wanted, or has changed.
+    assert_eq!(ran(&batch(&project, &["--retry"]).1), ["c/5_0"]);
+    project.copy_asset("range.pcd", "scans/c/range.pcd");
+    let (code, document) = batch(&project, &[]);
+    assert_eq!((code, ran(&document)), (Some(0), vec!["c/5_0".to_owned()]));
+}
+
+/// The records that are there.
+fn recorded(folder: &Path) -> BTreeSet<String> {
+    fn collect(folder: &Path, found: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            match path.is_dir() {
+                true => collect(&path, found),
+                false => found.push(path),
+            }
+        }
+    }
+    let mut files = Vec::new();
+    collect(folder, &mut files);
+    let records =
+        files.iter().filter(|path| path.extension().is_some_and(|ending| ending == "json"));
+    records
+        .map(|path| path.strip_prefix(folder).unwrap().with_extension("").display().to_string())
+        .collect()
+}
+
+#[test]
+fn a_killed_run_loses_nothing_that_was_done() {
+    let sweep = SWEEP
+        .replace("[5, 12, 20]", "[5, 6, 7, 8, 9, 10]")
+        .replace("[0, 1, 1]", "[0, 0, 0, 0, 0, 0]");
+    let project = scanned(&["a"], &sweep);
+    let (code, whole) = batch(&project, &[]);
+    assert_eq!(code, Some(0), "{whole}");
+    let (hashes, all) = (hashes(&whole), names(&whole, |_| true));
+    let seconds = whole["seconds"].as_f64().unwrap();
+    let mut seen = BTreeSet::new();
+    for moment in 0..20 {
+        fs::remove_dir_all(project.folder().join("all")).unwrap();
+        // Half of the times the results are not known either.
+        if moment % 2 == 0 {
+            assert!(project.maquette(&["cache", "clear"]).status.success() || moment == 0);
+        }
+        let words = ["batch", "doll.sweep.ron", "--out", "all", "--threads", "1"];
+        let mut child = project.command(&words).stdout(Stdio::null()).spawn().unwrap();
+        std::thread::sleep(Duration::from_secs_f64(seconds * f64::from(moment) / 20.0));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let before = recorded(&project.folder().join("all/tasks"));
+        let (code, document) = batch(&project, &[]);
+        assert_eq!(code, Some(0), "{document}");
+        let rest = all.iter().filter(|name| !before.contains(*name)).cloned();
+        assert_eq!(ran(&document), Vec::from_iter(rest), "after {} records", before.len());
+        assert_eq!(self::hashes(&document), hashes);
+        seen.insert(before.len());
+    }
+    assert!(seen.len() > 2, "killed too late or too early: {seen:?}");
+}
+
+#[test]
+fn a_change_runs_its_own_tasks_and_no_others() {
+    let project = scanned(&["a", "b"], SWEEP);
+    assert_eq!(ran(&batch(&project, &[]).1).len(), 6);
+    assert_eq!(ran(&batch(&project, &[]).1), [""; 0]);
+    // A scan.
+    let scan = project.folder().join("scans/b/range.pcd");
+    let mut bytes = fs::read(&scan).unwrap();
+    let last = bytes.len() - 2;
+    bytes[last] ^= 1;
+    fs::write(&scan, bytes).unwrap();
+    assert_eq!(ran(&batch(&project, &[]).1), ["b/5_0", "b/12_1", "b/20_1"]);
+    // A file that is touched, a comment, and another order are no change.
+    fs::write(project.graph(), format!("// Mine.\n{}", project.doll_text(12.0))).unwrap();
+    assert_eq!(ran(&batch(&project, &[]).1), [""; 0]);
+    // A value that is swept over.
+    write(&project, "doll.sweep.ron", &SWEEP.replace("[5, 12, 20]", "[5, 12, 21]"));
+    assert_eq!(ran(&batch(&project, &[]).1), ["a/21_1", "b/21_1"]);
+    // An output that somebody has changed, or taken away.
+    fs::write(project.folder().join("all/a/5_0/model.ply"), "mine").unwrap();
+    fs::remove_file(project.folder().join("all/b/5_0/nose-mask.png")).unwrap();
+    let (_, document) = batch(&project, &[]);
+    assert_eq!(ran(&document), ["a/5_0", "b/5_0"]);
+    assert!(fs::read(project.folder().join("all/a/5_0/model.ply")).unwrap().starts_with(b"ply"));
+    // The graph.
+    fs::write(project.graph(), project.doll_text(12.0).replace("distance: 30.0", "distance: 31.0"))
+        .unwrap();
+    assert_eq!(ran(&batch(&project, &[]).1).len(), 6);
+}
+
+#[test]
+fn a_dry_run_says_what_would_run_and_why() {
+    let project = scanned(&["a"], SWEEP);
+    let words = || {
+        let output = project.maquette(&["batch", "doll.sweep.ron", "--out", "all", "-n"]);
+        assert!(output.status.success());
+        String::from_utf8(output.stdout).unwrap()
+    };
+    expect_test::expect![[r#"
+        run        0  a/5_0   it has not been run; 15 nodes, 15 of them new
+        run        1  a/12_1  it has not been run; 15 nodes, 8 of them new
+        run        2  a/20_1  it has not been run; 15 nodes, 8 of them new
+        3 of 3 tasks would run: 31 nodes in place of 45, for what tasks have in common is computed once
+    "#]]
+    .assert_eq(&words());
+    assert!(!project.folder().join("all").exists());
+    let (_, document) = batch(&project, &[]);
+    let computed = document["tasks"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|task| task["nodes"]["computed"].as_u64().unwrap());
+    assert_eq!(computed.sum::<u64>(), 31);
+    write(&project, "doll.sweep.ron", &SWEEP.replace("[5, 12, 20]", "[5, 12, 30]"));
+    fs::remove_file(project.folder().join("all/a/5_0/surface.ply")).unwrap();
+    expect_test::expect![[r#"
+        run        0  a/5_0   its output `surface.ply` is not as it was left; 0 nodes, 0 of them new
+        done       1  a/12_1  nothing has changed
+        run        2  a/30_1  it has not been run; 8 nodes, 8 of them new
+        2 of 3 tasks would run: 8 nodes
+    "#]]
+    .assert_eq(&words());
+}
+
+#[test]
+fn any_number_of_tasks_at_a_time_gives_the_same() {
+    let project = scanned(&["a", "b"], SWEEP);
+    let (_, one) = batch(&project, &[]);
+    for jobs in ["2", "5"] {
+        fs::remove_dir_all(project.folder().join("all")).unwrap();
+        let (code, several) = batch(&project, &["--jobs", jobs]);
+        assert_eq!((code, ran(&several).len()), (Some(0), 6));
+        assert_eq!(hashes(&several), hashes(&one));
+    }
+    // A farm runs them one by one, in any order, and the page is made of what they left.
+    fs::remove_dir_all(project.folder().join("all")).unwrap();
+    assert_eq!(batch(&project, &["--warm"]).0, Some(0));
+    for range in ["4-5", "1", "2-3", "0"] {
+        let (code, document) = batch(&project, &["--task", range]);
+        assert_eq!((code, &document["sheet"]), (Some(0), &Json::Null));
+    }
+    assert!(!project.folder().join("all/index.html").exists());
+    let report = project.maquette(&["batch", "doll.sweep.ron", "--out", "all", "--report"]);
+    assert_eq!(String::from_utf8(report.stdout).unwrap(), "all/index.html\n");
+    let page = fs::read_to_string(project.folder().join("all/index.html")).unwrap();
+    assert_eq!(page.matches("data:image/jpeg;base64,").count(), 6);
+    let (_, document) = batch(&project, &[]);
+    assert_eq!((ran(&document), hashes(&document)), (Vec::new(), hashes(&one)));
+    let wrong = project.maquette(&["batch", "doll.sweep.ron", "--task", "6"]);
+    assert_eq!(
+        String::from_utf8(wrong.stderr).unwrap(),
+        "error: there is no task 6: they are counted from 0 to 5\n"
+    );
+    assert_eq!(wrong.status.code(), Some(2));
+}
+
+#[test]
+fn a_graph_and_options_stand_for_a_sweep() {
+    let project = scanned(&["a", "b"], "");
+    fs::remove_file(project.folder().join("doll.sweep.ron")).unwrap();
+    let words = ["batch", "doll.ron", "--sweep", "growth=5,mm(12)", "--scans", "scans/*", "--json"];
+    let output = project.maquette(&words);
+    let document: Json = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        names(&document, |task| task["state"] == "done"),
+        ["a_5", "a_mm-12", "b_5", "b_mm-12"]
+    );
+    assert_eq!(document["sheet"], "out/doll.sweep/index.html");
+    // The files that the graph names itself need not be there.
+    fs::remove_dir_all(project.folder().join("doll")).unwrap();
+    assert!(project.maquette(&[&words[..], &["--out", "other"]].concat()).status.success());
+    for (words, told) in [
+        (&["batch", "doll.ron"][..], "doll.ron is no Sweep(..)"),
+        (&["batch", "doll.ron", "--sweep", "growth"], "write NAME=VALUE"),
+        (&["batch", "doll.ron", "--sweep", "growth="], "write values with commas between them"),
+        (&["batch", "nowhere.ron"], "cannot read nowhere.ron"),
+        (&["batch", "doll.ron", "--sweep", "growth=1", "--task", "3-1"], "write I or FIRST-LAST"),
+    ] {
+        let output = project.maquette(words);
+        let err = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && err.contains(told), "{words:?}: {err}");
+    }
+}
+
+#[test]
+fn graphs_with_inputs_are_swept_over_files() {
+    let project = Project::doll();
+    fs::create_dir(project.folder().join("lib")).unwrap();
+    fs::copy(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/lib/skin.ron"),
+        project.folder().join("lib/skin.ron"),
+    )
+    .unwrap();
+    let sweep = r#"Sweep(
+        graph: "lib/skin.ron",
+        over: Product([
+            Files(pattern: "doll/*.pcd", input: "range", name: "scan"),
+            Files("doll/color.png", input: "color", name: "picture"),
+            Values("levels", [0, 1]),
+        ]),
+        picture: (output: "mesh"),
+    )"#;
+    write(&project, "doll.sweep.ron", sweep);
+    let (code, document) = batch(&project, &[]);
+    assert_eq!(code, Some(0), "{document}");
+    assert_eq!(names(&document, |_| true), ["range_color_0", "range_color_1"]);
+    assert!(project.folder().join("all/tasks/range_color_1.jpg").exists());
+    assert_eq!(ran(&batch(&project, &[]).1), [""; 0]);
+    let wrong = sweep.replace("input: \"range\"", "input: \"rnage\"");
+    assert_eq!(problems(&project, &wrong)[0], (4, 49, "the graph has no input `rnage`".into()));
+}
+
+#[test]
+fn samples_of_the_documentation_run() {
+    let text = include_str!("../../src/language/sweep.md");
+    let mut count = 0;
+    for sample in text.split("```ron\n").skip(1).map(|rest| rest.split("```").next().unwrap()) {
+        let project = scanned(&[], sample);
+        fs::create_dir(project.folder().join("lib")).unwrap();
+        let skin = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/lib/skin.ron");
+        fs::copy(skin, project.folder().join("lib/skin.ron")).unwrap();
+        let (code, document) = batch(&project, &[]);
+        assert_eq!(code, Some(0), "{document}");
+        let has_picture =
+            |name: &String| project.folder().join("all/tasks").join(format!("{name}.jpg")).exists();
+        let all = names(&document, |task| task["state"] == "done");
+        assert!(all.len() > 1 && all.iter().all(has_picture), "{all:?}");
+        let format = project.maquette(&["fmt", "--check", "doll.sweep.ron"]);
+        assert!(format.status.success(), "{sample}");
+        count += 1;
+    }
+    assert_eq!(count, 2);
+}
