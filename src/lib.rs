@@ -117,8 +117,8 @@ mod writing;
 pub use catalog::Catalog;
 pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
 pub use eval::{
-    Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, RunTrace, State,
-    ThreadsError, Usage,
+    Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, RemoteError,
+    RunTrace, State, ThreadsError, Usage,
 };
 pub use golden::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
 pub use graph::{

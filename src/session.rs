@@ -337,6 +337,11 @@ impl Session {
         self.evaluator.disk().and_then(Disk::trouble)
     }
 
+    /// Why the server of results that others share is not used as it should be, if that is so.
+    pub fn remote_trouble(&self) -> Option<String> {
+        self.evaluator.disk().and_then(Disk::remote_trouble)
+    }
+
     /// Waits until all results that are worth it are on disk, and drops old ones if there are too many.
     pub fn finish(&self) {
         if let Some(disk) = self.evaluator.disk() {

@@ -16,6 +16,10 @@ pub(super) struct CacheOptions {
     /// folder for caches].
     #[arg(long = "cache", value_name = "DIR")]
     folder: Option<PathBuf>,
+    /// A server of results that machines share, http://HOST[:PORT][/PREFIX]: what is not on disk is looked for there, and what is found is
+    /// sent there [default: $MAQUETTE_CACHE_REMOTE; a token is in $MAQUETTE_CACHE_REMOTE_TOKEN].
+    #[arg(long = "cache-remote", value_name = "URL", conflicts_with = "no_cache")]
+    remote: Option<String>,
     /// Neither use nor keep results on disk.
     #[arg(long, conflicts_with = "folder")]
     no_cache: bool,
@@ -54,15 +58,25 @@ impl CacheOptions {
 
     /// The words that say where results are kept.
     pub(super) fn words(&self) -> Vec<String> {
-        match (&self.folder, self.no_cache) {
-            (_, true) => vec!["--no-cache".into()],
+        let mut words = match (&self.folder, self.no_cache) {
+            (_, true) => return vec!["--no-cache".into()],
             (Some(folder), _) => {
                 // It is read from another folder than this program's own.
                 let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.clone());
                 vec!["--cache".into(), folder.display().to_string()]
             }
             (None, _) => Vec::new(),
+        };
+        if let Some(url) = &self.remote {
+            words.extend(["--cache-remote".to_owned(), url.clone()]);
         }
+        words
+    }
+
+    fn remote(&self) -> Option<(String, Option<String>)> {
+        let named = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
+        let url = self.remote.clone().or_else(|| named("MAQUETTE_CACHE_REMOTE"))?;
+        Some((url, named("MAQUETTE_CACHE_REMOTE_TOKEN")))
     }
 
     fn settings(&self, threads: usize) -> Settings {
@@ -76,6 +90,7 @@ impl CacheOptions {
             memory: self.memory(),
             max_memory: self.max_memory,
             cache,
+            remote: self.remote(),
             verify: self.verify_cache / 100.0,
         }
     }
@@ -86,6 +101,9 @@ pub(super) fn finish(session: &Session) {
     session.finish();
     if let Some(trouble) = session.write_trouble() {
         eprint(&format!("warning: results are not kept for the next run: {trouble}\n"));
+    }
+    if let Some(trouble) = session.remote_trouble() {
+        eprint(&format!("warning: {trouble}\n"));
     }
 }
 

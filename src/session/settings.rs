@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::catalog::Catalog;
-use crate::eval::{Disk, DiskError, Evaluator, ThreadsError};
+use crate::eval::{Disk, DiskError, Evaluator, RemoteError, ThreadsError};
 
 /// How a session works. Nothing of it changes a result, but a node for which there is too little memory has none.
 #[derive(Clone, Debug)]
@@ -17,6 +17,9 @@ pub struct Settings {
     pub max_memory: Option<u64>,
     /// Where results are kept from one process to the next.
     pub cache: CacheFolder,
+    /// A server of results that several machines share, `http://host/prefix`, and a token for it: what is not on disk is looked for there.
+    /// Nothing is asked of it where nothing is kept on disk.
+    pub remote: Option<(String, Option<String>)>,
     /// Which share (0 to 1) of the results that are known is computed all the same, and compared.
     pub verify: f64,
 }
@@ -42,6 +45,9 @@ pub enum SessionError {
     /// The folder that was named for results is somebody's.
     #[error("{0}; --cache chooses another folder")]
     Cache(DiskError),
+    /// The server of results is none.
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
     /// `MAQUETTE_CACHE_SIZE` is no size.
     #[error("{0}")]
     Size(String),
@@ -57,7 +63,7 @@ impl Default for Settings {
     /// As the command line works: all threads, 2 GB, and the folder of results that it uses, too.
     fn default() -> Self {
         let cache = CacheFolder::Default;
-        Self { threads: 0, memory: MEMORY, max_memory: None, cache, verify: 0.0 }
+        Self { threads: 0, memory: MEMORY, max_memory: None, cache, remote: None, verify: 0.0 }
     }
 }
 
@@ -99,7 +105,12 @@ impl Settings {
         };
         let Some(folder) = folder else { return Ok((evaluator, None)) };
         match Disk::open(&folder, disk_size().map_err(SessionError::Size)?, catalog) {
-            Ok(disk) => Ok((evaluator.with_disk(disk), None)),
+            Ok(disk) => {
+                if let Some((url, token)) = &self.remote {
+                    disk.share(url, token.as_deref())?;
+                }
+                Ok((evaluator.with_disk(disk), None))
+            }
             // Who names somebody's folder here does not mean what it says.
             Err(error @ (DiskError::Foreign(_) | DiskError::OtherUser(_))) if named => {
                 Err(SessionError::Cache(error))

@@ -16,6 +16,7 @@ mod nothing_is_lost;
 mod page;
 mod pictures;
 mod preview;
+mod remote;
 mod reuse;
 mod sequences;
 mod serve;

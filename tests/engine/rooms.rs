@@ -100,6 +100,7 @@ const ROOMS: [(&str, &[&str]); 35] = [
             "provenance",
             "reading",
             "stamp",
+            "telling",
             "text",
             "value",
             "writing",

@@ -125,8 +125,11 @@ impl Job {
                 // First what the entry names.
                 for column in kept.iter().flat_map(|kept| &kept.columns) {
                     store.write_column(&**column, trusted);
+                    store.send(&store.column_path(column.hash()));
                 }
-                store.write_checked(&store.entry_path(key), &entry::write(key, &outcome, &kept));
+                let path = store.entry_path(key);
+                store.write_checked(&path, &entry::write(key, &outcome, &kept));
+                store.send(&path);
             }
             Self::Record { path, snapshot, files } => {
                 store.write_checked(&path, &record::write(&snapshot, &files));
