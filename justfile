@@ -49,10 +49,15 @@ verdicts places="100000":
 sequences count="2000":
     SEQUENCES={{count}} cargo test --release -p maquette-nodes --test commands sequences
 
-# Are the types of the live page's scripts right? Installs the checker from npm beside the build.
+# Are the types of the live page's scripts and of the contact sheet's right? Installs the checker from npm beside the build.
 page:
     npm install --silent --prefix target/page typescript
     target/page/node_modules/.bin/tsc --project page
+    target/page/node_modules/.bin/tsc --project src/batch/sheet
+
+# The contact sheet of a batch in a real Chromium. What drives it comes from npm.
+sheet *args:
+    bash tests/sheet/run {{args}}
 
 # The Python module: its wheel, and all of its tests.
 python *args:
@@ -67,10 +72,9 @@ editors:
     bash hosts/neovim/test
     bash hosts/vscode/test
 
-# Batches handed to real engines: OpenJD, Slurm, HyperQueue, GNU parallel, which come from PyPI and Debian; and contact sheets in a real browser.
+# Batches handed to real engines: OpenJD, Slurm, HyperQueue, GNU parallel and nginx, which come from PyPI and Debian.
 farm *args:
     bash tests/farm/run {{args}}
-    bash tests/sheet/run
 
 # Every reader of files, for some seconds each.
 fuzz seconds="5":

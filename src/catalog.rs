@@ -449,6 +449,16 @@ pub(crate) fn inside(schema: &Json, root: &Json) -> Json {
 
 /// What a parameter takes, on one line.
 pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
+    described(schema, root, &[])
+}
+
+/// The same within some types, by what refers to them: one that holds itself is not described for ever.
+fn described(schema: &Json, root: &Json, within: &[&str]) -> String {
+    let refers = schema.get("$ref").and_then(Json::as_str);
+    if refers.is_some_and(|refers| within.contains(&refers)) {
+        return "..".into();
+    }
+    let within = &Vec::from_iter(within.iter().copied().chain(refers))[..];
     let schema = &inside(schema, root);
     let variants = variants(schema);
     if !variants.is_empty() {
@@ -456,7 +466,7 @@ pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
             .iter()
             .map(|(name, content)| match content {
                 None => name.clone(),
-                Some(content) => format!("{name}{}", describe_content(content, root)),
+                Some(content) => format!("{name}{}", describe_content(content, root, within)),
             })
             .collect::<Vec<_>>()
             .join(" | ");
@@ -474,7 +484,7 @@ pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
             });
             let item =
                 |k: usize| fixed.and_then(|fixed| fixed.get(k)).or_else(|| schema.get("items"));
-            let words = |k| item(k).map_or_else(String::new, |item| describe_parameter(item, root));
+            let words = |k| item(k).map_or_else(String::new, |item| described(item, root, within));
             match count {
                 Some(count) => {
                     let words = Vec::from_iter((0..count).map(words)).join(", ");
@@ -484,7 +494,7 @@ pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
             }
         }
         Some("object") if schema.get("properties").is_none() => "{\"name\": .., ..}".into(),
-        Some("object") => describe_content(schema, root),
+        Some("object") => describe_content(schema, root, within),
         Some("string") => schema.get("format").and_then(Json::as_str).unwrap_or("text").to_owned(),
         Some("boolean") => "true | false".into(),
         Some(kind @ ("number" | "integer")) => {
@@ -503,19 +513,19 @@ pub(crate) fn describe_parameter(schema: &Json, root: &Json) -> String {
     }
 }
 
-fn describe_content(content: &Json, root: &Json) -> String {
+fn describe_content(content: &Json, root: &Json, within: &[&str]) -> String {
     let content = resolve(root, content);
     match content.get("properties").and_then(Json::as_object) {
         Some(fields) => {
             let fields = fields.iter().map(|(name, field)| {
                 let (kind, default) =
-                    (describe_parameter(field, root), describe_default(field, root));
+                    (described(field, root, within), describe_default(field, root));
                 format!("{name}: {kind}{default}")
             });
             format!("({})", fields.collect::<Vec<_>>().join(", "))
         }
         None => {
-            let inner = describe_parameter(&content, root);
+            let inner = described(&content, root, within);
             if inner.starts_with('(') { inner } else { format!("({inner})") }
         }
     }

@@ -12,7 +12,7 @@ mod law;
 mod names;
 mod refactor;
 
-use editor::{Editor, edited, uri};
+use editor::{Editor, edited, position, uri};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 const BAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/bad");
@@ -500,4 +500,37 @@ fn formatting_is_fmt() {
     place.write("other.ron", &text);
     place.run(&["fmt", "other.ron"]);
     assert_eq!(edited(&text, &edits), std::fs::read_to_string(place.path("other.ron")).unwrap());
+}
+
+#[test]
+fn sweeps_are_checked_and_completed_and_said_nothing_of_what_graphs_have() {
+    let text = "Sweep(\n    graph: \"face.ron\",\n    over: Values(\"growht\", [1]),\n    out: \"{growht}\",\n)\n";
+    let place = face();
+    let path = place.path("face.sweep.ron");
+    place.write("face.sweep.ron", text);
+    let mut editor = place.editor();
+    editor.open(&path, text);
+    let told = told_by_server(&uri(&path), &editor.diagnostics(&path));
+    let json: Json =
+        serde_json::from_str(&place.run(&["check", "--json", "face.sweep.ron"])).unwrap();
+    let checked = told_by_check(&json)
+        .into_iter()
+        .map(|(_, severity, code, at, message)| (uri(&path), severity, code, at, message));
+    assert_eq!(told, checked.collect());
+    assert_eq!(told.len(), 1, "{told:?}");
+    let cut = "Sweep(\n    graph: \"face.ron\",\n    over: \n)\n";
+    editor.change(&path, cut);
+    let proposed = editor.proposed(&path, cut, "over: |");
+    for choice in ["Product", "Zip", "Values", "Files"] {
+        assert!(proposed.iter().any(|label| label == choice), "{proposed:?}");
+    }
+    let cut = "Sweep(\n    graph: \"face.ron\",\n    \n)\n";
+    editor.change(&path, cut);
+    let proposed = editor.proposed(&path, cut, ",\n    |");
+    assert!(
+        ["over", "out", "picture", "set"].iter().all(|name| proposed.iter().any(|it| it == name)),
+        "{proposed:?}"
+    );
+    let actions = json!({ "textDocument": { "uri": uri(&path) }, "range": { "start": position(cut, 0), "end": position(cut, 0) }, "context": { "diagnostics": [] } });
+    assert_eq!(editor.ask("textDocument/codeAction", actions), json!([]));
 }

@@ -43,6 +43,7 @@ export const sixty = (drawn) =>
     if (k === 17) return failed("field `select` of Threshold has no color that is near", "doll.ron:12:45", "take a larger `distance`: the nearest color is 41.3 away");
     if (k === 43) return failed("growth must be at least 1 mm, and is 0.4 mm\nwhich is less than the scan's own noise, so that what is offset would touch what it is offset from", "doll.ron:7:3", null);
     if (k === 59) return { state: "missing", picture: null, files: [], seconds: null, nodes: null };
+    if (k === 3) return { picture: drawn[2] };
     if (k === 8) return { problems: [{ severity: "warning", message: "3 faces of `skin` are folded", place: "doll.ron:21:9", help: "a smaller `growth` does not fold them" }] };
     return {};
   });

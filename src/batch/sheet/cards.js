@@ -21,10 +21,14 @@ export function said(/** @type {Task} */ task) {
 /** The address of its picture, which is in this page; nothing if it has none. */
 export const pictured = (/** @type {Task} */ task) => (task.state === "done" && task.picture?.startsWith("data:image/") ? task.picture : null);
 
-/** Its picture, or why there is none. */
-export function pictureOf(/** @type {Task} */ task) {
+/**
+ * Its picture, or why there is none.
+ * @param {Task} task
+ * @param {"sync" | "async"} decoding whether what is shown waits for it, so that nothing flickers, or not, so that nobody waits
+ */
+export function pictureOf(task, decoding = "sync") {
   const src = pictured(task);
-  if (src) return element("img", { class: "picture", alt: "", src, draggable: "false", decoding: "async" });
+  if (src) return element("img", { class: "picture", alt: "", src, draggable: "false", decoding });
   const placard = element("span", { class: "placard" });
   if (task.state === "missing") placard.append("has not run yet");
   else if (task.state === "done") placard.append("no picture");
@@ -67,7 +71,7 @@ export const near = new IntersectionObserver(
 export function fill(card) {
   near.unobserve(card);
   const task = taskOf(card);
-  if (task) card.querySelector(".picture")?.replaceWith(pictureOf(task));
+  if (task) card.querySelector(".picture")?.replaceWith(pictureOf(task, "async"));
 }
 
 /** The task whose card this is in. */

@@ -78,7 +78,8 @@ function overlaid(first, second, caption) {
   const key = isWipe ? "at" : "gain";
   const [, least, most] = RANGES.find(([name]) => name === key) ?? [key, 0, 1];
   const label = `${said(first)}; ${said(second)}`;
-  const pair = element("div", { class: "pair", "data-view": state.compare, role: "img", "aria-label": label }, pictureOf(first), pictureOf(second));
+  const inside = isWipe ? [pictureOf(first), pictureOf(second)] : [differenceOf(first, second)];
+  const pair = element("div", { class: "pair", "data-view": state.compare, role: "img", "aria-label": label }, ...inside);
   const range = element("input", { type: "range", min: least, max: most, value: state[key] });
   const show = () => {
     state[key] = Number(range.value);
@@ -102,6 +103,26 @@ function overlaid(first, second, caption) {
   const equal = first.picture === second.picture ? [element("p", {}, "Both pictures are equal, byte for byte.")] : [];
   const slider = element("label", {}, isWipe ? "wipe" : "strength", range);
   return element("div", { class: "over" }, pair, element("div", { class: "ends" }, ...ends), ...equal, slider);
+}
+
+/**
+ * Where two pictures differ, pixel by pixel. Laid over each other as they are scaled they would differ where they do not.
+ * @param {Task[]} tasks
+ */
+function differenceOf(...tasks) {
+  const canvas = element("canvas");
+  const pictures = tasks.map((task) => Object.assign(new Image(), { src: pictured(task) ?? "" }));
+  const draw = () => {
+    const pen = canvas.getContext("2d");
+    canvas.width = Math.max(...pictures.map(({ naturalWidth }) => naturalWidth));
+    canvas.height = Math.max(...pictures.map(({ naturalHeight }) => naturalHeight));
+    for (const picture of pictures) {
+      pen?.drawImage(picture, 0, 0);
+      if (pen) pen.globalCompositeOperation = "difference";
+    }
+  };
+  Promise.all(pictures.map((picture) => picture.decode())).then(draw, () => canvas.replaceWith("one of the pictures cannot be read"));
+  return canvas;
 }
 
 export function chooseNone() {

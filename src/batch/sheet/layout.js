@@ -8,21 +8,26 @@ import { shown, state } from "./state.js";
 /** @typedef {import("./data.js").Facet} Facet */
 
 /** So many cards are made at once, about what is seen, and so many after each frame: nobody waits for those below. */
-const [FIRST, NEXT] = [60, 200];
+const [FIRST, NEXT] = [48, 200];
 
 export const sheet = the("sheet", HTMLElement);
 
 /** The cards that are still to come, and where they go. */
 let rest = /** @type {[HTMLElement, Task][]} */ ([]);
-let growing = 0;
+let isGrowing = false;
 
 /** @param {number} count */
 function grow(count) {
-  clearTimeout(growing);
   for (const [place, task] of rest.splice(0, count)) place.append(cardOf(task));
   setCurrent(current);
+  if (!rest.length || isGrowing) return;
+  isGrowing = true;
+  const next = () => {
+    isGrowing = false;
+    grow(NEXT);
+  };
   // After what is there has been painted.
-  if (rest.length) requestAnimationFrame(() => (growing = setTimeout(grow, 0, NEXT)));
+  requestAnimationFrame(() => setTimeout(next));
 }
 
 /** Makes all cards now. */

@@ -2,7 +2,7 @@
 
 import { cards, fill, taskOf } from "./cards.js";
 import { choose, chooseNone, compare, showChosen, showCompared, views } from "./compare.js";
-import { WORDS, facets, graph, size, tasks, title, varied } from "./data.js";
+import { WORDS, graph, size, tasks, title, varied } from "./data.js";
 import { element, inTime, onClick, plain, the } from "./element.js";
 import { makeFacets, showFacets } from "./filter.js";
 import { current, finish, go, goTo, layOut, setCurrent, sheet } from "./layout.js";
@@ -46,7 +46,6 @@ function update() {
   showFacets(counts);
   const isAll = shown.length === tasks.length;
   the("shown", HTMLElement).replaceChildren(isAll ? "" : `${shown.length} of ${tasks.length} shown `, ...(isAll ? [] : [showAll()]));
-  showChosen();
   remember();
 }
 
@@ -197,6 +196,7 @@ function show() {
   const { one: task, compare: view } = state;
   showTools();
   update();
+  showChosen();
   if (task) look(task);
   else if (one.open) one.close();
   if (view) showCompared(view);
