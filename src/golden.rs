@@ -8,6 +8,7 @@ mod intersect;
 mod looks;
 pub(crate) mod parts;
 mod sketch;
+mod sound;
 pub(crate) mod store;
 mod topology;
 

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::compare::{Keep, Tolerance};
+use super::sound::keep_sound;
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source, Span, code};
 use crate::graph::Expectation;
@@ -118,22 +119,26 @@ fn fields_of(kind: &ValueType) -> &'static [&'static str] {
 
 /// The test of a test file, or every problem of it; the catalog knows the types of values.
 pub(crate) fn read(path: &Path, catalog: &Catalog) -> Result<TestFile, Vec<Problem>> {
-    read_with(path, plain::read_own_text(path), &known_fields(catalog))
+    whole(read_with(path, plain::read_own_text(path), &known_fields(catalog)))
 }
 
-/// The same for a text that stands, or will stand, in the file.
+/// The same for a text that stands, or will stand, in the file: every problem, and what is left of the test without what is wrong.
 #[cfg(feature = "cli")]
 pub(crate) fn read_text(
     path: &Path,
     text: String,
     catalog: &Catalog,
-) -> Result<TestFile, Vec<Problem>> {
+) -> (Option<TestFile>, Vec<Problem>) {
     read_with(path, Ok(text), &known_fields(catalog))
+}
+
+fn whole((test, problems): (Option<TestFile>, Vec<Problem>)) -> Result<TestFile, Vec<Problem>> {
+    test.filter(|_| problems.is_empty()).ok_or(problems)
 }
 
 /// The same without judging which tolerances make sense: to know what it is about.
 pub(crate) fn skim(path: &Path) -> Option<TestFile> {
-    read_with(path, plain::read_own_text(path), &|_| Ok(&OF_PLACES)).ok()
+    whole(read_with(path, plain::read_own_text(path), &|_| Ok(&OF_PLACES))).ok()
 }
 
 /// The tolerances of a type of values by its name, or the types that are known.
@@ -155,31 +160,35 @@ fn read_with(
     path: &Path,
     text: std::io::Result<String>,
     fields: &Fields<'_>,
-) -> Result<TestFile, Vec<Problem>> {
+) -> (Option<TestFile>, Vec<Problem>) {
     let (text, unread) = match text {
         Ok(text) => (text, None),
         Err(error) => (String::new(), Some(format!("cannot read the test: {error}"))),
     };
     let source = Arc::new(Source { name: path.to_owned(), text });
-    let result = match unread {
-        Some(message) => Err(vec![finding(code::MISSING_FILE, Span::default(), message, "")]),
-        None => read_source(path, &source, fields),
+    let mut findings = Vec::new();
+    let test = match unread {
+        Some(message) => {
+            findings.push(finding(code::MISSING_FILE, Span::default(), message, ""));
+            None
+        }
+        None => read_source(path, &source, fields, &mut findings),
     };
-    result.map_err(|mut findings| {
-        findings.sort_by_key(|finding| finding.span);
-        findings.into_iter().map(|finding| finding.at(&source)).collect()
-    })
+    findings.sort_by_key(|finding| finding.span);
+    (test, findings.into_iter().map(|finding| finding.at(&source)).collect())
 }
 
 fn finding(code: &'static str, span: Span, message: String, help: impl Into<Help>) -> Finding {
     Finding { code, span, message, help: help.into(), note: None }
 }
 
+/// What can be read of a test, without what is found to be wrong.
 fn read_source(
     path: &Path,
     source: &Arc<Source>,
     fields: &Fields<'_>,
-) -> Result<TestFile, Vec<Finding>> {
+    findings: &mut Vec<Finding>,
+) -> Option<TestFile> {
     let (mut tree, mistakes) = parse(&source.text);
     let begin = "begin with `Test(graph: \"name.ron\")`";
     let mistake = |m: crate::text::Mistake| match m.span.start {
@@ -187,21 +196,23 @@ fn read_source(
         0 if tree.is_broken() => finding(code::SYNTAX, m.span, m.message, begin),
         _ => finding(code::SYNTAX, m.span, m.message, m.help),
     };
-    let mut findings: Vec<Finding> = mistakes.into_iter().map(mistake).collect();
+    findings.extend(mistakes.into_iter().map(mistake));
     if !findings.is_empty() {
-        return Err(findings);
+        return None;
     }
     if tree.name().is_none_or(|name| name.text != "Test") {
         let message = format!("a test file holds Test(..), not {}", tree.in_words());
-        return Err(vec![finding(code::SYNTAX, tree.span, message, begin)]);
+        findings.push(finding(code::SYNTAX, tree.span, message, begin));
+        return None;
     }
-    let kinds = take_kinds(&mut tree, fields, &mut findings);
+    let kinds = take_kinds(&mut tree, fields, findings);
+    let mut wrong = Vec::new();
     if let Kind::Call { body: Body::Fields(fields), .. } = &mut tree.kind
         && let Some(expect) = fields.iter_mut().find(|field| field.name.text == "expect")
     {
         let (plain, misfits) = Expectation::in_plain_numbers(&expect.value);
         expect.value = plain;
-        findings.extend(misfits);
+        wrong.extend(misfits);
     }
     let schema = serde_json::to_value(schemars::schema_for!(Test)).unwrap_or_default();
     let mut walk = Walk {
@@ -213,19 +224,25 @@ fn read_source(
         files: Vec::new(),
     };
     walk.node(&tree);
-    findings.append(&mut walk.findings);
+    wrong.append(&mut walk.findings);
+    wrong.extend(duplicates(&tree));
     findings.extend(no_names(&tree));
-    findings.extend(duplicates(&tree));
-    if !findings.is_empty() {
-        return Err(findings);
-    }
-    let test: Test = read_tree(&tree).map_err(|error| {
-        vec![finding(code::WRONG_VALUE, error.span.unwrap_or(tree.span), error.message, "")]
-    })?;
+    keep_sound(&mut tree, &wrong);
+    findings.append(&mut wrong);
+    let test: Test = match read_tree(&tree) {
+        Ok(test) => test,
+        // What is missing then has been told.
+        Err(_) if !findings.is_empty() => return None,
+        Err(error) => {
+            let span = error.span.unwrap_or(tree.span);
+            findings.push(finding(code::WRONG_VALUE, span, error.message, ""));
+            return None;
+        }
+    };
     let folder = path.parent().unwrap_or(Path::new(""));
-    let graphs = graphs(folder, &test.graph).map_err(|problem| {
+    let graphs = graphs(folder, &test.graph).unwrap_or_else(|problem| {
         let span = field(&tree, "graph").map_or(tree.span, |tree| tree.span);
-        vec![match problem {
+        findings.push(match problem {
             PathProblem::Outside { message, .. } => {
                 let help =
                     format!("move it into the project, or put a {MARKER} into a folder above both");
@@ -234,27 +251,11 @@ fn read_source(
             PathProblem::Missing { message, help } => {
                 finding(code::MISSING_FILE, span, message, help)
             }
-        }]
-    })?;
+        });
+        Vec::new()
+    });
     let mut cases = cases(&tree, &test, &source.text, folder);
-    let here = real(folder);
-    let roots = [project_root(&here)];
-    for (_, case) in &cases {
-        for (name, path) in &case.inputs {
-            let given = path.strip_prefix(folder).unwrap_or(path).to_string_lossy();
-            let wrong = may_read(&given, &here.join(&*given), &roots).err();
-            findings.extend(wrong.map(|problem| {
-                let (code, message, help) = match problem {
-                    PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
-                    PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),
-                };
-                finding(code, case.span, format!("input `{name}`: {message}"), help)
-            }));
-        }
-    }
-    if !findings.is_empty() {
-        return Err(findings);
-    }
+    findings.extend(missing_inputs(&tree, folder));
     if cases.is_empty() {
         let span = tree.span;
         cases.push((
@@ -273,14 +274,14 @@ fn read_source(
                 "`{output}` is to be compared as a surface, of which some entries tell nothing"
             );
             let help = "leave `remeshed` or `keep` out";
-            return Err(vec![finding(code::WRONG_VALUE, *span, message, help)]);
+            findings.push(finding(code::WRONG_VALUE, *span, message, help));
         }
     }
     let allowed = kinds.into_iter().filter_map(|(output, kind, kind_span, span)| {
         let tolerance = compare.get(&output)?.clone();
         Some(Allowed { output, kind, kind_span, span, tolerance })
     });
-    Ok(TestFile {
+    Some(TestFile {
         source: source.clone(),
         graphs,
         cases,
@@ -288,6 +289,32 @@ fn read_source(
         expect: test.expect.into_iter().zip(items).collect(),
         budget: test.budget,
     })
+}
+
+/// Files of inputs that are not there, or out of the project.
+fn missing_inputs(tree: &Tree, folder: &Path) -> Vec<Finding> {
+    let here = real(folder);
+    let roots = [project_root(&here)];
+    let cases = entries(tree, "cases");
+    let inputs = cases.iter().flat_map(|(_, case)| entries(case, "inputs"));
+    let wrong = inputs.filter_map(|(name, file)| {
+        let given = file.text()?;
+        let (code, message, help) = match may_read(given, &here.join(given), &roots).err()? {
+            PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
+            PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),
+        };
+        let message = format!("input `{}`: {message}", name.text()?);
+        Some(finding(code, file.span, message, help))
+    });
+    wrong.collect()
+}
+
+/// What stands in a map of a test or case.
+fn entries(tree: &Tree, name: &str) -> Vec<(Tree, Tree)> {
+    match field(tree, name).map(|tree| &tree.kind) {
+        Some(Kind::Map(entries)) => entries.clone(),
+        _ => Vec::new(),
+    }
 }
 
 fn field<'t>(tree: &'t Tree, name: &str) -> Option<&'t Tree> {
@@ -398,10 +425,6 @@ fn real(folder: &Path) -> PathBuf {
 
 /// What stands twice where each name stands once; of fields this is known already.
 fn duplicates(tree: &Tree) -> Vec<Finding> {
-    let entries = |tree: &'_ Tree, name: &str| match field(tree, name).map(|tree| &tree.kind) {
-        Some(Kind::Map(entries)) => entries.clone(),
-        _ => Vec::new(),
-    };
     let cases = entries(tree, "cases");
     let of_case = |(_, case): &(Tree, Tree)| {
         [twice(&entries(case, "set"), "value"), twice(&entries(case, "inputs"), "input")].concat()

@@ -184,8 +184,10 @@ fn names_of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Na
     match FileKind::of(path, text) {
         FileKind::Graph => Graph::names_in(path, text, catalog, options),
         FileKind::Test => match case::read_text(path, text.to_owned(), catalog) {
-            Ok(test) => Graph::names_in_test(text, &test.graphs, catalog, options),
-            Err(_) => NamesOf::default(),
+            (Some(test), problems) if problems.is_empty() => {
+                Graph::names_in_test(text, &test.graphs, catalog, options)
+            }
+            _ => NamesOf::default(),
         },
         FileKind::Handles | FileKind::Sweep => NamesOf::default(),
     }

@@ -47,8 +47,12 @@ impl FileKind {
                 (checked.problems.iter().chain(unused).cloned().collect(), None)
             }
             Self::Test => match case::read_text(path, text, catalog) {
-                Ok(test) => (of_test(&test, catalog, options), Some(test)),
-                Err(problems) => (problems, None),
+                (Some(test), mut problems) => {
+                    let is_whole = problems.is_empty();
+                    problems.extend(of_test(&test, catalog, options));
+                    (problems, is_whole.then_some(test))
+                }
+                (None, problems) => (problems, None),
             },
             Self::Sweep => (batch::read_text(path, &text, catalog, options).1, None),
             Self::Handles => {
@@ -68,13 +72,16 @@ fn of_test(test: &TestFile, catalog: &Catalog, own: &Options) -> Vec<Problem> {
     for (case, graph) in
         (0..test.cases.len()).flat_map(|case| test.graphs.iter().map(move |graph| (case, graph)))
     {
-        let checked = test.loaded(case, |set| {
+        let load = |set: &[(String, String)]| {
             let set = own.set.iter().chain(set).cloned().collect();
             // Tests are judged without pins.
             Graph::load(graph, catalog, &Options { set, pins: false, ..own.clone() })
-        });
+        };
+        let checked = test.loaded(case, load);
         problems.extend(checked.problems);
-        let Some(graph) = checked.graph else { continue };
+        let Some(graph) = checked.graph.or_else(|| test.loaded_with_what_fits(case, load)) else {
+            continue;
+        };
         problems.extend(test.wrong_inputs(case, &graph));
         // Then its outputs are files.
         let fed = match graph.inputs().is_empty() {

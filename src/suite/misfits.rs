@@ -57,6 +57,20 @@ impl TestFile {
         checked
     }
 
+    /// The graph of a case with those values that can be set: what else does not fit is told as well.
+    pub(super) fn loaded_with_what_fits(
+        &self,
+        case: usize,
+        load: impl Fn(&[(String, String)]) -> Checked,
+    ) -> Option<Graph> {
+        let mut set = self.cases[case].1.set.clone();
+        if set.is_empty() {
+            return None;
+        }
+        set.retain(|one| load(std::slice::from_ref(one)).graph.is_some());
+        load(&set).graph
+    }
+
     /// Inputs of a case that the graph does not have.
     pub(crate) fn wrong_inputs(&self, case: usize, graph: &Graph) -> Vec<Problem> {
         let known = Vec::from_iter(graph.inputs().iter().map(|input| &input.name[..]));

@@ -106,8 +106,15 @@ fn what_a_case_sets_wrongly_is_told_in_the_test() {
 )"#;
     let project = project(&[("doll.test.ron", text)]);
     let told = errors(&project.maquette(&["check", "doll.test.ron"]));
-    // A file that is not there is told before anything else is looked at.
-    assert_eq!(told, ["error[G013]: input `m`: there is no file `nope.obj` --> doll.test.ron:5:9"]);
+    assert_eq!(
+        told,
+        [
+            "error[G013]: input `m`: there is no file `nope.obj` --> doll.test.ron:5:30",
+            "error[G007]: the graph has no parameter `fra` --> doll.test.ron:4:32",
+            "error[G004]: PointNet has no field `point` --> doll.test.ron:4:42",
+            "error[G004]: the graph has no input `m` --> doll.test.ron:5:25",
+        ]
+    );
     let text = text.replace("nope.obj", "doll.ron");
     std::fs::write(project.folder().join("doll.test.ron"), text).unwrap();
     let told = both(&project, "doll.test.ron");
@@ -210,4 +217,33 @@ fn a_node_that_is_renamed_takes_its_warning_along() {
     let (code, told) = test(&[]);
     assert!(code == Some(1) && told.contains("a new warning `more`"), "{told}");
     assert!(!told.contains("no longer"), "{told}");
+}
+
+#[test]
+fn a_mistake_of_one_kind_hides_none_of_another() {
+    let text = r#"Test(
+    graph: "doll.ron",
+    cases: {
+        "a": (set: { "far": "x", "fra": 1 }, inputs: { "m": "x.ply" }),
+    },
+    compare: { "flat.ply": Mesh(max: -1), "flot.ply": Mesh(maxx: 1) },
+    expect: [Closed("flot"), Closd("flat"), Count(of: "flat", what: "faces")],
+    budget: (seconds: -1),
+)"#;
+    let project = project(&[("doll.test.ron", text)]);
+    let told = errors(&project.maquette(&["check", "doll.test.ron"]));
+    let places = told.iter().map(|told| told.rsplit_once("test.ron:").unwrap().1);
+    let mut places = Vec::from_iter(places);
+    places.sort_unstable();
+    assert_eq!(
+        places,
+        [
+            "4:22", "4:34", "4:56", "4:61", "6:28", "6:38", "6:43", "6:60", "7:21", "7:30", "7:45",
+            "8:23"
+        ],
+        "{told:#?}"
+    );
+    assert!(told.contains(
+        &"error[G013]: input `m`: there is no file `x.ply` --> doll.test.ron:4:61".to_owned()
+    ));
 }
