@@ -253,7 +253,10 @@ impl Check<'_, '_> {
 
 /// A whole number of elements; in words what it is instead.
 fn whole(tree: &Tree) -> Result<usize, String> {
+    // Beyond, not every number can be told from its neighbors.
+    const MOST: f64 = (1_u64 << 53) as f64;
     match tree.kind {
+        Kind::Number { value, .. } if MOST < value => Err(format!("as many as {value:e}")),
         Kind::Number { value, .. } if value >= 0.0 && value.fract() == 0.0 => Ok(value as usize),
         _ => Err(tree.in_words()),
     }

@@ -290,9 +290,7 @@ impl Walk<'_> {
             return self.find(code::WRONG_VALUE, &at_name, message, help);
         };
         let Some(content) = content else {
-            if tree.fields().is_some_and(|fields| !fields.is_empty())
-                || tree.fields().is_none() && !matches!(tree.kind, Kind::Word(_))
-            {
+            if !matches!(tree.kind, Kind::Word(_)) {
                 self.wrong(tree, field, &format!("`{}` without parentheses", name.text));
             }
             return;

@@ -77,3 +77,24 @@ fn an_output_that_lies_outside_is_refused_once() {
     );
     assert_eq!(told.matches("error[").count(), 1, "{told}");
 }
+
+#[test]
+fn a_choice_without_values_takes_no_parentheses() {
+    let told = said(
+        &graph("\"b\": Subdivide(mesh: \"m\", scheme: CatmullClark())", "\"b.ply\": \"b\""),
+        &["check", "doll.ron"],
+    );
+    assert!(
+        told.contains("field `scheme` of Subdivide wants `CatmullClark` without parentheses"),
+        "{told}"
+    );
+    assert_eq!(told.matches("error[").count(), 1, "{told}");
+}
+
+#[test]
+fn a_number_of_elements_that_no_machine_counts_is_told_as_it_is() {
+    let nodes = "\"c\": ForEach(graph: \"Transform\", over: 1e23, links: (mesh: \"m\"))";
+    let told = said(&graph(nodes, "\"1.ply\": \"c/1\""), &["check", "doll.ron"]);
+    let words = "field `over` of ForEach wants a number of elements, not as many as 1e23";
+    assert!(told.contains(words) && !told.contains("18446744073709551615"), "{told}");
+}
