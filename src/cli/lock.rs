@@ -11,7 +11,7 @@ use crate::catalog::Catalog;
 use crate::error::Problem;
 use crate::graph::{Files, Lock as LockFile, Locked, Options, UsedNow, differences, lock_beside};
 use crate::text::unknown;
-use crate::writing::keep_beside;
+use crate::writing::{Turn, keep_beside};
 
 #[derive(Args)]
 pub(super) struct Lock {
@@ -39,6 +39,10 @@ pub(super) struct Update {
 
 impl Lock {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let _turn = match turn(&self.graph) {
+            Ok(turn) => turn,
+            Err(why) => return Exit::Usage(why),
+        };
         let now = match used_now(&self.graph, &self.graph, &self.roots, catalog) {
             Ok(now) => now.lock,
             Err(problems) => {
@@ -88,17 +92,14 @@ impl Update {
                 return Exit::Failed;
             }
         };
-        let mut after = before.clone();
+        let mut is_new = false;
         for key in &wanted {
             let told = self.told(key, before.0.get(key), now.0.get(key), catalog);
             let Some(told) = told else { continue };
             print(&told);
-            match now.0.get(key) {
-                Some(locked) => drop(after.0.insert(key.clone(), locked.clone())),
-                None => drop(after.0.remove(key)),
-            }
+            is_new = true;
         }
-        if after == before {
+        if !is_new {
             print(&format!("{} is up to date\n", path.display()));
             return Exit::Done;
         }
@@ -106,10 +107,24 @@ impl Update {
             eprint("nothing was taken: --yes takes it\n");
             return Exit::Failed;
         }
-        match keep(&self.graph, &after) {
+        match self.take(&wanted, &now) {
             Ok(()) => Exit::Done,
             Err(why) => Exit::Usage(why),
         }
+    }
+
+    /// Writes what is taken into the lock as it is by now: nobody waits for an answer, so others may have taken something meanwhile.
+    fn take(&self, wanted: &BTreeSet<String>, now: &LockFile) -> Result<(), String> {
+        let _turn = turn(&self.graph)?;
+        let lock = LockFile::of(&self.graph).map_err(|problem| problem.message)?;
+        let mut lock = lock.unwrap_or_default();
+        for key in wanted {
+            match now.0.get(key) {
+                Some(locked) => drop(lock.0.insert(key.clone(), locked.clone())),
+                None => drop(lock.0.remove(key)),
+            }
+        }
+        keep(&self.graph, &lock)
     }
 
     /// The paths in the lock, old and new, that are asked about.
@@ -183,6 +198,12 @@ fn used_now(
 ) -> Result<UsedNow, Vec<Problem>> {
     let options = Options { roots: roots.to_vec(), files: Files::Ignored, ..Options::default() };
     LockFile::now(path, folder(beside), catalog, &options)
+}
+
+/// The right to change the lock of a graph.
+fn turn(graph: &Path) -> Result<Turn, String> {
+    let cannot = |error| format!("cannot write {}: {error}", lock_beside(graph).display());
+    Turn::beside(graph).map_err(cannot)
 }
 
 /// Writes the lock of a graph.

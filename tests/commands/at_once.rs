@@ -71,6 +71,35 @@ fn no_pin_is_lost() {
 }
 
 #[test]
+fn no_update_of_a_lock_is_lost() {
+    let uses = (0..COUNT).map(|k| format!("\"U{k}\": \"u{k}.ron\","));
+    let nodes = (0..COUNT).map(|k| format!("\"n{k}\": U{k}(mesh: \"mesh\"),"));
+    let (uses, nodes) = (String::from_iter(uses), String::from_iter(nodes));
+    let mesh = "\"mesh\": ReadMesh(path: \"coarse.obj\"),";
+    let project = Project::new(&format!(
+        "Graph(format: 1, use: {{{uses}}}, nodes: {{{mesh}{nodes}}}, outputs: {{\"a.ply\": \"n0\"}})"
+    ));
+    project.copy_asset("coarse.obj", "coarse.obj");
+    let write_used = |scale: u32| {
+        for k in 0..COUNT {
+            let text = format!(
+                "Graph(format: 1, inputs: {{\"mesh\": Mesh()}}, nodes: {{\"it\": Transform(mesh: \"mesh\", scale: ({scale}, 1, 1))}}, outputs: {{\"skin\": \"it\"}})"
+            );
+            std::fs::write(project.folder().join(format!("u{k}.ron")), text).unwrap();
+        }
+    };
+    write_used(1);
+    at_once(&project, |_| ["lock", "doll.ron"].map(str::to_owned).into());
+    write_used(2);
+    at_once(&project, |k| {
+        ["update", "doll.ron", &format!("U{k}"), "--yes"].map(str::to_owned).into()
+    });
+    let output = project.maquette(&["update", "doll.ron", "--yes"]);
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert!(told.contains("is up to date"), "{told}");
+}
+
+#[test]
 fn more_threads_than_any_machine_has_are_refused() {
     let project = project();
     std::fs::write(project.folder().join("doll.test.ron"), "Test(graph: \"doll.ron\")").unwrap();

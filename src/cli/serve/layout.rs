@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Place;
 use crate::plain;
 use crate::text::{parse, read_tree};
-use crate::writing::{Destination, Refused, Sources, rewrite};
+use crate::writing::{Destination, Refused, Sources, Turn, rewrite};
 
 pub(in crate::cli) const ENDING: &str = "layout.ron";
 
@@ -56,13 +56,16 @@ impl Layout {
         if let Some(spot) = spots.into_iter().find(|(x, y)| !(x.is_finite() && y.is_finite())) {
             return Err(format!("{spot:?} is no place"));
         }
-        let (known, path, text) = (Self::of(graph)?, beside(graph), self.text(graph));
+        let (path, text) = (beside(graph), self.text(graph));
+        let cannot = |error: Refused| format!("cannot write {}: {error}", path.display());
+        let _turn = Turn::beside(graph).map_err(|error| cannot(error.into()))?;
+        let known = Self::of(graph)?;
         let done = match known {
             Some(known) if known == *self => Ok(()),
             Some(_) => rewrite(&path, &text).map_err(Refused::from),
             None => Destination::anywhere(&Sources::default()).put(&path, text.as_bytes()),
         };
-        done.map_err(|error| format!("cannot write {}: {error}", path.display()))
+        done.map_err(cannot)
     }
 
     fn text(&self, graph: &Path) -> String {
