@@ -139,19 +139,22 @@ impl Sheet {
     }
 }
 
-/// The values of each row: none for the defaults, then each parameter at its ends, or as each of its choices.
+/// The values of each row: none for the defaults, then each parameter at its ends, as each of its choices, or off and on.
 fn rows_of(graph: &Graph) -> Vec<Vec<(String, String)>> {
     let mut rows = vec![Vec::new()];
     let fields = graph.schema.get("properties").and_then(Json::as_object);
     for (name, field) in fields.into_iter().flatten() {
         let field = inside(field, &graph.schema);
-        let is_whole = field.get("type").and_then(Json::as_str) == Some("integer");
+        let kind = field.get("type").and_then(Json::as_str);
+        let is_whole = kind == Some("integer");
         let write =
             |number: f64| if is_whole { format!("{number}") } else { format!("{number:?}") };
         let ends =
             ["minimum", "maximum"].map(|end| field.get(end).and_then(Json::as_f64).map(write));
         let choices = field.get("enum").and_then(Json::as_array).into_iter().flatten();
-        let choices = choices.filter_map(Json::as_str).map(str::to_owned);
+        let choices = choices.filter_map(Json::as_str);
+        let toggles = ["false", "true"].into_iter().filter(|_| kind == Some("boolean"));
+        let choices = choices.chain(toggles).map(str::to_owned);
         let ends =
             if let [Some(least), Some(most)] = ends { vec![least, most] } else { Vec::new() };
         rows.extend(ends.into_iter().chain(choices).map(|value| vec![(name.clone(), value)]));

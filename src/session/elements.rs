@@ -39,6 +39,8 @@ impl Session {
         let mut met = BTreeSet::new();
         // Those whose count nobody has found out yet: it is that of others.
         let mut guessed = BTreeSet::new();
+        // Whether some data fail of which a number is known: it is that of other data.
+        let mut failed = false;
         // Each time one more of those that hang on each other is known, and with it all that are guessed rightly.
         loop {
             let loops = needed(&found);
@@ -56,6 +58,7 @@ impl Session {
                     Err(error) => error.as_ref().and_then(|error| error.downcast::<OtherCount>()),
                 };
                 if end.is_err() && other.is_none() {
+                    failed |= !cancel.is_cancelled() && counts.remove(&it.name).is_some();
                     continue;
                 }
                 guessed.remove(&it.name);
@@ -78,7 +81,7 @@ impl Session {
             });
         }
         // What their data are is not known: one example stands for all.
-        if !guessed.is_empty() {
+        if failed || !guessed.is_empty() {
             counts.retain(|name, _| !guessed.contains(name));
             found = self.expanded(graph, &mut counts);
         }

@@ -58,6 +58,21 @@ fn a_sheet_has_a_row_for_the_defaults_and_each_end_of_each_number() {
 }
 
 #[test]
+fn a_toggle_is_shown_off_and_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let toggle = "\"on\": Toggle(default: false), \"sides\"";
+    let switch = "\"which\": Switch(cases: { \"false\": \"quad\", \"true\": \"moved\" }, choose: Param(\"on\")), \"moved\"";
+    let graph = GRAPH.replacen("\"sides\"", toggle, 1).replacen("\"moved\"", switch, 1);
+    let graph = graph.replace("\"moved.obj\": \"moved\"", "\"moved.obj\": \"which\"");
+    std::fs::write(folder.path().join("g.ron"), graph).unwrap();
+    std::fs::write(folder.path().join("quad.obj"), QUAD).unwrap();
+    let made = maquette(folder.path(), &["sheet", "g.ron", "--size", "30x20", "--no-cache"]);
+    let told = String::from_utf8_lossy(&made.stdout).into_owned();
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    assert!(told.contains(": on = false\n") && told.contains(": on = true\n"), "{told}");
+}
+
+#[test]
 fn a_row_that_cannot_be_computed_is_told_and_the_others_are_drawn() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("g.ron"), GRAPH.replace("min: -1.0", "min: 0.0")).unwrap();

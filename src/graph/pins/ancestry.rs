@@ -78,14 +78,41 @@ impl Ancestry {
         if self.made == now.made {
             return None;
         }
-        let before: HashMap<&str, &Step> =
-            self.steps.iter().map(|step| (&step.name[..], step)).collect();
+        let (before, names) = (self.by_name(), self.names_before(&now));
         let changed = now.steps.iter().enumerate().find_map(|(place, step)| {
             // A node that is new here is told of by the link to it.
             let owner = if place == 0 { String::new() } else { format!("{}.", step.name) };
-            before.get(&step.name[..])?.change(step, &owner)
+            before.get(names.get(&step.name[..])?)?.change(step, &owner, &names)
         });
         Some(changed.unwrap_or_else(|| "something that it hangs on changed".into()))
+    }
+
+    fn by_name(&self) -> HashMap<&str, &Step> {
+        self.steps.iter().map(|step| (&step.name[..], step)).collect()
+    }
+
+    /// What the nodes of now were called: a new name is that of the node of the same type that is gone from the same link.
+    fn names_before<'a>(&'a self, now: &'a Self) -> HashMap<&'a str, &'a str> {
+        let (before, later) = (self.by_name(), now.by_name());
+        let mut names: HashMap<&str, &str> = before.keys().map(|&name| (name, name)).collect();
+        for step in &now.steps {
+            let Some(old) = names.get(&step.name[..]).map(|name| before[name]) else { continue };
+            for ((port, to), (old_port, from)) in step.links.iter().zip(&old.links) {
+                let (Some((to, output)), Some((from, old_output))) =
+                    (to.rsplit_once('.'), from.rsplit_once('.'))
+                else {
+                    continue;
+                };
+                let is_kind = |old: &&Step| later.get(to).is_some_and(|now| now.kind == old.kind);
+                if (port, output) == (old_port, old_output)
+                    && !later.contains_key(from)
+                    && before.get(from).is_some_and(is_kind)
+                {
+                    names.entry(to).or_insert(from);
+                }
+            }
+        }
+        names
     }
 }
 
@@ -109,7 +136,7 @@ impl Step {
         }
     }
 
-    fn change(&self, now: &Self, owner: &str) -> Option<String> {
+    fn change(&self, now: &Self, owner: &str, names: &HashMap<&str, &str>) -> Option<String> {
         if self.kind != now.kind {
             return Some(format!("`{}` became a {} (it was a {})", now.name, now.kind, self.kind));
         }
@@ -117,11 +144,16 @@ impl Step {
             let (name, before, now) = (parameter_name(&path), in_short(&before), in_short(&now));
             return Some(format!("`{owner}{name}` changed ({before} -> {now})"));
         }
-        if self.links != now.links {
-            let port = |a: &Self, b: &Self| {
-                a.links.iter().find(|link| !b.links.contains(link)).map(|(port, _)| port.clone())
+        let links = Vec::from_iter(now.links.iter().map(|(port, to)| {
+            let (to, output) = to.rsplit_once('.').unwrap_or((to, ""));
+            (port.clone(), format!("{}.{output}", names.get(to).unwrap_or(&to)))
+        }));
+        if self.links != links {
+            let port = |a: &[(String, String)], b: &[(String, String)]| {
+                a.iter().find(|link| !b.contains(link)).map(|(port, _)| port.clone())
             };
-            let port = port(now, self).or_else(|| port(self, now)).unwrap_or_default();
+            let port = port(&links, &self.links).or_else(|| port(&self.links, &links));
+            let port = port.unwrap_or_default();
             return Some(format!("what is linked to `{}.{port}` changed", now.name));
         }
         let changed = now.files.iter().zip(&self.files).find(|(now, before)| now.1 != before.1);

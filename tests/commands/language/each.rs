@@ -133,3 +133,26 @@ fn an_output_is_inspected_by_its_name_and_no_elements_are_a_list_of_0() {
     project.save(&GRAPH.replace("nodes: {", &none));
     assert_eq!(said(&project, &["inspect", "doll.ron", "none"]), "none: a list of 0\n");
 }
+
+#[test]
+fn data_that_fail_have_no_elements_of_a_run_before() {
+    let graph = GRAPH.replace("moved/2", "moved/1").replace("scale: (2.0, 2.0, 2.0)", "");
+    let graph = graph.replace("Transform(mesh: \"moved/1\", )", "Merge(meshes: \"moved\")");
+    let graph = graph.replace("ReadPoints(path: \"cloud.xyz\")", "ReadMesh(path: \"part.obj\")");
+    let graph = graph.replace("over: \"cloud\"", "over: Parts(\"cloud\")");
+    let project = Project::new(&graph.replace("second.xyz", "second.obj"));
+    let file = project.folder().join("part.obj");
+    let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n";
+    std::fs::write(&file, triangle.repeat(3)).unwrap();
+    assert!(said(&project, &["run", "doll.ron"]).contains("moved/3"));
+    std::fs::write(&file, "").unwrap();
+    let failed = |more: &[&str]| {
+        let output = project.maquette(&[&["run", "doll.ron"], more].concat());
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        let told = String::from_utf8(output.stdout).unwrap();
+        Vec::from_iter(told.lines().filter(|it| it.contains("Transform")).map(str::to_owned))
+    };
+    let fresh = failed(&["--no-cache"]);
+    assert_eq!(fresh.len(), 1, "{fresh:?}");
+    assert_eq!(failed(&[]), fresh);
+}

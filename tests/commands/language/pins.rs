@@ -378,3 +378,14 @@ fn any_sequence_of_pins_and_edits_is_as_said() {
         }
     }
 }
+
+#[test]
+fn a_stale_pin_tells_of_what_changed_and_not_of_another_name() {
+    let project = project();
+    ok(&project, &["pin", "doll.ron", "end"]);
+    ok(&project, &["edit", "doll.ron", "rename", "part", "wide"]);
+    assert!(!ok(&project, &["check", "doll.ron"]).contains("is pinned before"));
+    ok(&project, &["set", "doll.ron", "wide.scale=3"]);
+    let told = ok(&project, &["check", "doll.ron"]);
+    assert!(told.contains("`end` is pinned before `wide/big.scale"), "{told}");
+}
