@@ -182,6 +182,8 @@ pub(super) struct Whole {
     pub(super) is_used: bool,
     /// The nodes that nothing needs.
     pub(super) unused: Vec<(String, Span)>,
+    /// The inputs and parameters that no other graph can give, since a field has no hyphens, with the places of their names.
+    pub(super) no_fields: Vec<(String, Span)>,
 }
 
 impl<'w, 'a> Check<'w, 'a> {
@@ -269,6 +271,11 @@ impl<'w, 'a> Check<'w, 'a> {
         let given = outputs.iter().map(|output| output.node);
         let ported = ports.iter().filter_map(|port| Some(port.target?.0));
         let unused = unused(&drafts, inputs, &needs, given.chain(ported).chain(expected));
+        // Who uses the graph gives fields.
+        let keys = entries.iter().map(|(key, _)| key).chain(parameters.iter().map(|(key, _)| *key));
+        let given = keys.filter_map(|key| Some((key.text()?.to_owned(), key.span)));
+        let no_fields = given.filter(|(name, _)| top.inputs.is_some() && name.contains('-'));
+        let no_fields = no_fields.collect();
         let schema = json!({ "description": top.doc, "properties": fields, "required": required });
         let definition = Definition {
             sheet: self.sheet.clone(),
@@ -285,7 +292,7 @@ impl<'w, 'a> Check<'w, 'a> {
             expect,
             schema,
         };
-        Whole { definition, outputs, undecided, is_used, unused }
+        Whole { definition, outputs, undecided, is_used, unused, no_fields }
     }
 }
 

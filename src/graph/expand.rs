@@ -75,7 +75,7 @@ pub(super) fn expand<'a>(
     is_partial: bool,
     counts: &Counts,
 ) -> Option<Graph> {
-    let Whole { definition, outputs, undecided, unused, .. } = whole;
+    let Whole { definition, outputs, undecided, unused, no_fields, .. } = whole;
     let (nodes, uses, loops, expect) = Default::default();
     let mut expansion = Expansion { world, nodes, uses, loops, expect, counts, count: 0 };
     let inputs = expansion.inputs(definition);
@@ -119,13 +119,20 @@ pub(super) fn expand<'a>(
     let shape = Arc::new(Shape::new(&nodes));
     let source = definition.sheet.source.clone();
     let Definition { sheet, doc, schema, .. } = definition;
-    let unused = unused.iter().map(|(name, span)| {
-        let message = format!("nothing needs `{name}`");
-        let help = "name an output for it, or leave it out".into();
-        let finding = Finding { code: code::UNUSED, span: *span, message, help, note: None };
+    let warning = |code, span, message, help: &str| {
+        let finding = Finding { code, span, message, help: help.into(), note: None };
         Problem { severity: Severity::Warning, ..sheet.problem(finding, &[]) }
+    };
+    let unused = unused.iter().map(|(name, span)| {
+        let help = "name an output for it, or leave it out";
+        warning(code::UNUSED, *span, format!("nothing needs `{name}`"), help)
     });
-    let warnings = unused.chain(doubts).collect();
+    let no_fields = no_fields.iter().map(|(name, span)| {
+        let message =
+            format!("no graph that uses this one can give `{name}`: a field has no hyphens");
+        warning(code::BAD_NAME, *span, message, "write its name without them")
+    });
+    let warnings = unused.chain(no_fields).chain(doubts).collect();
     let subgraphs = world.subgraphs.clone();
     Some(Graph {
         source,

@@ -22,6 +22,7 @@ mod drafts;
 mod each;
 mod elements;
 mod empty_lists;
+mod hyphens;
 mod library_expectations;
 mod limits;
 mod listed;
