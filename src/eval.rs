@@ -35,7 +35,7 @@ mod why;
 
 use cache::{Cache, Values};
 pub(crate) use disk::this_is_a_program;
-pub use disk::{Diagnosis, Disk, DiskError, Fault, RemoteError, Usage};
+pub use disk::{Diagnosis, Disk, DiskError, Exchange, Fault, Usage};
 use guard::{Guards, NotAsWanted};
 use plan::Plan;
 use run::{News, Run};

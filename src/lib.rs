@@ -85,6 +85,7 @@ pub mod render;
 pub mod simd;
 pub mod value;
 
+mod base64;
 #[cfg(feature = "cli")]
 mod batch;
 mod catalog;
@@ -117,7 +118,7 @@ mod writing;
 pub use catalog::Catalog;
 pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
 pub use eval::{
-    Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, RemoteError,
+    Diagnosis, Disk, DiskError, Evaluation, Evaluator, Exchange, Fault, NodeTrace, Observer,
     RunTrace, State, ThreadsError, Usage,
 };
 pub use golden::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
@@ -134,8 +135,8 @@ pub use pack::{FileFormat, Format, Migration, NewFile, NewValue, Pack, format};
 pub use provenance::Signature;
 pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use session::{
-    CacheFolder, Finished, OutputFolder, Produced, Run, Session, SessionError, Settings, Wanted,
-    Written, save,
+    CacheFolder, CacheServer, Finished, OutputFolder, Produced, Run, Session, SessionError,
+    Settings, Wanted, Written, save,
 };
 pub use suite::{TestRun, test_graphs};
 pub use text::Reader;

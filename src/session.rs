@@ -7,7 +7,9 @@ use crate::catalog::Catalog;
 use crate::error::{Error, Problem, code};
 #[cfg(feature = "cli")]
 use crate::eval::Remembered;
-use crate::eval::{Disk, Evaluation, Evaluator, Forecast, Observer, RunTrace, explanation};
+use crate::eval::{
+    Disk, Evaluation, Evaluator, Exchange, Forecast, Observer, RunTrace, explanation,
+};
 use crate::golden::{self, Violation};
 use crate::graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
 use crate::node::CancelToken;
@@ -31,7 +33,7 @@ pub(crate) use outputs::Left;
 pub use outputs::{OutputFolder, Written, save};
 pub(crate) use pins::{PinError, means, pinnable, unpin};
 pub(crate) use provenance::{Teller, sign};
-pub use settings::{CacheFolder, SessionError, Settings};
+pub use settings::{CacheFolder, CacheServer, SessionError, Settings};
 pub(crate) use settings::{default_folder, disk_size, size};
 
 /// What a program knows from one run of a graph to the next: its packs, its threads, and results in memory and on disk.
@@ -337,12 +339,18 @@ impl Session {
         self.evaluator.disk().and_then(Disk::trouble)
     }
 
-    /// Why the server of results that others share is not used as it should be, if that is so.
-    pub fn remote_trouble(&self) -> Option<String> {
-        self.evaluator.disk().and_then(Disk::remote_trouble)
+    /// The trouble with the server of results, if there was any: see [`Disk::sharing`].
+    pub fn server_trouble(&self) -> Option<&str> {
+        self.evaluator.disk().and_then(Disk::server_trouble)
     }
 
-    /// Waits until all results that are worth it are on disk, and drops old ones if there are too many.
+    /// What the server of results was asked for so far, if there is one.
+    pub fn exchange(&self) -> Option<Exchange> {
+        self.evaluator.disk().and_then(Disk::exchange)
+    }
+
+    /// Waits until all results that are worth it are on disk, and drops old ones if there are too many. What a server of results has
+    /// not been sent a second later it does not get.
     pub fn finish(&self) {
         if let Some(disk) = self.evaluator.disk() {
             disk.finish();

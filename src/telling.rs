@@ -4,10 +4,7 @@ use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet}
 
 use crate::error::{Place, Problem, Severity, Span};
 
-mod base64;
 mod words;
-
-pub(crate) use base64::base64;
 
 use words::harmless_in_place;
 pub(crate) use words::{escaped, harmless};

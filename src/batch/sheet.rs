@@ -6,8 +6,9 @@ use serde_json::{Value as Json, json};
 
 use super::record::{Record, State, picture_path};
 use super::{Batch, Sweep};
+use crate::base64::base64;
 use crate::plain;
-use crate::telling::{base64, escaped};
+use crate::telling::escaped;
 use crate::writing::Sources;
 
 /// The page, in which `@@style@@`, `@@data@@` and `@@script@@` stand for what belongs there.

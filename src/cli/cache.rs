@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::{Exit, counted, in_bytes, print, print_json};
 use crate::eval::{Diagnosis, Disk, DiskError, Fault, Usage};
-use crate::session::{default_folder, disk_size, size};
+use crate::session::{CacheServer, default_folder, disk_size, size};
 
 #[derive(Args)]
 pub(super) struct Cache {
@@ -21,8 +21,11 @@ pub(super) struct Cache {
 
 #[derive(Subcommand)]
 enum Action {
-    /// Print where the cache is and what it holds.
+    /// Print where the cache is and what it holds, and whether the server of results answers.
     Ls {
+        /// The server through which machines share results [default: $MAQUETTE_CACHE_REMOTE].
+        #[arg(long, value_name = "URL")]
+        cache_remote: Option<String>,
         /// Print one JSON document.
         #[arg(long)]
         json: bool,
@@ -60,7 +63,10 @@ impl Cache {
     fn action(&self, folder: &Path) -> Result<Exit, String> {
         let wrong = |error: DiskError| error.to_string();
         match &self.action {
-            Action::Ls { json } => print_usage(folder, &Disk::usage(folder).map_err(wrong)?, *json),
+            Action::Ls { cache_remote, json } => {
+                let usage = Disk::usage(folder).map_err(wrong)?;
+                print_usage(folder, &usage, server(cache_remote)?.as_ref(), *json);
+            }
             Action::Gc { limit } => {
                 let limit = limit.map_or_else(disk_size, Ok)?;
                 let dropped = Disk::gc(folder, limit).map_err(wrong)?;
@@ -81,12 +87,27 @@ impl Cache {
     }
 }
 
+/// The address of a server, and whether it answers; else why not.
+type Server = (String, Result<(), String>);
+
+/// The server that is named, if one is.
+fn server(named: &Option<String>) -> Result<Option<Server>, String> {
+    let server = named.clone().map_or(CacheServer::Default, CacheServer::At);
+    let reach = |(named, address): (&str, String)| {
+        Disk::reach(&address).map_err(|why| format!("{named}: {why}"))
+    };
+    server.address().map(reach).transpose()
+}
+
 fn bytes(bytes: u64) -> String {
     in_bytes(usize::try_from(bytes).unwrap_or(usize::MAX))
 }
 
-fn print_usage(folder: &Path, usage: &Usage, json: bool) {
+fn print_usage(folder: &Path, usage: &Usage, server: Option<&Server>, json: bool) {
     if json {
+        let server = server.map(|(address, answer)| {
+            json!({ "address": address, "answers": answer.is_ok(), "why": answer.as_ref().err() })
+        });
         return print_json(&json!({
             "folder": folder.display().to_string(),
             "programs": usage.programs,
@@ -94,6 +115,7 @@ fn print_usage(folder: &Path, usage: &Usage, json: bool) {
             "columns": usage.columns,
             "graphs": usage.graphs,
             "bytes": usage.bytes,
+            "server": server,
         }));
     }
     print(&format!(
@@ -105,6 +127,10 @@ fn print_usage(folder: &Path, usage: &Usage, json: bool) {
         counted(usage.graphs, "graph"),
         bytes(usage.bytes)
     ));
+    if let Some((address, answer)) = server {
+        let told = answer.as_ref().map_or_else(|why| &why[..], |()| "answers");
+        print(&format!("{address}: {told}\n"));
+    }
 }
 
 fn print_diagnosis(folder: &Path, diagnosis: &Diagnosis, dry_run: bool, json: bool) {

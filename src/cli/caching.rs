@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::eprint;
 use crate::catalog::Catalog;
-use crate::session::{CacheFolder, Session, Settings, size};
+use crate::session::{CacheFolder, CacheServer, Session, Settings, size};
 
 /// What shapes the memory of results.
 #[derive(Args)]
@@ -16,13 +16,14 @@ pub(super) struct CacheOptions {
     /// folder for caches].
     #[arg(long = "cache", value_name = "DIR")]
     folder: Option<PathBuf>,
-    /// A server of results that machines share, http://HOST[:PORT][/PREFIX]: what is not on disk is looked for there, and what is found is
-    /// sent there [default: $MAQUETTE_CACHE_REMOTE; a token is in $MAQUETTE_CACHE_REMOTE_TOKEN].
-    #[arg(long = "cache-remote", value_name = "URL", conflicts_with = "no_cache")]
-    remote: Option<String>,
     /// Neither use nor keep results on disk.
     #[arg(long, conflicts_with = "folder")]
     no_cache: bool,
+    /// A server through which machines share results, as http://host:8080/results: any that keeps what is PUT there and gives it to a
+    /// GET. A name and password may stand before the host, a token in MAQUETTE_CACHE_REMOTE_TOKEN [default:
+    /// $MAQUETTE_CACHE_REMOTE].
+    #[arg(long, value_name = "URL", conflicts_with = "no_cache")]
+    cache_remote: Option<String>,
     /// How much memory results may hold when no node needs them any more, as 500MB or 2GB. What nodes are working on, the files
     /// that they read and the program itself, some 20 MB, come on top.
     #[arg(long, value_name = "SIZE", default_value = "2GB", value_parser = size)]
@@ -59,7 +60,7 @@ impl CacheOptions {
     /// The words that say where results are kept.
     pub(super) fn words(&self) -> Vec<String> {
         let mut words = match (&self.folder, self.no_cache) {
-            (_, true) => return vec!["--no-cache".into()],
+            (_, true) => vec!["--no-cache".into()],
             (Some(folder), _) => {
                 // It is read from another folder than this program's own.
                 let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.clone());
@@ -67,16 +68,11 @@ impl CacheOptions {
             }
             (None, _) => Vec::new(),
         };
-        if let Some(url) = &self.remote {
-            words.extend(["--cache-remote".to_owned(), url.clone()]);
+        // Words are shown, passwords are not.
+        if let Some(server) = self.cache_remote.as_ref().filter(|server| !server.contains('@')) {
+            words.extend(["--cache-remote".into(), server.clone()]);
         }
         words
-    }
-
-    fn remote(&self) -> Option<(String, Option<String>)> {
-        let named = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
-        let url = self.remote.clone().or_else(|| named("MAQUETTE_CACHE_REMOTE"))?;
-        Some((url, named("MAQUETTE_CACHE_REMOTE_TOKEN")))
     }
 
     fn settings(&self, threads: usize) -> Settings {
@@ -90,7 +86,7 @@ impl CacheOptions {
             memory: self.memory(),
             max_memory: self.max_memory,
             cache,
-            remote: self.remote(),
+            server: self.cache_remote.clone().map_or(CacheServer::Default, CacheServer::At),
             verify: self.verify_cache / 100.0,
         }
     }
@@ -102,7 +98,7 @@ pub(super) fn finish(session: &Session) {
     if let Some(trouble) = session.write_trouble() {
         eprint(&format!("warning: results are not kept for the next run: {trouble}\n"));
     }
-    if let Some(trouble) = session.remote_trouble() {
+    if let Some(trouble) = session.server_trouble() {
         eprint(&format!("warning: {trouble}\n"));
     }
 }

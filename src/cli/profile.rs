@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::in_bytes;
-use crate::eval::RunTrace;
+use crate::eval::{Exchange, RunTrace};
 use crate::session::Written;
 use crate::writing::{Destination, Refused};
 
@@ -73,6 +73,12 @@ pub(super) fn table(trace: &RunTrace, read: &Read, written: &[Written]) -> Strin
         "all", "", "", 100
     );
     text
+}
+
+/// What the server of results was asked for.
+pub(super) fn exchange(exchange: &Exchange) -> String {
+    let Exchange { found, missing, damaged, .. } = exchange;
+    format!("server of results: {found} files found, {missing} missing, {damaged} damaged\n")
 }
 
 fn milliseconds(seconds: f64) -> String {

@@ -20,7 +20,7 @@ use super::{
 };
 use crate::catalog::Catalog;
 use crate::error::{Problem, Severity};
-use crate::eval::{Forecast, Observer, RunTrace, State};
+use crate::eval::{Exchange, Forecast, Observer, RunTrace, State};
 use crate::graph::Graph;
 use crate::node::CancelToken;
 use crate::session::{Produced, Written};
@@ -114,13 +114,14 @@ impl Run {
             return Exit::Interrupted;
         }
         problems.extend(produced.problems.iter().cloned());
-        self.print(Some(&produced), &produced.written, &problems, start);
+        self.print(Some((&produced, session.exchange())), &produced.written, &problems, start);
         if self.profile {
             let trace = produced.trace();
             // With --json, stdout is for one document.
             let tell: fn(&str) = if self.json { eprint } else { print };
             let read = profile::Read { graph: reading_graph, files: produced.seconds_of_files() };
             tell(&profile::table(&trace, &read, &produced.written));
+            session.exchange().into_iter().for_each(|exchange| tell(&profile::exchange(&exchange)));
             if let Err(error) = profile::write_trace(
                 &trace,
                 &self.graph,
@@ -139,12 +140,12 @@ impl Run {
 
     fn print(
         &self,
-        produced: Option<&Produced>,
+        produced: Option<(&Produced, Option<Exchange>)>,
         written: &[Written],
         problems: &[Problem],
         start: Instant,
     ) {
-        let trace = produced.map(Produced::trace).unwrap_or_default();
+        let trace = produced.map(|(produced, _)| produced.trace()).unwrap_or_default();
         let traces = &trace.0;
         let seconds = start.elapsed().as_secs_f64();
         if self.events {
@@ -161,6 +162,11 @@ impl Run {
                 "problems": [],
                 "seconds": seconds,
             });
+            if let Some((_, Some(exchange))) = produced {
+                let Exchange { found, missing, damaged, .. } = exchange;
+                document["server"] =
+                    json!({ "found": found, "missing": missing, "damaged": damaged });
+            }
             put_problems(&mut document, problems);
             print_json(&document);
             return;

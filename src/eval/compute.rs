@@ -81,12 +81,16 @@ impl Run<'_> {
         };
         let same = before.is_some_and(|before| before.outcome.equals(&outcome));
         self.evaluator.cache.keep(key, outcome.clone());
-        match self.evaluator.shelf() {
+        let is_kept = match self.evaluator.shelf() {
             // They are cut again at once from what is kept.
-            _ if node.kind() == ELEMENTS => {}
+            _ if node.kind() == ELEMENTS => false,
             Some(disk) => disk.keep(key, &outcome, &values, self.plan.tasks[index] == Task::Look),
-            None => outcome.owe(),
-        }
+            None => {
+                outcome.owe();
+                false
+            }
+        };
+        self.set_new(index, is_kept && !same);
         self.hold(index, &values);
         self.tell(News {
             unchanged: same,

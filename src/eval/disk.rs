@@ -13,6 +13,8 @@
 //! only if that fits: what is torn, flipped or of another name is removed and computed again. So any number of processes may share
 //! a folder without a lock. A file's time of change is the time of its last use; [`gc`](Disk::gc) drops the files that were not
 //! used for longest, [`doctor`](Disk::doctor) looks at all of them. Whatever has no name of ours stays: see [`folder`].
+//!
+//! Entries and columns, which are named by what they are made of, may be shared with other machines: see [`remote`].
 
 use std::collections::HashMap;
 use std::fs;
@@ -36,14 +38,15 @@ mod program;
 mod record;
 mod remote;
 mod seal;
+mod share;
 mod usage;
 mod writer;
 
 pub use doctor::{Diagnosis, Fault};
 use entry::Entry;
 pub(crate) use program::this_is_a_program;
+pub use remote::Exchange;
 use remote::Remote;
-pub use remote::RemoteError;
 use seal::{seal, unsealed};
 pub use usage::Usage;
 use writer::{Job, Writer};
@@ -84,7 +87,7 @@ struct Store {
     /// The first error of a write; no more are tried after it.
     trouble: OnceLock<String>,
     written: AtomicU64,
-    /// A server that others share.
+    /// Where other machines have results.
     remote: OnceLock<Remote>,
 }
 
@@ -129,28 +132,11 @@ impl Disk {
         self.store.trouble.get().map(String::as_str)
     }
 
-    /// Uses a server that others share, too: what is not on disk is looked for there, and what is found is sent there.
-    ///
-    /// # Errors
-    /// If the URL is none of a server.
-    pub fn share(&self, url: &str, token: Option<&str>) -> Result<(), RemoteError> {
-        let remote = Remote::new(url, token, &self.program())?;
-        // Who names two servers means the first.
-        let _ = self.store.remote.set(remote);
-        Ok(())
-    }
-
-    /// Why the server that others share is not used as it should be, if that is so.
-    pub fn remote_trouble(&self) -> Option<String> {
-        self.store.remote()?.trouble()
-    }
-
-    /// Waits until everything is written; drops what was not used for longest if there is too much.
+    /// Waits until everything is written, and a second more for what a [server](Self::sharing) is to be sent; drops what was not used
+    /// for longest if there is too much.
     pub fn finish(&self) {
         self.writer.wait();
-        if let Some(remote) = self.store.remote() {
-            remote.finish();
-        }
+        self.store.remote.get().into_iter().for_each(Remote::finish);
         self.store.tidy();
     }
 
@@ -167,6 +153,7 @@ impl Disk {
     /// The values of a result, if they are all there and what they were.
     pub(super) fn read(&self, key: Hash, outcome: &Outcome) -> Option<Values> {
         let entry = self.store.entry(key)?;
+        self.store.fetch_columns(&entry, outcome.seconds);
         let values = entry.values(&*self.store).filter(|values| {
             values
                 .iter()
@@ -180,14 +167,23 @@ impl Disk {
     }
 
     /// Keeps a result if reading it back is faster than computing it. Returns before it is written. If what was kept before is
-    /// lost, the columns that are still there are not `trusted`.
-    pub(super) fn keep(&self, key: Hash, outcome: &Arc<Outcome>, values: &Values, trusted: bool) {
+    /// lost, the columns that are still there are not `trusted`. Whether it is kept.
+    pub(super) fn keep(
+        &self,
+        key: Hash,
+        outcome: &Arc<Outcome>,
+        values: &Values,
+        trusted: bool,
+    ) -> bool {
         let slow = WORTH_A_FILE < outcome.seconds;
         let pays = outcome.bytes <= SMALL || outcome.bytes as f64 / READ_SPEED < outcome.seconds;
-        if pays && (slow || self.writer.entries() < CHEAP_ENTRIES) && self.trouble().is_none() {
+        let keeps =
+            pays && (slow || self.writer.entries() < CHEAP_ENTRIES) && self.trouble().is_none();
+        if keeps {
             let (outcome, values) = (outcome.clone(), values.clone());
             self.writer.send(Job::Entry { key, outcome, values, trusted });
         }
+        keeps
     }
 
     /// Keeps what an evaluation of a graph found.
@@ -220,6 +216,16 @@ impl Disk {
     }
 }
 
+/// What a server is to be sent is waited for a moment here, too, by those who wait for nothing else.
+impl Drop for Disk {
+    fn drop(&mut self) {
+        if let Some(remote) = self.store.remote.get() {
+            self.writer.wait();
+            remote.finish();
+        }
+    }
+}
+
 impl Store {
     fn open(
         folder: &Path,
@@ -228,8 +234,8 @@ impl Store {
         types: HashMap<&'static str, &'static ValueType>,
     ) -> io::Result<Self> {
         let (folder, home) = (folder.to_owned(), folder.join(fingerprint));
-        let (trouble, written) = (OnceLock::new(), AtomicU64::new(0));
-        let store = Self { folder, home, limit, types, trouble, written, remote: OnceLock::new() };
+        let (trouble, written, remote) = (OnceLock::new(), AtomicU64::new(0), OnceLock::new());
+        let store = Self { folder, home, limit, types, trouble, written, remote };
         let make = |name: &&str| make_folder(&store.home.join(name));
         let made = in_spite_of_removal(|_| FOLDERS.iter().try_for_each(make));
         match made {
@@ -265,36 +271,9 @@ impl Store {
         content
     }
 
-    fn remote(&self) -> Option<&Remote> {
-        self.remote.get()
-    }
-
-    /// The entry that others have under this key, which is on disk then.
-    fn fetched(&self, path: &Path, key: Hash) -> Option<Vec<u8>> {
-        let remote = self.remote()?;
-        let bytes = remote.entry(&key.to_string())?;
-        let Some(content) = unsealed(path, bytes.clone()) else {
-            remote.lied();
-            return None;
-        };
-        self.write(path, &[&bytes]);
-        if let Some(entry) = Entry::parse(content.clone(), key, &self.types) {
-            remote.saved(entry.outcome().seconds);
-        }
-        Some(content)
-    }
-
-    /// Shares a file that has been written.
-    fn send(&self, path: &Path) {
-        if let Some(remote) = self.remote() {
-            remote.send(path);
-        }
-    }
-
     fn entry(&self, key: Hash) -> Option<Entry> {
         let path = self.entry_path(key);
-        let content = self.read(&path).or_else(|| self.fetched(&path, key))?;
-        let entry = Entry::parse(content, key, &self.types);
+        let entry = Entry::parse(self.read(&path)?, key, &self.types);
         if entry.is_none() {
             self.remove(&path);
         }
@@ -331,13 +310,17 @@ impl Store {
         self.write(path, &[content, &seal(path, content)]);
     }
 
-    fn write_column(&self, column: &dyn Bytes, trusted: bool) {
+    /// Whether it was not there.
+    fn write_column(&self, column: &dyn Bytes, trusted: bool) -> bool {
         let path = self.column_path(column.hash());
         let length = column.bytes().len() as u64;
-        match fs::metadata(&path) {
-            Ok(metadata) if trusted && metadata.len() == length => self.touch(&path),
-            _ => self.write(&path, &[column.bytes()]),
+        let is_it = |metadata: fs::Metadata| trusted && metadata.len() == length;
+        let is_new = !fs::metadata(&path).is_ok_and(is_it);
+        match is_new {
+            true => self.write(&path, &[column.bytes()]),
+            false => self.touch(&path),
         }
+        is_new
     }
 }
 
@@ -349,17 +332,8 @@ impl Columns for Store {
             let fits = file.metadata()?.len() == into.len() as u64;
             if fits { file.read_exact(into).map(|()| true) } else { Ok(false) }
         });
-        if read.is_ok_and(|it| it) {
-            self.touch(&path);
-            return true;
-        }
-        let Some(bytes) = self.remote().and_then(|it| it.column(&hash.to_string(), into.len()))
-        else {
-            return false;
-        };
-        into.copy_from_slice(&bytes);
-        self.write(&path, &[&bytes]);
-        true
+        self.touch(&path);
+        read.unwrap_or(false)
     }
 
     fn damaged(&self, hash: Hash) {

@@ -16,7 +16,7 @@ use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 use crate::error::Error;
 use crate::files::Reads;
-use crate::graph::{Graph, GraphNode};
+use crate::graph::{ELEMENTS, Graph, GraphNode};
 use crate::node::CancelToken;
 use crate::value::{AnyValue, Hash};
 
@@ -83,6 +83,8 @@ pub(super) struct Slot {
     pub(super) done: OnceLock<Option<Arc<Done>>>,
     /// Whether this node, or one that it hangs on, ran.
     ran: AtomicBool,
+    /// Whether this node, or one that it hangs on, has a result that no machine has kept before: then none has what hangs on it.
+    is_new: AtomicBool,
     /// The values, held for the nodes that still need them.
     pub(super) held: Mutex<Option<Values>>,
     /// How many links of nodes that have a task still need them; one more if they are wanted afterwards.
@@ -223,6 +225,20 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// Whether one that the node hangs on has a result that no machine has kept before.
+    fn is_new_above(&self, node: &GraphNode) -> bool {
+        let mut slots = node.links.iter().filter_map(|link| self.slot(link.node));
+        slots.any(|slot| slot.is_new.load(Ordering::Acquire))
+    }
+
+    /// Says that a node was computed, and whether its result is new.
+    pub(super) fn set_new(&self, index: usize, is_new: bool) {
+        let is_new = is_new || self.is_new_above(&self.graph.nodes[index]);
+        if let Some(slot) = self.slot(index) {
+            slot.is_new.store(is_new, Ordering::Release);
+        }
+    }
+
     /// Holds a node's values as long as somebody still needs them.
     pub(super) fn hold(&self, index: usize, values: &Values) {
         let needed = |slot: &&Slot| 0 < slot.users.load(Ordering::Acquire);
@@ -274,6 +290,11 @@ impl<'a> Run<'a> {
                 None => drop(flight.insert(key, Vec::new())),
             }
             drop(flight);
+            // Nobody else who looks anything up waits for the server.
+            if let Some(outcome) = self.fetch(index, key) {
+                let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
+                return Some((Some(self.not_run(index, parts, key, outcome, ran_above)), waiters));
+            }
             let done = match self.load(node, &parts) {
                 Ok(Loaded::Files(files)) => match self.compute(index, parts, key, &files) {
                     Some(done) => done,
@@ -318,6 +339,20 @@ impl<'a> Run<'a> {
             self.evaluator.cache.keep(key, outcome.clone());
             Some(outcome)
         })
+    }
+
+    /// What another machine has found, if it may have looked for it. So where there is nothing, only what hangs on nothing is asked for.
+    fn fetch(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
+        let node = &self.graph.nodes[index];
+        let asks = self.plan.tasks[index] == Task::Look
+            && node.kind() != ELEMENTS
+            && !self.is_new_above(node)
+            && !self.memory.has_put_aside(index)
+            && !self.cancel.is_cancelled();
+        let disk = self.evaluator.known_results().filter(|_| asks && self.evaluator.keeps)?;
+        let outcome = Arc::new(disk.fetch(key)?);
+        self.evaluator.cache.keep(key, outcome.clone());
+        Some(outcome)
     }
 
     pub(super) fn tell(&self, news: News) {

@@ -1,9 +1,10 @@
 //! How a session works: threads, memory, and the folder of results.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use crate::catalog::Catalog;
-use crate::eval::{Disk, DiskError, Evaluator, RemoteError, ThreadsError};
+use crate::eval::{Disk, DiskError, Evaluator, ThreadsError};
 
 /// How a session works. Nothing of it changes a result, but a node for which there is too little memory has none.
 #[derive(Clone, Debug)]
@@ -17,9 +18,8 @@ pub struct Settings {
     pub max_memory: Option<u64>,
     /// Where results are kept from one process to the next.
     pub cache: CacheFolder,
-    /// A server of results that several machines share, `http://host/prefix`, and a token for it: what is not on disk is looked for there.
-    /// Nothing is asked of it where nothing is kept on disk.
-    pub remote: Option<(String, Option<String>)>,
+    /// The server through which machines share what is kept there.
+    pub server: CacheServer,
     /// Which share (0 to 1) of the results that are known is computed all the same, and compared.
     pub verify: f64,
 }
@@ -36,6 +36,29 @@ pub enum CacheFolder {
     None,
 }
 
+/// The server through which machines share results: see [`Disk::sharing`]. Without a folder for results there is none.
+#[derive(Clone, Default, PartialEq, Eq)]
+pub enum CacheServer {
+    /// That of the command line: `$MAQUETTE_CACHE_REMOTE`, if it is set.
+    #[default]
+    Default,
+    /// At this address.
+    At(String),
+    /// None.
+    None,
+}
+
+/// An address may hold a password.
+impl fmt::Debug for CacheServer {
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        to.write_str(match self {
+            Self::Default => "Default",
+            Self::At(_) => "At(..)",
+            Self::None => "None",
+        })
+    }
+}
+
 /// Why there is no session.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
@@ -45,12 +68,12 @@ pub enum SessionError {
     /// The folder that was named for results is somebody's.
     #[error("{0}; --cache chooses another folder")]
     Cache(DiskError),
-    /// The server of results is none.
-    #[error(transparent)]
-    Remote(#[from] RemoteError),
     /// `MAQUETTE_CACHE_SIZE` is no size.
     #[error("{0}")]
     Size(String),
+    /// The server of results has no such address.
+    #[error("{0}")]
+    Server(String),
 }
 
 /// How much memory results may hold unless something else is asked for.
@@ -59,11 +82,14 @@ const MEMORY: usize = 2_000_000_000;
 /// How much the folder of results may hold, unless `MAQUETTE_CACHE_SIZE` says otherwise.
 const DISK_SIZE: u64 = 4_000_000_000;
 
+/// The variable that names the server of results.
+const SERVER: &str = "MAQUETTE_CACHE_REMOTE";
+
 impl Default for Settings {
     /// As the command line works: all threads, 2 GB, and the folder of results that it uses, too.
     fn default() -> Self {
-        let cache = CacheFolder::Default;
-        Self { threads: 0, memory: MEMORY, max_memory: None, cache, remote: None, verify: 0.0 }
+        let (cache, server) = (CacheFolder::Default, CacheServer::Default);
+        Self { threads: 0, memory: MEMORY, max_memory: None, cache, server, verify: 0.0 }
     }
 }
 
@@ -106,9 +132,7 @@ impl Settings {
         let Some(folder) = folder else { return Ok((evaluator, None)) };
         match Disk::open(&folder, disk_size().map_err(SessionError::Size)?, catalog) {
             Ok(disk) => {
-                if let Some((url, token)) = &self.remote {
-                    disk.share(url, token.as_deref())?;
-                }
+                let disk = self.server.shared(disk).map_err(SessionError::Server)?;
                 Ok((evaluator.with_disk(disk), None))
             }
             // Who names somebody's folder here does not mean what it says.
@@ -120,6 +144,30 @@ impl Settings {
                     format!("{error}; results are not kept (--cache chooses another folder)");
                 Ok((evaluator, Some(warning)))
             }
+        }
+    }
+}
+
+impl CacheServer {
+    /// Results on disk that are shared through this server.
+    fn shared(&self, disk: Disk) -> Result<Disk, String> {
+        match self.address() {
+            Some((named, address)) => {
+                disk.sharing(&address).map_err(|why| format!("{named}: {why}"))
+            }
+            None => Ok(disk),
+        }
+    }
+
+    /// Where the server is named, and its address.
+    pub(crate) fn address(&self) -> Option<(&'static str, String)> {
+        match self {
+            Self::Default => {
+                let named = std::env::var(SERVER).ok().filter(|address| !address.is_empty());
+                named.map(|address| (SERVER, address))
+            }
+            Self::At(address) => Some(("--cache-remote", address.clone())),
+            Self::None => None,
         }
     }
 }

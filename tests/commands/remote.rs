@@ -1,277 +1,320 @@
-//! A server of results that machines share: whatever it does, results are right, and a bad one costs a warning and a moment.
+//! Machines share results through a server, which may be whatever it likes: the outputs are the same.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::{TcpListener, TcpStream};
-use std::sync::{Arc, Mutex};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::{Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
-use maquette::random::Random;
 use serde_json::Value as Json;
 
-use crate::project::Project;
+use server::{Mode, Server};
 
-/// What a server does with a request.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Mode {
-    Honest,
-    /// Gives what is of another name.
-    Lying,
-    /// Flips a bit in the middle of what it gives.
-    Flipping,
-    /// Ends in the middle.
-    Torn,
-    /// Never ends.
-    Endless,
-    /// Says nothing for long.
-    Stalling,
-    /// Stops in the middle for long.
-    StallingInside,
-    Failing,
-    /// Takes nothing.
-    ReadOnly,
-    /// Has no room.
-    Full,
-    Closing,
-    /// Sends us elsewhere.
-    Elsewhere,
+mod server;
+
+const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
+
+/// What all machines make of the doll, and how long that takes.
+struct Truth {
+    outputs: BTreeMap<String, Vec<u8>>,
+    seconds: Duration,
 }
 
-const BAD: [Mode; 11] = [
-    Mode::Lying,
-    Mode::Flipping,
-    Mode::Torn,
-    Mode::Endless,
-    Mode::Stalling,
-    Mode::StallingInside,
-    Mode::Failing,
-    Mode::ReadOnly,
-    Mode::Full,
-    Mode::Closing,
-    Mode::Elsewhere,
-];
-
-/// How long a server that stalls does. Nobody waits for that.
-const LONG: Duration = Duration::from_secs(60);
-
-type Files = Arc<Mutex<BTreeMap<String, Vec<u8>>>>;
-type Chooses = Arc<Mutex<Box<dyn FnMut() -> Mode + Send>>>;
-
-struct Server {
-    url: String,
-    files: Files,
-    mode: Chooses,
-    asked: Arc<Mutex<Vec<String>>>,
+impl Truth {
+    fn new(growth: &str) -> Self {
+        let (start, machine) = (Instant::now(), Machine::new());
+        let run = machine.run(growth, &["--cache", "."]);
+        Self { outputs: run.outputs, seconds: start.elapsed() }
+    }
 }
 
-impl Server {
+/// A machine of its own: a folder for results that no other one has.
+struct Machine(tempfile::TempDir);
+
+/// What a run did.
+struct Run {
+    json: Json,
+    /// What it said on stderr.
+    words: String,
+    outputs: BTreeMap<String, Vec<u8>>,
+    seconds: Duration,
+}
+
+impl Machine {
     fn new() -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let url = format!("http://{}/cache", listener.local_addr().unwrap());
-        let files = Files::default();
-        let mode: Chooses = Arc::new(Mutex::new(Box::new(|| Mode::Honest)));
-        let asked = Arc::<Mutex<Vec<String>>>::default();
-        let server = Self { url, files: files.clone(), mode: mode.clone(), asked: asked.clone() };
-        std::thread::spawn(move || {
-            for stream in listener.incoming().flatten() {
-                let (files, mode, asked) = (files.clone(), mode.clone(), asked.clone());
-                std::thread::spawn(move || answer(stream, &files, &mode, &asked));
-            }
-        });
-        server
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("cache")).unwrap();
+        Self(folder)
     }
 
-    fn becomes(&self, mode: Mode) {
-        self.chooses(move || mode);
+    fn cache(&self) -> PathBuf {
+        self.0.path().join("cache")
     }
 
-    fn chooses(&self, choose: impl FnMut() -> Mode + Send + 'static) {
-        *self.mode.lock().unwrap() = Box::new(choose);
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+        command.args(arguments).current_dir(GRAPHS).env("NO_COLOR", "1");
+        command.env("MAQUETTE_CACHE", self.cache()).env_remove("MAQUETTE_CACHE_REMOTE");
+        command.env("http_proxy", "http://127.0.0.1:9");
+        command
     }
 
-    fn asked(&self) -> Vec<String> {
-        std::mem::take(&mut self.asked.lock().unwrap())
-    }
-}
-
-/// Answers one request; nothing is said of a client that has gone.
-fn answer(
-    stream: TcpStream,
-    files: &Files,
-    mode: &Chooses,
-    asked: &Mutex<Vec<String>>,
-) -> Option<()> {
-    let mut reader = BufReader::new(stream.try_clone().ok()?);
-    let mut line = String::new();
-    reader.read_line(&mut line).ok()?;
-    let mut words = line.split_whitespace();
-    let (method, path) = (words.next()?.to_owned(), words.next()?.to_owned());
-    let mut length = 0;
-    loop {
-        let mut line = String::new();
-        reader.read_line(&mut line).ok()?;
-        let Some((name, value)) = line.split_once(':') else { break };
-        if name.eq_ignore_ascii_case("content-length") {
-            length = value.trim().parse().ok()?;
-        }
-    }
-    let mut body = vec![0; length];
-    reader.read_exact(&mut body).ok()?;
-    asked.lock().unwrap().push(format!("{method} {path}"));
-    let mode = (mode.lock().unwrap())();
-    let mut stream = stream;
-    let mut tell = |status: &str, length: Option<usize>, body: &[u8]| {
-        let length = length.map_or(String::new(), |length| format!("Content-Length: {length}\r\n"));
-        let head = format!("HTTP/1.1 {status}\r\n{length}Connection: close\r\n\r\n");
-        stream.write_all(head.as_bytes()).ok()?;
-        stream.write_all(body).ok()
-    };
-    match (mode, &method[..]) {
-        (Mode::Closing, _) => return None,
-        (Mode::Failing, _) => return tell("500 No", Some(0), b""),
-        (Mode::Elsewhere, _) => {
-            return tell("302 Found\r\nLocation: http://127.0.0.1:9/", Some(0), b"");
-        }
-        (Mode::Stalling, _) => {
-            std::thread::sleep(LONG);
-            return None;
-        }
-        (Mode::ReadOnly, "PUT") => return tell("405 No", Some(0), b""),
-        (Mode::Full, "PUT") => return tell("507 Full", Some(0), b""),
-        (_, "PUT") => {
-            files.lock().unwrap().insert(path, body);
-            return tell("201 Created", Some(0), b"");
-        }
-        _ => {}
-    }
-    let known = files.lock().unwrap().clone();
-    let Some(found) = known.get(&path) else { return tell("404 Nothing", Some(0), b"") };
-    let whole = found.len();
-    match mode {
-        _ if method == "HEAD" => tell("200 OK", Some(whole), b""),
-        Mode::Lying => {
-            let other =
-                known.iter().find(|(name, _)| **name != path).map_or(found, |(_, other)| other);
-            tell("200 OK", Some(other.len()), other)
-        }
-        Mode::Flipping => {
-            let mut bytes = found.clone();
-            bytes[whole / 2] ^= 4;
-            tell("200 OK", Some(whole), &bytes)
-        }
-        Mode::Torn => tell("200 OK", Some(whole), &found[..whole / 2]),
-        Mode::StallingInside => {
-            tell("200 OK", Some(whole), &found[..whole / 2])?;
-            std::thread::sleep(LONG);
-            None
-        }
-        // More than anybody takes.
-        Mode::Endless => tell("200 OK", None, &vec![7; 200 << 20]),
-        _ => tell("200 OK", Some(whole), found),
-    }
-}
-
-/// A run of the doll on a machine that knows nothing: its outputs, what it says as JSON, and its warnings.
-fn run(server: &Server) -> (BTreeMap<String, Vec<u8>>, Json, String) {
-    let project = Project::doll();
-    let words = ["run", "doll.ron", "--out", "out", "--json", "--cache-remote", &server.url];
-    let output = project.maquette(&words);
-    let err = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{err}");
-    (project.outputs(), serde_json::from_slice(&output.stdout).unwrap(), err)
-}
-
-fn computed(document: &Json) -> usize {
-    document["nodes"].as_array().unwrap().iter().filter(|node| node["state"] == "computed").count()
-}
-
-#[test]
-fn the_second_machine_computes_nothing_and_notes_of_paths_stay_at_home() {
-    let server = Server::new();
-    let (first, document, warnings) = run(&server);
-    assert_eq!((computed(&document), &warnings[..]), (15, ""));
-    assert!(server.asked().iter().any(|asked| asked.starts_with("PUT")));
-    let (second, document, warnings) = run(&server);
-    assert_eq!((computed(&document), &warnings[..]), (0, ""));
-    assert!(first == second);
-    let asked = server.asked();
-    assert!(!asked.iter().any(|asked| asked.starts_with("PUT")), "{asked:?}");
-    // One folder for a build, and no name of a graph or a folder.
-    let homes = server
-        .files
-        .lock()
-        .unwrap()
-        .keys()
-        .map(|path| path.split('/').nth(2).unwrap().to_owned())
-        .collect::<Vec<_>>();
-    assert!(homes.iter().all(|home| home.len() == 32 && *home == homes[0]));
-    let kinds = server
-        .files
-        .lock()
-        .unwrap()
-        .keys()
-        .map(|path| path.split('/').nth(3).unwrap().to_owned())
-        .collect::<std::collections::BTreeSet<_>>();
-    assert_eq!(Vec::from_iter(kinds), ["columns", "entries"]);
-}
-
-#[test]
-fn a_bad_server_costs_a_warning_and_a_moment() {
-    let server = Server::new();
-    let (right, _, _) = run(&server);
-    let files = server.files.lock().unwrap().clone();
-    for mode in BAD {
-        *server.files.lock().unwrap() = files.clone();
-        // Some results are not known, so that something is sent, too.
-        server.files.lock().unwrap().retain(|name, _| !name.ends_with(['0', '1', '2', '3']));
-        server.becomes(mode);
+    /// Runs the doll.
+    fn run(&self, growth: &str, more: &[&str]) -> Run {
+        let (out, set) = (self.0.path().join("out"), format!("growth={growth}"));
+        let arguments = [
+            "run",
+            "doll.ron",
+            "--json",
+            "--threads",
+            "2",
+            "--set",
+            &set,
+            "--out",
+            out.to_str().unwrap(),
+        ];
+        let cache = self.cache();
+        // The folder is the machine's, whatever the others are told.
+        let more =
+            more.iter().map(|word| if *word == "." { cache.to_str().unwrap() } else { word });
         let start = Instant::now();
-        let (outputs, document, warnings) = run(&server);
-        assert!(outputs == right, "{mode:?}");
-        assert!(start.elapsed() < LONG / 2, "{mode:?}");
-        assert_eq!(warnings.matches("warning: ").count(), 1, "{mode:?}: {warnings}");
-        let reads = matches!(mode, Mode::ReadOnly | Mode::Full);
-        assert_eq!(reads, computed(&document) < 15, "{mode:?}: {warnings}");
-        // What it gave is not believed later either.
-        server.becomes(Mode::Honest);
-        assert!(run(&server).0 == right, "{mode:?}");
+        let output = self.command(&arguments).args(more).output().unwrap();
+        let seconds = start.elapsed();
+        let words = said(&output);
+        assert!(output.status.success(), "{words}");
+        let json = serde_json::from_slice(&output.stdout).unwrap();
+        Run { json, words, outputs: files(&out), seconds }
+    }
+
+    /// Runs the doll with a server.
+    fn share(&self, server: &Server) -> Run {
+        self.run("12", &["--cache-remote", &server.address()])
+    }
+
+    /// The files that machines may share.
+    fn shared(&self) -> Vec<PathBuf> {
+        let (mut files, mut folders) = (Vec::new(), vec![self.cache()]);
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(&folder).unwrap() {
+                let path = entry.unwrap().path();
+                match path.is_dir() {
+                    true => folders.push(path),
+                    false if folder.ends_with("entries") || folder.ends_with("columns") => {
+                        files.push(path);
+                    }
+                    false => {}
+                }
+            }
+        }
+        files
+    }
+
+    /// What a server calls a file: `BUILD/NAME`.
+    fn name(&self, path: &Path) -> String {
+        let path = path.strip_prefix(self.cache()).unwrap();
+        let parts = Vec::from_iter(path.iter().map(|part| part.to_str().unwrap()));
+        [parts[0], parts[2]].join("/")
     }
 }
 
-#[test]
-fn a_server_that_is_not_there_is_told_of_once_and_a_url_that_is_none_at_once() {
-    let project = Project::doll();
-    let words = ["run", "doll.ron", "--out", "out", "--cache-remote", "http://127.0.0.1:9"];
-    let output = project.maquette(&words);
-    let err = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{err}");
-    assert_eq!(
-        err.matches("warning: the server of results http://127.0.0.1:9 is left alone: ").count(),
-        1,
-        "{err}"
-    );
-    let mut wrong = project.command(&["run", "doll.ron"]);
-    let wrong = wrong.env("MAQUETTE_CACHE_REMOTE", "https://me:secret@host").output().unwrap();
-    let err = String::from_utf8(wrong.stderr).unwrap();
-    assert_eq!(wrong.status.code(), Some(2));
-    assert_eq!(err, "error: `host` is no server of results: write http://HOST[:PORT][/PREFIX]\n");
+impl Run {
+    fn count(&self, state: &str) -> usize {
+        let nodes = self.json["nodes"].as_array().unwrap();
+        nodes.iter().filter(|node| node["state"] == state).count()
+    }
+
+    fn warnings(&self) -> usize {
+        self.words.lines().filter(|line| line.starts_with("warning")).count()
+    }
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let paths = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let named = |path: PathBuf| {
+        (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read(path).unwrap())
+    };
+    paths.map(named).collect()
+}
+
+/// A server with the doll's results.
+fn filled() -> Server {
+    static FILES: OnceLock<BTreeMap<String, Vec<u8>>> = OnceLock::new();
+    let files = FILES.get_or_init(|| {
+        let machine = Machine::new();
+        machine.run("12", &[]);
+        let file = |path: PathBuf| (machine.name(&path), std::fs::read(path).unwrap());
+        machine.shared().into_iter().map(file).collect()
+    });
+    let server = Server::new();
+    server.fill(files);
+    server
+}
+
+/// One after the other: a machine that does much else may find a good server slow.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(|broken| broken.into_inner())
 }
 
 #[test]
-fn no_order_of_faults_changes_a_result() {
-    let server = Server::new();
-    let (right, _, _) = run(&server);
-    for seed in 0..12 {
-        let mut random = Random(seed);
-        // Most answers are honest, so that it is not left alone at once.
-        server.chooses(move || match random.below(6) {
-            0 => BAD[random.below(BAD.len())],
-            _ => Mode::Honest,
-        });
-        for _ in 0..2 {
-            let (outputs, _, warnings) = run(&server);
-            assert!(outputs == right, "seed {seed}");
-            assert!(warnings.matches("warning: ").count() < 2, "seed {seed}: {warnings}");
+fn a_second_machine_computes_nothing() {
+    let _alone = alone();
+    let (truth, server, first) = (Truth::new("12"), Server::new(), Machine::new());
+    let run = first.share(&server);
+    assert_eq!((run.count("computed"), &run.words[..]), (15, ""));
+    // Only what hangs on nothing is asked for where there is nothing: no chain of requests.
+    let asked = server.asked("GET");
+    assert!(0 < asked && asked <= 5, "{asked}");
+    // What is known by a path stays where the path is.
+    let mut names = Vec::from_iter(first.shared().iter().map(|path| first.name(path)));
+    names.sort();
+    assert_eq!(server.names(), names);
+
+    let second = Machine::new();
+    let run = second.share(&server);
+    assert_eq!((run.count("computed"), run.count("cached"), &run.words[..]), (0, 15, ""));
+    assert_eq!((&run.outputs, &run.json["server"]["missing"]), (&truth.outputs, &Json::from(0)));
+    // From now on it has what it needs.
+    server.set(Mode::Fails);
+    assert_eq!(second.run("12", &[]).count("cached"), 15);
+}
+
+#[test]
+fn what_hangs_on_an_edit_is_computed_once_by_all_machines() {
+    let _alone = alone();
+    let (truth, server) = (Truth::new("20"), filled());
+    let address = server.address();
+    let edited = |machine: Machine| machine.run("20", &["--cache-remote", &address]);
+    let first = edited(Machine::new());
+    assert_eq!((first.count("computed"), &first.outputs), (8, &truth.outputs));
+    let second = edited(Machine::new());
+    assert_eq!((second.count("computed"), &second.outputs), (0, &truth.outputs));
+}
+
+#[test]
+fn a_flipped_byte_is_computed_again_and_mended() {
+    let _alone = alone();
+    let (truth, server) = (Truth::new("12"), filled());
+    server.flip_all();
+    let run = Machine::new().share(&server);
+    assert_eq!((run.count("computed"), run.warnings()), (15, 1), "{}", run.words);
+    assert!(run.words.contains("something else than what was put there"), "{}", run.words);
+    assert_eq!(run.outputs, truth.outputs);
+    let run = Machine::new().share(&server);
+    assert_eq!((run.count("computed"), run.words, run.outputs), (0, String::new(), truth.outputs));
+}
+
+#[test]
+fn whatever_a_server_does_the_outputs_are_the_same_and_it_costs_a_warning_and_a_second() {
+    let _alone = alone();
+    let truth = Truth::new("12");
+    for mode in Mode::ALL {
+        let server = filled();
+        server.set(mode);
+        let run = Machine::new().share(&server);
+        assert!(run.outputs == truth.outputs, "{mode:?}");
+        assert!(run.warnings() <= 1 && run.words.lines().count() <= 1, "{mode:?}: {}", run.words);
+        // A second for what it is asked and one for what it is sent; other tests run beside this one.
+        let most = truth.seconds * 3 + Duration::from_secs(3);
+        assert!(run.seconds < most, "{mode:?}: {:?} of {:?}", run.seconds, truth.seconds);
+        if mode.is_failure() {
+            assert_eq!(run.warnings(), 1, "{mode:?}");
+            // One for each thread, one for what is sent: then it is left alone.
+            assert!(server.asked("") <= 3, "{mode:?}: {}", server.asked(""));
         }
     }
+}
+
+#[test]
+fn a_server_that_may_only_be_read_is_read() {
+    let _alone = alone();
+    let (truth, server) = (Truth::new("20"), filled());
+    server.set(Mode::ReadOnly);
+    let run = Machine::new().run("20", &["--cache-remote", &server.address()]);
+    assert_eq!((run.count("computed"), run.count("cached")), (8, 7));
+    assert_eq!((run.warnings(), server.asked("PUT"), run.outputs), (1, 1, truth.outputs));
+    assert!(run.words.contains("it takes no results: 403 Forbidden"), "{}", run.words);
+}
+
+#[test]
+fn a_lost_server_is_one_warning() {
+    let _alone = alone();
+    let truth = Truth::new("12");
+    // Nothing listens there; nobody answers there; there is no such name.
+    for address in ["http://127.0.0.1:9/x", "http://192.0.2.1/x", "http://nowhere.invalid/x"] {
+        let run = Machine::new().run("12", &["--cache-remote", address]);
+        assert_eq!((run.warnings(), &run.outputs), (1, &truth.outputs), "{}", run.words);
+        assert!(run.words.contains(address) && run.words.contains("left alone"), "{}", run.words);
+        assert!(run.seconds < truth.seconds * 3 + Duration::from_secs(3), "{:?}", run.seconds);
+    }
+}
+
+#[test]
+fn no_sequence_of_faults_changes_an_output() {
+    let _alone = alone();
+    let truths = ["12", "20"].map(|growth| (growth, Truth::new(growth)));
+    let seeds = std::env::var("LAW_SEQUENCES").ok().and_then(|seeds| seeds.parse().ok());
+    for seed in 0..seeds.unwrap_or(6_u64) {
+        let server = Server::new();
+        server.set(Mode::Any(seed));
+        for step in 0..4 {
+            let (growth, truth) = &truths[(seed >> step & 1) as usize];
+            let run = Machine::new().run(growth, &["--cache-remote", &server.address()]);
+            assert!(run.outputs == truth.outputs, "seed {seed}, step {step}");
+            assert!(run.warnings() <= 1, "seed {seed}, step {step}: {}", run.words);
+        }
+    }
+}
+
+#[test]
+fn who_one_is_is_shown_to_the_server_and_to_nobody_else() {
+    let _alone = alone();
+    let server = Server::new();
+    let address = server.address().replace("//", "//me:secret@");
+    let run = Machine::new().run("12", &["--cache-remote", &address]);
+    assert_eq!((server.authorizations(), &run.words[..]), (vec!["Basic bWU6c2VjcmV0".into()], ""));
+
+    let server = Server::new();
+    server.set(Mode::ReadOnly);
+    let machine = Machine::new();
+    let mut command = machine.command(&["run", "doll.ron", "--out"]);
+    command.arg(machine.0.path().join("out")).env("MAQUETTE_CACHE_REMOTE", server.address());
+    let output = command.env("MAQUETTE_CACHE_REMOTE_TOKEN", "hidden").output().unwrap();
+    assert_eq!(server.authorizations(), ["Bearer hidden"]);
+    assert!(said(&output).contains("403") && !said(&output).contains("hidden"));
+
+    for address in ["http://me:secret@127.0.0.1:9", "https://me:secret@host", "me:secret@host"] {
+        let output = machine.command(&["cache", "ls", "--cache-remote", address]).output().unwrap();
+        let told = [said(&output), String::from_utf8(output.stdout).unwrap()].concat();
+        assert!(!told.contains("secret"), "{told}");
+    }
+}
+
+#[test]
+fn whether_the_server_answers_is_told() {
+    let _alone = alone();
+    let (server, machine) = (Server::new(), Machine::new());
+    let ls = |address: &str| {
+        let arguments = ["cache", "ls", "--json", "--cache-remote", address];
+        let output = machine.command(&arguments).output().unwrap();
+        serde_json::from_slice::<Json>(&output.stdout).unwrap()["server"].clone()
+    };
+    assert_eq!(ls(&server.address())["answers"], true);
+    server.set(Mode::Fails);
+    assert_eq!(ls(&server.address())["why"], "500 Internal Server Error");
+    let lost = ls("http://127.0.0.1:9/");
+    assert_eq!((&lost["answers"], &lost["address"]), (&false.into(), &"http://127.0.0.1:9".into()));
+
+    let output = machine.command(&["run", "doll.ron", "--cache-remote", "https://h"]).output();
+    let output = output.unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        said(&output).contains("--cache-remote: https is not spoken here"),
+        "{}",
+        said(&output)
+    );
 }

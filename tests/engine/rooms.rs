@@ -33,12 +33,13 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
 }
 
 /// The rooms of the engine, and which others each may name. Arrows lead downwards: to what knows less.
-const ROOMS: [(&str, &[&str]); 35] = [
+const ROOMS: [(&str, &[&str]); 36] = [
+    ("base64", &[]),
     (
         "batch",
         &[
-            "catalog", "error", "eval", "files", "graph", "node", "paths", "plain", "render",
-            "session", "telling", "text", "value", "writing",
+            "base64", "catalog", "error", "eval", "files", "graph", "node", "paths", "plain",
+            "render", "session", "telling", "text", "value", "writing",
         ],
     ),
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),
@@ -86,6 +87,7 @@ const ROOMS: [(&str, &[&str]); 35] = [
     (
         "eval",
         &[
+            "base64",
             "catalog",
             "error",
             "files",
@@ -100,7 +102,6 @@ const ROOMS: [(&str, &[&str]); 35] = [
             "provenance",
             "reading",
             "stamp",
-            "telling",
             "text",
             "value",
             "writing",
@@ -172,8 +173,8 @@ const ROOMS: [(&str, &[&str]); 35] = [
     (
         "suite",
         &[
-            "batch", "catalog", "error", "eval", "format", "golden", "graph", "pack", "plain",
-            "render", "session", "telling", "text", "value", "writing",
+            "base64", "batch", "catalog", "error", "eval", "format", "golden", "graph", "pack",
+            "plain", "render", "session", "telling", "text", "value", "writing",
         ],
     ),
     ("telling", &["error"]),

@@ -180,6 +180,10 @@ fn evaluate(
         let problem = job.graph.problem(code::WARNING, message);
         problems.push(Problem { severity: Severity::Warning, ..problem });
     }
+    if let Some(trouble) = session.server_trouble() {
+        let problem = job.graph.problem(code::WARNING, trouble.to_owned());
+        problems.push(Problem { severity: Severity::Warning, ..problem });
+    }
     let cancelled = job.cancel.is_cancelled();
     let enough = |trace: &RunTrace| {
         let bytes: usize = trace.0.iter().map(|node| node.bytes).sum();

@@ -104,6 +104,21 @@ impl Entry {
         Some(Self { header, outputs, bytes })
     }
 
+    /// The columns that it names, and how many items each has.
+    pub(super) fn columns(&self) -> &[(Hash, u64)] {
+        &self.header.columns
+    }
+
+    /// How long it took to compute.
+    pub(super) fn seconds(&self) -> f64 {
+        self.header.seconds
+    }
+
+    /// How many bytes of memory the values need.
+    pub(super) fn size(&self) -> usize {
+        self.header.bytes
+    }
+
     pub(super) fn outcome(self) -> Outcome {
         let outputs = self.outputs.iter().map(|(kind, hash, _)| (kind.name, *hash)).collect();
         let Header { warnings, shapes, bytes, seconds, .. } = self.header;

@@ -1,335 +1,239 @@
-//! Results on a server that several machines share: plain HTTP, GET and PUT by name. What it gives is believed as little as what lies on disk:
-//! it is written there, and read from there with its checksum.
+//! Results that machines share, through a server that keeps files by name: `URL/BUILD/NAME`.
 //!
-//! A server may be slow, full, lost or lying. It is left alone for the rest of the process, with one warning, when it has failed, has given
-//! something wrong, or has cost more time than it saved.
+//! What it gives is believed exactly as what is on disk: if its checksum, which is one of its name, too, fits. It is a help, never a
+//! need: after the first request that fails or is not answered in time, or when it has cost more time than it has saved, it is left
+//! alone; and what it is sent nobody waits for, see [`uploads`].
 
-use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
+use std::time::Instant;
 
-use ureq::Agent;
-use ureq::http::{Response, StatusCode};
+use super::super::lock;
 
-/// How long a server may take to answer at all.
-const PATIENCE: Duration = Duration::from_millis(500);
+mod address;
+mod client;
+mod uploads;
 
-/// How many bytes a second must come and go at the least.
-const SLOWEST: u64 = 2_000_000;
+pub(super) use address::Address;
+use client::{Answer, Client, Reply};
+use uploads::{Upload, Uploads};
 
-/// How many seconds a server may cost beyond what it saves.
-const MOST_LOST: f64 = 1.0;
+/// How many seconds a server may cost more than it saves.
+const CREDIT: f64 = 0.5;
 
-/// Larger entries are none: large columns are files of their own.
-const MOST_ENTRY: u64 = 64 << 20;
-
-/// How many files may wait to be sent: what comes then is not sent.
-const MOST_WAITING: usize = 4096;
-
-/// How long the end of a process waits for what is still to be sent, while the server takes it well.
-const LAST_WAIT: Duration = Duration::from_secs(30);
-
-/// A server of results, for one program.
+/// A server of results, for one build.
 pub(super) struct Remote {
     server: Arc<Server>,
-    waiting: Arc<AtomicUsize>,
-    sender: Mutex<Option<(Sender<Upload>, JoinHandle<()>)>>,
+    uploads: Uploads,
 }
 
-enum Upload {
-    File(PathBuf),
-    /// Everything before is sent: say so.
-    Done(Sender<()>),
+/// What a server was asked for so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Exchange {
+    /// Files that it had.
+    pub found: usize,
+    /// Files that it did not have.
+    pub missing: usize,
+    /// Files that were not what they should be.
+    pub damaged: usize,
+    /// Files that it took.
+    pub sent: usize,
+    /// Files that were not sent, because it takes none or it would have taken too long.
+    pub unsent: usize,
 }
 
 struct Server {
-    agent: Agent,
-    /// `http://host/prefix/FINGERPRINT`.
+    client: Client,
+    address: Address,
+    /// Where the files of this build are.
     home: String,
-    authorization: Option<String>,
-    state: Mutex<State>,
+    /// It is neither asked nor sent anything any more.
+    is_left: AtomicBool,
+    /// It is sent nothing any more.
+    is_full: AtomicBool,
+    /// The first trouble with it, which alone is told.
+    trouble: OnceLock<String>,
+    account: Mutex<Account>,
+    counts: Counts,
 }
 
-/// What is known of a server.
 #[derive(Default)]
-struct State {
-    /// Seconds that were waited for it, less those that its results took elsewhere.
-    lost: f64,
-    /// Why nothing is asked of it any more.
-    off: Option<String>,
-    /// Why nothing is sent to it any more.
-    no_uploads: Option<String>,
+struct Counts {
+    found: AtomicUsize,
+    missing: AtomicUsize,
+    damaged: AtomicUsize,
+    sent: AtomicUsize,
+    unsent: AtomicUsize,
 }
 
-/// Why a server cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[error("`{url}` is no server of results: {why}")]
-pub struct RemoteError {
-    url: String,
-    why: &'static str,
+/// The seconds that are waited for answers, on however many threads at once, and those that need not be computed.
+#[derive(Default)]
+struct Account {
+    waiting: usize,
+    since: Option<Instant>,
+    waited: f64,
+    saved: f64,
 }
 
 impl Remote {
-    /// The server at `http://[user:password@]host[:port][/prefix]`. Nothing is asked of it yet.
-    pub(super) fn new(url: &str, token: Option<&str>, program: &str) -> Result<Self, RemoteError> {
-        let wrong = |why| {
-            // A password is not shown.
-            let url = url.rsplit('@').next().unwrap_or_default().to_owned();
-            RemoteError { url, why }
-        };
-        let rest = url
-            .strip_prefix("http://")
-            .ok_or_else(|| wrong("write http://HOST[:PORT][/PREFIX]"))?;
-        let (host, prefix) = rest.split_once('/').unwrap_or((rest, ""));
-        let (user, host) =
-            host.rsplit_once('@').map_or((None, host), |(user, host)| (Some(user), host));
-        if host.is_empty() || prefix.contains(['?', '#', ' ']) {
-            return Err(wrong("write http://HOST[:PORT][/PREFIX]"));
-        }
-        let prefix = prefix.trim_matches('/');
-        let gap = if prefix.is_empty() { "" } else { "/" };
-        let home = format!("http://{host}{gap}{prefix}/{program}");
-        let basic = user.map(|user| format!("Basic {}", crate::telling::base64(user.as_bytes())));
-        let authorization = token.map(|token| format!("Bearer {token}")).or(basic);
-        let agent = Agent::config_builder()
-            .timeout_connect(Some(PATIENCE))
-            .timeout_recv_response(Some(PATIENCE))
-            .max_redirects(0)
-            .http_status_as_error(false)
-            .proxy(None)
-            .build()
-            .into();
-        let server = Server { agent, home, authorization, state: Mutex::default() };
-        Ok(Self { server: server.into(), waiting: Arc::default(), sender: Mutex::default() })
-    }
-
-    /// A sealed entry by its name.
-    pub(super) fn entry(&self, name: &str) -> Option<Vec<u8>> {
-        self.server.get("entries", name, MOST_ENTRY)
-    }
-
-    /// A column of this length, which the one who asks compares with its hash.
-    pub(super) fn column(&self, name: &str, length: usize) -> Option<Vec<u8>> {
-        let bytes = self.server.get("columns", name, length as u64)?;
-        if bytes.len() != length {
-            self.lied();
-            return None;
-        }
-        Some(bytes)
-    }
-
-    /// What came was not what was asked for.
-    pub(super) fn lied(&self) {
-        self.server.leave("it gave something else than what was asked for");
-    }
-
-    /// A result that came from the server took so many seconds elsewhere.
-    pub(super) fn saved(&self, seconds: f64) {
-        self.server.lock().lost -= seconds;
-    }
-
-    /// Sends a file of the cache, some time.
-    pub(super) fn send(&self, path: &Path) {
-        let no = self.server.lock();
-        if no.off.is_some()
-            || no.no_uploads.is_some()
-            || MOST_WAITING < self.waiting.load(Ordering::Relaxed)
-        {
-            return;
-        }
-        drop(no);
-        self.waiting.fetch_add(1, Ordering::Relaxed);
-        // The thread ends only after the senders.
-        let _ = self.uploads().send(Upload::File(path.to_owned()));
-    }
-
-    fn uploads(&self) -> Sender<Upload> {
-        let mut sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
-        let (sender, _) = sender.get_or_insert_with(|| {
-            let (sender, receiver) = channel();
-            let (server, waiting) = (self.server.clone(), self.waiting.clone());
-            (sender, std::thread::spawn(move || upload(&server, &receiver, &waiting)))
+    /// The server for the results of this build.
+    pub(super) fn new(address: Address, fingerprint: &str) -> Self {
+        let server = Arc::new(Server {
+            client: Client::new(&address),
+            home: format!("{address}/{fingerprint}"),
+            address,
+            is_left: AtomicBool::new(false),
+            is_full: AtomicBool::new(false),
+            trouble: OnceLock::new(),
+            account: Mutex::default(),
+            counts: Counts::default(),
         });
-        sender.clone()
+        Self { uploads: Uploads::new(server.clone()), server }
     }
 
-    /// Waits until everything is sent, as long as the server takes it well.
-    pub(super) fn finish(&self) {
-        if self.sender.lock().unwrap_or_else(PoisonError::into_inner).is_none() {
-            return;
-        }
-        let (sender, receiver) = channel();
-        let _ = self.uploads().send(Upload::Done(sender));
-        if receiver.recv_timeout(LAST_WAIT).is_err() {
-            self.server
-                .lock()
-                .no_uploads
-                .get_or_insert_with(|| "it takes results too slowly".into());
-        }
-    }
-
-    /// Why the server is not used as it should be.
-    pub(super) fn trouble(&self) -> Option<String> {
-        let state = self.server.lock();
-        let host = self.server.home.rsplit_once('/').map_or("", |(host, _)| host);
-        match (&state.off, &state.no_uploads) {
-            (Some(why), _) => Some(format!("the server of results {host} is left alone: {why}")),
-            (None, Some(why)) => {
-                Some(format!("nothing more is sent to the server of results {host}: {why}"))
-            }
-            (None, None) => None,
-        }
-    }
-}
-
-/// Sends files one after the other.
-fn upload(server: &Server, files: &Receiver<Upload>, waiting: &AtomicUsize) {
-    for file in files {
-        match file {
-            Upload::File(path) => {
-                server.put(&path);
-                waiting.fetch_sub(1, Ordering::Relaxed);
-            }
-            Upload::Done(sender) => drop(sender.send(())),
-        }
-    }
-}
-
-impl Server {
-    fn lock(&self) -> std::sync::MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Asks nothing of the server any more.
-    fn leave(&self, why: &str) {
-        self.lock().off.get_or_insert_with(|| why.to_owned());
-    }
-
-    fn url(&self, what: &str, name: &str) -> String {
-        format!("{}/{what}/{name}", self.home)
-    }
-
-    fn get(&self, what: &str, name: &str, most: u64) -> Option<Vec<u8>> {
-        if self.lock().off.is_some() {
-            return None;
-        }
-        let start = Instant::now();
-        let found = self.got(what, name, most);
-        let mut state = self.lock();
-        state.lost += start.elapsed().as_secs_f64();
-        match found {
-            Ok(found) => {
-                if MOST_LOST < state.lost {
-                    state.off.get_or_insert_with(|| "it costs more time than it saves".into());
+    /// What the server has of the file of this name: at most `most` bytes that took no longer than `worth` seconds and are what
+    /// `judged` makes something of.
+    pub(super) fn get<T>(
+        &self,
+        path: &Path,
+        most: u64,
+        worth: f64,
+        judged: impl FnOnce(Vec<u8>) -> Option<T>,
+    ) -> Option<T> {
+        let server = &*self.server;
+        let url = server.url(path).filter(|_| !server.is_left.load(Ordering::Relaxed))?;
+        server.begin();
+        let answer = server.client.get(&url, most, worth);
+        server.end();
+        match answer {
+            Answer::Is(bytes) => {
+                let found = judged(bytes);
+                let counts = &server.counts;
+                count(if found.is_some() { &counts.found } else { &counts.damaged });
+                if found.is_none() {
+                    server.tell("it gives something else than what was put there".into());
                 }
                 found
             }
-            Err(why) => {
-                state.off.get_or_insert(why);
+            Answer::IsNot => {
+                count(&server.counts.missing);
+                None
+            }
+            Answer::Fails(why) => {
+                server.leave(why);
                 None
             }
         }
     }
 
-    /// What the server has under a name, if it has that; in words, what is wrong with it.
-    fn got(&self, what: &str, name: &str, most: u64) -> Result<Option<Vec<u8>>, String> {
-        let body = PATIENCE + Duration::from_secs_f64(most.min(MOST_ENTRY) as f64 / SLOWEST as f64);
-        let body = if what == "entries" { PATIENCE } else { body };
-        let mut request = self.agent.get(self.url(what, name));
-        if let Some(authorization) = &self.authorization {
-            request = request.header("Authorization", authorization);
-        }
-        let answer = request.config().timeout_recv_body(Some(body)).build().call();
-        let mut answer = answer.map_err(|error| error.to_string())?;
-        match answer.status() {
-            StatusCode::OK => {}
-            StatusCode::NOT_FOUND | StatusCode::GONE | StatusCode::NO_CONTENT => return Ok(None),
-            status => return Err(refused(status)),
-        }
-        // One byte more tells that it is too long.
-        let body = answer.body_mut().with_config().limit(most + 1).read_to_vec();
-        body.map(Some).map_err(|error| error.to_string())
+    /// Takes notice that so many seconds of computing are saved.
+    pub(super) fn has_saved(&self, seconds: f64) {
+        lock(&self.server.account).saved += seconds;
     }
 
-    /// Sends a file, unless the server has it.
-    fn put(&self, path: &Path) {
-        {
-            let state = self.lock();
-            if state.off.is_some() || state.no_uploads.is_some() {
-                return;
-            }
-        }
-        let names = [path.parent().and_then(Path::file_name), path.file_name()];
-        let [Some(what), Some(name)] = names.map(|name| name.and_then(std::ffi::OsStr::to_str))
-        else {
-            return;
-        };
-        // It may have been dropped meanwhile.
-        let Ok(bytes) = fs::read(path) else { return };
-        let sent = self.sent(what, name, &bytes);
-        if let Err(why) = sent {
-            self.lock().no_uploads.get_or_insert(why);
-        }
+    /// Sends a file some time; one that is not `new` only if the server has none of its name.
+    pub(super) fn put(&self, path: PathBuf, is_new: bool) {
+        self.uploads.send(Upload { path, is_new });
     }
 
-    fn sent(&self, what: &str, name: &str, bytes: &[u8]) -> Result<(), String> {
-        let time = PATIENCE + Duration::from_secs_f64(bytes.len() as f64 / SLOWEST as f64);
-        let told = |answer: Result<Response<ureq::Body>, ureq::Error>| {
-            answer.map_err(|error| error.to_string())
-        };
-        // Columns are those of many results.
-        if what == "columns" {
-            let mut request = self.agent.head(self.url(what, name));
-            if let Some(authorization) = &self.authorization {
-                request = request.header("Authorization", authorization);
-            }
-            if told(request.call())?.status() == StatusCode::OK {
-                return Ok(());
-            }
-        }
-        let mut request = self.agent.put(self.url(what, name));
-        if let Some(authorization) = &self.authorization {
-            request = request.header("Authorization", authorization);
-        }
-        let config =
-            request.config().timeout_send_body(Some(time)).timeout_recv_response(Some(time));
-        let status = told(config.build().send(bytes))?.status();
-        if status.is_success() { Ok(()) } else { Err(refused(status)) }
+    /// Waits a moment until the server has what it was to be sent; drops what is left then.
+    pub(super) fn finish(&self) {
+        self.uploads.finish();
+    }
+
+    /// The first trouble with the server, in words.
+    pub(super) fn trouble(&self) -> Option<&str> {
+        self.server.trouble.get().map(String::as_str)
+    }
+
+    /// What the server was asked for so far.
+    pub(super) fn exchange(&self) -> Exchange {
+        let Counts { found, missing, damaged, sent, unsent } = &self.server.counts;
+        let [found, missing, damaged, sent, unsent] =
+            [found, missing, damaged, sent, unsent].map(|count| count.load(Ordering::Relaxed));
+        Exchange { found, missing, damaged, sent, unsent }
     }
 }
 
-fn refused(status: StatusCode) -> String {
-    match status.as_u16() {
-        401 | 403 => format!("it does not let us ({status})"),
-        405 | 507 => format!("it takes nothing ({status})"),
-        300..=399 => format!("it sends us elsewhere ({status})"),
-        _ => format!("it answers {status}"),
+/// Whether there is a server that answers at this address; else why not.
+pub(super) fn reach(address: &Address) -> Result<(), String> {
+    Client::new(address).head(&format!("{address}/")).map(drop)
+}
+
+impl Server {
+    fn url(&self, path: &Path) -> Option<String> {
+        Some(format!("{}/{}", self.home, path.file_name()?.to_str()?))
+    }
+
+    /// Sends a file, unless that is not wanted any more.
+    fn take(&self, upload: &Upload, cancelled: impl Fn() -> bool) {
+        let taken = self.try_take(upload, cancelled);
+        count(if taken { &self.counts.sent } else { &self.counts.unsent });
+    }
+
+    fn try_take(&self, Upload { path, is_new }: &Upload, cancelled: impl Fn() -> bool) -> bool {
+        let is_over = self.is_left.load(Ordering::Relaxed) || self.is_full.load(Ordering::Relaxed);
+        if is_over || cancelled() {
+            return false;
+        }
+        let opened = std::fs::File::open(path).and_then(|file| Ok((file.metadata()?.len(), file)));
+        // Who has cleared the cache meanwhile does not care.
+        let (Ok((length, file)), Some(url)) = (opened, self.url(path)) else { return false };
+        if !is_new {
+            match self.client.head(&url) {
+                Ok(there) if there == Some(length) => return true,
+                Ok(_) => {}
+                Err(why) => {
+                    self.leave(why);
+                    return false;
+                }
+            }
+        }
+        let reply = self.client.put(&url, length, uploads::Until { file, cancelled: &cancelled });
+        match reply {
+            Reply::Took => return true,
+            Reply::TooLarge => self.tell(format!("it takes no file of {length} bytes")),
+            Reply::Refuses(why) => {
+                self.is_full.store(true, Ordering::Relaxed);
+                self.tell(format!("it takes no results: {why}"));
+            }
+            Reply::Fails(_) if cancelled() => {}
+            Reply::Fails(why) => self.leave(why),
+        }
+        false
+    }
+
+    /// Leaves the server alone from now on.
+    fn leave(&self, why: String) {
+        self.is_left.store(true, Ordering::Relaxed);
+        self.tell(format!("{why}; it is left alone"));
+    }
+
+    fn tell(&self, trouble: String) {
+        let _ = self.trouble.set(format!("the server of results {}: {trouble}", self.address));
+    }
+
+    fn begin(&self) {
+        let account = &mut *lock(&self.account);
+        account.waiting += 1;
+        account.since.get_or_insert_with(Instant::now);
+    }
+
+    fn end(&self) {
+        let account = &mut *lock(&self.account);
+        account.waiting -= 1;
+        if account.waiting == 0
+            && let Some(since) = account.since.take()
+        {
+            account.waited += since.elapsed().as_secs_f64();
+        }
+        if account.saved + CREDIT < account.waited {
+            self.leave("it costs more time than it saves".into());
+        }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_url_names_a_server_and_its_password_is_not_shown() {
-        let home =
-            |url: &str| Remote::new(url, None, "0123").map(|remote| remote.server.home.clone());
-        assert_eq!(home("http://host").unwrap(), "http://host/0123");
-        assert_eq!(home("http://me:secret@host:81/a/b/").unwrap(), "http://host:81/a/b/0123");
-        let remote = Remote::new("http://me:secret@host", None, "0123").unwrap();
-        assert_eq!(remote.server.authorization.as_deref(), Some("Basic bWU6c2VjcmV0"));
-        let remote = Remote::new("http://host", Some("token"), "0123").unwrap();
-        assert_eq!(remote.server.authorization.as_deref(), Some("Bearer token"));
-        for wrong in
-            ["https://me:secret@host", "host", "http://", "http://host/a?b", "ftp://me:secret@host"]
-        {
-            let told = home(wrong).unwrap_err().to_string();
-            assert!(told.contains("write http://") && !told.contains("secret"), "{told}");
-        }
-    }
+fn count(count: &AtomicUsize) {
+    count.fetch_add(1, Ordering::Relaxed);
 }

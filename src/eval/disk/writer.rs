@@ -124,12 +124,11 @@ impl Job {
                 let kept = Vec::from_iter(values.iter().map(AnyValue::keep));
                 // First what the entry names.
                 for column in kept.iter().flat_map(|kept| &kept.columns) {
-                    store.write_column(&**column, trusted);
-                    store.send(&store.column_path(column.hash()));
+                    let is_new = store.write_column(&**column, trusted);
+                    store.share(|| store.column_path(column.hash()), is_new);
                 }
-                let path = store.entry_path(key);
-                store.write_checked(&path, &entry::write(key, &outcome, &kept));
-                store.send(&path);
+                store.write_checked(&store.entry_path(key), &entry::write(key, &outcome, &kept));
+                store.share(|| store.entry_path(key), true);
             }
             Self::Record { path, snapshot, files } => {
                 store.write_checked(&path, &record::write(&snapshot, &files));

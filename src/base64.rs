@@ -1,4 +1,4 @@
-//! Bytes in a text, as pages hold their pictures.
+//! Bytes as text.
 
 /// RFC 4648, section 4.
 pub(crate) fn base64(bytes: &[u8]) -> String {
