@@ -257,7 +257,7 @@ fn a_lost_server_is_one_warning() {
 fn no_sequence_of_faults_changes_an_output() {
     let _alone = alone();
     let truths = ["12", "20"].map(|growth| (growth, Truth::new(growth)));
-    let seeds = std::env::var("LAW_SEQUENCES").ok().and_then(|seeds| seeds.parse().ok());
+    let seeds = std::env::var("SERVER_SEQUENCES").ok().and_then(|seeds| seeds.parse().ok());
     for seed in 0..seeds.unwrap_or(6_u64) {
         let server = Server::new();
         server.set(Mode::Any(seed));
