@@ -1,6 +1,6 @@
 //! Batches: one graph over many scans and many values, as tasks that leave records.
 //!
-//! A `Sweep(..)` says what differs from task to task ([`file`], [`axis`], [`pattern`]) and what each is called ([`names`]). Each task is run by
+//! A `Sweep(..)` says what differs from task to task ([`mod@file`], [`axis`], [`pattern`]) and what each is called ([`names`]). Each task is run by
 //! one session, which computes once what tasks have in common, and leaves a record ([`record`], [`run`]); a contact sheet is made of records
 //! alone ([`sheet`]), whoever wrote them: this program or a farm's, which starts it a task at a time ([`emit`]).
 
