@@ -20,7 +20,7 @@ pub(crate) use all::{Ended, Hearer, Running};
 pub(crate) use emit::{Engine, Handover};
 #[cfg(test)]
 pub(crate) use file::words;
-pub(crate) use file::{ENDING, Picture, Sweep, Task, read_text, schema};
+pub(crate) use file::{ENDING, Picture, Sweep, Task, read_text, read_untried, schema};
 pub(crate) use record::{Output, State};
 pub(crate) use run::{Batch, Standing, default_folder};
 pub(crate) use short::text_of;

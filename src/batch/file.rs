@@ -103,13 +103,22 @@ pub(crate) type Read = (Option<Sweep>, Vec<Problem>);
 
 /// Reads the text of a sweep that stands, or will stand, in this file. Nothing is run, but each value is tried on the graph.
 pub(crate) fn read_text(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Read {
+    read(path, text, catalog, options, true)
+}
+
+/// The same without trying values, for who runs one of many tasks: what is wrong with its own is told by its record.
+pub(crate) fn read_untried(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Read {
+    read(path, text, catalog, options, false)
+}
+
+fn read(path: &Path, text: &str, catalog: &Catalog, options: &Options, tries: bool) -> Read {
     let (mut tree, mistakes) = parse(text);
     if !mistakes.is_empty() {
         return (None, syntax_problems(path, text, mistakes));
     }
     let source = Arc::new(Source { name: path.to_owned(), text: text.to_owned() });
     with_names(&mut tree);
-    let mut checker = Checker { source, catalog, options, problems: Vec::new() };
+    let mut checker = Checker { source, catalog, options, tries, problems: Vec::new() };
     let sweep = checker.sweep(&tree);
     let mut problems = checker.problems;
     problems.sort_by_key(|problem| problem.span);
@@ -170,6 +179,8 @@ struct Checker<'a> {
     source: Arc<Source>,
     catalog: &'a Catalog,
     options: &'a Options,
+    /// Whether each value is tried on the graph.
+    tries: bool,
     problems: Vec<Problem>,
 }
 
@@ -226,7 +237,9 @@ impl Checker<'_> {
         let all = Vec::from_iter(entries(tree, "set").iter().filter_map(set));
         let rows = self.rows(&file, tree, &folder, &graph)?;
         let sweep = self.named(&file, tree, &graph, &all, rows)?;
-        self.tried(&sweep);
+        if self.tries {
+            self.tried(&sweep);
+        }
         Some(sweep)
     }
 

@@ -98,7 +98,10 @@ impl Batch {
             Err(why) => return Exit::Usage(why),
         };
         let options = self.options.all();
-        let (sweep, problems) = batch::read_text(&path, &text, catalog, &options);
+        // A farm runs each task by itself: trying all values for each would take as long as all of them squared.
+        let is_part = self.task.is_some() || self.warm || self.report;
+        let read = if is_part { batch::read_untried } else { batch::read_text };
+        let (sweep, problems) = read(&path, &text, catalog, &options);
         let Some(sweep) = sweep else {
             self.tell_problems(&problems);
             return Exit::Failed;
