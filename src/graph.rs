@@ -97,6 +97,8 @@ pub(crate) use recipe::Recipe;
 pub(crate) use shape::Shape;
 pub(crate) use stage::{Count, Counts, ELEMENTS, Loop, OtherCount};
 pub(crate) use top::is_name;
+#[cfg(feature = "cli")]
+pub(crate) use top::{field_of, name_of};
 pub(crate) use unknown::UnknownType;
 #[cfg(any(test, feature = "cli"))]
 pub(crate) use words::{Word, words, words_of_choices, words_of_fields};

@@ -5,6 +5,7 @@ mod ends;
 mod expected;
 mod file;
 mod help;
+mod hyphens;
 mod marks;
 #[cfg(test)]
 mod peer;

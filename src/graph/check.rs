@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde_json::json;
+use serde_json::{Map, json};
 
 use super::definition::{Definition, Port, World};
 use super::draft::{Draft, What};
@@ -18,7 +18,7 @@ use super::link::Names;
 use super::needs::Needs;
 use super::parameters::Parameters;
 use super::stage::{Counts, Stage};
-use super::top::TopLevel;
+use super::top::{TopLevel, field_of};
 use super::{Checked, Graph, GraphOutput, Options, ReadFile};
 use crate::catalog::Catalog;
 use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, Use, code};
@@ -182,8 +182,6 @@ pub(super) struct Whole {
     pub(super) is_used: bool,
     /// The nodes that nothing needs.
     pub(super) unused: Vec<(String, Span)>,
-    /// The inputs and parameters that no other graph can give, since a field has no hyphens, with the places of their names.
-    pub(super) no_fields: Vec<(String, Span)>,
 }
 
 impl<'w, 'a> Check<'w, 'a> {
@@ -224,7 +222,7 @@ impl<'w, 'a> Check<'w, 'a> {
         self.missing_packs = self.packs(top.packs);
         let subgraphs = self.subgraphs(top);
         let entries = top.inputs.unwrap_or_default();
-        let (mut drafts, mut fields, wants) = self.inputs(entries);
+        let (mut drafts, mut described, wants) = self.inputs(entries);
         let inputs = drafts.len();
         let is_needed = |draft: &&Draft| !draft.is_optional;
         let required = drafts.iter().filter(is_needed).map(|draft| draft.name.text.clone());
@@ -234,7 +232,8 @@ impl<'w, 'a> Check<'w, 'a> {
         let set: &[_] = if self.is_first() { &options.set } else { &[] };
         let draft = options.draft;
         let (declared, defaults) = Parameters::read(&parameters, set, draft, &mut self.findings);
-        fields.extend(declared.iter().map(|declared| (declared.name.clone(), declared.schema())));
+        described
+            .extend(declared.iter().map(|declared| (declared.name.clone(), declared.schema())));
         let nodes = self.named(top.nodes, "node", entries);
         let eaches = self.drafts(&nodes, &subgraphs, &defaults, &mut drafts);
         if self.is_first() {
@@ -271,12 +270,13 @@ impl<'w, 'a> Check<'w, 'a> {
         let given = outputs.iter().map(|output| output.node);
         let ported = ports.iter().filter_map(|port| Some(port.target?.0));
         let unused = unused(&drafts, inputs, &needs, given.chain(ported).chain(expected));
-        // Who uses the graph gives fields.
-        let keys = entries.iter().map(|(key, _)| key).chain(parameters.iter().map(|(key, _)| *key));
-        let given = keys.filter_map(|key| Some((key.text()?.to_owned(), key.span)));
-        let no_fields = given.filter(|(name, _)| top.inputs.is_some() && name.contains('-'));
-        let no_fields = no_fields.collect();
-        let schema = json!({ "description": top.doc, "properties": fields, "required": required });
+        let schema =
+            json!({ "description": top.doc, "properties": described, "required": required });
+        let by_field = described.iter().map(|(name, it)| (field_of(name), it.clone()));
+        let by_field = Map::from_iter(by_field);
+        let required = required.iter().map(|name| field_of(name)).collect::<Vec<_>>();
+        let fields =
+            json!({ "description": top.doc, "properties": by_field, "required": required });
         let definition = Definition {
             sheet: self.sheet.clone(),
             doc: top.doc.clone(),
@@ -291,8 +291,9 @@ impl<'w, 'a> Check<'w, 'a> {
             wants,
             expect,
             schema,
+            fields,
         };
-        Whole { definition, outputs, undecided, is_used, unused, no_fields }
+        Whole { definition, outputs, undecided, is_used, unused }
     }
 }
 

@@ -47,8 +47,10 @@ pub(super) struct Definition {
     pub(super) wants: Vec<Wants>,
     /// What must hold of its values wherever it is used.
     pub(super) expect: Vec<Expecting>,
-    /// Inputs and parameters, described as a built-in node's fields are.
+    /// Inputs and parameters by their names, described as a built-in node's fields are.
     pub(super) schema: Json,
+    /// The same for who uses it: under the names of fields.
+    pub(super) fields: Json,
 }
 
 /// An output of a graph that others use.

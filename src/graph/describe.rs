@@ -30,7 +30,7 @@ impl Subgraph {
             name: name.to_owned(),
             file: definition.sheet.source.name.display().to_string(),
             version: definition.version.as_ref().map(ToString::to_string),
-            schema: definition.schema.clone(),
+            schema: definition.fields.clone(),
             outputs: definition.ports.iter().map(output).collect(),
             promises: definition.promises().map(|(port, it)| (port.into(), it.into())).collect(),
         }

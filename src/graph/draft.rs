@@ -76,7 +76,7 @@ impl What {
     pub(super) fn ports(&self) -> Vec<PortDescription> {
         match self {
             Self::Node(entry) => entry.ports(),
-            Self::Use(_, graph) => ports(&graph.schema),
+            Self::Use(_, graph) => ports(&graph.fields),
             _ => Vec::new(),
         }
     }
@@ -98,7 +98,7 @@ impl What {
     pub(super) fn schema(&self) -> Option<&Json> {
         match self {
             Self::Node(entry) => Some(entry.schema()),
-            Self::Use(_, graph) => Some(&graph.schema),
+            Self::Use(_, graph) => Some(&graph.fields),
             _ => None,
         }
     }

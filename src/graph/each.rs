@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use super::check::Check;
 use super::quality::chosen;
+use super::top::{field_of, name_of};
 use crate::error::{Span, code};
 use crate::text::{Body, Field, Help, Kind, Name, Tree, nearest_or_all};
 
@@ -55,9 +56,9 @@ pub(super) enum Over {
 }
 
 impl Repeated {
-    /// What it carries: the ports, and the links of the first element.
+    /// What it carries: the outputs, and the links of the first element.
     pub(super) fn carried(&self) -> Vec<(String, Tree)> {
-        let carried = |field: &Field| (field.name.text.clone(), field.value.clone());
+        let carried = |field: &Field| (name_of(&field.name.text), field.value.clone());
         self.carry.iter().map(carried).collect()
     }
 
@@ -72,7 +73,8 @@ impl Repeated {
             fields.extend(self.carry.iter().map(|field| match index {
                 0 => field.clone(),
                 _ => {
-                    let link = format!("{}.{}", element_name(name, index - 1), field.name.text);
+                    let output = name_of(&field.name.text);
+                    let link = format!("{}.{output}", element_name(name, index - 1));
                     let value = Tree::new(field.value.span, Kind::Text(link));
                     Field { value, ..field.clone() }
                 }
@@ -176,9 +178,9 @@ impl Check<'_, '_> {
                     Some(found) => over = Some(found),
                     None => self.wants("ForEach", field, OVER),
                 },
-                ("each", Some(text), _) => each = named(text, value.span),
+                ("each", Some(text), _) => each = named(&field_of(text), value.span),
                 ("each", ..) => self.wants("ForEach", field, "the name of an input: \"spot\""),
-                ("number", Some(text), _) => number = named(text, value.span),
+                ("number", Some(text), _) => number = named(&field_of(text), value.span),
                 ("number", ..) => {
                     self.wants("ForEach", field, "the name of a parameter: \"rank\"");
                 }

@@ -16,6 +16,7 @@ use super::input::input_node;
 use super::node::Built;
 use super::parameters::{Parameters, handed_over};
 use super::stage::{Counts, Loop};
+use super::top::name_of;
 use super::unknown::unknown_node;
 use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Link, Shape};
 use crate::error::{Problem, Severity, Use, code};
@@ -75,7 +76,7 @@ pub(super) fn expand<'a>(
     is_partial: bool,
     counts: &Counts,
 ) -> Option<Graph> {
-    let Whole { definition, outputs, undecided, unused, no_fields, .. } = whole;
+    let Whole { definition, outputs, undecided, unused, .. } = whole;
     let (nodes, uses, loops, expect) = Default::default();
     let mut expansion = Expansion { world, nodes, uses, loops, expect, counts, count: 0 };
     let inputs = expansion.inputs(definition);
@@ -127,12 +128,7 @@ pub(super) fn expand<'a>(
         let help = "name an output for it, or leave it out";
         warning(code::UNUSED, *span, format!("nothing needs `{name}`"), help)
     });
-    let no_fields = no_fields.iter().map(|(name, span)| {
-        let message =
-            format!("no graph that uses this one can give `{name}`: a field has no hyphens");
-        warning(code::BAD_NAME, *span, message, "write its name without them")
-    });
-    let warnings = unused.chain(no_fields).chain(doubts).collect();
+    let warnings = unused.chain(doubts).collect();
     let subgraphs = world.subgraphs.clone();
     Some(Graph {
         source,
@@ -421,7 +417,7 @@ impl<'a> Expansion<'_, 'a> {
         let is_known = (scope.values.is_none() || !draft.parametric) && one.number.is_none();
         let tree = match is_known {
             true => draft.is_sound.then(|| {
-                own.fitted(&draft.tree, draft.what.kind(), &graph.schema, &mut Vec::new())
+                own.fitted(&draft.tree, draft.what.kind(), &graph.fields, &mut Vec::new())
             }),
             // Other values than those that the file has been checked with.
             false => self.checked(definition, scope, |check| {
@@ -432,16 +428,17 @@ impl<'a> Expansion<'_, 'a> {
         // What is wrong at the border says nothing of the inside.
         let Some(tree) = tree else { return Vec::new() };
         let fields = tree.fields().unwrap_or_default().iter();
-        let is_parameter = |name: &str| graph.declared.iter().any(|declared| declared.name == name);
-        let given = fields.filter(|field| is_parameter(&field.name.text)).map(|field| {
-            let value = handed_over(field.value.clone(), &definition.sheet);
-            (field.name.text.clone(), value)
+        let given = fields.filter_map(|field| {
+            let name = name_of(&field.name.text);
+            let is_parameter = graph.declared.iter().any(|declared| declared.name == name);
+            is_parameter.then(|| (name, handed_over(field.value.clone(), &definition.sheet)))
         });
         let given = Vec::from_iter(given);
         let mut inputs = vec![None; graph.inputs];
         let mut linked_ports = Vec::with_capacity(graph.inputs);
         for (case, link) in draft.links.iter().enumerate() {
-            let port = graph.drafts[..graph.inputs].iter().position(|d| d.name.text == link.port);
+            let name = name_of(&link.port);
+            let port = graph.drafts[..graph.inputs].iter().position(|d| d.name.text == name);
             let target = one.linked(draft, case, values).first().copied();
             if let (Some(port), Some(target)) = (port, target) {
                 inputs[port] = Some(target);

@@ -1,6 +1,6 @@
 //! Nodes of a graph that become a graph of their own, with a use of it in their place.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::check::folder_of;
@@ -13,10 +13,10 @@ use super::format::entry_form;
 use super::meaning::named_node;
 use super::migrate::kind_of;
 use super::moved::{
-    Given, Known, Linked, folder_of_new, free_name, moved, part_with, path_between, path_of_use,
-    put_values, refusal,
+    Known, Linked, folder_of_new, free_name, moved, part_with, path_between, path_of_use, refusal,
 };
 use super::needs::Needs;
+use super::top::field_of;
 use super::{Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Span, code};
@@ -174,15 +174,17 @@ impl Work<'_> {
         let text = &known.text;
         let Some(nodes) = known.section("nodes") else { return Ok(Default::default()) };
         let parameters = known.parameters(|span| self.is_inside(span));
-        let names = self.parameter_names(&parameters);
-        let inner = self.inner(&names)?;
+        let inner = self.inner();
         let mut splices = Vec::new();
         for output in &border.outputs {
             let link = quoted(&format!("{}.{}", new.name, output.name));
             splices.extend(output.spans.iter().map(|span| (*span, link.clone())));
         }
-        let links = border.inputs.iter().map(|it| format!("{}: {}", it.name, quoted(&it.link)));
-        let params = names.iter().map(|(old, new)| format!("{new}: Param({})", quoted(old)));
+        let link = |it: &Crossing| format!("{}: {}", field_of(&it.name), quoted(&it.link));
+        let links = border.inputs.iter().map(link);
+        let all = Vec::from_iter(known.names("params"));
+        let names = parameters.iter().map(|&at| all[at]);
+        let params = names.map(|name| format!("{}: Param({})", field_of(name), quoted(name)));
         let fields = Vec::from_iter(links.chain(params)).join(", ");
         let entry = format!("{}: {}({fields})", quoted(&new.name), new.kind);
         let write = |indent: &str| {
@@ -211,7 +213,7 @@ impl Work<'_> {
             |entries: &[String]| String::from_iter(entries.iter().map(|it| format!("{it},\n")));
         section("inputs", &lines(&Vec::from_iter(border.inputs.iter().map(|it| self.input(it)))));
         if !parameters.is_empty() {
-            section("params", &lines(&self.declared(&parameters, &names)));
+            section("params", &lines(&self.declared(&parameters)));
         }
         section("nodes", &taken.text);
         let output = |it: &Crossing| format!("{}: {}", quoted(&it.name), quoted(&it.link));
@@ -223,38 +225,14 @@ impl Work<'_> {
         self.known.owner(span).is_some_and(|at| self.set.contains(&at))
     }
 
-    /// The names of parameters in the new graph: fields of a use have no hyphens in their names.
-    fn parameter_names(&self, parameters: &BTreeSet<usize>) -> Vec<(String, String)> {
-        let taken = self.border.inputs.iter().map(|input| input.name.clone());
-        let mut taken = BTreeSet::from_iter(taken);
-        let all = Vec::from_iter(self.known.names("params"));
-        let name = |&at: &usize| {
-            let old = all[at].to_owned();
-            let is_free =
-                |name: &str| !taken.contains(name) && (name == old || !all.contains(&name));
-            let new =
-                free_name([old.replace('-', "")], |name, nth| format!("{name}{nth}"), is_free);
-            taken.insert(new.clone());
-            (old, new)
-        };
-        parameters.iter().map(name).collect()
-    }
-
-    /// The edits of the nodes themselves: links to inputs, paths, and parameters that have other names.
-    fn inner(&self, names: &[(String, String)]) -> Result<Vec<Splice>, Refusal> {
-        let Self { known, set, border, .. } = self;
-        let mut splices = Vec::new();
+    /// The edits of the nodes themselves: links to inputs, and paths.
+    fn inner(&self) -> Vec<Splice> {
+        let Self { known, border, .. } = self;
+        let mut splices = self.paths(known.files());
         for input in &border.inputs {
             splices.extend(input.spans.iter().map(|span| (*span, quoted(&input.name))));
         }
-        splices.extend(self.paths(known.files()));
-        let given = names.iter().map(|(old, new)| (old.clone(), Given::Parameter(new.clone())));
-        let there = names.iter().map(|(_, new)| new.clone()).collect();
-        let given = BTreeMap::from_iter(given);
-        for &at in *set {
-            splices.extend(put_values(known, &known.entries("nodes")[at], &given, &there)?);
-        }
-        Ok(splices)
+        splices
     }
 
     /// The edits of paths that lie elsewhere from the new file.
@@ -339,13 +317,11 @@ impl Work<'_> {
     }
 
     /// The declarations of parameters, as they stand in the graph.
-    fn declared(&self, parameters: &BTreeSet<usize>, names: &[(String, String)]) -> Vec<String> {
+    fn declared(&self, parameters: &BTreeSet<usize>) -> Vec<String> {
         let known = self.known;
-        let mut splices = self.paths(known.files());
+        let paths = self.paths(known.files());
         let entries = known.entries("params");
-        let others = parameters.iter().zip(names).filter(|(_, (old, new))| old != new);
-        splices.extend(others.map(|(&at, (_, new))| (entries[at].0.span, quoted(new))));
-        let entry = |&at: &usize| part_with(&known.text, whole(&entries[at]), &splices);
+        let entry = |&at: &usize| part_with(&known.text, whole(&entries[at]), &paths);
         parameters.iter().map(entry).collect()
     }
 }

@@ -16,6 +16,7 @@ use super::moved::{
     Given, Known, Sides, folder_of_new, free_name, gap_behind, indented_entries, part_with,
     path_of_use, put_in_place, put_values, refusal,
 };
+use super::top::name_of;
 use super::{Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Span, code};
@@ -103,7 +104,8 @@ fn ready(known: &Known, at: usize, graph: &Definition) -> Vec<Edit> {
     let (key, call) = &known.entries("nodes")[at];
     let fields = call.fields().unwrap_or_default();
     let drafts = &graph.drafts[..graph.inputs];
-    let is_left_out = |name: &str| fields.iter().all(|it| it.name.text != name || is_none(it));
+    let is_left_out =
+        |name: &str| fields.iter().all(|it| name_of(&it.name.text) != name || is_none(it));
     let absent = drafts.iter().map(|draft| &draft.name.text).filter(|name| is_left_out(name));
     let remove = |name| Edit::Remove { name: format!("inputs.{name}"), and_links: true };
     let mut edits = Vec::from_iter(absent.map(remove));
@@ -179,7 +181,7 @@ struct Work<'a> {
     /// The folders of the used graph and of the graph.
     folders: [PathBuf; 2],
     /// What comes in at each input.
-    links: BTreeMap<&'a str, &'a str>,
+    links: BTreeMap<String, &'a str>,
     /// The names of types of nodes that are others here.
     kinds: BTreeMap<String, String>,
 }
@@ -189,8 +191,9 @@ impl<'a> Work<'a> {
         let fields = known.entries("nodes")[at].1.fields().unwrap_or_default();
         let link = |field: &'a Field| {
             let value = field.value.call_of("Some").unwrap_or(&field.value);
-            let is_input = inner.position("inputs", &field.name.text).is_some();
-            is_input.then_some((&field.name.text[..], value.text()?))
+            let name = name_of(&field.name.text);
+            inner.position("inputs", &name)?;
+            Some((name, value.text()?))
         };
         let folders = [folder_of_new(file), folder_of_new(path)];
         let links = fields.iter().filter_map(link).collect();
@@ -280,7 +283,7 @@ impl<'a> Work<'a> {
         let declared = inner.entries("params").iter().filter_map(|(key, declaration)| {
             let name = key.text()?;
             let unit = field(declaration, "unit").and_then(|unit| unit.value.text());
-            let given = fields.iter().find(|field| field.name.text == name);
+            let given = fields.iter().find(|field| name_of(&field.name.text) == name);
             let call = |word: &str| given?.value.call_of(word)?.text().map(str::to_owned);
             let value = match (call("Param"), call("Expr"), given) {
                 (Some(name), ..) => Given::Parameter(name),

@@ -6,6 +6,7 @@ use super::check::Check;
 use super::draft::{Draft, What};
 use super::each::Each;
 use super::needs::Needs;
+use super::top::name_of;
 use crate::error::{Span, code};
 use crate::node::Output;
 use crate::text::{FoundLink, Help, any_of, nearest_or_all, with_article};
@@ -267,7 +268,7 @@ impl<'a> Check<'_, 'a> {
             let Some(output) = self.output(name, kind, &outputs, port, first.span) else {
                 continue;
             };
-            let link = draft.links.iter().find(|link| link.port == *port);
+            let link = draft.links.iter().find(|link| name_of(&link.port) == *port);
             let (Some(link), Some(kind)) = (link, draft.types.get(output).copied().flatten())
             else {
                 continue;

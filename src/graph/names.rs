@@ -12,6 +12,7 @@ use super::expectation::Expectation;
 use super::expression::named_parameters;
 use super::meaning::{entries, named_node};
 use super::patch::is_patch;
+use super::top::name_of;
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::Span;
@@ -44,6 +45,8 @@ pub(crate) struct Named {
     pub(crate) symbol: Symbol,
     /// Whether it is the place that declares it.
     pub(crate) declares: bool,
+    /// Whether it is written as a field.
+    pub(crate) is_field: bool,
 }
 
 /// The names in a file, and the files of graphs that it names, without links and dots.
@@ -131,14 +134,15 @@ impl Inner {
         }
     }
 
-    /// The input or parameter of this name.
-    fn field(&self, name: &str) -> Option<Symbol> {
+    /// The input or parameter that a field stands for.
+    fn field(&self, field: &str) -> Option<Symbol> {
+        let name = name_of(field);
         let sort = match () {
-            () if self.inputs.iter().any(|known| known == name) => SymbolSort::Node,
-            () if self.params.iter().any(|known| known == name) => SymbolSort::Parameter,
+            () if self.inputs.contains(&name) => SymbolSort::Node,
+            () if self.params.contains(&name) => SymbolSort::Parameter,
             () => return None,
         };
-        Some(Symbol { file: self.file.clone(), sort, name: name.to_owned() })
+        Some(Symbol { file: self.file.clone(), sort, name })
     }
 }
 
@@ -283,8 +287,10 @@ impl Search<'_> {
         let Some(start) = self.text[at.start..at.end].find(says) else { return };
         let start = at.start + start;
         for (range, symbol) in named {
+            // Behind a dot stands a field, or an output.
+            let is_field = says[..range.start].ends_with('.') && symbol.sort != SymbolSort::Output;
             let span = Span { start: start + range.start, end: start + range.end };
-            self.found.push(Named { span, symbol, declares });
+            self.found.push(Named { span, symbol, declares, is_field });
         }
     }
 
@@ -292,7 +298,7 @@ impl Search<'_> {
     fn fields(&mut self, call: &Tree, inner: &Inner) {
         for Field { name, .. } in call.fields().unwrap_or_default() {
             let symbol = inner.field(&name.text);
-            let named = |symbol| Named { span: name.span, symbol, declares: false };
+            let named = |symbol| Named { span: name.span, symbol, declares: false, is_field: true };
             self.found.extend(symbol.map(named));
         }
     }

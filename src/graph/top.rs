@@ -39,6 +39,16 @@ pub(crate) fn is_name(word: &str) -> bool {
         && word.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
 }
 
+/// How the name of an input or a parameter is written as a field of a use, where an underscore stands for a hyphen: `eye_step`.
+pub(crate) fn field_of(name: &str) -> String {
+    name.replace('-', "_")
+}
+
+/// The name that a field stands for: `eye-step`.
+pub(crate) fn name_of(field: &str) -> String {
+    field.replace('_', "-")
+}
+
 impl Check<'_, '_> {
     /// Whether the file is of another format version; then nothing else in it is judged.
     pub(super) fn is_newer(&mut self, tree: &Tree) -> bool {

@@ -18,7 +18,7 @@ use super::place::Lines;
 use super::project::{Found, Texts};
 use super::{Refused, Server, Subject, read};
 use crate::error::Span;
-use crate::graph::{Graph, Symbol};
+use crate::graph::{Graph, Symbol, name_of};
 use crate::text::first_word;
 
 /// Most clients show no more colors or lenses of one text.
@@ -204,7 +204,8 @@ impl Server {
             let library = self.library(&subject.path, &subject.options);
             let files = outline::files(&library, subject.lines.text()).into_iter();
             let file = files.filter(|(span, _)| span.start <= at && at <= span.end);
-            let at_start = |(_, file)| Found { file, span: Span::default(), declares: true };
+            let at_start =
+                |(_, file)| Found { file, span: Span::default(), declares: true, is_field: false };
             found.extend(file.map(at_start));
         }
         Ok(self.locations(&found))
@@ -271,13 +272,14 @@ impl Server {
         let Some(named) = named.first() else {
             return Err(Refused::Failed("there is no name of this project's here".into()));
         };
-        let spans = self.project.renamed(&named.symbol, to, &catalog, &subject.options)?;
+        let to = if named.is_field { name_of(to) } else { to.to_owned() };
+        let words = self.project.renamed(&named.symbol, &to, &catalog, &subject.options)?;
         let mut changes = BTreeMap::new();
-        for (file, spans) in spans {
+        for (file, words) in words {
             let text = self.text(&file);
             let lines = Lines::new(&text, self.client.columns);
-            let edits =
-                Vec::from_iter(spans.into_iter().map(|span| lines.edit(span, to.to_owned())));
+            let edits = words.into_iter().map(|(span, word)| lines.edit(span, word));
+            let edits = Vec::from_iter(edits);
             changes.insert(self.uri(&file).0, json!(edits));
         }
         Ok(json!({ "changes": changes }))

@@ -8,7 +8,7 @@ use crate::catalog::Catalog;
 use crate::error::{Problem, Severity, Span};
 use crate::golden::case;
 use crate::graph::{
-    Graph, Named, NamesOf, Options, Symbol, SymbolSort, is_name, is_type_name, real,
+    Graph, Named, NamesOf, Options, Symbol, SymbolSort, field_of, is_name, is_type_name, real,
 };
 use crate::paths::project_root;
 use crate::suite::FileKind;
@@ -32,6 +32,7 @@ pub(super) struct Found {
     pub(super) file: PathBuf,
     pub(super) span: Span,
     pub(super) declares: bool,
+    pub(super) is_field: bool,
 }
 
 /// New texts of files, by path.
@@ -85,10 +86,10 @@ impl Project {
         let names = self.names(&symbol.file, catalog, options);
         if symbol.sort == SymbolSort::Type {
             let file = names.types.get(&symbol.name)?.clone();
-            return Some(Found { file, span: Span::default(), declares: true });
+            return Some(Found { file, span: Span::default(), declares: true, is_field: false });
         }
         let found = names.all.iter().find(|named| named.declares && named.symbol == *symbol)?;
-        Some(Found { file: symbol.file.clone(), span: found.span, declares: true })
+        Some(Found { file: symbol.file.clone(), span: found.span, declares: true, is_field: false })
     }
 
     /// All places in the project that name something.
@@ -98,10 +99,11 @@ impl Project {
         catalog: &Catalog,
         options: &Options,
     ) -> Vec<Found> {
-        let mut found = Vec::new();
+        let (mut found, field) = (Vec::new(), field_of(&symbol.name));
         for file in files_of(&symbol.file, options) {
             // Most files do not have the word at all.
-            if !options.text(&file).is_ok_and(|text| text.contains(&symbol.name)) {
+            let is_in = |text: String| text.contains(&symbol.name) || text.contains(&field);
+            if !options.text(&file).is_ok_and(is_in) {
                 continue;
             }
             let names = self.names(&file, catalog, options);
@@ -110,6 +112,7 @@ impl Project {
                 file: file.clone(),
                 span: named.span,
                 declares: named.declares,
+                is_field: named.is_field,
             }));
         }
         found
@@ -125,7 +128,7 @@ impl Project {
         to: &str,
         catalog: &Catalog,
         options: &Options,
-    ) -> Result<BTreeMap<PathBuf, Vec<Span>>, String> {
+    ) -> Result<BTreeMap<PathBuf, Vec<(Span, String)>>, String> {
         may_have(symbol, to)?;
         if symbol.name == to {
             return Ok(BTreeMap::new());
@@ -139,7 +142,7 @@ impl Project {
             return Err(format!("there is already a `{to}` in {}", symbol.file.display()));
         }
         let places = self.places(symbol, catalog, options);
-        let mut spans: BTreeMap<PathBuf, Vec<Span>> = BTreeMap::new();
+        let mut new: BTreeMap<PathBuf, Vec<(Span, String)>> = BTreeMap::new();
         for found in &places {
             let names = self.names(&found.file, catalog, options);
             let also = names.all.iter().find(|it| it.span == found.span && it.symbol != *symbol);
@@ -150,33 +153,29 @@ impl Project {
                     symbol.name
                 ));
             }
-            spans.entry(found.file.clone()).or_default().push(found.span);
+            let word = if found.is_field { field_of(to) } else { to.to_owned() };
+            new.entry(found.file.clone()).or_default().push((found.span, word));
         }
         if symbol.sort == SymbolSort::Node {
-            beside(symbol, &mut spans, options)?;
+            let (layout, spans) = beside(symbol, options)?;
+            if !spans.is_empty() {
+                new.insert(layout, spans.into_iter().map(|span| (span, to.to_owned())).collect());
+            }
         }
         let mut texts = Texts::new();
-        for (file, spans) in &mut spans {
+        for (file, words) in &mut new {
             let text = options.text(file);
             let mut text =
                 text.map_err(|error| format!("cannot read {}: {error}", file.display()))?;
-            spans.sort_unstable();
-            spans.dedup();
-            for span in spans.iter().rev() {
-                let is_field = text[span.end..].trim_start().starts_with(':')
-                    && !text[..span.start].ends_with('"');
-                if is_field && to.contains('-') {
-                    let (file, name) = (file.display(), &symbol.name);
-                    return Err(format!(
-                        "`{to}` cannot be a field, and {file} has `{name}` as one: write it without hyphens"
-                    ));
-                }
-                text.replace_range(span.start..span.end, to);
+            words.sort_unstable();
+            words.dedup();
+            for (span, word) in words.iter().rev() {
+                text.replace_range(span.start..span.end, word);
             }
             texts.insert(file.clone(), text);
         }
         no_new_problems(&texts, catalog, options)?;
-        Ok(spans)
+        Ok(new)
     }
 }
 
@@ -212,12 +211,8 @@ fn may_have(symbol: &Symbol, to: &str) -> Result<(), String> {
     }
 }
 
-/// What names a node in files that lie beside its graph: where an editor shows it, and pins, which would be of another node.
-fn beside(
-    symbol: &Symbol,
-    spans: &mut BTreeMap<PathBuf, Vec<Span>>,
-    options: &Options,
-) -> Result<(), String> {
+/// The places that name a node in the file beside its graph which says where an editor shows it. Pins would be of another node.
+fn beside(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec<Span>), String> {
     let keys = |path: &Path| {
         let mut found = Vec::new();
         let text = options.text(path).unwrap_or_default();
@@ -240,10 +235,7 @@ fn beside(
     }
     let layout = symbol.file.with_extension("layout.ron");
     let found = keys(&layout);
-    if !found.is_empty() {
-        spans.insert(layout, found);
-    }
-    Ok(())
+    Ok((layout, found))
 }
 
 /// Refuses texts that have errors which the old ones do not have.

@@ -7,6 +7,7 @@ use ronin_core::lexer::tokenize;
 use ronin_core::{SyntaxKind, SyntaxNode, TextRange};
 
 use super::help::Help;
+use super::hyphens::hyphened_fields;
 use super::marks::conflict_marks;
 use super::tree::{Kind, Tree, cut};
 use super::tree_reader::{TreeReader, is_value};
@@ -77,6 +78,13 @@ pub(crate) fn parse(text: &str) -> (Tree, Vec<Mistake>) {
         .iter()
         .map(|found| explain(text, span(found.range), &found.message))
         .collect();
+    let hyphened = if mistakes.is_empty() { Vec::new() } else { hyphened_fields(text) };
+    for field in hyphened {
+        // What the parser finds in the word follows from its hyphens.
+        let Span { start, end } = field.span;
+        mistakes.retain(|mistake| !(start..=end).contains(&mistake.span.start));
+        mistakes.push(field);
+    }
     // A text or a comment without an end has all of the rest in it, and is told as that below.
     let is_swallowed = is_swallowed(text);
     let mut unclosed = unclosed(text, &document.root());

@@ -90,9 +90,6 @@ pub(crate) struct Walk<'a> {
     pub(crate) files: Vec<FoundFile>,
 }
 
-/// What to do about a field that a graph has and nobody can write.
-const NO_FIELD: &str = "a field has no hyphens: write its name in the graph's file without them";
-
 impl Walk<'_> {
     /// Checks the call of the node itself.
     pub(crate) fn node(&mut self, tree: &Tree) {
@@ -228,10 +225,7 @@ impl Walk<'_> {
                     let types = schema.and_then(|schema| schema["types"].as_array());
                     let types = types.into_iter().flatten().filter_map(Json::as_str);
                     let types = types.map(str::to_owned).collect();
-                    let help = match name.contains('-') {
-                        true => NO_FIELD.into(),
-                        false => Help::link(words, name, types),
-                    };
+                    let help = Help::link(words, name, types);
                     (format!("{owner} needs a link at its port `{name}`"), help)
                 }
                 _ => {
@@ -239,7 +233,6 @@ impl Walk<'_> {
                     let choices = schema.map(|schema| variants(&schema)).unwrap_or_default();
                     let choices = Vec::from_iter(choices.iter().map(|(choice, _)| &choice[..]));
                     let help = match choices.is_empty() {
-                        true if name.contains('-') => NO_FIELD.to_owned(),
                         true => format!("write `{name}: ..`"),
                         false => format!("write `{name}: ..` with one of {}", choices.join(", ")),
                     };

@@ -76,7 +76,7 @@ impl References {
                     known_ports.entry(node.to_owned()).or_insert_with(|| entry.ports());
                 }
                 What::Use(_, graph) => {
-                    known_ports.entry(node.to_owned()).or_insert_with(|| ports(&graph.schema));
+                    known_ports.entry(node.to_owned()).or_insert_with(|| ports(&graph.fields));
                 }
                 // A text that names a node is taken for a link where the type is not known.
                 What::Unknown(_) => drop(unknown.insert(node.to_owned())),

@@ -9,6 +9,7 @@ use crate::graph::draft::Draft;
 use crate::graph::each::{element_name, numbered};
 use crate::graph::repeat::{Counted, Elements, Pick, Repeat};
 use crate::graph::stage::{Count, Loop, cut_node, refused_node};
+use crate::graph::top::{field_of, name_of};
 use crate::graph::{GraphUse, Link};
 
 impl Expansion<'_, '_> {
@@ -83,7 +84,7 @@ impl Expansion<'_, '_> {
             let mut links = Vec::from_iter(element);
             if let Some(before) = elements.last() {
                 let given = |(port, output): &(&String, usize)| {
-                    Some(((*port).clone(), before.get(*output).copied()?))
+                    Some((field_of(port), before.get(*output).copied()?))
                 };
                 links.extend(carried.iter().filter_map(given));
             }
@@ -102,7 +103,7 @@ impl Expansion<'_, '_> {
         let expected = self.expect[expected..].iter_mut();
         expected.for_each(|it| it.is_example |= count.is_none());
         let first = |port: &String| {
-            let link = draft.links.iter().position(|link| link.port == *port)?;
+            let link = draft.links.iter().position(|link| name_of(&link.port) == *port)?;
             linked(draft, link, values).first().copied()
         };
         let given = (0..outputs.len()).map(|output| {

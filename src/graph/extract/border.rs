@@ -52,10 +52,10 @@ impl Border {
         // As the nodes stand in the text.
         outputs.sort_by_key(|output| output.target);
         let nodes = set.iter().filter_map(|&at| known.entries("nodes")[at].0.text());
-        // A field of a use: without hyphens, and no parameter.
+        // A field of a use is an input or a parameter.
         let mut taken = BTreeSet::from_iter(nodes.chain(known.names("params")).map(str::to_owned));
-        name(&mut inputs, "", &mut taken);
-        name(&mut outputs, "-", &mut BTreeSet::new());
+        name(&mut inputs, &mut taken);
+        name(&mut outputs, &mut BTreeSet::new());
         Ok(Self { inputs, outputs })
     }
 }
@@ -110,18 +110,18 @@ fn ends(known: &Known, set: &BTreeSet<usize>) -> Vec<Crossing> {
 }
 
 /// Names each after what it comes from: `color` of `scan.color`, or `scan-color` where that is taken.
-fn name(crossings: &mut [Crossing], gap: &str, taken: &mut BTreeSet<String>) {
+fn name(crossings: &mut [Crossing], taken: &mut BTreeSet<String>) {
     for crossing in crossings {
         let (node, output) = match crossing.link.split_once('.') {
             Some((node, output)) => (node, Some(output)),
             None => (&crossing.link[..], None),
         };
-        let plain = |words: &[&str]| words.join("-").replace(['-', '_', '/'], gap);
+        let plain = |words: &[&str]| words.join("-").replace(['_', '/'], "-");
         let wanted = match output {
             Some(output) => vec![plain(&[output]), plain(&[node, output])],
             None => vec![plain(&[node])],
         };
-        let number = |name: &str, nth: usize| format!("{name}{gap}{nth}");
+        let number = |name: &str, nth: usize| format!("{name}-{nth}");
         crossing.name = free_name(wanted, number, |name| !taken.contains(name));
         taken.insert(crossing.name.clone());
     }

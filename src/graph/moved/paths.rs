@@ -10,6 +10,7 @@ use crate::graph::definition::Definition;
 use crate::graph::draft::{Draft, What};
 use crate::graph::edit::{Splice, field, quoted};
 use crate::graph::quality::side;
+use crate::graph::top::name_of;
 use crate::paths::{path_between, without_dots};
 use crate::text::{Origin, Tree, Walk, parse};
 
@@ -96,14 +97,15 @@ impl Files {
         found
     }
 
-    /// Whether what a graph's parameter is given goes on to where a file is named.
-    fn takes_file(&mut self, graph: &Arc<Definition>, parameter: &str) -> bool {
+    /// Whether what a field of a use is given goes on to where a file is named.
+    fn takes_file(&mut self, graph: &Arc<Definition>, field: &str) -> bool {
         let known = Arc::as_ptr(graph);
         if !self.0.contains_key(&known) {
             let inside = self.of(graph);
             self.0.insert(known, inside);
         }
-        let declared = graph.declared.iter().find(|declared| declared.name == parameter);
+        let name = name_of(field);
+        let declared = graph.declared.iter().find(|declared| declared.name == name);
         declared.is_some_and(|it| self.0[&known].contains(&written_at(&it.default)))
     }
 }

@@ -105,6 +105,8 @@ fn a_new_name_changes_names_alone_in_all_files() {
     check("lib/nose.ron", "inputs: { \"me|sh\"", "what", 0);
     check("face.ron", "\"No|se\": \"lib", "Snout", 3);
     check("face.ron", "\"ey|es\": For", "lids", 0);
+    check("lib/nose.ron", "inputs: { \"wh|at\"", "the-mesh", 4 * 4);
+    check("face.ron", "the_m|esh: \"ball\", raise", "some_mesh", 4);
     assert_eq!(keys(), before);
     // What cannot be is said.
     let text = read("face.ron");
@@ -116,7 +118,6 @@ fn a_new_name_changes_names_alone_in_all_files() {
     };
     refused("\"smo|other\": Sub", "Big One", "cannot be a name");
     refused("\"smo|other\": Sub", "ball", "already");
-    refused("wh|at: \"ball\", raise", "the-mesh", "without hyphens");
     refused("\"face|.ply\":", "x.ply", "name of a file");
     refused("form|at: 1", "x", "no name");
     place.write("face.pins.ron", "Pins(pins: { \"ball\": () })");

@@ -111,7 +111,7 @@ fn nodes_go_with_their_comments_and_what_they_need() {
             nodes: {
                 // The capture.
                 "scan": ReadCapture(color: "doll/color.png", range: "doll/range.pcd"),
-                "mark": Mark(color: "scan.color", range: "scan.range", eyestep: Param("eye-step"), file: Param("file")),
+                "mark": Mark(color: "scan.color", range: "scan.range", eye_step: Param("eye-step"), file: Param("file")),
                 "skin": Skin(color: "scan.color", range: "scan.range"),
             },
             outputs: { "red.png": "mark.red", "raised.ply": "mark.raised", "skin.glb": "skin", "picture.png": "mark.picture" },
@@ -126,7 +126,7 @@ fn nodes_go_with_their_comments_and_what_they_need() {
                 "range": RangeImage(doc: "What `scan.range` gives."),
             },
             params: {
-                "eyestep": Number(default: 12.0, min: 0.0, unit: "mm", doc: "How far."),
+                "eye-step": Number(default: 12.0, min: 0.0, unit: "mm", doc: "How far."),
                 "file": Text(default: "../doll/color.png", doc: "The picture."),
             },
             nodes: {
@@ -139,7 +139,7 @@ fn nodes_go_with_their_comments_and_what_they_need() {
                 "spot": ExtractRegion(labels: "spots", range: "range"),
 
                 "net": ControlNet(region: "spot", range: "range"),
-                "raised": OffsetNet(net: "net", steps: [(distance: Expr("eyestep / 2 - 1"))]),
+                "raised": OffsetNet(net: "net", steps: [(distance: Expr("eye-step / 2 - 1"))]),
             },
             outputs: { "picture": "picture", "red": "red", "raised": "raised" },
         )

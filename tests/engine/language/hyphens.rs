@@ -1,58 +1,152 @@
-//! Names of what a graph is given are fields of its uses, which have no hyphens.
+//! Names with hyphens, and the fields of uses that stand for them, which have underscores instead.
 
-use maquette::{Catalog, Graph, Options, Severity};
+use maquette::value::Mesh;
+use maquette::{Catalog, Edit, Graph, Options, Problem, Run, Session, Settings};
 
 const UP: &str = r#"Graph(
     format: 1,
-    inputs: { "the-mesh": Mesh(doc: "") },
-    params: { "eye-step": Number(default: 1.0, doc: "") },
-    nodes: { "moved": Transform(mesh: "the-mesh", translate: (0, Param("eye-step"), 0)) },
-    outputs: { "out-mesh": "moved" },
+    inputs: { "the-mesh": Mesh(doc: ""), "other-one": Optional(Mesh(doc: "")) },
+    params: { "eye-step": Number(default: 1.0, doc: ""), "side": Number(default: 0.0, doc: "") },
+    nodes: {
+        "moved": Transform(mesh: "the-mesh", translate: (Param("side"), Param("eye-step"), 0)),
+        "both": Merge(meshes: ["moved", "other-one"]),
+    },
+    outputs: { "the-mesh": "both" },
 )"#;
 
+const USING: &str = r#"Graph(
+    format: 1,
+    use: { "Up": "up.ron" },
+    params: { "eye-step": Number(default: 2.0, doc: "") },
+    nodes: {
+        "m": ReadMesh(path: "a.obj"),
+        "up": Up(the_mesh: "m", other_one: "m", eye_step: Param("eye-step")),
+        "listed": ForEach(graph: "Up", over: [(side: 1.0), (eye_step: 2.0)], carry: (the_mesh: "up")),
+        "counted": ForEach(graph: "Up", over: 3, number: "eye-step", carry: (the_mesh: "listed.the-mesh")),
+        "parts": ForEach(graph: "Up", over: Parts("m"), each: "the-mesh", with: (eye_step: 3.0)),
+        "all": Merge(meshes: ["up", "listed", "counted.the-mesh", "parts"]),
+    },
+    outputs: { "a.ply": "all" },
+)"#;
+
+/// Two words of each name as one.
+fn joined(text: &str) -> String {
+    let names = [("the-mesh", "the_mesh"), ("other-one", "other_one"), ("eye-step", "eye_step")];
+    names.iter().fold(text.to_owned(), |text, (name, field)| {
+        let plain = name.replace('-', "");
+        text.replace(name, &plain).replace(field, &plain)
+    })
+}
+
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Self {
+        let place = Self(tempfile::tempdir().unwrap());
+        let mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        std::fs::write(place.0.path().join("a.obj"), mesh).unwrap();
+        place
+    }
+
+    /// What is said of a graph beside what it uses.
+    fn load(&self, up: &str, using: &str) -> Result<Graph, Vec<Problem>> {
+        let path = |name: &str| self.0.path().join(name);
+        let catalog = Catalog::new(maquette_nodes::PACKS);
+        let options = Options::default().with_text(path("up.ron"), up);
+        let options = options.with_text(path("a.ron"), using);
+        let checked = Graph::load(&path("a.ron"), &catalog, &options);
+        checked.graph.filter(|graph| graph.unused().is_empty()).ok_or(checked.problems)
+    }
+}
+
+/// Where the corners of what `all` gives are.
+fn corners(graph: &Graph) -> Vec<[f64; 3]> {
+    let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
+    let run = session.run(graph, &Run::default()).unwrap();
+    assert_eq!(run.problems(), []);
+    let mesh = run.get::<Mesh>("all").unwrap();
+    mesh.positions().iter().map(|at| [at.x, at.y, at.z]).collect()
+}
+
 #[test]
-fn who_writes_a_graph_and_who_uses_it_are_told_of_names_that_cannot_be_given() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    let catalog = Catalog::new(maquette_nodes::PACKS);
-    let using = r#"Graph(format: 1, use: { "Up": "up.ron" }, nodes: { "up": Up() }, outputs: { "a.ply": "up" })"#;
-    let options = Options::default().with_text(path("up.ron"), UP).with_text(path("a.ron"), using);
-    let graph = Graph::load(&path("up.ron"), &catalog, &options).graph.unwrap();
-    let told = graph
-        .unused()
-        .iter()
-        .map(|it| (it.severity, &UP[it.span.start..it.span.end], &it.message[..]));
+fn a_use_gives_names_with_hyphens_what_it_gives_others() {
+    let place = Place::new();
+    let ours = place.load(UP, USING).unwrap();
+    let plain = place.load(&joined(UP), &joined(USING)).unwrap();
+    assert_eq!(corners(&ours), corners(&plain));
+    let set = place.load(UP, &USING.replace("Param(\"eye-step\")", "7.0")).unwrap();
+    assert_ne!(corners(&ours), corners(&set));
+}
+
+#[test]
+fn a_mistake_in_a_field_speaks_of_the_field() {
+    let place = Place::new();
+    let using = USING.replace(
+        "the_mesh: \"m\", other_one: \"m\", eye_step: Param(\"eye-step\")",
+        "eye_step: \"x\"",
+    );
+    let problems = place.load(UP, &using).err().unwrap();
+    let said = Vec::from_iter(problems.iter().map(|it| (&it.message[..], &it.help[..])));
     assert_eq!(
-        Vec::from_iter(told),
+        said,
         [
             (
-                Severity::Warning,
-                "\"the-mesh\"",
-                "no graph that uses this one can give `the-mesh`: a field has no hyphens"
+                "Up needs a link at its port `the_mesh`",
+                "write `the_mesh: \"node\"` with a node that gives a Mesh"
             ),
             (
-                Severity::Warning,
-                "\"eye-step\"",
-                "no graph that uses this one can give `eye-step`: a field has no hyphens"
+                "field `eye_step` of Up wants a number, not the text \"x\"",
+                "parameters take values; for a parameter of the graph write Param(\"x\")"
             ),
         ]
     );
-    let [problem] = &Graph::load(&path("a.ron"), &catalog, &options).problems[..] else {
-        panic!("one problem")
-    };
-    assert_eq!(problem.message, "Up needs a link at its port `the-mesh`");
+}
+
+#[test]
+fn a_field_with_hyphens_is_one_mistake_that_can_be_mended() {
+    let place = Place::new();
+    let using = USING
+        .replace("Up(the_mesh: \"m\"", "Up(the-mesh: \"m\"")
+        .replace("(eye_step: 2.0)", "(eye-step : 2.0)");
+    let problems = place.load(UP, &using).err().unwrap();
+    let said = problems.iter().map(|it| (&using[it.span.start..it.span.end], &it.message[..]));
     assert_eq!(
-        problem.help,
-        "a field has no hyphens: write its name in the graph's file without them"
+        Vec::from_iter(said),
+        [
+            ("the-mesh", "`the-mesh` is no field: in a field `_` stands for a hyphen"),
+            ("eye-step", "`eye-step` is no field: in a field `_` stands for a hyphen"),
+        ]
     );
-    // A graph that is not used by others may have any names.
-    let alone = UP.replace("    inputs: { \"the-mesh\": Mesh(doc: \"\") },\n", "");
-    let alone = alone
-        .replace("mesh: \"the-mesh\"", "mesh: \"m\"")
-        .replace("nodes: {", "nodes: { \"m\": ReadMesh(path: \"a.obj\"),");
-    let alone = alone.replace("out-mesh", "a.ply");
-    std::fs::write(path("a.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-    let options = Options::default().with_text(path("b.ron"), alone);
-    let graph = Graph::load(&path("b.ron"), &catalog, &options).graph.unwrap();
-    assert_eq!(graph.unused(), []);
+    let mut mended = using.clone();
+    for (span, new) in problems.iter().rev().flat_map(|it| &it.fix) {
+        mended.replace_range(span.start..span.end, new);
+    }
+    assert_eq!(mended, USING.replace("(eye_step: 2.0)", "(eye_step : 2.0)"));
+}
+
+#[test]
+fn edits_write_fields_and_understand_them() {
+    let place = Place::new();
+    let path = place.0.path().join("a.ron");
+    let catalog = Catalog::new(maquette_nodes::PACKS);
+    let options = Options::default().with_text(place.0.path().join("up.ron"), UP);
+    let plain = USING.replace(", other_one: \"m\", eye_step: Param(\"eye-step\")", "");
+    let edit = |text: &str, edits: &[Edit]| {
+        Graph::edit(&path, text, edits, &catalog, &options).unwrap().text
+    };
+    let set = edit(&plain, &[Edit::Set { target: "up.eye_step".into(), value: "3.5".into() }]);
+    assert!(set.contains("Up(the_mesh: \"m\", eye_step: 3.5)"), "{set}");
+    let link = Edit::Link { port: "up.other_one".into(), to: "m".into() };
+    let linked = edit(&plain, &[link]);
+    assert!(linked.contains("Up(the_mesh: \"m\", other_one: \"m\")"), "{linked}");
+    std::fs::write(place.0.path().join("up.ron"), UP).unwrap();
+    let inlined = Graph::inline(&path, USING, "up", &catalog, &options).unwrap().text;
+    assert!(
+        inlined.contains("Transform(mesh: \"m\", translate: (0.0, Param(\"eye-step\"), 0))"),
+        "{inlined}"
+    );
+    assert_eq!(
+        corners(&place.load(UP, &inlined).unwrap()),
+        corners(&place.load(UP, USING).unwrap())
+    );
 }

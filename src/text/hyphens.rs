@@ -1,0 +1,32 @@
+//! Fields that are written with hyphens, as the names are that they stand for.
+
+use super::file::{Mistake, Token, tokens};
+use super::help::Help;
+use crate::error::Span;
+
+/// Names with hyphens in the place of fields: `eye-step: 3`.
+pub(super) fn hyphened_fields(text: &str) -> Vec<Mistake> {
+    let is_trivia =
+        |token: Token| matches!(token, Token::Space | Token::LineComment | Token::BlockComment);
+    let tokens = tokens(text).into_iter().filter(|(token, _)| !is_trivia(*token));
+    let mut last = None;
+    let mut mistakes = Vec::new();
+    for (token, at) in tokens {
+        let before = last.replace((token, at));
+        let (Token::Colon, Some((Token::Word, word))) = (token, before) else { continue };
+        let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+        let name = &text[..word.end];
+        let name = &name[name.trim_end_matches(is_part).len()..];
+        if name.len() <= word.end - word.start
+            || !name.starts_with(|c: char| c.is_ascii_lowercase())
+        {
+            continue;
+        }
+        let span = Span { start: word.end - name.len(), end: word.end };
+        let field = name.replace('-', "_");
+        let message = format!("`{name}` is no field: in a field `_` stands for a hyphen");
+        let help = Help::edit(format!("write `{field}`"), span, field);
+        mistakes.push(Mistake { span, message, help });
+    }
+    mistakes
+}
