@@ -20,7 +20,7 @@ pub(super) enum Axis {
     Zip(Vec<Self>),
     /// Values of a parameter (`name`) or of a field (`node.field`), as with `--set`: `Values("growth", [5, 12, 20])`.
     Values(
-        String,
+        #[schemars(extend("format" = "target"))] String,
         #[expect(dead_code, reason = "what is set is text, which is taken from the file")]
         #[schemars(with = "Vec<serde_json::Value>")]
         Vec<serde::de::IgnoredAny>,
@@ -32,12 +32,15 @@ pub(super) enum Axis {
         /// The parameter or field that names the file, as with `--set`. If it is left out, and so is `input`, each file that the graph
         /// reads is replaced: by one of the same name in the folder, or by the file itself if it has the same ending.
         #[serde(default)]
+        #[schemars(extend("format" = "target"))]
         set: String,
         /// The input of the graph that the file is for, as with `--input`.
         #[serde(default)]
+        #[schemars(extend("format" = "input"))]
         input: String,
         /// Files beside it, by what names them: `{"scan.color": "color.png"}`.
         #[serde(default)]
+        #[schemars(extend("propertyNames" = { "format": "target" }))]
         beside: BTreeMap<String, String>,
         /// What it is called in `out` and on the contact sheet: what stands for the `*`. `file` if it is left out.
         #[serde(default)]

@@ -34,7 +34,7 @@ struct File {
     /// Values that all tasks have, as with `--set`: of parameters (`name`) and fields (`node.field`).
     #[serde(default)]
     #[expect(dead_code, reason = "what is set is text, which is taken from the file")]
-    #[schemars(with = "BTreeMap<String, serde_json::Value>")]
+    #[schemars(with = "BTreeMap<String, serde_json::Value>", extend("propertyNames" = { "format": "target" }))]
     set: BTreeMap<String, serde::de::IgnoredAny>,
     /// The name of each task, which is the folder of its outputs: `"{scan}/{growth}"`. Without it all values, with `_` between them.
     #[serde(default)]
@@ -49,6 +49,7 @@ struct File {
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Picture {
     /// The output. Without it the first one with faces, or else the first one that can be seen.
+    #[schemars(extend("format" = "output"))]
     pub(crate) output: String,
     /// From how far to the right and above it is seen.
     #[schemars(extend("unit" = "deg"))]

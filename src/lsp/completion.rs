@@ -196,12 +196,13 @@ impl Search<'_> {
         left.map(field).collect()
     }
 
-    fn keys(&self, keys: Keys) -> Vec<Proposal> {
+    /// Names with what is told of each.
+    fn named(&self, keys: Keys) -> Vec<(String, String)> {
         let about = || self.library.about(self.scope);
         let named = |all: &[Declared]| {
             Vec::from_iter(all.iter().map(|it| (it.name.text.clone(), it.kind.clone())))
         };
-        let known = match keys {
+        match keys {
             Keys::Own => Vec::new(),
             Keys::Packs => {
                 let packs = self
@@ -229,7 +230,10 @@ impl Search<'_> {
                 }
                 known
             }),
-        };
+        }
+    }
+
+    fn keys(&self, keys: Keys) -> Vec<Proposal> {
         let given = self.cursor.frames.last().map_or(&[][..], |frame| &frame.given);
         let key = |(index, (name, detail)): (usize, (String, String))| {
             let quoted = self.quoted(&name);
@@ -241,10 +245,18 @@ impl Search<'_> {
                 };
             Proposal { detail, ..self.proposal(&name, insert, Sort::Field, index) }
         };
-        let left = known.into_iter().filter(|(name, _)| {
+        let left = self.named(keys).into_iter().filter(|(name, _)| {
             !given.iter().any(|it| it.text == *name && it.span != self.cursor.typed.span)
         });
         left.enumerate().map(key).collect()
+    }
+
+    fn names(&self, names: Keys) -> Vec<Proposal> {
+        let name = |(index, (name, detail)): (usize, (String, String))| Proposal {
+            detail,
+            ..self.proposal(&name, self.quoted(&name), Sort::Parameter, index)
+        };
+        self.named(names).into_iter().enumerate().map(name).collect()
     }
 
     fn values(&self, slot: &Slot) -> Vec<Proposal> {
@@ -252,6 +264,7 @@ impl Search<'_> {
         let mut found = match slot {
             Slot::Link(types) => self.links(types),
             Slot::Expected => self.expected(),
+            Slot::Name(names) => self.names(*names),
             Slot::Node if !is_text => self.nodes(),
             Slot::NodeType => self.node_types(),
             Slot::Input if !is_text => self.inputs(),

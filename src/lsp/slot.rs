@@ -38,6 +38,8 @@ pub(super) enum Slot {
     Path(Vec<String>),
     /// The name of an output or a link.
     Expected,
+    /// A name of what this file is about.
+    Name(Keys),
     /// What a `ForEach` goes over.
     Over(Rc<Vec<FieldOf>>),
     /// One of some words, each with what is said of it.
@@ -130,6 +132,9 @@ pub(super) fn slot_of(schema: &Json, root: &Rc<Json>) -> Slot {
     if schema["format"] == "expected" {
         return Slot::Expected;
     }
+    if let Some(names) = names_of(&schema["format"]) {
+        return Slot::Name(names);
+    }
     if schema.get("port").is_some() {
         return Slot::Link(strings(&schema["types"]));
     }
@@ -140,6 +145,16 @@ pub(super) fn slot_of(schema: &Json, root: &Rc<Json>) -> Slot {
         return Slot::Path(strings(&schema["endings"]));
     }
     Slot::Value { schema: Rc::new(schema), root: root.clone() }
+}
+
+/// The names that a text of this format is one of.
+fn names_of(format: &Json) -> Option<Keys> {
+    match format.as_str()? {
+        "target" => Some(Keys::AboutValues),
+        "input" => Some(Keys::AboutInputs),
+        "output" => Some(Keys::AboutOutputs),
+        _ => None,
+    }
 }
 
 /// Follows brackets inwards.
@@ -223,14 +238,19 @@ impl Slots<'_> {
         if schema.get("properties").is_some() {
             return fields(name, fields_of(&schema, root));
         }
-        if let Some(value) = schema.get("additionalProperties").filter(|it| it.is_object()) {
-            return (Inside::Entries(Keys::Own), slot_of(value, root));
+        if let Some(value) = schema.get("additionalProperties").filter(|it| **it != false) {
+            let keys = names_of(&schema["propertyNames"]["format"]).unwrap_or(Keys::Own);
+            let key = frame.field.as_ref().map(|key| &key.text[..]);
+            let of_key = key.and_then(|key| self.value_of(keys, key));
+            return (Inside::Entries(keys), of_key.unwrap_or_else(|| slot_of(value, root)));
         }
         let fixed = schema.get("prefixItems").and_then(|all| all.get(frame.index));
-        match fixed.or_else(|| schema.get("items")) {
-            Some(item) => items(item),
-            None if is_choice => items(&schema),
-            None => (Inside::Unknown, Slot::Any),
+        match (fixed, schema.get("items")) {
+            (Some(item), _) => items(item),
+            // In the parentheses of a choice stands its value, which may be a list.
+            (None, _) if is_choice => items(&schema),
+            (None, Some(item)) => items(item),
+            (None, None) => (Inside::Unknown, Slot::Any),
         }
     }
 

@@ -531,6 +531,24 @@ fn sweeps_are_checked_and_completed_and_said_nothing_of_what_graphs_have() {
         ["over", "out", "picture", "set"].iter().all(|name| proposed.iter().any(|it| it == name)),
         "{proposed:?}"
     );
+    for (cut, wanted) in [
+        ("over: Values(|, [1])", "growth"),
+        ("over: Values(\"|\", [1])", "smooth.levels"),
+        ("over: Zip([Files(\"*.obj\", set: \"ba|\")])", "ball.path"),
+        ("over: Files(\"*.obj\", beside: { \"ba|\" })", "ball.path"),
+        ("set: { \"gr|\" }", "growth"),
+        ("picture: (output: \"|\")", "face.ply"),
+    ] {
+        let cut = format!("Sweep(\n    graph: \"face.ron\",\n    {cut},\n)\n");
+        let text = cut.replace('|', "");
+        editor.change(&path, &text);
+        let at = cut.find('|').unwrap();
+        let place =
+            json!({ "textDocument": { "uri": uri(&path) }, "position": position(&text, at) });
+        let proposed = editor.ask("textDocument/completion", place);
+        let items = proposed["items"].as_array().unwrap();
+        assert!(items.iter().any(|item| item["label"] == wanted), "{cut}: {items:?}");
+    }
     let actions = json!({ "textDocument": { "uri": uri(&path) }, "range": { "start": position(cut, 0), "end": position(cut, 0) }, "context": { "diagnostics": [] } });
     assert_eq!(editor.ask("textDocument/codeAction", actions), json!([]));
 }
