@@ -396,8 +396,7 @@ fn places(
         let found = find(name);
         if found.is_empty() {
             let known = Vec::from_iter(graph.output_names().chain(graph.node_names()));
-            let message = format!("the graph has no output or node `{name}`");
-            let message = unknown(message, name, "it has", &known);
+            let message = graph.unknown("output or node", name, "it has", &known);
             problems.push(graph.problem(code::UNKNOWN_LINK, message));
         }
         nodes.extend(found);

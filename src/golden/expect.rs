@@ -114,8 +114,10 @@ pub(crate) fn violations<'v>(
             let known = graph.outputs.iter().map(|output| &output.name[..]);
             let known = known.chain(graph.nodes.iter().map(|node| &node.name[..]));
             let known = Vec::from_iter(known.filter(|name| !name.contains('/')));
-            let help = nearest_or_all(names[unknown], "its outputs and nodes", &known);
-            let problem = Problem { help: help.into(), ..expected.problem(message) };
+            let help = graph.counted_too_far(names[unknown]).unwrap_or_else(|| {
+                nearest_or_all(names[unknown], "its outputs and nodes", &known).into()
+            });
+            let problem = Problem { help, ..expected.problem(message) };
             violations.push(Violation { problem, value: None, places: Vec::new() });
             continue;
         }

@@ -146,9 +146,11 @@ impl TestFile {
         }
         let known = graph.output_names().chain(graph.node_names());
         let known = Vec::from_iter(known.filter(|name| !name.contains('/')));
-        let help = nearest_or_all(name, "its outputs and nodes", &known);
+        let help = graph
+            .counted_too_far(name)
+            .unwrap_or_else(|| nearest_or_all(name, "its outputs and nodes", &known).into());
         let message = format!("there is no output or node `{name}`");
-        Some(Problem { help: help.into(), ..self.problem(code::UNKNOWN_LINK, span, message) })
+        Some(Problem { help, ..self.problem(code::UNKNOWN_LINK, span, message) })
     }
 
     fn tolerances(&self, graph: &Graph) -> Vec<Problem> {

@@ -97,9 +97,8 @@ fn other_files_of_the_same_project_are_told_as_seen_from_the_old_graph() {
 #[test]
 fn paths_of_another_project_are_compared_as_they_are_written() {
     let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
-    let [old, new] = folders.each_ref().map(|folder| Source {
-        name: folder.path().join("graph.ron"),
-        text: READS.to_owned(),
-    });
+    let [old, new] = folders
+        .each_ref()
+        .map(|folder| Source { name: folder.path().join("graph.ron"), text: READS.to_owned() });
     assert_eq!(Graph::differences(&old, &new, &Catalog::new(PACKS)).unwrap(), []);
 }
