@@ -7,7 +7,7 @@ use super::definition::Definition;
 use super::draft::{Draft, What};
 use super::each::element_name;
 use super::link::{Named, Names};
-use crate::text::{Help, unknown};
+use crate::text::{Help, nearest_or_all, unknown};
 
 impl Check<'_, '_> {
     /// What is wrong with a link to a node whose name has a `/` in it, and what to do; none if nothing of it is known.
@@ -112,8 +112,24 @@ impl Graph {
         }
     }
 
+    /// What may have been meant by the name of a value that is not there, in words.
+    pub(crate) fn value_meant(&self, name: &str) -> String {
+        if let Some(count) = self.counted_too_far(name) {
+            return count;
+        }
+        // What is inside of a use is compared with what else is there.
+        let outer = name.split_once('/').map(|(outer, _)| format!("{outer}/"));
+        let outer = outer.filter(|outer| self.node_names().any(|name| name.starts_with(outer)));
+        let is_beside = |name: &&str| match &outer {
+            Some(outer) => name.starts_with(outer),
+            None => !name.contains('/'),
+        };
+        let known = self.output_names().chain(self.node_names()).filter(is_beside);
+        nearest_or_all(name, "its outputs and nodes", &Vec::from_iter(known)).into()
+    }
+
     /// In words how many elements there are, if a name has a number that none of them has.
-    pub(crate) fn counted_too_far(&self, name: &str) -> Option<String> {
+    fn counted_too_far(&self, name: &str) -> Option<String> {
         let name = name.split('.').next().unwrap_or_default();
         let slashes = name.match_indices('/').map(|(at, _)| (&name[..at], &name[at + 1..]));
         slashes.filter(|(each, _)| self.open_loop(each).is_none()).find_map(|(each, inner)| {
