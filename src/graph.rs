@@ -63,6 +63,7 @@ mod repeat;
 mod shape;
 mod stage;
 mod top;
+mod unfound;
 mod unknown;
 mod version;
 #[cfg(any(test, feature = "cli"))]

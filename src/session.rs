@@ -25,6 +25,7 @@ mod outputs;
 mod pins;
 mod provenance;
 mod settings;
+mod verdicts;
 
 #[cfg(feature = "cli")]
 pub(crate) use made::ReadFiles;
@@ -203,19 +204,22 @@ impl Session {
         let outputs = outputs_of(graph, only)?;
         let mut nodes = Vec::from_iter(outputs.iter().map(|output| output.node));
         let expected = graph.expected(&nodes);
-        let judged = golden::nodes_of(&expected);
-        nodes.extend(judged.iter().copied().chain(graph.empty()));
+        nodes.extend(golden::nodes_of(&expected).into_iter().chain(graph.empty()));
+        let (mut verdicts, open) = self.unjudged(graph, &expected);
         let evaluator = &mut self.evaluator;
         let mut values = folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator);
-        values.extend(judged);
+        values.extend(golden::nodes_of(&open));
         let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, cancel);
         let (written, unwritten) =
             folder.write(&outputs, &evaluation, graph, &self.catalog, evaluator, cancel);
         folder.keep(evaluator);
         let mut problems = evaluation.problems();
-        let judge = || golden::violations(graph, evaluation.by_place(), &expected);
-        let violations = self.evaluator.install(judge);
-        problems.extend(violations.into_iter().map(|violation| violation.problem));
+        if !open.is_empty() {
+            let judge = || verdicts.judge(graph, &evaluation, &open);
+            let violations = self.evaluator.install(judge);
+            problems.extend(violations.into_iter().map(|violation| violation.problem));
+            self.keep_verdicts(graph, &verdicts);
+        }
         let complete = unwritten.is_empty();
         problems.extend(unwritten);
         Ok(Produced { evaluation, written, complete, problems })
@@ -251,10 +255,12 @@ impl Session {
         Ok(self.forecast(graph, &nodes))
     }
 
-    /// What each node that these need would do now, and why. The values of which something is expected are needed themselves.
+    /// What each node that these need would do now, and why. The values of which something is expected are needed themselves, if they
+    /// are not known to be so.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
         let needed = graph.shape.needed_by(nodes);
-        let mut judged = golden::nodes_of(&graph.expected(nodes));
+        let (_, open) = self.unjudged(graph, &graph.expected(nodes));
+        let mut judged = golden::nodes_of(&open);
         judged.retain(|&node| needed[node]);
         self.evaluator.forecast(graph, nodes, &judged)
     }
@@ -390,8 +396,7 @@ fn places(
         let found = find(name);
         if found.is_empty() {
             let known = Vec::from_iter(graph.output_names().chain(graph.node_names()));
-            let message = format!("the graph has no output or node `{name}`");
-            let message = unknown(message, name, "it has", &known);
+            let message = graph.unknown("output or node", name, "it has", &known);
             problems.push(graph.problem(code::UNKNOWN_LINK, message));
         }
         nodes.extend(found);

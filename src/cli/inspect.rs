@@ -22,7 +22,7 @@ use crate::plain::ending;
 use crate::probe::{self, shown};
 use crate::render::{Kind, View, picture_of};
 use crate::session::{Run, Wanted};
-use crate::text::{unknown, with_article};
+use crate::text::with_article;
 use crate::value::{AnyValue, Layer, Summary};
 use crate::writing::{Destination, Sources};
 
@@ -269,7 +269,7 @@ impl Inspect {
                 let given = graph.uses.iter().find(|given| given.name == name);
                 let given = given.ok_or_else(|| {
                     let known = Vec::from_iter(graph.names());
-                    unknown(format!("the graph has no node `{name}`"), name, "its nodes", &known)
+                    graph.unknown("node", name, "its nodes", &known)
                 })?;
                 let all = given.outputs.iter().flat_map(|(name, targets)| {
                     let one = targets.len() == 1;

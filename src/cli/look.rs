@@ -234,7 +234,7 @@ pub(super) fn place(graph: &Graph, name: &str) -> Result<(usize, usize), String>
             return unknown(message, output, "its outputs", &node.outputs);
         }
         let known = Vec::from_iter(graph.output_names().chain(graph.names()));
-        unknown(format!("the graph has no output or node `{name}`"), name, "it has", &known)
+        graph.unknown("output or node", name, "it has", &known)
     })
 }
 

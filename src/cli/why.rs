@@ -9,7 +9,6 @@ use super::caching::CacheOptions;
 use super::inputs::InputOptions;
 use super::{Exit, GraphOptions, print, report};
 use crate::catalog::Catalog;
-use crate::text::unknown;
 
 #[derive(Args)]
 pub(super) struct Why {
@@ -44,9 +43,8 @@ impl Why {
                 Exit::Done
             }
             None => {
-                let message = format!("the graph has no node `{}`", self.node);
                 let known = Vec::from_iter(graph.names());
-                Exit::Usage(unknown(message, &self.node, "its nodes", &known))
+                Exit::Usage(graph.unknown("node", &self.node, "its nodes", &known))
             }
         }
     }

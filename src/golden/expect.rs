@@ -11,7 +11,6 @@ use super::looks;
 use super::topology::Topology;
 use crate::error::Problem;
 use crate::graph::{Expectation, Expected, Graph};
-use crate::text::nearest_or_all;
 use crate::value::{
     AnyValue, Fact, FactValue, Items, Meaning, Mesh, Offender, On, Part, Parts, Region,
 };
@@ -111,11 +110,8 @@ pub(crate) fn violations<'v>(
         let names = expectation.values();
         if let Some(unknown) = expected.values.iter().position(Option::is_none) {
             let message = format!("there is no output or node `{}`", names[unknown]);
-            let known = graph.outputs.iter().map(|output| &output.name[..]);
-            let known = known.chain(graph.nodes.iter().map(|node| &node.name[..]));
-            let known = Vec::from_iter(known.filter(|name| !name.contains('/')));
-            let help = nearest_or_all(names[unknown], "its outputs and nodes", &known);
-            let problem = Problem { help: help.into(), ..expected.problem(message) };
+            let help = graph.value_meant(names[unknown]);
+            let problem = Problem { help, ..expected.problem(message) };
             violations.push(Violation { problem, value: None, places: Vec::new() });
             continue;
         }

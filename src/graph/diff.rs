@@ -10,12 +10,15 @@ use std::fmt;
 use serde_json::json;
 
 use super::Graph;
+use super::check::{first, folder_of};
 use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
 use super::migrate::renewed_graph;
-use super::patch::patched_tree;
+use super::moved::seen_from;
+use super::patch::{is_patch, patched_tree};
 use super::{Files, Options};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source};
+use crate::paths::project_root;
 use crate::text::{Body, Kind, Tree, parse, syntax_problems};
 
 /// One difference between two graphs.
@@ -121,7 +124,8 @@ fn shortened(value: &str) -> String {
 
 impl Graph {
     /// How the graph `new` differs from `old` in what it says: spaces, comments, order, and values that are written out though
-    /// they are the defaults, make no difference. The files that they read need not be there.
+    /// they are the defaults, make no difference. The files that they read need not be there. In one project paths are compared by
+    /// where they lead, and told relative to the old graph; between two, such as two checkouts, as they are written.
     ///
     /// # Errors
     /// The mistakes in the texts, if one of them is no RON.
@@ -130,24 +134,30 @@ impl Graph {
         new: &Source,
         catalog: &Catalog,
     ) -> Result<Vec<Difference>, Vec<Problem>> {
+        let folder = folder_of(&old.name);
+        let is_one_project = project_root(&folder) == project_root(&folder_of(&new.name));
         let read = |source: &Source| {
             let (tree, mistakes) = parse(&source.text);
-            let tree = renewed_graph(&tree, catalog);
             let problems = syntax_problems(&source.name, &source.text, mistakes);
             let is_plain = tree.fields().is_some_and(|fields| {
                 fields.iter().all(|field| field.name.text != "use" && field.name.text != "of")
             });
-            if is_plain || !problems.is_empty() {
-                return (Meaning::of(&tree, catalog, &[]), problems);
+            let is_near = !is_one_project || folder_of(&source.name) == folder;
+            if is_plain && is_near || !problems.is_empty() {
+                return (Meaning::of(&renewed_graph(&tree, catalog), catalog, &[]), problems);
             }
             // The graphs that it uses say which of its values are defaults; a patch says what it is by the graph that it patches.
             let options = Options { files: Files::Ignored, ..Options::default() };
             let (path, text) = (&source.name, source.text.clone());
             let (graphs, _) = Self::subgraphs_of(path, text.clone(), catalog, &options);
-            let tree = match tree.name().is_some_and(|name| name.text == "Patch") {
-                true => renewed_graph(&patched_tree(path, text, catalog, &options), catalog),
+            let tree = match is_one_project {
+                true => first(path, text, catalog, &options)
+                    .1
+                    .map_or(tree, |whole| parse(&seen_from(&whole.definition, &folder)).0),
+                false if is_patch(&tree) => patched_tree(path, text, catalog, &options),
                 false => tree,
             };
+            let tree = renewed_graph(&tree, catalog);
             (Meaning::of(&tree, catalog, &graphs), problems)
         };
         let ((old, mut problems), (new, others)) = (read(old), read(new));

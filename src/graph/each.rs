@@ -267,7 +267,8 @@ impl Branches {
         let word = match &value.kind {
             Kind::Word(word) | Kind::Text(word) => word.clone(),
             Kind::Bool(truth) => truth.to_string(),
-            Kind::Number { value, .. } => value.to_string(),
+            // `-0` is no other number.
+            Kind::Number { value, .. } => (value + 0.0).to_string(),
             _ => {
                 return Err((
                     format!("Switch cannot choose by {}", value.in_words()),

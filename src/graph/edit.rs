@@ -14,6 +14,7 @@ use crate::error::{Problem, Severity, Source, code};
 use crate::text::{Kind, parse, syntax_problems};
 
 mod element;
+mod left_out;
 mod part;
 mod place;
 mod references;
@@ -282,8 +283,12 @@ impl Judge<'_> {
                     (target, value) = (now, renewed_text(&tree, &put.value, &value));
                 }
                 let text = ready_for(edited.text.clone(), &target, self.catalog);
-                let put = self.put(&text, &target, &value);
-                let (splices, before) = put.map_err(|refusal| {
+                let value = self.beside_default(&text, &target, &value);
+                let put = value.and_then(|value| {
+                    let (splices, before) = self.put(&text, &target, &value)?;
+                    Ok((value, splices, before))
+                });
+                let (value, splices, before) = put.map_err(|refusal| {
                     let message = format!("{target}={given}: {}", refusal.message);
                     vec![self.refused(&text, Refusal { message, ..refusal })]
                 })?;

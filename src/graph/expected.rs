@@ -165,8 +165,10 @@ impl Check<'_, '_> {
                         let message = format!(
                             "one value is expected to be so, but `{value}` is a list{count}"
                         );
-                        let help =
-                            "say it in the graph that makes each of them, or of one: `name/1`";
+                        let first = first_of(value);
+                        let help = format!(
+                            "say it in the graph that makes each of them, or of one: `{first}`"
+                        );
                         self.find(code::WRONG_TYPE, span, message, help);
                         None
                     }
@@ -182,5 +184,13 @@ impl Check<'_, '_> {
             expecting.push(Expecting { expectation, span, targets });
         }
         expecting
+    }
+}
+
+/// The first of a list of values: `spots/1.mask` of `spots.mask`.
+fn first_of(list: &str) -> String {
+    match list.split_once('.') {
+        Some((each, output)) => format!("{each}/1.{output}"),
+        None => format!("{list}/1"),
     }
 }

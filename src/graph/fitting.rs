@@ -102,7 +102,19 @@ pub(super) fn declaration_in_own_unit(
 }
 
 impl Fitting<'_> {
+    /// A value in plain numbers. Of whole ones `-0.0`, as expressions may give it, is none but 0.
     fn value(&mut self, tree: &Tree, expected: Option<Expected<'_>>) -> Tree {
+        let is_whole = expected.as_ref().is_some_and(Expected::is_whole_number);
+        let tree = self.worked_out(tree, expected);
+        match tree.kind {
+            Kind::Number { value: 0.0, .. } if is_whole => {
+                Tree { kind: Kind::Number { value: 0.0, whole: true }, ..tree }
+            }
+            _ => tree,
+        }
+    }
+
+    fn worked_out(&mut self, tree: &Tree, expected: Option<Expected<'_>>) -> Tree {
         if is_plain(tree) {
             return tree.clone();
         }
@@ -340,6 +352,7 @@ fn is_plain(tree: &Tree) -> bool {
         Kind::Call { body, .. } => is_plain_inside(body),
         Kind::List(items) => items.iter().all(is_plain),
         Kind::Map(entries) => entries.iter().all(|(_, value)| is_plain(value)),
+        Kind::Number { value, .. } => *value != 0.0 || value.is_sign_positive(),
         _ => true,
     }
 }

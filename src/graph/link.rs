@@ -18,11 +18,12 @@ const MOST_LINKS: usize = 64;
 /// The names that links may begin with.
 pub(super) struct Names<'e> {
     places: HashMap<String, Named>,
-    eaches: &'e [Each],
+    pub(super) eaches: &'e [Each],
 }
 
+/// What a name means, by its place among the drafts or the `ForEach`es.
 #[derive(Clone, Copy)]
-enum Named {
+pub(super) enum Named {
     Draft(usize),
     Each(usize),
 }
@@ -34,6 +35,10 @@ impl<'e> Names<'e> {
         let all = eaches.iter().enumerate();
         let all = all.map(|(index, each)| (each.name.clone(), Named::Each(index)));
         Self { places: nodes.chain(all).collect(), eaches }
+    }
+
+    pub(super) fn find(&self, name: &str) -> Option<Named> {
+        self.places.get(name).copied()
     }
 }
 
@@ -61,8 +66,8 @@ impl<'a> Check<'_, 'a> {
             Some((node, output)) => (node, Some(output)),
             None => (text, None),
         };
-        match names.places.get(node) {
-            Some(&Named::Draft(index)) => {
+        match names.find(node) {
+            Some(Named::Draft(index)) => {
                 let what = &drafts[index].what;
                 let output = match output {
                     Some(output) if !matches!(what, What::Unknown(_)) => {
@@ -72,13 +77,17 @@ impl<'a> Check<'_, 'a> {
                 };
                 output.map(|output| vec![(index, output)])
             }
-            Some(&Named::Each(index)) => {
+            Some(Named::Each(index)) => {
                 self.target_in_each(&names.eaches[index], output, span, drafts, names)
             }
             None if self.misnamed.contains(node) => None,
             // What is wrong with a `ForEach` says nothing of its elements.
             None if is_element_of_unknown(node, drafts) => None,
             None => {
+                if let Some((message, help)) = self.unfound(text, drafts, names) {
+                    self.find(code::UNKNOWN_LINK, span, message, help);
+                    return None;
+                }
                 let help = self.guess(|| {
                     let all = drafts.iter().map(|draft| &draft.name.text[..]);
                     let mut known = Vec::from_iter(all.filter(|name| !name.contains('/')));

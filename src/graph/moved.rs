@@ -9,7 +9,7 @@ mod values;
 pub(super) use crate::paths::{folder_of_new, path_between};
 pub(super) use entries::{gap_behind, indented_entries, moved, part_with, put_in_place};
 pub(super) use known::{Known, Linked};
-pub(super) use paths::path_of_use;
+pub(super) use paths::{path_of_use, seen_from};
 pub(super) use same::Sides;
 pub(super) use values::{Given, put_values};
 

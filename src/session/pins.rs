@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use super::Finished;
 use crate::error::{Problem, code};
 use crate::graph::{Ancestry, ELEMENTS, Graph, INPUT, PINS_ENDING, Pin, Pins, bytes_of};
-use crate::text::unknown;
 use crate::writing::{
     Destination, Refused, Sources, Turn, keep_beside, make_folder, remove, remove_empty,
 };
@@ -41,7 +40,7 @@ pub(crate) fn pinnable<'g>(graph: &'g Graph, name: &str) -> Result<Vec<&'g str>,
     let nodes = graph.nodes_of(name);
     if nodes.is_empty() {
         let known = Vec::from_iter(graph.names());
-        return Err(unknown(format!("the graph has no node `{name}`"), name, "its nodes", &known));
+        return Err(graph.unknown("node", name, "its nodes", &known));
     }
     let of_kind = |kind| nodes.iter().any(|&node| graph.nodes[node].kind() == kind);
     if of_kind(INPUT) {

@@ -144,11 +144,9 @@ impl TestFile {
             let help = format!("say it in the graph that makes each of them, or of one: `{first}`");
             return Some(Problem { help, ..self.problem(code::WRONG_TYPE, span, message) });
         }
-        let known = graph.output_names().chain(graph.node_names());
-        let known = Vec::from_iter(known.filter(|name| !name.contains('/')));
-        let help = nearest_or_all(name, "its outputs and nodes", &known);
+        let help = graph.value_meant(name);
         let message = format!("there is no output or node `{name}`");
-        Some(Problem { help: help.into(), ..self.problem(code::UNKNOWN_LINK, span, message) })
+        Some(Problem { help, ..self.problem(code::UNKNOWN_LINK, span, message) })
     }
 
     fn tolerances(&self, graph: &Graph) -> Vec<Problem> {

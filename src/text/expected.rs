@@ -63,6 +63,10 @@ impl<'a> Expected<'a> {
         matches!(self.schema.get("type").and_then(Json::as_str), Some("number" | "integer"))
     }
 
+    pub(crate) fn is_whole_number(&self) -> bool {
+        self.schema.get("type").and_then(Json::as_str) == Some("integer")
+    }
+
     /// Whether it is written in parentheses, as a vector is, with numbers alone.
     pub(crate) fn is_tuple(&self) -> bool {
         let count = |name: &str| self.schema.get(name).and_then(Json::as_u64);

@@ -1,6 +1,9 @@
 //! Several commands that change the same file at the same time: none of what they change is lost.
 
+use std::io::Write;
 use std::process::{Child, Stdio};
+
+use serde_json::json;
 
 use crate::project::Project;
 
@@ -97,6 +100,41 @@ fn no_update_of_a_lock_is_lost() {
     let output = project.maquette(&["update", "doll.ron", "--yes"]);
     let told = String::from_utf8_lossy(&output.stdout);
     assert!(told.contains("is up to date"), "{told}");
+}
+
+#[test]
+fn a_layout_is_that_of_one_of_those_who_wrote_it_and_none_is_refused() {
+    let project = project();
+    let places = |k: usize, turn: usize| {
+        let nodes = (0..COUNT).map(|n| (format!("n{n}"), json!([k, turn])));
+        json!({ "nodes": serde_json::Map::from_iter(nodes) })
+    };
+    let turns = 20;
+    let start = |k: usize| {
+        let mut command = project.command(&["serve", "--stdio"]);
+        let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut host = piped.spawn().unwrap();
+        let mut requests = host.stdin.take().unwrap();
+        for turn in 1..=turns {
+            let layout = places(k, turn);
+            let ask = json!({ "id": turn, "do": "layout", "graph": "doll.ron", "layout": layout });
+            writeln!(requests, "{ask}").unwrap();
+        }
+        host
+    };
+    let hosts = Vec::from_iter((0..COUNT).map(start));
+    for host in hosts {
+        let told = host.wait_with_output().unwrap().stdout;
+        let told = String::from_utf8_lossy(&told);
+        let answers = told.lines().filter(|line| line.contains("\"event\":\"answer\"")).count();
+        assert_eq!(answers, turns, "{told}");
+    }
+    let text = std::fs::read_to_string(project.folder().join("doll.layout.ron")).unwrap();
+    let is_last_of =
+        |k: &usize| text.matches(&format!(": ({k}.000, {turns}.000)")).count() == COUNT;
+    assert!((0..COUNT).any(|k| is_last_of(&k)), "{text}");
+    let known = ["coarse.obj", "doll.layout.ron", "doll.ron"];
+    assert_eq!(names(&project), known, "nothing is left behind");
 }
 
 #[test]

@@ -22,6 +22,7 @@ use crate::project::{Project, Watch};
 mod drag;
 pub(crate) mod link;
 mod pointing;
+mod undo;
 
 pub(crate) use pointing::mesh_of;
 

@@ -31,6 +31,8 @@ mod patches;
 mod promises;
 mod units;
 mod vectors;
+mod verdicts;
+mod zeros;
 
 /// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.
 #[test]

@@ -171,7 +171,7 @@ impl Runner {
     fn why(&mut self, load: &Load, node: &str) -> Result<Json, Refused> {
         let (graph, _) = self.graph(load)?;
         let why = self.session.why(&graph, node);
-        Ok(json!({ "why": why.ok_or_else(|| format!("the graph has no node `{node}`"))? }))
+        Ok(json!({ "why": why.ok_or_else(|| graph.unknown("node", node, "", &[]))? }))
     }
 }
 

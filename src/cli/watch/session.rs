@@ -19,7 +19,7 @@ use crate::catalog::Catalog;
 use crate::cli::terminal::Input;
 use crate::cli::{Exit, stdout_is_closed};
 use crate::error::{Problem, Severity, code};
-use crate::graph::{Checked, Graph, Put, ReadFile};
+use crate::graph::{Checked, Graph, ReadFile};
 use crate::node::CancelToken;
 use crate::page::{Views, Wish};
 use crate::value::Hash;
@@ -27,6 +27,8 @@ use crate::watch::{Batch, Contents, Event, Sources};
 use crate::writing::is_writable;
 
 mod page;
+
+use page::Change;
 
 /// What is known of the graph's text.
 enum Check {
@@ -69,7 +71,7 @@ pub(super) struct Session<'a> {
     /// What somebody drags there. What is not of the drag waits for its end.
     drag: Drag,
     /// What was put into the graph's file for pages, the last change last.
-    changes: Vec<Vec<Put>>,
+    changes: Vec<Change>,
     /// The identity of the graph that pages show.
     shown: Option<Hash>,
     /// The last graph that could be run, and when it was; one without unknown nodes if there has been such.

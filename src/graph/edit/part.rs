@@ -5,7 +5,7 @@ use super::Judge;
 use super::element::written;
 use super::place::{Found, Refusal, field, find, place};
 use super::splice::{Splice, apply};
-use crate::error::{Span, code};
+use crate::error::Span;
 use crate::graph::check::first;
 use crate::graph::patch::is_patch;
 use crate::graph::quality::{is_draft, is_side};
@@ -31,10 +31,8 @@ impl Judge<'_> {
             place(&patched, target, value, false, draft).map_err(nowhere)
         };
         let Some(part) = Part::of(&tree, target) else {
-            // What is not there has no items, and no final value.
-            let is_nowhere =
-                |refusal: &Refusal| is_item(target) || refusal.code == code::MISSING_FIELD;
-            let refusal = in_graph().err().filter(is_nowhere);
+            // What is not there has no items.
+            let refusal = in_graph().err().filter(|_| is_item(target));
             return refusal.map_or_else(|| put(target, value), Err);
         };
         let is_named = part.is_draft_named || !draft || is_draft(&parse(value).0);
@@ -67,7 +65,7 @@ impl Judge<'_> {
     }
 
     /// The text of the graph that a patch makes.
-    fn patched(&self, text: &str) -> Option<String> {
+    pub(super) fn patched(&self, text: &str) -> Option<String> {
         let options = Options { files: Files::Ignored, ..self.options.clone() };
         let (_, whole) = first(self.path, text.to_owned(), self.catalog, &options);
         Some(whole?.definition.sheet.source.text.clone())

@@ -10,6 +10,7 @@ use crate::graph::each::{element_name, numbered};
 use crate::graph::repeat::{Counted, Elements, Pick, Repeat};
 use crate::graph::stage::{Count, Loop, cut_node, refused_node};
 use crate::graph::top::{field_of, name_of};
+use crate::graph::unfound::{beyond, elements};
 use crate::graph::{GraphUse, Link};
 
 impl Expansion<'_, '_> {
@@ -185,18 +186,15 @@ impl Expansion<'_, '_> {
         }
         let repeated = &definition.drafts[pick.of];
         let (each, count) = (&repeated.name.text, of.elements.len());
-        let why = match count {
-            1 => format!("`{each}` has 1 element"),
-            _ => format!("`{each}` has {count} elements"),
-        };
         if let Some(Repeat { count: Counted::Number(_), .. }) = &repeated.repeat {
             self.checked(definition, scope, |check| {
-                let message = format!("there is no `{}`: {why}", draft.name.text);
-                check.find(code::UNKNOWN_LINK, draft.name.span, message, "they count from 1");
+                let (message, help) = beyond(&draft.name.text, each, count);
+                check.find(code::UNKNOWN_LINK, draft.name.span, message, help);
             });
             return Vec::new();
         }
         let name = One::default().name(draft, scope);
-        self.refused(definition, draft, name, format!("there is no such element: {why}"), scope)
+        let why = format!("there is no such element: {}", elements(each, count));
+        self.refused(definition, draft, name, why, scope)
     }
 }

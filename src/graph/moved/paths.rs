@@ -8,7 +8,8 @@ use super::Known;
 use crate::error::Span;
 use crate::graph::definition::Definition;
 use crate::graph::draft::{Draft, What};
-use crate::graph::edit::{Splice, field, quoted};
+use crate::graph::edit::{Splice, apply, field, quoted};
+use crate::graph::meaning::entries;
 use crate::graph::quality::side;
 use crate::graph::top::name_of;
 use crate::paths::{path_between, without_dots};
@@ -29,22 +30,47 @@ pub(in crate::graph) fn path_of_use(value: &Tree) -> Option<&Tree> {
     path.text().map(|_| path)
 }
 
+/// The text of a definition with paths that are relative to another folder, of files and of graphs that it uses. Those of a patched
+/// graph are relative to several folders.
+pub(in crate::graph) fn seen_from(definition: &Definition, to: &Path) -> String {
+    let sheet = &definition.sheet;
+    let text = &sheet.source.text;
+    let tree = parse(text).0;
+    let uses = entries(tree.fields().unwrap_or_default(), "use");
+    let uses = uses.filter_map(|(_, value)| Some(path_of_use(value)?.span));
+    let places = files(definition, &tree).into_iter().chain(uses);
+    let paths = places.filter_map(|span| rebased_at(text, span, sheet.folder_of(span), to));
+    apply(text, paths.collect())
+}
+
+/// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
+fn files(definition: &Definition, tree: &Tree) -> BTreeSet<Span> {
+    let mut files = Files::default().of(definition);
+    for (_, declaration) in entries(tree.fields().unwrap_or_default(), "params") {
+        let Some(default) = field(declaration, "default").map(|field| &field.value) else {
+            continue;
+        };
+        // Of a `Draft` both sides are.
+        let is_in = |at: &Span| default.span.start <= at.start && at.end <= default.span.end;
+        if files.iter().any(is_in) {
+            let sides = [false, true].into_iter().filter_map(|draft| side(default, draft));
+            files.extend(sides.map(|side| side.span));
+        }
+    }
+    files
+}
+
+/// The edit of a path that leads to the same file from another folder, if that is another path.
+fn rebased_at(text: &str, span: Span, from: &Path, to: &Path) -> Option<Splice> {
+    let given = parse(&text[span.start..span.end]).0.text()?.to_owned();
+    let path = rebased(&given, from, to);
+    (path != given).then(|| (span, quoted(&path)))
+}
+
 impl Known {
     /// The places of all texts in nodes, and of defaults of parameters, that are paths of files.
     pub(in crate::graph) fn files(&self) -> BTreeSet<Span> {
-        let mut files = Files::default().of(self.definition());
-        for (_, declaration) in self.entries("params") {
-            let Some(default) = field(declaration, "default").map(|field| &field.value) else {
-                continue;
-            };
-            // Of a `Draft` both sides are.
-            let is_in = |at: &Span| default.span.start <= at.start && at.end <= default.span.end;
-            if files.iter().any(is_in) {
-                let sides = [false, true].into_iter().filter_map(|draft| side(default, draft));
-                files.extend(sides.map(|side| side.span));
-            }
-        }
-        files
+        files(self.definition(), &self.tree)
     }
 
     /// The edits of paths in these places that lead to the same files from another folder.
@@ -54,12 +80,8 @@ impl Known {
         from: &Path,
         to: &Path,
     ) -> Vec<Splice> {
-        let path = |span: Span| {
-            let given = parse(self.slice(span)).0.text()?.to_owned();
-            let path = rebased(&given, from, to);
-            (path != given).then(|| (span, quoted(&path)))
-        };
-        places.into_iter().filter_map(path).collect()
+        let places = places.into_iter();
+        places.filter_map(|span| rebased_at(&self.text, span, from, to)).collect()
     }
 }
 

@@ -155,6 +155,30 @@ fn what_a_test_wants_of_values_is_judged_by_their_types() {
 }
 
 #[test]
+fn a_name_inside_of_a_use_is_compared_with_those_beside_it() {
+    let graph = r#"Graph(
+    format: 1,
+    use: { "Two": "two.ron" },
+    nodes: {
+        "mesh": ReadMesh(path: "coarse.obj"),
+        "one": Two(mesh: "mesh"),
+        "many": ForEach(graph: "Two", over: [(), ()], with: (mesh: "mesh")),
+        "all": Merge(meshes: ["one", "many"]),
+    },
+    outputs: { "all.ply": "all" },
+)"#;
+    let used = r#"Graph(format: 1, inputs: { "mesh": Mesh() }, nodes: {
+        "first": Transform(mesh: "mesh"), "last": Transform(mesh: "first") }, outputs: { "mesh": "last" })"#;
+    let test = r#"Test(graph: "doll.ron", expect: [Closed("many/2/last"), Closed("many/3/last"), Closed("one/frst")])"#;
+    let project = project(&[("two.ron", used), ("doll.test.ron", test)]);
+    project.copy_asset("coarse.obj", "coarse.obj");
+    project.save(graph);
+    let told = String::from_utf8(project.maquette(&["check", "doll.test.ron"]).stderr).unwrap();
+    let helps = told.lines().filter_map(|line| line.trim().strip_prefix("= help: "));
+    assert_eq!(Vec::from_iter(helps), ["`many` has 2 elements", "did you mean `one/first`?"]);
+}
+
+#[test]
 fn a_test_file_with_two_mistakes_is_one_that_failed() {
     let project = project(&[
         ("doll.test.ron", "Test(graph: \"doll.ron\", bugdet: (), caes: {})"),

@@ -32,3 +32,73 @@ fn a_word_of_an_unknown_node_that_no_longer_names_a_node_is_the_same_word() {
     let new = old.replace("\"ball\": ReadMesh(path: \"ball.ply\"),", "");
     assert_eq!(differences(old, &new), [r#"node ball: removed: ReadMesh(path: "ball.ply")"#]);
 }
+
+/// A graph that names files in all ways.
+const READS: &str = r#"Graph(
+    format: 1,
+    use: { "Up": "lib/up.ron" },
+    params: { "file": Text(default: Draft(final: "data/a.obj", draft: "data/rough.obj")) },
+    nodes: {
+        "a": ReadMesh(path: Param("file")),
+        "b": ReadMesh(path: "data/b.obj"),
+        "up": Up(mesh: "b"),
+    },
+    outputs: { "a.ply": "a", "up.ply": "up" },
+)"#;
+
+/// How a graph of a project differs from `graph.ron` in it, which is [`READS`].
+fn differences_in_a_project(name: &str, text: &str) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let project = std::fs::canonicalize(folder.path()).unwrap();
+    let write = |name: &str, text: &str| {
+        let path = project.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, text).unwrap();
+        Source { name: path, text: text.to_owned() }
+    };
+    write("maquette.toml", "");
+    write(
+        "lib/up.ron",
+        r#"Graph(format: 1, inputs: { "mesh": Mesh() },
+            nodes: { "up": Transform(mesh: "mesh") }, outputs: { "mesh": "up" })"#,
+    );
+    let (old, new) = (write("graph.ron", READS), write(name, text));
+    let found = Graph::differences_with_uses(&old, &new, &Catalog::new(PACKS)).unwrap();
+    let back = Graph::differences_with_uses(&new, &old, &Catalog::new(PACKS)).unwrap();
+    assert_eq!(found.len(), back.len(), "{back:?}");
+    found.iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn the_same_files_from_another_folder_are_no_difference() {
+    let below = READS.replace("data/", "../data/").replace("lib/", "../lib/");
+    for (name, text) in [
+        ("sub/graph.ron", &below[..]),
+        ("sub/patch.ron", r#"Patch(format: 1, of: "../graph.ron")"#),
+        (
+            "sub/patch.ron",
+            r#"Patch(format: 1, of: "../graph.ron", params: { "file": Draft(final: "../data/a.obj", draft: "../data/rough.obj") },
+                nodes: { "b": (path: "../data/b.obj") })"#,
+        ),
+    ] {
+        assert_eq!(differences_in_a_project(name, text), Vec::<String>::new(), "{text}");
+    }
+}
+
+#[test]
+fn other_files_of_the_same_project_are_told_as_seen_from_the_old_graph() {
+    let patch = r#"Patch(format: 1, of: "../graph.ron", nodes: { "b": (path: "data/b.obj") })"#;
+    assert_eq!(
+        differences_in_a_project("sub/patch.ron", patch),
+        [r#"node b: changed path: "data/b.obj" -> "sub/data/b.obj""#]
+    );
+}
+
+#[test]
+fn paths_of_another_project_are_compared_as_they_are_written() {
+    let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let [old, new] = folders
+        .each_ref()
+        .map(|folder| Source { name: folder.path().join("graph.ron"), text: READS.to_owned() });
+    assert_eq!(Graph::differences(&old, &new, &Catalog::new(PACKS)).unwrap(), []);
+}

@@ -122,13 +122,66 @@ fn a_draft_that_is_set_leaves_the_final_value_as_it_is() {
     assert!(edited.text.contains("default: Draft(final: 3, draft: 0)"), "{}", edited.text);
     assert_eq!(edited.changes[0].before.as_deref(), Some("3"));
     assert_eq!(edited.changes[0].after, "Draft(final: 3, draft: 0)");
-    // Nobody knows what is final of what is left out.
-    let refused = edit("moved.rotate", "(0, 0, 90)").unwrap_err();
-    assert_eq!(
-        refused[0].message,
-        "moved.rotate=(0, 0, 90): `rotate` is left out, and so has no final value to keep"
+}
+
+#[test]
+fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| {
+        std::fs::write(folder.path().join(name), text).unwrap();
+        folder.path().join(name)
+    };
+    write(
+        "lib.ron",
+        r#"Graph(format: 1, inputs: { "mesh": Mesh() },
+            params: { "steps": Integer(default: Draft(final: 3, draft: 1)), "file": Text(default: "a.obj") },
+            nodes: { "a": ReadMesh(path: Param("file")), "s": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("steps")) },
+            outputs: { "s": "s", "a": "a" })"#,
     );
-    assert_eq!(refused[0].help, "give both: Draft(final: .., draft: (0, 0, 90))");
+    let text = r##"Graph(format: 1, use: { "Fine": "lib.ron" }, nodes: {
+        "picture": ReadImage(path: "a.png"),
+        "red": Threshold(image: "picture", select: Near(color: "#ff0000")),
+        "doll": ReadMesh(path: "a.obj"),
+        "moved": Transform(mesh: "doll"),
+        "fine": Fine(mesh: "doll"),
+        "all": ForEach(graph: "Fine", over: [(), (steps: 2)], with: (mesh: "doll")),
+        "some": ForEach(graph: "Transform", over: [()], with: (mesh: "doll", scale: (2, 2, 2))),
+    })"##;
+    let graph = write("graph.ron", text);
+    let patch = write("patch.ron", "Patch(format: 1, of: \"graph.ron\")");
+    let edit = |path: &Path, target: &str, value: &str| {
+        let edit = Edit::Set { target: target.into(), value: value.into() };
+        let options = Options { draft: true, ..Options::default() };
+        let text = std::fs::read_to_string(path).unwrap();
+        Graph::edit(path, &text, &[edit], &Catalog::new(PACKS), &options)
+    };
+    for (target, value, put) in [
+        ("moved.rotate", "(0, 0, 90)", "rotate: Draft(final: (0.0, 0.0, 0.0), draft: (0, 0, 90))"),
+        ("red.invert", "true", "invert: Draft(final: false, draft: true)"),
+        ("red.select.distance", "5", "distance: Draft(final: 15.0, draft: 5)"),
+        // Of a used graph it is the final default.
+        ("fine.steps", "0", "steps: Draft(final: 3, draft: 0)"),
+        ("all.with.steps", "0", "steps: Draft(final: 3, draft: 0)"),
+        ("all/1.steps", "0", "[(steps: Draft(final: 3, draft: 0)), (steps: 2)]"),
+        ("some/1.scale", "(1, 1, 1)", "[(scale: Draft(final: (2, 2, 2), draft: (1, 1, 1)))]"),
+    ] {
+        let edited = edit(&graph, target, value).unwrap_or_else(|it| panic!("{target}: {it:?}"));
+        assert!(edited.text.contains(put), "{target}: {}", edited.text);
+        assert!(put.contains(&edited.changes[0].after), "{target}: {:?}", edited.changes);
+        assert_eq!(edited.changes[0].before, None);
+    }
+    let edited = edit(&patch, "moved.rotate", "(0, 0, 90)").unwrap();
+    let put = r#""moved": (rotate: Draft(final: (0.0, 0.0, 0.0), draft: (0, 0, 90)))"#;
+    assert!(edited.text.contains(put), "{}", edited.text);
+    // The path of a file has no default, or one that is relative to another file.
+    for target in ["fine.file", "all.with.file"] {
+        let refused = edit(&graph, target, "b.obj").unwrap_err();
+        assert!(
+            refused[0].message.ends_with("`file` is left out, and so has no final value to keep"),
+            "{refused:?}"
+        );
+        assert_eq!(refused[0].help, "give both: Draft(final: .., draft: \"b.obj\")");
+    }
 }
 
 #[test]

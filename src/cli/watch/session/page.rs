@@ -1,5 +1,6 @@
 //! What pages want of a watch: values in the graph's file, and drags, which leave it alone.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -11,16 +12,17 @@ use crate::cli::watch::worker::Purpose;
 use crate::error::Severity;
 use crate::graph::{Checked, Edit, Edited, Graph, Put};
 use crate::plain;
+use crate::value::Hash;
 
 impl<'a> Session<'a> {
     /// Puts values into the file of the graph. Its change is noticed like one of anybody else.
     pub(super) fn set(&mut self, page: u64, values: &Values) {
         let was_dragged = self.drag.let_go(page);
         match self.edit(values, |_| true) {
-            Ok(changes) if !changes.is_empty() => {
+            Ok(change) if !change.puts.is_empty() => {
                 // The run that follows shows all: until then nothing of the old file comes back.
                 self.look = false;
-                return self.changes.push(changes);
+                return self.changes.push(change);
             }
             Ok(_) => {}
             Err(why) => self.view.refused(&why),
@@ -99,20 +101,38 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Puts the values back that the last change has replaced, if nobody has changed them since.
+    /// Takes the last change back, if nobody has changed since what it changed.
     pub(super) fn undo(&mut self) {
-        let Some(changes) = self.changes.pop() else { return };
-        let old = |put: &Put| Some((put.target.clone(), put.before.clone()?));
-        let stand = |now: &[Put]| {
-            now.iter().zip(&changes).all(|(now, put)| stands(put, now.before.as_deref()))
-        };
-        let back: Option<Vec<_>> = changes.iter().map(old).collect();
-        let Some(back) = back else {
-            return self.view.refused("it was not in the file before: take it out there");
-        };
-        if let Err(why) = self.edit(&back, stand) {
+        let Some(change) = self.changes.pop() else { return };
+        if let Err(why) = self.take_back(&change) {
             self.view.refused(&why);
         }
+    }
+
+    fn take_back(&self, change: &Change) -> Result<(), String> {
+        let turn = self.file().turn().map_err(|error| error.to_string())?;
+        let text = self.file().text().map_err(|error| error.to_string())?;
+        if let Some(before) = change.taken_back(&text) {
+            let edited = Edited { text: before, before: text, changes: Vec::new() };
+            return self.file().write(&edited).map_err(|error| error.to_string());
+        }
+        drop(turn);
+        // The rest of the file is another one now: only values can be put back.
+        let old = |put: &Put| {
+            let before = put.before.clone().ok_or("it was not in the file before")?;
+            match put.after.starts_with(&format!("Draft(final: {before}, draft: ")) {
+                true => Err("it was no `Draft` before"),
+                false => Ok((put.target.clone(), before)),
+            }
+        };
+        let back: Result<Vec<_>, _> = change.puts.iter().map(old).collect();
+        let back = back.map_err(|why| {
+            format!("{why}, and the file has been changed since: take it out there")
+        })?;
+        let stands = |now: &[Put]| {
+            now.iter().zip(&change.puts).all(|(now, put)| now.before.as_ref() == Some(&put.after))
+        };
+        self.edit(&back, stands).map(drop)
     }
 
     /// Puts values into the file of the graph, if what would be changed is as it should be. Gives what was changed, or says why not.
@@ -120,17 +140,14 @@ impl<'a> Session<'a> {
         &self,
         values: &[(String, String)],
         is_due: impl Fn(&[Put]) -> bool,
-    ) -> Result<Vec<Put>, String> {
+    ) -> Result<Change, String> {
         let _turn = self.file().turn().map_err(|error| error.to_string())?;
         let edited = self.edited(values)?;
-        let changes = Vec::from_iter(
-            edited.changes.iter().filter(|put| put.before.as_ref() != Some(&put.after)).cloned(),
-        );
         if !is_due(&edited.changes) {
             return Err("somebody has changed it since".into());
         }
         self.file().write(&edited).map_err(|error| error.to_string())?;
-        Ok(changes)
+        Ok(Change::of(edited))
     }
 
     /// The text of the graph's file with these values in it, or why they cannot be.
@@ -146,11 +163,36 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Whether a value that was put there is what is there now: of what has become a `Draft` by that, its draft.
-fn stands(put: &Put, now: Option<&str>) -> bool {
-    let is_draft =
-        |before: &String, now: &str| put.after == format!("Draft(final: {before}, draft: {now})");
-    now.is_some_and(|now| {
-        put.after == now || put.before.as_ref().is_some_and(|it| is_draft(it, now))
-    })
+/// What was put into the graph's file, and how it is taken back.
+pub(super) struct Change {
+    puts: Vec<Put>,
+    /// Where the text differs, and what stood there before.
+    at: Range<usize>,
+    before: String,
+    /// The text with it.
+    text: Hash,
+}
+
+impl Change {
+    fn of(edited: Edited) -> Self {
+        let Edited { text, before, changes } = edited;
+        let alike = |(a, b): &(char, char)| a == b;
+        let length = |(a, _): (char, char)| a.len_utf8();
+        let start = before.chars().zip(text.chars()).take_while(alike).map(length).sum();
+        let rest = before[start..].chars().rev().zip(text[start..].chars().rev());
+        let end: usize = rest.take_while(alike).map(length).sum();
+        let puts = changes.into_iter().filter(|put| put.before.as_ref() != Some(&put.after));
+        Self {
+            puts: puts.collect(),
+            at: start..text.len() - end,
+            before: before[start..before.len() - end].to_owned(),
+            text: Hash::of(text.as_bytes()),
+        }
+    }
+
+    /// The text without it, if it is as it was left.
+    fn taken_back(&self, text: &str) -> Option<String> {
+        let is_same = Hash::of(text.as_bytes()) == self.text;
+        is_same.then(|| [&text[..self.at.start], &self.before, &text[self.at.end..]].concat())
+    }
 }

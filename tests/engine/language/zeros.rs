@@ -1,0 +1,43 @@
+//! Zero is zero: `-0.0` where a whole number or a choice is wanted, however it comes there.
+
+use std::path::Path;
+
+use maquette::{Catalog, Graph, Options, Run, Session, Settings, State};
+use maquette_nodes::PACKS;
+
+/// What became of a mesh that is subdivided so often, or what is wrong.
+fn subdivided(session: &mut Session, levels: &str, set: &[(String, String)]) -> State {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/zeros.ron");
+    let text = format!(
+        r#"Graph(
+            format: 1,
+            params: {{ "n": Integer(default: -0.0), "x": Number(default: -1.0) }},
+            nodes: {{
+                "doll": ReadMesh(path: "doll/coarse.obj"),
+                "s": Subdivide(mesh: "doll", scheme: Loop, levels: {levels}),
+                "one": Switch(cases: {{ "0": "s", "1": "doll" }}, choose: Expr("n * x")),
+                "none": ForEach(graph: "Transform", over: Param("n"), with: (mesh: "doll")),
+                "all": Merge(meshes: "none"),
+            }},
+            outputs: {{ "s.ply": "one" }},
+        )"#
+    );
+    let options = Options { set: set.to_vec(), ..Options::default() }.with_text(&path, text);
+    let checked = Graph::load(&path, &Catalog::new(PACKS), &options);
+    let graph = checked.graph.unwrap_or_else(|| panic!("{levels}: {:?}", checked.problems));
+    let done = session.run(&graph, &Run::default()).unwrap();
+    assert!(done.problems().is_empty(), "{levels}: {:?}", done.problems());
+    done.trace().0.into_iter().find(|node| node.name == "s").unwrap().state
+}
+
+#[test]
+fn a_whole_number_takes_minus_zero_as_zero_and_has_the_same_key() {
+    let mut session = Session::new(PACKS, &Settings::in_memory()).unwrap();
+    assert_eq!(subdivided(&mut session, "0", &[]), State::Computed);
+    for levels in ["-0", "0.0", "-0.0", "Param(\"n\")", "Expr(\"x * 0\")"] {
+        assert_ne!(subdivided(&mut session, levels, &[]), State::Computed, "{levels}");
+    }
+    let set = [("n".to_owned(), "-0.0".to_owned())];
+    assert_ne!(subdivided(&mut session, "Param(\"n\")", &set), State::Computed);
+    assert_eq!(subdivided(&mut session, "1", &[]), State::Computed);
+}
