@@ -4,7 +4,7 @@ use maquette::Pack;
 
 pub use {
     maquette_deform as deform, maquette_fill as fill, maquette_image as image,
-    maquette_mesh as mesh, maquette_nurbs as nurbs, maquette_range as range,
+    maquette_mesh as mesh, maquette_nurbs as nurbs, maquette_range as range, maquette_scan as scan,
     maquette_subdivision as subdivision,
 };
 
@@ -12,6 +12,7 @@ pub use {
 pub static PACKS: &[&Pack] = &[
     &image::PACK,
     &range::PACK,
+    &scan::PACK,
     &nurbs::PACK,
     &subdivision::PACK,
     &deform::PACK,

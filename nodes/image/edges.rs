@@ -2,7 +2,7 @@
 
 use maquette::memory::huge_vec;
 use maquette::parallel::*;
-use maquette::value::{Field, Image, Mask};
+use maquette::value::{Field, Mask};
 use maquette::{Context, Error, In, Node};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,6 +12,7 @@ use super::filter::gradient::{Levels, write_gradient};
 use super::filter::hysteresis::{Bits, WORD, pack, reconstruct};
 use super::filter::percentile::percentile;
 use super::operator::Operator;
+use super::picture::Picture;
 
 /// Marks the edges of a picture or a mask: where its levels change steeply.
 ///
@@ -41,11 +42,6 @@ pub struct Edges {
 
 fn two_fifths() -> f64 {
     0.4
-}
-
-maquette::union! {
-    /// What has edges.
-    pub enum Picture { Image(Image), Mask(Mask) }
 }
 
 /// How steep an edge must be at its steepest. A pixel where nothing changes is never on an edge.

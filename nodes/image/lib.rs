@@ -9,8 +9,11 @@ mod fill_contour;
 mod filter;
 mod grow_region;
 mod label;
+mod mask_shape;
 mod operator;
 mod outline;
+mod painted_mask;
+mod picture;
 mod picture_error;
 mod read_image;
 mod segment;
@@ -19,13 +22,16 @@ mod threshold;
 
 pub use combine_masks::{CombineMasks, CombineMasksError, CombineMode, combine_masks};
 pub use connectivity::Connectivity;
-pub use edges::{Edges, EdgesError, High, Picture, edges};
+pub use edges::{Edges, EdgesError, High, edges};
 pub use fill_contour::{FillContour, fill_contour};
 pub use filter::morphology::{close, dilate, open};
 pub use grow_region::{GrowRegion, grow_region};
 pub use label::Label;
+pub use mask_shape::{MaskShape, Shape, mask_shape};
 pub use operator::Operator;
 pub use outline::{Outline, outline};
+pub use painted_mask::{Paint, PaintedMask, painted_mask};
+pub use picture::Picture;
 pub use picture_error::PictureError;
 pub use read_image::ReadImage;
 pub use segment::components::label;
@@ -43,6 +49,8 @@ pub static PACK: Pack = Pack {
     name: "image",
     nodes: &[
         node::<ReadImage>(),
+        node::<PaintedMask>(),
+        node::<MaskShape>(),
         node::<Threshold>(),
         node::<GrowRegion>(),
         node::<Edges>(),

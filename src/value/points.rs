@@ -73,6 +73,16 @@ impl Points {
         Ok(moved)
     }
 
+    /// The points at these places, in this order, with what lies on them.
+    ///
+    /// # Panics
+    /// If a place is behind the last point.
+    #[must_use]
+    pub fn select(&self, places: &[u32]) -> Self {
+        let positions = places.iter().map(|&place| self.positions[place as usize]);
+        Self { positions: positions.collect(), attributes: self.attributes.select(places) }
+    }
+
     /// Where they are.
     pub fn positions(&self) -> &Column<Point3<f64>> {
         &self.positions

@@ -1,5 +1,7 @@
 //! What a mesh falls apart into: its parts, and the rims of its holes.
 
+use std::collections::HashSet;
+
 use nalgebra::Point3;
 
 use super::{Crease, Faces, Mesh};
@@ -103,6 +105,30 @@ fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, places: &mut [u32]
         creases: creases.into(),
         texture: mesh.texture.clone(),
         frame: mesh.frame,
+    }
+}
+
+impl Mesh {
+    /// The mesh of some faces, in this order, with all that lies on them. Vertices that they do not need are left out.
+    ///
+    /// # Panics
+    /// If a face is behind the last one.
+    #[must_use]
+    pub fn select(&self, faces: &[u32]) -> Self {
+        let mut edges = HashSet::new();
+        if !self.creases.is_empty() {
+            for &face in faces {
+                let face = self.faces.face(face as usize);
+                let next = face[1..].iter().chain(&face[..1]);
+                edges.extend(face.iter().zip(next).map(|(&a, &b)| [a.min(b), a.max(b)]));
+            }
+        }
+        let is_kept = |crease: &&Crease| {
+            let [a, b] = crease.vertices;
+            edges.contains(&[a.min(b), a.max(b)])
+        };
+        let creases = self.creases.iter().filter(is_kept).copied().collect();
+        part(self, faces, creases, &mut vec![0; self.positions.len()])
     }
 }
 

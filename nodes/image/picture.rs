@@ -1,0 +1,18 @@
+//! What has pixels.
+
+use maquette::value::{Image, Mask};
+
+maquette::union! {
+    /// A picture, or a mask.
+    pub enum Picture { Image(Image), Mask(Mask) }
+}
+
+impl Picture {
+    /// Its width and height.
+    pub fn size(&self) -> [usize; 2] {
+        match self {
+            Self::Image(image) => [image.width(), image.height()],
+            Self::Mask(mask) => [mask.width(), mask.height()],
+        }
+    }
+}

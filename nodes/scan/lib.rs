@@ -1,0 +1,34 @@
+//! Nodes that take an object out of its scans: from its table, its wall and what flies around.
+
+use maquette::Pack;
+
+mod crop;
+mod dominant_plane;
+mod hull;
+mod keep_cells;
+mod keep_error;
+mod pieces;
+mod plane;
+mod scan;
+mod within;
+
+pub use crop::{Crop, crop};
+pub use dominant_plane::{DominantPlane, DominantPlaneError, Found, dominant_plane};
+pub use keep_cells::{KeepCells, keep_cells};
+pub use keep_error::KeepError;
+pub use pieces::{Keep, Pieces, PiecesError, pieces};
+pub use plane::Plane;
+pub use scan::Scan;
+pub use within::Within;
+
+maquette::nodes_of_this_build!();
+
+/// Nodes that take an object out of its scans.
+pub static PACK: Pack = Pack {
+    name: "scan",
+    nodes: &[node::<KeepCells>(), node::<Crop>(), node::<Pieces>(), node::<DominantPlane>()],
+    values: &[],
+    formats: &[],
+    readers: &[],
+    migrations: &[],
+};
