@@ -16,11 +16,11 @@ mod run;
 mod sheet;
 mod short;
 
-pub(crate) use all::{Ended, Hearer, Running};
+pub(crate) use all::{Ended, Hearer, Running, at_a_time};
 pub(crate) use emit::{Engine, Handover};
 #[cfg(test)]
 pub(crate) use file::words;
 pub(crate) use file::{ENDING, Picture, Sweep, Task, read_text, read_untried, schema};
 pub(crate) use record::{Output, State};
-pub(crate) use run::{Batch, Standing, default_folder};
+pub(crate) use run::{Batch, Due, Standing, default_folder};
 pub(crate) use short::text_of;

@@ -39,6 +39,11 @@ pub(crate) struct Running<'a> {
     pub(crate) cancel: &'a CancelToken,
 }
 
+/// How many of some tasks are run at a time, where so many may be: the first is run alone.
+pub(crate) fn at_a_time(jobs: usize, tasks: usize) -> usize {
+    if tasks < 3 { 1 } else { jobs.min(tasks) }
+}
+
 impl Batch<'_> {
     /// Runs these tasks, except those that need not be.
     ///
@@ -46,8 +51,9 @@ impl Batch<'_> {
     /// In words, if there can be no session, or a record cannot be written: the rest is not run then.
     pub(crate) fn run_all(&self, tasks: &[usize], running: &Running<'_>) -> Result<(), String> {
         let next = AtomicUsize::new(0);
+        self.sweep_records();
         let mut session = (running.session)()?;
-        if running.jobs < 2 || tasks.len() < 3 {
+        if running.jobs < 2 {
             self.worked(&mut session, tasks, &next, running, usize::MAX)?;
             (running.finish)(&session);
             return Ok(());
@@ -65,7 +71,7 @@ impl Batch<'_> {
             }
         };
         std::thread::scope(|scope| {
-            for _ in 1..running.jobs.min(tasks.len()) {
+            for _ in 1..running.jobs {
                 let other = (running.session)()?;
                 scope.spawn(|| work(other));
             }
@@ -90,10 +96,10 @@ impl Batch<'_> {
             let task = &self.sweep.tasks[index];
             let ended = match self.standing(session, task) {
                 Standing::Holds(record) => Ended { index, record: *record, was_run: false },
-                Standing::Due(_) => {
+                Standing::Due(due) => {
                     running.hearer.begins(index);
                     count += 1;
-                    let record = self.run(session, task, running.observer, running.cancel)?;
+                    let record = self.run(session, task, due, running.observer, running.cancel)?;
                     let Some(record) = record else { break };
                     Ended { index, record, was_run: true }
                 }

@@ -49,12 +49,19 @@ impl CacheOptions {
         threads: usize,
         catalog: &Arc<Catalog>,
     ) -> Result<Session, String> {
-        let session = Session::with_catalog(catalog.clone(), &self.settings(threads));
-        let session = session.map_err(|error| error.to_string())?;
-        if let Some(trouble) = session.trouble() {
-            eprint(&format!("warning: {trouble}\n"));
-        }
-        Ok(session)
+        opened(catalog, &self.settings(threads))
+    }
+
+    /// One of some sessions that work at the same time, with its share of the memory for results.
+    pub(super) fn session_of(
+        &self,
+        sessions: usize,
+        threads: usize,
+        catalog: &Arc<Catalog>,
+    ) -> Result<Session, String> {
+        let settings = self.settings(threads);
+        let memory = settings.memory / sessions.max(1);
+        opened(catalog, &Settings { memory, ..settings })
     }
 
     /// The words that say where results are kept.
@@ -92,6 +99,15 @@ impl CacheOptions {
     }
 }
 
+fn opened(catalog: &Arc<Catalog>, settings: &Settings) -> Result<Session, String> {
+    let session = Session::with_catalog(catalog.clone(), settings);
+    let session = session.map_err(|error| error.to_string())?;
+    if let Some(trouble) = session.trouble() {
+        eprint(&format!("warning: {trouble}\n"));
+    }
+    Ok(session)
+}
+
 /// Waits until results are on disk, and says so if they cannot be kept.
 pub(super) fn finish(session: &Session) {
     session.finish();
@@ -107,4 +123,27 @@ fn percentage(text: &str) -> Result<f64, String> {
     let number = text.trim().trim_end_matches('%').trim_end().parse::<f64>();
     let inside = number.ok().filter(|number| (0.0..=100.0).contains(number));
     inside.ok_or_else(|| "write a number from 0 to 100".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::catalog::Catalog;
+
+    #[derive(Parser)]
+    struct Words {
+        #[command(flatten)]
+        cache: CacheOptions,
+    }
+
+    #[test]
+    fn sessions_that_work_at_the_same_time_share_the_memory() {
+        let words = ["maquette", "--no-cache", "--memory", "1GB"];
+        let catalog = Arc::new(Catalog::new(&[]));
+        let Words { cache } = Words::parse_from(words);
+        let memory = |sessions| cache.session_of(sessions, 1, &catalog).unwrap().memory();
+        assert_eq!((memory(1), memory(4)), (1_000_000_000, 250_000_000));
+    }
 }

@@ -453,3 +453,13 @@ fn samples_of_the_documentation_run() {
     }
     assert_eq!(count, 2);
 }
+
+#[test]
+fn what_a_killed_batch_left_among_its_records_goes_though_nothing_is_run() {
+    let project = scanned(&["a"], SWEEP);
+    batch(&project, &[]);
+    let left = project.folder().join("all/tasks/.maquette-aB3dE5gH7jK9.part");
+    fs::write(&left, "half of a record").unwrap();
+    let (status, document) = batch(&project, &[]);
+    assert_eq!((status, ran(&document).len(), left.exists()), (Some(0), 0, false));
+}
