@@ -1,7 +1,9 @@
 //! How much is remembered, and where.
 
+use std::collections::BTreeSet;
+use std::ops::{Deref, DerefMut};
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
 
@@ -50,6 +52,15 @@ impl CacheOptions {
         catalog: &Arc<Catalog>,
     ) -> Result<Session, String> {
         opened(catalog, &self.settings(threads))
+    }
+
+    /// The same, for whoever runs a graph and has nothing to tell of its end.
+    pub(super) fn told_session(
+        &self,
+        threads: usize,
+        catalog: &Arc<Catalog>,
+    ) -> Result<ToldSession, String> {
+        self.session(threads, catalog).map(ToldSession)
     }
 
     /// One of some sessions that work at the same time, with its share of the memory for results.
@@ -103,18 +114,45 @@ fn opened(catalog: &Arc<Catalog>, settings: &Settings) -> Result<Session, String
     let session = Session::with_catalog(catalog.clone(), settings);
     let session = session.map_err(|error| error.to_string())?;
     if let Some(trouble) = session.trouble() {
-        eprint(&format!("warning: {trouble}\n"));
+        warn_once(trouble);
     }
     Ok(session)
 }
 
-/// Waits until results are on disk, and says so if they cannot be kept.
+/// A session that [`finish`]es when it goes.
+pub(super) struct ToldSession(Session);
+
+impl Deref for ToldSession {
+    type Target = Session;
+
+    fn deref(&self) -> &Session {
+        &self.0
+    }
+}
+
+impl DerefMut for ToldSession {
+    fn deref_mut(&mut self) -> &mut Session {
+        &mut self.0
+    }
+}
+
+impl Drop for ToldSession {
+    fn drop(&mut self) {
+        finish(&self.0);
+    }
+}
+
+/// Waits until results are on disk, and says so if they cannot be kept, or what trouble there was with the server.
 pub(super) fn finish(session: &Session) {
     session.finish();
-    if let Some(trouble) = session.write_trouble() {
-        eprint(&format!("warning: results are not kept for the next run: {trouble}\n"));
-    }
-    if let Some(trouble) = session.server_trouble() {
+    session.troubles().iter().for_each(|trouble| warn_once(trouble));
+}
+
+/// Warns, unless another session of this process had the same trouble.
+fn warn_once(trouble: &str) {
+    static TOLD: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    let mut told = TOLD.lock().unwrap_or_else(PoisonError::into_inner);
+    if told.insert(trouble.to_owned()) {
         eprint(&format!("warning: {trouble}\n"));
     }
 }

@@ -11,6 +11,7 @@ use serde_json::Value as Json;
 use server::{Mode, Server};
 
 mod server;
+mod trouble;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
