@@ -22,8 +22,8 @@ pub(super) struct CacheOptions {
     #[arg(long, conflicts_with = "folder")]
     no_cache: bool,
     /// A server through which machines share results, as http://host:8080/results: any that keeps what is PUT there and gives it to a
-    /// GET. A name and password may stand before the host, a token in MAQUETTE_CACHE_REMOTE_TOKEN [default:
-    /// $MAQUETTE_CACHE_REMOTE].
+    /// GET. A name and password may stand before the host, a token in MAQUETTE_CACHE_REMOTE_TOKEN. Built with the feature `s3`,
+    /// also https:// and s3://BUCKET/PREFIX, with keys in AWS_ACCESS_KEY_ID and its like [default: $MAQUETTE_CACHE_REMOTE].
     #[arg(long, value_name = "URL", conflicts_with = "no_cache")]
     cache_remote: Option<String>,
     /// How much memory results may hold when no node needs them any more, as 500MB or 2GB. What nodes are working on, the files
