@@ -22,5 +22,5 @@ pub(crate) use emit::{Engine, Handover};
 pub(crate) use file::words;
 pub(crate) use file::{ENDING, Picture, Sweep, Task, read_text, read_untried, schema};
 pub(crate) use record::{Output, State};
-pub(crate) use run::{Batch, Due, Standing, default_folder};
+pub(crate) use run::{Batch, Standing, default_folder};
 pub(crate) use short::text_of;

@@ -1,13 +1,16 @@
 //! Runs the tasks of a batch: one after the other, or several at a time once the first has found what they have in common.
 
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 use super::record::Record;
 use super::run::{Batch, Standing};
 use crate::eval::Observer;
 use crate::node::CancelToken;
 use crate::session::Session;
+use crate::stamp::FINE_GRAIN;
 
 /// A task that came to its end.
 pub(crate) struct Ended {
@@ -91,6 +94,8 @@ impl Batch<'_> {
         most: usize,
     ) -> Result<(), String> {
         let mut count = 0;
+        // Those that were run a moment ago, and when.
+        let mut young = VecDeque::new();
         while count < most && !running.cancel.is_cancelled() {
             let Some(&index) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
             let task = &self.sweep.tasks[index];
@@ -99,12 +104,18 @@ impl Batch<'_> {
                 Standing::Due(due) => {
                     running.hearer.begins(index);
                     count += 1;
-                    let record = self.run(session, task, due, running.observer, running.cancel)?;
+                    let record = self.run(session, task, *due, running.observer, running.cancel)?;
                     let Some(record) = record else { break };
                     Ended { index, record, was_run: true }
                 }
             };
+            if ended.was_run {
+                young.push_back((Instant::now(), task));
+            }
             running.hearer.ended(ended);
+            while let Some((_, task)) = young.pop_front_if(|(ran, _)| FINE_GRAIN < ran.elapsed()) {
+                self.settle(task);
+            }
         }
         Ok(())
     }

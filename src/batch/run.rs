@@ -42,7 +42,7 @@ pub(crate) enum Standing {
     /// Nothing: this is what came of it.
     Holds(Box<Record>),
     /// It is run.
-    Due(Due),
+    Due(Box<Due>),
 }
 
 /// A task that must be run.
@@ -78,12 +78,13 @@ impl Batch<'_> {
     /// Whether a task must be run, and why.
     pub(crate) fn standing(&self, session: &Session, task: &Task) -> Standing {
         let Some(mut record) = Record::read(self.out, &task.name) else {
-            return Standing::Due(Due { reason: "it has not been run".to_owned(), loaded: None });
+            let reason = "it has not been run".to_owned();
+            return Standing::Due(Due { reason, loaded: None }.into());
         };
         session.know(std::mem::take(&mut record.as_read));
         let loaded = self.load(session, task);
         match self.change(&mut record, &loaded) {
-            Some(reason) => Standing::Due(Due { reason, loaded: Some(loaded) }),
+            Some(reason) => Standing::Due(Due { reason, loaded: Some(loaded) }.into()),
             None => Standing::Holds(record.into()),
         }
     }
@@ -104,25 +105,39 @@ impl Batch<'_> {
         if record.state == State::Failed {
             return self.retries.then(|| "it failed".to_owned());
         }
+        record.as_read.clone_from(&files.as_read);
+        if let Some(name) = self.changed_output(record) {
+            return Some(format!("its output `{name}` is not as it was left"));
+        }
+        let has_picture = !record.picture || picture_path(self.out, &record.name).is_file();
+        (!has_picture).then(|| "its picture is not there".to_owned())
+    }
+
+    /// The first output that is not as it was left. If all are, and some were too young before to be believed without a look at their
+    /// content, the record says that they are not any more.
+    fn changed_output(&self, record: &mut Record) -> Option<String> {
         let mut is_better_known = false;
         for output in &mut record.outputs {
             let path = self.out.join(&output.path);
             let before = output.left.as_ref().is_some_and(Left::is_settled);
-            let is_there = output.left.as_mut().is_some_and(|left| left.holds(&path, output.hash));
-            if !is_there {
-                return Some(format!("its output `{}` is not as it was left", output.name));
+            if !output.left.as_mut().is_some_and(|left| left.holds(&path, output.hash)) {
+                return Some(output.name.clone());
             }
             is_better_known |= !before && output.left.as_ref().is_some_and(Left::is_settled);
         }
-        if record.picture && !picture_path(self.out, &record.name).is_file() {
-            return Some("its picture is not there".to_owned());
-        }
         if is_better_known {
-            record.as_read.clone_from(&files.as_read);
             // Only time is lost if it cannot be written.
             let _ = record.write(self.out, &self.destination(&Sources::default()));
         }
         None
+    }
+
+    /// Looks at the outputs of a task that was run a moment ago, so that the next batch need not.
+    pub(super) fn settle(&self, task: &Task) {
+        if let Some(mut record) = Record::read(self.out, &task.name) {
+            // One that somebody has changed is found by the next batch.
+            let _ = self.changed_output(&mut record);
+        }
     }
 
     /// What each node of a task would do now, with the hash of what it is made of.

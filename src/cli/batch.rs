@@ -15,7 +15,7 @@ use super::{
     put_problems, report,
 };
 use crate::batch::{
-    self, Batch as Tasks, Due, Ended, Engine, Handover, Hearer, Running, Standing, State, Sweep,
+    self, Batch as Tasks, Ended, Engine, Handover, Hearer, Running, Standing, State, Sweep,
     at_a_time, default_folder,
 };
 use crate::catalog::Catalog;
@@ -238,7 +238,7 @@ impl Batch {
         for (index, task) in tasks.sweep.tasks.iter().enumerate() {
             let (word, reason) = match tasks.standing(&session, task) {
                 Standing::Holds(record) => (record.state.word(), "nothing has changed".to_owned()),
-                Standing::Due(Due { reason, .. }) => {
+                Standing::Due(found) => {
                     due += 1;
                     let forecast = tasks.forecast(&mut session, task).into_iter();
                     let would = forecast.filter(|(_, it)| it.may_run());
@@ -246,7 +246,8 @@ impl Batch {
                     let count = would.map(|(made, _)| runs.insert(made)).count();
                     all += count;
                     let new = runs.len() - before;
-                    ("run", format!("{reason}; {}, {new} of them new", counted(count, "node")))
+                    let (reason, count) = (found.reason, counted(count, "node"));
+                    ("run", format!("{reason}; {count}, {new} of them new"))
                 }
             };
             print(&format!("{word:<6}  {index:>4}  {:<longest$}  {reason}\n", task.name));
