@@ -16,7 +16,7 @@ mod run;
 mod sheet;
 mod short;
 
-pub(crate) use all::{Ended, Hearer, Running};
+pub(crate) use all::{Ended, Hearer, Running, at_a_time};
 pub(crate) use emit::{Engine, Handover};
 #[cfg(test)]
 pub(crate) use file::words;

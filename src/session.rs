@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::catalog::Catalog;
+#[cfg(feature = "cli")]
+use crate::error::Severity;
 use crate::error::{Error, Problem, code};
 #[cfg(feature = "cli")]
 use crate::eval::Remembered;
@@ -348,6 +350,22 @@ impl Session {
     /// The trouble with the server of results, if there was any: see [`Disk::sharing`].
     pub fn server_trouble(&self) -> Option<&str> {
         self.evaluator.disk().and_then(Disk::server_trouble)
+    }
+
+    /// What went wrong with keeping and sharing results, in words.
+    #[cfg(feature = "cli")]
+    pub(crate) fn troubles(&self) -> Vec<String> {
+        let unkept = |why| format!("results are not kept for the next run: {why}");
+        let server = self.server_trouble().map(str::to_owned);
+        self.write_trouble().map(unkept).into_iter().chain(server).collect()
+    }
+
+    /// The same, as warnings of a graph.
+    #[cfg(feature = "cli")]
+    pub(crate) fn warnings(&self, graph: &Graph) -> Vec<Problem> {
+        let problem = |trouble| graph.problem(code::WARNING, trouble);
+        let warning = |it| Problem { severity: Severity::Warning, ..problem(it) };
+        self.troubles().into_iter().map(warning).collect()
     }
 
     /// What the server of results was asked for so far, if there is one.

@@ -200,6 +200,8 @@ pub(crate) struct Settings<'a> {
     pub(crate) threads: usize,
     /// Makes a session of one thread: each case is run by one, and each that runs beside others needs its own.
     pub(crate) session: &'a (dyn Fn() -> Result<Session, String> + Sync),
+    /// Is called with each session when there is nothing more to do for it.
+    pub(crate) finish: &'a (dyn Fn(&Session) + Sync),
 }
 
 /// What came out of all tests.
@@ -279,7 +281,7 @@ pub(crate) fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, 
                 let case = job.run(&mut session, settings.locked);
                 done.lock().unwrap_or_else(|broken| broken.into_inner()).push((index, case));
             }
-            session.finish();
+            (settings.finish)(&session);
         }
     };
     std::thread::scope(|scope| {
@@ -322,6 +324,7 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
         locked: false,
         threads,
         session: &|| cold_session(catalog, None),
+        finish: &Session::finish,
     };
     let report = run(&case::find(folder), &settings)?;
     let mut failures =

@@ -1,13 +1,16 @@
 //! Runs the tasks of a batch: one after the other, or several at a time once the first has found what they have in common.
 
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 use super::record::Record;
 use super::run::{Batch, Standing};
 use crate::eval::Observer;
 use crate::node::CancelToken;
 use crate::session::Session;
+use crate::stamp::FINE_GRAIN;
 
 /// A task that came to its end.
 pub(crate) struct Ended {
@@ -39,6 +42,11 @@ pub(crate) struct Running<'a> {
     pub(crate) cancel: &'a CancelToken,
 }
 
+/// How many of some tasks are run at a time, where so many may be: the first is run alone.
+pub(crate) fn at_a_time(jobs: usize, tasks: usize) -> usize {
+    if tasks < 3 { 1 } else { jobs.min(tasks) }
+}
+
 impl Batch<'_> {
     /// Runs these tasks, except those that need not be.
     ///
@@ -46,8 +54,9 @@ impl Batch<'_> {
     /// In words, if there can be no session, or a record cannot be written: the rest is not run then.
     pub(crate) fn run_all(&self, tasks: &[usize], running: &Running<'_>) -> Result<(), String> {
         let next = AtomicUsize::new(0);
+        self.sweep_records();
         let mut session = (running.session)()?;
-        if running.jobs < 2 || tasks.len() < 3 {
+        if running.jobs < 2 {
             self.worked(&mut session, tasks, &next, running, usize::MAX)?;
             (running.finish)(&session);
             return Ok(());
@@ -65,7 +74,7 @@ impl Batch<'_> {
             }
         };
         std::thread::scope(|scope| {
-            for _ in 1..running.jobs.min(tasks.len()) {
+            for _ in 1..running.jobs {
                 let other = (running.session)()?;
                 scope.spawn(|| work(other));
             }
@@ -85,20 +94,28 @@ impl Batch<'_> {
         most: usize,
     ) -> Result<(), String> {
         let mut count = 0;
+        // Those that were run a moment ago, and when.
+        let mut young = VecDeque::new();
         while count < most && !running.cancel.is_cancelled() {
             let Some(&index) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
             let task = &self.sweep.tasks[index];
             let ended = match self.standing(session, task) {
                 Standing::Holds(record) => Ended { index, record: *record, was_run: false },
-                Standing::Due(_) => {
+                Standing::Due(due) => {
                     running.hearer.begins(index);
                     count += 1;
-                    let record = self.run(session, task, running.observer, running.cancel)?;
+                    let record = self.run(session, task, *due, running.observer, running.cancel)?;
                     let Some(record) = record else { break };
                     Ended { index, record, was_run: true }
                 }
             };
+            if ended.was_run {
+                young.push_back((Instant::now(), task));
+            }
             running.hearer.ended(ended);
+            while let Some((_, task)) = young.pop_front_if(|(ran, _)| FINE_GRAIN < ran.elapsed()) {
+                self.settle(task);
+            }
         }
         Ok(())
     }

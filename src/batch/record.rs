@@ -80,7 +80,7 @@ impl Record {
     pub(super) fn write(&self, out: &Path, destination: &Destination<'_>) -> Result<(), Refused> {
         let mut bytes = serde_json::to_vec_pretty(self).map_err(std::io::Error::from)?;
         bytes.push(b'\n');
-        destination.put(&path(out, &self.name), &bytes)
+        destination.write(&path(out, &self.name), &bytes).map(drop)
     }
 }
 

@@ -41,8 +41,16 @@ pub(crate) struct Batch<'a> {
 pub(crate) enum Standing {
     /// Nothing: this is what came of it.
     Holds(Box<Record>),
-    /// It is run, for this reason.
-    Due(String),
+    /// It is run.
+    Due(Box<Due>),
+}
+
+/// A task that must be run.
+pub(crate) struct Due {
+    /// Why.
+    pub(crate) reason: String,
+    /// Its graph, if that was read to find out.
+    loaded: Option<Loaded>,
 }
 
 /// A task's graph, or why there is none.
@@ -70,48 +78,66 @@ impl Batch<'_> {
     /// Whether a task must be run, and why.
     pub(crate) fn standing(&self, session: &Session, task: &Task) -> Standing {
         let Some(mut record) = Record::read(self.out, &task.name) else {
-            return Standing::Due("it has not been run".to_owned());
+            let reason = "it has not been run".to_owned();
+            return Standing::Due(Due { reason, loaded: None }.into());
         };
         session.know(std::mem::take(&mut record.as_read));
-        let Some((key, files)) = self.load(session, task).made_of else {
-            return Standing::Due("a file cannot be read".to_owned());
+        let loaded = self.load(session, task);
+        match self.change(&mut record, &loaded) {
+            Some(reason) => Standing::Due(Due { reason, loaded: Some(loaded) }.into()),
+            None => Standing::Holds(record.into()),
+        }
+    }
+
+    /// Why a task's record does not hold any more, if it does not.
+    fn change(&self, record: &mut Record, loaded: &Loaded) -> Option<String> {
+        let Some((key, files)) = &loaded.made_of else {
+            return Some("a file cannot be read".to_owned());
         };
-        if Some(key) != record.key {
-            return Standing::Due("the graph, its values or the program changed".to_owned());
+        if Some(*key) != record.key {
+            return Some("the graph, its values or the program changed".to_owned());
         }
         let changed =
             files.by_name.iter().find(|(name, hash)| record.files.get(*name) != Some(*hash));
         if let Some((name, _)) = changed {
-            return Standing::Due(format!("`{name}` changed"));
+            return Some(format!("`{name}` changed"));
         }
         if record.state == State::Failed {
-            return match self.retries {
-                true => Standing::Due("it failed".to_owned()),
-                false => Standing::Holds(record.into()),
-            };
+            return self.retries.then(|| "it failed".to_owned());
         }
+        record.as_read.clone_from(&files.as_read);
+        if let Some(name) = self.changed_output(record) {
+            return Some(format!("its output `{name}` is not as it was left"));
+        }
+        let has_picture = !record.picture || picture_path(self.out, &record.name).is_file();
+        (!has_picture).then(|| "its picture is not there".to_owned())
+    }
+
+    /// The first output that is not as it was left. If all are, and some were too young before to be believed without a look at their
+    /// content, the record says that they are not any more.
+    fn changed_output(&self, record: &mut Record) -> Option<String> {
         let mut is_better_known = false;
         for output in &mut record.outputs {
             let path = self.out.join(&output.path);
             let before = output.left.as_ref().is_some_and(Left::is_settled);
-            let is_there = output.left.as_mut().is_some_and(|left| left.holds(&path, output.hash));
-            if !is_there {
-                return Standing::Due(format!(
-                    "its output `{}` is not as it was left",
-                    output.name
-                ));
+            if !output.left.as_mut().is_some_and(|left| left.holds(&path, output.hash)) {
+                return Some(output.name.clone());
             }
             is_better_known |= !before && output.left.as_ref().is_some_and(Left::is_settled);
         }
-        if record.picture && !picture_path(self.out, &task.name).is_file() {
-            return Standing::Due("its picture is not there".to_owned());
-        }
-        record.as_read = files.as_read;
         if is_better_known {
             // Only time is lost if it cannot be written.
             let _ = record.write(self.out, &self.destination(&Sources::default()));
         }
-        Standing::Holds(record.into())
+        None
+    }
+
+    /// Looks at the outputs of a task that was run a moment ago, so that the next batch need not.
+    pub(super) fn settle(&self, task: &Task) {
+        if let Some(mut record) = Record::read(self.out, &task.name) {
+            // One that somebody has changed is found by the next batch.
+            let _ = self.changed_output(&mut record);
+        }
     }
 
     /// What each node of a task would do now, with the hash of what it is made of.
@@ -144,11 +170,13 @@ impl Batch<'_> {
         &self,
         session: &mut Session,
         task: &Task,
+        due: Due,
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Result<Option<Record>, String> {
         let start = Instant::now();
-        let Loaded { graph, mut problems, made_of } = self.load(session, task);
+        let loaded = due.loaded.unwrap_or_else(|| self.load(session, task));
+        let Loaded { graph, mut problems, made_of } = loaded;
         let (key, files) = made_of.unzip();
         let files = files.unwrap_or_default();
         let sources = graph.as_ref().map(Sources::of).unwrap_or_default();
@@ -172,7 +200,7 @@ impl Batch<'_> {
         };
         let path = picture_path(self.out, &task.name);
         if let Some(picture) = &done.picture {
-            destination.put(&path, picture).map_err(|why| cannot(&path, &why))?;
+            destination.write(&path, picture).map_err(|why| cannot(&path, &why))?;
         }
         let has_error = problems.iter().any(|problem| problem.severity == Severity::Error);
         let names = self.sweep.names.iter().cloned();
@@ -254,6 +282,12 @@ impl Batch<'_> {
         let pixels = image.pixels().as_flattened();
         encoder.write_image(pixels, width.0, height.0, ExtendedColorType::Rgb8).ok()?;
         Some(bytes)
+    }
+
+    /// Removes what killed processes left among the records: once, because there may be many.
+    pub(super) fn sweep_records(&self) {
+        let folder = self.out.join(super::record::FOLDER);
+        self.destination(&Sources::default()).sweep(&folder);
     }
 
     pub(super) fn destination<'s>(&self, sources: &'s Sources) -> Destination<'s> {

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::batch::{
     self, Batch as Tasks, Ended, Engine, Handover, Hearer, Running, Standing, State, Sweep,
-    default_folder,
+    at_a_time, default_folder,
 };
 use crate::catalog::Catalog;
 use crate::error::Problem;
@@ -41,7 +41,7 @@ pub(super) struct Batch {
     /// The folder of results; `out/SWEEP` if left out.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// How many tasks to run at a time.
+    /// How many tasks to run at a time, each with its share of --memory.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: u16,
     /// Run what failed again, though nothing has changed.
@@ -205,15 +205,15 @@ impl Batch {
         words
     }
 
-    fn session(&self, catalog: &Arc<Catalog>) -> Result<Session, String> {
-        let jobs = usize::from(self.jobs);
+    /// One of so many sessions that work at the same time.
+    fn session(&self, jobs: usize, catalog: &Arc<Catalog>) -> Result<Session, String> {
         let threads = match (self.threads, jobs) {
             (0, 2..) => {
                 std::thread::available_parallelism().map_or(1, |all| (all.get() / jobs).max(1))
             }
             (threads, _) => threads,
         };
-        self.cache.session(threads, catalog)
+        self.cache.session_of(jobs, threads, catalog)
     }
 
     fn tell_problems(&self, problems: &[Problem]) {
@@ -229,7 +229,7 @@ impl Batch {
 
     /// Says what would run.
     fn forecast(&self, tasks: &Tasks<'_>, catalog: &Arc<Catalog>) -> Exit {
-        let mut session = match self.session(catalog) {
+        let mut session = match self.session(1, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
@@ -238,7 +238,7 @@ impl Batch {
         for (index, task) in tasks.sweep.tasks.iter().enumerate() {
             let (word, reason) = match tasks.standing(&session, task) {
                 Standing::Holds(record) => (record.state.word(), "nothing has changed".to_owned()),
-                Standing::Due(reason) => {
+                Standing::Due(found) => {
                     due += 1;
                     let forecast = tasks.forecast(&mut session, task).into_iter();
                     let would = forecast.filter(|(_, it)| it.may_run());
@@ -246,7 +246,8 @@ impl Batch {
                     let count = would.map(|(made, _)| runs.insert(made)).count();
                     all += count;
                     let new = runs.len() - before;
-                    ("run", format!("{reason}; {}, {new} of them new", counted(count, "node")))
+                    let (reason, count) = (found.reason, counted(count, "node"));
+                    ("run", format!("{reason}; {count}, {new} of them new"))
                 }
             };
             print(&format!("{word:<6}  {index:>4}  {:<longest$}  {reason}\n", task.name));
@@ -285,11 +286,12 @@ impl Batch {
         let events = self.events.then(|| Events::new(Listener::of_stdout(), cancel.clone()));
         let observer: &(dyn Observer + Sync) = events.as_ref().map_or(&(), |events| events);
         let teller = Teller::new(tasks.sweep, self.json, self.events);
+        let jobs = at_a_time(usize::from(self.jobs), wanted.len());
         let ended = tasks.run_all(
             wanted,
             &Running {
-                jobs: usize::from(self.jobs),
-                session: &|| self.session(catalog),
+                jobs,
+                session: &|| self.session(jobs, catalog),
                 finish: &caching::finish,
                 observer,
                 hearer: &teller,

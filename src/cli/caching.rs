@@ -1,7 +1,9 @@
 //! How much is remembered, and where.
 
+use std::collections::BTreeSet;
+use std::ops::{Deref, DerefMut};
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
 
@@ -20,8 +22,8 @@ pub(super) struct CacheOptions {
     #[arg(long, conflicts_with = "folder")]
     no_cache: bool,
     /// A server through which machines share results, as http://host:8080/results: any that keeps what is PUT there and gives it to a
-    /// GET. A name and password may stand before the host, a token in MAQUETTE_CACHE_REMOTE_TOKEN [default:
-    /// $MAQUETTE_CACHE_REMOTE].
+    /// GET. A name and password may stand before the host, a token in MAQUETTE_CACHE_REMOTE_TOKEN. Built with the feature `s3`,
+    /// also https:// and s3://BUCKET/PREFIX, with keys in AWS_ACCESS_KEY_ID and its like [default: $MAQUETTE_CACHE_REMOTE].
     #[arg(long, value_name = "URL", conflicts_with = "no_cache")]
     cache_remote: Option<String>,
     /// How much memory results may hold when no node needs them any more, as 500MB or 2GB. What nodes are working on, the files
@@ -49,12 +51,28 @@ impl CacheOptions {
         threads: usize,
         catalog: &Arc<Catalog>,
     ) -> Result<Session, String> {
-        let session = Session::with_catalog(catalog.clone(), &self.settings(threads));
-        let session = session.map_err(|error| error.to_string())?;
-        if let Some(trouble) = session.trouble() {
-            eprint(&format!("warning: {trouble}\n"));
-        }
-        Ok(session)
+        opened(catalog, &self.settings(threads))
+    }
+
+    /// The same, for whoever runs a graph and has nothing to tell of its end.
+    pub(super) fn told_session(
+        &self,
+        threads: usize,
+        catalog: &Arc<Catalog>,
+    ) -> Result<ToldSession, String> {
+        self.session(threads, catalog).map(ToldSession)
+    }
+
+    /// One of some sessions that work at the same time, with its share of the memory for results.
+    pub(super) fn session_of(
+        &self,
+        sessions: usize,
+        threads: usize,
+        catalog: &Arc<Catalog>,
+    ) -> Result<Session, String> {
+        let settings = self.settings(threads);
+        let memory = settings.memory / sessions.max(1);
+        opened(catalog, &Settings { memory, ..settings })
     }
 
     /// The words that say where results are kept.
@@ -92,13 +110,49 @@ impl CacheOptions {
     }
 }
 
-/// Waits until results are on disk, and says so if they cannot be kept.
+fn opened(catalog: &Arc<Catalog>, settings: &Settings) -> Result<Session, String> {
+    let session = Session::with_catalog(catalog.clone(), settings);
+    let session = session.map_err(|error| error.to_string())?;
+    if let Some(trouble) = session.trouble() {
+        warn_once(trouble);
+    }
+    Ok(session)
+}
+
+/// A session that [`finish`]es when it goes.
+pub(super) struct ToldSession(Session);
+
+impl Deref for ToldSession {
+    type Target = Session;
+
+    fn deref(&self) -> &Session {
+        &self.0
+    }
+}
+
+impl DerefMut for ToldSession {
+    fn deref_mut(&mut self) -> &mut Session {
+        &mut self.0
+    }
+}
+
+impl Drop for ToldSession {
+    fn drop(&mut self) {
+        finish(&self.0);
+    }
+}
+
+/// Waits until results are on disk, and says so if they cannot be kept, or what trouble there was with the server.
 pub(super) fn finish(session: &Session) {
     session.finish();
-    if let Some(trouble) = session.write_trouble() {
-        eprint(&format!("warning: results are not kept for the next run: {trouble}\n"));
-    }
-    if let Some(trouble) = session.server_trouble() {
+    session.troubles().iter().for_each(|trouble| warn_once(trouble));
+}
+
+/// Warns, unless another session of this process had the same trouble.
+fn warn_once(trouble: &str) {
+    static TOLD: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    let mut told = TOLD.lock().unwrap_or_else(PoisonError::into_inner);
+    if told.insert(trouble.to_owned()) {
         eprint(&format!("warning: {trouble}\n"));
     }
 }
@@ -107,4 +161,27 @@ fn percentage(text: &str) -> Result<f64, String> {
     let number = text.trim().trim_end_matches('%').trim_end().parse::<f64>();
     let inside = number.ok().filter(|number| (0.0..=100.0).contains(number));
     inside.ok_or_else(|| "write a number from 0 to 100".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::catalog::Catalog;
+
+    #[derive(Parser)]
+    struct Words {
+        #[command(flatten)]
+        cache: CacheOptions,
+    }
+
+    #[test]
+    fn sessions_that_work_at_the_same_time_share_the_memory() {
+        let words = ["maquette", "--no-cache", "--memory", "1GB"];
+        let catalog = Arc::new(Catalog::new(&[]));
+        let Words { cache } = Words::parse_from(words);
+        let memory = |sessions| cache.session_of(sessions, 1, &catalog).unwrap().memory();
+        assert_eq!((memory(1), memory(4)), (1_000_000_000, 250_000_000));
+    }
 }

@@ -83,7 +83,7 @@ impl Gallery {
             } else {
                 let session = match &mut session {
                     Some(session) => session,
-                    none => none.insert(self.cache.session(0, catalog)?),
+                    none => none.insert(self.cache.told_session(0, catalog)?),
                 };
                 let bytes = picture_of(&graph, session)
                     .ok_or_else(|| format!("{} gives nothing to be seen", path.display()))?;

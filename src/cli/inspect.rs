@@ -107,7 +107,7 @@ impl Inspect {
         if is_whole && let Err(why) = self.find(&graph) {
             return Exit::Usage(why);
         }
-        let mut session = match self.cache.session(self.threads, catalog) {
+        let mut session = match self.cache.told_session(self.threads, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };

@@ -137,7 +137,7 @@ impl Render {
         if is_whole {
             check(&graph)?;
         }
-        let mut session = self.cache.session(0, catalog).map_err(Exit::Usage)?;
+        let mut session = self.cache.told_session(0, catalog).map_err(Exit::Usage)?;
         self.inputs.protect(sources);
         let graph = self.inputs.told(&session, &graph)?;
         let progress = Progress::new(graph.nodes.len());

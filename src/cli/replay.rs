@@ -113,7 +113,7 @@ impl Replay {
     }
 
     fn replay(&self, path: &Path, told: &Told, catalog: &Arc<Catalog>) -> Exit {
-        let mut session = match self.cache.session(self.threads, catalog) {
+        let mut session = match self.cache.told_session(self.threads, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };

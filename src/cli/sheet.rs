@@ -47,7 +47,7 @@ const NOTHING: Rgb = [255, 0, 255];
 
 impl Sheet {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let mut session = match self.cache.session(0, catalog) {
+        let mut session = match self.cache.told_session(0, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use clap::Args;
 use serde_json::json;
 
-use super::caching::CacheOptions;
+use super::caching::{self, CacheOptions};
 use super::files::{is_beside, without};
 use super::{Exit, counted, eprint, print, print_json, report};
 use crate::catalog::Catalog;
@@ -107,6 +107,7 @@ impl Test {
                 true => suite::cold_session(catalog, self.cache.max_memory),
                 false => self.cache.session(1, catalog),
             },
+            finish: &caching::finish,
         };
         let report = match suite::run(&files, &settings) {
             Ok(report) => report,

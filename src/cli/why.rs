@@ -29,7 +29,7 @@ impl Why {
         let checked = self.options.load(&self.graph, catalog).as_far_as_known();
         report(&checked.problems);
         let Some(graph) = checked.graph else { return Exit::Failed };
-        let mut session = match self.cache.session(1, catalog) {
+        let mut session = match self.cache.told_session(1, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };

@@ -453,3 +453,24 @@ fn samples_of_the_documentation_run() {
     }
     assert_eq!(count, 2);
 }
+
+#[test]
+fn what_a_killed_batch_left_among_its_records_goes_though_nothing_is_run() {
+    let project = scanned(&["a"], SWEEP);
+    batch(&project, &[]);
+    let left = project.folder().join("all/tasks/.maquette-aB3dE5gH7jK9.part");
+    fs::write(&left, "half of a record").unwrap();
+    let (status, document) = batch(&project, &[]);
+    assert_eq!((status, ran(&document).len(), left.exists()), (Some(0), 0, false));
+}
+
+#[test]
+fn the_next_batch_need_not_read_the_outputs_of_tasks_that_were_run_a_while_before_the_last() {
+    let project = scanned(&["a"], SWEEP);
+    batch(&project, &[]);
+    let record = fs::read(project.folder().join("all/tasks/a/5_0.json")).unwrap();
+    let record: Json = serde_json::from_slice(&record).unwrap();
+    let outputs = record["outputs"].as_array().unwrap();
+    assert!(!outputs.is_empty());
+    assert!(outputs.iter().all(|output| output["left"]["settled"] == true), "{record}");
+}

@@ -11,6 +11,7 @@ use serde_json::Value as Json;
 use server::{Mode, Server};
 
 mod server;
+mod trouble;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
@@ -308,13 +309,27 @@ fn whether_the_server_answers_is_told() {
     assert_eq!(ls(&server.address())["why"], "500 Internal Server Error");
     let lost = ls("http://127.0.0.1:9/");
     assert_eq!((&lost["answers"], &lost["address"]), (&false.into(), &"http://127.0.0.1:9".into()));
+}
 
-    let output = machine.command(&["run", "doll.ron", "--cache-remote", "https://h"]).output();
-    let output = output.unwrap();
-    assert_eq!(output.status.code(), Some(2));
-    assert!(
-        said(&output).contains("--cache-remote: https is not spoken here"),
-        "{}",
-        said(&output)
-    );
+#[test]
+fn what_this_build_does_not_speak_is_said_with_the_feature_that_does() {
+    let machine = Machine::new();
+    for (address, spoken, told) in [
+        (
+            "https://h",
+            cfg!(feature = "tls"),
+            "https is not spoken here: build with the feature `tls`",
+        ),
+        (
+            "s3://b",
+            cfg!(feature = "s3"),
+            "buckets are not spoken to here: build with the feature `s3`",
+        ),
+    ] {
+        let output = machine.command(&["cache", "ls", "--cache-remote", address]).output().unwrap();
+        let words = said(&output);
+        let is_told = words.contains(&format!("--cache-remote: {told}"));
+        assert_eq!(is_told, !spoken, "{words}");
+        assert!(!is_told || output.status.code() == Some(2), "{words}");
+    }
 }

@@ -39,7 +39,7 @@ const ROOMS: [(&str, &[&str]); 36] = [
         "batch",
         &[
             "base64", "catalog", "error", "eval", "files", "graph", "node", "paths", "plain",
-            "render", "session", "telling", "text", "value", "writing",
+            "render", "session", "stamp", "telling", "text", "value", "writing",
         ],
     ),
     ("catalog", &["error", "format", "node", "pack", "plain", "reading", "text", "value"]),

@@ -112,6 +112,7 @@ impl Runner {
             return Ok(json!({ "cancelled": true }));
         }
         problems.extend(finished.problems());
+        problems.extend(self.session.warnings(&graph));
         let values = self.values(&finished, want.as_deref());
         self.columns.answered(&run.slot());
         let trace = finished.trace();

@@ -175,15 +175,7 @@ fn evaluate(
             (RunTrace::default(), Vec::new(), true)
         }
     };
-    if let Some(trouble) = session.write_trouble() {
-        let message = format!("results are not kept for the next run: {trouble}");
-        let problem = job.graph.problem(code::WARNING, message);
-        problems.push(Problem { severity: Severity::Warning, ..problem });
-    }
-    if let Some(trouble) = session.server_trouble() {
-        let problem = job.graph.problem(code::WARNING, trouble.to_owned());
-        problems.push(Problem { severity: Severity::Warning, ..problem });
-    }
+    problems.extend(session.warnings(&job.graph));
     let cancelled = job.cancel.is_cancelled();
     let enough = |trace: &RunTrace| {
         let bytes: usize = trace.0.iter().map(|node| node.bytes).sum();

@@ -1,4 +1,4 @@
-//! Results that machines share, through a server that keeps files by name: `URL/BUILD/NAME`.
+//! Results that machines share, through a server or a bucket that keeps files by name: `URL/BUILD/NAME`.
 //!
 //! What it gives is believed exactly as what is on disk: if its checksum, which is one of its name, too, fits. It is a help, never a
 //! need: after the first request that fails or is not answered in time, or when it has cost more time than it has saved, it is left
@@ -12,7 +12,12 @@ use std::time::Instant;
 use super::super::lock;
 
 mod address;
+// Tests have buckets in any build.
+#[cfg_attr(not(any(test, feature = "s3")), path = "remote/no_bucket.rs")]
+mod bucket;
 mod client;
+#[cfg(any(test, feature = "s3"))]
+mod signature;
 mod uploads;
 
 pub(super) use address::Address;
@@ -46,7 +51,7 @@ pub struct Exchange {
 struct Server {
     client: Client,
     address: Address,
-    /// Where the files of this build are.
+    /// The folder of this build's files.
     home: String,
     /// It is neither asked nor sent anything any more.
     is_left: AtomicBool,
@@ -80,8 +85,8 @@ impl Remote {
     /// The server for the results of this build.
     pub(super) fn new(address: Address, fingerprint: &str) -> Self {
         let server = Arc::new(Server {
-            client: Client::new(&address),
-            home: format!("{address}/{fingerprint}"),
+            client: Client::new(address.clone()),
+            home: fingerprint.to_owned(),
             address,
             is_left: AtomicBool::new(false),
             is_full: AtomicBool::new(false),
@@ -102,9 +107,9 @@ impl Remote {
         judged: impl FnOnce(Vec<u8>) -> Option<T>,
     ) -> Option<T> {
         let server = &*self.server;
-        let url = server.url(path).filter(|_| !server.is_left.load(Ordering::Relaxed))?;
+        let name = server.name(path).filter(|_| !server.is_left.load(Ordering::Relaxed))?;
         server.begin();
-        let answer = server.client.get(&url, most, worth);
+        let answer = server.client.get(&name, most, worth);
         server.end();
         match answer {
             Answer::Is(bytes) => {
@@ -158,11 +163,12 @@ impl Remote {
 
 /// Whether there is a server that answers at this address; else why not.
 pub(super) fn reach(address: &Address) -> Result<(), String> {
-    Client::new(address).head(&format!("{address}/")).map(drop)
+    Client::new(address.clone()).reach()
 }
 
 impl Server {
-    fn url(&self, path: &Path) -> Option<String> {
+    /// What the server calls a file.
+    fn name(&self, path: &Path) -> Option<String> {
         Some(format!("{}/{}", self.home, path.file_name()?.to_str()?))
     }
 
@@ -179,9 +185,9 @@ impl Server {
         }
         let opened = std::fs::File::open(path).and_then(|file| Ok((file.metadata()?.len(), file)));
         // Who has cleared the cache meanwhile does not care.
-        let (Ok((length, file)), Some(url)) = (opened, self.url(path)) else { return false };
+        let (Ok((length, file)), Some(name)) = (opened, self.name(path)) else { return false };
         if !is_new {
-            match self.client.head(&url) {
+            match self.client.head(&name) {
                 Ok(there) if there == Some(length) => return true,
                 Ok(_) => {}
                 Err(why) => {
@@ -190,7 +196,7 @@ impl Server {
                 }
             }
         }
-        let reply = self.client.put(&url, length, uploads::Until { file, cancelled: &cancelled });
+        let reply = self.client.put(&name, length, uploads::Until { file, cancelled: &cancelled });
         match reply {
             Reply::Took => return true,
             Reply::TooLarge => self.tell(format!("it takes no file of {length} bytes")),

@@ -19,13 +19,14 @@ const TOKEN: &str = "MAQUETTE_CACHE_REMOTE_TOKEN";
 impl Disk {
     /// The same, sharing results with other machines through the server at this address, such as `http://host:8080/results`: one that
     /// keeps what is `PUT` there and gives it to a `GET`. A name and password stand in the address, a token in
-    /// `MAQUETTE_CACHE_REMOTE_TOKEN`.
+    /// `MAQUETTE_CACHE_REMOTE_TOKEN`. `https://` is for builds with the feature `tls`, `s3://bucket/results` for those with the feature
+    /// `s3`, whose keys are in the usual variables, such as `AWS_ACCESS_KEY_ID`.
     ///
     /// What is found there is put into the folder, if it is whole, and what is kept in the folder from now on is sent there. No result
     /// hangs on the server: one that is slow, lost or wrong is left alone. Who may write there is trusted, as in the folder.
     ///
     /// # Errors
-    /// In words, if it is no address.
+    /// In words, if it is no address, or there are no keys for a bucket.
     pub fn sharing(self, server: &str) -> Result<Self, String> {
         let fingerprint = self.store.home.file_name().unwrap_or_default().to_string_lossy();
         let remote = Remote::new(address(server)?, &fingerprint);

@@ -4,11 +4,13 @@ use std::io::{self, Read};
 use std::time::{Duration, Instant};
 
 use ureq::http::{Response, StatusCode};
+#[cfg(feature = "tls")]
+use ureq::tls::{RootCerts, TlsConfig};
 use ureq::{Agent, Body, Error, RequestBuilder, SendBody};
 
 use super::address::Address;
 
-/// How long it may take to find the server, and then to reach it.
+/// How long it may take to find the server, and then to reach it; twice as long where keys are exchanged, too.
 const TO_REACH: Duration = Duration::from_millis(300);
 
 /// How long the server may take to begin its answer, and may stop in the middle of it.
@@ -20,9 +22,12 @@ const TO_STORE: Duration = Duration::from_secs(5);
 /// How many seconds an answer may take whatever it is worth.
 const PATIENCE: f64 = 0.5;
 
+/// What a bucket says of a refusal is shorter.
+const MOST_WORDS: u64 = 8 << 10;
+
 pub(super) struct Client {
     agent: Agent,
-    authorization: Option<String>,
+    address: Address,
 }
 
 /// What a server said of something that it was asked for.
@@ -45,7 +50,8 @@ pub(super) enum Reply {
 }
 
 impl Client {
-    pub(super) fn new(address: &Address) -> Self {
+    pub(super) fn new(address: Address) -> Self {
+        let is_encrypted = address.of("").starts_with("https");
         let config = Agent::config_builder()
             .http_status_as_error(false)
             // What is elsewhere is not what was asked for.
@@ -56,26 +62,43 @@ impl Client {
             // One that the server is about to close looks like a server that is lost.
             .max_idle_age(Duration::from_secs(2))
             .timeout_resolve(Some(TO_REACH))
-            .timeout_connect(Some(TO_REACH))
+            .timeout_connect(Some(if is_encrypted { 2 * TO_REACH } else { TO_REACH }))
             .timeout_per_read(Some(TO_ANSWER))
             .timeout_per_write(Some(TO_ANSWER))
             .timeout_recv_response(Some(TO_ANSWER));
-        let authorization = address.authorization().map(str::to_owned);
-        Self { agent: config.build().into(), authorization }
+        // Whom the machine trusts is trusted, and nobody else.
+        #[cfg(feature = "tls")]
+        let config =
+            config.tls_config(TlsConfig::builder().root_certs(RootCerts::PlatformVerifier).build());
+        Self { agent: config.build().into(), address }
     }
 
-    /// What is at this address, at most `most` bytes, unless it takes longer than `worth` seconds.
-    pub(super) fn get(&self, url: &str, most: u64, worth: f64) -> Answer {
-        match self.authorized(self.agent.get(url)).call() {
+    /// Whether the server answers; else why not.
+    pub(super) fn reach(&self) -> Result<(), String> {
+        // Only in its answer to a GET a bucket says why it refuses.
+        match self.address.bucket().map(|_| self.get("answers", 0, 0.0)) {
+            Some(Answer::Fails(why)) => Err(why),
+            Some(Answer::Is(_) | Answer::IsNot) => Ok(()),
+            None => self.head("").map(drop),
+        }
+    }
+
+    /// What is in the file of this name, at most `most` bytes, unless it takes longer than `worth` seconds.
+    pub(super) fn get(&self, file: &str, most: u64, worth: f64) -> Answer {
+        let request = self.signed(self.agent.get(self.address.of(file)), "GET", file);
+        match request.call() {
+            Ok(mut response) if response.status() != StatusCode::OK => {
+                self.refusal(&mut response).map_or(Answer::IsNot, Answer::Fails)
+            }
             Ok(response) => body(response, most, worth),
             Err(error) => Answer::Fails(in_words(&error)),
         }
     }
 
-    /// How many bytes are at this address, if anything is; why the server is of no use, if it is of none.
-    pub(super) fn head(&self, url: &str) -> Result<Option<u64>, String> {
-        let response = self.authorized(self.agent.head(url)).call();
-        let response = response.map_err(|error| in_words(&error))?;
+    /// How many bytes are in the file of this name, if there is one; why the server is of no use, if it is of none.
+    pub(super) fn head(&self, file: &str) -> Result<Option<u64>, String> {
+        let request = self.signed(self.agent.head(self.address.of(file)), "HEAD", file);
+        let response = request.call().map_err(|error| in_words(&error))?;
         let status = response.status();
         if status == StatusCode::UNAUTHORIZED || status.is_server_error() {
             return Err(status.to_string());
@@ -83,43 +106,57 @@ impl Client {
         Ok(response.body().content_length().filter(|_| status == StatusCode::OK))
     }
 
-    /// Puts so many bytes at this address.
-    pub(super) fn put(&self, url: &str, length: u64, mut bytes: impl Read) -> Reply {
-        let request = self.authorized(self.agent.put(url)).header("Content-Length", length);
+    /// Puts so many bytes into the file of this name.
+    pub(super) fn put(&self, file: &str, length: u64, mut bytes: impl Read) -> Reply {
+        let request = self.signed(self.agent.put(self.address.of(file)), "PUT", file);
+        let request = request.header("Content-Length", length);
         let request = request.content_type("application/octet-stream").config();
         let request =
             request.timeout_recv_response(Some(TO_STORE)).timeout_per_read(Some(TO_STORE));
         match request.build().send(SendBody::from_reader(&mut bytes)) {
-            Ok(response) => reply(response.status()),
+            Ok(response) if response.status().is_success() => Reply::Took,
+            Ok(mut response) => {
+                let status = response.status();
+                reply(status, self.refusal(&mut response).unwrap_or_else(|| status.to_string()))
+            }
             Err(error) => Reply::Fails(in_words(&error)),
         }
     }
 
-    fn authorized<B>(&self, request: RequestBuilder<B>) -> RequestBuilder<B> {
-        match &self.authorization {
-            Some(authorization) => request.header("Authorization", authorization),
-            None => request,
-        }
+    /// A request with what is said of who one is.
+    fn signed<B>(&self, request: RequestBuilder<B>, method: &str, file: &str) -> RequestBuilder<B> {
+        let headers = self.address.headers(method, file).into_iter();
+        headers.fold(request, |request, (name, value)| request.header(name, value))
+    }
+
+    /// Why the server refuses what it was asked for; none if it has no such thing, or has it elsewhere.
+    fn refusal(&self, response: &mut Response<Body>) -> Option<String> {
+        let status = response.status();
+        let Some(bucket) = self.address.bucket() else {
+            let is_none = [StatusCode::NOT_FOUND, StatusCode::GONE, StatusCode::NO_CONTENT];
+            let is_absent = status.is_redirection() || is_none.contains(&status);
+            return (!is_absent).then(|| status.to_string());
+        };
+        let mut said = Vec::new();
+        // What cannot be read says nothing.
+        let _ = response.body_mut().as_reader().take(MOST_WORDS).read_to_end(&mut said);
+        let region = response.headers().get("x-amz-bucket-region");
+        let region = region.and_then(|region| region.to_str().ok());
+        bucket.refusal(status, region, &String::from_utf8_lossy(&said))
     }
 }
 
-fn reply(status: StatusCode) -> Reply {
+/// Why nothing was taken.
+fn reply(status: StatusCode, why: String) -> Reply {
     match status {
-        it if it.is_success() => Reply::Took,
         StatusCode::PAYLOAD_TOO_LARGE => Reply::TooLarge,
-        StatusCode::INSUFFICIENT_STORAGE => Reply::Refuses(status.to_string()),
-        it if it.is_server_error() => Reply::Fails(status.to_string()),
-        it => Reply::Refuses(it.to_string()),
+        StatusCode::INSUFFICIENT_STORAGE => Reply::Refuses(why),
+        it if it.is_server_error() => Reply::Fails(why),
+        _ => Reply::Refuses(why),
     }
 }
 
 fn body(mut response: Response<Body>, most: u64, worth: f64) -> Answer {
-    match response.status() {
-        StatusCode::OK => {}
-        it if it.is_redirection() => return Answer::IsNot,
-        StatusCode::NOT_FOUND | StatusCode::GONE | StatusCode::NO_CONTENT => return Answer::IsNot,
-        it => return Answer::Fails(it.to_string()),
-    }
     let told = response.body().content_length();
     if told.is_some_and(|told| most < told) {
         return Answer::IsNot;

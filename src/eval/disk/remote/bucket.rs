@@ -1,0 +1,210 @@
+//! Buckets, as S3 has them: where files are in one, who one is there, and what it says if it refuses.
+
+use std::time::SystemTime;
+
+use ureq::http::StatusCode;
+
+use super::address::{endpoint, is_plain};
+use super::signature::{Keys, date};
+
+/// A bucket, and the folder in it that results are in.
+#[derive(Clone, PartialEq, Eq)]
+pub(super) struct Bucket {
+    name: String,
+    /// `https://host:port`
+    origin: String,
+    /// Before the names of files: `/`, `/prefix/`, `/bucket/prefix/`.
+    folder: String,
+    keys: Keys,
+}
+
+/// What is sent is not hashed a second time: what comes back is verified.
+const PAYLOAD: &str = "UNSIGNED-PAYLOAD";
+
+const NO_KEYS: &str = "a bucket needs AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY; files of profiles are not read: \
+    `aws configure export-credentials --format env` prints what they have";
+
+impl Bucket {
+    /// The bucket of `s3://BUCKET/PREFIX`, by what the usual variables say of the place and the keys.
+    ///
+    /// # Errors
+    /// In words, if there is no such address, or something is not said.
+    pub(super) fn parse(
+        text: &str,
+        variable: impl Fn(&str) -> Option<String>,
+    ) -> Result<Self, String> {
+        let (name, prefix) = text.split_once('/').unwrap_or((text, ""));
+        let prefix = prefix.trim_end_matches('/');
+        let is_name = |text: &str| {
+            let is_letter = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
+            !text.trim_start_matches('.').is_empty() && text.bytes().all(is_letter)
+        };
+        if !is_name(name) || !prefix.is_empty() && !prefix.split('/').all(is_name) {
+            return Err("an address is s3://BUCKET/PREFIX, of letters, digits, -, _ and .".into());
+        }
+        let first = |names: &[&str]| names.iter().find_map(|name| variable(name));
+        let region = first(&["AWS_REGION", "AWS_DEFAULT_REGION"]);
+        let region = region.unwrap_or_else(|| "us-east-1".to_owned());
+        if !is_name(&region) {
+            return Err("AWS_REGION is no region, such as eu-west-1".into());
+        }
+        let id = variable("AWS_ACCESS_KEY_ID").ok_or(NO_KEYS)?;
+        let secret = variable("AWS_SECRET_ACCESS_KEY").ok_or(NO_KEYS)?;
+        let token = variable("AWS_SESSION_TOKEN");
+        if !is_plain(&id) || !token.as_deref().is_none_or(is_plain) {
+            return Err(
+                "AWS_ACCESS_KEY_ID or AWS_SESSION_TOKEN has characters that none has".into()
+            );
+        }
+        let (origin, path) = match first(&["AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL"]) {
+            Some(url) => {
+                let (origin, path) =
+                    endpoint(&url).map_err(|why| format!("AWS_ENDPOINT_URL: {why}"))?;
+                (origin, format!("{path}/{name}"))
+            }
+            None => {
+                let end = if region.starts_with("cn-") { ".cn" } else { "" };
+                let host = format!("s3.{region}.amazonaws.com{end}");
+                match name.contains('.') {
+                    // No certificate is for a name with more dots.
+                    true => (format!("https://{host}"), format!("/{name}")),
+                    false => (format!("https://{name}.{host}"), String::new()),
+                }
+            }
+        };
+        let folder = if prefix.is_empty() { path + "/" } else { format!("{path}/{prefix}/") };
+        Ok(Self { name: name.to_owned(), origin, folder, keys: Keys { id, secret, token, region } })
+    }
+
+    /// Where a file of this name is.
+    pub(super) fn url(&self, file: &str) -> String {
+        format!("{}{}{file}", self.origin, self.folder)
+    }
+
+    /// What is said with a request for a file of this name, now.
+    pub(super) fn headers(&self, method: &str, file: &str) -> Vec<(&'static str, String)> {
+        let host = self.origin.split_once("://").map_or("", |(_, host)| host);
+        let date = date(SystemTime::now());
+        let mut headers = vec![
+            ("host", host.to_owned()),
+            ("x-amz-content-sha256", PAYLOAD.to_owned()),
+            ("x-amz-date", date.clone()),
+        ];
+        headers.extend(self.keys.token.clone().map(|token| ("x-amz-security-token", token)));
+        let signed = Vec::from_iter(headers.iter().map(|(name, value)| (*name, &value[..])));
+        let path = format!("{}{file}", self.folder);
+        let said = self.keys.authorization(method, &path, &signed, PAYLOAD, &date);
+        headers.push(("authorization", said));
+        headers
+    }
+
+    /// Why it refuses what it was asked for; none if it merely has no such file. Of what it says, only a code and a region are told.
+    pub(super) fn refusal(
+        &self,
+        status: StatusCode,
+        region: Option<&str>,
+        said: &str,
+    ) -> Option<String> {
+        let is_word = |text: &&str| {
+            let is_letter = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-';
+            (1..=64).contains(&text.len()) && text.bytes().all(is_letter)
+        };
+        let code = element(said, "Code").filter(is_word);
+        let why = match code {
+            Some("NoSuchKey") => return None,
+            None if status == StatusCode::NOT_FOUND => return None,
+            Some("NoSuchBucket") => format!("there is no bucket `{}`", self.name),
+            Some("InvalidAccessKeyId") => "there is no such AWS_ACCESS_KEY_ID".into(),
+            Some("SignatureDoesNotMatch") => {
+                "AWS_SECRET_ACCESS_KEY does not belong to AWS_ACCESS_KEY_ID".into()
+            }
+            Some("RequestTimeTooSkewed") => "the clock of this machine is wrong".into(),
+            Some("ExpiredToken" | "InvalidToken") => {
+                "AWS_SESSION_TOKEN is not valid, or not any more".into()
+            }
+            Some("AccessDenied") => {
+                "the keys need s3:GetObject and s3:ListBucket, and s3:PutObject to keep results"
+                    .into()
+            }
+            Some("PermanentRedirect" | "TemporaryRedirect" | "AuthorizationHeaderMalformed") => {
+                match region.or_else(|| element(said, "Region")).filter(is_word) {
+                    Some(region) => format!("AWS_REGION must be {region}"),
+                    None => "AWS_REGION is not where the bucket is".into(),
+                }
+            }
+            Some(code) => return Some(format!("{} {code}", status.as_u16())),
+            None => return Some(status.to_string()),
+        };
+        Some(format!("{} {}: {why}", status.as_u16(), code.unwrap_or_default()))
+    }
+}
+
+/// What stands in the first element of this name.
+fn element<'a>(text: &'a str, name: &str) -> Option<&'a str> {
+    let (_, rest) = text.split_once(&format!("<{name}>"))?;
+    rest.split_once("</").map(|(inside, _)| inside)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KEYS: [(&str, &str); 2] =
+        [("AWS_ACCESS_KEY_ID", "id"), ("AWS_SECRET_ACCESS_KEY", "hidden")];
+
+    fn read(text: &str, more: &[(&str, &str)]) -> Result<Bucket, String> {
+        let set = |name: &str| more.iter().chain(&KEYS).find(|(it, _)| *it == name);
+        Bucket::parse(text, |name| set(name).map(|(_, value)| (*value).to_owned()))
+    }
+
+    #[test]
+    fn a_file_of_a_bucket_has_an_address() {
+        let url = |text, more: &[_]| read(text, more).map(|it| it.url("build/name")).unwrap();
+        let at = ("AWS_ENDPOINT_URL", "http://[::1]:5000/s3/");
+        assert_eq!(url("b/p/q/", &[at]), "http://[::1]:5000/s3/b/p/q/build/name");
+        assert_eq!(url("b", &[]), "https://b.s3.us-east-1.amazonaws.com/build/name");
+        let region = ("AWS_REGION", "cn-north-1");
+        assert_eq!(url("a.b", &[region]), "https://s3.cn-north-1.amazonaws.com.cn/a.b/build/name");
+    }
+
+    #[test]
+    fn what_is_no_bucket_is_told_without_its_keys() {
+        for text in ["", "/p", "id:hidden@b/p", "b/../c", "b//c", "b/p?hidden", "b/ä"] {
+            let why = read(text, &[]).err().unwrap_or_else(|| panic!("{text}"));
+            assert!(why.contains("s3://BUCKET/PREFIX") && !why.contains("hidden"), "{why}");
+        }
+        for (name, value, told) in [
+            ("AWS_ENDPOINT_URL", "ftp://h", "AWS_ENDPOINT_URL: "),
+            ("AWS_ENDPOINT_URL_S3", "https://a:hidden@h", "AWS_ENDPOINT_URL: "),
+            ("AWS_REGION", "hidden/x", "AWS_REGION is no region"),
+            ("AWS_SESSION_TOKEN", "hidden\n", "AWS_SESSION_TOKEN has characters"),
+        ] {
+            let why = read("b", &[(name, value)]).err().unwrap_or_else(|| panic!("{name}"));
+            assert!(why.contains(told) && !why.contains("hidden"), "{why}");
+        }
+        assert!(Bucket::parse("b", |_| None).is_err_and(|why| why.contains("AWS_ACCESS_KEY_ID")));
+    }
+
+    #[test]
+    fn what_a_bucket_refuses_is_told_with_its_code() {
+        let bucket = read("b/p", &[]).unwrap();
+        let told = |status, region, said: &str| {
+            let said =
+                format!("<?xml version=\"1.0\"?><Error>{said}<Message>hidden</Message></Error>");
+            bucket.refusal(StatusCode::from_u16(status).unwrap(), region, &said)
+        };
+        let code = |status, code: &str| told(status, None, &format!("<Code>{code}</Code>"));
+        assert_eq!(code(404, "NoSuchKey"), None);
+        assert_eq!(code(404, "NoSuchBucket").unwrap(), "404 NoSuchBucket: there is no bucket `b`");
+        for known in ["InvalidAccessKeyId", "SignatureDoesNotMatch", "RequestTimeTooSkewed"] {
+            let why = code(403, known).unwrap();
+            assert!(why.starts_with(&format!("403 {known}: ")), "{why}");
+        }
+        assert_eq!(code(503, "SlowDown").unwrap(), "503 SlowDown");
+        let moved = told(301, Some("eu-west-1"), "<Code>PermanentRedirect</Code>").unwrap();
+        assert!(moved.ends_with("AWS_REGION must be eu-west-1"), "{moved}");
+        // Whatever else somebody says there.
+        assert_eq!(code(403, "\u{1b}[31m").unwrap(), "403 Forbidden");
+        assert_eq!(told(500, None, "").unwrap(), "500 Internal Server Error");
+    }
+}
