@@ -11,6 +11,9 @@ use super::eprint;
 use crate::catalog::Catalog;
 use crate::session::{CacheFolder, CacheServer, Session, Settings, size};
 
+/// How many bytes of memory results may hold if nothing is said.
+const DEFAULT_MEMORY: u64 = 2_000_000_000;
+
 /// What shapes the memory of results.
 #[derive(Args)]
 pub(super) struct CacheOptions {
@@ -75,7 +78,7 @@ impl CacheOptions {
         opened(catalog, &Settings { memory, ..settings })
     }
 
-    /// The words that say where results are kept.
+    /// The words that say where results are kept, and how much memory may be used.
     pub(super) fn words(&self) -> Vec<String> {
         let mut words = match (&self.folder, self.no_cache) {
             (_, true) => vec!["--no-cache".into()],
@@ -89,6 +92,12 @@ impl CacheOptions {
         // Words are shown, passwords are not.
         if let Some(server) = self.cache_remote.as_ref().filter(|server| !server.contains('@')) {
             words.extend(["--cache-remote".into(), server.clone()]);
+        }
+        if self.memory != DEFAULT_MEMORY {
+            words.extend(["--memory".into(), format!("{}B", self.memory)]);
+        }
+        if let Some(most) = self.max_memory {
+            words.extend(["--max-memory".into(), format!("{most}B")]);
         }
         words
     }
@@ -174,6 +183,17 @@ mod tests {
     struct Words {
         #[command(flatten)]
         cache: CacheOptions,
+    }
+
+    #[test]
+    fn what_was_said_of_memory_is_said_again() {
+        let words =
+            |words: &[&str]| Words::parse_from([&["maquette"], words].concat()).cache.words();
+        assert_eq!(words(&["--memory", "2GB"]), Vec::<String>::new());
+        let said = words(&["--no-cache", "--memory", "1.5GB", "--max-memory", "4GB"]);
+        let again = ["--no-cache", "--memory", "1500000000B", "--max-memory", "4000000000B"];
+        assert_eq!(said, again);
+        assert_eq!(words(&again), again);
     }
 
     #[test]

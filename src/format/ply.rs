@@ -139,7 +139,7 @@ pub enum PlyError {
 ///
 /// Properties of vertices become attributes: `nx ny nz` the vectors `normal`; `s t`, `u v` or `texture_u texture_v` the pairs
 /// `uv`; `red green blue` (whole numbers, or floats from 0 to 1) the colors `color`; `filled` as `uchar` flags; every other
-/// floating point property numbers, every other `uint` indices. What a file of [`encode`] says of its properties in comments is
+/// floating point property numbers, every other whole one but `alpha` indices, or numbers if some are negative. What a file of [`encode`] says of its properties in comments is
 /// believed: its vectors, pairs, colors and flags are read as such. Lists `texcoord` of faces become the pairs `uv` per corner if all
 /// faces have them. Elements other than `vertex` and `face` are passed over.
 ///
@@ -325,7 +325,14 @@ impl<'a> Table<'a> {
                 Scalar::F32 | Scalar::F64 => {
                     Attribute::Number(self.rows.gather(&column, |[number]| number).into())
                 }
-                _ => continue,
+                _ if property.name == "alpha" => continue,
+                Scalar::I8 | Scalar::U8 | Scalar::I16 | Scalar::U16 | Scalar::I32 => {
+                    let numbers = self.rows.gather(&column, |[number]| number);
+                    match numbers.iter().all(|number| *number >= 0.0) {
+                        true => Attribute::Index(numbers.into_iter().map(|x| x as u32).collect()),
+                        false => Attribute::Number(numbers.into()),
+                    }
+                }
             };
             mesh = mesh.with_vertex(&property.name, attribute)?;
         }
@@ -440,7 +447,7 @@ mod tests {
     const SQUARE: &str = "ply\nformat ascii 1.0\nelement camera 1\nproperty list uchar float view\nproperty int id\n\
         element vertex 4\nproperty uchar blue\nproperty uchar green\nproperty uchar red\nproperty double y\n\
         property float x\nproperty float z\nproperty float s\nproperty float t\nproperty uchar filled\n\
-        property float weight\nproperty uint group\nproperty short ignored\nelement face 3\n\
+        property float weight\nproperty uint group\nproperty short step\nelement face 3\n\
         property float area\nproperty list uchar int vertex_index\nend_header\n\
         2 0.5 0.25 7\n\
         1 2 3 0 0 0 0 0 1 0.5 9 -4\n4 5 6 0 1 0 1 0 0 1.5 8 -4\n7 8 9 1 1 0 1 1 0 2.5 7 -4\n0 0 0 1 0 0 0 1 0 3.5 6 -4\n\
@@ -458,7 +465,20 @@ mod tests {
         assert_eq!(vertex.get("group"), Some(&Attribute::Index(vec![9, 8, 7, 6].into())));
         let weights = Attribute::Number(vec![0.5, 1.5, 2.5, 3.5].into());
         assert_eq!(vertex.get("weight"), Some(&weights));
-        assert_eq!(vertex.iter().count(), 5);
+        assert_eq!(vertex.get("step"), Some(&Attribute::Number(vec![-4.0; 4].into())));
+        assert_eq!(vertex.iter().count(), 6);
+    }
+
+    #[test]
+    fn whole_numbers_of_vertices_are_indices_or_numbers() {
+        let file = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
+            property int region\nproperty short step\nproperty uchar alpha\nend_header\n0 0 0 7 -1 255\n0 0 1 2 3 255\n";
+        let mesh = read(file.as_bytes()).unwrap();
+        let region = Attribute::Index(vec![7, 2].into());
+        assert_eq!(mesh.vertex().get("region"), Some(&region));
+        let step = Attribute::Number(vec![-1.0, 3.0].into());
+        assert_eq!(mesh.vertex().get("step"), Some(&step));
+        assert_eq!(mesh.vertex().iter().count(), 2);
     }
 
     #[test]
