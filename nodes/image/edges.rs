@@ -228,6 +228,7 @@ const UNPACKED: [[bool; 8]; 256] = {
 #[cfg(test)]
 mod tests {
     use expect_test::{Expect, expect};
+    use maquette::value::Image;
 
     use super::*;
 

@@ -96,9 +96,10 @@ fn spans(shape: &Shape, y: f64) -> Vec<f64> {
             // (cos x + sin y)^2 / a^2 + (cos y - sin x)^2 / b^2 = 1, solved for x.
             let (sin, cos) = libm::sincos(angle.to_radians());
             let y = y - center[1];
-            let square = (cos / a).powi(2) + (sin / b).powi(2);
+            let squared = |x: f64| x * x;
+            let square = squared(cos / a) + squared(sin / b);
             let half = sin * cos * y * (1.0 / (a * a) - 1.0 / (b * b));
-            let rest = (sin * y / a).powi(2) + (cos * y / b).powi(2) - 1.0;
+            let rest = squared(sin * y / a) + squared(cos * y / b) - 1.0;
             let root = half * half - square * rest;
             match *a > 0.0 && *b > 0.0 && root >= 0.0 {
                 true => [-1.0, 1.0].map(|s| center[0] + (s * root.sqrt() - half) / square).to_vec(),

@@ -34,7 +34,7 @@ impl Hull {
     pub(super) fn contains(&self, point: [f64; 2], inset: f64) -> bool {
         let next = self.corners.iter().cycle().skip(1);
         let is_inside = |(&a, &b): (&[f64; 2], &[f64; 2])| {
-            let length = f64::hypot(b[0] - a[0], b[1] - a[1]);
+            let length = libm::hypot(b[0] - a[0], b[1] - a[1]);
             turn(a, b, point) >= inset * length
         };
         self.corners.len() > 2 && self.corners.iter().zip(next).all(is_inside)

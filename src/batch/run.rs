@@ -326,7 +326,11 @@ fn counts(trace: &RunTrace) -> BTreeMap<String, usize> {
     counts.filter(|(_, count)| 0 < *count).collect()
 }
 
-/// `out/doll.sweep` for `graphs/doll.sweep.ron`.
-pub(crate) fn default_folder(sweep: &Path) -> PathBuf {
-    Path::new("out").join(sweep.file_stem().unwrap_or_default())
+/// `out/doll.sweep` for `graphs/doll.sweep.ron`, and `out/doll.sweep-draft` for what are only drafts of it.
+pub(crate) fn default_folder(sweep: &Path, is_draft: bool) -> PathBuf {
+    let mut name = sweep.file_stem().unwrap_or_default().to_owned();
+    if is_draft {
+        name.push("-draft");
+    }
+    Path::new("out").join(name)
 }

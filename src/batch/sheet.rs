@@ -35,7 +35,7 @@ impl Batch<'_> {
     /// In words, if it cannot be written.
     pub(crate) fn write_sheet(&self) -> Result<PathBuf, String> {
         let path = self.out.join("index.html");
-        let page = page(self.sweep, self.out);
+        let page = page(self.sweep, self.out, self.options.draft);
         let written = self.destination(&Sources::default()).put(&path, page.as_bytes());
         written.map_err(|why| format!("cannot write {}: {why}", path.display()))?;
         Ok(path)
@@ -43,7 +43,7 @@ impl Batch<'_> {
 }
 
 /// The page of a sweep whose records lie in this folder. Tasks without a record are missing.
-fn page(sweep: &Sweep, out: &Path) -> String {
+fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
     let title = sweep.source.name.file_name().unwrap_or_default().to_string_lossy();
     let graph = sweep.graph.file_name().unwrap_or_default().to_string_lossy();
     let (width, height) = sweep.picture.size;
@@ -55,7 +55,7 @@ fn page(sweep: &Sweep, out: &Path) -> String {
         of_record(&record, values, out)
     });
     let data = json!({
-        "title": title,
+        "title": if is_draft { format!("{title}, drafts") } else { title.into_owned() },
         "graph": graph,
         "names": sweep.names,
         "size": [width.0, height.0],

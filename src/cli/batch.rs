@@ -38,7 +38,7 @@ pub(super) struct Batch {
     /// Sweep the graph over these files or folders, in quotes: 'scans/*'. Each takes the place of the files that the graph reads.
     #[arg(long, value_name = "PATTERN")]
     scans: Option<String>,
-    /// The folder of results; `out/SWEEP` if left out.
+    /// The folder of results; `out/SWEEP` if left out, `out/SWEEP-draft` with --draft.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// How many tasks to run at a time, each with its share of --memory.
@@ -112,7 +112,7 @@ impl Batch {
         if let Some(engine) = self.emit {
             return self.emit(engine, &sweep);
         }
-        let default = default_folder(&path);
+        let default = default_folder(&path, options.draft);
         let out = self.out.as_deref().unwrap_or(&default);
         let tasks = Tasks {
             sweep: &sweep,

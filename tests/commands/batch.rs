@@ -311,6 +311,24 @@ fn a_change_runs_its_own_tasks_and_no_others() {
 }
 
 #[test]
+fn drafts_lie_beside_the_final_results() {
+    let project = scanned(&["a"], SWEEP);
+    let run = |more: &[&str]| {
+        let words = [&["batch", "doll.sweep.ron"], more].concat();
+        assert!(project.maquette(&words).status.success());
+    };
+    let read = |name: &str| fs::read(project.folder().join("out").join(name)).unwrap();
+    run(&[]);
+    let (model, page) = (read("doll.sweep/a/5_0/model.glb"), read("doll.sweep/index.html"));
+    run(&["--draft"]);
+    assert_eq!(read("doll.sweep/a/5_0/model.glb"), model);
+    assert_eq!(read("doll.sweep/index.html"), page);
+    assert!(!read("doll.sweep-draft/a/5_0/model.glb").is_empty());
+    let said = |name: &str| String::from_utf8(read(name)).unwrap().contains("sweep.ron, drafts");
+    assert_eq!((said("doll.sweep-draft/index.html"), said("doll.sweep/index.html")), (true, false));
+}
+
+#[test]
 fn a_dry_run_says_what_would_run_and_why() {
     let project = scanned(&["a"], SWEEP);
     let words = || {
