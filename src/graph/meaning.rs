@@ -15,7 +15,7 @@ use super::expression::named_parameters;
 use super::fitting::{declaration_in_own_unit, in_plain_numbers};
 use super::minimal::{EMPTY, is_empty, is_usual_most};
 use super::parameters::is_computed;
-use super::quality::is_draft;
+use super::quality::{draft_of, is_draft};
 use crate::catalog::{Catalog, Entry};
 use crate::error::Span;
 use crate::text::{
@@ -343,11 +343,14 @@ impl Reading<'_> {
 
     /// What a field means that is left out.
     fn default(&self, schema: &Json, root: &Json) -> Tree {
-        let default = schema.get("default").cloned().unwrap_or_default();
-        let default = match &default {
+        let written = |default: &Json| match default {
             // A graph's own choices may be in lower case.
             Json::String(word) if schema.get("enum").is_some() => bare(Kind::Word(word.clone())),
             default => as_tree(default),
+        };
+        let default = match schema.get("draft") {
+            Some(sides) => draft_of(|side| written(&sides[side])),
+            None => written(schema.get("default").unwrap_or(&Json::Null)),
         };
         self.value(&default, schema, root)
     }

@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use super::Graph;
 use super::diff::joined;
 use super::meaning::{entries, show};
-use crate::error::code;
-use crate::text::{Body, Field, Finding, Help, Kind, Tree, nearest_or_all, parse};
+use crate::error::{Span, code};
+use crate::text::{Body, Field, Finding, Help, Kind, Name, Tree, nearest_or_all, parse};
 
 /// The fields of a `Draft`: of final runs, and of drafts.
 const SIDES: [&str; 2] = ["final", "draft"];
@@ -14,6 +14,14 @@ const SIDES: [&str; 2] = ["final", "draft"];
 /// Whether a value is a `Draft(..)`.
 pub(super) fn is_draft(tree: &Tree) -> bool {
     matches!(&tree.kind, Kind::Call { name: Some(name), .. } if name.text == "Draft")
+}
+
+/// A `Draft(..)` of what its sides have, by their names.
+pub(super) fn draft_of(value: impl Fn(&str) -> Tree) -> Tree {
+    let name = |text: &str| Name { text: text.to_owned(), span: Span::default() };
+    let fields = SIDES.map(|side| Field { name: name(side), value: value(side) });
+    let kind = Kind::Call { name: Some(name("Draft")), body: Body::Fields(fields.to_vec()) };
+    Tree::new(Span::default(), kind)
 }
 
 /// Whether a part of the value is a `Draft(..)`.

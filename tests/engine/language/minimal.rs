@@ -192,3 +192,33 @@ fn a_graph_without_its_defaults_is_no_other_graph() {
         assert_eq!(told, Ok(vec![]), "{}", path.display());
     }
 }
+
+#[test]
+fn a_plain_value_is_not_what_a_draft_has_by_default() {
+    let library = r#"Graph(
+    format: 1,
+    inputs: { "m": Mesh(doc: "") },
+    params: { "levels": Integer(default: Draft(final: 2, draft: 0), min: 0, max: 5) },
+    nodes: { "fine": Subdivide(mesh: "m", scheme: CatmullClark, levels: Param("levels")) },
+    outputs: { "m": "fine" },
+)"#;
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("lib.ron"), library).unwrap();
+    let path = folder.path().join("a.ron");
+    let using = |levels: &str| {
+        let node = format!("\"u\": Fine(m: \"c\"{levels})");
+        format!(
+            "Graph(format: 1, use: {{ \"Fine\": \"lib.ron\" }}, nodes: {{ \"c\": ReadMesh(path: \"c.obj\"), {node} }}, outputs: {{ \"m.ply\": \"u\" }})"
+        )
+    };
+    let catalog = Catalog::new(PACKS);
+    assert!(minimal(&path, &using(", levels: 2"), &catalog).contains("levels: 2"));
+    assert!(
+        !minimal(&path, &using(", levels: Draft(draft: 0, final: 2)"), &catalog).contains("levels")
+    );
+    let source = |levels: &str| Source { name: path.clone(), text: using(levels) };
+    let differences =
+        |levels: &str| Graph::differences(&source(""), &source(levels), &catalog).unwrap().len();
+    let same = differences(", levels: Draft(final: 2, draft: 0)");
+    assert_eq!((differences(", levels: 2"), same), (1, 0));
+}
