@@ -237,6 +237,7 @@ impl Checker<'_> {
         };
         let all = Vec::from_iter(entries(tree, "set").iter().filter_map(set));
         let rows = self.rows(&file, tree, &folder, &graph)?;
+        self.idle(&all, &rows);
         let sweep = self.named(&file, tree, &graph, &all, rows)?;
         if self.tries {
             self.tried(&sweep);
@@ -276,6 +277,34 @@ impl Checker<'_> {
         let is_right = findings.is_empty();
         self.problems.extend(findings.into_iter().map(|finding| finding.at(&self.source)));
         is_right.then_some(rows)
+    }
+
+    /// Warns of values for all tasks that count for none, since each task has one of its own.
+    fn idle(&mut self, all: &[Set], rows: &Rows) {
+        let own = |target: &str| {
+            let of_row = |row: &Row| row.set.iter().any(|set| set.target == target);
+            let first = rows.rows.first()?.set.iter().find(|set| set.target == target)?;
+            rows.rows.iter().all(of_row).then_some(first.of)
+        };
+        let in_file = all.iter().filter(|set| own(&set.target).is_some());
+        let in_file = in_file.map(|set| (set.of, format!("`{}`", set.target)));
+        let given =
+            self.options.set.iter().filter_map(|(target, text)| {
+                Some((own(target)?, format!("`--set {target}={text}`")))
+            });
+        for (span, what) in Vec::from_iter(in_file.chain(given)) {
+            let message =
+                format!("{what} counts for no task: each has a value of its own from `over`");
+            let finding = Finding {
+                code: code::UNUSED,
+                span,
+                message,
+                help: "leave it out".into(),
+                note: None,
+            };
+            let told = finding.at(&self.source);
+            self.problems.push(Problem { severity: Severity::Warning, ..told });
+        }
     }
 
     /// The tasks with their names.
@@ -430,8 +459,9 @@ impl Checker<'_> {
             self.find(code::UNKNOWN_FIELD, self.text_at(name), message, help);
         }
         let picture = &sweep.picture.output;
-        let outputs = Vec::from_iter(graph.output_names());
-        if !picture.is_empty() && known.is_empty() && graph.value_named(picture).is_none() {
+        let outputs = Vec::from_iter(graph.results().map(|(name, _)| name));
+        let is_there = || outputs.contains(&&picture[..]) || graph.value_named(picture).is_some();
+        if !picture.is_empty() && !is_there() {
             let message = format!("the graph has no output `{picture}`");
             let help = nearest_or_all(picture, "its outputs", &outputs);
             self.find(code::UNKNOWN_LINK, self.text_at(picture), message, help);

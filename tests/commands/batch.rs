@@ -202,6 +202,34 @@ fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
 }
 
 #[test]
+fn values_for_all_that_count_for_none_are_told() {
+    let project = scanned(&["a"], SWEEP);
+    let set = SWEEP.replace(
+        "    out:",
+        "    set: { \"growth\": 3, \"red.select.distance\": 30.0 },\n    out:",
+    );
+    let told = "`growth` counts for no task: each has a value of its own from `over`";
+    assert_eq!(problems(&project, &set), [(7, 12, told.to_owned())]);
+    let output = project.maquette(&["batch", "doll.sweep.ron", "-n", "--set", "levels=2"]);
+    assert!(output.status.success());
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(told.contains("`--set levels=2` counts for no task"), "{told}");
+    // Of a graph with inputs, too, there must be what is shown.
+    let sweep = "Sweep(graph: \"lib.ron\", over: Values(\"up\", [1, 2]), picture: \"nonsense\")";
+    write(
+        &project,
+        "lib.ron",
+        "Graph(format: 1, inputs: { \"m\": Mesh(doc: \"\") }, params: { \"up\": Number(default: 0.0, doc: \"\") }, nodes: { \"t\": Transform(mesh: \"m\", translate: (0, Param(\"up\"), 0)) }, outputs: { \"mesh\": \"t\" })",
+    );
+    let told = problems(&project, sweep);
+    assert_eq!(
+        told.iter().map(|it| &it.2[..]).collect::<Vec<_>>(),
+        ["the graph has no output `nonsense`"]
+    );
+    assert_eq!(problems(&project, &sweep.replace("nonsense", "mesh")), []);
+}
+
+#[test]
 fn one_that_fails_leaves_the_others() {
     let project = scanned(
         &["a", "b", "c", "d", "e", "f"],
