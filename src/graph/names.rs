@@ -1,6 +1,6 @@
-//! Every name in the text of a graph, a patch or a test, and what it names, there or in another file.
+//! Every name in the text of a graph, a patch, a test or a sweep, and what it names, there or in another file.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use super::top::name_of;
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
 use crate::error::Span;
-use crate::text::{Field, Kind, Name, Tree, parse};
+use crate::text::{Body, Field, Kind, Name, Tree, parse};
 
 /// What has a name of its author.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -81,11 +81,13 @@ impl Graph {
             }
             for (key, value) in keys(fields, "nodes") {
                 search.put(key, |name| known.way(name));
-                let node = key.text().unwrap_or_default();
-                if let Some(inner) =
-                    known.uses.get(named_node(node)).filter(|_| !node.contains('.'))
-                {
-                    search.fields(value, inner);
+                let text = key.text().unwrap_or_default();
+                let Some(inner) = known.uses.get(named_node(text)) else { continue };
+                match known.behind(text) {
+                    None if known.is_repeated(text) => search.repeated(value, inner),
+                    // What stands there are the fields.
+                    None | Some("") => search.fields(value, inner),
+                    Some(_) => {}
                 }
             }
         } else {
@@ -113,6 +115,31 @@ impl Graph {
         }
         search.found.sort_by(|a, b| (a.span, &a.symbol).cmp(&(b.span, &b.symbol)));
         search.found.dedup();
+        NamesOf { all: search.found, types: HashMap::new() }
+    }
+}
+
+impl Graph {
+    /// The names in the text of a sweep that stands, or will stand, in this file.
+    pub(crate) fn names_in_sweep(
+        path: &Path,
+        text: &str,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> NamesOf {
+        let (tree, _) = parse(text);
+        let fields = tree.fields().unwrap_or_default();
+        let named = fields.iter().find(|field| field.name.text == "graph");
+        let Some(named) = named.and_then(|field| field.value.text()) else {
+            return NamesOf::default();
+        };
+        let graph = folder_of(path).join(named);
+        let known = options.text(&graph).ok();
+        let known = known.and_then(|text| Known::of(&graph, &text, catalog, options));
+        let Some((known, _)) = known else { return NamesOf::default() };
+        let mut search = Search { text, found: Vec::new() };
+        search.sweep(fields, &known);
+        search.found.sort_by_key(|found| found.span);
         NamesOf { all: search.found, types: HashMap::new() }
     }
 }
@@ -164,6 +191,8 @@ struct Known {
     types: HashMap<String, Arc<Inner>>,
     /// The graph that a node uses.
     uses: HashMap<String, Arc<Inner>>,
+    /// Those that are a `ForEach`.
+    repeated: HashSet<String>,
 }
 
 impl Known {
@@ -177,14 +206,16 @@ impl Known {
         let types: HashMap<_, _> = types.collect();
         let (tree, _) = parse(&definition.sheet.source.text);
         let fields = tree.fields().unwrap_or_default();
-        let mut uses = HashMap::new();
+        let (mut uses, mut repeated) = (HashMap::new(), HashSet::new());
         for (name, call) in entries(fields, "nodes") {
             let inner = kind_of(call).and_then(|kind| types.get(&kind.text));
             uses.extend(inner.map(|inner| (name.to_owned(), inner.clone())));
+            repeated.extend(is_each(call).then(|| name.to_owned()));
         }
         let names = |section| entries(fields, section).map(|(name, _)| name.to_owned()).collect();
         let own = Inner::of(definition);
-        Some((Self { own, nodes: names("nodes"), outputs: names("outputs"), types, uses }, whole))
+        let (nodes, outputs) = (names("nodes"), names("outputs"));
+        Some((Self { own, nodes, outputs, types, uses, repeated }, whole))
     }
 
     fn symbol(&self, sort: SymbolSort, name: &str) -> Symbol {
@@ -223,21 +254,44 @@ impl Known {
     fn way(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         let node = named_node(text);
         let mut found = Vec::from_iter(self.node(node).map(|symbol| (0..node.len(), symbol)));
-        let field = text.split_once('.').and_then(|(_, way)| way.split('.').next());
-        let start = text.find('.').map_or(0, |dot| dot + 1);
-        if let Some((field, inner)) = field.zip(self.uses.get(node)) {
+        if let Some((way, inner)) = self.behind(text).zip(self.uses.get(node)) {
+            let (start, field) = (text.len() - way.len(), way.split('.').next().unwrap_or(way));
             found.extend(inner.field(field).map(|symbol| (start..start + field.len(), symbol)));
         }
         found
     }
 
+    /// Whether `node` is a `ForEach` as a whole, and not one of its elements.
+    fn is_repeated(&self, text: &str) -> bool {
+        self.repeated.contains(text.split('.').next().unwrap_or(text))
+    }
+
+    /// What stands in `node.field` from the name of a field of the used graph on: `with` and `over.1` of a `ForEach` come before it.
+    fn behind<'t>(&self, text: &'t str) -> Option<&'t str> {
+        let (_, way) = text.split_once('.')?;
+        let groups = match way.split('.').next() {
+            Some("with" | "links" | "carry") if self.is_repeated(text) => 1,
+            Some("over") if self.is_repeated(text) => 2,
+            _ => 0,
+        };
+        Some(way.splitn(groups + 1, '.').nth(groups).unwrap_or(""))
+    }
+
+    /// An output.
+    fn output(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
+        let known = self.outputs.iter().any(|output| output == text);
+        Vec::from_iter(known.then(|| (0..text.len(), self.symbol(SymbolSort::Output, text))))
+    }
+
     /// What an expectation speaks of.
     fn expected(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
-        match self.outputs.iter().any(|output| output == text) {
-            true => vec![(0..text.len(), self.symbol(SymbolSort::Output, text))],
-            false => self.link(text),
-        }
+        let output = self.output(text);
+        if output.is_empty() { self.link(text) } else { output }
     }
+}
+
+fn is_each(call: &Tree) -> bool {
+    call.name().is_some_and(|name| name.text == "ForEach")
 }
 
 /// The type of a node; of a `ForEach`, that of its nodes.
@@ -344,22 +398,93 @@ impl Search<'_> {
             };
             let symbol = known.symbol(Type, &kind.text);
             self.put_at(kind.span, &kind.text, vec![(0..kind.text.len(), symbol)], false);
-            if call.name().is_some_and(|name| name.text != "ForEach") {
-                self.fields(call, &inner);
-                continue;
+            match is_each(call) {
+                true => self.repeated(call, &inner),
+                false => self.fields(call, &inner),
             }
-            for Field { name, value } in call.fields().unwrap_or_default() {
-                match (&name.text[..], &value.kind) {
-                    ("with" | "links" | "carry", _) => self.fields(value, &inner),
-                    ("over", Kind::List(items)) => {
-                        items.iter().for_each(|item| self.fields(item, &inner));
+        }
+    }
+
+    /// The fields of a `ForEach` over a used graph.
+    fn repeated(&mut self, call: &Tree, inner: &Inner) {
+        for Field { name, value } in call.fields().unwrap_or_default() {
+            match (&name.text[..], &value.kind) {
+                ("with" | "links" | "carry", _) => self.fields(value, inner),
+                ("over", Kind::List(items)) => {
+                    items.iter().for_each(|item| self.fields(item, inner));
+                }
+                ("each" | "number", _) => self.put(value, |says| {
+                    Vec::from_iter(inner.field(says).map(|symbol| (0..says.len(), symbol)))
+                }),
+                _ => {}
+            }
+        }
+    }
+
+    fn sweep(&mut self, fields: &[Field], known: &Known) {
+        for (key, _) in keys(fields, "set") {
+            self.put(key, |says| known.value(says));
+        }
+        let mut swept = HashSet::new();
+        for Field { name, value } in fields {
+            match &name.text[..] {
+                "over" => self.axis(value, known, &mut swept),
+                "picture" => {
+                    let inner = value.fields().unwrap_or_default().iter();
+                    let inner = inner.filter(|it| it.name.text == "output").map(|it| &it.value);
+                    let outputs = inner.chain([value]);
+                    outputs.for_each(|output| self.put(output, |says| known.output(says)));
+                }
+                _ => {}
+            }
+        }
+        let out = fields.iter().filter(|field| field.name.text == "out");
+        for Field { value, .. } in out {
+            self.put(value, |says| {
+                let braces = says.match_indices('{').filter_map(|(start, _)| {
+                    let name = says[start + 1..].split('}').next()?;
+                    swept.contains(name).then_some((start + 1, name))
+                });
+                let named = braces.flat_map(|(start, name)| {
+                    let there = known.value(name).into_iter();
+                    there.map(move |(at, it)| (start + at.start..start + at.end, it))
+                });
+                named.collect()
+            });
+        }
+    }
+
+    /// What an axis of a sweep names; those values that are shown by the name of what they set are `swept`.
+    fn axis(&mut self, axis: &Tree, known: &Known, swept: &mut HashSet<String>) {
+        let items: &[Tree] = match &axis.kind {
+            Kind::Call { body: Body::Items(items), .. } => items,
+            _ => &[],
+        };
+        match (axis.name().as_ref().map(|name| &name.text[..]), items.first()) {
+            (Some("Product" | "Zip"), Some(Tree { kind: Kind::List(axes), .. })) => {
+                axes.iter().for_each(|axis| self.axis(axis, known, swept));
+            }
+            (Some("Values"), Some(target)) => {
+                swept.extend(target.text().map(str::to_owned));
+                self.put(target, |says| known.value(says));
+            }
+            (Some("Files"), _) => {
+                for Field { name, value } in axis.fields().unwrap_or_default() {
+                    match &name.text[..] {
+                        "set" => self.put(value, |says| known.value(says)),
+                        "input" => self.put(value, |says| {
+                            Vec::from_iter(known.node(says).map(|it| (0..says.len(), it)))
+                        }),
+                        "beside" => {
+                            entries_of(value).for_each(|(key, _)| {
+                                self.put(key, |says| known.value(says));
+                            });
+                        }
+                        _ => {}
                     }
-                    ("each" | "number", _) => self.put(value, |says| {
-                        Vec::from_iter(inner.field(says).map(|symbol| (0..says.len(), symbol)))
-                    }),
-                    _ => {}
                 }
             }
+            _ => {}
         }
     }
 
@@ -378,10 +503,7 @@ impl Search<'_> {
             }
         }
         for (key, _) in keys(fields, "compare") {
-            self.put(key, |says| match known.outputs.iter().any(|output| output == says) {
-                true => vec![(0..says.len(), known.symbol(SymbolSort::Output, says))],
-                false => Vec::new(),
-            });
+            self.put(key, |says| known.output(says));
         }
         let expect = fields.iter().filter(|field| field.name.text == "expect");
         for text in expect.flat_map(|field| Expectation::value_texts(&field.value)) {

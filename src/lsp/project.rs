@@ -188,7 +188,8 @@ fn names_of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Na
             }
             _ => NamesOf::default(),
         },
-        FileKind::Handles | FileKind::Sweep => NamesOf::default(),
+        FileKind::Sweep => Graph::names_in_sweep(path, text, catalog, options),
+        FileKind::Handles => NamesOf::default(),
     }
 }
 

@@ -123,3 +123,75 @@ fn a_new_name_changes_names_alone_in_all_files() {
     place.write("face.pins.ron", "Pins(pins: { \"ball\": () })");
     refused("\"ba|ll\": Read", "sphere", "pinned");
 }
+
+#[test]
+fn names_in_the_groups_of_a_for_each_are_followed() {
+    let each = r#"Graph(
+    format: 1,
+    use: { "Nose": "lib/nose.ron" },
+    nodes: {
+        "ball": ReadMesh(path: "ball.obj"),
+        "same": ForEach(graph: "Nose", over: Parts("ball"), with: (lift: 1.0)),
+        "eyes": ForEach(graph: "Nose", over: [(lift: 1.0), (lift: 2.0)], links: (mesh: "ball")),
+        "all": Merge(meshes: ["same", "eyes"]),
+    },
+    outputs: { "all.ply": "all" },
+)
+"#;
+    let set = ["same.with.lift", "eyes.over.1.lift", "eyes/2.lift"];
+    for target in set {
+        let place = face();
+        place.write("each.ron", each);
+        let test =
+            format!("Test(graph: \"each.ron\", cases: {{ \"x\": (set: {{ \"{target}\": 3 }}) }})");
+        place.write("each.test.ron", &test);
+        let (node, field) = target.rsplit_once('.').unwrap();
+        let patch =
+            format!("Patch(format: 1, of: \"each.ron\", nodes: {{ \"{node}\": ({field}: 3) }})");
+        place.write("patch.ron", &patch);
+        let nose = place.path("lib/nose.ron");
+        let mut editor = place.editor();
+        editor.open(&nose, NOSE);
+        let mut asked = place_of(&nose, NOSE, "\"li|ft\": Num");
+        asked["newName"] = "the-lift".into();
+        let changes = editor.ask("textDocument/rename", asked)["changes"].clone();
+        for (name, old) in [("each.test.ron", test), ("patch.ron", patch)] {
+            let new = edited(&old, &changes[uri(&place.path(name))]);
+            assert_eq!(new, old.replace("lift", "the_lift"), "{name}: {changes}");
+        }
+    }
+}
+
+#[test]
+fn names_in_sweeps_are_followed() {
+    let place = face();
+    let sweep = r#"Sweep(
+    graph: "face.ron",
+    over: Product([
+        Values("growth", [5, 6]),
+        Zip([Values("smooth.levels", [0, 1]), Files(pattern: "*.obj", set: "ball.path", name: "growth-of-files")]),
+    ]),
+    set: { "ball.path": "ball.obj" },
+    out: "{growth}/{smooth.levels}",
+    picture: "face.ply",
+)
+"#;
+    place.write("face.sweep.ron", sweep);
+    let mut editor = place.editor();
+    let text = std::fs::read_to_string(place.path("face.ron")).unwrap();
+    editor.open(&place.path("face.ron"), &text);
+    let mut renamed = |mark: &str, to: &str| {
+        let mut asked = place_of(&place.path("face.ron"), &text, mark);
+        asked["newName"] = to.into();
+        let changes = editor.ask("textDocument/rename", asked)["changes"].clone();
+        edited(sweep, &changes[uri(&place.path("face.sweep.ron"))])
+    };
+    let new = renamed("\"gro|wth\": Num", "size");
+    let expected =
+        sweep.replace("Values(\"growth\"", "Values(\"size\"").replace("{growth}", "{size}");
+    assert_eq!(new, expected);
+    let new = renamed("\"smo|oth\": Sub", "smoother");
+    assert_eq!(new, sweep.replace("smooth.levels", "smoother.levels"));
+    let new = renamed("\"ba|ll\": Read", "sphere");
+    assert_eq!(new, sweep.replace("ball.path", "sphere.path"));
+}
