@@ -20,7 +20,7 @@ use crate::node::AnyNode;
 use crate::paths::{PathProblem, may_read};
 use crate::text::{
     Body, DEEPEST, Field, Finding, FoundFile, FoundLink, Kind, Name, Reader, Slots, Tree, Walk,
-    nearest_or_all,
+    nearest_or_all, unit_names,
 };
 
 /// A node's fields, looked at: the values that they have, and the links and files among them.
@@ -292,6 +292,9 @@ fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
     }
     let span = tree.span;
     let index = name.parse::<usize>().ok();
+    if index.is_some() {
+        spread_unit(tree);
+    }
     let field = match &mut tree.kind {
         Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
             match index.and_then(|index| items.get_mut(index)) {
@@ -318,5 +321,17 @@ fn set_field(tree: &mut Tree, path: &str, value: &Tree) {
     match rest {
         Some(rest) => set_field(field, rest, value),
         None => *field = Tree { span: field.span, ..value.clone() },
+    }
+}
+
+/// Gives each number of a vector the unit of all, so that one of them can have another: `(cm(1), cm(0), cm(2))` of `cm(1, 0, 2)`.
+fn spread_unit(tree: &mut Tree) {
+    let Kind::Call { name, body: Body::Items(items) } = &mut tree.kind else { return };
+    let is_unit = |name: &Name| unit_names().any(|unit| unit == name.text);
+    let Some(unit) = name.take_if(|name| is_unit(name) && items.len() > 1) else { return };
+    for item in items {
+        let number = std::mem::replace(item, Tree::new(item.span, Kind::Broken));
+        let name = Some(unit.clone());
+        item.kind = Kind::Call { name, body: Body::Items(vec![number]) };
     }
 }

@@ -4,7 +4,7 @@ use super::splice::{Splice, added, put_entry};
 use crate::error::{Span, code};
 use crate::graph::patch::is_patch;
 use crate::graph::quality::{self, is_draft, is_side};
-use crate::text::{Body, Field, Kind, Tree, nearest_or_all, parse};
+use crate::text::{Body, Field, Kind, Tree, nearest_or_all, parse, unit_names};
 
 /// Why a value cannot be put where it should be.
 pub(in crate::graph) struct Refusal {
@@ -87,6 +87,25 @@ fn in_call(
         let tree = parse(text).0;
         tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
     };
+    if let Some((vector, index)) = vector_in_unit(entry, steps, side)
+        && let Kind::Call { name: Some(unit), body: Body::Items(items) } = &vector.kind
+        && let Some(item) = items.get(index)
+        && (side != Some(true) || is_in_draft(entry, steps, item))
+    {
+        let written = |tree: &Tree| text[tree.span.start..tree.span.end].to_owned();
+        let (new, unit) = (parse(value).0, &unit.text);
+        // In the unit of the others it stands as they do.
+        if let Some(number) = new.call_of(unit) {
+            let number = value[number.span.start..number.span.end].to_owned();
+            return Ok((vec![(item.span, number)], Some(written(item))));
+        }
+        let each = items.iter().enumerate().map(|(at, other)| match at == index {
+            true => value.to_owned(),
+            false => format!("{unit}({})", written(other)),
+        });
+        let all = format!("({})", Vec::from_iter(each).join(", "));
+        return Ok((vec![(vector.span, all)], Some(format!("{unit}({})", written(item)))));
+    }
     match find(entry, steps, side)? {
         Found::Value(tree) => {
             if !overrules && !is_computed(value) {
@@ -116,6 +135,21 @@ fn in_call(
             Ok((added(text, owner, name, &value), None))
         }
     }
+}
+
+/// The vector with one unit for all of its numbers, such as `cm(1, 0, 2)`, and the number of it that a way leads to.
+fn vector_in_unit<'t>(
+    entry: &'t Tree,
+    steps: &[&str],
+    side: Option<bool>,
+) -> Option<(&'t Tree, usize)> {
+    let (last, before) = steps.split_last()?;
+    let index = last.parse().ok()?;
+    let Ok(Found::Value(vector)) = find(entry, before, side) else { return None };
+    let unit = vector.name().filter(|name| unit_names().any(|unit| unit == name.text));
+    let is_vector =
+        matches!(&vector.kind, Kind::Call { body: Body::Items(items), .. } if items.len() > 1);
+    (unit.is_some() && is_vector).then_some((vector, index))
 }
 
 /// Whether what a way for drafts leads to lies in a `Draft`: final results have something else there.

@@ -51,6 +51,20 @@ fn the_unit_before_a_vector_is_that_of_each_of_its_numbers() {
     assert_eq!(at(&graph("Param(\"by\")", ""), "moved", &set), Ok([26.4, 0.0, 0.0]));
     let set = [("moved.translate", "cm(4, 5, 6)")];
     assert_eq!(at(&graph("(0, 0, 0)", ""), "moved", &set), Ok([41.0, 50.0, 60.0]));
+    // A number of it is set in the parameter's own unit, whatever the others stand in.
+    for (value, moved) in [("4", 4.0), ("mm(4)", 4.0), ("cm(4)", 40.0), ("inch(1)", 25.4)] {
+        let set = [("moved.translate.1", value)];
+        assert_eq!(
+            at(&graph("cm(1, 0, 2)", ""), "moved", &set),
+            Ok([11.0, moved, 20.0]),
+            "{value}"
+        );
+        let edits = [Edit::Set { target: "moved.translate.1".into(), value: value.into() }];
+        let (path, options) = (Path::new("graph.ron"), Options::default());
+        let text = graph("cm(1, 0, 2)", "");
+        let edited = Graph::edit(path, &text, &edits, &Catalog::new(PACKS), &options).unwrap().text;
+        assert_eq!(at(&edited, "moved", &[]), Ok([11.0, moved, 20.0]), "{edited}");
+    }
     let each = r#""each": ForEach(graph: "Transform", over: [(translate: m(1, 0, 0))], links: (mesh: "point")),"#;
     assert_eq!(at(&graph("(0, 0, 0)", each), "each/1", &[]), Ok([1001.0, 0.0, 0.0]));
     let both = "Draft(final: cm(1, 0, 0), draft: cm(2, 0, 0))";
