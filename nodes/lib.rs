@@ -12,10 +12,10 @@ pub use {
 pub static PACKS: &[&Pack] = &[
     &image::PACK,
     &range::PACK,
-    &scan::PACK,
     &nurbs::PACK,
     &subdivision::PACK,
     &deform::PACK,
     &fill::PACK,
     &mesh::PACK,
+    &scan::PACK,
 ];

@@ -8,6 +8,7 @@ use super::definition::Used;
 use super::draft::{Draft, What, link_of};
 use super::each::{Over, Repeated, numbered};
 use super::parameters::Parameters;
+use super::top::name_of;
 use crate::catalog::PortDescription;
 use crate::error::code;
 use crate::text::{Body, Field, Kind, Name, Tree, nearest_or_all};
@@ -93,7 +94,12 @@ impl Check<'_, '_> {
                     return;
                 };
                 let each = draft.name.text.clone();
-                let text = format!("{each}/{}", port.text);
+                // An input has its own name, also in hyphens.
+                let input = match draft.what {
+                    What::Use(..) => name_of(&port.text),
+                    _ => port.text.clone(),
+                };
+                let text = format!("{each}/{input}");
                 let tree = Tree::new(link.span, Kind::Text(text.clone()));
                 added.push(Field { name: port.clone(), value: tree });
                 let (word, most) = (word.clone(), repeated.most.clone());

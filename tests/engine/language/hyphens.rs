@@ -74,6 +74,7 @@ fn a_use_gives_names_with_hyphens_what_it_gives_others() {
     let ours = place.load(UP, USING).unwrap();
     let plain = place.load(&joined(UP), &joined(USING)).unwrap();
     assert_eq!(corners(&ours), corners(&plain));
+    assert!(ours.node_names().any(|name| name == "parts/the-mesh"));
     let set = place.load(UP, &USING.replace("Param(\"eye-step\")", "7.0")).unwrap();
     assert_ne!(corners(&ours), corners(&set));
 }
