@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::keep_error::KeepError;
 use super::plane::Plane;
 use super::scan::Scan;
-use super::within::Within;
+use super::within::{Within, kept};
 
 /// Takes away what lies outside of a part of space, or inside of it.
 ///
@@ -58,17 +58,9 @@ pub fn crop(
     plane: Option<&Mesh>,
     invert: bool,
 ) -> Result<Scan, KeepError> {
-    let mut kept = match within {
-        Some(within) => within.of(scan)?,
-        None => scan.places().iter().map(|place| !place.x.is_nan()).collect(),
-    };
-    if let Some(mesh) = plane {
+    let above = plane.map(|mesh| {
         let plane = Plane::of_mesh(mesh).ok_or(KeepError::NoPlane)?;
-        let above = scan.places().iter().map(|place| plane.height(place) >= 0.0);
-        kept.iter_mut().zip(above).for_each(|(kept, above)| *kept &= above);
-    }
-    if invert {
-        kept.iter_mut().for_each(|kept| *kept = !*kept);
-    }
-    Ok(scan.only(&kept))
+        Ok(scan.places().iter().map(|place| plane.height(place) >= 0.0).collect())
+    });
+    kept(scan, within, above.transpose()?, invert)
 }

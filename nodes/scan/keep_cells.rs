@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::keep_error::KeepError;
 use super::scan::Scan;
-use super::within::Within;
+use super::within::{Within, kept};
 
 /// Keeps the cells of a range image that a mask shows, that lie in a part of space, or both.
 ///
@@ -56,18 +56,8 @@ pub fn keep_cells(
     invert: bool,
 ) -> Result<RangeImage, KeepError> {
     let scan = Scan::RangeImage(range.clone());
-    let mut kept = match within {
-        Some(within) => within.of(&scan)?,
-        None => range.points().iter().map(|point| !point.x.is_nan()).collect(),
-    };
-    if let Some(mask) = mask {
-        let shown = shown(range, mask)?;
-        kept.iter_mut().zip(shown).for_each(|(kept, shown)| *kept &= shown);
-    }
-    if invert {
-        kept.iter_mut().for_each(|kept| *kept = !*kept);
-    }
-    match scan.only(&kept) {
+    let shown = mask.map(|mask| shown(range, mask)).transpose()?;
+    match kept(&scan, within, shown, invert)? {
         Scan::RangeImage(range) => Ok(range),
         _ => unreachable!("a range image stays one"),
     }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::keep_error::KeepError;
 use super::plane::Plane;
-use super::scan::Scan;
+use super::scan::{Scan, is_there};
 
 /// A part of space. Its border belongs to it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -107,6 +107,24 @@ impl Within {
             }
         }
     }
+}
+
+/// What of a scan is `within` and has a flag in `also`; with `invert` what has not both.
+pub(super) fn kept(
+    scan: &Scan,
+    within: Option<&Within>,
+    also: Option<Vec<bool>>,
+    invert: bool,
+) -> Result<Scan, KeepError> {
+    let mut kept = match within {
+        Some(within) => within.of(scan)?,
+        None => scan.places().iter().map(is_there).collect(),
+    };
+    if let Some(also) = also {
+        kept.iter_mut().zip(also).for_each(|(kept, also)| *kept &= also);
+    }
+    kept.iter_mut().for_each(|kept| *kept ^= invert);
+    Ok(scan.only(&kept))
 }
 
 fn is_between(number: f64, from: Option<f64>, to: Option<f64>) -> bool {
