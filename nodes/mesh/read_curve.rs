@@ -3,6 +3,7 @@
 use maquette::format::obj;
 use maquette::value::{Curve, CurveError};
 use maquette::{Context, Error, FilePath, Node};
+use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -50,7 +51,8 @@ pub fn curve_in_millimeters(curve: Curve, unit: Unit) -> Result<Curve, CurveErro
     if unit.is_millimeters() {
         return Ok(curve);
     }
-    curve.with_points(curve.points().iter().map(|point| point * unit.millimeters()).collect())
+    let scaled = |point: &Point3<f64>| point.map(|length| unit.in_millimeters(length));
+    curve.with_points(curve.points().iter().map(scaled).collect())
 }
 
 /// The curve in a file whose name ends in `ending`: `obj`.
@@ -80,7 +82,7 @@ mod tests {
     fn every_unit_is_converted_to_millimeters() {
         let curve = read_curve(b"v 1 2 3\nv 1 0 0\nl 1 2\n", "obj").unwrap();
         let scaled = curve_in_millimeters(curve.clone(), Unit::Inch).unwrap();
-        assert_eq!(scaled.points()[0], nalgebra::Point3::new(25.4, 50.8, 3.0 * 25.4));
+        assert_eq!(scaled.points()[0], Point3::new(25.4, 50.8, 76.2));
         assert_eq!(curve_in_millimeters(curve.clone(), Unit::Mm).unwrap(), curve);
     }
 }

@@ -38,7 +38,8 @@ pub fn in_millimeters(points: Points, unit: Unit) -> Result<Points, Error> {
         return Ok(points);
     }
     let normals = points.attributes().get("normal").cloned();
-    let scaled = points.positions().iter().map(|point| point * unit.millimeters()).collect();
+    let scaled = points.positions().iter();
+    let scaled = scaled.map(|point| point.map(|length| unit.in_millimeters(length))).collect();
     let points = points.with_positions(scaled)?;
     Ok(match normals {
         // A unit changes no direction.
@@ -56,7 +57,7 @@ mod tests {
     #[test]
     fn every_unit_is_converted_to_millimeters_and_normals_stay() {
         let points = in_millimeters(xyz::read(b"1 2 3 0 0.5 0\n").unwrap(), Unit::Inch).unwrap();
-        assert_eq!(points.positions()[0], nalgebra::Point3::new(25.4, 50.8, 3.0 * 25.4));
+        assert_eq!(points.positions()[0], nalgebra::Point3::new(25.4, 50.8, 76.2));
         assert_eq!(points.attributes().vectors("normal").unwrap()[0], [0.0, 0.5, 0.0]);
     }
 }
