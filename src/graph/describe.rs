@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use serde_json::Value as Json;
+use serde_json::{Map, Value as Json};
 
 use super::check::{self, Whole};
 use super::definition::{Definition, World};
@@ -11,6 +11,7 @@ use crate::catalog::{Catalog, Description};
 use crate::error::Problem;
 
 /// A graph that others use, as far as they see it.
+#[derive(Clone)]
 pub(crate) struct Subgraph {
     /// The type of nodes that it is for who uses it.
     pub(crate) name: String,
@@ -46,6 +47,34 @@ impl Subgraph {
     /// The description of its fields as a built-in node's.
     pub(super) fn schema(&self) -> &Json {
         &self.schema
+    }
+
+    /// Makes two graphs' uses speak of the same defaults: of a used graph that both have, those that differ are forgotten, since a value
+    /// that is the default of one of them alone says something; one that cannot be read on one side is taken from the other.
+    pub(super) fn make_comparable(old: &mut Vec<Self>, new: &mut Vec<Self>) {
+        fn properties(graph: &mut Subgraph) -> Option<&mut Map<String, Json>> {
+            graph.schema.get_mut("properties").and_then(Json::as_object_mut)
+        }
+        for old in &mut *old {
+            let Some(new) = new.iter_mut().find(|new| new.name == old.name) else { continue };
+            let Some((old, new)) = properties(old).zip(properties(new)) else { continue };
+            for (name, old) in old {
+                let Some(new) = new.get_mut(name) else { continue };
+                if ["default", "draft"].iter().any(|side| old.get(side) != new.get(side)) {
+                    for field in [old, new].into_iter().filter_map(Json::as_object_mut) {
+                        field.remove("default");
+                        field.remove("draft");
+                    }
+                }
+            }
+        }
+        let missing = |from: &[Self], to: &[Self]| {
+            let is_missing = |graph: &&Self| to.iter().all(|other| other.name != graph.name);
+            from.iter().filter(is_missing).cloned().collect::<Vec<_>>()
+        };
+        let (from_old, from_new) = (missing(old, new), missing(new, old));
+        old.extend(from_new);
+        new.extend(from_old);
     }
 
     /// The name of its first output.

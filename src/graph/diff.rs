@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::Graph;
 use super::check::{first, folder_of};
+use super::describe::Subgraph;
 use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed, show};
 use super::migrate::renewed_graph;
 use super::moved::seen_from;
@@ -144,7 +145,7 @@ impl Graph {
             });
             let is_near = !is_one_project || folder_of(&source.name) == folder;
             if is_plain && is_near || !problems.is_empty() {
-                return (Meaning::of(&renewed_graph(&tree, catalog), catalog, &[]), problems);
+                return (renewed_graph(&tree, catalog), Vec::new(), problems);
             }
             // The graphs that it uses say which of its values are defaults; a patch says what it is by the graph that it patches.
             let options = Options { files: Files::Ignored, ..Options::default() };
@@ -157,10 +158,13 @@ impl Graph {
                 false if is_patch(&tree) => patched_tree(path, text, catalog, &options),
                 false => tree,
             };
-            let tree = renewed_graph(&tree, catalog);
-            (Meaning::of(&tree, catalog, &graphs), problems)
+            (renewed_graph(&tree, catalog), graphs, problems)
         };
-        let ((old, mut problems), (new, others)) = (read(old), read(new));
+        let ((old, mut old_graphs, mut problems), (new, mut new_graphs, others)) =
+            (read(old), read(new));
+        Subgraph::make_comparable(&mut old_graphs, &mut new_graphs);
+        let (old, new) =
+            (Meaning::of(&old, catalog, &old_graphs), Meaning::of(&new, catalog, &new_graphs));
         problems.extend(others);
         if problems.is_empty() { Ok(compare(&old, &new)) } else { Err(problems) }
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::check::folder_of;
 use super::meaning::entries;
-use super::{Difference, Graph};
+use super::{Change, Difference, Graph};
 use crate::catalog::Catalog;
 use crate::error::{Problem, Source};
 use crate::plain;
@@ -44,7 +44,14 @@ impl Uses<'_> {
             if from == to || !self.seen.insert((from.clone(), to.clone())) {
                 continue;
             }
-            let (Some(from), Some(to)) = (source(from), source(to)) else { continue };
+            let (from, to) = match (source(from), source(to)) {
+                (Some(from), Some(to)) => (from, to),
+                (None, None) => continue,
+                (from, to) => {
+                    self.found.push(missing(name, inside, [from.is_some(), to.is_some()]));
+                    continue;
+                }
+            };
             let inside = [inside, std::slice::from_ref(name)].concat();
             let found = Graph::differences(&from, &to, self.catalog).unwrap_or_default();
             let found = found.into_iter();
@@ -54,11 +61,21 @@ impl Uses<'_> {
     }
 }
 
+/// A used graph whose file only one side has.
+fn missing(name: &str, inside: &[String], is_there: [bool; 2]) -> Difference {
+    let [before, after] = is_there.map(|is_there| {
+        let word = if is_there { "found" } else { "missing" };
+        Some(word.to_owned())
+    });
+    let (name, field, inside) = (name.to_owned(), "file".to_owned(), inside.to_owned());
+    Difference { what: "use", name, change: Change::Changed, field, before, after, inside }
+}
+
 fn source(path: &Path) -> Option<Source> {
     Some(Source { name: path.to_owned(), text: plain::read_text(path).ok()? })
 }
 
-/// The graphs that a text uses, by name; without those that are not there. A patch uses those of the graph that it is of: all that
+/// The graphs that a text uses, by name. A patch uses those of the graph that it is of: all that
 /// this one says itself is compared with the patch in it.
 fn used(source: &Source) -> Vec<(String, PathBuf)> {
     used_through(source, MOST_PATCHES)
@@ -74,7 +91,8 @@ fn used_through(source: &Source, most: usize) -> Vec<(String, PathBuf)> {
         let value = tree.call_of("Graph").unwrap_or(tree);
         let named = || value.fields()?.iter().find(|field| field.name.text == "path")?.value.text();
         let given = value.text().or_else(named)?;
-        std::fs::canonicalize(folder_of(&source.name).join(given)).ok()
+        let path = folder_of(&source.name).join(given);
+        Some(std::fs::canonicalize(&path).unwrap_or(path))
     };
     if let Some(of) = fields.iter().find(|field| field.name.text == "of").filter(|_| 0 < most) {
         let patched = path(&of.value).and_then(|path| self::source(&path));

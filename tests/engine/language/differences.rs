@@ -102,3 +102,46 @@ fn paths_of_another_project_are_compared_as_they_are_written() {
         .map(|folder| Source { name: folder.path().join("graph.ron"), text: READS.to_owned() });
     assert_eq!(Graph::differences(&old, &new, &Catalog::new(PACKS)).unwrap(), []);
 }
+
+/// How a graph that uses a library in one checkout differs from the same graph in another one, where the library says something else.
+fn differences_of_checkouts(library: Option<&str>, other_library: Option<&str>) -> Vec<String> {
+    const GRAPH: &str = r#"Graph(format: 1, use: { "L": "lib.ron" }, nodes: {
+        "a": L(), "b": L(up_step: 2.0), "c": L(up_step: 3.0),
+    }, outputs: { "a.ply": "a", "b.ply": "b", "c.ply": "c" })"#;
+    let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let checkout = |folder: &tempfile::TempDir, library: Option<&str>| {
+        let name = folder.path().join("graph.ron");
+        std::fs::write(folder.path().join("maquette.toml"), "").unwrap();
+        std::fs::write(&name, GRAPH).unwrap();
+        if let Some(library) = library {
+            std::fs::write(folder.path().join("lib.ron"), library).unwrap();
+        }
+        Source { name, text: GRAPH.to_owned() }
+    };
+    let (old, new) = (checkout(&folders[0], library), checkout(&folders[1], other_library));
+    let found = Graph::differences_with_uses(&old, &new, &Catalog::new(PACKS)).unwrap();
+    found.iter().map(ToString::to_string).collect()
+}
+
+const LIBRARY: &str = r#"Graph(format: 1, params: { "up-step": Number(default: 2.0, unit: "mm") },
+    nodes: { "ball": ReadMesh(path: "ball.ply"), "up": Transform(mesh: "ball", translate: (0.0, Param("up-step"), 0.0)) },
+    outputs: { "mesh": "up" })"#;
+
+#[test]
+fn another_default_of_a_used_graph_is_told_there_alone() {
+    let other = LIBRARY.replace("default: 2.0", "default: 3.0");
+    assert_eq!(
+        differences_of_checkouts(Some(LIBRARY), Some(&other)),
+        ["in L: parameter up-step: changed default: 2 -> 3"]
+    );
+}
+
+#[test]
+fn a_used_graph_that_one_side_lacks_is_told() {
+    let missing = ["use L: changed file: found -> missing"];
+    assert_eq!(differences_of_checkouts(Some(LIBRARY), None), missing);
+    assert_eq!(
+        differences_of_checkouts(None, Some(LIBRARY)),
+        ["use L: changed file: missing -> found"]
+    );
+}
