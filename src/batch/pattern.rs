@@ -33,6 +33,9 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<Found>, String
         for (path, stars) in found {
             if !part.contains(['*', '?']) {
                 let path = path.join(part);
+                // So that what is found is called the same from wherever it is looked for.
+                let path =
+                    if part == ".." { fs::canonicalize(&path).unwrap_or(path) } else { path };
                 next.extend(path.exists().then_some((path, stars)));
                 continue;
             }

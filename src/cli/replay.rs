@@ -9,10 +9,10 @@ use serde_json::json;
 use super::caching::CacheOptions;
 use super::inputs::InputOptions;
 use super::progress::Progress;
-use super::{Exit, eprint, print, print_json, report};
+use super::{Exit, assignment, eprint, print, print_json, report};
 use crate::catalog::Catalog;
 use crate::graph::{Files, Graph, GraphOutput, Options};
-use crate::paths::project_root;
+use crate::paths::{folder_of_new, project_root};
 use crate::plain::{ending, read_own};
 use crate::provenance::{Found, Provenance, Signature, find};
 use crate::session::{OutputFolder, Run, Wanted, sign};
@@ -46,11 +46,14 @@ impl ProvenanceOptions {
 pub(super) struct Replay {
     /// A file that a graph gave.
     file: PathBuf,
-    /// The graph; if left out, that of the name that the file tells, in the project of the current folder.
+    /// The graph; if left out, that of the name that the file tells, in the project of the current folder, else in that of the file.
     #[arg(long, value_name = "GRAPH")]
     graph: Option<PathBuf>,
     #[command(flatten)]
     inputs: InputOptions,
+    /// The value of a parameter or field that the file does not tell whole: of a path out of the project it has the last name alone.
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    set: Vec<(String, String)>,
     /// Let the graph read files of this folder, too.
     #[arg(long = "root", value_name = "DIR")]
     roots: Vec<PathBuf>,
@@ -101,14 +104,14 @@ impl Replay {
         if let Some(graph) = &self.graph {
             return Ok(graph.clone());
         }
-        let graph = project_root(Path::new(".")).join(&told.graph);
         let name = match &told.graph[..] {
             "" => return Err("the file has room for a hash alone: --graph names its graph".into()),
             name => name,
         };
-        let is_there = graph.is_file();
-        is_there.then_some(graph).ok_or_else(|| {
-            format!("there is no graph `{name}` in this project: --graph says where it is")
+        let folders = [PathBuf::from("."), folder_of_new(&self.file)];
+        let graphs = folders.map(|folder| project_root(&folder).join(name));
+        graphs.into_iter().find(|graph| graph.is_file()).ok_or_else(|| {
+            format!("there is no graph `{name}` in the project here, nor in that of the file: --graph says where it is")
         })
     }
 
@@ -118,7 +121,9 @@ impl Replay {
             Err(why) => return Exit::Usage(why),
         };
         let roots = self.roots.clone();
-        let set = values(path, &told.provenance, catalog);
+        let mut set = values(path, &told.provenance, catalog);
+        set.retain(|(name, _)| self.set.iter().all(|(other, _)| other != name));
+        set.extend(self.set.iter().cloned());
         let (draft, pins) = (told.provenance.draft, !told.provenance.pins.is_empty());
         let options = Options { roots, set, draft, pins, ..Options::default() };
         let checked = session.load(path, &options).as_far_as_known();

@@ -1,12 +1,12 @@
 //! What an output tells of where it came from.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use serde_json::Value as Json;
 
 use crate::catalog::Catalog;
 use crate::graph::{Graph, GraphOutput, INPUT, PINNED};
-use crate::paths::{project_root, within};
+use crate::paths::{folder_of_new, project_root, within};
 use crate::provenance::{Provenance, Signature, short};
 use crate::value::Hash;
 
@@ -14,6 +14,8 @@ use crate::value::Hash;
 pub(crate) struct Teller<'a> {
     graph: &'a Graph,
     catalog: &'a Catalog,
+    /// The folder of the graph, from which paths in its values lead on.
+    folder: PathBuf,
     /// The folder of the project.
     root: PathBuf,
     /// What each node gives is made of: its recipe and those of all that it hangs on. No name and no order counts.
@@ -22,8 +24,8 @@ pub(crate) struct Teller<'a> {
 
 impl<'a> Teller<'a> {
     pub(crate) fn new(graph: &'a Graph, catalog: &'a Catalog) -> Self {
-        let folder = graph.source.name.parent().filter(|folder| *folder != Path::new(""));
-        let root = project_root(folder.unwrap_or(Path::new(".")));
+        let folder = folder_of_new(&graph.source.name);
+        let root = project_root(&folder);
         let mut made: Vec<Hash> = Vec::with_capacity(graph.nodes.len());
         for node in graph.nodes.iter() {
             // What is given at an input is told beside it.
@@ -42,7 +44,7 @@ impl<'a> Teller<'a> {
             }
             made.push(Hash::of(&content));
         }
-        Self { graph, catalog, root, made }
+        Self { graph, catalog, folder, root, made }
     }
 
     /// What each node gives is made of.
@@ -57,19 +59,24 @@ impl<'a> Teller<'a> {
         output: &GraphOutput,
         read_by: impl Fn(usize) -> &'f [Option<Hash>],
     ) -> Provenance {
-        let Self { graph, catalog, root, made } = self;
+        let Self { graph, catalog, root, made, .. } = self;
         let mut told = Provenance {
             maquette: env!("CARGO_PKG_VERSION").into(),
             graph: within(root, &graph.source.name),
             output: output.name.clone(),
             draft: output.lineage.draft,
-            set: output.lineage.set.iter().cloned().collect(),
+            set: output
+                .lineage
+                .set
+                .iter()
+                .map(|(name, value)| (name.clone(), self.value(value)))
+                .collect(),
             ..Provenance::default()
         };
         for name in &output.lineage.parameters {
             let declared = graph.schema["properties"].get(name);
             if let Some(value) = declared.and_then(|declared| declared.get("default")) {
-                told.parameters.insert(name.clone(), plain(value));
+                told.parameters.insert(name.clone(), self.value(value));
             }
         }
         let needed = graph.shape.needed_by(&[output.node]);
@@ -100,6 +107,34 @@ impl<'a> Teller<'a> {
         told
     }
 
+    /// A parameter's value as it is told: the same for `12` and `12.0`, and of paths that lead out of the project the last name alone.
+    fn value(&self, value: &Json) -> Json {
+        match value {
+            Json::String(text) => self.text(text).into(),
+            Json::Array(items) => items.iter().map(|item| self.value(item)).collect(),
+            Json::Object(fields) => {
+                fields.iter().map(|(name, value)| (name.clone(), self.value(value))).collect()
+            }
+            value => match value.as_f64() {
+                Some(number) if number.fract() == 0.0 && number.abs() < 1e15 => {
+                    (number as i64).into()
+                }
+                _ => value.clone(),
+            },
+        }
+    }
+
+    fn text(&self, text: &str) -> String {
+        let path = Path::new(text);
+        let climbs = || path.components().any(|part| part == Component::ParentDir);
+        if !path.is_absolute() && !climbs() {
+            return text.to_owned();
+        }
+        let file = self.folder.join(path);
+        let file = folder_of_new(&file).join(file.file_name().unwrap_or_default());
+        if file.starts_with(&self.root) { text.to_owned() } else { within(&self.root, &file) }
+    }
+
     /// What is put into the files of an output.
     pub(crate) fn signature<'f>(
         &self,
@@ -107,14 +142,6 @@ impl<'a> Teller<'a> {
         read_by: impl Fn(usize) -> &'f [Option<Hash>],
     ) -> Signature {
         sign(&self.provenance(output, read_by))
-    }
-}
-
-/// The same for `12` and `12.0`.
-fn plain(value: &Json) -> Json {
-    match value.as_f64() {
-        Some(number) if number.fract() == 0.0 && number.abs() < 1e15 => (number as i64).into(),
-        _ => value.clone(),
     }
 }
 

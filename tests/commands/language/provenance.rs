@@ -164,3 +164,40 @@ fn what_a_patch_in_another_folder_made_is_made_again() {
     let again = project.maquette(&["replay", "out/lifted.glb", "--graph", "sub/high.ron"]);
     assert!(again.status.success(), "{}", told(&again));
 }
+
+#[test]
+fn a_parameter_tells_no_path_out_of_the_project() {
+    let project = project();
+    let elsewhere = tempfile::tempdir_in(project.folder().parent().unwrap()).unwrap();
+    let folder = elsewhere.path().file_name().unwrap().to_str().unwrap();
+    let other = elsewhere.path().join("other.obj");
+    std::fs::copy(project.folder().join("doll/coarse.obj"), &other).unwrap();
+    project.save(
+        r#"Graph(format: 1, params: { "file": Text(default: "doll/coarse.obj") },
+            nodes: { "a": ReadMesh(path: Param("file")), "b": ReadMesh(path: "doll/coarse.obj") },
+            outputs: { "a.ply": "a", "b.ply": "b" })"#,
+    );
+    let (other, root) = (format!("../{folder}/other.obj"), elsewhere.path().display().to_string());
+    let (file, path) = (format!("file={other}"), format!("b.path={other}"));
+    let outputs = run(&project, &["--set", &file, "--set", &path, "--root", &root]);
+    for (name, bytes) in &outputs {
+        let head = String::from_utf8_lossy(&bytes[..600]).into_owned();
+        assert!(head.contains("\"other.obj\"") && !head.contains(folder), "{name}: {head}");
+        let file = format!("out/{name}");
+        let words = ["replay", &file, "--graph", "doll.ron", "--root", &root];
+        let set = if name == "a.ply" { format!("file={other}") } else { format!("b.path={other}") };
+        let replayed = project.maquette(&[&words[..], &["--set", &set]].concat());
+        assert!(replayed.status.success(), "{}", told(&replayed));
+    }
+}
+
+#[test]
+fn a_file_is_made_again_from_whatever_folder() {
+    let project = project();
+    run(&project, &[]);
+    let file = project.folder().join("out/lifted.glb").display().to_string();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let replayed = project.command(&["replay", &file]).current_dir(elsewhere.path()).output();
+    let replayed = replayed.unwrap();
+    assert!(replayed.status.success(), "{}", told(&replayed));
+}
