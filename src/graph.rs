@@ -10,7 +10,7 @@ use crate::pack::Format;
 use crate::paths::without_dots;
 use crate::plain;
 use crate::reading::Readers;
-use crate::text::{Origin, Sheet, Tree, ron};
+use crate::text::{Origin, Sheet, Tree, ron, shell};
 use crate::value::{Hash, ValueType};
 
 mod asked;
@@ -141,6 +141,8 @@ pub struct Graph {
     stage: Option<Arc<stage::Stage>>,
     /// The values at its inputs.
     given: InputValues,
+    /// The words of a command that say how it was read.
+    words: Arc<[String]>,
     /// Names in its own file that no output of it needs, and what is wanted and never given.
     warnings: Vec<Problem>,
 }
@@ -234,6 +236,21 @@ impl Options {
     pub fn with_text(mut self, path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
         self.texts.insert(path.into(), text.into());
         self
+    }
+
+    /// The words of a command that say the same of a graph, whether or not it has pins.
+    pub(crate) fn words(&self) -> Vec<String> {
+        let mut words = Vec::new();
+        for (name, value) in &self.set {
+            words.extend(["--set".to_owned(), format!("{name}={value}")]);
+        }
+        for root in &self.roots {
+            words.extend(["--root".to_owned(), root.display().to_string()]);
+        }
+        let flags = [(self.draft, "--draft"), (self.locked, "--locked")];
+        let flags = flags.into_iter().filter(|(is_set, _)| *is_set);
+        words.extend(flags.map(|(_, flag)| flag.to_owned()));
+        words
     }
 
     /// The text of a graph's file, or the one that stands in its place.
@@ -405,6 +422,14 @@ impl Graph {
     pub fn as_ron(&self, parameter: &str, value: &serde_json::Value) -> Option<String> {
         let declared = self.schema.get("properties")?.get(parameter)?;
         Some(ron(value, declared, &self.schema))
+    }
+
+    /// A command on one of its values for people, `maquette inspect graph.ron nose`, with the values that it was read with.
+    pub(crate) fn command(&self, verb: &str, link: &str) -> String {
+        let file = self.source.name.display().to_string();
+        let given = self.given.keys().flat_map(|name| ["--input".into(), format!("{name}=..")]);
+        let words = [file, link.into()].into_iter().chain(self.words.iter().cloned()).chain(given);
+        words.fold(format!("maquette {verb}"), |command, word| command + " " + &shell(&word))
     }
 
     /// The node and output of a value by the name of an output, or by its link.

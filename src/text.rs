@@ -14,6 +14,7 @@ mod reader;
 mod ron;
 mod schema;
 mod sheet;
+mod shell;
 mod suggest;
 mod tree;
 mod tree_reader;
@@ -34,6 +35,7 @@ pub(crate) use schema::{
     Finding, FoundFile, FoundLink, Walk, as_tree, check_default, inside_option, resolve, variants,
 };
 pub(crate) use sheet::{Sheet, TextPart};
+pub(crate) use shell::shell;
 #[cfg(test)]
 pub(crate) use suggest::tests::LOOKS;
 pub(crate) use suggest::{nearest, nearest_or_all, unknown};

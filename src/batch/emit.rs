@@ -3,6 +3,8 @@
 
 use serde_json::json;
 
+use crate::text::shell;
+
 /// An engine that runs tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Engine {
@@ -199,15 +201,6 @@ if sys.argv[1:] == ["--here"]:
         sys.exit(run(cluster.client()))
 sys.exit(run(Client(*sys.argv[1:])))
 "#;
-
-/// A word as a shell takes it.
-fn shell(word: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,+:@%".contains(c);
-    match !word.is_empty() && word.chars().all(is_plain) {
-        true => word.to_owned(),
-        false => format!("'{}'", word.replace('\'', "'\\''")),
-    }
-}
 
 #[cfg(test)]
 mod tests {

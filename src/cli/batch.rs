@@ -199,7 +199,8 @@ impl Batch {
         if self.retry {
             words.push("--retry".into());
         }
-        words.extend(self.options.words());
+        words.extend(self.options.all().words());
+        words.extend(self.options.no_pins.then(|| "--no-pins".to_owned()));
         words.extend(self.cache.words());
         words.extend(self.provenance.words());
         words

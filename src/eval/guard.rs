@@ -1,7 +1,6 @@
 //! Tests what nodes want of values, once for each value.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use super::lock;
@@ -30,8 +29,8 @@ pub(super) struct NotAsWanted {
     kind: &'static str,
     link: String,
     offence: Arc<Offence>,
-    /// The graph's file.
-    file: PathBuf,
+    /// What looks at the value.
+    command: String,
 }
 
 impl NotAsWanted {
@@ -39,10 +38,8 @@ impl NotAsWanted {
     pub(super) fn problem(&self, node: &GraphNode) -> Problem {
         let elements = self.offence.elements.iter();
         let elements = elements.map(|it| (it.name.clone(), it.place().coords.into())).collect();
-        let look = (0 < self.offence.count).then(|| {
-            let (file, link) = (self.file.display(), &self.link);
-            format!("`maquette inspect {file} {link} --out look.png` lists and marks them")
-        });
+        let look = (0 < self.offence.count)
+            .then(|| format!("`{} --out look.png` lists and marks them", self.command));
         let look = look.unwrap_or_default();
         if let Some(input) = &self.guard.input {
             return Problem { elements, ..input.problem(self.to_string(), look) };
@@ -87,8 +84,8 @@ impl Guards {
                 let source = &node.links[guard.slot];
                 let link = graph.link_name(source.node, source.output);
                 let (guard, kind) = (guard.clone(), value.kind().name);
-                let file = graph.source.name.clone();
-                return Err(NotAsWanted { guard, kind, link, offence, file }.into());
+                let command = graph.command("inspect", &link);
+                return Err(NotAsWanted { guard, kind, link, offence, command }.into());
             }
         }
         Ok(())

@@ -148,6 +148,7 @@ pub(super) fn expand<'a>(
         settled: BTreeSet::new(),
         stage: None,
         given: BTreeMap::new(),
+        words: world.options.words().into(),
         warnings,
     })
 }

@@ -63,6 +63,21 @@ fn inspect_lists_and_marks_the_elements() {
 }
 
 #[test]
+fn the_command_that_shows_the_elements_has_the_values_of_the_run() {
+    let project = project();
+    let text = std::fs::read_to_string(project.graph()).unwrap();
+    let text = text
+        .replace("    nodes:", "    params: { \"file\": Text(default: \"a b.obj\") },\n    nodes:");
+    project.save(&text.replace("path: \"open.obj\"", "path: Param(\"file\")"));
+    let folder = project.folder();
+    std::fs::copy(folder.join("open.obj"), folder.join("an open one.obj")).unwrap();
+    let run = project.maquette(&["run", "doll.ron", "--set", "file=an open one.obj"]);
+    let told = String::from_utf8(run.stderr).unwrap();
+    let command = "`maquette inspect doll.ron open --set 'file=an open one.obj' --out look.png`";
+    assert!(told.contains(command), "{told}");
+}
+
+#[test]
 fn a_page_lists_and_marks_them_too_and_looks_at_one_that_is_clicked() {
     let project = project();
     let wanted = std::fs::read_to_string(project.graph()).unwrap();
