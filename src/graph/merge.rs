@@ -21,12 +21,14 @@ mod notes;
 mod parts;
 mod readings;
 mod sides;
+mod units;
 
 use lines::by_lines;
 use notes::{around, comments, is_amiss};
-use parts::Value;
+use parts::{Means, Value};
 use readings::{entries_of, turned};
 use sides::{Merger, RenamedTwice};
+use units::plain_numbers;
 
 /// What two people's edits of a graph file give.
 #[derive(Clone, Debug)]
@@ -121,9 +123,12 @@ impl Named<'_> {
         kept_apart: &BTreeSet<String>,
     ) -> (String, Vec<String>) {
         let trees = texts.map(|text| parse(text).0);
-        let defaults = texts.map(|text| self.defaults(text));
+        let means = [0, 1, 2].map(|k| Means {
+            defaults: self.defaults(texts[k]),
+            numbers: plain_numbers(self.path, texts[k], &trees[k], self.catalog),
+        });
         let [before, left, right] =
-            [0, 1, 2].map(|k| Value { text: texts[k], tree: &trees[k], defaults: &defaults[k] });
+            [0, 1, 2].map(|k| Value { text: texts[k], tree: &trees[k], means: &means[k] });
         let known = BTreeSet::from_iter(comments(texts[0]));
         let mut merger = Merger { renamed_twice, kept_apart, known, conflicts: Vec::new() };
         let whole = merger.whole(before, left, right);

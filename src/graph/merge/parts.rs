@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::notes::is_open;
+use super::units::Plain;
 use crate::graph::edit::{opened, parts as places};
 use crate::graph::meaning::{plain, show};
 use crate::text::{Body, Kind, Token, Tree, tokens};
@@ -12,8 +13,15 @@ use crate::text::{Body, Kind, Token, Tree, tokens};
 pub(super) struct Value<'t> {
     pub(super) text: &'t str,
     pub(super) tree: &'t Tree,
+    pub(super) means: &'t Means,
+}
+
+/// What parts of a text say beside their words.
+pub(super) struct Means {
     /// Where the fields begin that would say the same if they were left out.
-    pub(super) defaults: &'t BTreeSet<usize>,
+    pub(super) defaults: BTreeSet<usize>,
+    /// What values with units say.
+    pub(super) numbers: Plain,
 }
 
 impl<'t> Value<'t> {
@@ -27,10 +35,10 @@ impl<'t> Value<'t> {
         self.said() == other.said()
     }
 
-    /// What it says, without values that would be the same if they were left out.
+    /// What it says, in plain numbers, and without values that would be the same if they were left out.
     fn said(self) -> Tree {
         let mut tree = self.tree.clone();
-        leave_out(&mut tree, self.defaults);
+        self.means.of(&mut tree);
         plain(&tree)
     }
 
@@ -49,19 +57,24 @@ impl<'t> Value<'t> {
     }
 }
 
-fn leave_out(tree: &mut Tree, defaults: &BTreeSet<usize>) {
-    match &mut tree.kind {
-        Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
-            items.iter_mut().for_each(|item| leave_out(item, defaults));
+impl Means {
+    fn of(&self, tree: &mut Tree) {
+        if let Some(plain) = self.numbers.get(&tree.span.start)
+            && matches!(tree.kind, Kind::Call { .. })
+        {
+            *tree = plain.clone();
         }
-        Kind::Call { body: Body::Fields(fields), .. } => {
-            fields.retain(|field| !defaults.contains(&field.name.span.start));
-            fields.iter_mut().for_each(|field| leave_out(&mut field.value, defaults));
+        match &mut tree.kind {
+            Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
+                items.iter_mut().for_each(|item| self.of(item));
+            }
+            Kind::Call { body: Body::Fields(fields), .. } => {
+                fields.retain(|field| !self.defaults.contains(&field.name.span.start));
+                fields.iter_mut().for_each(|field| self.of(&mut field.value));
+            }
+            Kind::Map(entries) => entries.iter_mut().for_each(|(_, value)| self.of(value)),
+            _ => {}
         }
-        Kind::Map(entries) => {
-            entries.iter_mut().for_each(|(_, value)| leave_out(value, defaults));
-        }
-        _ => {}
     }
 }
 
@@ -141,7 +154,7 @@ impl<'t> Parts<'t> {
     }
 
     fn named(value: Value<'t>, named: Vec<(String, &'t Tree)>) -> Self {
-        let Value { text, tree, defaults } = value;
+        let Value { text, tree, means } = value;
         let start = opened(text, tree.span);
         let (mut at, mut comma, mut before) = (start, false, "");
         let mut all: Vec<(String, Part<'_>)> = Vec::with_capacity(named.len());
@@ -159,8 +172,8 @@ impl<'t> Parts<'t> {
             }
             let (Some(place), Some((key, value))) = (place, named.next()) else { break };
             let name = &text[place.start..value.span.start];
-            let is_default = !name.is_empty() && defaults.contains(&place.start);
-            let value = Value { text, tree: value, defaults };
+            let is_default = !name.is_empty() && means.defaults.contains(&place.start);
+            let value = Value { text, tree: value, means };
             all.push((key, Part { before, name, value, behind: Behind::default(), is_default }));
             at = place.end;
         }

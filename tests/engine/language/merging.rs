@@ -134,6 +134,12 @@ const CASES: &[Case] = &[
     Case("their reordering moves nothing", &[("range: \"blended\")", "range: \"blended\", jump: 5.0)")], &[(GRID, ""), (SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"grid\": Triangulate(range: \"blended\"),\n")],
         Some(&[("range: \"blended\")", "range: \"blended\", jump: 5.0)")])),
     Case("a number written otherwise is no change", &[(FAR, "distance: 30")], &[(FAR, "distance: 25.0")], Some(&[(FAR, "distance: 25.0")])),
+    Case("a length in another unit is no change", &[("max: 40.0", "max: cm(4)")], &[("max: 40.0", "max: 50.0")], Some(&[("max: 40.0", "max: 50.0")])),
+    Case("the same length in two units", &[("(distance: Param(\"growth\"))", "(distance: cm(0.4))")], &[("(distance: Param(\"growth\"))", "(distance: 4)")], Some(&[("(distance: Param(\"growth\"))", "(distance: cm(0.4))")])),
+    Case("the same vector in two units", &[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: (0, 0, 10)),\n")], &[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: cm(0, 0, 1)),\n")],
+        Some(&[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: (0, 0, 10)),\n")])),
+    Case("the same vector, a part of it in another unit", &[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: cm(0, 0, 1)),\n")], &[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: (0, 0, cm(1))),\n")],
+        Some(&[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: cm(0, 0, 1)),\n")])),
     // Conflicts.
     Case("a value, differently", &[(FAR, "distance: 25.0")], &[(FAR, "distance: 20.0")],
         Some(&[("        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 30.0)), // bright\n", "<<<<<<< ours\n        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 25.0)), // bright\n=======\n        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 20.0)), // bright\n>>>>>>> theirs\n")])),

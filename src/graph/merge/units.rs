@@ -1,0 +1,72 @@
+//! Numbers with units as the plain ones that they stand for, so that two ways to write one length are the same.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::catalog::{Catalog, Entry};
+use crate::graph::fitting::{declaration_in_own_unit, in_plain_numbers};
+use crate::graph::meaning::entries;
+use crate::graph::{Expectation, Files, Graph, Options};
+use crate::text::{Body, Kind, Tree};
+
+/// What the values with units say, by where they begin in a graph's text.
+pub(super) fn plain_numbers(path: &Path, text: &str, tree: &Tree, catalog: &Catalog) -> Plain {
+    let options = Options { files: Files::Ignored, ..Options::default() };
+    let fields = tree.fields().unwrap_or_default();
+    let mut plain = Plain::new();
+    for (name, declared) in entries(fields, "params") {
+        note(declared, &declaration_in_own_unit(declared, name, &mut Vec::new()), &mut plain);
+    }
+    for field in fields.iter().filter(|field| field.name.text == "expect") {
+        note(&field.value, &Expectation::in_plain_numbers(&field.value).0, &mut plain);
+    }
+    // Only where a graph uses others must these be read.
+    let uses = entries(fields, "use").next().is_some();
+    let graphs = match uses {
+        true => Graph::subgraphs_of(path, text.to_owned(), catalog, &options).0,
+        false => Vec::new(),
+    };
+    let schema = |kind: &str| {
+        let graph = || graphs.iter().find(|graph| graph.name == kind).map(|graph| graph.schema());
+        catalog.find(kind).map(Entry::schema).or_else(graph)
+    };
+    for (_, node) in entries(fields, "nodes") {
+        let kind = node.name().map(|name| name.text).unwrap_or_default();
+        if let Some(schema) = schema(&kind) {
+            note(node, &in_plain_numbers(node, schema), &mut plain);
+        }
+    }
+    plain
+}
+
+/// Values in plain numbers, by where they begin in the text.
+pub(super) type Plain = BTreeMap<usize, Tree>;
+
+/// Notes where a value differs from the same one in plain numbers.
+fn note(tree: &Tree, plain: &Tree, found: &mut Plain) {
+    match (&tree.kind, &plain.kind) {
+        (Kind::List(items), Kind::List(others)) => {
+            items.iter().zip(others).for_each(|(item, other)| note(item, other, found));
+        }
+        (Kind::Map(entries), Kind::Map(others)) => {
+            entries.iter().zip(others).for_each(|(entry, other)| note(&entry.1, &other.1, found));
+        }
+        (
+            Kind::Call { name: a, body: Body::Items(items) },
+            Kind::Call { name: b, body: Body::Items(others) },
+        ) if a == b => {
+            items.iter().zip(others).for_each(|(item, other)| note(item, other, found));
+        }
+        (
+            Kind::Call { name: a, body: Body::Fields(fields) },
+            Kind::Call { name: b, body: Body::Fields(others) },
+        ) if a == b => {
+            let both = fields.iter().zip(others);
+            both.for_each(|(field, other)| note(&field.value, &other.value, found));
+        }
+        (Kind::Call { .. }, _) if tree.kind != plain.kind => {
+            found.insert(tree.span.start, plain.clone());
+        }
+        _ => {}
+    }
+}
