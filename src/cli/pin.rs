@@ -44,7 +44,7 @@ impl Pin {
         let options = Options { roots: self.roots.clone(), ..Options::default() };
         let Some(name) = &self.node else { return self.print_list(catalog, options) };
         // What is pinned is what the graph gives by itself, whatever else is pinned.
-        let checked = Graph::load(&self.graph, catalog, &options);
+        let checked = Graph::load(&self.graph, catalog, &options).as_far_as_known();
         report(&checked.problems);
         let Some(graph) = checked.graph else { return Exit::Failed };
         let names = match pinnable(&graph, name) {
@@ -94,7 +94,8 @@ impl Pin {
                 return Exit::Failed;
             }
         }
-        let checked = Graph::load(&self.graph, catalog, &Options { pins: true, ..options });
+        let options = Options { pins: true, ..options };
+        let checked = Graph::load(&self.graph, catalog, &options).as_far_as_known();
         report(&checked.problems);
         if checked.graph.is_some() { Exit::Done } else { Exit::Failed }
     }

@@ -80,6 +80,29 @@ fn what_is_asked_for_and_does_not_need_it_is_given_with_a_warning() {
 }
 
 #[test]
+fn what_does_not_hang_on_it_is_pinned_and_locked() {
+    let project = project();
+    let told = |words: &[&str]| {
+        let done = project.maquette(words);
+        let text = String::from_utf8_lossy(&done.stdout) + String::from_utf8_lossy(&done.stderr);
+        (text.into_owned(), done.status.code())
+    };
+    let (text, code) = told(&["pin", "doll.ron", "big"]);
+    assert!(code == Some(0) && text.contains("pinned big"), "{text}");
+    let (text, code) = told(&["pin", "doll.ron", "--list"]);
+    assert!(code == Some(0) && text.contains("big  Mesh"), "{text}");
+    let (text, code) = told(&["pin", "doll.ron", "combed"]);
+    assert!(code == Some(1) && text.contains("error[G003]"), "{text}");
+    let library = r#"Graph(format: 1, inputs: { "mesh": Mesh() }, nodes: { "up": Transform(mesh: "mesh") }, outputs: { "mesh": "up" })"#;
+    std::fs::write(project.folder().join("up.ron"), library).unwrap();
+    project.save(&GRAPH.replace("packs:", "use: { \"Up\": \"up.ron\" },\n    packs:"));
+    let (text, code) = told(&["lock", "doll.ron"]);
+    assert!(code == Some(0) && text.contains("1 graph"), "{text}");
+    let (text, code) = told(&["extract", "doll.ron", "big", "--to", "big.ron"]);
+    assert!(code != Some(0) && text.contains("HairStrands"), "{text}");
+}
+
+#[test]
 fn why_says_what_cannot_run_and_what_is_skipped_for_it() {
     let project = project();
     let why =
