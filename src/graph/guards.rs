@@ -113,20 +113,26 @@ impl Known {
         (known, warnings)
     }
 
-    /// Leaves out those promises of graphs that follow from what is inside, and warns of those that cannot be kept.
+    /// Leaves out those promises of graphs that follow from what is inside, as those of graphs that only hand one on, and warns of those
+    /// that cannot be kept: once for all elements of a `ForEach`.
     pub(super) fn judge(&self, expected: &mut Vec<Expected>, warnings: &mut Vec<Problem>) {
         let (always, never): (&Facts<'_>, &Facts<'_>) = (&self.always, &self.never);
+        let (mut promised, mut told) = (HashSet::new(), HashSet::new());
         expected.retain(|it| {
             let (Some(property), Some(target)) = (it.expectation.promised(), it.values[0]) else {
                 return true;
             };
-            if never.contains(&(target, property)) {
+            let is_first = promised.insert((target, property.to_owned())) || it.of.is_none();
+            if is_first && never.contains(&(target, property)) {
                 let name = it.expectation.values()[0];
                 let message =
                     format!("`{name}` is promised to be {property}, but what gives it never is so");
-                warnings.push(Problem { severity: Severity::Warning, ..it.problem(message) });
+                let problem = Problem { severity: Severity::Warning, ..it.problem(message) };
+                if told.insert((it.source.name.clone(), it.span, problem.span)) {
+                    warnings.push(problem);
+                }
             }
-            !always.contains(&(target, property))
+            is_first && !always.contains(&(target, property))
         });
     }
 }
