@@ -23,8 +23,8 @@ impl FaceList {
         }
     }
 
-    /// Adds a face; one that keeps fewer than three corners is left out.
-    pub(super) fn push(&mut self, vertices: &[u32]) {
+    /// Adds a face; one that keeps fewer than three corners is left out. Says whether it is kept.
+    pub(super) fn push(&mut self, vertices: &[u32]) -> bool {
         let before = self.corners.len();
         for (k, &vertex) in vertices.iter().enumerate() {
             let predecessor = if k == 0 { vertices.len() - 1 } else { k - 1 };
@@ -38,8 +38,12 @@ impl FaceList {
             0..3 => {
                 self.corners.truncate(before);
                 self.origins.truncate(before);
+                false
             }
-            sides => self.sides.push(sides),
+            sides => {
+                self.sides.push(sides);
+                true
+            }
         }
     }
 

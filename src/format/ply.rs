@@ -141,7 +141,7 @@ pub enum PlyError {
 /// `uv`; `red green blue` (whole numbers, or floats from 0 to 1) the colors `color`; `filled` as `uchar` flags; every other
 /// floating point property numbers, every other whole one but `alpha` indices, or numbers if some are negative. What a file of [`encode`] says of its properties in comments is
 /// believed: its vectors, pairs, colors and flags are read as such. Lists `texcoord` of faces become the pairs `uv` per corner if all
-/// faces have them. Elements other than `vertex` and `face` are passed over.
+/// faces have them, and their other properties become attributes of faces as those of vertices do. Elements other than `vertex` and `face` are passed over.
 ///
 /// # Errors
 /// If the bytes are not a PLY file, it ends too early, or vertices and faces make no mesh.
@@ -285,7 +285,7 @@ impl<'a> Table<'a> {
     fn into_mesh(mut self, header: &Header, faces: FaceTable) -> Result<Mesh, PlyError> {
         let places = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
         let positions = self.rows.gather(&places, Point3::from);
-        let uv = faces.uv;
+        let (uv, faces_table) = (faces.uv, faces.scalars);
         let (faces, origins) = match faces.triangles {
             Some(triangles) => (Faces::triangles(triangles), Vec::new()),
             None => faces.list.finish()?,
@@ -305,13 +305,24 @@ impl<'a> Table<'a> {
             let corners = Vec::from_iter(origins.into_iter().map(|origin| uv[origin]));
             mesh = with_corners(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
         }
-        if let Some(colors) = self.take_colors(RGB) {
-            mesh = mesh.with_vertex("color", Attribute::Color(colors.into()))?;
+        for (name, attribute) in self.take_attributes(&header.attributes) {
+            mesh = mesh.with_vertex(&name, attribute)?;
         }
-        for (kind, name) in &header.attributes {
-            if let Some(attribute) = self.take_attribute(*kind, name) {
-                mesh = mesh.with_vertex(name, attribute)?;
-            }
+        let of_faces = faces_table.map(|table| table.take_attributes(&header.face_attributes));
+        for (name, attribute) in of_faces.unwrap_or_default() {
+            mesh = mesh.with_face(&name, attribute)?;
+        }
+        Ok(mesh)
+    }
+
+    /// Takes out all that is left: what our own comments say of it, colors, and columns by their names.
+    fn take_attributes(mut self, known: &[(Kind, String)]) -> Vec<(String, Attribute)> {
+        let mut found = Vec::new();
+        if let Some(colors) = self.take_colors(RGB) {
+            found.push(("color".to_owned(), Attribute::Color(colors.into())));
+        }
+        for (kind, name) in known {
+            found.extend(self.take_attribute(*kind, name).map(|it| (name.clone(), it)));
         }
         for column in std::mem::take(&mut self.columns) {
             let (property, column) = (column.property.clone(), [column]);
@@ -334,9 +345,9 @@ impl<'a> Table<'a> {
                     }
                 }
             };
-            mesh = mesh.with_vertex(&property.name, attribute)?;
+            found.push((property.name, attribute));
         }
-        Ok(mesh)
+        found
     }
 }
 
@@ -370,6 +381,8 @@ struct FaceTable {
     /// All faces otherwise.
     list: FaceList,
     uv: Option<Vec<[f64; 2]>>,
+    /// What is no list, of the faces in `list`.
+    scalars: Option<Table<'static>>,
 }
 
 impl FaceTable {
@@ -378,11 +391,13 @@ impl FaceTable {
             return Ok(Self { triangles: Some(triangles), ..Self::default() });
         }
         let list = FaceList::with_capacity(body.room_for_faces(element));
-        let mut table = Self { triangles: None, list, uv: Some(Vec::new()) };
+        let mut table = Self { triangles: None, list, uv: Some(Vec::new()), scalars: None };
         let (mut corners, mut uv) = (Vec::new(), Vec::new());
+        let (mut numbers, mut count) = (Vec::new(), 0);
         for _ in 0..element.count {
             corners.clear();
             uv.clear();
+            let before = numbers.len();
             for Property { name, length, scalar } in &element.properties {
                 match (length, &**name) {
                     (Some(length), "vertex_indices" | "vertex_index") => {
@@ -394,10 +409,15 @@ impl FaceTable {
                         }
                     }
                     (Some(length), _) => body.skip_list(*length, *scalar)?,
-                    (None, _) => drop(body.number(*scalar)?),
+                    (None, _) => {
+                        numbers.extend_from_slice(&body.number(*scalar)?.to_le_bytes());
+                    }
                 }
             }
-            table.list.push(&corners);
+            match table.list.push(&corners) {
+                true => count += 1,
+                false => numbers.truncate(before),
+            }
             match &mut table.uv {
                 Some(all) if uv.len() == 2 * corners.len() => {
                     all.extend_from_slice(uv.as_chunks::<2>().0);
@@ -406,6 +426,16 @@ impl FaceTable {
             }
         }
         table.uv = table.uv.filter(|uv| !uv.is_empty());
+        let scalars = element.properties.iter().filter(|property| property.length.is_none());
+        let scalars = (0..).zip(scalars).map(|(number, property)| Column {
+            property: property.clone(),
+            offset: number * size_of::<f64>(),
+            stored: Scalar::F64,
+        });
+        let columns = Vec::from_iter(scalars);
+        let stride = columns.len() * size_of::<f64>();
+        let rows = Rows { bytes: Cow::Owned(numbers), stride, count, big_endian: false };
+        table.scalars = (!columns.is_empty()).then_some(Table { columns, rows });
         Ok(table)
     }
 }

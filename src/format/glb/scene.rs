@@ -187,7 +187,9 @@ impl<'a> Scene<'a> {
         };
         let vertex = |index: u32| vertices.as_ref().map_or(index, |all| all[index as usize]);
         let mut list = FaceList::with_capacity(self.triangles.len());
-        self.triangles.iter().for_each(|triangle| list.push(&triangle.map(vertex)));
+        for triangle in &self.triangles {
+            list.push(&triangle.map(vertex));
+        }
         let (faces, origins) = list.finish()?;
         let corners = self.triangles.as_flattened();
         let mut mesh = Mesh::new(positions, faces)?;

@@ -134,6 +134,8 @@ pub(super) struct Header {
     pub(super) info: Vec<(String, f64)>,
     /// What our own comments `comment attribute <kind> <name>` say of the vertices' properties.
     pub(super) attributes: Vec<(Kind, String)>,
+    /// What our own comments `comment attribute <kind> <name> face` say of the faces' properties.
+    pub(super) face_attributes: Vec<(Kind, String)>,
     /// Where the body begins: byte and line.
     pub(super) start: usize,
     pub(super) start_line: usize,
@@ -149,7 +151,7 @@ impl Header {
 pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
-    let (mut info, mut attributes) = (Vec::new(), Vec::new());
+    let (mut info, mut attributes, mut face_attributes) = (Vec::new(), Vec::new(), Vec::new());
     let mut start = 0;
     for line in 1.. {
         let rest = &bytes[start..];
@@ -166,9 +168,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
                 let name = String::from_utf8_lossy(name).into_owned();
                 info.extend(parse(number).map(|number| (name, number)));
             }
-            [b"comment", b"attribute", kind, name] => {
+            [b"comment", b"attribute", kind, name, ref of @ ..] if matches!(of, [] | [b"face"]) => {
                 let name = String::from_utf8_lossy(name).into_owned();
-                attributes.extend(Kind::new(kind).map(|kind| (kind, name)));
+                let all = if of.is_empty() { &mut attributes } else { &mut face_attributes };
+                all.extend(Kind::new(kind).map(|kind| (kind, name)));
             }
             [] | [b"comment" | b"obj_info", ..] => {}
             [b"format", kind, _] => {
@@ -201,7 +204,15 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
             [b"end_header"] => {
                 let encoding = encoding.ok_or(PlyError::NoFormat)?;
                 let start_line = line + 1;
-                return Ok(Header { encoding, elements, info, attributes, start, start_line });
+                return Ok(Header {
+                    encoding,
+                    elements,
+                    info,
+                    attributes,
+                    face_attributes,
+                    start,
+                    start_line,
+                });
             }
             _ => return Err(wrong()),
         }

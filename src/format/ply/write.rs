@@ -14,7 +14,7 @@ use crate::parallel::*;
 use crate::reading::{FileReader, Reading};
 use crate::value::{Attribute, Column, ControlNet, Faces, Mesh, Rgb};
 
-/// Writes a mesh with all attributes of its vertices, and the colors of its texture, if it has no others.
+/// Writes a mesh with all attributes of its vertices and faces, and the colors of its texture, if it has no others.
 pub(in crate::format) struct MeshPly;
 
 impl FileFormat for MeshPly {
@@ -78,8 +78,9 @@ impl<'a> TableColumn<'a> {
         }
     }
 
-    /// An attribute under its own name. A comment says what its properties are together, unless every reader of ours knows.
-    fn attribute(name: &str, attribute: &'a Attribute) -> Self {
+    /// An attribute under its own name, of vertices or, with `of` as ` face`, of faces. A comment says what its properties are together,
+    /// unless every reader of ours knows.
+    fn attribute(name: &str, attribute: &'a Attribute, of: &str) -> Self {
         let name: String = name
             .chars()
             .map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '_' })
@@ -95,7 +96,7 @@ impl<'a> TableColumn<'a> {
         let suffixes = kind.map_or(&[""][..], Kind::suffixes).iter();
         let names = Vec::from_iter(suffixes.map(|suffix| format!("{name}{suffix}")));
         let names = Vec::from_iter(names.iter().map(|name| &**name));
-        let comment = kind.map(|kind| format!("comment attribute {} {name}\n", kind.word()));
+        let comment = kind.map(|kind| format!("comment attribute {} {name}{of}\n", kind.word()));
         Self { comment: comment.unwrap_or_default(), ..Self::numbers(&names, attribute) }
     }
 
@@ -120,7 +121,7 @@ impl<'a> TableColumn<'a> {
 
 /// The mesh as a PLY file, binary and little endian, with `float` positions: normals, texture coordinates, colors (of the texture,
 /// if there are no others) and all other attributes of vertices by name, with a comment that says which of them are flags, pairs,
-/// vectors and colors; texture coordinates of corners as lists of faces.
+/// vectors and colors; texture coordinates of corners as lists of faces, and attributes of faces as those of vertices.
 ///
 /// # Errors
 /// If a vertex is where single precision cannot tell.
@@ -152,13 +153,14 @@ pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
             _ => false,
         };
         if !written {
-            parts.push(TableColumn::attribute(name, attribute));
+            parts.push(TableColumn::attribute(name, attribute, ""));
         }
     }
     let corner_uv = mesh.corner().pairs("uv").filter(|_| vertex.pairs("uv").is_none());
-    let faces = FaceRows::new(mesh.faces(), corner_uv);
+    let faces = FaceRows::new(mesh, corner_uv);
 
-    let comments: String = parts.iter().map(|part| &*part.comment).collect();
+    let comments = parts.iter().chain(&faces.parts).map(|part| &*part.comment);
+    let comments = String::from_iter(comments);
     let properties: String = parts.iter().map(|part| &*part.properties).collect();
     let (n_vertices, n_faces) = (mesh.positions().len(), mesh.faces().len());
     let header = format!(
@@ -207,22 +209,46 @@ fn sample_texture(mesh: &Mesh) -> Option<Column<Rgb>> {
     Some(uv.par_iter().with_min_len(4096).map(sample).collect::<Vec<_>>().into())
 }
 
-/// The table of faces: for each its corners, and their texture coordinates if vertices have none.
+/// The table of faces: for each its corners, their texture coordinates if vertices have none, and its attributes.
 struct FaceRows<'a> {
     faces: &'a Faces,
     uv: Option<&'a [[f64; 2]]>,
+    parts: Vec<TableColumn<'a>>,
     /// Whether lists are too long for a length of one byte.
     long: bool,
 }
 
 impl<'a> FaceRows<'a> {
-    fn new(faces: &'a Faces, uv: Option<&'a Column<[f64; 2]>>) -> Self {
+    fn new(mesh: &'a Mesh, uv: Option<&'a Column<[f64; 2]>>) -> Self {
+        let faces = mesh.faces();
+        let part = |(name, attribute): (&str, &'a Attribute)| match attribute {
+            Attribute::Color(_) if name == "color" => TableColumn {
+                comment: String::new(),
+                ..TableColumn::numbers(&["red", "green", "blue"], attribute)
+            },
+            _ => TableColumn::attribute(name, attribute, " face"),
+        };
+        let parts = mesh.face().iter().map(part).collect();
         let entries = if uv.is_some() { 2 } else { 1 };
         let longest = match faces.sides() {
             Some(sides) => sides,
             None => faces.iter().map(<[u32]>::len).max().unwrap_or(0),
         };
-        Self { faces, uv: uv.map(|uv| &**uv), long: entries * longest > usize::from(u8::MAX) }
+        let long = entries * longest > usize::from(u8::MAX);
+        Self { faces, uv: uv.map(|uv| &**uv), parts, long }
+    }
+
+    /// Bytes that the attributes of a face take.
+    fn stride(&self) -> usize {
+        self.parts.iter().map(|part| part.size).sum()
+    }
+
+    /// Fills in the attributes of faces, the first of which is the one of this number, in rows of `stride` bytes behind `offset`.
+    fn fill(&self, rows: &mut [u8], first: usize, stride: usize, mut offset: usize) {
+        for part in &self.parts {
+            (part.fill)(rows, first, stride, offset);
+            offset += part.size;
+        }
     }
 
     fn properties(&self) -> String {
@@ -231,6 +257,7 @@ impl<'a> FaceRows<'a> {
         if self.uv.is_some() {
             text += &format!("property list {length} float texcoord\n");
         }
+        self.parts.iter().for_each(|part| text += &part.properties);
         text
     }
 
@@ -238,18 +265,25 @@ impl<'a> FaceRows<'a> {
     fn size(&self) -> usize {
         let per_corner = if self.uv.is_some() { 12 } else { 4 };
         let per_list = if self.long { 4 } else { 1 };
-        let per_face = if self.uv.is_some() { 2 * per_list } else { per_list };
+        let per_face = self.stride() + if self.uv.is_some() { 2 * per_list } else { per_list };
         per_corner * self.faces.corners().len() + per_face * self.faces.len()
     }
 
     fn write(&self, bytes: &mut [u8]) {
         if let (Some(triangles), None) = (self.faces.as_triangles(), self.uv) {
-            return fill_blocks(bytes, 13, |rows, first| {
-                for (row, &triangle) in rows.chunks_exact_mut(13).zip(&triangles[first..]) {
+            let stride = 13 + self.stride();
+            return fill_blocks(bytes, stride, |rows, first| {
+                for (row, &triangle) in rows.chunks_exact_mut(stride).zip(&triangles[first..]) {
                     row[0] = 3;
-                    row[1..].copy_from_slice(indices(triangle).as_flattened());
+                    row[1..13].copy_from_slice(indices(triangle).as_flattened());
                 }
+                self.fill(rows, first, stride, 13);
             });
+        }
+        let stride = self.stride();
+        let mut attributes = vec![0; stride * self.faces.len()];
+        if 0 < stride {
+            self.fill(&mut attributes, 0, stride, 0);
         }
         let mut rows = Vec::with_capacity(bytes.len());
         for (index, face) in self.faces.iter().enumerate() {
@@ -260,6 +294,7 @@ impl<'a> FaceRows<'a> {
                 let uv = &uv[self.faces.first_corner(index)..][..face.len()];
                 uv.iter().for_each(|&uv| rows.extend_from_slice(floats(uv).as_flattened()));
             }
+            rows.extend_from_slice(&attributes[index * stride..][..stride]);
         }
         bytes.copy_from_slice(&rows);
     }
@@ -321,6 +356,38 @@ mod tests {
         let again = read(&encode(&mesh).unwrap()).unwrap();
         assert_eq!(again.corner(), mesh.corner());
         assert_eq!(again.faces(), mesh.faces());
+    }
+
+    #[test]
+    fn attributes_of_faces_read_the_same_of_triangles_and_of_others() {
+        let places = mesh().positions().clone();
+        let triangles = Faces::triangles(vec![[0, 1, 2], [1, 4, 2]]);
+        for mesh in [mesh(), Mesh::new(places, triangles).unwrap()] {
+            let mesh = [
+                ("area", Attribute::Number(vec![1.0, 0.5].into())),
+                ("color", Attribute::Color(vec![[1, 2, 3], [4, 5, 6]].into())),
+                ("material", Attribute::Index(vec![7, 70_000].into())),
+                ("seen", Attribute::Flag(vec![1, 0].into())),
+                ("up", Attribute::Vector(vec![[0.0, 0.5, 0.0], [1.0, 0.0, 0.0]].into())),
+            ]
+            .into_iter()
+            .fold(mesh, |mesh, (name, attribute)| mesh.with_face(name, attribute).unwrap());
+            let mesh = mesh.with_vertex("seen", Attribute::Number(vec![0.5; 5].into())).unwrap();
+            let again = read(&encode(&mesh).unwrap()).unwrap();
+            assert_eq!(again.face(), mesh.face());
+            assert_eq!(again.faces(), mesh.faces());
+            assert_eq!(again.vertex().get("seen"), mesh.vertex().get("seen"));
+        }
+    }
+
+    #[test]
+    fn attributes_of_a_face_without_area_go_with_it() {
+        let text = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+            element face 2\nproperty list uchar int vertex_indices\nproperty int part\nproperty float heat\nend_header\n\
+            0 0 0\n1 0 0\n0 1 0\n3 0 0 1 4 0.25\n3 0 1 2 5 0.5\n";
+        let mesh = read(text).unwrap();
+        assert_eq!(mesh.face().get("part"), Some(&Attribute::Index(vec![5].into())));
+        assert_eq!(mesh.face().get("heat"), Some(&Attribute::Number(vec![0.5].into())));
     }
 
     #[test]
