@@ -72,6 +72,7 @@ pub(super) fn cuts(path: &Path, text: &str, catalog: &Catalog, options: &Options
     let fields = tree.fields().unwrap_or_default();
     search.empty(fields, &EMPTY);
     for (_, declaration) in ["inputs", "params"].into_iter().flat_map(|it| entries(fields, it)) {
+        let declaration = declaration.call_of("Optional").unwrap_or(declaration);
         search.empty(declaration.fields().unwrap_or_default(), &["doc"]);
     }
     for (name, node) in entries(fields, "nodes") {

@@ -264,6 +264,10 @@ impl Check<'_, '_> {
                         "what is inside of `{outer}` is set by its parameters: --set {outer}.name=VALUE"
                     )
                     .into(),
+                    None if what == "node" && parameters.names().contains(&name) => format!(
+                        "`{name}` is a parameter, whose value is set as a whole: --set {name}=VALUE"
+                    )
+                    .into(),
                     None => nearest_or_all(name, &format!("its {what}s"), &known),
                 };
                 self.find(code::UNKNOWN_LINK, Span::default(), message, help);

@@ -174,7 +174,22 @@ impl Project {
             }
             texts.insert(file.clone(), text);
         }
-        no_new_problems(&texts, catalog, options)?;
+        // What a `ForEach` carries goes from an output to the input of the same name.
+        let other = match symbol.sort {
+            SymbolSort::Node => Some(SymbolSort::Output),
+            SymbolSort::Output => Some(SymbolSort::Node),
+            _ => None,
+        };
+        let has_other = other.is_some_and(|sort| {
+            let other = Symbol { sort, ..symbol.clone() };
+            declared.all.iter().any(|it| it.declares && it.symbol == other)
+        });
+        no_new_problems(&texts, catalog, options).map_err(|why| match has_other {
+            true => format!(
+                "{why}; an input and an output of one name, which a `ForEach` carries, must be renamed together, by hand"
+            ),
+            false => why,
+        })?;
         Ok(new)
     }
 }

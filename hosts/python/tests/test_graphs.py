@@ -27,6 +27,16 @@ CORNERS = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]], dtype=float)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
+def test_a_parameter_with_a_hyphen_is_a_python_word_with_an_underscore(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "smooth.ron"
+    path.write_text(SMOOTH.replace('"levels"', '"step-count"'))
+    graph = maquette.load(path, cache=None)
+    cage = maquette.Mesh(CORNERS, FACES)
+    faces = [len(graph.run(inputs={"cage": cage}, step_count=count)["smooth"].faces) for count in (1, 2)]
+    assert faces == [16, 64]
+    assert "default: 3" in graph.edited(step_count=3)
+
+
 def test_parameters_say_what_they_take(graphs: pathlib.Path) -> None:
     doll = maquette.load(graphs / "doll.ron")
     growth, levels = doll.params["growth"], doll.params["levels"]

@@ -12,6 +12,7 @@ use crate::graph::expression::named_parameters;
 use crate::graph::format::entry_form;
 use crate::graph::is_name;
 use crate::graph::meaning::{entries, named_node};
+use crate::graph::top::field_of;
 use crate::text::{Body, Kind, Tree, nearest_or_all, parse, with_article};
 
 mod links;
@@ -152,7 +153,11 @@ impl<'j> Structure<'j> {
         for (word, code, what) in words.chain([(node, code::UNKNOWN_NODE, "node type")]) {
             if !is_word(word) {
                 let message = format!("`{word}` cannot be the name of a {what}");
-                let help = "letters, digits and `_`, no digit first";
+                let written = field_of(word);
+                let help = match is_word(&written) {
+                    true => format!("a field has `_` where a name has `-`: `{written}`"),
+                    false => "letters, digits and `_`, no digit first".to_owned(),
+                };
                 return Err(refusal(code, Span::default(), message, help));
             }
         }
@@ -183,6 +188,7 @@ impl<'j> Structure<'j> {
         let Declared { section, key, name, .. } = self.declared(from)?;
         let (_, what) =
             SECTIONS.iter().find(|(known, _)| *known == section).unwrap_or(&SECTIONS[0]);
+        let to = to.strip_prefix(section).and_then(|to| to.strip_prefix('.')).unwrap_or(to);
         may_name(to, &with_article(what))?;
         if name == to {
             return Ok(Vec::new());

@@ -208,11 +208,17 @@ class Graph:
         self, params: Mapping[str, Any], texts: Dict[str, str], draft: bool = False
     ) -> Tuple[_maquette.Graph, List[Problem], List[str]]:
         """The graph with these values; raises GraphError if it has mistakes then."""
-        values = [(name, self._as_ron(name, value)) for name, value in params.items()]
+        values = self._put(params)
         graph, told, used = _maquette.Graph.load(self._path, self._roots, values, texts, draft)
         if graph is None:
             raise GraphError(problems(told))
         return graph, problems(told), [os.fspath(path) for path in used]
+
+    def _put(self, values: Mapping[str, Any]) -> List[Tuple[str, str]]:
+        """Values by the names that the graph has for them: as in a field of a graph, `up_step` is the parameter `up-step`."""
+        known = {name.replace("-", "_"): name for name in self.params}
+        named = {known.get(name, name): value for name, value in values.items()}
+        return [(name, self._as_ron(name, value)) for name, value in named.items()]
 
     def _as_ron(self, name: str, value: Any) -> str:
         """A value as graph files have it: of a parameter by its type, else as it is."""
@@ -284,7 +290,7 @@ class Graph:
     ) -> Run:
         """Evaluates outputs of the graph, all if none is named, and these nodes (`node` or `node.output`) beside them.
 
-        `params`: values in place of defaults, `run(growth=12)`; those of fields of nodes as `run(**{"cage.levels": 2})`. `inputs`: values by
+        `params`: values in place of defaults, `run(growth=12)`, `run(eye_step=3)` of a parameter `eye-step`; those of fields of nodes as `run(**{"cage.levels": 2})`. `inputs`: values by
         the names of the graph's inputs: a `Value`, the path of a file, or whatever the class of the input's type takes, as a mesh of trimesh
         or an array of points. `draft`: whether each `Draft(final: .., draft: ..)` stands for its draft. `progress`: is called with `Progress`; True draws a bar. Ctrl-C stops the run.
 
@@ -341,7 +347,7 @@ class Graph:
 
         Every other byte stays. Nothing is written. Raises GraphError if the text would have a mistake then.
         """
-        put = [(name, self._as_ron(name, value)) for name, value in values.items()]
+        put = self._put(values)
         text, told = self._graph.edited(put, self._roots, self._texts)
         if text is None:
             raise GraphError(problems(told))

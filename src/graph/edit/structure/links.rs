@@ -6,6 +6,7 @@ use crate::graph::edit::Refusal;
 use crate::graph::edit::place::{Found, field, find};
 use crate::graph::edit::references::References;
 use crate::graph::edit::splice::{Splice, added, apply, behind, parts, put_entry, quoted};
+use crate::graph::top::field_of;
 use crate::text::{Kind, Tree, nearest_or_all, parse};
 
 impl Structure<'_> {
@@ -162,7 +163,13 @@ impl Structure<'_> {
         if !has_links {
             let port = given.split_once('.').map_or(given, |(_, port)| port);
             let message = format!("port `{port}` of `{node}` has no link");
-            let refused = refusal(code::UNKNOWN_FIELD, value.span, message, "");
+            let help = match port.contains('-') {
+                true => {
+                    format!("a field has `_` where a name has `-`: `{node}.{}`", field_of(port))
+                }
+                false => String::new(),
+            };
+            let refused = refusal(code::UNKNOWN_FIELD, value.span, message, help);
             return Err(one(refused));
         }
         let mut gone = Gone::new();
