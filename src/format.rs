@@ -20,6 +20,7 @@ pub mod camera;
 mod corners;
 pub mod decoder;
 pub mod depth;
+pub mod exr;
 pub mod glb;
 pub mod handles;
 pub mod jpeg;
@@ -87,6 +88,7 @@ pub const READERS: &[AnyReader] = &[
     reader::<ply::MeshPly>(),
     reader::<stl::MeshStl>(),
     reader::<glb::MeshGlb>(),
+    reader::<glb::MeshGltf>(),
     reader::<ply::PointsPly>(),
     reader::<xyz::PointsXyz>(),
     reader::<obj::CurveObj>(),

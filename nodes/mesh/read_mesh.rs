@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use maquette_range::Unit;
 
-/// Reads a mesh: an OBJ, PLY, STL or GLB file.
+/// Reads a mesh: an OBJ, PLY, STL, GLB or glTF file.
 ///
-/// Coordinates are taken as they are, y up, and become mm. A GLB file has meters, and its nodes' motions are applied. Corners of STL
-/// and GLB that are at the same place become one vertex.
+/// Coordinates are taken as they are, y up, and become mm. A GLB or glTF file has meters, and its nodes' motions are applied. Corners of STL,
+/// GLB and glTF that are at the same place become one vertex.
 ///
 /// The picture of a GLB file is in it. Of an OBJ file it is that which its material file names (`map_Kd`), of the first material in
 /// use that has one: a mesh has one picture. What is missing, and materials that are left out, are warned of.
@@ -20,7 +20,7 @@ pub struct ReadMesh {
     /// The file; its ending says of which format it is.
     #[schemars(extend("reads" = "Mesh"))]
     pub path: FilePath,
-    /// The unit of the file's coordinates; they are converted to mm. A GLB file, which says its unit itself, is taken at its word.
+    /// The unit of the file's coordinates; they are converted to mm. A GLB or glTF file, which says its unit itself, is taken at its word.
     #[serde(default, skip_serializing_if = "Unit::is_millimeters")]
     #[schemars(extend("default" = "Mm"))]
     pub unit: Unit,
@@ -32,7 +32,7 @@ impl Node for ReadMesh {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.read(&self.path)?;
-        let says_its_unit = cx.file(&self.path)?.ending() == "glb";
+        let says_its_unit = ["glb", "gltf"].contains(&&cx.file(&self.path)?.ending()[..]);
         Ok((if says_its_unit { mesh } else { mesh_in_millimeters(mesh, self.unit)? },))
     }
 }
@@ -45,8 +45,8 @@ pub fn mesh_in_millimeters(mesh: Mesh, unit: Unit) -> Result<Mesh, MeshError> {
     if unit.is_millimeters() {
         return Ok(mesh);
     }
-    let scale = unit.millimeters();
-    let positions = mesh.positions().par_iter().with_min_len(4096).map(|point| point * scale);
+    let positions = mesh.positions().par_iter().with_min_len(4096);
+    let positions = positions.map(|point| point.map(|length| unit.in_millimeters(length)));
     let mut scaled = mesh.with_positions(positions.collect())?;
     // A unit changes no direction.
     if let Some(normals) = mesh.vertex().get("normal") {
@@ -91,8 +91,7 @@ mod tests {
     fn every_unit_is_converted_to_millimeters_and_normals_stay() {
         let text = b"v 1 2 3\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n";
         let mesh = read_mesh(text, "obj").unwrap();
-        for (unit, z) in
-            [(Unit::Mm, 3.0), (Unit::Cm, 30.0), (Unit::M, 3000.0), (Unit::Inch, 3.0 * 25.4)]
+        for (unit, z) in [(Unit::Mm, 3.0), (Unit::Cm, 30.0), (Unit::M, 3000.0), (Unit::Inch, 76.2)]
         {
             let scaled = mesh_in_millimeters(mesh.clone(), unit).unwrap();
             assert_eq!(scaled.positions()[0].z, z);
@@ -105,11 +104,25 @@ mod tests {
     }
 
     #[test]
+    fn a_decimal_number_is_the_same_in_every_unit() {
+        for text in ["12.3", "0.0123", "-847.300001", "1234.567891", "98765.4321", "0.1", "700000"]
+        {
+            let millimeters: f64 = text.parse().unwrap();
+            for (unit, digits) in [(Unit::Cm, 1), (Unit::M, 3)] {
+                let length = format!("{text}e-{digits}").parse().unwrap();
+                assert_eq!(unit.in_millimeters(length), millimeters, "{text} from {unit:?}");
+            }
+        }
+        assert_eq!(Unit::Inch.in_millimeters(0.3), 7.62);
+        assert_eq!(Unit::M.in_millimeters(1e300), 1e303);
+    }
+
+    #[test]
     fn another_ending_is_an_error_that_lists_the_known_ones() {
         let error = read_mesh(b"", "fbx").unwrap_err();
         assert_eq!(
             error.to_string(),
-            "no mesh can be read from `.fbx`; known are obj, ply, stl, glb"
+            "no mesh can be read from `.fbx`; known are obj, ply, stl, glb, gltf"
         );
         assert!(matches!(error.downcast(), Some(NoReader { .. })));
     }

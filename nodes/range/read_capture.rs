@@ -18,7 +18,7 @@ pub struct ReadCapture {
     /// The picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file.
     pub color: FilePath,
     /// The grid of points: an organized PCD file, a PLY file with a `range_grid`, a PTX or ABS file, or a depth map, PNG of 16
-    /// bits or TIFF of floats, which needs the camera file.
+    /// bits, TIFF or OpenEXR of floats, which needs the camera file.
     #[schemars(extend("reads" = "RangeImage"))]
     pub range: FilePath,
     /// The camera file; if left out, `camera.json` beside the range file, if there is one.

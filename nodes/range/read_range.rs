@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_view, is_unknown};
 
-/// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map, PNG of 16 bits or TIFF of
+/// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map, PNG of 16 bits, TIFF or OpenEXR of
 /// floats.
 ///
 /// The color picture has a pixel for each cell; where the file has no colors, it is middle gray. A depth map becomes points by the
@@ -16,7 +16,7 @@ use super::range_file::{self, Axes, CameraFileError, CameraSource, Unit, check_v
 /// `depth_png.units_per_mm` says how fine whole numbers are.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadRange {
-    /// The file; its ending says of which format it is: `pcd`, `ply`, `ptx`, `abs`, `png`, `tiff`.
+    /// The file; its ending says of which format it is: `pcd`, `ply`, `ptx`, `abs`, `png`, `tiff`, `exr`.
     #[schemars(extend("reads" = "RangeImage"))]
     pub path: FilePath,
     /// The camera file; if left out, `camera.json` beside the range file, if there is one and it is for a grid of this size.

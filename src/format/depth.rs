@@ -1,4 +1,4 @@
-//! Depth maps: z per pixel, as 16-bit PNG or as TIFF of floats, which a pinhole makes points of. Written as PNG with its camera
+//! Depth maps: z per pixel, as 16-bit PNG, or as TIFF or OpenEXR of floats, which a pinhole makes points of. Written as PNG with its camera
 //! file.
 
 use serde_json::json;
@@ -8,7 +8,7 @@ use super::camera::CameraFile;
 use super::picture_file::Kind;
 use super::range_file::{Axes, RangeFile, Rows};
 use super::tiff::Depths;
-use super::{excerpt, json, png, tiff};
+use super::{excerpt, exr, json, png, tiff};
 use crate::error;
 use crate::pack::{FileFormat, NewFile};
 use crate::value::{Pinhole, RangeImage};
@@ -36,8 +36,11 @@ pub enum DepthError {
     /// A damaged TIFF file, or one of another kind.
     #[error(transparent)]
     Tiff(#[from] tiff::TiffError),
+    /// A damaged OpenEXR file, or one without depths.
+    #[error(transparent)]
+    Exr(#[from] exr::ExrError),
     /// Something else.
-    #[error("byte 0: the file begins with `{text}`: this is no PNG or TIFF depth map")]
+    #[error("byte 0: the file begins with `{text}`: this is no PNG, TIFF or OpenEXR depth map")]
     Unknown {
         /// How it begins.
         text: String,
@@ -59,6 +62,7 @@ pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Dept
             Depths { width, height, depths, whole: true }
         }
         Some(Kind::Tiff) => tiff::read_depth(bytes)?,
+        Some(Kind::Exr) => exr::read_depth(bytes)?,
         _ => return Err(DepthError::Unknown { text: excerpt(&bytes[..bytes.len().min(8)]) }),
     };
     let camera = camera.ok_or(DepthError::NoCamera)?;

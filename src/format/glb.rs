@@ -18,9 +18,12 @@ use crate::reading::{FileReader, Reading};
 use crate::value::{Mesh, Rgb, linear_from_srgb};
 
 mod accessor;
+mod gltf;
 mod read;
 mod scene;
 
+pub use gltf::GltfError;
+pub(in crate::format) use gltf::MeshGltf;
 pub use read::{GlbReadError, read};
 
 /// Why a mesh cannot be written as GLB.

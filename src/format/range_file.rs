@@ -59,6 +59,7 @@ const READERS: &[(&str, Reader)] = &[
     ("png", |bytes, camera| Ok(depth::read(bytes, camera)?)),
     ("tiff", |bytes, camera| Ok(depth::read(bytes, camera)?)),
     ("tif", |bytes, camera| Ok(depth::read(bytes, camera)?)),
+    ("exr", |bytes, camera| Ok(depth::read(bytes, camera)?)),
 ];
 
 fn endings() -> String {
@@ -148,7 +149,8 @@ pub(in crate::format) struct RangeFiles;
 
 impl FileReader for RangeFiles {
     type Value = RangeImage;
-    const ENDINGS: &'static [&'static str] = &["pcd", "ply", "ptx", "abs", "png", "tiff", "tif"];
+    const ENDINGS: &'static [&'static str] =
+        &["pcd", "ply", "ptx", "abs", "png", "tiff", "tif", "exr"];
 
     fn read(file: &Reading<'_>) -> Result<RangeImage, error::Error> {
         let camera = file.companion(camera::NAME).ok();
@@ -270,8 +272,7 @@ pub(super) mod tests {
     #[test]
     fn another_ending_is_an_error_that_lists_the_known_ones() {
         let error = read(b"", "xyz", None).unwrap_err();
-        let text =
-            "no range grid can be read from `.xyz`; known are pcd, ply, ptx, abs, png, tiff, tif";
+        let text = "no range grid can be read from `.xyz`; known are pcd, ply, ptx, abs, png, tiff, tif, exr";
         assert_eq!(error.to_string(), text);
     }
 }

@@ -280,23 +280,23 @@ fn a_missing_comma_and_a_missing_choice_are_named() {
 #[test]
 fn files_that_no_reader_takes_are_refused_before_anything_runs() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["doll.gltf", "doll", "doll.OBJ", "doll.xyz"] {
+    for name in ["doll.fbx", "doll", "doll.OBJ", "doll.xyz"] {
         std::fs::write(folder.path().join(name), "").unwrap();
     }
     let path = folder.path().join("graph.ron");
     let text = r#"Graph(format: 1, nodes: {
-"a": ReadMesh(path: "doll.gltf"),
+"a": ReadMesh(path: "doll.fbx"),
 "b": ReadMesh(path: "doll"),
 "c": ReadMesh(path: "doll.OBJ"),
 "d": ReadCapture(color: "doll", range: "doll.xyz"),
-"e": ReadMesh(path: "no.gltf"),
+"e": ReadMesh(path: "no.fbx"),
 }, outputs: {})"#;
     std::fs::write(&path, text).unwrap();
     expect![[r#"
-        2:21-32 G009 ReadMesh reads no `.gltf` files (it reads: obj, ply, stl, glb)
-        3:21-27 G009 `doll` has no ending that says how ReadMesh reads it (it reads: obj, ply, stl, glb)
-        5:40-50 G009 ReadCapture reads no `.xyz` files (it reads: pcd, ply, ptx, abs, png, tiff, tif)
-        6:21-30 G009 ReadMesh reads no `.gltf` files (it reads: obj, ply, stl, glb)
+        2:21-31 G009 ReadMesh reads no `.fbx` files (it reads: obj, ply, stl, glb, gltf)
+        3:21-27 G009 `doll` has no ending that says how ReadMesh reads it (it reads: obj, ply, stl, glb, gltf)
+        5:40-50 G009 ReadCapture reads no `.xyz` files (it reads: pcd, ply, ptx, abs, png, tiff, tif, exr)
+        6:21-29 G009 ReadMesh reads no `.fbx` files (it reads: obj, ply, stl, glb, gltf)
     "#]]
     .assert_eq(&problems(&path));
 }
@@ -327,6 +327,7 @@ fn the_node_of_a_strangers_pack_says_which_files_it_reads() {
         formats: &[],
         readers: &[],
         migrations: &[],
+        recipes: &[],
     };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("graph.ron");

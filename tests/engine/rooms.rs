@@ -108,7 +108,10 @@ const ROOMS: [(&str, &[&str]); 36] = [
         ],
     ),
     ("files", &["error", "node", "plain", "reading", "stamp", "value"]),
-    ("format", &["error", "memory", "pack", "parallel", "reading", "render", "text", "value"]),
+    (
+        "format",
+        &["base64", "error", "memory", "pack", "parallel", "reading", "render", "text", "value"],
+    ),
     (
         "golden",
         &[
