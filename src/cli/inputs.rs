@@ -25,6 +25,11 @@ fn input(text: &str) -> Result<(String, PathBuf), String> {
 }
 
 impl InputOptions {
+    /// One input with the value in a file.
+    pub(super) fn of(name: &str, file: &Path) -> Self {
+        Self { files: vec![(name.to_owned(), file.to_owned())] }
+    }
+
     /// The graph with the values in the files at its inputs, and the warnings about these values.
     pub(super) fn fed(
         &self,

@@ -15,7 +15,7 @@ use super::{Exit, GraphOptions, in_bytes, print, print_document, print_json, rep
 use crate::catalog::Catalog;
 use crate::error::{Error, Problem, code};
 use crate::format::png;
-use crate::graph::{Asked, Broken, ELEMENTS, Graph, GraphOutput};
+use crate::graph::{Asked, Broken, Checked, ELEMENTS, Graph, GraphOutput};
 use crate::node::CancelToken;
 use crate::pack::NewFile;
 use crate::plain::ending;
@@ -35,11 +35,12 @@ use rows::{RowOptions, Rows};
 
 #[derive(Args)]
 pub(super) struct Inspect {
-    /// The graph file.
-    graph: PathBuf,
-    /// The node, or one of its outputs: NODE.OUTPUT.
+    /// The graph file, or a file with a value: a mesh, points, a curve, a range image, a picture.
+    #[arg(value_name = "GRAPH|FILE")]
+    file: PathBuf,
+    /// The node of the graph, or one of its outputs: NODE.OUTPUT. A value's own file has none.
     #[arg(value_name = "NODE[.OUTPUT]")]
-    node: String,
+    node: Option<String>,
     /// Two numbers: what is under this pixel of the capture's picture: color, label, point. Three numbers, or a name: what is in the
     /// middle of the picture that is written, a place, in mm, in the value's own axes, or a value, such as a region, which then just
     /// fits into it.
@@ -89,12 +90,19 @@ pub(super) fn view(text: &str) -> Result<View, String> {
     }
 }
 
+/// The node that stands for a file that is no graph.
+const FILE: &str = "file";
+
 /// The name of an output, and its node and place there.
 type Found = (String, (usize, usize));
 
 impl Inspect {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let checked = self.options.load(&self.graph, catalog).as_far_as_known();
+        let (checked, inputs) = match self.checked(catalog) {
+            Ok(checked) => checked,
+            Err(why) => return Exit::Usage(why),
+        };
+        let checked = checked.as_far_as_known();
         // What is looked into says itself if it hangs on a node of an unknown type.
         let is_told = |it: &&Problem| checked.graph.is_none() || it.code != code::UNKNOWN_NODE;
         report(&Vec::from_iter(checked.problems.iter().filter(is_told).cloned()));
@@ -111,13 +119,13 @@ impl Inspect {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
-        let graph = match self.inputs.told(&session, &graph) {
+        let graph = match inputs.told(&session, &graph) {
             Ok(graph) => graph,
             Err(exit) => return exit,
         };
         let progress = Progress::new(graph.nodes.len());
         let request = self.request();
-        let names = Vec::from_iter([&self.node[..]].into_iter().chain(request.names()));
+        let names = Vec::from_iter([self.node()].into_iter().chain(request.names()));
         let graph = session.resolved_for(&graph, &names, &progress, &CancelToken::default());
         let outputs = match self.find(&graph) {
             Ok(found) => found,
@@ -146,7 +154,7 @@ impl Inspect {
             .iter()
             .filter_map(|(name, target)| Some((&name[..], finished.value_at(*target)?)));
         let found = Vec::from_iter(found);
-        let node = self.node.split_once('.').map_or(&self.node[..], |(node, _)| node);
+        let node = self.node().split_once('.').map_or(self.node(), |(node, _)| node);
         let node = self.file(&graph).map_or(node, |file| &graph.nodes[file.node].name);
         if outputs.is_empty() && !self.json {
             if self.out.is_some() {
@@ -187,12 +195,37 @@ impl Inspect {
             print(&format!("{node}.{name} goes to {}\n", path.display()));
         }
         let mut sources = Sources::of(&graph);
-        self.inputs.protect(&mut sources);
+        inputs.protect(&mut sources);
         let from = of(name).map(|(node, _)| node);
         let source = from.map(|node| Source { graph: &graph, node, session: &mut session });
         let broken = found.iter().zip(&broken).find(|((output, _), _)| *output == name);
         let broken = broken.map_or(&[][..], |(_, broken)| broken);
         self.write((value, broken), path, catalog, &sources, source)
+    }
+
+    fn node(&self) -> &str {
+        self.node.as_deref().unwrap_or(FILE)
+    }
+
+    /// The graph, and what comes into it: of a file that is none one that hands its value on.
+    fn checked(&self, catalog: &Catalog) -> Result<(Checked, InputOptions), String> {
+        let file = self.file.display();
+        if self.node.is_some() {
+            return Ok((self.options.load(&self.file, catalog), self.inputs.clone()));
+        }
+        if ending(&self.file) == "ron" {
+            let graph = self.options.load(&self.file, catalog).as_far_as_known().graph;
+            let nodes = graph.iter().flat_map(|graph| graph.nodes.iter());
+            let nodes = Vec::from_iter(nodes.map(|node| &node.name[..]));
+            return Err(format!("say which node of {file}: {}", nodes.join(", ")));
+        }
+        let (value, _) = catalog.readers().open(&self.file, None)?;
+        let kind = value.kind().name;
+        let text = format!(
+            "Graph(format: 1, inputs: {{ \"{FILE}\": {kind}() }}, nodes: {{}}, outputs: {{ \"{FILE}\": \"{FILE}\" }})"
+        );
+        let checked = Graph::load_text(&self.file, text, catalog, &self.options.all());
+        Ok((checked, InputOptions::of(FILE, &self.file)))
     }
 
     /// The pixel that is asked for.
@@ -235,11 +268,11 @@ impl Inspect {
 
     /// The output file that is meant, if its name means nothing else.
     fn file<'g>(&self, graph: &'g Graph) -> Option<&'g GraphOutput> {
-        let (name, output) = self.node.split_once('.')?;
+        let (name, output) = self.node().split_once('.')?;
         let mut used = graph.uses.iter().filter(|given| given.name == name);
         let is_value = graph.find(name).is_some_and(|it| graph.nodes[it].outputs.contains(&output))
             || used.any(|given| given.outputs.iter().any(|(known, _)| known == output));
-        graph.outputs.iter().find(|file| file.name == self.node && !is_value)
+        graph.outputs.iter().find(|file| file.name == self.node() && !is_value)
     }
 
     /// The outputs that are meant, by name, each with its node and place there.
@@ -248,9 +281,9 @@ impl Inspect {
             let name = graph.nodes[*node].outputs[*output].to_owned();
             return Ok(vec![(name, (*node, *output))]);
         }
-        let (name, output) = match self.node.split_once('.') {
+        let (name, output) = match self.node().split_once('.') {
             Some((name, output)) => (name, Some(output)),
-            None => (&self.node[..], None),
+            None => (self.node(), None),
         };
         let outputs: Vec<Found> = match graph.find(name) {
             Some(node) => {

@@ -55,6 +55,34 @@ fn seen(image: &Image) -> usize {
 }
 
 #[test]
+fn a_file_that_is_no_graph_is_looked_into_by_itself() {
+    let studio = Studio::new();
+    let look = |file: &str| {
+        let output = studio.maquette(&["inspect", file]);
+        assert!(output.status.success(), "{file}: {}", told(&output));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    for (file, what) in [
+        ("doll/mug.obj", "Mesh"),
+        ("doll/ellipse.obj", "Curve"),
+        ("doll/points.xyz", "Points"),
+        ("doll/range.pcd", "RangeImage"),
+        ("doll/color.png", "Image"),
+    ] {
+        let text = look(file);
+        assert!(text.starts_with(&format!("file.value: {what}, ")), "{file}: {text}");
+    }
+    assert!(4 < seen(&studio.picture(&["inspect", "doll/mug.obj", "--out", "PICTURE"])));
+    let at = studio.maquette(&["inspect", "doll/color.png", "--at", "200,196"]);
+    assert!(String::from_utf8_lossy(&at.stdout).contains("#"), "{}", told(&at));
+    let table = studio.maquette(&["inspect", "doll/mug.obj", "--table", "vertices"]);
+    assert!(String::from_utf8(table.stdout).unwrap().lines().count() > 10);
+    assert!(studio.refused(&["inspect", "doll.ron"]).contains("say which node of doll.ron: scan"));
+    assert!(studio.refused(&["inspect", "README.md"]).contains("`.md`"));
+    assert!(studio.refused(&["inspect", "no.ply"]).contains("no.ply"));
+}
+
+#[test]
 fn every_type_of_values_is_rendered() {
     let studio = Studio::new();
     let curve = "nodes/InterpolateCurve.ron";
