@@ -20,6 +20,7 @@ const PACK: Pack = Pack {
     nodes: &[node::<Center>(), node::<Collect>()],
     values: &[],
     migrations: &[],
+    recipes: &[],
     formats: &[],
     readers: &[],
 };

@@ -10,7 +10,7 @@ use serde_json::{Value as Json, json};
 use crate::error::Error;
 use crate::format::{FORMATS, READERS};
 use crate::node::{Carry, NodeType, Output, Term};
-use crate::pack::{Format, Migration, NewFile, Pack};
+use crate::pack::{Format, Migration, NewFile, Pack, Recipe};
 use crate::plain::ending;
 use crate::reading::{AnyReader, Readers};
 use crate::text::ron;
@@ -28,6 +28,7 @@ pub struct Catalog {
     readers: Arc<Readers>,
     code: Vec<Code>,
     migrations: Vec<Migration>,
+    recipes: Vec<Recipe>,
 }
 
 /// By what the code of a pack is known.
@@ -283,7 +284,8 @@ impl Catalog {
         let formats = FORMATS.iter().chain(brought).copied().collect();
         let code = packs.iter().map(|pack| Code::of(pack)).collect();
         let migrations = packs.iter().flat_map(|pack| pack.migrations).copied().collect();
-        Self { entries, values, formats, readers, code, migrations }
+        let recipes = packs.iter().flat_map(|pack| pack.recipes).copied().collect();
+        Self { entries, values, formats, readers, code, migrations, recipes }
     }
 
     /// By what the code of its packs is known, in their order.
@@ -299,6 +301,11 @@ impl Catalog {
     /// What became of nodes and fields, in the order of the packs and of their lists.
     pub(crate) fn migrations(&self) -> impl Iterator<Item = &Migration> {
         self.migrations.iter()
+    }
+
+    /// Graphs that a new project may begin with.
+    pub fn recipes(&self) -> &[Recipe] {
+        &self.recipes
     }
 
     /// What reads files.
@@ -558,8 +565,15 @@ mod tests {
         }
     }
 
-    const EMPTY: Pack =
-        Pack { name: "", nodes: &[], values: &[], formats: &[], readers: &[], migrations: &[] };
+    const EMPTY: Pack = Pack {
+        name: "",
+        nodes: &[],
+        values: &[],
+        formats: &[],
+        readers: &[],
+        migrations: &[],
+        recipes: &[],
+    };
 
     #[test]
     fn what_a_pack_brings_is_known_by_its_build_or_by_where_its_code_is() {

@@ -42,6 +42,7 @@ mod look;
 mod lsp;
 mod merge;
 mod migrate;
+mod new;
 mod nodes;
 mod pin;
 mod profile;
@@ -68,6 +69,8 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Look at a folder of scans and write a graph that runs on them.
+    New(new::New),
     /// Evaluate a graph and write its outputs.
     Run(run::Run),
     /// Run a graph over many scans and many values, and show what came of them side by side.
@@ -177,23 +180,6 @@ impl GraphOptions {
         Options { roots, set, draft, locked, pins: !no_pins, ..Options::default() }
     }
 
-    /// The words that say the same.
-    fn words(&self) -> Vec<String> {
-        let mut words = Vec::new();
-        for (name, value) in &self.set {
-            words.extend(["--set".to_owned(), format!("{name}={value}")]);
-        }
-        for root in &self.roots {
-            words.extend(["--root".to_owned(), root.display().to_string()]);
-        }
-        let flags =
-            [(self.draft, "--draft"), (self.locked, "--locked"), (self.no_pins, "--no-pins")];
-        words.extend(
-            flags.into_iter().filter(|(is_set, _)| *is_set).map(|(_, flag)| flag.to_owned()),
-        );
-        words
-    }
-
     /// The folder for the outputs of a graph: the one that was named, else one that drafts have apart.
     fn folder(&self, named: Option<&Path>, graph: &Path) -> OutputFolder {
         if self.draft {
@@ -259,6 +245,7 @@ pub fn run(packs: &[&Pack], words: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Render(command) => command.run(&catalog),
         Command::Replay(command) => command.run(&catalog),
         Command::Sheet(command) => command.run(&catalog),
+        Command::New(command) => command.run(&catalog),
         Command::Nodes(command) => command.run(&catalog),
         Command::Gallery(command) => command.run(&catalog),
         Command::Inspect(command) => command.run(&catalog),

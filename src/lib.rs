@@ -60,7 +60,7 @@
 //! }
 //!
 //! pub const PACK: Pack =
-//!     Pack { name: "lift", nodes: &[node::<Lift>()], values: &[], formats: &[], readers: &[], migrations: &[] };
+//!     Pack { name: "lift", nodes: &[node::<Lift>()], values: &[], formats: &[], readers: &[], migrations: &[], recipes: &[] };
 //! ```
 //!
 //! [`conformance::check`] tells which laws a pack breaks; `cli::main` with some packs is a program with all commands. `examples/embed.rs`
@@ -131,7 +131,7 @@ pub use node::{
     CancelToken, Carry, Context, Fate, File, FilePath, In, Node, NodeType, Output, Outputs,
     PortType, Progress, Promise, ReadError, Want, node,
 };
-pub use pack::{FileFormat, Format, Migration, NewFile, NewValue, Pack, format};
+pub use pack::{FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format};
 pub use provenance::Signature;
 pub use reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use session::{

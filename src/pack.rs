@@ -22,6 +22,17 @@ pub struct Pack {
     pub readers: &'static [AnyReader],
     /// What became of nodes and fields that graphs may still have under old names.
     pub migrations: &'static [Migration],
+    /// Graphs that a new project may begin with, those that want the most files first.
+    pub recipes: &'static [Recipe],
+}
+
+/// A graph that a new project may begin with: `maquette new` puts the project's own files in place of those that its nodes read.
+#[derive(Clone, Copy, Debug)]
+pub struct Recipe {
+    /// The word for it: lower-case letters and hyphens.
+    pub name: &'static str,
+    /// The file, with comments for who goes on with it.
+    pub text: &'static str,
 }
 
 /// What became of a node or a field of a pack.

@@ -225,16 +225,23 @@ pub(crate) fn rewrite_with(
     if !metadata.is_file() || metadata.permissions().readonly() {
         return Err((path.to_owned(), io::ErrorKind::PermissionDenied.into()));
     }
-    let folder = beside(new);
-    fs::create_dir_all(folder).map_err(of(new))?;
-    let mut file = temporary::create(folder).map_err(of(new))?;
-    file.write_all(new_text.as_bytes()).map_err(of(new))?;
-    file.persist_noclobber(new).map_err(|error| of(new)(error.error))?;
+    write_new(new, new_text).map_err(of(new))?;
     rewrite(path, text).map_err(|error| {
         // Nobody has read it yet.
         let _ = remove(new);
         (path.to_owned(), error)
     })
+}
+
+/// Writes a text to a file that is not there yet, and makes the folders above it.
+#[cfg(feature = "cli")]
+pub(crate) fn write_new(path: &Path, text: &str) -> io::Result<()> {
+    let folder = beside(path);
+    fs::create_dir_all(folder)?;
+    let mut file = temporary::create(folder)?;
+    file.write_all(text.as_bytes())?;
+    file.persist_noclobber(path).map_err(|error| error.error)?;
+    Ok(())
 }
 
 /// Writes what the program itself keeps beside a graph, in a file that people read and may have changed.

@@ -62,4 +62,5 @@ pub(crate) const PACK: Pack = Pack {
     formats: &[],
     readers: &[],
     migrations: &[],
+    recipes: &[],
 };

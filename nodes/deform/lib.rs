@@ -46,4 +46,5 @@ pub static PACK: Pack = Pack {
     formats: &[],
     readers: &[],
     migrations: &[],
+    recipes: &[],
 };

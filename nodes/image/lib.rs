@@ -64,4 +64,5 @@ pub static PACK: Pack = Pack {
     formats: &[],
     readers: &[],
     migrations: &[],
+    recipes: &[],
 };

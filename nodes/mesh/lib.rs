@@ -49,4 +49,5 @@ pub static PACK: Pack = Pack {
     formats: &[],
     readers: &[],
     migrations: &[],
+    recipes: &[],
 };

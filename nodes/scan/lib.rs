@@ -1,6 +1,6 @@
 //! Nodes that take an object out of its scans: from its table, its wall and what flies around.
 
-use maquette::Pack;
+use maquette::{Pack, Recipe};
 
 mod crop;
 mod dominant_plane;
@@ -31,4 +31,10 @@ pub static PACK: Pack = Pack {
     formats: &[],
     readers: &[],
     migrations: &[],
+    recipes: &[
+        Recipe { name: "capture", text: include_str!("recipes/capture.ron") },
+        Recipe { name: "range", text: include_str!("recipes/range.ron") },
+        Recipe { name: "mesh", text: include_str!("recipes/mesh.ron") },
+        Recipe { name: "points", text: include_str!("recipes/points.ron") },
+    ],
 };

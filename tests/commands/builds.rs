@@ -35,6 +35,7 @@ fn a_host_has_the_results_of_the_command_line() {
         formats: &[],
         readers: &[],
         migrations: &[],
+        recipes: &[],
     };
     assert_eq!(cached(&[PACKS, &[&other]].concat()), 0);
 }

@@ -12,6 +12,7 @@ mod hands;
 mod language;
 mod lsp;
 mod moves;
+mod new;
 mod nothing_is_lost;
 mod page;
 mod pictures;

@@ -162,6 +162,7 @@ const PACK: Pack = Pack {
     formats: &[],
     readers: &[],
     migrations: &[],
+    recipes: &[],
 };
 
 fn load(nodes: &str) -> Graph {

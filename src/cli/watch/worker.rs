@@ -354,6 +354,7 @@ mod tests {
         nodes: &[crate::node::node::<Faulty>()],
         values: &[],
         formats: &[],
+        recipes: &[],
         readers: &[],
         migrations: &[],
     };

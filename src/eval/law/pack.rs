@@ -129,6 +129,7 @@ pub(super) const PACK: Pack = Pack {
     nodes: &[node::<Add>(), node::<Split>(), node::<Read>(), node::<Fragile>()],
     values: &[value_type::<Amount>()],
     formats: &[],
+    recipes: &[],
     readers: &[],
     migrations: &[],
 };

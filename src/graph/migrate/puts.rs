@@ -230,6 +230,7 @@ mod tests {
         nodes: &[],
         values: &[],
         formats: &[],
+        recipes: &[],
         readers: &[],
         migrations: MIGRATIONS,
     };

@@ -159,6 +159,7 @@ const PACK: Pack = Pack {
     ],
     values: &[value_type::<Beads>()],
     migrations: &[],
+    recipes: &[],
     formats: &[],
     readers: &[],
 };

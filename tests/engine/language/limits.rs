@@ -74,6 +74,7 @@ const PACK: Pack = Pack {
     formats: &[],
     readers: &[],
     migrations: &[],
+    recipes: &[],
 };
 
 /// One test at a time: they share what is counted.

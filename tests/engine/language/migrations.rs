@@ -84,6 +84,7 @@ pub(super) const OLD_NAMES: Pack = Pack {
     values: &[],
     formats: &[],
     readers: &[],
+    recipes: &[],
     migrations: &[
         Migration::Node { old: "Grid", new: "Mesher" },
         Migration::Node { old: "Mesher", new: "Triangulate" },
@@ -167,6 +168,7 @@ fn names_that_go_in_a_circle_come_to_an_end() {
         values: &[],
         formats: &[],
         readers: &[],
+        recipes: &[],
         migrations: &[
             Migration::Node { old: "A", new: "B" },
             Migration::Node { old: "B", new: "A" },

@@ -301,6 +301,7 @@ const BEADS: Pack = Pack {
     formats: &[],
     readers: &[],
     migrations: &[],
+    recipes: &[],
 };
 
 #[test]
@@ -333,4 +334,29 @@ fn what_is_promised_is_not_tested_and_the_rest_once_per_value() {
         told,
         ["`a` cannot be computed: port `beads` wants Beads[Strung], but `bead` has no string"]
     );
+}
+
+#[test]
+fn a_promise_that_cannot_be_kept_is_told_once_for_each_use() {
+    let fine = r#"Graph(format: 1, inputs: { "mesh": Mesh() },
+        nodes: { "it": Subdivide(mesh: "mesh", scheme: CatmullClark) },
+        outputs: { "fine": "it" }, promises: { "fine": [Triangles] })"#;
+    // It hands the promise on.
+    let library = r#"Graph(format: 1, use: { "Fine": "fine.ron" }, inputs: { "mesh": Mesh() },
+        nodes: { "in": Fine(mesh: "mesh") }, outputs: { "fine": "in" }, promises: { "fine": [Triangles] })"#;
+    let nodes = r#""square": ReadMesh(path: "square.obj"),
+        "one": Lib(mesh: "square"),
+        "all": ForEach(graph: "Lib", over: [(mesh: "square"), (mesh: "one")]),
+        "out": Merge(meshes: "all"),"#;
+    let told = Told::new(&[("fine.ron", fine), ("lib.ron", library), ("graph.ron", &graph(nodes))]);
+    let found = told.checked();
+    assert_eq!(
+        found,
+        [
+            "graph.ron:3 G020 `one/in.fine` is promised to be Triangles, but what gives it never is so (this is expected at fine.ron:3:57)",
+            "graph.ron:4 G020 `all/1/in.fine` is promised to be Triangles, but what gives it never is so (this is expected at fine.ron:3:57)",
+        ]
+    );
+    let found = told.run();
+    assert_eq!(found.len(), 3, "one for each value: {found:#?}");
 }

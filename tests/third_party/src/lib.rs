@@ -19,6 +19,7 @@ pub const PACK: Pack = Pack {
     values: &[value_type::<Palette>()],
     formats: &[format::<GimpPalette>()],
     readers: &[reader::<GimpPalette>()],
+    recipes: &[],
     migrations: &[
         // 0.2: it uses a palette.
         Migration::Node { old: "PaintPalette", new: "ApplyPalette" },

@@ -1,0 +1,130 @@
+//! `maquette new`: looks at a folder of scans and writes a graph that runs on them.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::{Exit, print, report};
+use crate::catalog::Catalog;
+use crate::graph::{Files, Graph, Options};
+use crate::pack::Recipe;
+use crate::paths::folder_of_new;
+use crate::text::{parse, shell, unknown};
+use crate::writing::write_new;
+
+mod scans;
+mod wants;
+
+use scans::Scans;
+use wants::Wants;
+
+#[derive(Args)]
+pub(super) struct New {
+    /// The folder of the scans: range images with their pictures, meshes or points. Or one such file.
+    #[arg(required_unless_present = "list")]
+    folder: Option<PathBuf>,
+    /// What the graph does; if left out, the first recipe whose files are there.
+    #[arg(long, value_name = "NAME")]
+    recipe: Option<String>,
+    /// The graph's file; if left out, it lies in the folder and has its name.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print the recipes, and what they are for.
+    #[arg(long)]
+    list: bool,
+}
+
+impl New {
+    pub(super) fn run(&self, catalog: &Catalog) -> Exit {
+        let Some(folder) = self.folder.as_ref().filter(|_| !self.list) else {
+            catalog.recipes().iter().for_each(|recipe| {
+                print(&format!("{:<10} {}\n", recipe.name, what_for(recipe)));
+            });
+            return Exit::Done;
+        };
+        let made = Scans::of(folder, catalog).and_then(|scans| {
+            let (recipe, wants) = self.recipe(&scans, catalog)?;
+            Ok((scans, recipe, wants))
+        });
+        let (scans, recipe, wants) = match made {
+            Ok(made) => made,
+            Err(why) => return Exit::Usage(why),
+        };
+        let path = self.out.clone().unwrap_or_else(|| scans.folder.join(name_of(folder)));
+        let base = folder_of_new(&path);
+        let set = wants.values(&scans.all, &base);
+        let options = Options { files: Files::Ignored, ..Options::default() };
+        let edited = Graph::edited(&path, recipe.text, &set, catalog, &options);
+        let text = match edited.and_then(|edited| Graph::formatted(&path, &edited.text)) {
+            Ok(text) => text,
+            Err(problems) => {
+                report(&problems);
+                return Exit::Failed;
+            }
+        };
+        let checked = Graph::load_text(&path, text.clone(), catalog, &Options::default());
+        report(&checked.problems);
+        if checked.graph.is_none() {
+            return Exit::Failed;
+        }
+        let file = path.display();
+        match write_new(&path, &text) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+                return Exit::Usage(format!("{file} is there already: --out names another file"));
+            }
+            Err(error) => return Exit::Usage(format!("cannot write {file}: {error}")),
+            Ok(()) => {}
+        }
+        print(&format!("{file}: {}\n", what_for(&recipe)));
+        set.iter().for_each(|(target, value)| print(&format!("  {target}: {value}\n")));
+        scans.unused(&wants.used(&scans.all)).iter().for_each(|(file, what)| {
+            print(&format!("  not used: {file}, {what}\n"));
+        });
+        print(&format!("`maquette watch {} --open` shows it\n", shell(&file.to_string())));
+        Exit::Done
+    }
+
+    /// The recipe that is asked for, or the first one whose files are there.
+    fn recipe(&self, scans: &Scans, catalog: &Catalog) -> Result<(Recipe, Wants), String> {
+        let wants = |recipe: &Recipe| Some((*recipe, Wants::of(recipe, catalog)?));
+        let all = catalog.recipes().iter().filter_map(wants);
+        let all = Vec::from_iter(all);
+        let Some(name) = &self.recipe else {
+            let found = all.into_iter().find(|(_, wants)| wants.fit(&scans.all));
+            return found.ok_or_else(|| scans.nothing());
+        };
+        let names = Vec::from_iter(all.iter().map(|(recipe, _)| recipe.name));
+        let found = all.iter().find(|(recipe, _)| recipe.name == name).cloned();
+        let found = found.ok_or_else(|| {
+            unknown(format!("there is no recipe `{name}`"), name, "there are", &names)
+        })?;
+        match found.1.fit(&scans.all) {
+            true => Ok(found),
+            false => Err(format!(
+                "the recipe `{name}` wants {}, but {} has {}",
+                found.1.in_words(),
+                scans.folder.display(),
+                scans.in_words()
+            )),
+        }
+    }
+}
+
+/// The file's own words of what it is for.
+fn what_for(recipe: &Recipe) -> String {
+    let (tree, _) = parse(recipe.text);
+    let doc = tree.fields().unwrap_or_default().iter().find(|field| field.name.text == "doc");
+    doc.and_then(|doc| doc.value.text()).unwrap_or_default().to_owned()
+}
+
+/// The name of a graph's file: that of the folder or file of its scans, as names of files are written.
+fn name_of(scans: &Path) -> String {
+    let scans = std::fs::canonicalize(scans).unwrap_or_else(|_| scans.to_owned());
+    let name = if scans.is_file() { scans.file_stem() } else { scans.file_name() };
+    let name = name.unwrap_or_default().to_string_lossy().to_lowercase();
+    let plain = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' });
+    let name = String::from_iter(plain);
+    let name = name.trim_matches('-');
+    if name.is_empty() { "scan.ron".to_owned() } else { format!("{name}.ron") }
+}

@@ -1,0 +1,112 @@
+//! `maquette new` writes graphs that run on what is in a folder.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+const DOLL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs/doll");
+
+/// A folder `scans` with some of the doll's files under other names.
+fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (from, to) in files {
+        let to = folder.path().join("scans").join(to);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::copy(Path::new(DOLL).join(from), to).unwrap();
+    }
+    folder
+}
+
+fn maquette(folder: &Path, words: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
+    command.args(words).current_dir(folder).env("NO_COLOR", "1");
+    command.env("MAQUETTE_CACHE", folder.join("cache")).output().unwrap()
+}
+
+fn told(output: &Output) -> String {
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    text + &String::from_utf8_lossy(&output.stderr)
+}
+
+/// What `new` tells, after its graph has been run and has its canonical form.
+fn made(folder: &Path, words: &[&str]) -> String {
+    let new = maquette(folder, &[&["new", "scans"], words].concat());
+    assert!(new.status.success(), "{}", told(&new));
+    let format = maquette(folder, &["fmt", "--check", "scans/scans.ron"]);
+    assert!(format.status.success(), "{}", told(&format));
+    let run = maquette(folder, &["run", "scans/scans.ron", "--out", "out"]);
+    assert!(run.status.success(), "{}", told(&run));
+    told(&new)
+}
+
+const CAMERA: (&str, &str) = ("camera.json", "camera.json");
+
+#[test]
+fn a_capture_is_a_range_image_with_the_picture_that_belongs_to_it() {
+    let files = [
+        ("range.pcd", "scan 1.pcd"),
+        ("color.png", "rgb.png"),
+        ("painted.png", "mask.png"),
+        ("mug.obj", "mug.obj"),
+        CAMERA,
+    ];
+    let folder = folder(&files);
+    let told = made(folder.path(), &[]);
+    let expected = r#"scans/scans.ron: One capture as a clean, textured mesh.
+  scan.range: "scan 1.pcd"
+  scan.color: "rgb.png"
+  not used: scans/mug.obj, Mesh
+  not used: scans/mask.png, Image
+`maquette watch scans/scans.ron --open` shows it
+"#;
+    assert_eq!(told, expected);
+    let text = std::fs::read_to_string(folder.path().join("scans/scans.ron")).unwrap();
+    assert!(text.contains(r#"ReadCapture(color: "rgb.png", range: "scan 1.pcd")"#), "{text}");
+    assert!(folder.path().join("out/model.glb").is_file());
+    // What is written by hand since is not lost.
+    let again = maquette(folder.path(), &["new", "scans"]);
+    assert_eq!(again.status.code(), Some(2));
+    assert!(self::told(&again).contains("scans/scans.ron is there already"));
+    let other = maquette(folder.path(), &["new", "scans", "--out", "graphs/a.ron"]);
+    assert!(other.status.success(), "{}", self::told(&other));
+    let text = std::fs::read_to_string(folder.path().join("graphs/a.ron")).unwrap();
+    assert!(text.contains(r#"range: "../scans/scan 1.pcd""#), "{text}");
+}
+
+#[test]
+fn each_kind_of_scan_has_its_recipe() {
+    let range = folder(&[("range.pcd", "range.pcd"), CAMERA]);
+    assert!(made(range.path(), &[]).starts_with("scans/scans.ron: One range image"));
+    let mesh = folder(&[("coarse.obj", "a.obj"), ("points.xyz", "b.xyz")]);
+    assert!(made(mesh.path(), &[]).starts_with("scans/scans.ron: A scanned mesh"));
+    let points = folder(&[("points.xyz", "b.xyz")]);
+    assert!(made(points.path(), &[]).starts_with("scans/scans.ron: Points"));
+    let one = folder(&[("coarse.obj", "a.obj"), ("mug.obj", "b.obj")]);
+    let told = told(&maquette(one.path(), &["new", "scans/b.obj"]));
+    assert!(told.contains("scan.path: \"b.obj\"") && told.contains("scans/b.ron"), "{told}");
+}
+
+#[test]
+fn a_mesh_of_a_few_units_is_in_meters() {
+    let folder = folder(&[("coarse.obj", "a.obj")]);
+    let path = folder.path().join("scans/a.obj");
+    let text = "v 0 0 0\nv 0.3 0 0\nv 0 0.2 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
+    std::fs::write(path, text).unwrap();
+    assert!(made(folder.path(), &[]).contains("  scan.unit: M\n"));
+}
+
+#[test]
+fn what_is_not_there_is_told() {
+    let pictures = folder(&[("color.png", "a.png")]);
+    let refused = |words: &[&str]| {
+        let output = maquette(pictures.path(), words);
+        assert_eq!(output.status.code(), Some(2), "{}", told(&output));
+        told(&output)
+    };
+    assert!(refused(&["new", "scans"]).contains("there is no scan in scans beside 1 picture"));
+    assert!(refused(&["new", "nowhere"]).contains("cannot read nowhere"));
+    assert!(refused(&["new", "scans", "--recipe", "capturs"]).contains("did you mean `capture`?"));
+    let wants = refused(&["new", "scans", "--recipe", "mesh"]);
+    assert!(wants.contains("the recipe `mesh` wants mesh, but scans has no scan"), "{wants}");
+    let list = told(&maquette(pictures.path(), &["new", "--list"]));
+    assert!(list.starts_with("capture    One capture"), "{list}");
+}
