@@ -8,6 +8,7 @@ mod merge_error;
 mod motion;
 mod movable;
 mod moved_mesh;
+mod orient;
 mod painted_colors;
 mod poses;
 mod read_curve;
@@ -16,11 +17,13 @@ mod read_points;
 mod reconstruct;
 mod texture;
 mod transform;
+mod turned_faces;
 
 pub use merge::{Merge, merge};
 pub use merge_error::MergeError;
 pub use motion::{Motion, TransformError};
 pub use movable::Movable;
+pub use orient::{OneSided, Orient, OrientError, Oriented, Outside, orient};
 pub use poses::Poses;
 pub use read_curve::{ReadCurve, ReadCurveError, curve_in_millimeters, read_curve};
 pub use read_mesh::{ReadMesh, mesh_in_millimeters, read_mesh};
@@ -42,6 +45,7 @@ pub static PACK: Pack = Pack {
         node::<ReadCurve>(),
         node::<Texture>(),
         node::<Transform>(),
+        node::<Orient>(),
         node::<Merge>(),
         node::<Reconstruct>(),
     ],

@@ -1,0 +1,106 @@
+//! The parts of a mesh whose faces can agree on a side.
+
+use maquette::value::Mesh;
+use maquette_base::topology::lists::Lists;
+use thiserror::Error;
+
+/// A part like a Moebius strip.
+#[derive(Clone, Debug, PartialEq, Error)]
+#[error(
+    "a part of {faces} faces has only one side, as a Moebius strip has: at {edges} of its edges faces cannot agree, at {} to {} near ({:.3}, {:.3}, {:.3}) for one; \
+     cut it there, or take the part away by `Pieces`", ends[0], ends[1], at[0], at[1], at[2]
+)]
+pub struct OneSided {
+    /// Faces of the part.
+    pub faces: usize,
+    /// Edges at which they do not agree.
+    pub edges: usize,
+    /// The vertices of the first of these.
+    pub ends: [u32; 2],
+    /// Where that is.
+    pub at: [f64; 3],
+}
+
+/// Faces that hang together by edges of two faces.
+pub(super) struct Sheets {
+    /// The part of each face.
+    pub(super) of_face: Vec<u32>,
+    /// Which faces must be turned so that those of each part agree: fewer than half of each part.
+    pub(super) is_turned: Vec<bool>,
+    /// Whether each edge of a part has two faces.
+    pub(super) is_closed: Vec<bool>,
+    /// How many edges have more than two faces, and the first of them.
+    pub(super) crowded: Option<(usize, [u32; 2])>,
+}
+
+impl Sheets {
+    /// Floods each part from its first face.
+    ///
+    /// # Errors
+    /// If a part has only one side.
+    pub(super) fn new(mesh: &Mesh) -> Result<Self, OneSided> {
+        let (edges, count) = (mesh.edges(), mesh.faces().len());
+        // The sides of faces at each edge: the face, and whether it runs upwards.
+        let sides = || {
+            let mut corner = 0;
+            mesh.faces().iter().zip(0..).flat_map(move |(face, number)| {
+                let first = corner;
+                corner += face.len();
+                (0..face.len()).map(move |k| {
+                    let is_up = face[k] < face[(k + 1) % face.len()];
+                    (first + k, number << 1 | u32::from(is_up))
+                })
+            })
+        };
+        let at_edges = Lists::group(edges.vertices.len(), || {
+            sides().map(|(corner, side)| (edges.of_corner[corner], side))
+        });
+        let mut of_face = vec![u32::MAX; count];
+        let mut is_turned = vec![false; count];
+        let mut is_closed = Vec::new();
+        for start in 0..count {
+            if of_face[start] != u32::MAX {
+                continue;
+            }
+            let part = is_closed.len() as u32;
+            is_closed.push(true);
+            of_face[start] = part;
+            let (mut flooded, mut next) = (vec![start], 0);
+            let mut torn = Vec::new();
+            while let Some(&face) = flooded.get(next) {
+                next += 1;
+                let corners = mesh.faces().first_corner(face);
+                for corner in corners..corners + mesh.faces().face(face).len() {
+                    let edge = edges.of_corner[corner] as usize;
+                    let &[a, b] = at_edges.of(edge) else {
+                        is_closed[part as usize] = false;
+                        continue;
+                    };
+                    let other = (if (a >> 1) as usize == face { b } else { a } >> 1) as usize;
+                    let turns = is_turned[face] ^ (a & 1 == b & 1);
+                    if of_face[other] == u32::MAX {
+                        of_face[other] = part;
+                        is_turned[other] = turns;
+                        flooded.push(other);
+                    } else if is_turned[other] != turns {
+                        torn.push(edge);
+                    }
+                }
+            }
+            if let Some(&first) = torn.iter().min() {
+                // Each edge was met from both of its faces.
+                let (faces, edges_of_it) = (flooded.len(), torn.len() / 2);
+                let ends = edges.vertices[first];
+                let [a, b] = ends.map(|end| mesh.positions()[end as usize]);
+                let at = nalgebra::center(&a, &b).coords.into();
+                return Err(OneSided { faces, edges: edges_of_it, ends, at });
+            }
+            if flooded.len() < 2 * flooded.iter().filter(|face| is_turned[**face]).count() {
+                flooded.iter().for_each(|&face| is_turned[face] ^= true);
+            }
+        }
+        let many = Vec::from_iter((0..edges.faces.len()).filter(|&edge| 2 < edges.faces[edge]));
+        let crowded = many.first().map(|&edge| (many.len(), edges.vertices[edge]));
+        Ok(Self { of_face, is_turned, is_closed, crowded })
+    }
+}

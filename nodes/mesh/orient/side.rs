@@ -1,0 +1,119 @@
+//! Which side of a part is its outside.
+
+use maquette::parallel::*;
+use maquette::value::Mesh;
+use maquette_base::topology::lists::Lists;
+use nalgebra::{Point3, Vector3};
+
+use super::sheets::Sheets;
+
+/// At least and at most so many faces of an open part are judged; in between, so many that the sum is short.
+const JUDGES: std::ops::RangeInclusive<usize> = 16..=256;
+
+/// So many solid angles are computed for an open part, if that is not out of [`JUDGES`]: half a second on one thread.
+const SOLID_ANGLES: usize = 1 << 23;
+
+/// An open part whose winding number is nearer to 0 than this has no outside. That of a plane is 0, but for rounding, of a relief of a tenth
+/// of its width about a tenth, and of a half ball a quarter.
+const LEAST: f64 = 1e-3;
+
+/// Of each part a number: positive if its faces look outward, negative if they look inward, 0 if it has no outside.
+pub(super) fn outward_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
+    let count = sheets.is_closed.len();
+    let faces = || (0..).zip(&sheets.of_face).map(|(face, &part)| (part, face));
+    let faces = Lists::<u32>::group(count, faces);
+    let boxes = Vec::from_iter((0..count).map(|part| bounds(mesh, faces.of(part))));
+    let own = (0..count).into_par_iter().map(|part| {
+        let faces = faces.of(part);
+        match sheets.is_closed[part] {
+            true => volume(mesh, faces, boxes[part].0),
+            false => bulge(mesh, faces),
+        }
+    });
+    let own: Vec<f64> = own.collect();
+    let is_within = |inner: usize, outer: usize| {
+        let ((low, high), (outer_low, outer_high)) = (boxes[inner], boxes[outer]);
+        let is_boxed = (0..3).all(|k| outer_low[k] < low[k] && high[k] < outer_high[k]);
+        is_boxed && {
+            let faces_of = faces.of(inner);
+            let some = [0, faces_of.len() / 2, faces_of.len() - 1];
+            some.into_iter().all(|place| {
+                let vertex = mesh.faces().face(faces_of[place] as usize)[0];
+                let at = mesh.positions()[vertex as usize];
+                winding(mesh, faces.of(outer), at, None).abs() > 0.5
+            })
+        }
+    };
+    let is_shell = |part: &usize| sheets.is_closed[*part] && own[*part] != 0.0;
+    let sides = (0..count).into_par_iter().map(|part| {
+        if !is_shell(&part) {
+            return own[part];
+        }
+        let around = (0..count).filter(|&outer| outer != part).filter(is_shell);
+        let depth = around.filter(|&outer| is_within(part, outer)).count();
+        if depth % 2 == 1 { -own[part] } else { own[part] }
+    });
+    sides.collect()
+}
+
+fn bounds(mesh: &Mesh, faces: &[u32]) -> (Point3<f64>, Point3<f64>) {
+    let corners = faces.iter().flat_map(|&face| mesh.faces().face(face as usize));
+    let places = corners.map(|&vertex| mesh.positions()[vertex as usize]);
+    let infinite = Vector3::from_element(f64::INFINITY);
+    let nothing = (Point3::from(infinite), Point3::from(-infinite));
+    places.fold(nothing, |(low, high), at| (low.inf(&at), high.sup(&at)))
+}
+
+/// The volume that closed faces enclose; negative if they look inward.
+fn volume(mesh: &Mesh, faces: &[u32], near: Point3<f64>) -> f64 {
+    let triangles = faces.iter().flat_map(|&face| fan(mesh, mesh.faces().face(face as usize)));
+    triangles
+        .map(|corners| corners.map(|corner| corner - near))
+        .map(|[a, b, c]| a.dot(&b.cross(&c)))
+        .sum()
+}
+
+/// How often faces wind around a place: the sum of the solid angles in which it sees them, in whole spheres, without that of the face that
+/// the place is on.
+///
+/// Van Oosterom and Strackee, "The solid angle of a plane triangle" (1983), equation 8.
+fn winding(mesh: &Mesh, faces: &[u32], at: Point3<f64>, on: Option<u32>) -> f64 {
+    let others = faces.iter().filter(|face| Some(**face) != on);
+    let triangles = others.flat_map(|&face| fan(mesh, mesh.faces().face(face as usize)));
+    let halves = triangles.map(|corners| {
+        let [a, b, c] = corners.map(|corner| corner - at);
+        let lengths = [a.norm(), b.norm(), c.norm()];
+        let below = lengths[0] * lengths[1] * lengths[2]
+            + a.dot(&b) * lengths[2]
+            + b.dot(&c) * lengths[0]
+            + c.dot(&a) * lengths[1];
+        libm::atan2(a.dot(&b.cross(&c)), below)
+    });
+    halves.sum::<f64>() / std::f64::consts::TAU
+}
+
+/// The mean of the winding number of open faces on themselves; 0 if it is too near to that.
+///
+/// On a face its own solid angle counts as 0, so that the sum is the mean of those right before and right behind it: half of what a closed
+/// surface has inside.
+fn bulge(mesh: &Mesh, faces: &[u32]) -> f64 {
+    let judges = (SOLID_ANGLES / faces.len()).clamp(*JUDGES.start(), *JUDGES.end());
+    let step = faces.len().div_ceil(judges);
+    let mut judged = (0.0, 0.0);
+    for &face in faces.iter().step_by(step) {
+        let corners = mesh.faces().face(face as usize);
+        let first = fan(mesh, corners).next().expect("a face has three corners");
+        let middle = first.iter().map(|corner| corner.coords).sum::<Vector3<f64>>() / 3.0;
+        let area = mesh.area_vector(corners).norm();
+        judged.0 += area * winding(mesh, faces, middle.into(), Some(face));
+        judged.1 += area;
+    }
+    let mean = judged.0 / judged.1;
+    if mean.abs() >= LEAST { mean } else { 0.0 }
+}
+
+/// A polygon as a fan of triangles.
+fn fan<'a>(mesh: &'a Mesh, face: &'a [u32]) -> impl Iterator<Item = [Point3<f64>; 3]> + 'a {
+    let place = |vertex: u32| mesh.positions()[vertex as usize];
+    face[1..].windows(2).map(move |pair| [face[0], pair[0], pair[1]].map(place))
+}
