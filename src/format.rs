@@ -37,9 +37,11 @@ mod rows;
 mod step;
 pub mod stl;
 mod surface;
+mod three_mf;
 pub mod tiff;
 mod upright;
 pub mod xyz;
+mod zip;
 
 /// The files that the engine's own values can be written to; the first one of a type is preferred where nobody names a file.
 pub const FORMATS: &[Format] = &[
@@ -66,6 +68,7 @@ pub const FORMATS: &[Format] = &[
     format::<obj::MeshObj>(),
     format::<obj::CurveObj>(),
     format::<stl::MeshStl>(),
+    format::<three_mf::MeshThreeMf>(),
     format::<step::SurfaceStep>(),
     format::<surface::SurfaceGlb>(),
     format::<surface::SurfacePly>(),

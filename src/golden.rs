@@ -7,6 +7,7 @@ mod fits;
 mod intersect;
 mod looks;
 pub(crate) mod parts;
+mod printable;
 mod sketch;
 mod sound;
 pub(crate) mod store;

@@ -7,7 +7,8 @@ use nalgebra::Point3;
 
 use super::compare::{distances, six};
 use super::intersect::intersections;
-use super::looks;
+use super::looks::{self, Wrong};
+use super::printable::printable;
 use super::topology::Topology;
 use crate::error::Problem;
 use crate::graph::{Expectation, Expected, Graph};
@@ -29,7 +30,7 @@ const NAMED: usize = 5;
 
 impl Expectation {
     /// Checks it; what is wrong if it does not hold, with the places of offending elements.
-    fn check(&self, values: &[&AnyValue]) -> Option<(String, Vec<Point3<f64>>)> {
+    fn check(&self, values: &[&AnyValue]) -> Wrong {
         let value = values.first()?;
         match self {
             Self::Count { what, min, max, .. } => count(value, what, *min, *max),
@@ -52,6 +53,7 @@ impl Expectation {
                     Self::Closed(_) => closed(&mesh),
                     Self::Manifold(_) => manifold(&mesh),
                     Self::NoSelfIntersection(_) => no_self_intersection(&mesh),
+                    Self::Printable { thickness, .. } => printable(&mesh, *thickness),
                     Self::Bend { max, .. } => looks::bend(&mesh, *max),
                     Self::Continuity { around, max, curvature, .. } => {
                         let region = values.get(1).map(|value| value.get::<Region>());
@@ -130,7 +132,7 @@ pub(crate) fn violations<'v>(
 }
 
 /// `3 edges: 1-2, 4-7, ..`, and the middles of the edges.
-fn edges(mesh: &Mesh, offending: &[[u32; 2]], what: &str) -> Option<(String, Vec<Point3<f64>>)> {
+fn edges(mesh: &Mesh, offending: &[[u32; 2]], what: &str) -> Wrong {
     if offending.is_empty() {
         return None;
     }
@@ -150,13 +152,13 @@ fn edges(mesh: &Mesh, offending: &[[u32; 2]], what: &str) -> Option<(String, Vec
     Some((why, offending.iter().take(1000).map(middle).collect()))
 }
 
-fn closed(mesh: &Mesh) -> Option<(String, Vec<Point3<f64>>)> {
+pub(super) fn closed(mesh: &Mesh) -> Wrong {
     let found = mesh.edges();
     let open = found.vertices.iter().zip(&found.faces).filter(|(_, faces)| **faces == 1);
     edges(mesh, &open.map(|(edge, _)| *edge).collect::<Vec<_>>(), "edges with one face")
 }
 
-fn manifold(mesh: &Mesh) -> Option<(String, Vec<Point3<f64>>)> {
+pub(super) fn manifold(mesh: &Mesh) -> Wrong {
     let found = mesh.edges();
     let many = found.vertices.iter().zip(&found.faces).filter(|(_, faces)| **faces > 2);
     let many: Vec<[u32; 2]> = many.map(|(edge, _)| *edge).collect();
@@ -175,7 +177,7 @@ fn manifold(mesh: &Mesh) -> Option<(String, Vec<Point3<f64>>)> {
     edges(mesh, &twice, "edges between faces that look to different sides")
 }
 
-fn no_self_intersection(mesh: &Mesh) -> Option<(String, Vec<Point3<f64>>)> {
+pub(super) fn no_self_intersection(mesh: &Mesh) -> Wrong {
     let pairs = intersections(mesh);
     if pairs.is_empty() {
         return None;
@@ -197,12 +199,7 @@ fn no_self_intersection(mesh: &Mesh) -> Option<(String, Vec<Point3<f64>>)> {
     Some((why, pairs.iter().take(1000).map(middle).collect()))
 }
 
-fn count(
-    value: &AnyValue,
-    what: &str,
-    min: Option<f64>,
-    max: Option<f64>,
-) -> Option<(String, Vec<Point3<f64>>)> {
+fn count(value: &AnyValue, what: &str, min: Option<f64>, max: Option<f64>) -> Wrong {
     let counts = counted(value);
     let Some(&(_, found)) = counts.iter().find(|(name, _)| *name == what) else {
         let names = Vec::from_iter(counts.iter().map(|(name, _)| &**name)).join(", ");
@@ -254,7 +251,7 @@ fn counts(parts: &Parts<'_>) -> Vec<(Cow<'static, str>, i64)> {
     counts
 }
 
-fn bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Option<(String, Vec<Point3<f64>>)> {
+fn bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Wrong {
     let points = match value.as_mesh() {
         Some(mesh) => Some(mesh.positions().to_vec()),
         None => {
@@ -283,13 +280,7 @@ fn bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Option<(String, Ve
     Some((why, outside.iter().take(1000).map(|&index| points[index]).collect()))
 }
 
-fn near(
-    mesh: &Mesh,
-    other: &Mesh,
-    max: f64,
-    rms: Option<f64>,
-    to: &str,
-) -> Option<(String, Vec<Point3<f64>>)> {
+fn near(mesh: &Mesh, other: &Mesh, max: f64, rms: Option<f64>, to: &str) -> Wrong {
     let distances = distances(mesh, other);
     let squares: f64 = distances.iter().map(|distance| distance * distance).sum();
     let found = (squares / distances.len().max(1) as f64).sqrt();

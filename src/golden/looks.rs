@@ -8,7 +8,7 @@ use super::compare::six;
 use crate::value::{Attribute, Mesh, Region};
 
 /// What is wrong, and where.
-type Wrong = Option<(String, Vec<Point3<f64>>)>;
+pub(super) type Wrong = Option<(String, Vec<Point3<f64>>)>;
 
 /// The least share of the best known combination of a quadratic's coefficients that the worst known one must have.
 const LEAST_KNOWN: f64 = 1e-6;

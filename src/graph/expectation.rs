@@ -16,6 +16,15 @@ pub(crate) enum Expectation {
     Manifold(String),
     /// No two faces of the mesh run through each other.
     NoSelfIntersection(String),
+    /// A printer can make it: it is closed, manifold, nowhere runs through itself, its outside is outside, and its walls are thick enough.
+    Printable {
+        /// The mesh.
+        of: String,
+        /// How thick each wall must be, in mm: how far it is from the middle of each face, straight in, to the next one. If left out, any.
+        #[serde(default)]
+        #[schemars(range(min = 0.0), extend("unit" = "mm"))]
+        thickness: f64,
+    },
     /// A number is in a range.
     Count {
         /// The value.
@@ -161,7 +170,9 @@ impl Expectation {
     pub(crate) fn values(&self) -> Vec<&str> {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
-            Self::Count { of, .. } | Self::Bounds { of, .. } => vec![of],
+            Self::Printable { of, .. } | Self::Count { of, .. } | Self::Bounds { of, .. } => {
+                vec![of]
+            }
             Self::Bend { of, .. } | Self::Attribute { of, .. } | Self::Promised { of, .. } => {
                 vec![of]
             }
@@ -177,7 +188,9 @@ impl Expectation {
     pub(super) fn values_mut(&mut self) -> Vec<&mut String> {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
-            Self::Count { of, .. } | Self::Bounds { of, .. } => vec![of],
+            Self::Printable { of, .. } | Self::Count { of, .. } | Self::Bounds { of, .. } => {
+                vec![of]
+            }
             Self::Bend { of, .. } | Self::Attribute { of, .. } | Self::Promised { of, .. } => {
                 vec![of]
             }
@@ -224,6 +237,7 @@ impl Expectation {
             Self::Closed(_) => "Closed",
             Self::Manifold(_) => "Manifold",
             Self::NoSelfIntersection(_) => "NoSelfIntersection",
+            Self::Printable { .. } => "Printable",
             Self::Count { .. } => "Count",
             Self::Bounds { .. } => "Bounds",
             Self::Near { .. } => "Near",
@@ -252,7 +266,7 @@ mod tests {
             r#"[Closed("a"), Manifold("b"), NoSelfIntersection("c"), Count(of: "d", what: "faces"),
             Bounds(of: "e", low: (0, 0, 0), high: (1, 1, 1)), Near(of: "f", to: "g", max: 1),
             Whole(of: "h", around: "i"), Bend(of: "j", max: 1), Continuity(of: "k", around: Some("l"), max: 1),
-            Attribute(of: "m", name: "x")]"#,
+            Attribute(of: "m", name: "x"), Printable(of: "n", thickness: 1.2)]"#,
         );
         let (read, findings) = Expectation::read_all(&list);
         assert_eq!(findings, []);

@@ -34,6 +34,7 @@ pub(crate) fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }:
         }
         "obj" | "mtl" => Some((0, 0, format!("# {KEY} {words}\n").into_bytes())),
         "stl" => stl(bytes, hash),
+        "3mf" => zip(bytes, words),
         "tiff" => tiff(bytes, words),
         _ => None,
     };
@@ -71,6 +72,11 @@ pub(crate) fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
         "json" => {
             let document: Json = serde_json::from_slice(bytes).ok()?;
             words(&document.get(KEY)?.to_string())
+        }
+        "3mf" => {
+            let place = bytes.windows(NOTE.len()).position(|name| name == NOTE)?;
+            let length = number(bytes.get(place.checked_sub(8)?..)?)? as usize;
+            words(str::from_utf8(bytes.get(place + NOTE.len()..)?.get(..length)?).ok()?)
         }
         "stl" => {
             let header = str::from_utf8(bytes.get(..80)?).ok()?;
@@ -138,6 +144,34 @@ fn json_text(bytes: &[u8], words: &str) -> Option<Splice> {
 fn stl(bytes: &[u8], hash: &str) -> Option<Splice> {
     let is_binary = bytes.len() >= 84 && !bytes.starts_with(b"solid");
     is_binary.then(|| (0, 80, format!("{:<80}", format!("{STL}{hash}")).into_bytes()))
+}
+
+/// The name of a file in an archive.
+const NOTE: &[u8] = b"Metadata/maquette.json";
+
+/// A file more in a ZIP archive without a comment, as our writer makes them: behind the others, before the directory.
+fn zip(bytes: &[u8], words: &str) -> Option<Splice> {
+    let end = bytes.len().checked_sub(22)?;
+    let record = bytes[end..].strip_prefix(b"PK\x05\x06")?;
+    let start = number(&record[12..])? as usize;
+    let count = u16::from_le_bytes([record[4], record[5]]).checked_add(1)?;
+    let length = (words.len() as u32).to_le_bytes();
+    // What both headers tell: version 2.0, no flags, not packed, the first day of 1980, checksum, sizes, the length of the name and none more.
+    let mut told = [20, 0, 0, 0, 0, 0, 0, 0, 33, 0].to_vec();
+    told.extend(checksum(words.as_bytes()).to_le_bytes());
+    told.extend([length, length].as_flattened());
+    told.extend([NOTE.len() as u8, 0, 0, 0]);
+    let mut new = [b"PK\x03\x04", &told[..], NOTE, words.as_bytes()].concat();
+    let directory = start + new.len();
+    new.extend_from_slice(bytes.get(start..end)?);
+    let place = (start as u32).to_le_bytes();
+    new.extend([b"PK\x01\x02\x14\0", &told[..], &[0; 10], &place, NOTE].concat());
+    let size = (start + new.len() - directory) as u32;
+    new.extend(b"PK\x05\x06\0\0\0\0");
+    new.extend([count.to_le_bytes(), count.to_le_bytes()].as_flattened());
+    new.extend([size.to_le_bytes(), u32::try_from(directory).ok()?.to_le_bytes()].as_flattened());
+    new.extend([0; 2]);
+    Some((start, bytes.len() - start, new))
 }
 
 /// How an entry `ImageDescription`, a text, begins in the directory of a TIFF file.
@@ -245,6 +279,8 @@ mod tests {
         check("tiff", &tiff, "maquette {");
         let header = [SIGNATURE, &[0, 0, 0, 1], b"IHDR", &[7], &[0; 4]].concat();
         check("png", &header, "tEXtmaquette\0{");
+        let archive = [&b"PK\x05\x06"[..], &[0; 18]].concat();
+        check("3mf", &archive, "Metadata/maquette.json{");
         assert_eq!(checksum(b"IEND"), 0xae42_6082);
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pathlib
+import zipfile
 from typing import Any, Callable, Tuple
 
 import numpy as np
@@ -20,7 +21,7 @@ GRAPH = """Graph(
         "surface": Nurbs(net: "net"),
     },
     outputs: {
-        "a.glb": "lifted", "a.ply": "lifted", "a.obj": "lifted", "a.stl": "lifted",
+        "a.glb": "lifted", "a.ply": "lifted", "a.obj": "lifted", "a.stl": "lifted", "a.3mf": "lifted",
         "a.png": "color", "a.tiff": "color", "a.step": "surface", "a.json": "net",
     },
 )"""
@@ -94,6 +95,23 @@ def test_stl(folders: Folders) -> None:
     same(with_words, plain)
     header = (folders[0] / "a.stl").read_bytes()[:80].decode("ascii")
     assert header.split(", ")[0].startswith("binary STL of maquette") and len(header.split()[-1]) == 16, header
+
+
+def test_3mf(folders: Folders) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    for module in ("lxml", "networkx"):
+        pytest.importorskip(module)
+    scenes = [trimesh.load_scene(folder / "a.3mf") for folder in folders]
+    same(*(scene.to_geometry() for scene in scenes))
+    # It stands on the plate: what was y is z, and nothing is below 0.
+    low, high = scenes[0].bounds
+    source = trimesh.load_mesh(folders[0] / "a.stl")
+    assert np.allclose(low, 0, atol=1e-4) and np.allclose(high, source.extents[[0, 2, 1]], atol=1e-4)
+    assert scenes[0].units == "millimeter"
+    archives = [zipfile.ZipFile(folder / "a.3mf") for folder in folders]
+    assert all(archive.testzip() is None for archive in archives)
+    told(json.loads(archives[0].read("Metadata/maquette.json")), "a.3mf")
+    assert "Metadata/maquette.json" not in archives[1].namelist()
 
 
 @pytest.mark.parametrize("file", ["a.png", "a.tiff"])

@@ -1,0 +1,320 @@
+//! 3MF, the files of printers: a mesh with its colors or its texture, in millimeters, standing on the plate.
+//!
+//! 3MF Consortium, "3D Manufacturing Format Core Specification", 1.3.0 (2021), and "Materials and Properties Extension", 1.2.1 (2021). A
+//! file is a ZIP archive of a model in XML, a picture, and what says which is which. Meshes have y up and a plate z, so that the item that
+//! is printed is turned by a quarter about x, and moved to where all coordinates are positive; the object's are the mesh's own.
+
+use std::collections::HashMap;
+use std::fmt::Write;
+
+use nalgebra::Point3;
+use thiserror::Error;
+
+use super::upright::upright;
+use super::{check_single, png, zip};
+use crate::error;
+use crate::pack::{FileFormat, NewFile};
+use crate::value::{Mesh, Rgb};
+
+/// Why a mesh cannot be written as 3MF.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub(super) enum ThreeMfError {
+    #[error("a mesh without faces cannot be printed, and not be written as 3MF")]
+    Empty,
+}
+
+/// Writes a mesh with its texture, or the colors of its vertices; polygons become fans of triangles.
+pub(super) struct MeshThreeMf;
+
+impl FileFormat for MeshThreeMf {
+    type Value = Mesh;
+    const ENDING: &'static str = "3mf";
+
+    fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
+        Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
+    }
+}
+
+const TYPES: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
+<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">
+ <Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>
+ <Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>
+ <Default Extension="png" ContentType="image/png"/>
+ <Default Extension="json" ContentType="application/json"/>
+</Types>
+"#;
+
+/// A file that says where another one is, of the kind whose name ends so.
+fn relation(target: &str, kind: &str) -> String {
+    format!(
+        r#"<?xml version="1.0" encoding="UTF-8"?>
+<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">
+ <Relationship Target="{target}" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/{kind}"/>
+</Relationships>
+"#
+    )
+}
+
+fn encode(mesh: &Mesh) -> Result<Vec<u8>, error::Error> {
+    let Some((low, high)) = mesh.bounds().filter(|_| !mesh.faces().is_empty()) else {
+        return Err(ThreeMfError::Empty.into());
+    };
+    check_single("vertex", mesh.positions())?;
+    let look = Look::of(mesh);
+    let mut model = String::with_capacity(40 * mesh.positions().len() + 80 * mesh.faces().len());
+    write_model(&mut model, mesh, &look, low, high).expect("a text takes all that is written");
+    let [models, textures] = [
+        relation("/3D/3dmodel.model", "3dmodel"),
+        relation("/3D/Textures/texture.png", "3dtexture"),
+    ];
+    let mut files = vec![
+        ("[Content_Types].xml", TYPES.as_bytes()),
+        ("_rels/.rels", models.as_bytes()),
+        ("3D/3dmodel.model", model.as_bytes()),
+    ];
+    let picture = match (&look, mesh.texture()) {
+        (Look::Texture(..), Some(texture)) => png::encode_rgb(texture)?,
+        _ => Vec::new(),
+    };
+    if !picture.is_empty() {
+        files.push(("3D/_rels/3dmodel.model.rels", textures.as_bytes()));
+        files.push(("3D/Textures/texture.png", &picture));
+    }
+    Ok(zip::archive(&files)?)
+}
+
+/// What is seen on the faces: what is listed of it, and for each corner its number in the list.
+enum Look {
+    Plain,
+    Colors(Vec<Rgb>, Vec<u32>),
+    /// Places on the picture.
+    Texture(Vec<[f32; 2]>, Vec<u32>),
+}
+
+impl Look {
+    fn of(mesh: &Mesh) -> Self {
+        let corners = mesh.faces().corners();
+        if mesh.texture().is_some() {
+            let (of_vertex, of_corner) = (mesh.vertex().pairs("uv"), mesh.corner().pairs("uv"));
+            let uv = match (of_vertex, of_corner) {
+                (Some(uv), _) => corners.iter().map(|&vertex| uv[vertex as usize]).collect(),
+                (None, Some(uv)) => uv.to_vec(),
+                (None, None) => Vec::new(),
+            };
+            if !uv.is_empty() {
+                let single = uv.iter().map(|pair| pair.map(|x| x as f32));
+                let (listed, of_corner) = numbered(single, |pair| pair.map(f32::to_bits));
+                return Self::Texture(listed, of_corner);
+            }
+        }
+        match mesh.vertex().colors("color") {
+            Some(colors) => {
+                let colors = corners.iter().map(|&vertex| colors[vertex as usize]);
+                let (listed, of_corner) = numbered(colors, |color| color);
+                Self::Colors(listed, of_corner)
+            }
+            None => Self::Plain,
+        }
+    }
+}
+
+/// Each item once, in the order in which they are met, and the number of each.
+fn numbered<T: Copy, K: std::hash::Hash + Eq>(
+    items: impl Iterator<Item = T>,
+    key: impl Fn(T) -> K,
+) -> (Vec<T>, Vec<u32>) {
+    let (mut listed, mut numbers) = (Vec::new(), HashMap::new());
+    let numbered = items.map(|item| {
+        *numbers.entry(key(item)).or_insert_with(|| {
+            listed.push(item);
+            listed.len() as u32 - 1
+        })
+    });
+    let numbered = numbered.collect();
+    (listed, numbered)
+}
+
+fn write_model(
+    to: &mut String,
+    mesh: &Mesh,
+    look: &Look,
+    low: Point3<f64>,
+    high: Point3<f64>,
+) -> std::fmt::Result {
+    to.push_str(
+        r#"<?xml version="1.0" encoding="UTF-8"?>
+<model unit="millimeter" xml:lang="en-US" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02" xmlns:m="http://schemas.microsoft.com/3dmanufacturing/material/2015/02">
+<metadata name="Application">maquette</metadata>
+<resources>
+"#,
+    );
+    let of_corner = match look {
+        Look::Plain => None,
+        Look::Colors(colors, of_corner) => {
+            to.push_str("<m:colorgroup id=\"2\">\n");
+            for [red, green, blue] in colors {
+                writeln!(to, "<m:color color=\"#{red:02X}{green:02X}{blue:02X}FF\"/>")?;
+            }
+            to.push_str("</m:colorgroup>\n");
+            Some(of_corner)
+        }
+        Look::Texture(listed, of_corner) => {
+            to.push_str("<m:texture2d id=\"3\" path=\"/3D/Textures/texture.png\" contenttype=\"image/png\" tilestyleu=\"clamp\" tilestylev=\"clamp\"/>\n<m:texture2dgroup id=\"2\" texid=\"3\">\n");
+            for [u, v] in listed {
+                writeln!(to, "<m:tex2coord u=\"{u}\" v=\"{v}\"/>")?;
+            }
+            to.push_str("</m:texture2dgroup>\n");
+            Some(of_corner)
+        }
+    };
+    let looks = if of_corner.is_some() { " pid=\"2\" pindex=\"0\"" } else { "" };
+    writeln!(to, "<object id=\"1\" type=\"model\"{looks}>\n<mesh>\n<vertices>")?;
+    for point in mesh.positions().iter() {
+        let [x, y, z] = [point.x, point.y, point.z].map(|x| x as f32);
+        writeln!(to, "<vertex x=\"{x}\" y=\"{y}\" z=\"{z}\"/>")?;
+    }
+    to.push_str("</vertices>\n<triangles>\n");
+    let mut first = 0;
+    for face in mesh.faces().iter() {
+        for k in 1..face.len() - 1 {
+            let [a, b, c] = [face[0], face[k], face[k + 1]];
+            write!(to, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"")?;
+            if let Some(looks) = of_corner {
+                let [a, b, c] = [first, first + k, first + k + 1].map(|corner| looks[corner]);
+                write!(to, " pid=\"2\" p1=\"{a}\" p2=\"{b}\" p3=\"{c}\"")?;
+            }
+            to.push_str("/>\n");
+        }
+        first += face.len();
+    }
+    to.push_str("</triangles>\n</mesh>\n</object>\n</resources>\n<build>\n");
+    // Where x, y and z go, then how far: x stays, y goes up, z to the front, which is -y of a plate.
+    let shift = [-low.x, high.z, -low.y].map(|x| x as f32 + 0.0);
+    let [x, y, z] = shift;
+    writeln!(to, "<item objectid=\"1\" transform=\"1 0 0 0 0 1 0 -1 0 {x} {y} {z}\"/>")?;
+    to.push_str("</build>\n</model>\n");
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use miniz_oxide::inflate::decompress_to_vec;
+
+    use super::*;
+    use crate::value::{Attribute, CaptureFrame, Faces, Image};
+
+    /// A quad beside a triangle.
+    fn mesh() -> Mesh {
+        let at = |x: f64, y: f64| Point3::new(x, y, 0.25);
+        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
+        let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
+        Mesh::new(positions, faces).unwrap()
+    }
+
+    /// The files of an archive, found by its directory.
+    fn files(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+        let number = |at: usize, size: usize| {
+            bytes[at..at + size].iter().rev().fold(0, |sum, byte| sum << 8 | usize::from(*byte))
+        };
+        let end = bytes.len() - 22;
+        assert_eq!(&bytes[end..end + 4], b"PK\x05\x06");
+        let mut at = number(end + 16, 4);
+        let found = (0..number(end + 10, 2)).map(|_| {
+            assert_eq!(&bytes[at..at + 4], b"PK\x01\x02");
+            let (method, packed, name, start) =
+                (number(at + 10, 2), number(at + 20, 4), number(at + 28, 2), number(at + 42, 4));
+            assert_eq!(bytes[at + 6..at + 32], bytes[start + 4..start + 30]);
+            let text = String::from_utf8(bytes[at + 46..at + 46 + name].to_vec()).unwrap();
+            let data = &bytes[start + 30 + name..][..packed];
+            let content =
+                if method == 8 { decompress_to_vec(data).unwrap() } else { data.to_vec() };
+            assert_eq!(crc32fast::hash(&content) as usize, number(at + 16, 4));
+            assert_eq!(content.len(), number(at + 24, 4));
+            at += 46 + name;
+            (text, content)
+        });
+        let found = found.collect();
+        assert_eq!(at, end);
+        found
+    }
+
+    fn model(mesh: &Mesh) -> String {
+        let mut files = files(&encode(mesh).unwrap());
+        assert_eq!(files[2].0, "3D/3dmodel.model");
+        String::from_utf8(files.remove(2).1).unwrap()
+    }
+
+    #[test]
+    fn a_mesh_stands_on_the_plate_in_millimeters() {
+        let text = model(&mesh());
+        for part in [
+            "<model unit=\"millimeter\"",
+            "<vertex x=\"2\" y=\"0\" z=\"0.25\"/>",
+            "<triangle v1=\"0\" v2=\"1\" v3=\"2\"/>\n<triangle v1=\"0\" v2=\"2\" v3=\"3\"/>\n<triangle v1=\"1\" v2=\"4\" v3=\"2\"/>",
+            "<item objectid=\"1\" transform=\"1 0 0 0 0 1 0 -1 0 0 0.25 0\"/>",
+        ] {
+            assert!(text.contains(part), "{part}");
+        }
+        let names = files(&encode(&mesh()).unwrap());
+        let names = Vec::from_iter(names.iter().map(|(name, _)| &name[..]));
+        assert_eq!(names, ["[Content_Types].xml", "_rels/.rels", "3D/3dmodel.model"]);
+        assert_eq!(encode(&mesh()).unwrap(), encode(&mesh()).unwrap());
+    }
+
+    #[test]
+    fn each_color_is_listed_once() {
+        let colors = [[255, 0, 128], [0; 3], [255, 0, 128], [0; 3], [0; 3]];
+        let text =
+            model(&mesh().with_vertex("color", Attribute::Color(colors.to_vec().into())).unwrap());
+        assert!(text.contains(
+            "<m:color color=\"#FF0080FF\"/>\n<m:color color=\"#000000FF\"/>\n</m:colorgroup>"
+        ));
+        assert!(text.contains(
+            "<triangle v1=\"0\" v2=\"2\" v3=\"3\" pid=\"2\" p1=\"0\" p2=\"0\" p3=\"1\"/>"
+        ));
+    }
+
+    #[test]
+    fn a_texture_comes_along_and_takes_the_place_of_colors() {
+        let image = Image::new(2, 2, vec![[9; 3]; 4]).unwrap();
+        let uv = (0..7).map(|corner| [f64::from(corner / 2) / 8.0, 0.25]);
+        let mesh = mesh().with_corner("uv", Attribute::Pair(uv.collect())).unwrap();
+        let mesh = mesh.with_texture(Some(image.clone()));
+        let mesh = mesh.with_vertex("color", Attribute::Color(vec![[1; 3]; 5].into())).unwrap();
+        let found = files(&encode(&mesh).unwrap());
+        let text = String::from_utf8(found[2].1.clone()).unwrap();
+        assert!(
+            text.contains("<m:tex2coord u=\"0.125\" v=\"0.25\"/>") && !text.contains("m:color ")
+        );
+        assert!(text.contains(
+            "<triangle v1=\"1\" v2=\"4\" v3=\"2\" pid=\"2\" p1=\"2\" p2=\"2\" p3=\"3\"/>"
+        ));
+        assert_eq!(found[4].0, "3D/Textures/texture.png");
+        assert_eq!(png::read(&found[4].1).unwrap(), image);
+        // A picture without a place on the mesh is none.
+        assert!(model(&mesh.without("uv")).contains("m:color "));
+    }
+
+    #[test]
+    fn a_capture_is_turned_upright() {
+        let frame =
+            CaptureFrame { camera: None, picture: [2, 2], depth: 700.0, world_from_camera: None };
+        let written = MeshThreeMf::write(&mesh().with_frame(Some(frame)), "a.3mf").unwrap();
+        let files = files(&written[0].bytes);
+        assert!(
+            String::from_utf8_lossy(&files[2].1).contains("<vertex x=\"1\" y=\"-1\" z=\"-0.25\"/>")
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_printed_is_refused() {
+        let empty = Mesh::new(vec![Point3::origin()], Faces::triangles(vec![])).unwrap();
+        let text = "a mesh without faces cannot be printed, and not be written as 3MF";
+        assert_eq!(encode(&empty).unwrap_err().to_string(), text);
+        let far = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., -1e39, 0.)];
+        let far = Mesh::new(far, Faces::triangles(vec![[0, 1, 2]])).unwrap();
+        assert!(
+            encode(&far).unwrap_err().to_string().starts_with("vertex 2 is at (0e0, -1e39, 0e0)")
+        );
+    }
+}
