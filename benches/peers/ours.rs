@@ -17,17 +17,20 @@ use maquette::value::{
     Attribute, ControlNet, Faces, Handle, HandleSpace, Handles, Image, KnotVector, Mesh, Points,
     Rgb, Surface,
 };
+use maquette_nodes::align::{By, align};
 use maquette_nodes::deform::{Deforming, Drag, Mode, ffd};
 use maquette_nodes::fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
 };
 use maquette_nodes::mesh::{Movable, Poses, reconstruct};
+use maquette_nodes::range::{Axes, Unit, read_range};
+use maquette_nodes::scan::Scan;
 use maquette_nodes::subdivision::{
     Boundary, Corners, Creases, InterpolateOptions, Plan, Scattered, Scheme, Subdivision,
     interpolate, subdivide,
 };
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 fn main() {
     let arguments = Vec::from_iter(std::env::args().skip(1));
@@ -67,6 +70,7 @@ fn repeat(work: &str, folder: &Path) {
             let open = |mesh: &Mesh| mesh.edges().faces.iter().filter(|&&faces| faces == 1).count();
             serve(run, |filled| open(&filled.mesh) as f64);
         }
+        "align" => aligned(folder),
         "reconstruct" => reconstructed(folder, "cloud", false),
         "reconstruct-normals" => reconstructed(folder, "cloud", true),
         "reconstruct-clean" => reconstructed(folder, "cloud_clean", false),
@@ -122,6 +126,32 @@ fn edges_above(folder: &Path, high: High) {
     let gray = Picture::Image(image(folder, "seg_grey", |&[level]| [level; 3]));
     let run = || edges(&gray, None, Operator::Sobel, 0.0, high, 0.5).expect("no mask to fit");
     serve(run, |(mask, _)| mask.count() as f64);
+}
+
+/// Without a hint, on two threads; the check is how far the second scan is from where Stanford's `bun.conf` puts it, in mm.
+fn aligned(folder: &Path) {
+    let scan = |name: &str| {
+        let bytes = read(&folder.join(name));
+        let (range, _) = read_range(&bytes, "ply", None, Unit::M, Axes::YUp).expect("a grid");
+        Scan::RangeImage(range)
+    };
+    let (front, side) = (scan("bun000.ply"), scan("bun045.ply"));
+    // The file's quaternion turns the other way; ours have y down and z away from the sensor.
+    let turn = Quaternion::new(0.955586, -0.00548449, 0.294635, 0.0038555);
+    let truth = Isometry3::from_parts(
+        Translation3::new(-52.0211, -0.383981, -10.9223),
+        UnitQuaternion::new_normalize(turn),
+    );
+    let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let truth = (over * truth * over).to_homogeneous();
+    let run = || align(&side, &front, &By::Features, &|_| (), &Progress::none()).expect("a place");
+    serve(run, |alignment| {
+        let motion = alignment.motion(2).expect("two scans");
+        let places = || side.places().iter().filter(|place| !place.x.is_nan());
+        let off = |place| motion.transform_point(place) - truth.transform_point(place);
+        (places().map(|place| off(place).norm_squared()).sum::<f64>() / places().count() as f64)
+            .sqrt()
+    });
 }
 
 /// Parameters along each side of the grid.

@@ -232,6 +232,46 @@ def plain_c_ffd(count):
     return open_peer
 
 
+def open3d_align():
+    """Histograms of features and RANSAC, then ICP of all points: as in Open3D's tutorial on global registration, with a grid of 4 mm."""
+    import numpy
+    import open3d
+
+    def scan(name):
+        cloud = open3d.io.read_point_cloud(str(DATA / name))
+        return cloud.scale(1000, center=(0, 0, 0))
+
+    front, side, edge = scan("bun000.ply"), scan("bun045.ply"), 4.0
+    registration, search = open3d.pipelines.registration, open3d.geometry.KDTreeSearchParamHybrid
+
+    def described(cloud):
+        sampled = cloud.voxel_down_sample(edge)
+        sampled.estimate_normals(search(radius=2 * edge, max_nn=30))
+        sampled.orient_normals_towards_camera_location(numpy.array([0, 0, 1000.0]))
+        return sampled, registration.compute_fpfh_feature(sampled, search(radius=5 * edge, max_nn=100))
+
+    def run():
+        clouds = [open3d.geometry.PointCloud(cloud) for cloud in (side, front)]
+        (a, a_features), (b, b_features) = map(described, clouds)
+        checks = [registration.CorrespondenceCheckerBasedOnEdgeLength(0.9), registration.CorrespondenceCheckerBasedOnDistance(1.5 * edge)]
+        coarse = registration.registration_ransac_based_on_feature_matching(
+            a, b, a_features, b_features, True, 1.5 * edge, registration.TransformationEstimationPointToPoint(False), 3, checks,
+            registration.RANSACConvergenceCriteria(100_000, 0.999),
+        )
+        for cloud in clouds:
+            cloud.estimate_normals(search(radius=2.0, max_nn=30))
+        return registration.registration_icp(*clouds, 0.4 * edge, coarse.transformation, registration.TransformationEstimationPointToPlane())
+
+    def off(result):
+        """How far the second scan is from where Stanford's bun.conf puts it, in mm."""
+        turn = open3d.geometry.get_rotation_matrix_from_quaternion([0.955586, -0.00548449, 0.294635, 0.0038555])
+        points, motion = numpy.asarray(side.points), result.transformation
+        truth = points @ turn.T + [-52.0211, -0.383981, -10.9223]
+        return float(numpy.sqrt(((points @ motion[:3, :3].T + motion[:3, 3] - truth) ** 2).sum(1).mean()))
+
+    return Peer(f"Open3D {open3d.__version__}", run, off)
+
+
 def open3d_pcd():
     import open3d
 
@@ -447,6 +487,7 @@ ROWS = [
     Row("ffd drag of one of 64 handles", "ffd-drag", 10, [numpy_ffd(64, 1.0, True), numba_ffd(64, 1.0, True)]),
     Row("pipeline, 1.27 M faces, OBJ and PNG", PIPELINE, 250, [python_pipeline("splinepy", "pymeshlab")]),
     Row("fill a hole of 948 vertices, thin plate", "fill", 10, [cgal_fill, meshlib_fill]),
+    Row("align two scans of 40 000 points, no hint", "align", 500, [open3d_align]),
     Row("skin of 100 000 points, noise of 1 %", "reconstruct", 2000, [open3d_poisson("cloud", False), meshlab_poisson("cloud", False)]),
     Row("skin of 100 000 points and normals, 1 %", "reconstruct-normals", 2000, [open3d_poisson("cloud", True), meshlab_poisson("cloud", True)]),
     Row("skin of 100 000 points without noise", "reconstruct-clean", 2000, [open3d_poisson("cloud_clean", False), meshlab_poisson("cloud_clean", False)]),
@@ -466,6 +507,8 @@ def make_inputs():
 
     if not (DATA / "cloud.npy").exists():
         make_clouds()
+    for name in ("bun000.ply", "bun045.ply"):
+        (DATA / name).write_bytes((PEERS.parent / "data/real/stanford_bunny" / name).read_bytes())
     (DATA / "pipeline.ron").write_bytes(Path(__file__).with_name("pipeline.ron").read_bytes())
     if (DATA / "mesh.ply").exists():
         return

@@ -1,0 +1,38 @@
+//! Nodes that bring several scans of one object together.
+
+use maquette::{Pack, Recipe, value_type};
+
+mod align;
+mod align_all;
+mod align_error;
+mod alignment;
+mod cloud;
+mod features;
+mod fit;
+mod move_aligned;
+mod moved;
+mod pairs;
+mod place;
+mod refine;
+#[cfg(test)]
+mod tests;
+mod tree;
+
+pub use align::{Align, By, align};
+pub use align_all::{AlignAll, Search, Turntable, align_all};
+pub use align_error::AlignError;
+pub use alignment::{Alignment, PairFit};
+pub use move_aligned::MoveAligned;
+
+maquette::nodes_of_this_build!();
+
+/// Nodes that bring several scans of one object together.
+pub static PACK: Pack = Pack {
+    name: "align",
+    nodes: &[node::<Align>(), node::<AlignAll>(), node::<MoveAligned>()],
+    values: &[value_type::<Alignment>()],
+    formats: &[],
+    readers: &[],
+    migrations: &[],
+    recipes: &[Recipe { name: "captures", text: include_str!("recipes/captures.ron") }],
+};

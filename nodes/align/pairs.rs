@@ -1,0 +1,67 @@
+//! The rigid motion that brings points onto others.
+
+use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Quaternion, SymmetricEigen, UnitQuaternion};
+
+use super::align_error::AlignError;
+
+/// The rigid motion by which the first point of each pair comes nearest to the second, by the squares of their distances.
+///
+/// Horn, "Closed-form solution of absolute orientation using unit quaternions" (1987), section 4.A: a turn, never a reflection.
+pub(super) fn motion_of(pairs: &[[Point3<f64>; 2]]) -> Isometry3<f64> {
+    let count = pairs.len().max(1) as f64;
+    let mean = |side: usize| {
+        pairs.iter().map(|pair| pair[side].coords / count).sum::<nalgebra::Vector3<f64>>()
+    };
+    let (from, to) = (mean(0), mean(1));
+    let products =
+        |pair: &[Point3<f64>; 2]| (pair[0].coords - from) * (pair[1].coords - to).transpose();
+    let s = pairs.iter().map(products).sum::<Matrix3<f64>>();
+    let [x, y, z] = [s[(1, 2)] - s[(2, 1)], s[(2, 0)] - s[(0, 2)], s[(0, 1)] - s[(1, 0)]];
+    let [xy, zx, yz] = [s[(0, 1)] + s[(1, 0)], s[(2, 0)] + s[(0, 2)], s[(1, 2)] + s[(2, 1)]];
+    let [a, b, c] = [s[(0, 0)], s[(1, 1)], s[(2, 2)]];
+    #[rustfmt::skip]
+    let n = Matrix4::new(
+        a + b + c, x, y, z,
+        x, a - b - c, xy, zx,
+        y, xy, b - a - c, yz,
+        z, zx, yz, c - a - b,
+    );
+    let eigen = SymmetricEigen::new(n);
+    let q = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    let turn = UnitQuaternion::new_normalize(Quaternion::new(q[0], q[1], q[2], q[3]));
+    Isometry3::from_parts((to - turn * from).into(), turn)
+}
+
+/// The motion of pairs that people give.
+///
+/// # Errors
+/// If there are fewer than three, one is out of the numbers, or they lie on a line.
+pub(super) fn motion_of_given(pairs: &[[Point3<f64>; 2]]) -> Result<Isometry3<f64>, AlignError> {
+    if pairs.len() < 3 {
+        return Err(AlignError::TooFewPairs { count: pairs.len() });
+    }
+    for side in 0..2 {
+        let mean = pairs.iter().map(|pair| pair[side].coords).sum::<nalgebra::Vector3<f64>>()
+            / pairs.len() as f64;
+        let spread = |pair: &[Point3<f64>; 2]| {
+            let off = pair[side].coords - mean;
+            off * off.transpose() / pairs.len() as f64
+        };
+        let spread = pairs.iter().map(spread).sum::<Matrix3<f64>>();
+        if let Some(value) = spread.iter().find(|x| !x.is_finite()) {
+            return Err(AlignError::Parameter {
+                what: "pairs",
+                value: *value,
+                must: "near enough to be measured",
+            });
+        }
+        let mut along = SymmetricEigen::new(spread).eigenvalues;
+        along.as_mut_slice().sort_by(f64::total_cmp);
+        // A millionth of the length.
+        if along[1] <= 1e-12 * along[2] {
+            let [off, along] = [along[1], along[2]].map(|square| square.max(0.0).sqrt());
+            return Err(AlignError::Line { off, along });
+        }
+    }
+    Ok(motion_of(pairs))
+}

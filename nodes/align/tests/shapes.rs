@@ -1,0 +1,83 @@
+//! Surfaces to scan.
+
+use maquette::value::{Faces, Mesh};
+use maquette_scan::Scan;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use crate::moved::moved_scan;
+
+/// A lump of 40 mm that is the same from no two sides, its vertices spread otherwise for each `turn`.
+pub(super) fn blob(turn: f64) -> Mesh {
+    let bumps = [
+        ([0.2, 0.4, 0.9], 9.0, 0.25),
+        ([0.9, -0.2, 0.3], 12.0, 0.4),
+        ([-0.6, 0.6, 0.5], -7.0, 0.3),
+        ([0.4, -0.8, 0.5], 8.0, 0.2),
+        ([-0.7, -0.5, 0.5], 11.0, 0.35),
+        ([0.3, 0.2, -0.9], -8.0, 0.3),
+        ([-0.5, 0.1, -0.8], 10.0, 0.25),
+        ([0.7, 0.7, -0.2], 7.0, 0.2),
+        ([-0.9, 0.2, -0.1], 6.0, 0.15),
+        ([0.6, -0.6, -0.6], 13.0, 0.3),
+        ([-0.2, 0.95, -0.2], 9.0, 0.3),
+        ([0.1, -0.95, -0.1], -6.0, 0.2),
+    ];
+    let radius = |way: &Vector3<f64>| {
+        let height = |(at, height, width): ([f64; 3], f64, f64)| {
+            let off = (way - Vector3::from(at).normalize()).norm_squared();
+            height * libm::exp(-off / (2.0 * width * width))
+        };
+        40.0 + bumps.map(height).iter().sum::<f64>()
+    };
+    ball(turn, radius)
+}
+
+/// A ball of 30 mm.
+pub(super) fn sphere() -> Scan {
+    Scan::Mesh(ball(0.0, |_| 30.0))
+}
+
+/// Rings of triangles around the origin, closed at both ends.
+fn ball(turn: f64, radius: impl Fn(&Vector3<f64>) -> f64) -> Mesh {
+    const RINGS: usize = 90;
+    const ROUND: usize = 150;
+    let turned = Isometry3::rotation(Vector3::new(turn, 2.0 * turn, -turn));
+    let at = |ring: usize, k: usize| {
+        let polar = std::f64::consts::PI * (ring as f64 + 0.5) / RINGS as f64;
+        let around = std::f64::consts::TAU * k as f64 / ROUND as f64;
+        let ((sp, cp), (sa, ca)) = (libm::sincos(polar), libm::sincos(around));
+        let way = turned * Vector3::new(sp * ca, cp, sp * sa);
+        Point3::from(way * radius(&way))
+    };
+    let positions = (0..RINGS).flat_map(|ring| (0..ROUND).map(move |k| (ring, k)));
+    let positions = Vec::from_iter(positions.map(|(ring, k)| at(ring, k)));
+    let vertex = |ring: usize, k: usize| (ring * ROUND + k % ROUND) as u32;
+    let quads = (1..RINGS).flat_map(|ring| (0..ROUND).map(move |k| (ring, k)));
+    let faces = quads.flat_map(|(ring, k)| {
+        let [a, b] = [k, k + 1].map(|k| vertex(ring - 1, k));
+        let [d, c] = [k, k + 1].map(|k| vertex(ring, k));
+        [[a, b, c], [a, c, d]]
+    });
+    Mesh::new(positions, Faces::triangles(faces.collect())).unwrap()
+}
+
+/// The faces that look towards this side.
+pub(super) fn seen_from(mesh: &Mesh, way: Vector3<f64>) -> Scan {
+    let faces = (0..).zip(mesh.faces().iter());
+    let is_seen = |face: &[u32]| mesh.area_vector(face).normalize().dot(&way.normalize()) > 0.3;
+    let seen = faces.filter(|(_, face)| is_seen(face)).map(|(face, _)| face);
+    Scan::Mesh(mesh.select(&Vec::from_iter(seen)))
+}
+
+/// A flat sheet of 60 mm.
+pub(super) fn sheet() -> Scan {
+    let at = |k: u32| Point3::new(f64::from(k % 61), f64::from(k / 61), 0.0);
+    let quads = (0..3660).filter(|k| k % 61 != 60).map(|k| [k, k + 1, k + 62, k + 61]);
+    let corners = Vec::from_iter(quads.flatten());
+    let mesh = Mesh::new(Vec::from_iter((0..3721).map(at)), Faces::uniform(4, corners).unwrap());
+    Scan::Mesh(mesh.unwrap())
+}
+
+pub(super) fn moved_by(scan: &Scan, motion: &Isometry3<f64>) -> Scan {
+    moved_scan(scan, &motion.to_homogeneous(), None).unwrap()
+}

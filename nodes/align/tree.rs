@@ -1,0 +1,127 @@
+//! The points near to a place.
+//!
+//! Bentley, "Multidimensional binary search trees used for associative searching" (1975), halved along the longest side of each box; the
+//! tree is the order of its points.
+
+use std::ops::Range;
+
+use nalgebra::Point3;
+
+/// Points of a leaf.
+const LEAF: usize = 8;
+
+/// Points in the order of a tree: those of each branch stand side by side, halved in the middle.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tree {
+    points: Vec<(Point3<f64>, u32)>,
+    /// The axis along which each branch is halved, by the place of its middle.
+    axes: Vec<u8>,
+}
+
+impl Tree {
+    pub(super) fn new(points: &[Point3<f64>]) -> Self {
+        let mut tree =
+            Self { points: points.iter().copied().zip(0..).collect(), axes: vec![0; points.len()] };
+        halve(&mut tree.points, &mut tree.axes);
+        tree
+    }
+
+    /// The point that is nearest to a place and nearer than `reach`, with the square of its distance. Of several it is the first.
+    pub(super) fn nearest(&self, at: &Point3<f64>, reach: f64) -> Option<(usize, f64)> {
+        let mut best = (reach * reach, u32::MAX);
+        self.visit(0..self.points.len(), at, best.0, &mut |point, square| {
+            if square < best.0 || (square == best.0 && best.1 != u32::MAX && point < best.1) {
+                best = (square, point);
+            }
+            best.0
+        });
+        (best.1 != u32::MAX).then_some((best.1 as usize, best.0))
+    }
+
+    /// The points that are nearer to a place than `reach`, ascending.
+    pub(super) fn within(&self, at: &Point3<f64>, reach: f64) -> Vec<u32> {
+        let (mut found, square) = (Vec::new(), reach * reach);
+        self.visit(0..self.points.len(), at, square, &mut |point, distance| {
+            if distance < square {
+                found.push(point);
+            }
+            square
+        });
+        found.sort_unstable();
+        found
+    }
+
+    /// Shows `see` the points of a branch that may be nearer than the root of `limit`, the nearer half first, and says what the limit is
+    /// then: what `see` said last.
+    fn visit(
+        &self,
+        branch: Range<usize>,
+        at: &Point3<f64>,
+        limit: f64,
+        see: &mut impl FnMut(u32, f64) -> f64,
+    ) -> f64 {
+        let see_one = |see: &mut dyn FnMut(u32, f64) -> f64,
+                       (point, index): &(Point3<f64>, u32)| {
+            see(*index, (point - at).norm_squared())
+        };
+        if branch.len() <= LEAF {
+            return self.points[branch].iter().fold(limit, |_, point| see_one(see, point));
+        }
+        let middle = branch.start + branch.len() / 2;
+        let axis = usize::from(self.axes[middle]);
+        let off = at[axis] - self.points[middle].0[axis];
+        let (low, high) = (branch.start..middle, middle + 1..branch.end);
+        let (near, far) = if off < 0.0 { (low, high) } else { (high, low) };
+        self.visit(near, at, limit, see);
+        let limit = see_one(see, &self.points[middle]);
+        if off * off <= limit { self.visit(far, at, limit, see) } else { limit }
+    }
+}
+
+fn halve(points: &mut [(Point3<f64>, u32)], axes: &mut [u8]) {
+    if points.len() <= LEAF {
+        return;
+    }
+    let first = points[0].0;
+    let (low, high) = points
+        .iter()
+        .fold((first, first), |(low, high), (point, _)| (low.inf(point), high.sup(point)));
+    let axis = (high - low).imax();
+    let middle = points.len() / 2;
+    points
+        .select_nth_unstable_by(middle, |a, b| a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1)));
+    axes[middle] = axis as u8;
+    let (low, high) = points.split_at_mut(middle);
+    let (low_axes, high_axes) = axes.split_at_mut(middle);
+    halve(low, low_axes);
+    halve(&mut high[1..], &mut high_axes[1..]);
+}
+
+#[cfg(test)]
+mod tests {
+    use maquette::random::Random;
+
+    use super::*;
+
+    #[test]
+    fn the_nearest_point_and_those_around_are_those_of_a_plain_search() {
+        let mut random = Random(3);
+        let mut place = || Point3::from([0; 3].map(|_| random.below(40) as f64));
+        let points = Vec::from_iter((0..500).map(|_| place()));
+        let tree = Tree::new(&points);
+        for at in
+            Vec::from_iter((0..300).map(|_| place() + nalgebra::Vector3::new(0.25, 0.0, -0.5)))
+        {
+            let square = |point: &Point3<f64>| (point - at).norm_squared();
+            let all = || points.iter().map(square).enumerate();
+            for reach in [0.5, 3.0, 100.0] {
+                let near = all().filter(|(_, d)| *d < reach * reach);
+                let nearest = near.clone().min_by(|a, b| a.1.total_cmp(&b.1));
+                assert_eq!(tree.nearest(&at, reach), nearest);
+                let near = Vec::from_iter(near.map(|(point, _)| point as u32));
+                assert_eq!(tree.within(&at, reach), near);
+            }
+        }
+        assert_eq!(Tree::new(&[]).nearest(&Point3::origin(), 1.0), None);
+    }
+}
