@@ -3,8 +3,9 @@
 use maquette::Pack;
 
 pub use {
-    maquette_deform as deform, maquette_fill as fill, maquette_image as image,
-    maquette_mesh as mesh, maquette_nurbs as nurbs, maquette_range as range, maquette_scan as scan,
+    maquette_align as align, maquette_deform as deform, maquette_fill as fill,
+    maquette_image as image, maquette_mesh as mesh, maquette_nurbs as nurbs,
+    maquette_range as range, maquette_scan as scan, maquette_solid as solid,
     maquette_subdivision as subdivision,
 };
 
@@ -18,4 +19,6 @@ pub static PACKS: &[&Pack] = &[
     &fill::PACK,
     &mesh::PACK,
     &scan::PACK,
+    &align::PACK,
+    &solid::PACK,
 ];

@@ -1,0 +1,185 @@
+//! How deep inside a solid the nodes of a grid are.
+
+use maquette::parallel::*;
+use maquette::value::{Mesh, TriangleTree};
+use maquette::{Cancelled, Limit, Progress, TooMuch};
+use nalgebra::{Point3, Vector3};
+
+/// Some seconds, and half a gigabyte.
+const NODES: Limit = Limit {
+    most: 60_000_000,
+    of: "nodes of a grid",
+    help: "choose a larger `spacing`, or a thicker wall",
+};
+
+/// Nodes along an edge of a block, which is looked at as a whole first.
+const BLOCK: usize = 8;
+
+/// A grid around a solid.
+pub(super) struct Depth {
+    low: Point3<f64>,
+    spacing: f64,
+    /// Nodes along x, y and z.
+    pub(super) counts: [usize; 3],
+    /// How far each node is inside, in mm; negative outside, and near the skin. Of a node that is deeper than is asked for, some such depth.
+    pub(super) depths: Vec<f64>,
+}
+
+/// How many nodes there are along x, y and z: one more on each side.
+///
+/// # Errors
+/// If they are too many.
+pub(super) fn counts([low, high]: [Point3<f64>; 2], spacing: f64) -> Result<[usize; 3], TooMuch> {
+    let sizes = [0, 1, 2].map(|axis| ((high - low)[axis] / spacing).ceil() + 4.0);
+    NODES.check("the inside of the solid", sizes.iter().product())?;
+    Ok(sizes.map(|size| size as usize))
+}
+
+impl Depth {
+    /// Measures up to `deepest`, which is at least twice the spacing, around a mesh whose lowest coordinates these are.
+    ///
+    /// # Errors
+    /// If the evaluation is told to stop.
+    pub(super) fn new(
+        (mesh, tree): (&Mesh, &TriangleTree),
+        low: Point3<f64>,
+        (counts, spacing): ([usize; 3], f64),
+        deepest: f64,
+        progress: &Progress<'_>,
+    ) -> Result<Self, Cancelled> {
+        // Off the places of the mesh, which are often round numbers.
+        let low = low - Vector3::repeat(1.37 * spacing);
+        let mut grid = Self { low, spacing, counts, depths: Vec::new() };
+        let distances = grid.distances(tree, deepest + spacing, progress)?;
+        progress.tick(0.8)?;
+        let is_inside = grid.inside(mesh, &distances, deepest);
+        let depth = |(distance, is_inside): (&f64, &bool)| match is_inside {
+            true => *distance,
+            false => distance.min(spacing) - 2.0 * spacing,
+        };
+        grid.depths = distances.iter().zip(&is_inside).map(depth).collect();
+        Ok(grid)
+    }
+
+    pub(super) fn node(&self, [x, y, z]: [usize; 3]) -> usize {
+        x + self.counts[0] * (y + self.counts[1] * z)
+    }
+
+    pub(super) fn place(&self, at: [usize; 3]) -> Point3<f64> {
+        self.low + Vector3::from(at.map(|k| k as f64)) * self.spacing
+    }
+
+    /// How far each node is from the skin; of one that is farther than `farthest`, some such distance.
+    fn distances(
+        &self,
+        tree: &TriangleTree,
+        farthest: f64,
+        progress: &Progress<'_>,
+    ) -> Result<Vec<f64>, Cancelled> {
+        let blocks = self.counts.map(|count| count.div_ceil(BLOCK));
+        let block =
+            |k: usize| [k % blocks[0], k / blocks[0] % blocks[1], k / blocks[0] / blocks[1]];
+        let half = (BLOCK - 1) as f64 / 2.0 * self.spacing;
+        let middle = |k: usize| self.place(block(k).map(|k| BLOCK * k)) + Vector3::repeat(half);
+        let count = blocks.iter().product();
+        let to_skin = |points: &[Point3<f64>]| {
+            let found = tree.nearest_to_all(points).into_iter();
+            found.map(|place| place.map_or(f64::INFINITY, |place| place.distance_sq.sqrt()))
+        };
+        let of_blocks = Vec::from_iter(to_skin(&Vec::from_iter((0..count).map(middle))));
+        let mut distances = vec![0.0; self.counts.iter().product()];
+        let (mut nodes, mut places) = (Vec::new(), Vec::new());
+        let step = count.div_ceil(20);
+        for (number, &distance) in of_blocks.iter().enumerate() {
+            let least = distance - 3f64.sqrt() * half;
+            let first = block(number).map(|k| BLOCK * k);
+            let last = [0, 1, 2].map(|axis| (first[axis] + BLOCK).min(self.counts[axis]));
+            for z in first[2]..last[2] {
+                for y in first[1]..last[1] {
+                    for x in first[0]..last[0] {
+                        let node = self.node([x, y, z]);
+                        if farthest < least {
+                            distances[node] = least;
+                        } else {
+                            nodes.push(node);
+                            places.push(self.place([x, y, z]));
+                        }
+                    }
+                }
+            }
+            if (number + 1) % step == 0 || number + 1 == count {
+                nodes.drain(..).zip(to_skin(&places)).for_each(|(node, it)| distances[node] = it);
+                places.clear();
+                progress.tick(0.8 * (number + 1) as f64 / count as f64)?;
+            }
+        }
+        Ok(distances)
+    }
+
+    /// Which nodes are inside, of those that are farther from the skin than the spacing.
+    ///
+    /// Between two neighbors that are so far from it there is no skin.
+    fn inside(&self, mesh: &Mesh, distances: &[f64], deepest: f64) -> Vec<bool> {
+        let [width, height, depth] = self.counts;
+        let mut is_seen = vec![false; distances.len()];
+        let mut is_inside = vec![false; distances.len()];
+        let mut part = Vec::new();
+        for start in 0..distances.len() {
+            if is_seen[start] || distances[start] <= self.spacing {
+                continue;
+            }
+            is_seen[start] = true;
+            part.push(start);
+            let (mut next, mut deep) = (0, None);
+            while let Some(&node) = part.get(next) {
+                next += 1;
+                if deepest < distances[node] && deep.is_none() {
+                    deep = Some(node);
+                }
+                let [x, y, z] = [node % width, node / width % height, node / width / height];
+                let neighbors = [
+                    (0 < x).then(|| node - 1),
+                    (x + 1 < width).then(|| node + 1),
+                    (0 < y).then(|| node - width),
+                    (y + 1 < height).then(|| node + width),
+                    (0 < z).then(|| node - width * height),
+                    (z + 1 < depth).then(|| node + width * height),
+                ];
+                for neighbor in neighbors.into_iter().flatten() {
+                    if !is_seen[neighbor] && self.spacing < distances[neighbor] {
+                        is_seen[neighbor] = true;
+                        part.push(neighbor);
+                    }
+                }
+            }
+            if let Some(node) = deep {
+                let at = [node % width, node / width % height, node / width / height];
+                if winding(mesh, self.place(at)) > 0.5 {
+                    part.iter().for_each(|&node| is_inside[node] = true);
+                }
+            }
+            part.clear();
+        }
+        is_inside
+    }
+}
+
+/// How often a mesh winds around a place: Van Oosterom and Strackee, "The solid angle of a plane triangle" (1983), equation 8.
+fn winding(mesh: &Mesh, at: Point3<f64>) -> f64 {
+    let half = |face: usize| -> f64 {
+        let face = mesh.faces().face(face);
+        let of_triangle = |pair: &[u32]| {
+            let [a, b, c] =
+                [face[0], pair[0], pair[1]].map(|vertex| mesh.positions()[vertex as usize] - at);
+            let lengths = [a.norm(), b.norm(), c.norm()];
+            let below = lengths[0] * lengths[1] * lengths[2]
+                + a.dot(&b) * lengths[2]
+                + b.dot(&c) * lengths[0]
+                + c.dot(&a) * lengths[1];
+            libm::atan2(a.dot(&b.cross(&c)), below)
+        };
+        face[1..].windows(2).map(of_triangle).sum()
+    };
+    let halves: Vec<f64> = (0..mesh.faces().len()).into_par_iter().map(half).collect();
+    halves.iter().sum::<f64>() / std::f64::consts::TAU
+}

@@ -1,0 +1,102 @@
+//! What is hollow.
+
+use maquette::value::Attribute;
+use nalgebra::Point3;
+
+use super::*;
+
+/// A box of quads.
+fn cuboid(size: [f64; 3]) -> Mesh {
+    let at = |k: usize| Point3::from([0, 1, 2].map(|axis| size[axis] * (k >> axis & 1) as f64));
+    let faces =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces = Faces::uniform(4, faces.as_flattened().to_vec()).unwrap();
+    Mesh::new((0..8).map(at).collect::<Vec<_>>(), faces).unwrap()
+}
+
+fn volume(mesh: &Mesh) -> f64 {
+    crate::volume::volume(mesh, Point3::origin())
+}
+
+fn is_solid(mesh: &Mesh) -> bool {
+    let edges = mesh.edges();
+    edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2)
+}
+
+#[test]
+fn a_box_gets_a_cavity_behind_walls_that_are_as_thick_as_asked() {
+    let solid = cuboid([20.0, 16.0, 12.0]);
+    for (thickness, spacing) in [(2.0, 0.0), (2.0, 0.5), (3.0, 1.5)] {
+        let hollow = hollow(&solid, thickness, spacing, &Progress::none()).unwrap();
+        assert!(is_solid(&hollow));
+        assert_eq!(crossings(&hollow, &Progress::none()).unwrap(), Vec::<[u32; 2]>::new());
+        let inner = [20.0, 16.0, 12.0].iter().map(|size| size - 2.0 * thickness).product::<f64>();
+        let found = 20.0 * 16.0 * 12.0 - volume(&hollow);
+        assert!((found - inner).abs() < 0.05 * inner, "{found} {inner}");
+        let cavity = &hollow.positions()[8..];
+        let nearest = TriangleTree::new(&solid).nearest_to_all(cavity);
+        let least =
+            nearest.iter().map(|it| it.unwrap().distance_sq.sqrt()).fold(f64::INFINITY, f64::min);
+        assert!(least > thickness - 1e-9 && least < thickness + 1e-6, "{least}");
+    }
+}
+
+#[test]
+fn what_is_too_thin_stays_whole_and_what_is_hollow_gets_thinner_walls_from_both_sides() {
+    let plate = cuboid([20.0, 16.0, 3.9]);
+    assert_eq!(hollow(&plate, 2.0, 0.0, &Progress::none()).unwrap(), plate);
+    let once = hollow(&cuboid([24.0; 3]), 8.0, 2.0, &Progress::none()).unwrap();
+    let twice = hollow(&once, 1.0, 0.5, &Progress::none()).unwrap();
+    assert!(is_solid(&twice) && volume(&twice) < volume(&once));
+    let middle = Point3::new(12.0, 12.0, 12.0);
+    let nearest = TriangleTree::new(&twice).nearest_to_all(&[middle])[0].unwrap();
+    assert!((nearest.distance_sq.sqrt() - 4.0).abs() < 0.5);
+}
+
+#[test]
+fn the_cavity_has_what_lies_on_the_skin() {
+    let solid = cuboid([20.0, 16.0, 12.0]);
+    let colors = Attribute::Color((0..8).map(|k| [k, 0, 0]).collect());
+    let parts = Attribute::Index((0..6).collect());
+    let solid = solid.with_vertex("color", colors).unwrap().with_face("part", parts).unwrap();
+    let hollow = hollow(&solid, 2.0, 0.0, &Progress::none()).unwrap();
+    let colors = hollow.vertex().colors("color").unwrap();
+    assert!((0..8).all(|k| colors[8..].contains(&[k, 0, 0])));
+    let Some(Attribute::Index(parts)) = hollow.face().get("part") else { panic!("no parts") };
+    assert!((0..6).all(|k| parts[6..].contains(&k)));
+}
+
+#[test]
+fn it_is_the_same_for_any_number_of_threads() {
+    let solid = cuboid([20.0, 16.0, 12.0]);
+    let hollow = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| hollow(&solid, 2.0, 0.0, &Progress::none()).unwrap())
+    };
+    assert_eq!(hollow(1), hollow(3));
+}
+
+#[test]
+fn what_cannot_be_hollow_is_told_why() {
+    let solid = cuboid([20.0, 16.0, 12.0]);
+    let told = |mesh: &Mesh, thickness, spacing| {
+        hollow(mesh, thickness, spacing, &Progress::none()).unwrap_err().to_string()
+    };
+    assert_eq!(told(&solid, f64::NAN, 0.0), "`thickness` is NaN, but must be a number above 0");
+    assert_eq!(
+        told(&solid, 2.0, 1.5),
+        "`spacing` is 1.5, but must be at least 0, and at most 1, half of `thickness`"
+    );
+    assert!(told(&solid, 0.01, 0.0).starts_with("the inside of the solid would need about "));
+    let open = Faces::uniform(4, solid.faces().corners()[..20].to_vec()).unwrap();
+    let open = Mesh::new(solid.positions().clone(), open).unwrap();
+    assert_eq!(
+        told(&open, 2.0, 0.0),
+        "the mesh is not closed: 4 of its edges have not two faces; `Solid` closes it"
+    );
+    let mirrored = solid.positions().iter().map(|p| Point3::new(-p.x, p.y, p.z)).collect();
+    let mirrored = solid.with_positions(mirrored).unwrap();
+    assert_eq!(told(&mirrored, 2.0, 0.0), "the mesh is inside out: `Orient` turns it");
+    let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
+    assert_eq!(hollow(&empty, 2.0, 0.0, &Progress::none()).unwrap(), empty);
+}

@@ -1,0 +1,48 @@
+//! What lies on one mesh, for another one.
+
+use maquette::value::{Mesh, MeshError, NearestPlace, TriangleTree};
+use nalgebra::{Point3, Vector3};
+
+/// The mesh `to` with those attributes of `from` that it does not have, each element with what is at the nearest place; and with its picture, if it has none. `tree` is
+/// that of `from`, which has faces.
+pub(crate) fn lend(from: &Mesh, tree: &TriangleTree, mut to: Mesh) -> Result<Mesh, MeshError> {
+    // Places so far away that no distance can be told have what is on the first face.
+    let far = NearestPlace { distance_sq: f64::INFINITY, face: 0, fan: 0, shares: [1.0, 0.0, 0.0] };
+    let nearest = |points: &[Point3<f64>]| -> Vec<NearestPlace> {
+        let found = tree.nearest_to_all(points).into_iter();
+        found.map(|place| place.unwrap_or(far)).collect()
+    };
+    // The corner of the triangle that is nearest.
+    let corner = |place: &NearestPlace| {
+        let most = (0..3).rev().max_by(|&a, &b| place.shares[a].total_cmp(&place.shares[b]));
+        place.corners(from)[most.expect("three corners")] as u32
+    };
+    let of_vertices = Vec::from_iter(nearest(to.positions()).iter().map(corner));
+    let vertices = of_vertices.iter().map(|&corner| from.faces().corners()[corner as usize]);
+    let vertices = Vec::from_iter(vertices);
+    let of_corners = to.faces().corners().iter().map(|&vertex| of_vertices[vertex as usize]);
+    let of_corners = Vec::from_iter(of_corners);
+    let middles = to.faces().iter().map(|face| {
+        let sum: Vector3<f64> = face.iter().map(|&it| to.positions()[it as usize].coords).sum();
+        Point3::from(sum / face.len() as f64)
+    });
+    let faces = Vec::from_iter(nearest(&Vec::from_iter(middles)).iter().map(|place| place.face));
+    // A picture belongs to the places on it.
+    if to.texture().is_none() && from.texture().is_some() {
+        to = to.without("uv").with_texture(from.texture().cloned());
+    }
+    let is_at = |mesh: &Mesh, name: &str| {
+        mesh.vertex().get(name).is_some() || mesh.corner().get(name).is_some()
+    };
+    let own = to.clone();
+    for (name, attribute) in from.vertex().iter().filter(|(name, _)| !is_at(&own, name)) {
+        to = to.with_vertex(name, attribute.select(&vertices))?;
+    }
+    for (name, attribute) in from.corner().iter().filter(|(name, _)| !is_at(&own, name)) {
+        to = to.with_corner(name, attribute.select(&of_corners))?;
+    }
+    for (name, attribute) in from.face().iter().filter(|it| own.face().get(it.0).is_none()) {
+        to = to.with_face(name, attribute.select(&faces))?;
+    }
+    Ok(to)
+}

@@ -1,0 +1,27 @@
+//! Nodes that make solids: what a printer can make.
+
+use maquette::Pack;
+
+mod boxes;
+mod crossings;
+mod hollow;
+mod lend;
+mod polygons;
+mod solid;
+mod volume;
+
+pub use hollow::{Hollow, HollowError, hollow};
+pub use solid::{Base, Holes, Solid, SolidError, solid};
+
+maquette::nodes_of_this_build!();
+
+/// Nodes that make solids: what a printer can make.
+pub static PACK: Pack = Pack {
+    name: "solid",
+    nodes: &[node::<Solid>(), node::<Hollow>()],
+    values: &[],
+    formats: &[],
+    readers: &[],
+    migrations: &[],
+    recipes: &[],
+};

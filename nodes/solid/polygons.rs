@@ -1,0 +1,266 @@
+//! Polygons in a plane, with holes, as triangles that use all of their sides and no other vertices.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+use robust::{Coord, orient2d};
+
+type Flat = [f64; 2];
+
+/// A place without the coordinate along which the normal is longest, so that what was counter-clockwise stays so. Nothing is rounded.
+pub(crate) fn flat(at: Point3<f64>, normal: Vector3<f64>) -> Flat {
+    let axis = normal.iamax();
+    let [x, y] = [(axis + 1) % 3, (axis + 2) % 3].map(|axis| at[axis]);
+    if normal[axis] < 0.0 { [y, x] } else { [x, y] }
+}
+
+/// Loops of sides, each of a start and an end, in the order of their lowest vertices.
+pub(crate) fn loops(sides: &[[u32; 2]]) -> Vec<Vec<u32>> {
+    let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    sides.iter().for_each(|&[start, end]| next.entry(start).or_default().push(end));
+    let mut loops = Vec::new();
+    while let Some((&first, _)) = next.first_key_value() {
+        let (mut own, mut at) = (Vec::new(), first);
+        while let Some(ends) = next.get_mut(&at) {
+            own.push(at);
+            let end = ends.pop().expect("lists without an end are taken out");
+            if ends.is_empty() {
+                next.remove(&at);
+            }
+            at = end;
+        }
+        loops.push(own);
+    }
+    loops
+}
+
+/// The sign of the area of a triangle: positive if it runs counter-clockwise.
+fn turn([a, b, c]: [Flat; 3]) -> f64 {
+    let coord = |[x, y]: Flat| Coord { x, y };
+    orient2d(coord(a), coord(b), coord(c))
+}
+
+fn area(places: &[Flat]) -> f64 {
+    let next = places[1..].iter().chain(&places[..1]);
+    let from = places[0];
+    places
+        .iter()
+        .zip(next)
+        .map(|(a, b)| (a[0] - from[0]) * (b[1] - from[1]) - (a[1] - from[1]) * (b[0] - from[0]))
+        .sum()
+}
+
+/// Triangles of the polygons between these loops; `flat` says where a vertex is in the plane. Outer loops run counter-clockwise, and holes clockwise.
+/// Loops that are not quite so, because of rounding, get triangles, too, as good as there are some.
+pub(crate) fn triangulate(loops: &[Vec<u32>], flat: impl Fn(u32) -> Flat) -> Vec<[u32; 3]> {
+    let (mut outer, mut holes) = (Vec::new(), Vec::new());
+    for own in loops.iter().filter(|own| own.len() > 2) {
+        let corners = Vec::from_iter(own.iter().map(|&vertex| (vertex, flat(vertex))));
+        let places = Vec::from_iter(corners.iter().map(|corner| corner.1));
+        match area(&places) >= 0.0 || loops.len() == 1 {
+            true => outer.push(corners),
+            false => holes.push(corners),
+        }
+    }
+    // The hole that reaches farthest to the right comes first, so that nothing lies between it and what is around.
+    let reach =
+        |hole: &Vec<(u32, Flat)>| hole.iter().fold(f64::NEG_INFINITY, |x, it| x.max(it.1[0]));
+    holes.sort_by(|a, b| reach(b).total_cmp(&reach(a)));
+    for hole in holes {
+        match bridge(&outer, &hole) {
+            Some((polygon, corner, start)) => {
+                let own = &mut outer[polygon];
+                let ring = hole[start..].iter().chain(&hole[..=start]);
+                let with = own[..=corner].iter().chain(ring).chain(&own[corner..]);
+                *own = with.copied().collect();
+            }
+            None => outer.push(hole),
+        }
+    }
+    outer.into_iter().flat_map(clip_ears).collect()
+}
+
+/// The polygon and its corner, and the corner of a hole, between which nothing lies: Eberly, "Triangulation by ear clipping" (2002), section 3. Where rounding
+/// leaves none, the nearest corner.
+fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, usize, usize)> {
+    let start = (0..hole.len()).max_by(|&a, &b| hole[a].1[0].total_cmp(&hole[b].1[0]))?;
+    let from = hole[start].1;
+    let distance =
+        |at: Flat| (at[0] - from[0]) * (at[0] - from[0]) + (at[1] - from[1]) * (at[1] - from[1]);
+    // The side that a ray to the right meets first.
+    let mut met: Option<(f64, usize, usize)> = None;
+    for (polygon, corners) in outer.iter().enumerate() {
+        for k in 0..corners.len() {
+            let [a, b] = [corners[k].1, corners[(k + 1) % corners.len()].1];
+            if a[1] <= from[1] && from[1] < b[1] {
+                let x = a[0] + (from[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
+                if from[0] <= x && met.is_none_or(|(best, ..)| x < best) {
+                    met = Some((x, polygon, k));
+                }
+            }
+        }
+    }
+    let Some((x, polygon, side)) = met else {
+        let corners = outer.iter().enumerate();
+        let corners = corners.flat_map(|(polygon, own)| (0..own.len()).map(move |k| (polygon, k)));
+        let nearest = corners
+            .min_by(|a, b| distance(outer[a.0][a.1].1).total_cmp(&distance(outer[b.0][b.1].1)));
+        return nearest.map(|(polygon, corner)| (polygon, corner, start));
+    };
+    let corners = &outer[polygon];
+    let count = corners.len();
+    let end = (side + 1) % count;
+    let farther = if corners[side].1[0] > corners[end].1[0] { side } else { end };
+    let hit = [x, from[1]];
+    let tip = corners[farther].1;
+    // Of the corners that look inward within the triangle of all three, the one that is least off the ray.
+    let triangle = if turn([from, hit, tip]) > 0.0 { [from, hit, tip] } else { [from, tip, hit] };
+    let blocks = |&k: &usize| {
+        let at = corners[k].1;
+        let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
+        turn([before, at, after]) <= 0.0 && from[0] <= at[0] && is_within(triangle, at)
+    };
+    let slope = |k: usize| {
+        let at = corners[k].1;
+        (at[1] - from[1]).abs() / (at[0] - from[0]).max(f64::MIN_POSITIVE)
+    };
+    let order = |a: &usize, b: &usize| {
+        let by_slope = slope(*a).total_cmp(&slope(*b));
+        by_slope.then(distance(corners[*a].1).total_cmp(&distance(corners[*b].1)))
+    };
+    let blocking = (0..count).filter(|k| *k != farther).filter(blocks).min_by(order);
+    let candidates = blocking.into_iter().chain([farther]);
+    let place = candidates.min_by(order).map(|k| corners[k].1)?;
+    // Of several corners in this place the one into whose angle the bridge runs.
+    let opens = |&k: &usize| {
+        let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
+        let (left, right) = (turn([place, after, from]) >= 0.0, turn([before, place, from]) >= 0.0);
+        match turn([before, place, after]) > 0.0 {
+            true => left && right,
+            false => left || right,
+        }
+    };
+    let mut same = (0..count).filter(|&k| corners[k].1 == place);
+    let first = same.clone().next()?;
+    Some((polygon, same.find(opens).unwrap_or(first), start))
+}
+
+/// Whether a place is in a triangle that runs counter-clockwise, or on its border.
+fn is_within(triangle: [Flat; 3], at: Flat) -> bool {
+    (0..3).all(|k| turn([triangle[k], triangle[(k + 1) % 3], at]) >= 0.0)
+}
+
+/// Triangles of a polygon: corners are cut off, at each step the one whose triangle is the least thin.
+fn clip_ears(corners: Vec<(u32, Flat)>) -> Vec<[u32; 3]> {
+    let count = corners.len();
+    let mut next = Vec::from_iter((1..count).chain([0]));
+    let mut before = Vec::from_iter([count - 1].into_iter().chain(0..count - 1));
+    let mut left = Vec::from_iter(0..count);
+    let place = |k: usize| corners[k].1;
+    // How good the triangle of a corner is: negative if it cannot be cut off, and how bad that would be.
+    let judge = |k: usize, next: &[usize], before: &[usize], left: &[usize]| -> f64 {
+        let triangle = [before[k], k, next[k]];
+        let ear = triangle.map(place);
+        let twice = turn(ear);
+        let length =
+            |a: Flat, b: Flat| (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]);
+        let longest = (0..3).map(|i| length(ear[i], ear[(i + 1) % 3])).fold(0.0, f64::max);
+        let shape = if longest > 0.0 { twice / longest } else { 0.0 };
+        if twice <= 0.0 {
+            return shape.min(-f64::MIN_POSITIVE);
+        }
+        let blocks = |other: usize| {
+            let at = place(other);
+            !ear.contains(&at)
+                && is_within(ear, at)
+                && turn([place(before[other]), at, place(next[other])]) <= 0.0
+        };
+        let is_blocked = left.iter().any(|&other| !triangle.contains(&other) && blocks(other));
+        if is_blocked { -2.0 } else { shape }
+    };
+    let mut quality = Vec::from_iter((0..count).map(|k| judge(k, &next, &before, &left)));
+    let mut triangles = Vec::with_capacity(count - 2);
+    while left.len() > 2 {
+        let best = |quality: &[f64]| {
+            let order = |a: &usize, b: &usize| quality[left[*a]].total_cmp(&quality[left[*b]]);
+            (0..left.len()).rev().max_by(order).expect("three corners are left")
+        };
+        let mut at = best(&quality);
+        if quality[left[at]] < 0.0 {
+            // What was in the way may be gone.
+            for &k in &left {
+                quality[k] = judge(k, &next, &before, &left);
+            }
+            at = best(&quality);
+        }
+        let tip = left.remove(at);
+        let (a, c) = (before[tip], next[tip]);
+        triangles.push([a, tip, c].map(|k| corners[k].0));
+        (next[a], before[c]) = (c, a);
+        for k in [a, c] {
+            quality[k] = judge(k, &next, &before, &left);
+        }
+    }
+    triangles
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Triangulates loops of places, and checks that the triangles look up and have the area of the polygon.
+    #[track_caller]
+    fn check(loops_of: &[&[Flat]]) {
+        let places = loops_of.concat();
+        let mut first = 0;
+        let loops = loops_of.iter().map(|own| {
+            let numbers = Vec::from_iter(first..first + own.len() as u32);
+            first += own.len() as u32;
+            numbers
+        });
+        let loops = Vec::from_iter(loops);
+        let triangles = triangulate(&loops, |vertex| places[vertex as usize]);
+        let holes = loops_of.iter().filter(|own| area(own) < 0.0).count();
+        let outer = loops_of.len() - holes;
+        assert_eq!(triangles.len(), places.len() + 2 * holes - 2 * outer);
+        let flat = |triangle: &[u32; 3]| triangle.map(|vertex| places[vertex as usize]);
+        let areas = Vec::from_iter(triangles.iter().map(|triangle| area(&flat(triangle))));
+        assert!(areas.iter().all(|area| *area >= 0.0), "{triangles:?}");
+        let wanted: f64 = loops_of.iter().map(|own| area(own)).sum();
+        assert!((areas.iter().sum::<f64>() - wanted).abs() < 1e-9 * wanted);
+    }
+
+    #[test]
+    fn sides_become_loops() {
+        let sides = [[0, 1], [5, 6], [1, 2], [2, 0], [6, 7], [7, 5]];
+        assert_eq!(loops(&sides), [vec![0, 1, 2], vec![5, 6, 7]]);
+    }
+
+    #[test]
+    fn polygons_with_holes_become_triangles() {
+        let square: &[Flat] = &[[0., 0.], [9., 0.], [9., 9.], [0., 9.]];
+        let hole = |x: f64, y: f64| [[x, y], [x, y + 1.0], [x + 1.0, y + 1.0], [x + 1.0, y]];
+        check(&[square]);
+        check(&[&[[0., 0.], [4., 0.], [4., 1.], [1., 1.], [1., 4.], [0., 4.]]]);
+        check(&[square, &hole(4., 4.)]);
+        check(&[square, &hole(2., 4.), &hole(5., 4.), &hole(4., 7.), &hole(7., 1.)]);
+        let island: &[Flat] = &[[4.2, 4.2], [4.8, 4.2], [4.5, 4.8]];
+        check(&[square, &hole(4., 4.), island]);
+    }
+
+    #[test]
+    fn corners_on_straight_sides_make_no_flat_triangles_where_others_can_be_made() {
+        let sides: &[Flat] =
+            &[[0., 0.], [1., 0.], [2., 0.], [3., 0.], [3., 3.], [2., 3.], [1., 3.], [0., 3.]];
+        check(&[sides]);
+        let triangles = triangulate(&[Vec::from_iter(0..8)], |vertex| sides[vertex as usize]);
+        assert!(triangles.iter().all(|it| turn(it.map(|vertex| sides[vertex as usize])) > 0.0));
+    }
+
+    #[test]
+    fn loops_without_an_area_get_triangles_too() {
+        let line = |vertex: u32| [f64::from(vertex), 0.0];
+        assert_eq!(triangulate(&[vec![0, 1, 2, 3]], line).len(), 2);
+        assert_eq!(triangulate(&[vec![0, 1]], line).len(), 0);
+    }
+}
