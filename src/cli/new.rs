@@ -89,7 +89,9 @@ impl New {
     fn recipe(&self, scans: &Scans, catalog: &Catalog) -> Result<(Recipe, Wants), String> {
         let wants = |recipe: &Recipe| Some((*recipe, Wants::of(recipe, catalog)?));
         let all = catalog.recipes().iter().filter_map(wants);
-        let all = Vec::from_iter(all);
+        let mut all = Vec::from_iter(all);
+        // What is made of several is worth more than what is made of the first.
+        all.sort_by_key(|(_, wants)| !wants.many);
         let Some(name) = &self.recipe else {
             let found = all.into_iter().find(|(_, wants)| wants.fit(&scans.all));
             return found.ok_or_else(|| scans.nothing());

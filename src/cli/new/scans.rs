@@ -23,6 +23,8 @@ pub(super) struct Scan {
     pub(super) kind: &'static str,
     /// The picture beside it.
     pub(super) picture: Option<PathBuf>,
+    /// Whether its camera is known: a camera file beside it may be for another grid.
+    has_camera: bool,
     /// Whether it is so small that its numbers must be meters.
     pub(super) in_meters: bool,
     /// Whether what it shows lies behind the sensor, as in files whose y goes up.
@@ -72,11 +74,12 @@ impl Scans {
             groups.entry((rank, scan.picture.is_none(), name)).or_default().push(scan);
         }
         let mut groups = Vec::from_iter(groups);
-        // Of what is of one kind the most captures, and of one file each the largest.
+        // Of what is of one kind first what has a camera, then the most captures, and of one file each the largest.
         groups.sort_by_key(|((rank, is_plain, _), scans)| {
             let bytes = scans.first().and_then(|scan| fs::metadata(&scan.file).ok());
             let bytes = bytes.map_or(0, |metadata| metadata.len());
-            (*rank, *is_plain, Reverse(scans.len()), Reverse(bytes))
+            let has_camera = scans.iter().all(|scan| scan.has_camera);
+            (*rank, *is_plain, !has_camera, Reverse(scans.len()), Reverse(bytes))
         });
         let mut groups = groups.into_iter().map(|(_, scans)| scans);
         let all = groups.next().unwrap_or_default();
@@ -140,7 +143,7 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
     let place = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let Ok(entries) = fs::read_dir(place) else { return };
     let mut names = Vec::from_iter(entries.flatten().map(|entry| entry.file_name()));
-    names.sort();
+    names.sort_by_cached_key(|name| by_numbers(&name.to_string_lossy()));
     names.retain(|name| !name.to_string_lossy().starts_with('.'));
     for path in names.into_iter().map(|name| folder.join(name)) {
         if files.len() < MOST && path.is_file() {
@@ -149,6 +152,21 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
             collect(&path, depth - 1, files);
         }
     }
+}
+
+/// A name by which 2 comes before 10: a scanner counts, and so does a turntable.
+fn by_numbers(name: &str) -> String {
+    let is_digit = |c: char| c.is_ascii_digit();
+    let mut key = String::new();
+    let mut rest = name;
+    while let Some(start) = rest.find(is_digit) {
+        let (text, from) = rest.split_at(start);
+        let (digits, behind) = from.split_at(from.find(|c| !is_digit(c)).unwrap_or(from.len()));
+        key += text;
+        key += &format!("{digits:0>20}");
+        rest = behind;
+    }
+    key + rest
 }
 
 /// What a file holds.
@@ -181,6 +199,7 @@ fn holds_a_scan(file: &Path, catalog: &Catalog) -> bool {
 
 /// A value as a scan, if it is one: a mesh has faces, and a depth map is one beside its camera alone.
 fn scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> {
+    let has_camera = value.get::<RangeImage>().is_some_and(|range| range.camera().is_some());
     let (bounds, size) = if let Some(range) = value.get::<RangeImage>() {
         let there = range.points().iter().filter(|point| point.x.is_finite());
         (crate::value::bounds(there), Some([range.width(), range.height()]))
@@ -195,6 +214,7 @@ fn scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> {
         file: file.to_owned(),
         kind: value.kind().name,
         picture: None,
+        has_camera,
         // No scanner has a field of two centimeters, and few see twenty meters.
         in_meters: (high - low).norm() < 20.0,
         y_up: is_grid && high.z <= 0.0,

@@ -16,7 +16,7 @@ pub(super) struct Wants {
     /// The node that reads them: `scan`.
     node: String,
     /// Whether it is a `ForEach` over several scans.
-    many: bool,
+    pub(super) many: bool,
     /// The field of the scan itself, and the type of its value.
     scan: (String, String),
     /// The field of its picture, if it has one.
