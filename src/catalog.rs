@@ -47,12 +47,21 @@ impl Code {
     fn of(pack: &Pack) -> Self {
         let has_id = |node: &&NodeType| !(node.build)().is_empty();
         let nodes = pack.nodes.iter().filter(|node| !has_id(node)).map(|node| node.read as usize);
-        let values = pack.values.iter().map(|kind| kind.code());
+        let (known, values): (Vec<&ValueType>, Vec<&ValueType>) =
+            pack.values.iter().partition(|kind| !(kind.build)().is_empty());
+        let values = values.into_iter().map(ValueType::code);
+        let known = known.into_iter().map(|kind| (kind.build)());
         let formats = pack.formats.iter().map(Format::code);
         let readers = pack.readers.iter().map(AnyReader::code);
         Self {
             pack: pack.name,
-            builds: pack.nodes.iter().filter(has_id).map(|node| (node.build)()).collect(),
+            builds: pack
+                .nodes
+                .iter()
+                .filter(has_id)
+                .map(|node| (node.build)())
+                .chain(known)
+                .collect(),
             others: nodes.chain(values).chain(formats).chain(readers).collect(),
         }
     }

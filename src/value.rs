@@ -149,6 +149,11 @@ pub trait Value: Clone + Send + Sync + 'static {
         Vec::new()
     }
 
+    /// The id of the build that its code is of, as [`nodes_of_this_build`](crate::nodes_of_this_build) knows it; empty if it has none.
+    fn build() -> &'static str {
+        ""
+    }
+
     /// Values that the type allows and that are hard to treat: empty, tiny, degenerate, enormous. They are what
     /// [`conformance`](crate::conformance) tries nodes on, and tell which tolerances a test may give.
     fn hostile() -> Vec<Self> {
@@ -269,6 +274,7 @@ pub struct ValueType {
     elements: fn() -> Vec<ElementType>,
     cut: fn(&(dyn Any + Send + Sync), &str, usize, &[AnyValue]) -> Cut,
     hostile: fn() -> Vec<AnyValue>,
+    pub(crate) build: fn() -> &'static str,
     properties: fn() -> Vec<(&'static str, &'static str)>,
     offence: fn(&(dyn Any + Send + Sync), &str) -> Option<Offence>,
 }
@@ -350,6 +356,7 @@ impl<T: Value> TypeOf<T> {
         elements: ElementType::all_of::<T>,
         cut: |value, word, most, before| elements::cut(downcast::<T>(value), word, most, before),
         hostile: || T::hostile().into_iter().map(AnyValue::new).collect(),
+        build: T::build,
         properties: || T::properties().iter().map(|it| (it.name, it.doc)).collect(),
         offence: |value, name| {
             let property = T::properties().iter().find(|property| property.name == name)?;

@@ -255,7 +255,7 @@ fn drag(folder: &Path) {
     let handles = handles(folder, 64, 1.0);
     let drag = Drag::new(&cloud(folder), &handles, &[21], Mode::default(), Deforming::default());
     let drag = drag.expect("a well conditioned layout");
-    let to = [(21, handles.to()[21] + nalgebra::Vector3::new(0.01, 0.02, 0.03))];
+    let to = [(21, handles.to()[21] + Vector3::new(0.01, 0.02, 0.03))];
     serve(|| drag.to(&to, &Progress::none()).expect("finite points").0, sum);
 }
 

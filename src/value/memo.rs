@@ -41,6 +41,7 @@ impl<T: Memo> TypeOf<T> {
         elements: Vec::new,
         cut: |_, _, _, _| None,
         hostile: Vec::new,
+        build: || "",
         properties: Vec::new,
         offence: |_, _| None,
     };

@@ -106,7 +106,7 @@ fn outputs_are_added_changed_and_taken_away() {
         DOLL,
         output("skin", Some("skin")),
         expect![
-            "G015 39:9 output `skin` has no ending that says how to write a Mesh (a Mesh can be written to: glb, obj, ply, png, stl)"
+            "G015 39:9 output `skin` has no ending that says how to write a Mesh (a Mesh can be written to: 3mf, glb, obj, ply, png, stl)"
         ],
     );
     check_refused(

@@ -109,8 +109,8 @@ fn files_stay_in_the_project_and_outputs_in_their_folder() {
             3:57-59 G013 field `path` of ReadMesh names no file (write the path of a file)
             3:82-85 G013 `.` is not a file
             5:1-11 G014 output `../a.ply` lies outside of the folder of outputs (name a file, such as "model.ply"; --out chooses the folder)
-            5:18-26 G015 a Mesh cannot be written to a `.docx` file (a Mesh can be written to: glb, obj, ply, png, stl)
-            5:33-36 G015 output `c` has no ending that says how to write a Mesh (a Mesh can be written to: glb, obj, ply, png, stl)
+            5:18-26 G015 a Mesh cannot be written to a `.docx` file (a Mesh can be written to: 3mf, glb, obj, ply, png, stl)
+            5:33-36 G015 output `c` has no ending that says how to write a Mesh (a Mesh can be written to: 3mf, glb, obj, ply, png, stl)
         "#]],
     );
 }

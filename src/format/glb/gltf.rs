@@ -100,13 +100,14 @@ fn read_gltf(file: &Reading<'_>) -> Result<Mesh, GltfError> {
             Err(why) => file.doubt(format!("picture {index} is left out: {why}")),
         }
     }
-    if !pictures.is_empty() {
-        let mut all = list(&document, "bufferViews").to_vec();
-        all.append(&mut pictures);
-        document["bufferViews"] = all.into();
-    }
+    let mut all = list(&document, "bufferViews").to_vec();
+    all.append(&mut pictures);
     let length = bytes.len();
-    document["buffers"] = json!([{ "byteLength": length }]);
+    // What is no document has no fields, and the reader says so.
+    if let Some(fields) = document.as_object_mut() {
+        fields.insert("bufferViews".into(), all.into());
+        fields.insert("buffers".into(), json!([{ "byteLength": length }]));
+    }
     let whole = container(&document, bytes).map_err(|_| GltfError::TooLarge { bytes: length })?;
     Ok(read(&whole)?)
 }

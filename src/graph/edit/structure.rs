@@ -188,7 +188,6 @@ impl<'j> Structure<'j> {
         let Declared { section, key, name, .. } = self.declared(from)?;
         let (_, what) =
             SECTIONS.iter().find(|(known, _)| *known == section).unwrap_or(&SECTIONS[0]);
-        let to = to.strip_prefix(section).and_then(|to| to.strip_prefix('.')).unwrap_or(to);
         may_name(to, &with_article(what))?;
         if name == to {
             return Ok(Vec::new());

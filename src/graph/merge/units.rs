@@ -7,13 +7,16 @@ use crate::catalog::{Catalog, Entry};
 use crate::graph::fitting::{declaration_in_own_unit, in_plain_numbers};
 use crate::graph::meaning::entries;
 use crate::graph::{Expectation, Files, Graph, Options};
-use crate::text::{Body, Kind, Tree};
+use crate::text::{Body, Kind, Name, Tree, unit_names};
 
 /// What the values with units say, by where they begin in a graph's text.
 pub(super) fn plain_numbers(path: &Path, text: &str, tree: &Tree, catalog: &Catalog) -> Plain {
     let options = Options { files: Files::Ignored, ..Options::default() };
     let fields = tree.fields().unwrap_or_default();
     let mut plain = Plain::new();
+    if !has_units(tree) {
+        return plain;
+    }
     for (name, declared) in entries(fields, "params") {
         note(declared, &declaration_in_own_unit(declared, name, &mut Vec::new()), &mut plain);
     }
@@ -41,6 +44,22 @@ pub(super) fn plain_numbers(path: &Path, text: &str, tree: &Tree, catalog: &Cata
 
 /// Values in plain numbers, by where they begin in the text.
 pub(super) type Plain = BTreeMap<usize, Tree>;
+
+/// Whether a number in a value has a unit.
+fn has_units(tree: &Tree) -> bool {
+    match &tree.kind {
+        Kind::List(items) => items.iter().any(has_units),
+        Kind::Map(entries) => entries.iter().any(|(_, value)| has_units(value)),
+        Kind::Call { body: Body::Fields(fields), .. } => {
+            fields.iter().any(|field| has_units(&field.value))
+        }
+        Kind::Call { name, body: Body::Items(items) } => {
+            let is_unit = |name: &Name| unit_names().any(|unit| unit == name.text);
+            name.as_ref().is_some_and(is_unit) || items.iter().any(has_units)
+        }
+        _ => false,
+    }
+}
 
 /// Notes where a value differs from the same one in plain numbers.
 fn note(tree: &Tree, plain: &Tree, found: &mut Plain) {
