@@ -66,7 +66,12 @@ fn a_capture_is_a_range_image_with_the_picture_that_belongs_to_it() {
     let again = maquette(folder.path(), &["new", "scans"]);
     assert_eq!(again.status.code(), Some(2));
     assert!(self::told(&again).contains("scans/scans.ron is there already"));
-    let other = maquette(folder.path(), &["new", "scans", "--out", "graphs/a.ron"]);
+    let elsewhere = ["new", "scans", "--out", "graphs/a.ron"];
+    let outside = maquette(folder.path(), &elsewhere);
+    assert_eq!(outside.status.code(), Some(1));
+    assert!(!folder.path().join("graphs").exists());
+    std::fs::write(folder.path().join("maquette.toml"), "").unwrap();
+    let other = maquette(folder.path(), &elsewhere);
     assert!(other.status.success(), "{}", self::told(&other));
     let text = std::fs::read_to_string(folder.path().join("graphs/a.ron")).unwrap();
     assert!(text.contains(r#"range: "../scans/scan 1.pcd""#), "{text}");
@@ -117,7 +122,7 @@ fn what_is_not_there_is_told() {
     };
     assert!(refused(&["new", "scans"]).contains("there is no scan in scans beside 1 picture"));
     assert!(refused(&["new", "nowhere"]).contains("cannot read nowhere"));
-    assert!(refused(&["new", "scans", "--recipe", "capturs"]).contains("did you mean `capture`?"));
+    assert!(refused(&["new", "scans", "--recipe", "meshh"]).contains("did you mean `mesh`?"));
     let wants = refused(&["new", "scans", "--recipe", "mesh"]);
     assert!(wants.contains("the recipe `mesh` wants mesh, but scans has no scan"), "{wants}");
     let list = told(&maquette(pictures.path(), &["new", "--list"]));
