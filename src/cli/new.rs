@@ -11,7 +11,7 @@ use crate::graph::{Files, Graph, Options};
 use crate::pack::Recipe;
 use crate::paths::folder_of_new;
 use crate::text::{parse, shell, unknown};
-use crate::writing::write_new;
+use crate::writing::{make_folder, remove_empty, write_new};
 
 mod scans;
 mod wants;
@@ -63,12 +63,20 @@ impl New {
                 return Exit::Failed;
             }
         };
+        let file = path.display();
+        // Its paths lead through its folder.
+        let is_new = !base.exists();
+        if let Err(error) = make_folder(&base) {
+            return Exit::Usage(format!("cannot write {file}: {error}"));
+        }
         let checked = Graph::load_text(&path, text.clone(), catalog, &Options::default());
         report(&checked.problems);
         if checked.graph.is_none() {
+            if is_new {
+                remove_empty(&base);
+            }
             return Exit::Failed;
         }
-        let file = path.display();
         match write_new(&path, &text) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
                 return Exit::Usage(format!("{file} is there already: --out names another file"));
