@@ -216,6 +216,8 @@ class Graph:
 
     def _put(self, values: Mapping[str, Any]) -> List[Tuple[str, str]]:
         """Values by the names that the graph has for them: as in a field of a graph, `up_step` is the parameter `up-step`."""
+        if not values:
+            return []
         known = {name.replace("-", "_"): name for name in self.params}
         named = {known.get(name, name): value for name, value in values.items()}
         return [(name, self._as_ron(name, value)) for name, value in named.items()]
