@@ -158,6 +158,8 @@ mod tests {
         assert_eq!(names("scans/*.txt"), ["notes"]);
         assert_eq!(names("scans/notes.txt"), ["notes"]);
         assert_eq!(names("nowhere/*"), [""; 0]);
+        let beside = matches(&scans.join("empty"), "../notes.txt").unwrap();
+        assert_eq!(beside[0].path, fs::canonicalize(&scans).unwrap().join("notes.txt"));
         for wrong in ["/etc/*", "scans//a", "scans/**/range.pcd", ""] {
             assert!(matches(folder.path(), wrong).is_err(), "{wrong}");
         }
